@@ -1,2 +1,3 @@
-"""Validation of the product: experiments of the five documents and campaigns that search for false attitudes. Installed with
-the extra ``validation``; one folder per document."""
+"""Validation of the product: experiments of the five documents, and campaigns that search for false attitudes.
+
+The extra ``validation`` installs this package. It has one folder per document."""

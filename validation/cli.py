@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
 
 def add_commands(parser: argparse.ArgumentParser, make_executor: Callable[[str | None, int], OrderedExecutor]) -> None:
-    """Add the subcommands. ``make_executor``: from the cluster's URL (None: as in the settings) and the number of local
-    processes."""
+    """Add the subcommands. ``make_executor``: function from the URL of the cluster (None: the URL in the settings) and
+    the number of local processes to an executor."""
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     listing = kinds.add_parser("list", help="list names and titles")
     listing.set_defaults(run=list_experiments)
     p = kinds.add_parser(
         "run",
         help="run some or all experiments",
-        description="Show published figures beside GSS's results, with conditions.",
+        description="Show published figures next to the results of GSS, with the conditions.",
     )
-    p.add_argument("names", nargs="*", metavar="NAME", help="experiments; `gss experiments list` shows them")
+    p.add_argument("names", nargs="*", metavar="NAME", help="names of experiments; see `gss experiments list`")
     p.add_argument("--all", action="store_true", help="every experiment")
-    p.add_argument("--trials", type=int, metavar="N", help="number of trials (default: that of the experiment)")
+    p.add_argument("--trials", type=int, metavar="N", help="number of trials (default: the number of the experiment)")
     p.add_argument(
         "--share",
         type=float,
@@ -47,20 +47,23 @@ def add_commands(parser: argparse.ArgumentParser, make_executor: Callable[[str |
     p = kinds.add_parser(
         "never-wrong",
         help="run the campaign that searches for false attitudes",
-        description="Random attitudes with faults before every camera's chain and the reference. What is done is kept in FILE, and "
-        "the next run does the rest. Exit code 0: no wrong answer; 3: some.",
+        description="Solve random attitudes with faults, using the chain of every camera and the reference chain. "
+        "Results are stored in FILE, and the next run continues with the remaining cases. Exit code 0: no wrong "
+        "result; 3: at least one.",
     )
     p.add_argument("--attitudes", type=int, default=10_000, metavar="N", help="centroid lists per camera and chain")
     p.add_argument("--frames", type=int, default=130, metavar="N", help="rendered frames per camera and chain")
     p.add_argument("--seed", type=int, default=1, help="seed of all random numbers (default 1)")
-    p.add_argument("--camera", action="append", metavar="NAME", help="restrict to this one; may be repeated")
-    p.add_argument("--chain", action="append", metavar="own|reference", help="restrict to this one; may be repeated")
+    p.add_argument("--camera", action="append", metavar="NAME", help="restrict to this camera; can be repeated")
+    p.add_argument("--chain", action="append", metavar="own|reference", help="restrict to this chain; can be repeated")
     p.add_argument(
         "--keep", type=Path, default=Path("never-wrong.jsonl"), metavar="FILE", help="file of stored results"
     )
-    p.add_argument("--again", action="store_true", help="rerun results that FILE contains; the newer result counts")
+    p.add_argument("--again", action="store_true", help="rerun cases that FILE contains; the newer result counts")
     p.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
-    p.add_argument("--cluster", metavar="URL", help="Dask scheduler to use instead of local processes (GSS_CLUSTER)")
+    p.add_argument(
+        "--cluster", metavar="URL", help="Dask scheduler that runs the cases instead of local processes (GSS_CLUSTER)"
+    )
     p.add_argument(
         "--page", type=Path, metavar="FILE", help="write a Markdown page of the stored results without further runs"
     )
@@ -144,5 +147,5 @@ def never_wrong(make_executor: Callable[[str | None, int], OrderedExecutor], arg
             executor.stop()
     done = read(arguments.keep)
     wrong = sorted(text for key in selected(done, settings) for text in done[key]["wrong"])
-    print("\n".join(wrong) if wrong else "no wrong answer")
+    print("\n".join(wrong) if wrong else "no wrong result")
     return 3 if wrong else 0

@@ -34,17 +34,17 @@ ENTRIES: dict[str, ExperimentEntry] = {
     for e in (
         ExperimentEntry("jacobs-5-1", "Stars in a Sunsat image", jacobs_5_1, 1_000_000, 1991.25),
         ExperimentEntry("jacobs-5-2", "Sizes of Sunsat's sub-catalogues", jacobs_5_2, 1, 1991.25),
-        ExperimentEntry("jacobs-3-7", "Sunsat's matching: right, none, wrong", jacobs_3_7, 400, 1991.25),
+        ExperimentEntry("jacobs-3-7", "Sunsat's matching: correct, none, wrong", jacobs_3_7, 400, 1991.25),
         ExperimentEntry("jacobs-6", "Calibration of Sunsat's camera", jacobs_6, 20, 1991.25),
         ExperimentEntry("jacobs-tracking", "Tracking among false stars", jacobs_tracking, 100, 1991.25),
         ExperimentEntry("jacobs-fig-2-7", "Cost of region growing against area", jacobs_fig_2_7, 20, 1991.25),
         ExperimentEntry("erlank-3-6", "Sky coverage against limiting magnitude", erlank_3_6, 20_000),
         ExperimentEntry("erlank-fig-3-8", "Sky coverage by field and magnitude", erlank_fig_3_8, 20_000),
         ExperimentEntry("erlank-4-1-6", "Centroid error on artificial images", erlank_4_1_6, 300),
-        ExperimentEntry("erlank-4-4", "Matching against the cutoff of magnitude", erlank_4_4, 500),
+        ExperimentEntry("erlank-4-4", "Matching against magnitude cutoff", erlank_4_4, 500),
         ExperimentEntry("erlank-4-5", "Matching among false stars", erlank_4_5, 500),
         ExperimentEntry("erlank-4-4b", "Best-case accuracy of the attitude", erlank_4_4b, 300),
-        ExperimentEntry("erlank-6-1", "Accuracy fixed to the Earth", erlank_6_1, 100),
+        ExperimentEntry("erlank-6-1", "Accuracy of an Earth-fixed camera", erlank_6_1, 100),
         ExperimentEntry("erlank-6-2", "Tracking while slewing", erlank_6_2, 4),
         ExperimentEntry("huffman-4-2", "Maximum likelihood against weighted sum", huffman_4_2, 10),
         ExperimentEntry("huffman-4-4", "Centroid error against PSF width and SNR", huffman_4_4, 2_000),
@@ -63,13 +63,13 @@ ENTRIES: dict[str, ExperimentEntry] = {
         ExperimentEntry(
             "moniteq-differential", "Differential attitude with one and two cameras", moniteq_differential, 2_000
         ),
-        ExperimentEntry("moniteq-links", "Walking links against searching the list", moniteq_links, 500),
+        ExperimentEntry("moniteq-links", "Following links against searching the list", moniteq_links, 500),
         ExperimentEntry(
             "moniteq-screening", "False matches by chance, and stars to screen out", moniteq_screening, 9_000
         ),
         ExperimentEntry("shipped-units", "The five units as shipped", shipped_units, 1000, 2026.0),
         ExperimentEntry("sheet-injection", "Performance sheet: each error alone", injection, 40),
-        ExperimentEntry("moving-objects", "Moving objects: satellites found again", moving_objects, 300, 2026.0),
+        ExperimentEntry("moving-objects", "Moving objects: satellites detected in frames", moving_objects, 300, 2026.0),
         ExperimentEntry("mission-health", "Health over a simulated year", mission, 500, 2026.0),
         ExperimentEntry("never-wrong", "False attitudes under every fault", never_wrong, 30),
     )

@@ -1,4 +1,4 @@
-"""Stored runs, and their text and page."""
+"""Stored runs of experiments, and their output as text and as a page."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from validation.run import as_record, from_record
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A stored run: ``trials`` requested, ``processor_s`` used, ``code``: fingerprint of the sources that determine the
-    results."""
+    """A stored run. ``trials``: requested number of trials. ``processor_s``: processor time used. ``code``: fingerprint
+    of the sources that determine the results."""
 
     experiment: Experiment
     trials: int
@@ -23,7 +23,7 @@ class StoredRun:
 
 
 class ResultStore:
-    """Stores runs as lines of a file, so that an interrupted page can be resumed. A line cut off by a crash is ignored."""
+    """Store of runs as lines of a file, so an interrupted page can be resumed. A line cut off by a crash is ignored."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
@@ -39,7 +39,7 @@ class ResultStore:
             self._held[done.experiment.name, done.trials, done.experiment.seed] = done
 
     def get(self, name: str, trials: int, seed: int) -> StoredRun | None:
-        """Return a stored run; None if there is none."""
+        """Return a stored run; None if it is not stored."""
         return self._held.get((name, trials, seed))
 
     def keep(self, done: StoredRun) -> None:
@@ -65,9 +65,9 @@ def as_page(
     share: float = 1.0,
     processor_s: Mapping[str, float] | None = None,
 ) -> str:
-    """Return ``docs/experiments.md``: every table of a run, each with that ``share`` of its default number of trials.
-    ``processor_s``: time used by each."""
-    took = processor_s or {}
+    """Return ``docs/experiments.md`` with every table of a run. ``share``: fraction of the default number of trials.
+    ``processor_s``: processor time by experiment."""
+    time_by_name = processor_s or {}
     options = "" if share == 1.0 else f" --share {share:g}"
     parts = [
         "# Published tables, rerun\n",
@@ -79,10 +79,10 @@ def as_page(
     for e in experiments:
         head = "| " + " | ".join(e.columns) + " |\n|" + "---|" * len(e.columns)
         body = "\n".join("| " + " | ".join(show(c).replace("|", "\\|") for c in row) + " |" for row in e.rows)
-        time = (f"{took[e.name]:.0f} s of processor time",) if e.name in took else ()
-        said = "\n".join(f"- {text}" for text in (*e.conditions, f"seed {e.seed}", *time))
+        time = (f"{time_by_name[e.name]:.0f} s of processor time",) if e.name in time_by_name else ()
+        condition_list = "\n".join(f"- {text}" for text in (*e.conditions, f"seed {e.seed}", *time))
         notes = "".join(f"\n{note}\n" for note in e.notes)
-        parts.append(f"## {e.name}: {e.title}\n\n{e.source}\n\n{said}\n\n{head}\n{body}\n{notes}")
+        parts.append(f"## {e.name}: {e.title}\n\n{e.source}\n\n{condition_list}\n\n{head}\n{body}\n{notes}")
     return "\n".join(parts).rstrip() + "\n"
 
 

@@ -1,4 +1,4 @@
-"""Runs experiments by name."""
+"""Run experiments by name."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def entry(name: str) -> ExperimentEntry:
 
 
 def check(name: str, trials: int | None, seed: int) -> int:
-    """Return the number of trials that a run would take. Raises NotFound or BadInput if it cannot run."""
+    """Return the number of trials of a run. Raises NotFound or BadInput if the run is not possible."""
     count = entry(name).trials if trials is None else trials
     if not 1 <= count <= MAX_TRIALS:
         raise BadInput("number of trials is out of range", expected=f"1 – {MAX_TRIALS}", got=str(count))
     if seed < 0:
-        raise BadInput("a seed is not negative", expected="0 or more", got=str(seed))
+        raise BadInput("the seed is negative", expected="0 or more", got=str(seed))
     return count
 
 

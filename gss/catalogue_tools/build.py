@@ -43,9 +43,10 @@ from gss.skytables.pairs import DistanceTable, distance_table
 MIN_STARS = 2
 # Coarser than the maps of a build, so that the page responds while the user changes parameters.
 MISTAKES_NSIDE = 8
-# Upper limits for a preview: fields of stepped blocks, and stars tested in frames.
-MAX_FIELDS, MAX_LOOKS = 2_000, 2_000_000
-# Margin for the sampling error of the pair estimate: a build is refused before making the table only beyond it.
+# Upper limits for a preview: number of stepped fields, and number of stars tested in frames.
+MAX_FIELDS, MAX_TESTED_STARS = 2_000, 2_000_000
+# The pair count is estimated from a sample. A build is rejected before its table is made only if the estimate exceeds
+# the limit by this factor.
 SURE_OVERFLOW = 1.25
 
 Progress = Callable[[str, float], None]
@@ -53,8 +54,8 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Preview:
-    """Preview of a request: everything except the tables. ``pairs`` is an estimate above 800 stars. ``ambiguity``:
-    coarse map, None if not requested."""
+    """Preview of a request: all results except the tables. ``pairs`` is an estimate if there are more than 800 stars.
+    ``ambiguity``: coarse map, None if not requested."""
 
     plan: BuildPlan
     selection: Selection
@@ -66,7 +67,8 @@ class Preview:
 
 @dataclass(frozen=True)
 class BuiltCatalogue:
-    """A finished catalogue. ``stars``: the rows of the image in its frame; ``distances``: at full precision."""
+    """A finished catalogue. ``stars``: rows of the image, in the image's frame. ``distances``: distance table at full
+    precision."""
 
     plan: BuildPlan
     image: bytes
@@ -103,40 +105,42 @@ class Prepared:
 
 
 def prepare(request: BuildRequest, source: StarSource | StarTable, progress: Progress | None = None) -> Prepared:
-    """Plan the request and select its stars; BadInput if it cannot be built, as far as this can be determined before
-    the tables are made.
+    """Plan the request and select its stars. Raises BadInput if the selection already shows that the catalogue cannot
+    be built.
 
     ``progress``: as for :func:`build`, up to 0.3.
     """
     report = progress or (lambda stage, share: None)
-    p, origin = plan(request, lambda share: report("envelope", 0.2 * share)), _source(source)
-    sky, selection = _select(p, origin, p.envelope, lambda share: report("thinning", 0.2 + 0.1 * share))
-    _check_kept(p, selection)
-    return Prepared(p, origin, sky, selection)
+    build_plan, origin = plan(request, lambda share: report("envelope", 0.2 * share)), _source(source)
+    sky, selection = _select(
+        build_plan, origin, build_plan.envelope, lambda share: report("thinning", 0.2 + 0.1 * share)
+    )
+    _check_kept(build_plan, selection)
+    return Prepared(build_plan, origin, sky, selection)
 
 
 def preview(request: BuildRequest, source: StarSource | StarTable, *, mistakes: bool = False) -> Preview:
     """Compute counts, funnel and map of a request, fast enough for a page that updates while parameters change.
 
-    ``mistakes``: also compute a coarse map of where stars can be confused. BadInput if the request is too heavy for a
-    preview.
+    ``mistakes``: also compute a coarse map of the sky regions in which stars can be confused. Raises BadInput if the
+    request is too expensive for a preview.
     """
-    p, origin = plan(request), _source(source)
-    if (reason := too_heavy(p, origin)) is not None:
+    build_plan, origin = plan(request), _source(source)
+    if (reason := too_heavy(build_plan, origin)) is not None:
         raise reason
-    quick_look = QuickLook(p)
-    _, selection = _select(p, origin, quick_look)
+    quick_look = QuickLook(build_plan)
+    _, selection = _select(build_plan, origin, quick_look)
     stars = selection.kept
-    pairs, size = estimated(p, stars)
-    coarse = ambiguity(p, quick_look, searched(p, stars), MISTAKES_NSIDE) if mistakes else None
-    return Preview(p, selection, pairs, size, envelope_map(quick_look, quick_look.nside), coarse)
+    pairs, size = estimated(build_plan, stars)
+    coarse = ambiguity(build_plan, quick_look, searched(build_plan, stars), MISTAKES_NSIDE) if mistakes else None
+    return Preview(build_plan, selection, pairs, size, envelope_map(quick_look, quick_look.nside), coarse)
 
 
 def build(request: BuildRequest, source: StarSource | StarTable, progress: Progress | None = None) -> BuiltCatalogue:
     """Build the bank image of a request, its manifest and its quality figures.
 
-    ``progress`` is called with (stage, fraction done) before each stage and may raise to cancel; nothing is stored
-    then.
+    ``progress`` is called with (stage, fraction done) before each stage. It can raise an exception to cancel the build;
+    nothing is stored in that case.
     """
     report = progress or (lambda stage, share: None)
     report("envelope", 0.0)
@@ -146,48 +150,48 @@ def build(request: BuildRequest, source: StarSource | StarTable, progress: Progr
 def finish(ready: Prepared, progress: Progress | None = None) -> BuiltCatalogue:
     """Complete a build from a prepared request: tables, image, quality and manifest."""
     report = progress or (lambda stage, share: None)
-    p, sky, selection = ready.plan, ready.sky, ready.selection
-    request, stars = p.request, sky.in_frame(selection.kept)
+    build_plan, sky, selection = ready.plan, ready.sky, ready.selection
+    request, stars = build_plan.request, sky.in_frame(selection.kept)
     report("distances", 0.3)
-    pairs = distance_table(stars, request.pair_min_rad, p.pair_max_rad)
-    camera, name = p.profile.camera, request.format_name
+    pairs = distance_table(stars, request.pair_min_rad, build_plan.pair_max_rad)
+    camera, name = build_plan.profile.camera, request.format_name
     catalogue_tables = tables_for(name, stars, pairs, camera, reduced=request.reduced, index=request.k_vector)
     report("image", 0.5)
-    key = bytes.fromhex(profile_sha256(p.profile))[:8]
-    image = encode(stars, catalogue_tables.distances, name, p.profile.name, key, catalogue_tables.tables)
-    _check_size(p, len(image))
+    key = bytes.fromhex(profile_sha256(build_plan.profile))[:8]
+    image = encode(stars, catalogue_tables.distances, name, build_plan.profile.name, key, catalogue_tables.tables)
+    _check_size(build_plan, len(image))
     report("quality", 0.6)
     reduced = catalogue_tables.tables.reduced
-    # The device searches the reduced catalogue if there is one; only the pairs among its stars are on board then.
+    # If there is a reduced catalogue, the device searches it, and only pairs of its stars are on board.
     directory = selection.kept if reduced is None else selection.kept.take(reduced.kept)
     assessment = assess_catalogue(
-        p, selection.kept, pairs if reduced is None else catalogue_tables.distances, directory
+        build_plan, selection.kept, pairs if reduced is None else catalogue_tables.distances, directory
     )
     report("manifest", 0.95)
-    manifest = _manifest(p, ready.source, sky, selection, stars, catalogue_tables, image, assessment)
+    manifest = _manifest(build_plan, ready.source, sky, selection, stars, catalogue_tables, image, assessment)
     report("done", 1.0)
-    return BuiltCatalogue(p, image, manifest, selection, stars, catalogue_tables.distances, assessment)
+    return BuiltCatalogue(build_plan, image, manifest, selection, stars, catalogue_tables.distances, assessment)
 
 
 def _source(source: StarSource | StarTable) -> StarSource:
     return hipparcos_of(source) if isinstance(source, StarTable) else source
 
 
-def too_heavy(p: BuildPlan, source: StarSource | StarTable) -> BadInput | None:
+def too_heavy(build_plan: BuildPlan, source: StarSource | StarTable) -> BadInput | None:
     """Return the error for a request too expensive for an interactive preview, or None. The cost is estimated, not
     measured."""
-    base = p.base
+    base = build_plan.base
     fields = base.looked_at if isinstance(base, BlockEnvelope) else 0
-    stars = int(np.count_nonzero(_source(source).stars.v_mag <= p.request.rules.faint_mag))
-    stars_looked_at = round(frame_looks(stars, p.request.rules, p.shape))
-    for count, most, quantity in (
+    stars = int(np.count_nonzero(_source(source).stars.v_mag <= build_plan.request.rules.faint_mag))
+    tested_stars = round(frame_looks(stars, build_plan.request.rules, build_plan.shape))
+    for count, limit, quantity in (
         (fields, MAX_FIELDS, "fields of the blocks"),
-        (stars_looked_at, MAX_LOOKS, "stars in frames"),
+        (tested_stars, MAX_TESTED_STARS, "stars in frames"),
     ):
-        if count > most:
+        if count > limit:
             return BadInput(
                 f"too many combinations for a preview: {count}",
-                expected=f"at most {most} {quantity}",
+                expected=f"at most {limit} {quantity}",
                 got=str(count),
                 hint="build it as a job, or choose narrower limits, fewer stars or the exact method",
             )
@@ -195,9 +199,9 @@ def too_heavy(p: BuildPlan, source: StarSource | StarTable) -> BadInput | None:
 
 
 def _select(
-    p: BuildPlan, source: StarSource, envelope: Envelope, report: Callable[[float], None] = no_progress
+    build_plan: BuildPlan, source: StarSource, envelope: Envelope, report: Callable[[float], None] = no_progress
 ) -> tuple[CorrectedSky, Selection]:
-    rules, corrections, stars = p.request.rules, p.request.corrections, source.stars
+    rules, corrections, stars = build_plan.request.rules, build_plan.request.corrections, source.stars
     if rules.faint_mag > source.faintest_v_mag:
         raise BadInput(
             "the star table does not reach this magnitude limit",
@@ -205,15 +209,17 @@ def _select(
             got=f"{rules.faint_mag:g}",
             hint="use a brighter limit or a deeper source",
         )
-    if p.request.depth_mag is not None and len(stars):
+    if build_plan.request.depth_mag is not None and len(stars):
         stars = stars.take(stars.v_mag <= rules.faint_mag)
-    sky = corrected(stars, corrections, p.epoch_jyear, date_jyear=p.date_jyear, profile=p.profile)
-    selection = select(sky.icrs_stars, envelope, rules, p.shape, report)
+    sky = corrected(
+        stars, corrections, build_plan.epoch_jyear, date_jyear=build_plan.date_jyear, profile=build_plan.profile
+    )
+    selection = select(sky.icrs_stars, envelope, rules, build_plan.shape, report)
     blends = int(np.count_nonzero(sky.rejected.v_mag <= rules.faint_mag))
     return sky, selection.from_source(source.title, source.count, blends)
 
 
-def _check_kept(p: BuildPlan, selection: Selection) -> None:
+def _check_kept(build_plan: BuildPlan, selection: Selection) -> None:
     if selection.count(Fate.OUTSIDE) == len(selection.candidates):
         raise BadInput(
             "no star lies in the envelope",
@@ -229,26 +235,26 @@ def _check_kept(p: BuildPlan, selection: Selection) -> None:
             got=str(count),
             hint="relax the selection rules",
         )
-    request = p.request
-    # A reduced catalogue keeps only the pairs among its own stars, which are unknown until it is made.
-    reduced = frame_for(request.format_name, p.profile.camera, request.reduced)
+    request = build_plan.request
+    # A reduced catalogue stores only the pairs of its stars, and these stars are not selected yet.
+    reduced = frame_for(request.format_name, build_plan.profile.camera, request.reduced)
     if format_of(request.format_name).pair_bytes and reduced is None:
-        pairs = estimate_pairs(selection.kept.icrs, p.request.pair_min_rad, p.pair_max_rad)
-        _check_size(p, image_bytes(p.request.format_name, count, int(pairs / SURE_OVERFLOW)))
+        pairs = estimate_pairs(selection.kept.icrs, build_plan.request.pair_min_rad, build_plan.pair_max_rad)
+        _check_size(build_plan, image_bytes(build_plan.request.format_name, count, int(pairs / SURE_OVERFLOW)))
 
 
-def _check_size(p: BuildPlan, size: int) -> None:
-    if size > p.bank_bytes:
+def _check_size(build_plan: BuildPlan, size: int) -> None:
+    if size > build_plan.bank_bytes:
         raise BadInput(
             "the catalogue is too large for the bank",
-            expected=f"at most {p.bank_bytes} bytes",
+            expected=f"at most {build_plan.bank_bytes} bytes",
             got=f"{size} bytes",
             hint="use a brighter limit, fewer stars per field, a narrower envelope or shorter distances",
         )
 
 
 def _manifest(
-    p: BuildPlan,
+    build_plan: BuildPlan,
     source: StarSource,
     sky: CorrectedSky,
     selection: Selection,
@@ -257,7 +263,7 @@ def _manifest(
     image: bytes,
     assessment: Assessment,
 ) -> BuildManifest:
-    request, error = p.request, quantisation_error(stars, catalogue_tables.distances, image)
+    request, error = build_plan.request, quantisation_error(stars, catalogue_tables.distances, image)
     counts = {"stars": len(stars), "pairs": len(catalogue_tables.distances)}
     if catalogue_tables.tables.reduced is not None:
         counts["reduced catalogue"] = int(np.count_nonzero(catalogue_tables.tables.reduced.kept))
@@ -267,16 +273,16 @@ def _manifest(
         author=request.author,
         tool=f"gss {__version__}",
         format_name=request.format_name,
-        profile_name=p.profile.name,
-        profile_sha256=profile_sha256(p.profile),
+        profile_name=build_plan.profile.name,
+        profile_sha256=profile_sha256(build_plan.profile),
         source=str(source.facts.get("source", source.title)),
         star_table_sha256=source.sha256,
         frame=sky.frame,
-        epoch_jyear=p.epoch_jyear,
-        valid_from=p.valid_from.isoformat() if p.valid_from else "",
-        valid_to=p.valid_to.isoformat() if p.valid_to else "",
+        epoch_jyear=build_plan.epoch_jyear,
+        valid_from=build_plan.valid_from.isoformat() if build_plan.valid_from else "",
+        valid_to=build_plan.valid_to.isoformat() if build_plan.valid_to else "",
         parameters=parameters_of(request),
-        envelope=_envelope_facts(p),
+        envelope=_envelope_facts(build_plan),
         counts=counts | {f.label: f.stars for f in selection.funnel},
         bytes_by_part=part_bytes(image),
         quality=_quality_facts(assessment.quality),
@@ -296,7 +302,7 @@ def _manifest(
 
 
 def _choice_facts(selection: Selection, reduced: ReducedCatalogue | None) -> dict[str, object]:
-    """Results of the screening and frame of the reduced catalogue; empty without either."""
+    """Return the results of the screening and the frame of the reduced catalogue; empty if the build has neither."""
     facts: dict[str, object] = {}
     if (screening := screening_facts(selection)) is not None:
         facts["screening"] = screening
@@ -305,11 +311,11 @@ def _choice_facts(selection: Selection, reduced: ReducedCatalogue | None) -> dic
     return facts
 
 
-def _envelope_facts(p: BuildPlan) -> dict[str, object]:
-    facts: dict[str, object] = {"kind": type(p.base).__name__, "pair_max_rad": p.pair_max_rad}
-    if p.planes is not None:
-        facts["inclination_rad"] = list(p.planes.inclination_rad)
-        facts["raan_rad"] = list(p.planes.raan_rad)
+def _envelope_facts(build_plan: BuildPlan) -> dict[str, object]:
+    facts: dict[str, object] = {"kind": type(build_plan.base).__name__, "pair_max_rad": build_plan.pair_max_rad}
+    if build_plan.planes is not None:
+        facts["inclination_rad"] = list(build_plan.planes.inclination_rad)
+        facts["raan_rad"] = list(build_plan.planes.raan_rad)
     return facts
 
 

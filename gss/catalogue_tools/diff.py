@@ -27,7 +27,7 @@ class CatalogueDiff:
     ``added``, ``dropped``: Hipparcos numbers, ascending. ``moved``: common stars that moved by more than the position
     resolution, with ``moved_rad``. ``magnitude_changed``: common stars whose V changed, with ``magnitude_change_mag``
     (new − old). ``pairs``: number of pairs (old, new). ``unknown``: number of rows (old, new) without a unique
-    catalogue number; they are not compared.
+    catalogue number, which are not compared.
     """
 
     added: Ids
@@ -64,8 +64,8 @@ class CoverageChange:
 
 
 def compare(old: OnboardCatalogue, new: OnboardCatalogue) -> CatalogueDiff:
-    """Compare two decoded bank images; both need their Hipparcos numbers."""
-    known_old, known_new = _known(old), _known(new)
+    """Compare two decoded bank images. Both must have Hipparcos numbers."""
+    known_old, known_new = _numbered_rows(old), _numbered_rows(new)
     common, at_old, at_new = np.intersect1d(old.hip[known_old], new.hip[known_new], return_indices=True)
     row_old, row_new = known_old[at_old], known_new[at_new]
     shift = separation_rad(_unit(old.icrs[row_old]), _unit(new.icrs[row_new]))
@@ -101,13 +101,13 @@ def coverage_change(
     return CoverageChange(nside, radius_rad, counts[0], counts[1])
 
 
-def _known(catalogue: OnboardCatalogue) -> NDArray[np.intp]:
-    """Rows with a catalogue number; of rows that share a number, only the first."""
+def _numbered_rows(catalogue: OnboardCatalogue) -> NDArray[np.intp]:
+    """Return the rows with a catalogue number. If rows share a number, only the first of them is returned."""
     numbers, first = np.unique(catalogue.hip, return_index=True)
     return np.sort(first[numbers >= 0])
 
 
 def _unit(vectors: NDArray[np.floating]) -> Array:
-    """Normalise vectors; those stored in single precision are not exactly of length one."""
+    """Normalise vectors, because vectors stored in single precision do not have exactly unit length."""
     v = np.asarray(vectors, float)
     return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))

@@ -1,6 +1,6 @@
 """Export a catalogue to CSV, ECSV, Parquet and FITS tables, with angles in degrees as usual in these formats.
 
-These exports are for users and other programs and do not preserve the number widths of the device. For a lossless
+These exports are for users and other programs. They do not preserve the number widths of the device. For a lossless
 conversion of the image to tables and back, see :func:`export_table` and :func:`import_table`; for C source,
 :mod:`gss.catalogue_tools.formats.c_source`.
 """
@@ -27,8 +27,8 @@ LATIN = str.maketrans({"ß": "ss", "æ": "ae", "Æ": "AE", "ø": "o", "Ø": "O",
 
 
 def export(catalogue: OnboardCatalogue, manifest: BuildManifest, kind: str) -> bytes:
-    """Return the file of one kind: csv, ecsv and parquet hold the star list, fits the star list and the distance
-    table."""
+    """Return the file of one kind. csv, ecsv and parquet contain the star list; fits contains the star list and the
+    distance table."""
     writers = {"csv": _csv, "ecsv": _ecsv, "parquet": _parquet, "fits": _fits}
     if kind not in writers:
         raise BadInput("unknown kind of export", expected=" | ".join(writers), got=kind)

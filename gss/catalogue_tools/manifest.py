@@ -20,12 +20,13 @@ SINCE_2 = ("corrections", "source_facts", "occultation", "method", "assessment")
 
 @dataclass(frozen=True)
 class BuildManifest:
-    """All that is needed to read, check and repeat a build. Angles in radians; times ISO 8601, UTC.
+    """All data required to read, check and repeat a build. Angles are in radians; times are ISO 8601, UTC.
 
-    ``hip``: Hipparcos number of each row of the star list. ``valid_to``: "" if nothing drifts. ``candidates_per_query``
-    and the quantisation figures are None if the format has none. ``corrections``: corrections applied to the stars, and
-    the size of each; ``source_facts``: origin of the stars; ``occultation``: what hides the sky, {} for nothing;
-    ``method``: how the envelope was computed; ``assessment``: lifetime and ambiguity.
+    ``hip``: Hipparcos number of each row of the star list. ``valid_to``: "" if the envelope does not drift.
+    ``candidates_per_query`` and the quantisation figures are None if the format does not store these values.
+    ``corrections``: corrections applied to the stars, with their size. ``source_facts``: origin of the stars.
+    ``occultation``: bodies that hide the sky, {} if none. ``method``: method of the envelope. ``assessment``: lifetime
+    and ambiguity.
     """
 
     name: str
@@ -56,7 +57,7 @@ class BuildManifest:
     version: int = MANIFEST_VERSION
 
     def as_dict(self) -> JsonObject:
-        """Plain values, including the manifest's own hash."""
+        """Return plain values, including the hash of the manifest."""
         plain = asdict(self)
         if self.version == 1:
             plain = {name: value for name, value in plain.items() if name not in SINCE_2}
@@ -69,7 +70,7 @@ class BuildManifest:
 
 
 def read_manifest(text: str) -> BuildManifest:
-    """Parse a manifest and verify its hash; CorruptData if it is not valid."""
+    """Parse a manifest and verify its hash. Raises CorruptData if it is not valid."""
     try:
         content = json.loads(text)
         claimed = content.pop("manifest_sha256")
@@ -116,8 +117,8 @@ def _number(value: object) -> bool:
 
 
 def manifest_of(content: Mapping[str, Any]) -> BuildManifest:
-    """Return the manifest of plain values from a store. Missing fields are empty, for example for a bank that was
-    read back."""
+    """Return a manifest from stored plain values. Missing fields are empty, for example if the bank was read back from
+    a device."""
     empty: JsonObject = {
         "str": "",
         "JsonObject": {},
@@ -138,7 +139,8 @@ def check_image(manifest: BuildManifest, image: bytes) -> None:
 
 
 def profile_sha256(profile: CameraProfile) -> str:
-    """Hash of the part of the profile that a catalogue depends on: the camera's geometry, distortion included."""
+    """Return the hash of the part of the profile that a catalogue depends on: the camera's geometry with its
+    distortion."""
     camera = asdict(profile.camera)
     camera["distortion"]["model"] = type(profile.camera.distortion).__name__
     return hashlib.sha256(_canonical(camera)).hexdigest()

@@ -42,8 +42,8 @@ SUN_RATE_RAD_DAY = 2 * np.pi / DAYS_PER_YEAR
 class BuildPlan:
     """A request with all derived values.
 
-    ``shape``: field of view without the margin; that of the envelope includes it. ``base``: envelope before
-    occultation.
+    ``shape``: field of view without the margin; the shape of the envelope includes the margin. ``base``: envelope
+    before occultation.
     """
 
     request: BuildRequest
@@ -66,19 +66,18 @@ class BuildPlan:
 
     @property
     def drift_rad_day(self) -> float:
-        """Speed at which the envelope moves along its node or the ecliptic; 0 if it does not move."""
+        """Rate at which the envelope moves with its node or along the ecliptic; 0 if it does not move."""
         limits, days = self.request.attitude, self.request.days
         if self.planes is not None and limits is not None and limits.pointing in ORBIT_LAWS:
             orbit = self.request.orbit
             if isinstance(orbit, ElementsOrbit) and orbit.altitude_m is None:
-                # Without an altitude the node rate is unknown; the orbit is taken to be Sun-synchronous.
+                # Without an altitude the node rate is unknown, so a Sun-synchronous orbit is assumed.
                 return SUN_RATE_RAD_DAY
             return (self.planes.raan_end_rad - self.planes.raan_start_rad) / days
         return SUN_RATE_RAD_DAY if limits is not None and limits.pointing in SUN_LAWS else 0.0
 
     def lifetime(self) -> Lifetime:
-        """Time after the end of validity during which enough of the fields remain inside the envelope, of the head for which it
-        is shortest."""
+        """Return the lifetime of the envelope; with several heads, that of the head with the shortest lifetime."""
         heads = self.base.heads if isinstance(self.base, HeadsEnvelope) else (self.base,)
         return min(
             (lifetime(envelope, self.drift_rad_day, self.valid_to) for envelope in heads),
@@ -87,29 +86,29 @@ class BuildPlan:
 
 
 def plan(request: BuildRequest, report: ShareReport | None = None) -> BuildPlan:
-    """Derive the plan of a request. Raises BadInput for anything that cannot be built.
+    """Derive the plan of a request. Raises BadInput if the request cannot be built.
 
-    ``report`` is called with the fraction done while the envelope's blocks are stepped, which happens later.
+    ``report`` is called later, with the fraction done, while the envelope steps through its blocks.
     """
-    chosen = request.profile
+    profile = request.profile
     planes = planes_of(request.orbit, request.start, request.days)
-    shape = FieldShape(widened(chosen.camera, request.margin_rad))
-    each = [_envelope(request, limits, shape, planes, report) for limits in request.attitudes]
-    base = HeadsEnvelope(tuple(each)) if request.heads else each[0]
+    shape = FieldShape(widened(profile.camera, request.margin_rad))
+    envelopes = [_envelope(request, limits, shape, planes, report) for limits in request.attitudes]
+    base = HeadsEnvelope(tuple(envelopes)) if request.heads else envelopes[0]
     hidden = request.occultation
     limits = request.attitude
-    longest = chosen.camera.diagonal_rad if request.pair_max_rad is None else request.pair_max_rad
+    longest = profile.camera.diagonal_rad if request.pair_max_rad is None else request.pair_max_rad
     _check_distances(request.pair_min_rad, longest)
     drifts = (
-        isinstance(each[0], BandEnvelope | BlockEnvelope)
+        isinstance(envelopes[0], BandEnvelope | BlockEnvelope)
         or (limits is not None and limits.pointing in SUN_LAWS)
         or hidden.sun_rad > 0
         or hidden.moon_rad > 0
     )
     return BuildPlan(
         request,
-        chosen,
-        FieldShape(chosen.camera),
+        profile,
+        FieldShape(profile.camera),
         _occulted(request, base, planes) if hidden.active else base,
         base,
         planes,
@@ -132,7 +131,7 @@ def _check_distances(shortest_rad: float, longest_rad: float) -> None:
 
 
 def planes_of(orbit: ElementsOrbit | TleOrbit | None, start: datetime | None, days: float) -> OrbitRanges | None:
-    """Orbit planes during ``days`` from ``start``; None without an orbit."""
+    """Return the orbit planes during ``days`` from ``start``; None without an orbit."""
     if isinstance(orbit, TleOrbit):
         if start is None:
             raise BadInput("a TLE needs dates", expected="a start and a number of days", got="no start")
@@ -141,7 +140,7 @@ def planes_of(orbit: ElementsOrbit | TleOrbit | None, start: datetime | None, da
 
 
 def _drifted(orbit: ElementsOrbit, start: datetime | None, days: float) -> OrbitRanges:
-    """Limits of the first day, widened by the drift of the node until the last day."""
+    """Return the limits of the first day, widened by the drift of the node until the last day."""
     first = from_elements(orbit.inclination_rad, orbit.raan_rad)
     if orbit.altitude_m is None:
         return first
@@ -205,7 +204,7 @@ def _occulted(request: BuildRequest, base: Envelope, planes: OrbitRanges | None)
 
 
 def altitude_m(orbit: ElementsOrbit | TleOrbit | None, given_m: float | None) -> float | None:
-    """Return the given altitude, otherwise that of the TLE or the elements; None if none is known."""
+    """Return ``given_m`` if it is set, otherwise the altitude of the TLE or the elements; None if it is unknown."""
     if given_m is not None:
         return given_m
     if isinstance(orbit, TleOrbit):
@@ -214,7 +213,7 @@ def altitude_m(orbit: ElementsOrbit | TleOrbit | None, given_m: float | None) ->
 
 
 def pole_of(planes: OrbitRanges | None) -> Array:
-    """(3,) ICRS pole of the middle plane."""
+    """Return the (3,) ICRS pole of the middle plane."""
     if planes is None:
         raise BadInput("orbital aberration needs an orbit", expected="orbital elements or a TLE", got="no orbit")
     i, raan = float(np.mean(planes.inclination_rad)), float(np.mean(planes.raan_rad))
@@ -222,7 +221,8 @@ def pole_of(planes: OrbitRanges | None) -> Array:
 
 
 def orbital_velocity(attitude: AttitudeLimits | None, normal: Array, height_m: float | None) -> MeanOrbitVelocity:
-    """Velocity for orbital aberration on a circular orbit, at the time each star passes the middle of the field.
+    """Return the velocity for orbital aberration on a circular orbit, at the time each star crosses the middle of the
+    field.
 
     ``normal``: (3,) ICRS pole of the orbit.
     """

@@ -1,7 +1,7 @@
-"""Fast version of an envelope for interactive previews: exact where that is fast, sampled elsewhere.
+"""Fast version of an envelope for interactive previews: exact if the exact test is fast, sampled otherwise.
 
 Membership of a patch is sampled with fields concentrated at the ends of the limits, which determine the edge of the
-envelope. In the documents' cases this misses no Hipparcos star to V 6.
+envelope. In the documents' examples the sample contains every Hipparcos star to V 6.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class QuickLook:
     @cached_property
     def envelope(self) -> Envelope:
         """The plan's envelope, with fewer samples if anything hides the sky."""
-        whole = self.plan.envelope
-        return replace(whole, effort=QUICK) if isinstance(whole, OccultedEnvelope) else whole
+        envelope = self.plan.envelope
+        return replace(envelope, effort=QUICK) if isinstance(envelope, OccultedEnvelope) else envelope
 
     @property
     def base(self) -> Envelope:
@@ -43,10 +43,10 @@ class QuickLook:
         return self.plan.base
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 3) ICRS directions that are ever in the field.
+        """Return the (n,) mask of the (n, 3) ICRS directions that are in the field at some time.
 
-        For a patch, permanent occultation is left to the build: the map shows it, and a patch that follows the Sun
-        loses whole fields before it loses a star.
+        For a patch, permanent occultation is not applied here but in the build. The map shows it, and a patch that
+        follows the Sun loses whole fields before it loses a star.
         """
         u = np.asarray(unit, float)
         patches = _patches(self.base)
@@ -55,7 +55,7 @@ class QuickLook:
         return self.envelope.contains(u)
 
     def time_fraction(self, unit: Array) -> Array:
-        """(n,) fraction of time in the field."""
+        """Return the (n,) fraction of time in the field."""
         if self._occulted:
             return self.envelope.time_fraction(unit)
         return self._base_fraction(np.asarray(unit, float))
@@ -65,11 +65,11 @@ class QuickLook:
         return self.plan.envelope.edges(at_end)
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
-        """(count, 3, 3) random cam_from_icrs within the limits."""
+        """Return (count, 3, 3) random cam_from_icrs within the limits."""
         return self.plan.envelope.attitudes(rng, count)
 
     def at(self, cube: Array) -> Moments:
-        """Same as the envelope's ``at``."""
+        """Same as :meth:`Envelope.at`."""
         return self.plan.envelope.at(cube)
 
     @property
@@ -79,12 +79,12 @@ class QuickLook:
 
     @property
     def dimensions(self) -> int:
-        """Same as the envelope's ``dimensions``."""
+        """Same as :attr:`Envelope.dimensions`."""
         return self.plan.envelope.dimensions
 
     @property
     def nside(self) -> int:
-        """HEALPix resolution of the map; coarser with occultation, which has to be sampled."""
+        """HEALPix resolution of the map; coarser with occultation, because occultation is sampled."""
         return COARSE_NSIDE if self._occulted else FINE_NSIDE
 
     @property
@@ -99,12 +99,12 @@ class QuickLook:
 
 
 def _patches(base: Envelope) -> list[PatchEnvelope]:
-    """Return the patch of each head; none if the envelope is of another kind."""
+    """Return the patch of each head; an empty list if the envelope is of another type."""
     heads = base.heads if isinstance(base, HeadsEnvelope) else (base,)
     return [head for head in heads if isinstance(head, PatchEnvelope)]
 
 
 def _patch_fraction(patch: PatchEnvelope, unit: Array) -> Array:
-    even = fields_per_star(unit, patch.crowded(MAP_FIELDS, 1.0), patch.shape) / MAP_FIELDS
-    rare = (even == 0) & patch.witnessed(unit, MAP_FIELDS)
-    return np.asarray(np.where(rare, 0.5 / MAP_FIELDS, even))
+    sampled = fields_per_star(unit, patch.crowded(MAP_FIELDS, 1.0), patch.shape) / MAP_FIELDS
+    missed = (sampled == 0) & patch.witnessed(unit, MAP_FIELDS)
+    return np.asarray(np.where(missed, 0.5 / MAP_FIELDS, sampled))

@@ -46,8 +46,8 @@ METHODS = ("exact", "blocks")
 class ElementsOrbit:
     """Limits of inclination and node, ICRS, for a circular orbit and all arguments of latitude (Jacobs 1995 Table 5-2).
 
-    With ``altitude_m`` the limits of the node are those of the first day, and the Earth's oblateness moves them during
-    the days of use (Moniteq 1983 §2.5).
+    If ``altitude_m`` is set, the node limits apply to the first day, and the Earth's oblateness moves them during the
+    days of use (Moniteq 1983 §2.5).
     """
 
     inclination_rad: Range
@@ -70,16 +70,16 @@ class TleOrbit:
 
 @dataclass(frozen=True)
 class BuildRequest:
-    """Parameters of one build. ``orbit`` None: no orbit; if ``attitude`` is None too, the whole sky.
+    """Parameters of one build. ``orbit`` None: no orbit. If ``attitude`` is also None, the envelope is the whole sky.
 
     ``margin_rad`` widens the field on every side. ``pair_max_rad`` None: the field's diagonal. ``start``: UTC with a
-    time zone. ``epoch_jyear`` None: the middle of the validity, or J2000 without dates. ``bank_bytes`` None: the
-    format's usual bank. ``query_tolerance_px``: half width of the matcher's distance query, for the quality report.
+    time zone. ``epoch_jyear`` None: the middle of the validity, or J2000 without dates. ``bank_bytes`` None: the usual
+    bank size of the format. ``query_tolerance_px``: half width of the matcher's distance query, for the quality report.
     ``source``: hipparcos, hipparcos_all, gaia, or list with ``star_list``. ``method``: exact, or blocks for the 1°
     steps of Jacobs 1995. ``k_vector``: also store an index of the distances on board. ``reduced``: frame of a reduced
-    catalogue, to whose stars the distances are limited; None: no reduced catalogue, except for far-mst, which uses the
-    camera's frame. ``heads``: mountings of several heads of the body, each as nine numbers of body_from_cam by rows; the
-    envelope is the union of theirs, instead of that of ``attitude``'s own mounting.
+    catalogue; the distances are then limited to its stars. None: no reduced catalogue, except for far-mst, which uses
+    the camera's frame. ``heads``: mountings of several heads on the body, each as nine numbers of body_from_cam by
+    rows. The envelope is then the union of the envelopes of all heads, and the mounting in ``attitude`` is not used.
     """
 
     profile: CameraProfile
@@ -143,16 +143,21 @@ class BuildRequest:
 
     @property
     def attitudes(self) -> tuple[AttitudeLimits | None, ...]:
-        """Limits of attitude of each head."""
+        """Attitude limits of each head."""
         limits = self.attitude
         return tuple(replace(limits, body_from_cam=h) for h in self.heads) if self.heads and limits else (limits,)
 
     @property
     def depth_mag(self) -> float | None:
-        """Magnitude limit for reading the source. None reads all stars: companions count, or corrections change
+        """Magnitude limit for reading the source. None: read all stars, because companions matter or corrections change
         magnitudes."""
-        c = self.corrections
-        deeper = c.doubles is not None or c.instrument_magnitude or c.roll_off != "off" or c.variables_at_date
+        corrections = self.corrections
+        deeper = (
+            corrections.doubles is not None
+            or corrections.instrument_magnitude
+            or corrections.roll_off != "off"
+            or corrections.variables_at_date
+        )
         return None if deeper else self.rules.faint_mag
 
     @property
@@ -167,14 +172,14 @@ class BuildRequest:
 
 
 def epoch_of(request: BuildRequest) -> float:
-    """Julian year of the star positions."""
+    """Return the Julian year of the star positions."""
     if request.epoch_jyear is not None:
         return request.epoch_jyear
     return EPOCH_WITHOUT_DATES_JYEAR if request.middle is None else jyear_of(request.middle)
 
 
 def parameters_of(request: BuildRequest) -> JsonObject:
-    """The request as plain values, for the manifest."""
+    """Return the request as plain values for the manifest."""
     content: JsonObject = {"profile_name": request.profile_name}
     content |= {f.name: _plain(getattr(request, f.name)) for f in fields(request) if f.name != "profile"}
     content["start"] = request.start.isoformat() if request.start else None
@@ -187,8 +192,8 @@ def _plain(value: Any) -> Any:
 
 
 def request_from(parameters: Mapping[str, Any], profile: CameraProfile) -> BuildRequest:
-    """Return the request of a manifest's parameters for the camera that they name. Fields added after
-    version 1 have their defaults if missing. CorruptData if the parameters are not valid."""
+    """Return the request from the parameters of a manifest. ``profile``: the camera that they name. Missing fields that
+    were added after version 1 get their defaults. Raises CorruptData if the parameters are not valid."""
     field_names = {f.name for f in fields(BuildRequest)} - {"profile"}
     values = {name: value for name, value in parameters.items() if name in field_names}
     try:
@@ -262,7 +267,7 @@ def _check_source(request: BuildRequest) -> None:
 
 
 def _check_heads(request: BuildRequest) -> None:
-    """Raise BadInput for several heads with anything that is defined for a single camera only."""
+    """Raise BadInput if several heads are combined with an option that is defined for a single camera only."""
     if not request.heads:
         return
     limits = request.attitude
@@ -281,7 +286,7 @@ def _check_heads(request: BuildRequest) -> None:
         )
     if len(request.heads) > MAX_HEADS:
         raise BadInput("too many heads", expected=f"at most {MAX_HEADS}", got=str(len(request.heads)))
-    _ = request.attitudes  # each mounting is checked
+    _ = request.attitudes  # reading the property checks each mounting
 
 
 def _check_epoch(request: BuildRequest) -> None:

@@ -60,7 +60,7 @@ def pair(client: TestClient) -> tuple[dict[str, Any], dict[str, Any]]:
     [
         ({"orbit": "tle", "tle": TLE.replace("9991", "9992"), "start": "2019-12-10"}, "wrong checksum"),
         ({"orbit": "tle", "tle": TLE, "start": "2026-12-01"}, "outside the TLE's validity"),
-        ({"orbit": "tle", "tle": decayed(), "start": "2019-12-10"}, "describes no orbit"),
+        ({"orbit": "tle", "tle": decayed(), "start": "2019-12-10"}, "does not describe an orbit"),
         (
             {**STILL, "ra_deg": 57.3, "dec_deg": -57.3, "faint_mag": 0.0, "profile": "sunsat"},
             "star lies in the envelope",

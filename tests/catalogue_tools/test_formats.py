@@ -337,7 +337,7 @@ def test_an_image_without_its_own_tables_is_refused(format_name):
     core = core_bytes(format_name, len(sky()), 0)
     image = bytearray(small(format_name)[:core])
     image[4] = 1
-    with pytest.raises(CorruptData, match="lacks its own tables"):
+    with pytest.raises(CorruptData, match="lacks required sections"):
         decode(with_sums(image))
 
 

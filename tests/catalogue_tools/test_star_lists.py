@@ -210,9 +210,9 @@ def test_masked_values_are_not_read_as_zero() -> None:
         ("2,10,20,99.99", "v", "no star has this magnitude"),
         ("2,10,20,-9", "v", "no star has this magnitude"),
         ("1,10,20,3", "hip", "numbered twice"),
-        ("x,10,20,3", "hip", "not a number of a star"),
-        ("0,10,20,3", "hip", "not a number of a star"),
-        ("2.5,10,20,3", "hip", "not a number of a star"),
+        ("x,10,20,3", "hip", "not a star number"),
+        ("0,10,20,3", "hip", "not a star number"),
+        ("2.5,10,20,3", "hip", "not a star number"),
         ("2,10,20", "", "3 values, the header names 4"),
         ("2,10,20,3,4", "", "5 values, the header names 4"),
     ],
@@ -353,7 +353,7 @@ def test_numbers_of_other_lists_are_not_hipparcos_numbers() -> None:
 def test_a_list_without_motions_is_reported() -> None:
     """Positions without proper motions are unchanged and flagged, and the report states their epoch."""
     found = read_star_list(_csv("1,1,1,3"), "csv", SAID)
-    assert found.notes == ("no proper motions: positions stay those of J2000",)
+    assert found.notes == ("no proper motions: the positions of J2000 are used at every epoch",)
     assert np.all(found.stars.flags & FLAG_NO_PROPER_MOTION)
 
 

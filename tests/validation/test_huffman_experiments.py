@@ -132,4 +132,4 @@ def test_the_reduced_catalogue_has_the_documents_size_at_36_degrees() -> None:
     experiment = huffman_5_5(load_stars(6.0), 200, 1, _quiet, step_rad=np.radians(2.5))
     ours = _cells(experiment, "our stars")
     assert abs(int(str(ours["36° square"])) - 540) < 25
-    assert str(_cells(experiment, "frames below 4 stars")["frame 30.06° x 24.25°"]).startswith("0.0 %")
+    assert str(_cells(experiment, "frames with fewer than 4 stars")["frame 30.06° x 24.25°"]).startswith("0.0 %")

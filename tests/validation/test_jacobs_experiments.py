@@ -53,7 +53,7 @@ def test_tracking_continues_among_false_stars() -> None:
     assert [row[0] for row in made.rows] == [0, 100]
     for row in made.rows:
         cells = dict(zip(made.columns, row, strict=True))
-        assert _percent(cells["ours: frames with a right attitude (95 %)"]) >= 88
+        assert _percent(cells["ours: frames with a correct attitude (95 %)"]) >= 88
         assert cells["wrong"] == 0
     assert made == jacobs_tracking(STARS, 25, 5, lambda _: None)
 

@@ -1,4 +1,4 @@
-"""Erlank's sky coverage tables on Hipparcos."""
+"""Erlank's sky coverage tables, computed with Hipparcos."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FIG_3_8_LIMITS_MAG = (3.0, 3.5, 4.0, 4.5, 5.0, 5.5)
 
 
 def erlank_3_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Number of stars against limiting magnitude (Erlank 2013 Table 3.6)."""
+    """Count stars against limiting magnitude (Erlank 2013 Table 3.6)."""
     shape = CircularField(float(np.radians(21.0)))
     rows: list[tuple[Cell, ...]] = []
     for k, (limit, three, five, mean) in enumerate(ERLANK_3_6):
@@ -34,8 +34,10 @@ def erlank_3_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
             (f"V ≤ {limit}: at least 5 stars, %", five, round(100 * ours5 / trials, 2), share_text(ours5, trials)),
             (f"V ≤ {limit}: mean stars", mean, round(float(counts.mean()), 2), ""),
         ]
-    conditions = (f"{trials} pointings per limit, circular field of 42° diameter", "Hipparcos V")
-    notes = ("The caption says 42° radius and two stars; text and figures fit 42° diameter and three (errata).",)
+    conditions = (f"{trials} pointings per limit, circular field, 42° in diameter", "Hipparcos V")
+    notes = (
+        "The caption states a radius of 42° and two stars. Text and figures agree with a diameter of 42° and three stars (errata).",
+    )
     columns = ("quantity", "paper", "ours", "95 % interval")
     return Experiment(
         "erlank-3-6",
@@ -50,7 +52,8 @@ def erlank_3_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
 
 
 def erlank_fig_3_8(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Fraction of the sky with at least three stars, by field and limiting magnitude (Erlank 2013 Fig. 3.8)."""
+    """Compute the fraction of the sky with at least three stars, by field and limiting magnitude (Erlank 2013 Fig.
+    3.8)."""
     rows: list[tuple[Cell, ...]] = []
     curves = []
     for k, limit in enumerate(FIG_3_8_LIMITS_MAG):
@@ -68,7 +71,9 @@ def erlank_fig_3_8(stars: StarTable, trials: int, seed: int, progress: Progress)
         curves.append(Curve(f"V ≤ {limit}", "diameter of the field, °", "share of the sky", fields, tuple(shares)))
         progress((k + 1) / len(FIG_3_8_LIMITS_MAG))
     conditions = (f"{trials} pointings per point, circular fields", "at least three stars, Hipparcos V")
-    notes = ("The figure's curves have no numbers; according to the text 20° at magnitude five approaches 1.",)
+    notes = (
+        "The figure's curves have no numbers. According to the text, the curve for magnitude five approaches 1 at 20°.",
+    )
     columns = ("case", "paper", "ours", "remark")
     return Experiment(
         "erlank-fig-3-8",

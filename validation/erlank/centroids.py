@@ -16,9 +16,9 @@ from validation.erlank.sky import Drawing, simulated_camera, simulated_parameter
 
 STARS = 18
 PAPER_COL_PX, PAPER_ROW_PX = 0.0244, 0.0427
-MARGIN_PX, APART_PX, FOUND_PX = 8.0, 12.0, 2.0
+MARGIN_PX, APART_PX, MATCH_PX = 8.0, 12.0, 2.0
 NEAREST = Drawing()
-# Threshold above black, and placement of the star's 5 x 5 grid.
+# Title, threshold above black, and drawing method of the star's 5 x 5 grid.
 CASES = (
     ("threshold 1, grid round the nearest pixel", 1.0, NEAREST),
     ("threshold 6 (§5.3.3), nearest pixel", DOCUMENT_THRESHOLD_DN, NEAREST),
@@ -39,7 +39,7 @@ def erlank_4_1_6(stars: StarTable, trials: int, seed: int, progress: Progress) -
         p = replace(base, threshold_dn=threshold_dn)
         errors = [centroid_errors_px(camera, p, drawing, rng) for _ in range(trials)]
         means = np.array([np.abs(e).mean(axis=0) for e in errors if len(e)])
-        seen = sum(map(len, errors))
+        detected = sum(map(len, errors))
         rows.append(
             (
                 title,
@@ -49,7 +49,7 @@ def erlank_4_1_6(stars: StarTable, trials: int, seed: int, progress: Progress) -
                 PAPER_ROW_PX,
                 round(float(means[:, 1].mean()), 4),
                 _range(means[:, 1]),
-                share_text(seen, STARS * trials),
+                share_text(detected, STARS * trials),
             )
         )
     progress(1.0)
@@ -69,34 +69,38 @@ def erlank_4_1_6(stars: StarTable, trials: int, seed: int, progress: Progress) -
         ),
         tuple(rows),
         (
-            f"{trials} images of {STARS} stars at random places per case; 5 x 5 Gaussians of σ² = 1 px² and peak 255, eight bits, "
+            f"{trials} images of {STARS} stars at random positions per case; 5 x 5 Gaussians of σ² = 1 px² and "
+            "peak 255, eight bits, "
             "no noise, no distortion",
             "error: mean of the absolute error per axis over the stars of an image; 95 %: range of that mean over the images",
         ),
         seed,
         (
-            "The paper has one image and states neither its threshold nor the position of the grid. Its x agrees with "
-            "the lowest and the highest threshold tried: the edge of the grid shifts a centroid to the centre of its "
-            "pixel, the threshold cuts the flanks.",
-            "Its y is 1.75 times its x, which no symmetrical rendering gives with 18 stars. A grid centred on the pixel"
-            " before the star's position, in y only, gives a similar value; the paper does not state this.",
+            "The paper has one image and states neither its threshold nor the position of the grid. Its x value "
+            "agrees with the lowest and with the highest threshold tested. At the lowest threshold the edge of "
+            "the grid shifts a centroid to the centre of its pixel; at the highest the threshold cuts the flanks.",
+            "Its y value is 1.75 times its x value, which no symmetric rendering of 18 stars gives. A grid that "
+            "is centred on the pixel before the star's position in y only gives a similar ratio. The paper does "
+            "not describe such a grid.",
         ),
     )
 
 
-def centroid_errors_px(camera: Camera, p: CubestarParameters, drawing: Drawing, rng: np.random.Generator) -> Array:
-    """(m, 2) errors (col, row) of the stars found in one image."""
-    at = _places(camera, rng)
-    measured_px = find_centroids(star_image(at, camera, drawing), p).centroids.pixels
+def centroid_errors_px(
+    camera: Camera, parameters: CubestarParameters, drawing: Drawing, rng: np.random.Generator
+) -> Array:
+    """Return the (m, 2) errors (col, row) of the stars detected in one image."""
+    at = _positions(camera, rng)
+    measured_px = find_centroids(star_image(at, camera, drawing), parameters).centroids.pixels
     if not len(measured_px):
         return np.empty((0, 2))
     apart = np.linalg.norm(measured_px[:, None] - at[None], axis=2)
-    right = apart.min(axis=1) < FOUND_PX
-    return np.asarray((measured_px - at[apart.argmin(axis=1)])[right])
+    matched = apart.min(axis=1) < MATCH_PX
+    return np.asarray((measured_px - at[apart.argmin(axis=1)])[matched])
 
 
-def _places(camera: Camera, rng: np.random.Generator) -> Array:
-    """(18, 2) positions completely inside the image and separate from each other."""
+def _positions(camera: Camera, rng: np.random.Generator) -> Array:
+    """Return (18, 2) random star positions that are well inside the image and separated from each other."""
     far = (camera.columns - 1 - MARGIN_PX, camera.rows - 1 - MARGIN_PX)
     places: list[Array] = []
     while len(places) < STARS:

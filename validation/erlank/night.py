@@ -1,4 +1,5 @@
-"""CubeStar's night test: Earth-fixed camera, motion at sidereal rate, straight-line fits (Erlank 2013 §6.1, Table 6.1)."""
+"""Night test of CubeStar with an Earth-fixed camera: motion at sidereal rate, straight-line fits (Erlank 2013 §6.1,
+Table 6.1)."""
 
 from __future__ import annotations
 
@@ -42,9 +43,12 @@ FRAME_S, EXPOSURE_S = 1.0, 0.5
 
 @dataclass(frozen=True)
 class Weather:
-    """Atmospheric conditions: ``flicker_mag`` of each star in each frame, ``seeing_rad`` per axis, ``sky_e_s`` sky per pixel.
-    ``lens_sigmas``: calibration error in standard deviations (Erlank 2013 Fig. 5.12); ``document``: True to compute attitudes with
-    the document's tracking and distortion correction, on the same centroids."""
+    """Conditions of one night.
+
+    ``flicker_mag``: brightness variation of each star in each frame. ``seeing_rad``: position error per axis.
+    ``sky_e_s``: sky brightness per pixel. ``lens_sigmas``: calibration error in standard deviations (Erlank 2013 Fig.
+    5.12). ``document``: True to compute attitudes from the same centroids with the document's tracking and distortion
+    correction."""
 
     title: str
     flicker_mag: float = 0.0
@@ -56,18 +60,20 @@ class Weather:
 
 WEATHER = (
     Weather("no air"),
-    # 19 mag per square arcsecond in a pixel of 184″ is V 7.7: 155 e/s behind this lens.
+    # 19 mag per square arcsecond is V 7.7 in a pixel of 184″, and 155 e/s behind this lens.
     Weather("semi-urban night", 0.2, 3.0 * ARCSEC_RAD, 155.0),
     Weather("the same, calibration off by 1 σ", 0.2, 3.0 * ARCSEC_RAD, 155.0, 1.0),
     Weather("semi-urban, document's tracking and lens", 0.2, 3.0 * ARCSEC_RAD, 155.0, 0.0, True),
 )
-# Values printed by the toolbox after k1, k2, p1 and p2: about three σ according to its manual, an uncertainty in the document.
+# Values that the toolbox prints after k1, k2, p1 and p2. They are about three σ according to its manual; the document
+# calls them uncertainties.
 LENS_SIGMA = (0.01004, 0.03556, 0.00163, 0.00085)
 
 
 @dataclass
 class _Night:
-    """Results of all frames under one weather: residuals from the fitted lines of each run, drifts, and counts."""
+    """Results of all frames under one set of conditions: residuals from the fitted lines of each run, drifts, and
+    counts."""
 
     residual_deg: list[Array] = field(default_factory=list)
     drift_arcsec_s: list[Array] = field(default_factory=list)
@@ -96,28 +102,29 @@ def erlank_6_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
     progress(1.0)
     return Experiment(
         "erlank-6-1",
-        "Accuracy fixed to the Earth",
+        "Accuracy of an Earth-fixed camera",
         "Erlank 2013 §6.1, Figs. 6.1–6.3, Table 6.1",
-        ("quantity", "paper 1σ", "ours 1σ", "95 %", "paper 3σ", "ours 3σ", "our own σ says"),
+        ("quantity", "paper 1σ", "ours 1σ", "95 %", "paper 3σ", "ours 3σ", "predicted σ"),
         tuple(rows),
         (
-            f"{trials} frames at 1 Hz in each of {len(STARTS_RAD)} places at Dec −33.9°, the sky turning at 15.04″/s; a line "
-            "fitted to each angle of each place, deviations of all places together",
+            f"{trials} frames at 1 Hz in each of {len(STARTS_RAD)} fields at Dec −33.9°, sky rotation 15.04″/s; a "
+            "line is fitted to each angle in each field; deviations of all fields together",
             f"the unit's camera with noise and distortion, {EXPOSURE_S} s, stars to V {SKY_MAG}; lost in space, then tracking",
-            "semi-urban night: each star ±0.2 mag and 3″ per frame, sky of 19 mag per square arcsecond; calibration off: "
-            "distortion coefficients by the uncertainties of Fig. 5.12",
+            "semi-urban night: noise of each star ±0.2 mag and 3″ per frame, sky of 19 mag per square arcsecond; "
+            "calibration off: distortion coefficients changed by the uncertainties of Fig. 5.12",
         ),
         seed,
         (
             "The scatter of GSS is three to five times smaller. The noise and atmosphere assumed here do not explain "
-            "the paper's scatter. A lens error within its calibration uncertainty explains a part of it: the chain of "
-            "GSS excludes stars with an error above one pixel.",
-            "The paper attributes the scatter to noise. It tracks with whatever lies within 0.3° and corrects distortion by a "
-            "polynomial with inverted signs, several pixels off at the edge, so that each star that flickers in or out moves the "
-            "attitude: the last rows run exactly that on such frames and scatter as the paper does.",
-            "The paper matched every star it detected; ours names a star only when it agrees with all others, and detects some "
-            "fainter than the bank's limit. The interval takes frames as independent; a star crosses a pixel in 12 s, so they are "
-            "not quite.",
+            "the paper's scatter. A lens error within the calibration uncertainty explains a part of it. The "
+            "chain of GSS excludes stars with an error above one pixel.",
+            "The paper attributes the scatter to noise. Its tracking matches every centroid within 0.3°, and its "
+            "distortion polynomial with inverted signs is wrong by several pixels at the edge. So the attitude "
+            "changes with each star that appears or disappears. The last rows use this method on the same frames "
+            "and have the scatter of the paper.",
+            "The paper matched every detected star. GSS matches a star only if it agrees with all others, and "
+            "detects some stars that are fainter than the bank's limit. The interval assumes independent frames. "
+            "Since a star crosses a pixel in 12 s, frames are not completely independent.",
         ),
         tuple(series),
     )
@@ -167,9 +174,11 @@ def _watch(
 def document_track(
     centroids: Centroids, hint: AttitudePrior, camera: Camera, bank: OnboardCatalogue
 ) -> tuple[Attitude | None, int]:
-    """Track from frame to frame as in the document: every centroid within 0.3° of a predicted star is matched with it, distortion
-    is corrected by the polynomial with inverted signs, and all weights are one (Erlank 2013 §4.1.4, §4.4, §4.5). Returns the
-    attitude without covariance and the number of stars."""
+    """Track from frame to frame as in the document (Erlank 2013 §4.1.4, §4.4, §4.5). Returns the attitude without
+    covariance and the number of matched stars.
+
+    Every centroid within 0.3° of a predicted star is matched with it. Distortion is corrected by the polynomial with
+    inverted signs. All weights are one."""
     if hint.quaternion is None:
         return None, 0
     unit = unit_vectors(centroids, camera, "document")
@@ -188,7 +197,8 @@ def _far_off(attitude: Attitude | None, truth: Array, camera: Camera) -> bool:
 
 
 def calibrated(camera: Camera, sigmas: float) -> Camera:
-    """Return the camera with its distortion coefficients off by ``sigmas`` standard deviations, with alternating sign."""
+    """Return the camera with its distortion coefficients changed by ``sigmas`` standard deviations, with alternating
+    sign."""
     lens = camera.distortion
     if not isinstance(lens, Brown) or not sigmas:
         return camera
@@ -201,13 +211,14 @@ def _frame(
 ) -> Rendered:
     v_mag = sky.v_mag + weather.flicker_mag * rng.normal(size=len(sky))
     icrs = sky.icrs + weather.seeing_rad * rng.normal(size=sky.icrs.shape)
-    seen = replace(sky, v_mag=v_mag, icrs=icrs / np.linalg.norm(icrs, axis=1, keepdims=True))
+    observed = replace(sky, v_mag=v_mag, icrs=icrs / np.linalg.norm(icrs, axis=1, keepdims=True))
     rate_rad_s = attitude @ np.array([0.0, 0.0, SIDEREAL_RAD_S])
-    return render(seen, profile.camera, sensor, attitude, EXPOSURE_S, rng, rate_rad_s=rate_rad_s)
+    return render(observed, profile.camera, sensor, attitude, EXPOSURE_S, rng, rate_rad_s=rate_rad_s)
 
 
 def _fit(night: _Night, times_s: Array, attitudes: list[Attitude]) -> None:
-    """Apply the Earth-fixed test to these attitudes. As in the paper, all deviations are used, including outliers."""
+    """Fit lines to the attitudes of one run, as in the Earth-fixed test. As in the paper, all deviations are used,
+    including outliers."""
     n = len(attitudes)
     none = np.zeros(n, np.intp)
     quaternion = np.stack([a.quaternion for a in attitudes])
@@ -268,7 +279,7 @@ def _rows(weather: Weather, night: _Night) -> list[tuple[Cell, ...]]:
 
 
 def _distribution(weather: Weather, night: _Night) -> Curve:
-    """Distribution of the deviations in declination, as in the paper's Fig. 6.3."""
+    """Return the distribution of the deviations in declination, as in the paper's Fig. 6.3."""
     residual = np.concatenate(night.residual_deg)[:, 1] if night.residual_deg else np.zeros(1)
     counts, edges = np.histogram(residual, bins=25)
     middles = (edges[:-1] + edges[1:]) / 2

@@ -1,4 +1,4 @@
-"""Elements of Erlank's simulations: the camera of his images, the bank, his star images and his acceptance test."""
+"""Elements of Erlank's simulations: camera, bank, star images and acceptance test."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from gss.skytables.bank import OnboardCatalogue
 from gss.skytables.pairs import DistanceTable, distance_table
 
 BANK_MAG = 3.8
-# 54° across 1024 pixels: one pixel in the middle is 0.001 rad, which §4.3.5 calls about a pixel. The 6 mm and 5.6 µm in the same
-# sentence would give 51.1° x 26.9°.
+# With 54° across 1024 pixels, one pixel in the middle is 0.001 rad, which §4.3.5 describes as about a pixel. The 6 mm
+# and 5.6 µm in the same sentence would give 51.1° x 26.9°.
 FIELD_RAD = float(np.radians(54.0))
 TOLERANCE_RAD = 0.001
 VOTE_MARGIN = 1
@@ -36,14 +36,14 @@ def simulated_camera() -> Camera:
 
 
 def simulated_parameters() -> CubestarParameters:
-    """Return the chain's constants for that camera, with the document's tolerance and radius."""
+    """Return the chain's constants for :func:`simulated_camera`, with the document's tolerance and radius."""
     profile = replace(shipped_camera("cubestar"), camera=simulated_camera())
     return replace(default_parameters(profile), tolerance_rad=TOLERANCE_RAD, assisted_radius_rad=ASSISTED_RAD)
 
 
 def bank_of(stars: StarTable, camera: Camera, pairs: int | None = None) -> OnboardCatalogue:
-    """Return stars to V 3.8 with all distances up to the field's diagonal, in the device's number formats; only the
-    shortest ``pairs`` distances if given."""
+    """Return the bank of stars to V 3.8 with all distances up to the field's diagonal, in the device's number formats.
+    ``pairs``: keep only this number of shortest distances; None: all."""
     bright = stars.brighter_than(BANK_MAG)
     distances = distance_table(bright, 0.0, camera.diagonal_rad)
     in_bank = slice(0, pairs)
@@ -54,7 +54,7 @@ def bank_of(stars: StarTable, camera: Camera, pairs: int | None = None) -> Onboa
 
 
 def random_attitude(rng: np.random.Generator) -> Array:
-    """(3, 3) cam_from_icrs, uniformly distributed over the sphere and roll."""
+    """Return a random (3, 3) cam_from_icrs, uniform over the sphere and the roll."""
     return matrix_from_quaternion(random_quaternion(rng))
 
 
@@ -73,8 +73,8 @@ def rough_hint(attitude: Array, largest_rad: float, rng: np.random.Generator) ->
 
 @dataclass(frozen=True)
 class Drawing:
-    """Drawing method of stars: ``sigma_px``, ``peak_dn``; ``floor_col``, ``floor_row``: True if the 5 x 5 grid is centred
-    on the pixel before the star's position instead of the nearest one."""
+    """Drawing method of stars. ``floor_col``, ``floor_row``: True if the 5 x 5 grid is centred on the pixel before the
+    star's position instead of on the nearest pixel."""
 
     sigma_px: float = 1.0
     peak_dn: float = 255.0
@@ -83,24 +83,25 @@ class Drawing:
 
 
 def star_image(pixels: Array, camera: Camera, drawing: Drawing | None = None) -> NDArray[np.uint8]:
-    """(rows, columns) image of 5 x 5 Gaussians of equal brightness on black (Erlank 2013 eq. 4.1.7)."""
-    made = drawing if drawing is not None else Drawing()
+    """Return a (rows, columns) image of 5 x 5 Gaussians of equal brightness on black (Erlank 2013 eq. 4.1.7)."""
+    style = drawing if drawing is not None else Drawing()
     image = np.zeros((camera.rows, camera.columns))
     step = np.arange(-2, 3)
     for col_px, row_px in pixels:
-        col = (int(np.floor(col_px)) if made.floor_col else round(float(col_px))) + step
-        row = (int(np.floor(row_px)) if made.floor_row else round(float(row_px))) + step
+        col = (int(np.floor(col_px)) if style.floor_col else round(float(col_px))) + step
+        row = (int(np.floor(row_px)) if style.floor_row else round(float(row_px))) + step
         col, row = col[(col >= 0) & (col < camera.columns)], row[(row >= 0) & (row < camera.rows)]
         square = (col[None] - col_px) ** 2 + (row[:, None] - row_px) ** 2
-        image[np.ix_(row, col)] += made.peak_dn * np.exp(-square / (2 * made.sigma_px))
+        image[np.ix_(row, col)] += style.peak_dn * np.exp(-square / (2 * style.sigma_px))
     return np.rint(np.minimum(image, 255.0)).astype(np.uint8)
 
 
 def document_rows(
     unit_cam: Array, bank: OnboardCatalogue, hint: AttitudePrior | None, tolerance_rad: float = TOLERANCE_RAD
 ) -> NDArray[np.intp]:
-    """(n,) catalogue row of each of (n, 3) directions, −1 unmatched, with the document's acceptance: every star whose
-    verification votes are within one of the highest count (§4.3.3), without a test of the whole set."""
+    """Return the (n,) catalogue row of each of (n, 3) directions, −1 if unmatched, with the document's acceptance. It
+    accepts every star whose verification votes are within one of the highest count (§4.3.3), without a test of the
+    whole set."""
     table = bank.distances
     if hint is not None:
         table = reduced_table(table, bank.icrs @ hint.boresight_icrs >= np.cos(ASSISTED_RAD))

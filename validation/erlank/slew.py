@@ -1,4 +1,5 @@
-"""CubeStar's slew test: attitudes, modes and rates against the commanded rate (Erlank 2013 §6.2, Fig. 6.5)."""
+"""Slew test of CubeStar: attitudes, modes and measured rates against the commanded rate (Erlank 2013 §6.2, Fig.
+6.5)."""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ from gss.pipeline.score import assess
 from gss.skytables.bank import OnboardCatalogue
 from validation.erlank.sky import BANK_MAG, bank_of, in_view, random_attitude
 
-# °/s: the telescope's slowest rate, a nadir-pointing satellite, the telescope's second rate, rates up to and beyond the limit of
-# 0.3°, and the telescope's third rate.
+# Rates in °/s: slowest rate of the telescope, rate of a nadir-pointing satellite, second rate of the telescope, rates
+# up to and beyond the limit of 0.3°, third rate of the telescope.
 RATES_DEG_S = (0.00833, 0.0635, 0.1333, 0.2, 0.25, 0.29, 0.35, 2.0)
 PAPER = {
     0.0635: "least required",
@@ -33,15 +34,15 @@ PAPER = {
 }
 ACROSS, ABOUT = "across", "about"
 FRAMES, FRAME_S, EXPOSURE_S = 20, 1.0, 0.5
-# Minimum number of stars in the paper (§6.1), whose fields were selected too.
+# Minimum number of stars in the paper (§6.1), which also selected its fields.
 MIN_STARS = 8
 SKY_MAG = 6.5
 
 
 @dataclass
 class _Slew:
-    """Results of all frames at one rate. ``error_deg_s``: measured minus commanded per axis; ``sigmas``: the same divided by its
-    σ."""
+    """Results of all frames at one rate. ``error_deg_s``: measured minus commanded rate per axis. ``sigmas``:
+    ``error_deg_s`` divided by its σ."""
 
     frames: int = 0
     solved: int = 0
@@ -74,33 +75,37 @@ def erlank_6_2(
             "rate °/s, axis",
             "paper",
             "frames with an attitude (95 %)",
-            "frames tracked of those that could (95 %)",
+            "trackable frames tracked (95 %)",
             "mean stars matched",
             "mean rate measured, °/s",
             "σ across, °/s",
             "σ about, °/s",
-            "error in own σ, rms",
+            "error over predicted σ, rms",
             "wrong",
         ),
         tuple(rows),
         (
-            f"{trials} runs of {FRAMES} frames at 1 Hz per rate and axis, {EXPOSURE_S} s of exposure with the smear "
-            f"drawn, stars to V {SKY_MAG}, noise and distortion; random attitudes that show at least {MIN_STARS} stars of the "
+            f"{trials} runs of {FRAMES} frames at 1 Hz per rate and axis, {EXPOSURE_S} s of exposure with "
+            f"rendered smear, stars to V {SKY_MAG}, noise and distortion; random attitudes with at least "
+            f"{MIN_STARS} stars of the "
             "bank at the start",
-            "across: about any axis across the boresight; about: round it. Lost in space first, then tracking round the last "
-            "attitude without a prediction (§4.5), one mode back when that fails",
-            "rates from attitudes of consecutive frames; σ: rms of measured minus commanded, per axis",
+            "across: rotation about any axis across the boresight; about: rotation about the boresight. Lost in "
+            "space first, then tracking around the last attitude without a prediction (§4.5), and the previous "
+            "mode if tracking fails",
+            "rates are computed from the attitudes of consecutive frames; σ: rms of measured minus commanded "
+            "rate, per axis",
         ),
         seed,
         (
-            "For rotation across the boresight every star moves by the rate times one second: above 0.3° no star is "
-            "within the tracking radius, as the publication states. For rotation about the boresight a star moves in "
+            "For rotation across the boresight every star moves by the rate times one second. Above 0.3°/s no "
+            "star is within the tracking radius, as the publication states. For rotation about the boresight a "
+            "star moves in "
             "proportion to the sine of its distance from the centre, and tracking continues at higher rates.",
-            "If tracking fails, the chain of GSS returns to the assisted mode around the last boresight, and the next "
-            "frame has an attitude again: every second frame at 0.35°/s. The paper has tracking only and states 0.3°/s "
-            "as its limit.",
-            "At 2°/s the smear of half a second is 18 px: faint stars are not detected, and bright ones are too large "
-            "for valid regions. For rotation about the boresight, stars near it remain compact.",
+            "If tracking fails, the chain of GSS returns to the assisted mode around the last boresight, and the "
+            "next frame has an attitude again. At 0.35°/s this is every second frame. The paper uses tracking "
+            "only and states 0.3°/s as its limit.",
+            "At 2°/s the smear of half a second is 18 px: faint stars are not detected, and bright stars are too "
+            "large for valid regions. For rotation about the boresight, stars near it remain compact.",
         ),
     )
 
@@ -120,7 +125,7 @@ def _one(
     slew: _Slew,
     sky: StarTable,
     bank: OnboardCatalogue,
-    p: CubestarParameters,
+    parameters: CubestarParameters,
     rate_rad_s: Array,
     rng: np.random.Generator,
 ) -> None:
@@ -129,7 +134,7 @@ def _one(
     mode, hint, last = Mode.LOST_IN_SPACE, None, None
     for _ in range(FRAMES):
         frame = render(sky, profile.camera, profile.sensor, truth, EXPOSURE_S, rng, rate_rad_s=rate_rad_s)
-        result = solve(frame.pixels, profile.camera, bank, p, mode=mode, hint=hint)
+        result = solve(frame.pixels, profile.camera, bank, parameters, mode=mode, hint=hint)
         attitude = result.attitude
         slew.frames += 1
         slew.solved += attitude is not None

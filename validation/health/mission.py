@@ -1,4 +1,4 @@
-"""The simulated year: what the health of the sensor recovers of the ageing that was rendered."""
+"""Simulated year of a sensor: compare the ageing that the health analysis reports with the ageing that was rendered."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ CAMERA = "cubestar"
 LIMIT_MAG = 7.0
 YEAR_DAYS = 365.25
 RENDER_SHARE = 0.25
-FAR_HITS_S = 2.0
-"""Rate of hits, from which a place counts as inside the anomaly."""
+ANOMALY_HITS_S = 2.0
+"""Rate of hits above which a position counts as inside the anomaly."""
 
 
 def mission(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
@@ -45,7 +45,7 @@ def mission(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
     camera, sensor = profile.camera, profile.sensor
     deep = stars.brighter_than(LIMIT_MAG)
     sky = reference.known_sky(SkyCatalogue(deep.hip, deep.icrs, deep.v_mag), camera, sensor.faint_limit_mag)
-    made = year(
+    simulated = year(
         profile,
         deep,
         trials,
@@ -53,9 +53,16 @@ def mission(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
         lambda pixels: reference.solve_known(pixels, camera, sensor, sky, exposure_s=sensor.exposure_s),
         lambda s: progress(RENDER_SHARE * s),
     )
-    health = mission_health(made.frames, camera, sensor, lambda s, _: progress(RENDER_SHARE + (1 - RENDER_SHARE) * s))
+    health = mission_health(
+        simulated.frames, camera, sensor, lambda s, _: progress(RENDER_SHARE + (1 - RENDER_SHARE) * s)
+    )
     progress(1.0)
-    rows = [*_trends(health, profile), *_dark(health), *_pixels(health, made, profile), *_particles(health, made)]
+    rows = [
+        *_trends(health, profile),
+        *_dark(health),
+        *_pixels(health, simulated, profile),
+        *_particles(health, simulated),
+    ]
     days = (health.figure("focal length").times_s - START_S) / DAY_S
     return Experiment(
         "mission-health",
@@ -66,19 +73,22 @@ def mission(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
         (
             f"{trials} frames at random attitudes and times of {DAYS:g} days of the {profile.title} in a polar orbit; "
             f"{len(health.times_s)} with an attitude",
-            f"the temperature swings by 9 K every 61 days; {RADIATION.damaged_per_day:g} damaged pixels a day, half of them anneal "
+            f"the temperature varies by ±9 K with a period of 61 days; {RADIATION.damaged_per_day:g} damaged "
+            "pixels a day, half of them anneal "
             f"with half-lives of {RADIATION.half_life_days[0]:g} to {RADIATION.half_life_days[1]:g} days, a tenth grows",
             f"{RADIATION.hits_s:g} particles a second, {RADIATION.anomaly_hits_s:g} in the middle of the South Atlantic Anomaly",
             "focal length, light and width of the stars drift; focal length and light jump once",
         ),
         seed,
         (
-            "Damaged pixels are found if their dark current exceeds the least of a warm pixel, which is stated above their row.",
-            "Particles beside stars, and those of less charge than the threshold, are not counted.",
-            "Levels outside their interval are mostly those of annealing pixels whose decay is not significant: they are called "
-            "steady, and their level is that of a mean over the decay. Intervals of the others hold.",
-            "Five of a hundred intervals miss the true value by chance; the trends share their samples, so that misses come "
-            "together.",
+            "A damaged pixel is detected if its dark current exceeds the smallest dark current of a warm pixel, "
+            "which a row states.",
+            "Particles next to stars and particles with less charge than the threshold are not counted.",
+            "Levels outside their interval are mostly those of annealing pixels whose decay is not significant. "
+            "Such a pixel is reported as steady, with its mean level over the decay. The intervals of the other "
+            "pixels are correct.",
+            "Five of a hundred intervals miss the true value by chance. The trends use the same samples, so "
+            "misses occur together.",
         ),
         (
             Curve(
@@ -111,7 +121,7 @@ def _scaled(e: Estimate, factor: float, offset: float = 0.0) -> Estimate:
 
 
 def _jump(jumps: tuple[Jump, ...], day: float) -> Jump | None:
-    """The jump nearest to a day, None without any."""
+    """Return the jump nearest to a day; None if there is no jump."""
     return min(jumps, key=lambda j: abs(j.time_s.value - START_S - day * DAY_S), default=None)
 
 
@@ -146,9 +156,7 @@ def _trends(health: MissionHealth, profile: CameraProfile) -> list[tuple[Cell, .
         f for f in health.figures if f.trend is not None and f.name in ("centre column", "centre row", "distortion")
     ]
     beside = [f.name for f in other if f.trend is not None and (f.trend.jumps or not f.trend.per_day.contains(0.0))]
-    rows.append(
-        ("figures that moved beside these", "none", ", ".join(beside) or "none", None, "no" if beside else "yes")
-    )
+    rows.append(("other figures that changed", "none", ", ".join(beside) or "none", None, "no" if beside else "yes"))
     return rows
 
 
@@ -166,50 +174,50 @@ def _dark(health: MissionHealth) -> list[tuple[Cell, ...]]:
     ]
 
 
-def _pixels(health: MissionHealth, made: Year, profile: CameraProfile) -> list[tuple[Cell, ...]]:
-    columns, damage = profile.camera.columns, made.damage
+def _pixels(health: MissionHealth, simulated: Year, profile: CameraProfile) -> list[tuple[Cell, ...]]:
+    columns, damage = profile.camera.columns, simulated.damage
     row_of = {int(p): k for k, p in enumerate(damage.place)}
     factor = float(health.dark.factor(20.0))
     days = (health.times_s - START_S) / DAY_S
     first = np.searchsorted(days, damage.onset_day)
-    seen = [k for k in range(len(first)) if first[k] < len(days)]
-    strong = {k for k in seen if float(damage.dark_e_s(float(days[first[k]]))[k]) / factor > health.warm_e_s}
+    exposed = [k for k in range(len(first)) if first[k] < len(days)]
+    strong = {k for k in exposed if float(damage.dark_e_s(float(days[first[k]]))[k]) / factor > health.warm_e_s}
     new = [(c, row_of.get(c.row * columns + c.col, -1)) for c in health.pixels if c.onset_s is not None]
-    right = [(c, k) for c, k in new if k >= 0]
-    factory = set(made.chip.hot.tolist())
+    matched = [(c, k) for c, k in new if k >= 0]
+    factory = set(simulated.chip.hot.tolist())
     false = [
         c for c in health.pixels if c.row * columns + c.col not in factory and c.row * columns + c.col not in row_of
     ]
     lives = [
         c.half_life_s.contains(float(damage.half_life_days[k]) * DAY_S)
-        for c, k in right
+        for c, k in matched
         if c.half_life_s is not None and np.isfinite(damage.half_life_days[k])
     ]
-    detected = {k for _, k in right}
+    detected = {k for _, k in matched}
     megapixels = profile.camera.rows * columns / 1e6
     return [
-        ("least dark current of a warm pixel, e/s", None, f"{health.warm_e_s:.0f}", None, None),
+        ("smallest dark current of a warm pixel, e/s", None, f"{health.warm_e_s:.0f}", None, None),
         ("damaged pixels above it", str(len(strong)), _share([k in detected for k in sorted(strong)]), None, None),
-        ("onset within its interval", "95 %", _share([_dated(c, damage.onset_day[k]) for c, k in right]), None, None),
+        ("onset within its interval", "95 %", _share([_dated(c, damage.onset_day[k]) for c, k in matched]), None, None),
         (
             "dark current in the first frame, within its interval",
             "95 %",
-            _share([_level(c.first_e_s, damage.dark_e_s(float(days[first[k]]))[k] / factor) for c, k in right]),
+            _share([_level(c.first_e_s, damage.dark_e_s(float(days[first[k]]))[k] / factor) for c, k in matched]),
             None,
             None,
         ),
         (
             "dark current at the end, within its interval",
             "95 %",
-            _share([_level(c.now_e_s, damage.dark_e_s(float(days[-1]))[k] / factor) for c, k in right]),
+            _share([_level(c.now_e_s, damage.dark_e_s(float(days[-1]))[k] / factor) for c, k in matched]),
             None,
             None,
         ),
         ("half-life within its interval", "95 %", _share(lives), None, None),
         (
-            "annealing pixels said to anneal",
+            "annealing pixels reported as annealing",
             None,
-            _share([c.shape == ANNEALING for c, k in right if np.isfinite(damage.half_life_days[k])]),
+            _share([c.shape == ANNEALING for c, k in matched if np.isfinite(damage.half_life_days[k])]),
             None,
             None,
         ),
@@ -235,11 +243,11 @@ def _share(hits: list[bool]) -> str | None:
     return share_text(sum(hits), len(hits)) if hits else None
 
 
-def _particles(health: MissionHealth, made: Year) -> list[tuple[Cell, ...]]:
-    true: Array = np.array([t.hits for f, t in zip(made.frames, made.true, strict=True) if f.solved], float)
-    rate = np.array([t.rate_s for f, t in zip(made.frames, made.true, strict=True) if f.solved])
+def _particles(health: MissionHealth, simulated: Year) -> list[tuple[Cell, ...]]:
+    true: Array = np.array([t.hits for f, t in zip(simulated.frames, simulated.true, strict=True) if f.solved], float)
+    rate = np.array([t.rate_s for f, t in zip(simulated.frames, simulated.true, strict=True) if f.solved])
     rows: list[tuple[Cell, ...]] = []
-    for title, inside in (("in the anomaly", rate > FAR_HITS_S), ("elsewhere", rate <= FAR_HITS_S)):
+    for title, inside in (("in the anomaly", rate > ANOMALY_HITS_S), ("elsewhere", rate <= ANOMALY_HITS_S)):
         count = int(np.count_nonzero(inside))
         if count:
             text = f"{health.particles[inside].sum() / count:.2f}"

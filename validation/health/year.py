@@ -1,4 +1,5 @@
-"""A simulated year of frames with ageing, South Atlantic passages and jumps, rendered when they are read."""
+"""A simulated year of frames with ageing, passages through the South Atlantic Anomaly and jumps. Frames are rendered
+when they are read."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ DAYS = 365.0
 WARM_C, SWING_C, NOISE_C = 20.0, 9.0, 1.5
 SWING_DAYS = 61.0
 DARK_EXPONENT_K = 7_400.0
-"""Of the diode law; dark current then doubles every 8 °C."""
+"""Exponent of the diode law. With this value the dark current doubles every 8 °C."""
 ZERO_C_K = 273.15
 RADIATION = Radiation(damaged_per_day=0.4)
 DEFECTS = Defects(
@@ -43,9 +44,9 @@ DEFECTS = Defects(
 FOCAL_PER_DAY = -4e-7
 FOCAL_PER_K = 1.5e-5
 FOCAL_JUMP = (130.0, -4e-4)
-"""Day, and change relative to the focal length."""
+"""Day of the jump, and change as a fraction of the focal length."""
 LIGHT_JUMP = (250.0, 0.15)
-"""Day, and magnitudes lost."""
+"""Day of the jump, and loss in magnitudes."""
 FADING_MAG_YEAR = {"blue": 0.20, "white": 0.12, "red": 0.08}
 WIDTH_PER_YEAR = 0.12
 DARK_PER_YEAR = 0.3
@@ -55,7 +56,8 @@ INCLINATION_RAD = float(np.radians(97.5))
 
 @dataclass(frozen=True)
 class TrueFrame:
-    """What the renderer knew of a frame: day of the year, particles, and their rate there."""
+    """True values of a rendered frame. ``day``: day of the year. ``hits``: number of particles. ``rate_s``: particle
+    rate at the position."""
 
     day: float
     hits: int
@@ -64,7 +66,7 @@ class TrueFrame:
 
 @dataclass(frozen=True)
 class Year:
-    """The frames, what was true of them, and the damaged pixels. ``chip``: at the start."""
+    """Frames of a year with their true values and the damaged pixels. ``chip``: detector at the start."""
 
     frames: list[HealthFrame]
     true: list[TrueFrame]
@@ -80,7 +82,8 @@ def year(
     solve: Callable[[NDArray[Any]], SolveResult],
     progress: Callable[[float], None],
 ) -> Year:
-    """Return a year of ``count`` frames at random attitudes in a polar orbit, solved by ``solve``."""
+    """Return a year of ``count`` frames at random attitudes in a polar orbit. ``solve``: function that solves the
+    pixels of a frame."""
     rng = np.random.default_rng([seed, 3])
     chip = make_chip(DEFECTS, profile.sensor, profile.camera, seed)
     damage = damage_of(RADIATION, profile.camera, DAYS, seed)
@@ -110,17 +113,17 @@ def year(
 
 
 def temperature_c(day: float) -> float:
-    """Temperature of the sensor, which swings with the eclipses."""
+    """Return the temperature of the sensor, which varies with the eclipses."""
     return WARM_C + SWING_C * float(np.sin(2 * np.pi * day / SWING_DAYS))
 
 
 def dark_factor(warm_c: float) -> float:
-    """Dark current relative to that at the mean temperature (Jacobs 1995 eq. H.1–H.2)."""
+    """Return the dark current relative to the dark current at the mean temperature (Jacobs 1995 eq. H.1–H.2)."""
     return float(np.exp(DARK_EXPONENT_K * (1 / (WARM_C + ZERO_C_K) - 1 / (warm_c + ZERO_C_K))))
 
 
 def below(time_s: float) -> tuple[float, float]:
-    """Latitude and longitude below a circular polar orbit."""
+    """Return latitude and longitude of the ground point below a circular polar orbit."""
     angle = 2 * np.pi * time_s / ORBIT_S
     lat = np.arcsin(np.sin(INCLINATION_RAD) * np.sin(angle))
     lon = np.arctan2(np.cos(INCLINATION_RAD) * np.sin(angle), np.cos(angle)) - 2 * np.pi * time_s / 86_164.0
@@ -128,14 +131,14 @@ def below(time_s: float) -> tuple[float, float]:
 
 
 def focal_factor(day: Array | float, warm_c: Array | float) -> Array:
-    """Focal length relative to that of the calibration."""
+    """Return the focal length relative to the calibrated focal length."""
     day = np.asarray(day, float)
     drift = FOCAL_PER_DAY * day + FOCAL_PER_K * (np.asarray(warm_c, float) - WARM_C)
     return np.asarray(1 + drift + FOCAL_JUMP[1] * (day >= FOCAL_JUMP[0]))
 
 
 def fading_mag(day: float, b_v: Array) -> Array:
-    """(n,) magnitudes lost by stars of (n,) colours."""
+    """Return the (n,) loss in magnitudes of stars of (n,) colours."""
     colour = np.where(b_v < 0.3, "blue", np.where(b_v < 0.8, "white", "red"))
     per_year = np.vectorize(FADING_MAG_YEAR.get)(colour).astype(float)
     return np.asarray(per_year * day / 365.25 + LIGHT_JUMP[1] * (day >= LIGHT_JUMP[0]))

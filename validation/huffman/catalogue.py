@@ -1,4 +1,4 @@
-"""Huffman's catalogue tables rerun on Hipparcos: limiting magnitudes for a number of stars, and the reduced
+"""Reruns of Huffman's catalogue tables with Hipparcos: limiting magnitudes for a number of stars, and the reduced
 catalogue."""
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ SURVEY_STEP_RAD = float(np.radians(1.0))
 # Fields for the reduced catalogue; the document states 540 stars but no field.
 REDUCED_SQUARES_DEG = (25, 30, 36, 40, 45)
 PAPER_REDUCED = (5060, 540)
-# A pair in the directory: two rows, sin²θ, and its place in the k-vector.
+# Bytes of a pair in the directory: two rows, sin²θ, and an entry in the k-vector.
 PAIR_BYTES = 2 * 2 + 4 + 4
 
 
 def huffman_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Magnitude that a sensor must reach for four and six stars (Huffman 2006 §5.1, Table 5.1). ``trials``: random
-    pointings."""
+    """Compute the magnitude that a sensor must reach for four and six stars (Huffman 2006 §5.1, Table 5.1). ``trials``:
+    random pointings."""
     bright = stars.brighter_than(min(SURVEY_MAG, FAINTEST_V_MAG))
     attitudes = _random_attitudes(trials, seed)
     rows: list[tuple[Cell, ...]] = []
@@ -40,10 +40,10 @@ def huffman_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
             nth = nth_brightest_mag(bright, shape, attitudes, 6)
             for count, paper in zip((4, 6), limits, strict=True):
                 needed = nth[:, count - 1]
-                median, most, worst = np.quantile(needed, [0.5, 0.95, 1.0])
+                median, p95, worst = np.quantile(needed, [0.5, 0.95, 1.0])
                 share = share_text(int(np.count_nonzero(needed <= paper)), trials)
                 label = f"{fov_deg}° {name}, at least {count} stars"
-                rows.append((label, paper, *(round(float(x), 2) for x in (median, most, worst)), share))
+                rows.append((label, paper, *(round(float(x), 2) for x in (median, p95, worst)), share))
     progress(1.0)
     return Experiment(
         "huffman-5-1",
@@ -55,14 +55,17 @@ def huffman_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
             "ours, half the sky",
             "ours, 95 %",
             "ours, everywhere",
-            "sky that has them at the paper's V",
+            "sky with enough stars at the paper's V",
         ),
         tuple(rows),
-        (f"{trials} pointings, even over the sphere and the roll", f"Hipparcos V ≤ {SURVEY_MAG:g}, no doubles merged"),
+        (
+            f"{trials} pointings, uniform over the sphere and the roll",
+            f"Hipparcos V ≤ {SURVEY_MAG:g}, no doubles merged",
+        ),
         seed,
         (
-            "The paper reads like a limit for every pointing; its magnitudes give that many stars in 64 to 92 % of the sky only. "
-            "It does not say whether its field is a circle or a square.",
+            "The paper seems to state a limit for every pointing, but its magnitudes give this number of stars "
+            "in only 64 to 92 % of the sky. It does not state whether its field is a circle or a square.",
         ),
     )
 
@@ -70,9 +73,9 @@ def huffman_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
 def huffman_5_5(
     stars: StarTable, trials: int, seed: int, progress: Progress, step_rad: float = SURVEY_STEP_RAD
 ) -> Experiment:
-    """The reduced catalogue and its pair directory (Huffman 2006 §5.5.4).
+    """Build the reduced catalogue and its pair directory (Huffman 2006 §5.5.4).
 
-    ``trials``: pointings for the coverage of the frame; ``step_rad``: distance between the pointings of the survey.
+    ``trials``: pointings for the coverage of the frame. ``step_rad``: distance between the pointings of the survey.
     """
     bright = stars.brighter_than(SURVEY_MAG)
     camera = shipped_camera("far_mst").camera
@@ -97,8 +100,8 @@ def huffman_5_5(
             "field",
             "paper stars",
             "our stars",
-            "frames below 4 stars",
-            "frames below 5",
+            "frames with fewer than 4 stars",
+            "frames with fewer than 5",
             "pairs to 37.95°",
             "directory bytes",
         ),
@@ -110,14 +113,15 @@ def huffman_5_5(
         ),
         seed,
         (
-            "The paper's 540 stars result for a field of about 36°, wider than its frame, and leave frames with too few"
-            " stars.",
+            "The paper's 540 stars result for a field of about 36°, which is wider than its frame. With 540 "
+            "stars some frames have too few stars.",
         ),
     )
 
 
 def nth_brightest_mag(stars: StarTable, shape: FieldShape | CircularField, attitudes: Array, count: int) -> Array:
-    """(m, count) magnitudes of the brightest, second brightest … star in each field; infinite if there are fewer."""
+    """Return the (m, count) magnitudes of the brightest, second brightest … star in each field; infinite if the field
+    has fewer stars."""
     order = np.argsort(stars.v_mag, kind="stable")
     unit, v_mag = stars.icrs[order], np.append(stars.v_mag[order], np.inf)
     rows = np.full((len(attitudes), count), len(unit))

@@ -20,7 +20,7 @@ Clock = Callable[[], float]
 WIDTHS_PX = (2.0, 3.0, 5.0, 7.0, 9.0, 12.0, 15.0, 20.0)
 SNRS = (1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0)
 STAMP_PX = 31
-# Table 4.2: seconds of the weighted sum and of maximum likelihood for one image of 30 stars.
+# Table 4.2: time of the weighted sum and of maximum likelihood for one image of 30 stars, in seconds.
 TIMES_4_2 = {1: (5.74, 81.07), 2: (5.10, 77.57), 3: (2.81, 74.56), 4: (1.61, 67.60), 5: (0.73, 46.78)}
 
 
@@ -59,22 +59,25 @@ def huffman_4_4(stars: StarTable, trials: int, seed: int, progress: Progress) ->
         ),
         tuple(rows),
         (
-            f"{trials} stars per cell at random places in their pixel; weighted sum over all pixels within half the PSF width",
-            "SNR is the star's peak over the noise of a pixel (eq. 3.18); error is the standard deviation per axis",
+            f"{trials} stars per cell at random positions within their pixel; weighted sum over all pixels within "
+            "half the PSF width",
+            "SNR is the star's peak divided by the noise of a pixel (eq. 3.18); error is the standard deviation "
+            "per axis",
         ),
         seed,
         (
-            "With the star's own pixels known the noise part is 0.65 px / SNR at any width: spread and signal grow together. "
-            "Without noise 0.09 px stay, because the disc sits on a whole pixel and cuts the flanks unevenly: the paper's 0.12 px.",
-            "The paper's optimal widths result from its threshold, which cuts small faint spots; the figures are "
-            "missing.",
+            "If the pixels of the star are known, the error due to noise is 0.65 px / SNR at any width, because "
+            "spread and signal grow together. Without noise 0.09 px remain, because the disc is centred on a "
+            "whole pixel and cuts the flanks unevenly. This corresponds to the paper's 0.12 px.",
+            "The paper's optimal widths result from its threshold, which cuts small faint spots. Its figures are "
+            "missing from the text.",
         ),
         tuple(series),
     )
 
 
 def weighted_sum_error_px(width_px: float, snr: float, stars: int, rng: np.random.Generator) -> float:
-    """Standard deviation per axis of the weighted sum over a known disc, with unit noise."""
+    """Return the standard deviation per axis of the weighted sum over a known disc, with unit noise."""
     sigma = width_px / 4
     middle = (STAMP_PX - 1) / 2
     offset = np.arange(STAMP_PX) - middle
@@ -101,19 +104,19 @@ def huffman_4_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
     for v_mag, (sum_s, mle_s) in TIMES_4_2.items():
         progress((v_mag - 1) / len(TIMES_4_2))
         errors: dict[str, list[Array]] = {"weighted_sum": [], "mle": []}
-        spent = {"weighted_sum": 0.0, "mle": 0.0}
+        seconds = {"weighted_sum": 0.0, "mle": 0.0}
         rng = np.random.default_rng([seed, v_mag])
         for _ in range(trials):
             at = scattered(30, rng, 40.0)
             image = frame(at, np.full(30, float(v_mag)), TABLE_4_1, rng)
             for kind in errors:
-                p = replace(parameters(TABLE_4_1, 5.0, "block"), centroider=kind)
+                chain_parameters = replace(parameters(TABLE_4_1, 5.0, "block"), centroider=kind)
                 start = clock() if clock else 0.0
-                centroids = find_centroids(image, p).centroids
-                spent[kind] += clock() - start if clock else 0.0
+                centroids = find_centroids(image, chain_parameters).centroids
+                seconds[kind] += clock() - start if clock else 0.0
                 errors[kind].append(_nearest_error(centroids.pixels, at))
         plain, mle = (np.concatenate(errors[kind]) for kind in ("weighted_sum", "mle"))
-        ratio = round(spent["mle"] / spent["weighted_sum"], 2) if clock else None
+        ratio = round(seconds["mle"] / seconds["weighted_sum"], 2) if clock else None
         rows.append(
             (
                 f"V {v_mag}",
@@ -134,18 +137,20 @@ def huffman_4_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
         tuple(rows),
         (
             f"{trials} images of 30 equal stars per magnitude, PSF 10 px, 5 σ, block filter of 13, g = 10, 41 e dark, 40 e read",
-            "rms per axis of all stars found; the time ratio, where a clock was lent, is of whole frames, filter included",
+            "rms per axis over all detected stars; the time ratio, if times were measured, is that of whole "
+            "frames including the filter",
         ),
         seed,
         (
-            "The paper: MLE is about 0.1 px better except at V 5, and not worth 14 to 64 times the time. All stars at once and "
-            "Fisher's scoring make that reason void; the weighted sum's error is the block filter's cut, which MLE does not see.",
+            "According to the paper, MLE is about 0.1 px better except at V 5, and not worth 14 to 64 times the "
+            "time. With all stars processed together and Fisher scoring, the time is no longer a reason. The "
+            "error of the weighted sum comes from the block filter, which cuts the spots; MLE is not affected.",
         ),
     )
 
 
 def _nearest_error(measured: Array, at: Array) -> Array:
-    """(m, 2) errors of the measured positions that belong to a star."""
+    """Return the (m, 2) errors of the measured positions that belong to a star."""
     if not len(measured):
         return np.empty((0, 2))
     apart = np.linalg.norm(measured[:, None] - at[None], axis=2)

@@ -18,7 +18,8 @@ STARS = 20
 
 
 def huffman_5_3(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Compare measured with true magnitudes. ``trials``: images of 20 stars per magnitude; the paper has 25 that show all stars."""
+    """Compare measured with true magnitudes. ``trials``: images of 20 stars per magnitude. The paper has 25 images in
+    which all stars were detected."""
     rows: list[tuple[Cell, ...]] = []
     for v_mag, (mean, std) in PAPER_5_3.items():
         progress(v_mag / len(PAPER_5_3))
@@ -39,26 +40,28 @@ def huffman_5_3(stars: StarTable, trials: int, seed: int, progress: Progress) ->
         tuple(rows),
         (
             f"{trials} images of {STARS} equal stars per magnitude, 5 σ, PSF 10 px, g = 10, σ = 57 e (41 and 40 e), filters of 13",
-            "only images in which all stars were found count, as in the paper; no star within 30 px of the edge",
+            "only images in which all stars were detected count, as in the paper; no star within 30 px of the edge",
         ),
         seed,
         (
-            "The deficit is light outside the cluster. The paper lies between our two filters, whose limits it does not give; its "
-            "larger spread at the bright end fits stars cut by the edge, which ours leaves out.",
+            "The deficit is light outside the cluster. The paper's values are between those of the two filters "
+            "here; it does not state the limits of its filter. Its larger spread at the bright end agrees with "
+            "stars cut by the edge of the image, which GSS excludes.",
             "Maximum likelihood measures the whole spot and has no deficit.",
         ),
     )
 
 
 def _deltas(v_mag: float, images: int, rng: np.random.Generator) -> list[Array]:
-    """Return, per kind, measured minus true magnitudes of the images that show all stars."""
+    """Return, for each filter and centroid method, the measured minus true magnitudes of the images in which all stars
+    were detected."""
     deltas: list[list[Array]] = [[] for _ in KINDS]
     for _ in range(images):
         at = scattered(STARS, rng, 60.0)
         image = frame(at, np.full(STARS, v_mag), TABLE_5_2, rng)
         for k, (prefilter, centroider) in enumerate(KINDS):
-            p = replace(parameters(TABLE_5_2, 5.0, prefilter), centroider=centroider)
-            centroids = find_centroids(image, p).centroids
+            chain_parameters = replace(parameters(TABLE_5_2, 5.0, prefilter), centroider=centroider)
+            centroids = find_centroids(image, chain_parameters).centroids
             if len(centroids) == STARS:
                 deltas[k].append(TABLE_5_2.magnitude(centroids.flux_dn) - v_mag)
     return [np.concatenate(k) if k else np.empty(0) for k in deltas]

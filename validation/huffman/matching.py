@@ -1,4 +1,4 @@
-"""Rerun of Huffman's comparison of his matchers on 14-frame sequences (Huffman 2006 §7.2–7.4, §8.1.2, Table 8.2)."""
+"""Rerun of Huffman's comparison of matchers on 14-frame sequences (Huffman 2006 §7.2–7.4, §8.1.2, Table 8.2)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ WRONG_PX = 20.0
 
 @dataclass
 class _Tally:
-    """Results of one matcher: frames solved and wrong, and per track the error and its σ at the last frame, arcseconds."""
+    """Results of one matcher: numbers of solved and wrong frames, and for each track the error and its σ at the last
+    frame in arcseconds."""
 
     frames: int = 0
     solved: int = 0
@@ -69,12 +70,14 @@ def huffman_8_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
         lists = [find_centroids(shot.pixels, base).centroids for shot in shots]
         detect_s = clock() - start if clock else 0.0
         for (name, tolerance), tally in tallies.items():
-            p = replace(base, acceptance=tolerance, matcher=name if name.startswith("n") else "auto", max_centroids=32)
+            matcher_parameters = replace(
+                base, acceptance=tolerance, matcher=name if name.startswith("n") else "auto", max_centroids=32
+            )
             start = clock() if clock else 0.0
             attitudes = (
-                _catalogue_run(lists, camera, catalogue, p)
+                _catalogue_run(lists, camera, catalogue, matcher_parameters)
                 if name.startswith("n")
-                else _relative_run(lists, shots, camera, p, name)
+                else _relative_run(lists, shots, camera, matcher_parameters, name)
             )
             tally.seconds += detect_s + (clock() - start if clock else 0.0)
             _grade(tally, attitudes, shots, camera, counts_first=name.startswith("n"))
@@ -97,14 +100,17 @@ def huffman_8_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
         tuple(_row(name, tolerance, t, reference) for (name, tolerance), t in tallies.items()),
         (
             f"{trials} tracks of {FRAMES} frames, 1° per frame, block filter at 1 σ, sky to V {SKY_MAG:g}, Table 7.1 with g = 1",
-            f"bank V ≤ {BANK_MAG:g}, directory of the eight brightest per field; σ of a centroid after eq. 4.2; wrong: more than "
-            f"{WRONG_PX:g} px off across the boresight, in a relative chain from there on",
+            f"bank V ≤ {BANK_MAG:g}, directory of the eight brightest stars per field; σ of a centroid after eq. "
+            "4.2; wrong: more than "
+            f"{WRONG_PX:g} px of error across the boresight; a relative chain passes its error on to later frames",
         ),
         seed,
         (
-            "The paper has one sequence in one region and all frames solved. Frame-to-frame attitudes start at the true first "
-            "attitude, the rate match at the true first turn; a frame not matched ends its chain.",
-            "'document' accepts a unique figure or the matcher's pairs unchanged; 'bound' completes and verifies them.",
+            "The paper has one sequence in one region, with all frames solved. Frame-to-frame attitudes start "
+            "from the true first attitude, the rate match from the true first rotation. A frame without a match "
+            "ends its chain.",
+            "'document' accepts a unique figure or the matcher's pairs unchanged. 'bound' completes and verifies "
+            "the matches.",
             "Times include detection, matching and attitude, if a clock was available.",
         ),
     )
@@ -116,29 +122,29 @@ def _catalogue(stars: StarTable, camera: Camera) -> FarMstCatalogue:
 
 
 def _catalogue_run(
-    lists: list[Centroids], camera: Camera, catalogue: FarMstCatalogue, p: FarMstParameters
+    lists: list[Centroids], camera: Camera, catalogue: FarMstCatalogue, parameters: FarMstParameters
 ) -> list[Attitude | None]:
-    made = []
+    attitudes = []
     for centroids in lists:
-        matching = match_stars(centroids, camera, catalogue, p)
-        made.append(calculate_attitude(matching, centroids, camera, catalogue, p).attitude)
-    return made
+        matching = match_stars(centroids, camera, catalogue, parameters)
+        attitudes.append(calculate_attitude(matching, centroids, camera, catalogue, parameters).attitude)
+    return attitudes
 
 
 def _relative_run(
-    lists: list[Centroids], shots: list[Snapshot], camera: Camera, p: FarMstParameters, method: str
+    lists: list[Centroids], shots: list[Snapshot], camera: Camera, parameters: FarMstParameters, method: str
 ) -> list[Attitude | None]:
-    """Return the attitudes chained from the true first one."""
+    """Return the attitudes of a frame-to-frame chain that starts from the true first attitude."""
     attitude = Attitude(shots[0].truth.quaternion, np.zeros((3, 3)))
     expected = quaternion_from_matrix(shots[1].cam_from_icrs @ shots[0].cam_from_icrs.T)
-    made: list[Attitude | None] = [attitude]
+    attitudes: list[Attitude | None] = [attitude]
     for before, after in pairwise(lists):
-        turn = relative_attitude(before, after, camera, p, method, expected if method == "rate" else None)
+        turn = relative_attitude(before, after, camera, parameters, method, expected if method == "rate" else None)
         if turn.quaternion is None:
             break
         attitude, expected = chained(attitude, turn), turn.quaternion
-        made.append(attitude)
-    return made + [None] * (len(lists) - len(made))
+        attitudes.append(attitude)
+    return attitudes + [None] * (len(lists) - len(attitudes))
 
 
 def _grade(
@@ -161,14 +167,14 @@ def _error_rad(attitude: Attitude, truth: Array) -> float:
     return pointing_difference_rad(matrix_from_quaternion(attitude.quaternion), truth)[0]
 
 
-def _row(name: str, tolerance: str, t: _Tally, reference_s: float) -> tuple[Cell, ...]:
+def _row(name: str, tolerance: str, tally: _Tally, reference_s: float) -> tuple[Cell, ...]:
     return (
         f"{TITLES[name]}, {tolerance}",
         "all",
-        share_text(t.solved, t.frames),
-        t.wrong,
+        share_text(tally.solved, tally.frames),
+        tally.wrong,
         round(PAPER_8_2[name] / PAPER_8_2["n3"], 3),
-        round(t.seconds / reference_s, 2) if reference_s > 0 else None,
-        round(float(np.median(t.last_error)), 1) if t.last_error else None,
-        round(float(np.median(t.last_sigma)), 1) if t.last_sigma else None,
+        round(tally.seconds / reference_s, 2) if reference_s > 0 else None,
+        round(float(np.median(tally.last_error)), 1) if tally.last_error else None,
+        round(float(np.median(tally.last_sigma)), 1) if tally.last_sigma else None,
     )

@@ -78,21 +78,28 @@ def jacobs_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> Ex
     start = replace(profile.camera, centre_col_px=col_px, centre_row_px=row_px, distortion=Pinhole())
     start = start.with_focal_scaled(1 + FOCAL_ERROR)
     frames = _images(stars, profile, start, 2 * trials, rng, progress)
-    own, others = frames[:trials], frames[trials:]
-    steps = _step_by_step(own, start, bench, profile)
+    calibration_frames, other_frames = frames[:trials], frames[trials:]
+    steps = _step_by_step(calibration_frames, start, bench, profile)
     prior = {n: Prior(getattr(start, n), BENCH_CENTRE_PX) for n in ("centre_col_px", "centre_row_px")}
-    whole = calibrate_camera(own, start, focal_mm=profile.focal_mm, priors=prior)
+    self_calibrated = calibrate_camera(calibration_frames, start, focal_mm=profile.focal_mm, priors=prior)
     progress(0.95)
-    cameras = {"before": start, "step by step": steps, "self-calibrated": whole.camera, "true": profile.camera}
-    light = _light(own, whole.camera, default_parameters(profile))
-    made = _experiment(cameras, own, others, bench, whole, light, profile, trials, seed)
+    cameras = {
+        "before": start,
+        "step by step": steps,
+        "self-calibrated": self_calibrated.camera,
+        "true": profile.camera,
+    }
+    light = _light(calibration_frames, self_calibrated.camera, default_parameters(profile))
+    experiment = _experiment(
+        cameras, calibration_frames, other_frames, bench, self_calibrated, light, profile, trials, seed
+    )
     progress(1.0)
-    return made
+    return experiment
 
 
 def _bench(profile: CameraProfile, rng: np.random.Generator) -> _Bench:
-    """Simulate the bench: two dots, 36 rotations by 10°; play of the clamp shifts both dots equally by some pixels. The lens is
-    stopped down, so its aberration is not visible (§6.2.3.1)."""
+    """Simulate the bench measurement of two dots at 36 rotations of 10°. The play of the clamp shifts both dots by the
+    same few pixels. The lens is stopped down, so its aberration is not visible (§6.2.3.1)."""
     camera, lens = profile.camera, _lens(profile)
     bare = replace(camera, distortion=replace(lens, radial=()))
     angle = np.arange(TURNS) * 2 * np.pi / TURNS + rng.uniform(0, 0.1)
@@ -113,21 +120,30 @@ def _dot(camera: Camera, tangent: Array, rng: np.random.Generator) -> Array:
 def _images(
     stars: StarTable, profile: CameraProfile, start: Camera, count: int, rng: np.random.Generator, progress: Progress
 ) -> list[FrameStars]:
-    """Render frames of star-rich fields, detect stars by the system's region growing, and identify them with the start camera."""
-    p = default_parameters(profile)
+    """Render frames of star-rich fields, detect stars with the system's region growing, and identify them with the
+    camera before calibration."""
+    parameters = default_parameters(profile)
     names = _sky(stars, start)
     chip = make_chip(profile.defects, profile.sensor, profile.camera, 1)
-    made: list[FrameStars] = []
+    identified: list[FrameStars] = []
     tried = 0
-    while len(made) < count and tried < 4 * count:
+    while len(identified) < count and tried < 4 * count:
         tried += 1
         frame = _image(
-            stars, profile, start, names, chip, p, _rich(stars, profile.camera, rng), rng, f"image {len(made)}"
+            stars,
+            profile,
+            start,
+            names,
+            chip,
+            parameters,
+            _rich(stars, profile.camera, rng),
+            rng,
+            f"image {len(identified)}",
         )
         if frame is not None:
-            made.append(frame)
-        progress(0.9 * len(made) / count)
-    return made
+            identified.append(frame)
+        progress(0.9 * len(identified) / count)
+    return identified
 
 
 def _sky(stars: StarTable, start: Camera) -> KnownSky:
@@ -149,7 +165,7 @@ def _image(
     start: Camera,
     names: KnownSky,
     chip: Chip,
-    p: SunsatParameters,
+    parameters: SunsatParameters,
     attitude: Array,
     rng: np.random.Generator,
     name: str,
@@ -158,12 +174,12 @@ def _image(
     b_v = np.where(np.isfinite(stars.b_v), stars.b_v, 0.6)
     seen_mag = stars.v_mag + COLOUR * (b_v - 0.6) + FLICKER_MAG * rng.normal(size=len(stars))
     place = stars.icrs + SEEING_RAD * rng.normal(size=stars.icrs.shape)
-    seen = replace(stars, v_mag=seen_mag, icrs=place / np.linalg.norm(place, axis=1, keepdims=True))
-    picture = render(seen, profile.camera, profile.sensor, attitude, profile.sensor.exposure_s, rng, chip=chip)
-    centroids = find_in_frame(picture.pixels, replace(p, max_found=60)).centroids
+    observed = replace(stars, v_mag=seen_mag, icrs=place / np.linalg.norm(place, axis=1, keepdims=True))
+    picture = render(observed, profile.camera, profile.sensor, attitude, profile.sensor.exposure_s, rng, chip=chip)
+    centroids = find_in_frame(picture.pixels, replace(parameters, max_found=60)).centroids
     result = solve_centroids(centroids, start, names)
     saturation_dn = float(profile.sensor.saturation_dn - profile.sensor.bias_dn - 2)
-    frame = frame_stars(name, result, stars, exposure_s=p.exposure_s, saturation_dn=saturation_dn)
+    frame = frame_stars(name, result, stars, exposure_s=parameters.exposure_s, saturation_dn=saturation_dn)
     if frame is None:
         return None
     return frame.take(np.flatnonzero((frame.v_mag >= LIMITS_MAG[0]) & (frame.v_mag <= LIMITS_MAG[1])))
@@ -182,7 +198,7 @@ def _step_by_step(frames: Sequence[FrameStars], start: Camera, bench: _Bench, pr
 
 
 def _distances(frames: Sequence[FrameStars], camera: Camera) -> _DistanceErrors:
-    """Measured − catalogue distance of all pairs of stars of each image (eq. 6.21)."""
+    """Return the measured minus catalogue distances of all pairs of stars in each image (eq. 6.21)."""
     errors = []
     for frame in frames:
         seen = camera.unproject(frame.pixels)
@@ -191,48 +207,53 @@ def _distances(frames: Sequence[FrameStars], camera: Camera) -> _DistanceErrors:
     return _DistanceErrors(np.concatenate(errors), sum(map(len, frames)))
 
 
-def _light(frames: Sequence[FrameStars], camera: Camera, p: SunsatParameters) -> PhotometricCalibration:
-    """Calibrate the photometry. The chain's brightness includes k_area, which is removed first so that the calibration fits it."""
-    above = [replace(f, flux_dn=f.flux_dn - p.k_area * f.area_px * p.threshold_dn) for f in frames]
-    return calibrate_photometry(above, camera, threshold_above_dark_dn=p.threshold_dn, limits_mag=LIMITS_MAG)
+def _light(frames: Sequence[FrameStars], camera: Camera, parameters: SunsatParameters) -> PhotometricCalibration:
+    """Calibrate the photometry. The chain's brightness includes k_area. It is removed first, because the calibration
+    fits it."""
+    above = [replace(f, flux_dn=f.flux_dn - parameters.k_area * f.area_px * parameters.threshold_dn) for f in frames]
+    return calibrate_photometry(above, camera, threshold_above_dark_dn=parameters.threshold_dn, limits_mag=LIMITS_MAG)
 
 
 def _experiment(
     cameras: dict[str, Camera],
-    own: list[FrameStars],
-    others: list[FrameStars],
+    calibration_frames: list[FrameStars],
+    other_frames: list[FrameStars],
     bench: _Bench,
-    whole: CameraCalibration,
+    self_calibrated: CameraCalibration,
     light: PhotometricCalibration,
     profile: CameraProfile,
     trials: int,
     seed: int,
 ) -> Experiment:
-    sheets = {name: (_distances(own, c), _distances(others, c)) for name, c in cameras.items()}
+    sheets = {name: (_distances(calibration_frames, c), _distances(other_frames, c)) for name, c in cameras.items()}
     return Experiment(
         "jacobs-6",
         "Calibration of Sunsat's camera",
         "Jacobs 1995 ch. 6, eq. 6.22–6.26, app. F",
         ("quantity", "paper", *cameras),
-        tuple(_rows(cameras, sheets, bench, whole, light, profile)),
+        tuple(_rows(cameras, sheets, bench, self_calibrated, light, profile)),
         (
-            f"{trials} images of rich fields to calibrate with and {trials} others; the profile's camera with its tilt, "
-            "polynomial, noise, pattern and vignetting; stars V 2.5 to 6 by the chain's own region growing",
-            f"air: each star ±{FLICKER_MAG:g} mag and {SEEING_RAD / ARCSEC_RAD:g}″ per image; the detector sees red stars "
+            f"{trials} images of star-rich fields for the calibration and {trials} others; the profile's camera "
+            "with tilt, polynomial, noise, fixed pattern and vignetting; stars of V 2.5 to 6, detected by the "
+            "chain's region growing",
+            f"atmosphere: each star ±{FLICKER_MAG:g} mag and {SEEING_RAD / ARCSEC_RAD:g}″ per image; the detector "
+            "sees red stars "
             f"{-COLOUR:g} mag per B−V brighter",
-            f"bench: two dots, {TURNS} turns, the axis wandering by {PLAY_PX:g} px; step by step: centre, tilt, focal length, "
-            "polynomial, as in the document; before: the bench's centre, 40 µm too long, "
-            "no lens; self-calibrated: all at once, with the bench's centre as known to 3 px",
+            f"bench: two dots, {TURNS} turns, axis play of {PLAY_PX:g} px; step by step: centre, tilt, focal length, "
+            "polynomial, as in the document; before: centre from the bench, focal length 40 µm too long, no "
+            "distortion model; self-calibrated: all parameters together, with the centre from the bench accurate "
+            "to 3 px",
         ),
         seed,
         (
-            "σ_pos is σ_dist/√2 in the document's pixel of 230 µrad. The last column is the camera that rendered the "
-            "images: its residual is the error of the centroids and of the atmosphere.",
-            "The publication measures on the images used for the calibration; GSS does the same, and also uses other "
-            "images.",
-            "k_illum of the document would leave two thirds of one level of a star of V 6 (eq. C.4), whose brightness is a "
-            "sum over ten pixels or more: it must count in another unit. Ours is per level of summed brightness at the "
-            "profile's gain and exposure, which no document gives.",
+            "σ_pos is σ_dist/√2 in the document's pixel of 230 µrad. The last column is the camera that rendered "
+            "the images. Its residual is the error of centroids and atmosphere.",
+            "The publication measures the errors on the images used for the calibration. GSS does so too, and "
+            "also measures them on other images.",
+            "With the document's k_illum a star of V 6 would have two thirds of one level (eq. C.4), although "
+            "its brightness is a sum over ten or more pixels. The document must therefore use another unit. The "
+            "value of GSS is per level of summed brightness at the profile's gain and exposure, which no "
+            "document states.",
             "The publication attributes part of its spread to the lens, which its polynomial does not describe (app. "
             "F.2); GSS renders with that polynomial.",
         ),
@@ -252,7 +273,7 @@ def _rows(
     cameras: dict[str, Camera],
     sheets: dict[str, tuple[_DistanceErrors, _DistanceErrors]],
     bench: _Bench,
-    whole: CameraCalibration,
+    self_calibrated: CameraCalibration,
     light: PhotometricCalibration,
     profile: CameraProfile,
 ) -> list[tuple[Cell, ...]]:
@@ -269,12 +290,12 @@ def _rows(
         ("σ_pos, px", PAPER_POS_PX, *(round(s.sigma_rad / np.sqrt(2) / DOCUMENT_PIXEL_RAD, 3) for s in first)),
         ("σ_pos on other images, px", None, *(round(s.sigma_rad / np.sqrt(2) / DOCUMENT_PIXEL_RAD, 3) for s in second)),
         (
-            "off the true camera, px rms",
+            "difference from the true camera, px rms",
             None,
             *(round(camera_difference(c, profile.camera).rms_px, 3) for c in cameras.values()),
         ),
         (
-            "centre off by, px",
+            "centre error, px",
             "a few",
             *(round(_centre_off_px(c, profile.camera), 1) for c in cameras.values()),
         ),
@@ -283,10 +304,10 @@ def _rows(
             0.733,
             None,
             round(float(np.degrees(bench.tilt_max_rad)), 3),
-            _tilt_deg(whole.camera),
+            _tilt_deg(self_calibrated.camera),
             round(float(np.degrees(truth.tilt_max_rad)), 3),
         ),
-        ("lens model", "tilt, polynomial", "none", "tilt, polynomial", whole.model, "tilt, polynomial"),
+        ("lens model", "tilt, polynomial", "none", "tilt, polynomial", self_calibrated.model, "tilt, polynomial"),
         ("σ_mag, V 2.5–6, as the document (no colour)", PAPER_MAG, plain, *blank),
         ("σ_mag with a colour term", None, sigma_mag, *blank),
         ("colour term, mag per B−V", None, f"{light.colour_mag_per_mag:.2f} ±{light.colour_sigma:.2f}", *blank),
@@ -312,5 +333,5 @@ def _tilt_deg(camera: Camera) -> float | None:
 
 
 def _without_colour(light: PhotometricCalibration) -> float:
-    """Scatter of magnitudes without colour correction: the fitted colour term is added back."""
+    """Return the scatter of magnitudes without colour correction. The fitted colour term is added back."""
     return float(np.std(light.error_mag[light.used] - light.colour_mag_per_mag * light.b_v[light.used], ddof=1))

@@ -1,4 +1,4 @@
-"""Jacobs' catalogue tables on Hipparcos: number of stars per field, size of sub-catalogues."""
+"""Reruns of Jacobs's catalogue tables with Hipparcos: number of stars per field, size of sub-catalogues."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def sunsat_field() -> FieldShape:
 
 
 def random_counts(unit: Array, shape: FieldShape | CircularField, trials: int, seed: int) -> Counts:
-    """(trials,) number of stars in fields at random pointings, uniform over the sphere and the roll."""
+    """Return the (trials,) number of stars in fields at random pointings, uniform over the sphere and the roll."""
     attitudes = WholeSky(shape if isinstance(shape, FieldShape) else sunsat_field()).attitudes(
         np.random.default_rng(seed), trials
     )
@@ -61,7 +61,7 @@ def random_counts(unit: Array, shape: FieldShape | CircularField, trials: int, s
 
 
 def jacobs_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Histogram of stars in a Sunsat image (Jacobs 1995 §5.1, Fig. 5-1, Table 5-1)."""
+    """Compute the histogram of the number of stars in a Sunsat image (Jacobs 1995 §5.1, Fig. 5-1, Table 5-1)."""
     bright = stars.brighter_than(6.0)
     counts = random_counts(bright.icrs, sunsat_field(), trials, seed)
     histogram = np.bincount(counts, minlength=51)
@@ -73,15 +73,15 @@ def jacobs_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
     rows += [
         ("fewer than 3 stars, per mille", 5.6, round(1000 * fewer / trials, 3), share_text(fewer, trials)),
         ("most stars in one image", 49, int(counts.max()), ""),
-        ("stars in the catalogue", 5026, len(bright), "Hipparcos V ≤ 6; the paper's list is another one"),
+        ("stars in the catalogue", 5026, len(bright), "Hipparcos V ≤ 6; the paper uses another catalogue"),
         ("mean stars per image", None, round(float(counts.mean()), 2), ""),
     ]
     progress(1.0)
     x = tuple(float(n) for n in range(len(histogram)))
     curve = Curve("Images by number of stars", "stars in image", "share", x, tuple((histogram / trials).tolist()))
     conditions = (
-        f"{trials} pointings, even over the sphere and the roll",
-        "field 11.17° x 8.32°, V ≤ 6.0, no doubles out",
+        f"{trials} pointings, uniform over the sphere and the roll",
+        "field 11.17° x 8.32°, V ≤ 6.0, doubles included",
     )
     columns = ("quantity", "paper", "ours", "remark")
     return Experiment(
@@ -98,7 +98,7 @@ def jacobs_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
 
 
 def jacobs_5_2(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Sizes of the sub-catalogues, exact and by the blocks of Jacobs 1995 §5.2."""
+    """Compute the sizes of the sub-catalogues, exactly and by the blocks of Jacobs 1995 §5.2."""
     bright = stars.brighter_than(6.0).icrs
     rows: list[tuple[Cell, ...]] = []
     for k, (label, raan_deg, paper, recomputed) in enumerate(JACOBS_5_2):
@@ -113,20 +113,24 @@ def jacobs_5_2(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
         rows.append((label, paper, star_count, int(exact.sum()), *by_blocks, recomputed))
     conditions = (
         "i 97°, ω′ 0–360°, roll ±10°, pitch ±5°, yaw 130–140°",
-        "ours: membership exact, no blocks and no steps; the whole detector with its distortion; Hipparcos V ≤ 6.0, doubles kept",
-        "the other columns: field 11.17° x 8.32° without distortion; blocks 1° x 1°, roll, pitch and yaw at their ends and middle, "
-        "ω′ by 10°, Ω by 1° (coarse: ends of the attitude only, ω′ by 30°, Ω by 4°)",
+        "column 'ours': exact membership without blocks or steps; whole detector with distortion; Hipparcos V ≤ "
+        "6.0, doubles included",
+        "other columns: field 11.17° x 8.32° without distortion; blocks of 1° x 1°; roll, pitch and yaw at the "
+        "ends and middle of their ranges, ω′ in steps of 10°, Ω in steps of 1° (coarse: ends of roll, pitch and "
+        "yaw only, ω′ in steps of 30°, Ω in steps of 4°)",
     )
     notes = (
-        "The publication states neither its steps nor when a block is included within the field. Whole blocks in one "
-        "field agree best: within 1 % of the paper for 120° and a year of nodes, 4 to 9 % above it for two weeks.",
-        "Losses of the approximations: the wider corners due to distortion (2 %), blocks whose centre is in no field (1"
-        " to 6 %), then the blocks cut by the edge (7 %). Coarser steps lose almost nothing with many nodes, and some "
-        "stars with few nodes.",
-        "Right ascension needs no special treatment: a node rotated by whole degrees rotates the blocks; the poles are "
-        "outside the field.",
-        "Stars of marked blocks are all within the exact set. The column 'recomputed' is another recomputation on Hipparcos.",
-        "The paper's own catalogue has 5026 stars to magnitude 6, Hipparcos 5044.",
+        "The publication states neither its steps nor the condition for a block to be included in the field. "
+        "Blocks that are completely inside one field agree best: within 1 % of the paper for 120° and for a year "
+        "of nodes, 4 to 9 % above it for two weeks.",
+        "The approximations lose stars in the corners that distortion widens (2 %), in blocks whose centre is in "
+        "no field (1 to 6 %), and in blocks cut by the edge of the field (7 %). Coarser steps lose almost no "
+        "star with many nodes, and some stars with few nodes.",
+        "Right ascension needs no special treatment: rotating the node by whole degrees rotates the blocks. The "
+        "poles are outside the field.",
+        "All stars of marked blocks are in the exact set. The column 'recomputed' is an independent "
+        "recomputation with Hipparcos.",
+        "The paper's catalogue has 5026 stars to magnitude 6. Hipparcos has 5044.",
     )
     columns = (
         "case",

@@ -24,8 +24,8 @@ from validation.jacobs.sky import (
     sunsat_camera,
 )
 
-# Table 3-6: σp µrad, σMv, d_uncert µrad, Mv_uncert. Table 3-7: mean and largest seconds, failures with fewer than three stars and
-# with three or more, wrong, success %.
+# Table 3-6: σp µrad, σMv, d_uncert µrad, Mv_uncert. Table 3-7: mean and largest time in seconds, failures with fewer
+# than three stars, failures with three or more, wrong, success in %.
 TABLE_3_6 = ((50, 0.3, 50, 0.3), (50, 0.3, 75, 0.45), (50, 0.3, 100, 0.6), (50, 0.3, 150, 0.6), (100, 0.3, 200, 0.45))
 TABLE_3_7 = (
     (2.7, 6.2, 4, 177, 0, 81.9),
@@ -34,9 +34,9 @@ TABLE_3_7 = (
     (14.0, 60.0, 2, 4, 0, 99.4),
     (10.0, 73.0, 4, 24, 0, 97.2),
 )
-FEWEST = 3
-# A position error of σp in total corresponds to σp divided by this factor per axis.
-ACROSS = float(np.sqrt(2.0))
+MIN_STARS = 3
+# A total position error of σp corresponds to σp divided by this factor on each axis.
+AXIS_FACTOR = float(np.sqrt(2.0))
 
 
 @dataclass
@@ -66,7 +66,7 @@ def jacobs_3_7(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
         for trial in range(trials):
             progress((k + trial / trials) / len(TABLE_3_6))
             attitude = random_attitude(TABLE_3_5, rng)
-            seen = observe(stars, camera, attitude, sigma_urad * 1e-6 / ACROSS, sigma_mag, base, rng)
+            seen = observe(stars, camera, attitude, sigma_urad * 1e-6 / AXIS_FACTOR, sigma_mag, base, rng)
             _try(seen, camera, catalogue, strict, document)
             _try(seen, camera, catalogue, base, bound)
             worse = observe(stars, camera, attitude, sigma_urad * 1e-6, sigma_mag, base, rng)
@@ -96,30 +96,34 @@ def jacobs_3_7(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
             f"{trials} random attitudes per row within Table 3-5; sub-catalogue of {len(stars)} stars and "
             f"{len(catalogue.guides.table)} pairs (paper 540 and 16 281)",
             "the brightest eight stars of the catalogue in 11.17° x 8.32°, normal errors, no false stars, no distortion",
-            "wrong: a group with a false name; the bound also tries the next eight stars and confirms with all that are seen",
+            "wrong: a group with a false match; the chain with the bound also tries the next eight stars and "
+            "confirms with all stars in view",
         ),
         seed,
         (
-            "The publication does not state whether σ applies to a position or to each of its axes. As that of a "
-            "position, the distances of two stars have the same σ, in agreement with its wording for the first row, and"
-            " the figures agree; with σ on each axis they do not.",
-            "The publication has no separate row for failures with exactly three stars; they count as three or more.",
-            "A group of three may be accidental: the published acceptance accepts it, the bound only if an accident is "
-            "improbable.",
-            "Its times are those of a T800 processor; the time is proportional to the number of table entries read.",
+            "The publication does not state whether σ applies to a position or to each of its axes. If it "
+            "applies to a position, the distance of two stars has the same σ, which agrees with the text for the "
+            "first row, and the figures agree. If it applies to each axis, the figures do not agree.",
+            "The publication has no separate row for failures with exactly three stars. They count as failures "
+            "with three or more.",
+            "A group of three stars can be accidental. The published acceptance accepts it; the bound accepts it "
+            "only if an accident is improbable.",
+            "The times are those of a T800 processor. The time is proportional to the number of table entries read.",
         ),
     )
 
 
-def _try(seen: Observed, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, count: _Count) -> None:
-    matching = match_stars(seen.centroids, camera, catalogue, p, Mode.LOST_IN_SPACE, None)
+def _try(
+    seen: Observed, camera: Camera, catalogue: SunsatCatalogue, parameters: SunsatParameters, count: _Count
+) -> None:
+    matching = match_stars(seen.centroids, camera, catalogue, parameters, Mode.LOST_IN_SPACE, None)
     count.entries += matching.operations
     named = matching.selected
-    if p.acceptance == "bound" and not matching.reason:
-        solution = calculate_attitude(matching, seen.centroids, camera, catalogue, p)
+    if parameters.acceptance == "bound" and not matching.reason:
+        solution = calculate_attitude(matching, seen.centroids, camera, catalogue, parameters)
         named = named if solution.attitude is not None else named[:0]
     if len(named) == 0:
-        few = len(seen.centroids) < FEWEST
+        few = len(seen.centroids) < MIN_STARS
         count.few += few
         count.failed += not few
     elif np.any(matching.row[named] != seen.row[named]):

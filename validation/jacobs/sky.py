@@ -1,4 +1,4 @@
-"""Elements of Jacobs' simulations: attitudes within limits, the sub-catalogue in view, observed stars with errors."""
+"""Elements of Jacobs's simulations: attitudes within limits, the sub-catalogue in view, observed stars with errors."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ TABLE_3_5 = AngleRanges(_deg(-10, 10), _deg(-5, 5), _deg(130, 140), _deg(0, 360)
 
 
 def random_attitude(limits: AngleRanges, rng: np.random.Generator) -> Array:
-    """(3, 3) cam_from_icrs with each angle uniformly distributed within its limits."""
+    """Return a random (3, 3) cam_from_icrs with each angle uniformly distributed within its limits."""
     roll, pitch, yaw, latitude, inclination, raan = (
         float(rng.uniform(*pair))
         for pair in (
@@ -60,20 +60,20 @@ def random_attitude(limits: AngleRanges, rng: np.random.Generator) -> Array:
 
 
 def sub_catalogue(stars: StarTable, limits: AngleRanges, camera: Camera, rng: np.random.Generator) -> StarTable:
-    """Return the stars to V 6 that can be in view (§5.2.1). The document steps through all combinations and marks blocks of 1°;
-    here enough random attitudes are drawn that the gaps at the edge are smaller than these blocks."""
+    """Return the stars to V 6 that can be in view (§5.2.1). The document steps through all combinations and marks
+    blocks of 1°. This function draws enough random attitudes to make the gaps at the edge smaller than these blocks."""
     bright = stars.brighter_than(LIMITING_MAG)
     corners = camera.corners()
     edges = np.cross(corners, np.roll(corners, -1, axis=0))
     edges *= np.sign(edges @ corners.mean(axis=0))[:, None]
-    seen = np.zeros(len(bright), bool)
+    in_view = np.zeros(len(bright), bool)
     for _ in range(MARKING // BATCH):
         attitudes = np.stack([random_attitude(limits, rng) for _ in range(BATCH)])
         planes = np.einsum("ei,bij->bej", edges, attitudes)
-        left = np.flatnonzero(~seen)
+        left = np.flatnonzero(~in_view)
         inside = (np.einsum("bej,nj->nbe", planes, bright.icrs[left]) >= 0).all(axis=2).any(axis=1)
-        seen[left[inside]] = True
-    return bright.take(np.flatnonzero(seen))
+        in_view[left[inside]] = True
+    return bright.take(np.flatnonzero(in_view))
 
 
 def bank_of(stars: StarTable, camera: Camera) -> OnboardCatalogue:
@@ -84,7 +84,7 @@ def bank_of(stars: StarTable, camera: Camera) -> OnboardCatalogue:
 
 @dataclass(frozen=True)
 class Observed:
-    """Centroids with errors, brightest first, and the catalogue row of each."""
+    """Centroids with errors, brightest first. ``row``: catalogue row of each centroid."""
 
     centroids: Centroids
     row: NDArray[np.intp]
@@ -96,7 +96,7 @@ def observe(
     attitude: Array,
     sigma_rad: float,
     sigma_mag: float,
-    p: SunsatParameters,
+    parameters: SunsatParameters,
     rng: np.random.Generator,
 ) -> Observed:
     """Simulate the catalogue stars in view with normal errors of position per axis and of magnitude (§3.5)."""
@@ -107,7 +107,7 @@ def observe(
     pixels = pixels + sigma_rad * np.array([camera.focal_col_px, camera.focal_row_px]) * rng.normal(size=pixels.shape)
     v_mag = stars.v_mag[row] + sigma_mag * rng.normal(size=len(row))
     order = np.argsort(v_mag, kind="stable")
-    flux = brightness_dn(v_mag[order], p)
+    flux = brightness_dn(v_mag[order], parameters)
     sigma_px = max(sigma_rad / camera.pixel_rad, 1e-3)
     return Observed(Centroids.from_pixels(pixels[order], flux, sigma_px), row[order])
 

@@ -42,7 +42,8 @@ class _TrackingTally:
 
 
 def jacobs_tracking(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Track ``trials`` frames for each number of false stars, in runs of 25 frames with a new start attitude for each run."""
+    """Track ``trials`` frames for each number of false stars, in runs of 25 frames. Each run has a new start
+    attitude."""
     rows: list[tuple[Cell, ...]] = []
     runs = max(1, round(trials / STEPS))
     bank = bank_of(stars.brighter_than(LIMITING_MAG), shipped_camera("sunsat").camera)
@@ -62,24 +63,26 @@ def jacobs_tracking(stars: StarTable, trials: int, seed: int, progress: Progress
         (
             "false stars of about 100 pixels",
             "paper",
-            "ours: frames with a right attitude (95 %)",
+            "ours: frames with a correct attitude (95 %)",
             "of these beyond 3 σ",
-            "starts from the other sensors' attitude, of frames",
+            "frames started from other sensors' attitude",
             "wrong",
             "mean windows searched",
         ),
         tuple(rows),
         (
-            f"{runs} runs of {STEPS} frames a second apart, rates even to 0.1°/s per axis, exposure "
+            f"{runs} runs of {STEPS} frames one second apart, rates uniform up to 0.1°/s per axis, exposure "
             f"{shipped_camera('sunsat').sensor.exposure_s:g} s, full catalogue to V {LIMITING_MAG:g}, "
             f"sky to V {SKY_MAG:g} with noise",
-            "a run starts, and after a failure starts again, from an attitude up to 0.5° off per axis (§4.1.6.2)",
-            f"false stars are discs of {DISC_AREA_PX} pixels, {DISC_DN[0]} to {DISC_DN[1]} levels above the sky, in new places "
-            "each second",
+            "a run starts, and restarts after a failure, from an attitude with an error of up to 0.5° per axis "
+            "(§4.1.6.2)",
+            f"false stars are discs of {DISC_AREA_PX} pixels, {DISC_DN[0]} to {DISC_DN[1]} levels above the sky, "
+            "at new positions each second",
         ),
         seed,
         (
-            'The paper gives no figures: a few thousand iterations, "only occasionally resorting to the ADCS orientation".',
+            'The paper has no figures. It describes a few thousand iterations, "only occasionally resorting to '
+            'the ADCS orientation".',
         ),
     )
 
@@ -127,26 +130,28 @@ def with_discs(pixels: Pixels, count: int, rng: np.random.Generator) -> NDArray[
     return eight_bit
 
 
-def _row(false: int, t: _TrackingTally) -> tuple[Cell, ...]:
+def _row(false: int, tally: _TrackingTally) -> tuple[Cell, ...]:
     return (
         false,
         "smooth" if not false else "smooth, occasionally starting again",
-        share_text(t.tracked, t.frames),
-        t.imprecise,
-        f"{t.starts} of {t.frames}",
-        t.wrong,
-        t.windows / max(1, t.frames),
+        share_text(tally.tracked, tally.frames),
+        tally.imprecise,
+        f"{tally.starts} of {tally.frames}",
+        tally.wrong,
+        tally.windows / max(1, tally.frames),
     )
 
 
-# Values of Fig. 2-7 given in the text: three of 300 pixels in under 100 ms, 900 pixels in 90 ms, 40 of these to remove them.
+# Values of Fig. 2-7 in the text: three stars of 300 pixels in less than 100 ms; 900 pixels in 90 ms, of which 40 ms are
+# needed to remove them.
 PAPER_FIG_2_7_MS: dict[int, str] = {300: "under 33", 900: "90 (40 to remove it)"}
 
 
 def jacobs_fig_2_7(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Measure the cost of extracting one star against its area: the counted number of neighbours examined, and the milliseconds
-    that the chain assumes for its processor. ``trials``: discs drawn per area; ``stars`` is not used and ``seed`` only affects
-    their positions."""
+    """Measure the cost of extracting one star against its area: the number of neighbours examined, and the milliseconds
+    that the chain assumes for its processor.
+
+    ``trials``: discs drawn per area. ``stars`` is not used. ``seed`` affects only the positions of the discs."""
     parameters = default_parameters(shipped_camera("sunsat"))
     rng = np.random.default_rng(seed)
     rows: list[tuple[Cell, ...]] = []
@@ -179,13 +184,13 @@ def jacobs_fig_2_7(stars: StarTable, trials: int, seed: int, progress: Progress)
         "jacobs-fig-2-7",
         "Cost of extracting a star by its area",
         "Jacobs 1995 §2.3, Fig. 2-7, §4.3",
-        ("area, pixels", "paper ms", "ours: ms of its processor", "neighbours looked at", "accepted as"),
+        ("area, pixels", "paper ms", "ours: ms of its processor", "neighbours examined", "accepted as"),
         tuple(rows),
         (f"{trials} discs per area, limits {parameters.min_area_px} to {parameters.max_area_px} pixels",),
         seed,
         (
-            "The figure is missing from the text; its statements are present. GSS gives the straight line through them,"
-            " as expected for growth over four neighbours.",
+            "The figure is missing from the document, but the text states some of its values. GSS gives the "
+            "straight line through these values, as expected for growth over four neighbours.",
         ),
         (Curve("Fig. 2-7", "area, pixels", "ms", tuple(areas), tuple(cost)),),
     )

@@ -1,4 +1,5 @@
-"""Elements of Liebe's simulations: the field of view, the star list, and images with his kinds of error (Liebe 1992)."""
+"""Elements of Liebe's simulations: field of view, star list, and images with the document's kinds of error (Liebe
+1992)."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ BRIGHTNESS_SIGMA_MAG = 0.1
 
 @dataclass(frozen=True)
 class Situation:
-    """Errors of an image: numbers of false stars, of stars off by more than the tolerance, and of missing stars."""
+    """Errors of an image. ``false``: number of false stars. ``outside``: number of stars with an error above the
+    tolerance. ``missing``: number of missing stars."""
 
     title: str
     false: int = 0
@@ -49,15 +51,16 @@ SITUATIONS = (
 
 
 def instrument() -> CameraProfile:
-    """Return a camera with a square field of 707 square degrees, the area of a 30° circle; 1107 stars give the document's average
-    of 18.9."""
+    """Return a camera with a square field of 707 square degrees, the area of a 30° circle. With 1107 stars it contains
+    18.9 stars on average, as in the document."""
     area_sr = 2 * np.pi * (1 - np.cos(OPENING_RAD / 2))
     side_rad = 2 * float(np.arcsin(np.sqrt(np.sin(area_sr / 4))))
     return replace(shipped_camera("oersted"), camera=Camera.from_fov(600, 600, side_rad))
 
 
 def catalogue(stars: StarTable) -> OerstedCatalogue:
-    """Return the bank with the stars that may be among the 1107 brightest; magnitudes are V (the document uses CCD magnitudes)."""
+    """Return the bank with the stars that can be among the 1107 brightest. Magnitudes are V; the document uses CCD
+    magnitudes."""
     limit_mag = float(np.sort(stars.v_mag)[USED_STARS - 1])
     deep = stars.brighter_than(faintest_mag(limit_mag, BRIGHTNESS_ERROR))
     none = np.empty(0, np.int32)
@@ -67,7 +70,7 @@ def catalogue(stars: StarTable) -> OerstedCatalogue:
 
 @dataclass(frozen=True)
 class Image:
-    """Centroids, brightest first, and the catalogue row of each; −1 for a false star."""
+    """Centroids, brightest first. ``row``: catalogue row of each centroid, −1 for a false star."""
 
     centroids: Centroids
     row: NDArray[np.intp]
@@ -76,7 +79,8 @@ class Image:
 def image(
     bank: OerstedCatalogue, camera: Camera, attitude: Array, situation: Situation, rng: np.random.Generator
 ) -> Image:
-    """Simulate the stars measured brighter than the limit, with position errors up to 3′ and the errors of the situation."""
+    """Simulate the image of the stars that are measured brighter than the limit, with position errors up to 3′ and the
+    errors of the situation."""
     ahead = np.flatnonzero(bank.icrs @ attitude[2] > np.cos(camera.half_diagonal_rad))
     inside = camera.contains(camera.project(bank.icrs[ahead] @ attitude.T))
     mag = bank.stars.v_mag[ahead] + np.clip(BRIGHTNESS_SIGMA_MAG * rng.normal(size=len(ahead)), -0.24, 0.24)

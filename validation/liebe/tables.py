@@ -26,10 +26,12 @@ PAPER_2 = (94.6, 85.2, 85.2, 78.6, 72.0, 88.4)
 PAPER_3 = (14.6, 15.4, 14.7, 16.7, 19.4, 14.6)
 RIGHT_RAD = float(np.radians(0.2))
 COARSE_RAD = float(np.radians(0.1))
-FIELD = (
-    "a square field of 707 square degrees, the circle of 30°; the 1107 brightest of Hipparcos, V, no planets",
-    "errors of a star: 62″ radial, at most 3′, as 14.6″ with 18.9 stars say; brightness 0.1 mag",
-    "outside tolerance: off by 6′ to 30′; false star: anywhere, V 2 to the limit; missing: any star",
+FIELD_CONDITIONS = (
+    "square field of 707 square degrees, the area of a 30° circle; the 1107 brightest stars of Hipparcos in V, "
+    "no planets",
+    "position error of a star: 62″ radial, at most 3′, which agrees with 14.6″ for 18.9 stars; brightness error "
+    "0.1 mag",
+    "outside tolerance: error of 6′ to 30′; false star: at any position, V 2 to the limit; missing: any star",
 )
 
 
@@ -65,12 +67,17 @@ def liebe_2(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
             "its wrong ",
         ),
         tuple(rows),
-        (*FIELD, f"{trials} images per row; right: boresight within 0.2°, twice what the document gives the estimate"),
+        (
+            *FIELD_CONDITIONS,
+            f"{trials} images per row; correct: boresight within 0.2°, twice the accuracy that the document states for the "
+            "estimate",
+        ),
         seed,
         (
-            "The publication states neither how far outside tolerance a star is, nor the brightness of a false star; "
-            "both are chosen here.",
-            "With proof: candidates are also tried one by one, and only results that cannot be accidental are accepted.",
+            "The publication states neither the error of a star outside tolerance nor the brightness of a false "
+            "star. Both are chosen here.",
+            "With proof: candidates are also tested one by one, and only results that cannot be accidental are "
+            "accepted.",
         ),
     )
 
@@ -79,21 +86,21 @@ def _estimate_rad(
     seen: Image,
     camera: Camera,
     bank: OerstedCatalogue,
-    p: OerstedParameters,
+    parameters: OerstedParameters,
     truth: Array,
     mode: Mode,
     hint: AttitudePrior | None,
 ) -> float:
-    """Error of the boresight; NaN without an estimate."""
-    matching = match_stars(seen.centroids, camera, bank, p, mode, hint)
-    solution = calculate_attitude(matching, seen.centroids, camera, bank, p, hint)
+    """Return the boresight error; NaN without an estimate."""
+    matching = match_stars(seen.centroids, camera, bank, parameters, mode, hint)
+    solution = calculate_attitude(matching, seen.centroids, camera, bank, parameters, hint)
     if solution.attitude is None:
         return float("nan")
     return float(separation_rad(solution.attitude.cam_from_icrs[2], truth[2]))
 
 
 def _coarse(truth: Array, rng: np.random.Generator) -> AttitudePrior:
-    """Return the attitude after an initial estimate: an error up to 0.1° about any axis."""
+    """Return the attitude after an initial estimate, with an error of up to 0.1° about any axis."""
     axis = rng.normal(size=3)
     turn = axis / np.linalg.norm(axis) * COARSE_RAD * rng.random()
     return AttitudePrior.from_quaternion(quaternion_from_matrix(rotation_from_vector(turn) @ truth))
@@ -103,7 +110,8 @@ def liebe_3(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
     """Measure the accuracy of the predictional estimate by kind of error. ``trials``: images per row."""
     bank, camera = catalogue(stars), instrument().camera
     ours = default_parameters(instrument())
-    # The document pairs every star with its nearest, so the fine radius is the possible error of the false ones.
+    # The document pairs every star with the nearest catalogue star, so the fine radius is the possible error of the
+    # false stars.
     document = replace(ours, acceptance="document", uncertainty_rad=5 * ours.uncertainty_rad)
     rows: list[tuple[Cell, ...]] = []
     for k, situation in enumerate(SITUATIONS):
@@ -128,19 +136,20 @@ def liebe_3(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
         ("situation", "paper ″", "ours, all nearest stars ″ (95 %)", "ours within 3′ ″ (95 %)", "solved (95 %)"),
         tuple(rows),
         (
-            *FIELD,
-            f"{trials} images per row, coarse attitude off by up to 0.1°; mean angle between found and true boresight",
+            *FIELD_CONDITIONS,
+            f"{trials} images per row, coarse attitude with an error of up to 0.1°; mean angle between computed "
+            "and true boresight",
         ),
         seed,
         (
-            "The document gives no radius within which stars belong together; 15′ stands for 'the nearest'. Within 3′ a star "
-            "outside its tolerance takes no part; the document's figures lie close to that.",
+            "The document states no radius for pairing stars. A radius of 15′ represents 'the nearest'. With a "
+            "radius of 3′, a star outside tolerance is not used; the document's figures are close to this case.",
         ),
     )
 
 
 def _mean_text(errors_rad: list[float]) -> str:
-    """Mean in arcseconds with its 95 % interval."""
+    """Return the mean in arcseconds with its 95 % interval."""
     finite = np.array(errors_rad)[np.isfinite(errors_rad)] / ARCSEC_RAD
     if not len(finite):
         return "none"
@@ -154,7 +163,7 @@ GROUPS = ((5, 9), (10, 14), (15, 19), (20, 24), (25, 29), (30, 39))
 def liebe_18(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
     """Measure the boresight error against the number of stars, and test σ_axis ≈ σ_star/√n. ``trials``: predictional estimates."""
     bank, camera = catalogue(stars), instrument().camera
-    p = default_parameters(instrument())
+    parameters = default_parameters(instrument())
     number, error = np.zeros(trials, int), np.full(trials, np.nan)
     for trial in range(trials):
         progress(trial / trials)
@@ -162,14 +171,14 @@ def liebe_18(stars: StarTable, trials: int, seed: int, progress: Progress) -> Ex
         attitude = matrix_from_quaternion(random_quaternion(rng))
         seen = image(bank, camera, attitude, SITUATIONS[0], rng)
         number[trial] = len(seen.row)
-        error[trial] = _estimate_rad(seen, camera, bank, p, attitude, Mode.TRACKING, _coarse(attitude, rng))
+        error[trial] = _estimate_rad(seen, camera, bank, parameters, attitude, Mode.TRACKING, _coarse(attitude, rng))
     progress(1.0)
     good = np.isfinite(error)
-    whole = np.sqrt(np.mean(error[good] ** 2 * number[good])) / STAR_SIGMA_RAD
+    rms_ratio = np.sqrt(np.mean(error[good] ** 2 * number[good])) / STAR_SIGMA_RAD
     rows: list[tuple[Cell, ...]] = [
         ("all: mean ″", 14.6, _mean_text(error.tolist()), None),
         ("stars in the field", 18.9, f"{np.mean(number):.1f}", None),
-        ("all: rms of σ_axis √n / σ_star", 1.0, f"{whole:.3f}", None),
+        ("all: rms of σ_axis √n / σ_star", 1.0, f"{rms_ratio:.3f}", None),
     ]
     curve: list[tuple[float, float]] = []
     for low, high in GROUPS:
@@ -189,8 +198,11 @@ def liebe_18(stars: StarTable, trials: int, seed: int, progress: Progress) -> Ex
         "Liebe 1992 Fig. 18 and its formula",
         ("what", "paper or formula", "ours (95 %)", "ours over formula"),
         tuple(rows),
-        (*FIELD, f"{trials} predictional estimates (document 10 000), coarse attitude off by up to 0.1°"),
+        (*FIELD_CONDITIONS, f"{trials} predictional estimates (document 10 000), coarse attitude off by up to 0.1°"),
         seed,
-        ("The formula's σ are those of angles in the plane, both axes together; the figure's curve is not printed.",),
+        (
+            "The σ of the formula are those of angles in the plane, both axes together. The values of the "
+            "figure's curve are not printed.",
+        ),
         (Curve("Accuracy of the boresight", "stars", "rms ″", tuple(x for x, _ in curve), tuple(y for _, y in curve)),),
     )

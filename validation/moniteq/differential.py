@@ -25,7 +25,7 @@ SECOND_FROM_FIRST = rotation_y(np.pi / 2)
 
 
 def moniteq_differential(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """``trials``: attitudes per row."""
+    """Measure the attitude error with one and with two cameras. ``trials``: attitudes per row."""
     camera, rng = shipped_camera("aim").camera, np.random.default_rng(seed)
     icrs = stars.brighter_than(LIMIT_MAG).icrs
     rows: list[tuple[Cell, ...]] = []
@@ -62,13 +62,14 @@ def moniteq_differential(stars: StarTable, trials: int, seed: int, progress: Pro
         ),
         tuple(rows),
         (
-            f"Real stars to V {LIMIT_MAG:g}, the {STARS} nearest the boresight of each camera, centroid error 0.5″ per axis",
-            "Second camera at 90°; RMS over attitudes in which every camera has the stars",
+            f"real stars to V {LIMIT_MAG:g}, the {STARS} nearest the boresight of each camera, centroid error "
+            "0.5″ per axis",
+            "second camera at 90°; rms over the attitudes at which each camera has enough stars",
         ),
         seed,
         (
-            "The report states about 1″ for its form, which keeps terms of second order. The linear step alone is worse; it is "
-            "repeated until it converges, and then the rotation has no influence.",
+            "The report states about 1″ for its form, which keeps terms of second order. The linear step alone "
+            "is less accurate. Repeated until it converges, its result does not depend on the rotation.",
             "With one camera the rotation about the boresight is the weak axis. A second camera at 90° removes it.",
         ),
     )
@@ -81,8 +82,8 @@ def _across(rms_arcsec: Array) -> float:
 def _errors(
     icrs: Array, camera: Camera, mounts: tuple[Array, ...], excursion_deg: float, rng: np.random.Generator
 ) -> tuple[Array, Array, Array] | None:
-    """(3,) rotation error of the linear step and of the repeated one, and the predicted σ, in body axes; None if a camera
-    sees too few stars."""
+    """Return the (3,) rotation error of the linear step and of the repeated step, and the predicted σ, in body axes;
+    None if a camera has too few stars in view."""
     truth = matrix_from_quaternion(random_quaternion(rng))
     axis = rng.normal(size=3)
     start = rotation_from_vector(axis / np.linalg.norm(axis) * np.radians(excursion_deg)) @ truth
@@ -102,14 +103,14 @@ def _errors(
 def _view(
     icrs: Array, camera: Camera, cam_from_icrs: Array, body_from_cam: Array, rng: np.random.Generator
 ) -> CameraView | None:
-    seen = icrs[icrs @ cam_from_icrs[2] > np.cos(camera.half_diagonal_rad)]
-    cam = seen @ cam_from_icrs.T
+    in_cone = icrs[icrs @ cam_from_icrs[2] > np.cos(camera.half_diagonal_rad)]
+    cam = in_cone @ cam_from_icrs.T
     pixels = camera.project(cam)
     inside = camera.contains(pixels)
-    cam, seen = cam[inside], seen[inside]
+    cam, in_cone = cam[inside], in_cone[inside]
     if len(cam) < STARS:
         return None
     nearest = np.argsort(-cam[:, 2])[:STARS]
     noisy = cam[nearest] + rng.normal(scale=SIGMA_RAD, size=(STARS, 3))
     noisy /= np.linalg.norm(noisy, axis=1, keepdims=True)
-    return CameraView(noisy, seen[nearest], np.full(STARS, SIGMA_RAD), body_from_cam)
+    return CameraView(noisy, in_cone[nearest], np.full(STARS, SIGMA_RAD), body_from_cam)

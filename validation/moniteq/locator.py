@@ -18,7 +18,7 @@ from gss.pipeline.mean_locator import (
 )
 from gss.pipeline.render import spots
 
-# Figs. 4.2–4.4 are missing from the text; the values are recomputed from the report's model: N, d/σ, δ.
+# Figs. 4.2–4.4 are missing from the text. The values were recomputed from the report's model for N, d/σ, δ.
 FIGURES = (
     (3, 1.0, 0.25, -0.1223),
     (3, 1.5, 0.25, -0.0454),
@@ -62,9 +62,9 @@ def moniteq_4_2(stars: StarTable, trials: int, seed: int, progress: Progress) ->
         "Moniteq 1983 Figs. 4.2 to 4.4",
         ("window, width, offset", "paper px", "ours px", "from spots drawn on pixels px"),
         tuple(rows),
-        ("Gaussian star, separable, even response, no noise; offset from the window's middle",),
+        ("Gaussian star, separable, uniform response, no noise; offset from the middle of the window",),
         seed,
-        ("The report's curves are missing from the text; 'paper' are values recomputed from its model.",),
+        ("The report's curves are missing from the text. The column 'paper' has values recomputed from its model.",),
         (Curve("Largest error, N 3", "d/σ", "px", tuple(ratios.tolist()), tuple(largest.tolist())),),
     )
 
@@ -78,7 +78,7 @@ def _drawn(window: int, ratio: float, offset: float) -> float:
 
 
 def moniteq_noise(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Compare the constants A, B, C with the scatter of noisy windows. ``trials``: windows per row."""
+    """Compare the constants A, B and C with the scatter of noisy windows. ``trials``: windows per row."""
     rows: list[tuple[Cell, ...]] = []
     for name, paper in (("A", UPPER_A), ("B", UPPER_B), ("C", UPPER_C)):
         values = [
@@ -106,18 +106,21 @@ def moniteq_noise(stars: StarTable, trials: int, seed: int, progress: Progress) 
         ("what", "paper", "ours", "more"),
         tuple(rows),
         (
-            "43 400 e of star, dark 4000 e/s with 1 % from pixel to pixel, response 0.5 %, clock and amplifier 70 and 20 e",
+            "star 43 400 e, dark current 4000 e/s with 1 % variation between pixels, response variation 0.5 %, "
+            "clock noise 70 e, amplifier noise 20 e",
         ),
         seed,
         (
-            "A is printed with w instead of w² and C with Nδ² instead of N²δ²; with the corrected forms the report's C follows.",
-            "B's bound of 0.16 is below what d/σ of 2 to 2.5 gives; the third term is larger by far, so it does not matter.",
+            "The report prints A with w instead of w² and C with Nδ² instead of N²δ². The corrected forms give "
+            "the report's C.",
+            "The bound of 0.16 for B is below the value for d/σ of 2 to 2.5. This has no effect, because the "
+            "third term is much larger.",
         ),
     )
 
 
 def _scatter_px(window: int, offset: float, trials: int, rng: np.random.Generator) -> float:
-    """Standard deviation of the locator over windows simulated with all noise terms of the model."""
+    """Return the standard deviation of the locator over windows simulated with all noise terms of the model."""
     x, y = (column_shares(np.array(o), 2.5, window) for o in (offset, 0.0))
     shape = (trials, window, window)
     star = 43_400.0 * np.outer(y, x) * (1 + MODEL.response_sigma * rng.normal(size=shape))
@@ -127,8 +130,8 @@ def _scatter_px(window: int, offset: float, trials: int, rng: np.random.Generato
     return float(np.std(mean_locations_px(frame, dark_e)[0]))
 
 
-# Table 4.2: lens mm, area cm², pixel ″, and for a low orbit (240″/s): integration s, readings, s per reading, NEA of one,
-# effective NEA, total s for 1″.
+# Table 4.2: lens (mm), area (cm²), pixel (″), and for a low orbit (240″/s): integration (s), readings, time per reading
+# (s), NEA of a reading, effective NEA, total time for 1″ (s).
 TABLE_4_2 = (
     (50, 10.0, 91.0, 4.0, 12, 0.33, 5.8, 1.67, 11.2),
     (85, 28.95, 53.0, 0.3, 2, 0.15, 1.9, 1.34, 0.54),
@@ -169,7 +172,8 @@ def moniteq_nea(stars: StarTable, trials: int, seed: int, progress: Progress) ->
         ),
         seed,
         (
-            "The table's time per reading of the 85 mm lens is printed 1.5 s; 0.15 s is half of 0.3 s and gives its 1.9″.",
+            "The table prints 1.5 s as the time per reading of the 85 mm lens. The correct value is 0.15 s, half "
+            "of 0.3 s, which gives the printed 1.9″.",
         ),
     )
 
@@ -180,6 +184,7 @@ def _nea_arcsec(area_cm2: float, exposure_s: float, pixel_arcsec: float) -> floa
 
 
 def _longest_s() -> float:
-    """Longest integration time (§4.4 with M = 2), beyond which the spread of the dark current limits the signal to noise."""
+    """Return the longest useful integration time (§4.4 with M = 2). Beyond it the spread of the dark current limits the
+    signal-to-noise ratio."""
     f2 = MODEL.dark_share**2 * 3.0
     return float((1 + np.sqrt(1 + 4 * f2 * MODEL.read_e2)) / (2 * f2 * MODEL.dark_e_s))

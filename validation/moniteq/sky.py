@@ -13,7 +13,7 @@ from gss.pipeline.track.link_walk import walk
 from gss.skytables.neighbours import neighbour_links
 
 WHOLE_SKY_DEG2 = 41_253.0
-# Table 2.1: fainter end of each interval of V, stars in it.
+# Table 2.1: faint end of each interval of V, number of stars in the interval.
 PAPER_2_1 = (
     (-0.51, 2),
     (0.49, 7),
@@ -39,7 +39,8 @@ LINKED_STARS, PAPER_CHECKS = 3000, 120
 
 
 def moniteq_2_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Count stars by magnitude and per field: Poisson's law against random fields. ``trials``: fields per row."""
+    """Count stars by magnitude and per field, and compare Poisson's law with random fields. ``trials``: fields per
+    row."""
     rows: list[tuple[Cell, ...]] = []
     before, total = -9.0, 0
     for faint, count in PAPER_2_1:
@@ -57,9 +58,9 @@ def moniteq_2_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
     cells += [(limit, AIM_FIELD_DEG2, (), True) for limit in (5.5, 6.0, 6.5, 7.5)]
     for k, (limit, area, paper, aim) in enumerate(cells):
         progress(k / len(cells))
-        chosen = stars.icrs[stars.v_mag <= limit]
-        counts = _counts(chosen, centres, 1 - area * (np.pi / 180) ** 2 / (2 * np.pi))
-        mean = len(chosen) * area / WHOLE_SKY_DEG2
+        bright_stars = stars.icrs[stars.v_mag <= limit]
+        counts = _counts(bright_stars, centres, 1 - area * (np.pi / 180) ** 2 / (2 * np.pi))
+        mean = len(bright_stars) * area / WHOLE_SKY_DEG2
         if aim:
             enough, many = int(np.count_nonzero(counts >= 3)), 1 - sum(_poisson(mean, n) for n in range(3))
             rows.append(
@@ -84,8 +85,8 @@ def moniteq_2_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
         (
             "Hipparcos is complete to about V 7.3 and has close doubles as one entry; SKYMAP's counts are those of "
             "1982.",
-            "Stars are denser towards the Milky Way, so that fields with few and with many stars are both more frequent"
-            " than in a Poisson distribution.",
+            "The star density is higher towards the Milky Way. Therefore fields with few stars and fields with "
+            "many stars are both more frequent than in a Poisson distribution.",
             "The report requires three stars for a reliable identification and does not state how often its field "
             "contains them.",
         ),
@@ -93,7 +94,7 @@ def moniteq_2_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
 
 
 def _counts(unit: np.ndarray, centres: np.ndarray, cosine: float) -> np.ndarray:
-    """(trials,) number of stars within the circle around each centre."""
+    """Return the (trials,) number of stars within the circle around each centre."""
     parts = [np.count_nonzero(centres[k : k + 500] @ unit.T >= cosine, axis=1) for k in range(0, len(centres), 500)]
     return np.concatenate(parts)
 
@@ -103,12 +104,14 @@ def _poisson(mean: float, n: int) -> float:
 
 
 def moniteq_links(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Compare the number of stars examined by a walk along the links with the whole list. ``trials``: random fields per row."""
+    """Compare the number of stars that a search along the links examines with the size of the whole list. ``trials``:
+    random fields per row."""
     brightest = stars.brighter_than(float(np.sort(stars.v_mag)[LINKED_STARS - 1]))
     icrs = brightest.icrs[:LINKED_STARS]
     links = neighbour_links(icrs)
     rows: list[tuple[Cell, ...]] = []
-    # A circle of 4.7° contains five stars of 3000; the enlarged field of the document's example has 45 and more.
+    # A circle of 4.7° contains five of the 3000 stars. The enlarged field of the document's example contains 45 or
+    # more.
     for k, (shift_deg, radius_deg) in enumerate(((0.1, 4.68), (1.0, 4.68), (3.0, 4.68), (1.0, 14.05))):
         checks, missed, expected_total = [], 0, 0
         for trial in range(trials):
@@ -134,14 +137,14 @@ def moniteq_links(stars: StarTable, trials: int, seed: int, progress: Progress) 
     progress(1.0)
     return Experiment(
         "moniteq-links",
-        "Walking links against searching the list",
+        "Following links against searching the list",
         "Moniteq 1983 §6.1",
-        ("new field", "paper: links checked", "ours: stars looked at (95 %)", "linear search", "stars missed"),
+        ("new field", "paper: links checked", "ours: stars examined (95 %)", "linear search", "stars missed"),
         tuple(rows),
         (f"{trials} random fields per row; {LINKED_STARS} brightest stars, {links.links} links (3n − 6)",),
         seed,
         (
-            "The document counts the links between 45 stars and leaves out those of the 5 it starts from: 129 − 9 = 120. Ours "
-            "counts each examined star once, including those just outside the field.",
+            "The document counts the links between 45 stars without the links between the 5 stars at the start: "
+            "129 − 9 = 120. GSS counts each examined star once, including stars just outside the field.",
         ),
     )

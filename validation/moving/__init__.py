@@ -1,1 +1,1 @@
-"""Moving objects: satellites rendered into simulated frames and found again."""
+"""Moving objects: detect satellites that were rendered into simulated frames."""

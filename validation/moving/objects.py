@@ -1,5 +1,5 @@
-"""Satellites and debris rendered into simulated frames: precision, recall against signal-to-noise ratio, errors of positions, and
-names."""
+"""Detection of satellites and debris in simulated frames: precision, recall against signal-to-noise ratio, position
+errors, and identification."""
 
 from __future__ import annotations
 
@@ -27,16 +27,18 @@ CAMERA = "sunsat"
 OBJECTS = 400
 MAGNITUDES = (2.5, 8.5)
 NEAR_PX, NEAR_SHARE = 3.0, 0.1
-"""A track is an object if the median of their distances is less than this many pixels, or than this share of the trail."""
+"""A track matches an object if the median distance between them is less than this number of pixels or this fraction of
+the trail."""
 MIN_FRAMES = 3
 SNR_EDGES = (0.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 25.0, 50.0, 1e4)
 TRAIL_EDGES = (0.0, 2.0, 5.0, 10.0, 20.0, 1e4)
 
 
 @dataclass(frozen=True)
-class _Found:
-    """One reported track: the object that it is, -1 for none; its named object, "" without; z (n, 2) error of the positions in
-    standard deviations; error in px (n,); speed relative to the true one, and whether it is a line of a single frame."""
+class _ReportedTrack:
+    """One reported track. ``row``: the object that it matches, −1 for none. ``name``: name of the identified object, ""
+    if none. ``z``: (n, 2) position errors in standard deviations. ``off_px``: (n,) errors in pixels. ``streak``: True
+    if the track is a line in a single frame."""
 
     row: int
     name: str
@@ -47,48 +49,53 @@ class _Found:
 
 @dataclass(frozen=True)
 class _Result:
-    """One scene: what was found, and for each true object its signal-to-noise ratio, trail and whether it was found."""
+    """Results of one scene: the reported tracks, and for each true object its signal-to-noise ratio, its trail length
+    and True if it was detected."""
 
-    found: list[_Found]
+    reported: list[_ReportedTrack]
     snr: list[float]
     trail_px: list[float]
-    seen: list[bool]
+    detected: list[bool]
 
 
 def moving_objects(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Render ``trials`` sequences and search them."""
+    """Render ``trials`` sequences and search for moving objects in them."""
     profile = shipped_camera(CAMERA)
     catalogue = SkyCatalogue(stars.hip, stars.icrs, stars.v_mag)
     sky = known_sky(catalogue, profile.camera, profile.sensor.faint_limit_mag)
-    of = population(OBJECTS, np.random.default_rng([seed, 0]))
+    objects = population(OBJECTS, np.random.default_rng([seed, 0]))
     results = []
     for k in range(trials):
         progress(k / trials)
         rng = np.random.default_rng([seed, 1, k])
-        results.append(_searched(profile, stars, sky, of, scene(profile, stars, of, MAGNITUDES, rng)))
+        results.append(_search_scene(profile, stars, sky, objects, scene(profile, stars, objects, MAGNITUDES, rng)))
     progress(1.0)
     return _experiment(profile, results, trials, seed)
 
 
-def _searched(profile: CameraProfile, stars: StarTable, sky: KnownSky, of: Population, made: Scene) -> _Result:
+def _search_scene(
+    profile: CameraProfile, stars: StarTable, sky: KnownSky, objects: Population, rendered: Scene
+) -> _Result:
     camera, sensor = profile.camera, profile.sensor
-    solved = [reference.solve_known(image, camera, sensor, sky, exposure_s=sensor.exposure_s) for image in made.images]
-    views = views_of(made.times_s.tolist(), [sensor.exposure_s] * len(solved), solved)
+    solved = [
+        reference.solve_known(image, camera, sensor, sky, exposure_s=sensor.exposure_s) for image in rendered.images
+    ]
+    views = views_of(rendered.times_s.tolist(), [sensor.exposure_s] * len(solved), solved)
     index = [k for k, r in enumerate(solved) if r.attitude is not None]
     frames: list[FrameSpots] = []
-    frame_of = []
+    frame_numbers = []
     for k, view in zip(index, views, strict=True):
-        spots = find_spots(made.images[k], view, stars, sensor)
+        spots = find_spots(rendered.images[k], view, stars, sensor)
         if spots is not None:
             frames.append(spots)
-            frame_of.append(k)
+            frame_numbers.append(k)
     linked = link(frames, TOP_RATE_RAD_S) if frames else Linked([], [], [], [])
     detected = [
-        _compared(t, frame_of, made, of, camera.pixel_rad, streak)
+        _identify_track(t, frame_numbers, rendered, objects, camera.pixel_rad, streak)
         for tracks, streak in ((linked.moving, False), (linked.streaks, True))
         for t in tracks
     ]
-    true = [t for t in made.tracks if np.count_nonzero(t.on) >= MIN_FRAMES]
+    true = [t for t in rendered.tracks if np.count_nonzero(t.on) >= MIN_FRAMES]
     rows = {f.row for f in detected}
     return _Result(
         detected,
@@ -98,12 +105,12 @@ def _searched(profile: CameraProfile, stars: StarTable, sky: KnownSky, of: Popul
     )
 
 
-def _compared(
-    track: Tracklet, frame_of: list[int], made: Scene, of: Population, pixel_rad: float, streak: bool
-) -> _Found:
-    index = np.array(frame_of)[track.frames]
+def _identify_track(
+    track: Tracklet, frame_numbers: list[int], rendered: Scene, objects: Population, pixel_rad: float, streak: bool
+) -> _ReportedTrack:
+    index = np.array(frame_numbers)[track.frames]
     best: tuple[float, TrueTrack | None] = (np.inf, None)
-    for true in made.tracks:
+    for true in rendered.tracks:
         off = float(np.median(separation_rad(track.icrs, true.icrs[index]))) / pixel_rad
         near_px = max(NEAR_PX, NEAR_SHARE * float(np.median(true.trail_px[index])))
         best = min(best, (off / near_px, true), key=lambda b: b[0])
@@ -112,37 +119,37 @@ def _compared(
             track.times_s,
             track.icrs,
             np.sqrt(np.trace(track.covariance_rad2, axis1=1, axis2=2) / 2),
-            made.observer_km[index],
+            rendered.observer_km[index],
         ),
-        of.catalogue,
+        objects.catalogue,
     )
     name = "" if named is None else named.name
     if best[1] is None or best[0] > 1:
-        return _Found(-1, name, np.zeros((0, 2)), np.zeros(0), streak)
+        return _ReportedTrack(-1, name, np.zeros((0, 2)), np.zeros(0), streak)
     true_icrs = best[1].icrs[index]
     error = np.einsum("nij,nj->ni", tangent(track.icrs), true_icrs - track.icrs)
     half = np.linalg.cholesky(track.covariance_rad2)
     z = np.linalg.solve(half, error[..., None])[..., 0]
-    return _Found(best[1].row, name, z, np.linalg.norm(error, axis=1) / pixel_rad, streak)
+    return _ReportedTrack(best[1].row, name, z, np.linalg.norm(error, axis=1) / pixel_rad, streak)
 
 
 def _experiment(profile: CameraProfile, results: list[_Result], trials: int, seed: int) -> Experiment:
-    detected = [f for r in results for f in r.found]
+    detected = [f for r in results for f in r.reported]
     linked, streaks = [f for f in detected if not f.streak], [f for f in detected if f.streak]
-    right = [f for f in detected if f.row >= 0]
-    z = np.concatenate([f.z for f in right]) if right else np.zeros((0, 2))
-    off = np.concatenate([f.off_px for f in right]) if right else np.zeros(0)
+    matched = [f for f in detected if f.row >= 0]
+    z = np.concatenate([f.z for f in matched]) if matched else np.zeros((0, 2))
+    off = np.concatenate([f.off_px for f in matched]) if matched else np.zeros(0)
     snr = np.array([s for r in results for s in r.snr])
     trail = np.array([t for r in results for t in r.trail_px])
-    seen = np.array([s for r in results for s in r.seen], bool)
-    named = [f for f in right if f.name]
+    seen = np.array([s for r in results for s in r.detected], bool)
+    named = [f for f in matched if f.name]
     wrong = [f for f in detected if f.name and f.name != f"SIM {f.row}"]
     rows: list[tuple[Cell, ...]] = [
         (
             "precision, tracklets",
             "≥ 95 %",
             _share([f.row >= 0 for f in linked]),
-            "reported tracklets that are an object",
+            "reported tracklets that are objects",
         ),
         ("precision, lines in one frame", "≥ 95 %", _share([f.row >= 0 for f in streaks]), "with both ends"),
         (
@@ -153,7 +160,7 @@ def _experiment(profile: CameraProfile, results: list[_Result], trials: int, see
         ),
         ("rms of error over stated error", "1", round(float(np.sqrt(np.mean(z**2))), 3) if len(z) else None, ""),
         ("median error, px", None, round(float(np.median(off)), 3) if len(off) else None, ""),
-        ("named", None, share_text(len(named), len(right)), "true tracklets that the elements explain"),
+        ("named", None, share_text(len(named), len(matched)), "true tracklets that the elements explain"),
         ("wrong names", "0", len(wrong), ""),
     ]
     for low, high in itertools.pairwise(SNR_EDGES):
@@ -169,23 +176,27 @@ def _experiment(profile: CameraProfile, results: list[_Result], trials: int, see
     middles, shares = _curve(snr, seen)
     return Experiment(
         "moving-objects",
-        "Moving objects: satellites found again",
+        "Moving objects: satellites detected in frames",
         "performance of GSS; no publication",
         ("quantity", "goal", "measured", "remark"),
         tuple(rows),
         (
             f"{trials} sequences of 10 frames, one per second, of the {profile.title} in a low orbit; {len(snr)} objects in at "
             f"least {MIN_FRAMES} frames, of a population of {OBJECTS}, a fifth of them near the geostationary ring",
-            f"V {MAGNITUDES[0]:g} to {MAGNITUDES[1]:g}, rates to {np.degrees(TOP_RATE_RAD_S):g}°/s, the camera turns by 0.01 "
+            f"V {MAGNITUDES[0]:g} to {MAGNITUDES[1]:g}, rates to {np.degrees(TOP_RATE_RAD_S):g}°/s, the camera "
+            "rotates at 0.01 "
             "or 0.05°/s (1 σ per axis)",
-            "in each sequence 8 hot pixels and 2 stars that the catalogue lacks, in each frame on average 3 pixels hit, 0.3 "
-            "long particle tracks and 1 flash in the shape of a star",
-            f"a track is an object if it is within {NEAR_PX:g} px of it, or within a tenth of the trail if that is more",
-            "SNR: of the light in one frame under a filter as long as the trail",
+            "each sequence has 8 hot pixels and 2 stars that the catalogue lacks; each frame has on average 3 "
+            "pixels hit by particles, 0.3 long particle tracks and 1 flash in the shape of a star",
+            f"a track counts as an object if it is within {NEAR_PX:g} px of the object, or within a tenth of its "
+            "trail if that is larger",
+            "SNR: signal-to-noise ratio of the light in one frame, with a filter as long as the trail",
             f"one pixel is {profile.camera.pixel_rad / ARCSEC_RAD:.1f}″",
         ),
         seed,
-        ("The elements of the population are exact, so the names measure confusion and not the age of elements.",),
+        (
+            "The elements of the population are exact, so the names measure confusion of objects and not the age of elements.",
+        ),
         (Curve("Recall", "signal-to-noise ratio in one frame", "share found", middles, shares),),
     )
 

@@ -23,19 +23,21 @@ OBSERVER_KM = 6978.0
 
 @dataclass(frozen=True)
 class Population:
-    """Element sets as text, the same as a catalogue, and the observer's elements."""
+    """Element sets of a population. ``text``: all sets as text. ``catalogue``: the same sets, parsed. ``observer``:
+    elements of the observer."""
 
     text: str
     catalogue: ObjectCatalogue
     observer: str
 
     def single(self, row: int) -> ObjectCatalogue:
-        """Return one object."""
+        """Return a catalogue of the object in one row."""
         return catalogue_of([self.catalogue.objects[row]])
 
 
 def population(count: int, rng: np.random.Generator) -> Population:
-    """Return objects in low orbits of 500 to 1500 km, a fifth of them near the geostationary ring."""
+    """Return ``count`` objects. A fifth of them are near the geostationary ring, the others in low orbits of 500 to
+    1500 km."""
     parts = []
     for number in range(count):
         high = rng.random() < HIGH_SHARE
@@ -73,5 +75,5 @@ def element_set(number: int, axis_km: float, inclination_rad: float, rng: np.ran
 
 
 def observer_km(elements: str, times_s: Array) -> Array:
-    """(n, 3) places of the observer, km, ICRS axes."""
+    """Return the (n, 3) positions of the observer, km, ICRS axes."""
     return places_of_orbit(TleTrajectory.of(elements), times_s)

@@ -27,8 +27,9 @@ EDGE_PX = 4.0
 
 @dataclass(frozen=True)
 class TrueTrack:
-    """One object of a scene: its row in the population; per frame (n,) whether it is on the detector, (n, 3) ICRS direction and
-    (n,) signal-to-noise ratio of its light under a perfect filter."""
+    """True track of one object in a scene. ``row``: row in the population. ``on``: (n,) True for frames with the object
+    on the detector. ``icrs``: (n, 3) direction. ``snr``: (n,) signal-to-noise ratio of its light with a perfect filter.
+    ``trail_px``: length of its trail."""
 
     row: int
     v_mag: float
@@ -40,7 +41,7 @@ class TrueTrack:
 
 @dataclass(frozen=True)
 class Scene:
-    """Frames with their times (Unix seconds), the observer's places and the true tracks."""
+    """Frames with their times (Unix seconds), the observer's positions and the true tracks."""
 
     images: list[Image]
     times_s: Array
@@ -51,7 +52,8 @@ class Scene:
 def scene(
     profile: CameraProfile, stars: StarTable, of: Population, magnitudes: tuple[float, float], rng: np.random.Generator
 ) -> Scene:
-    """Render one sequence whose pointing has at least one object in the field. ``magnitudes``: range of the objects'."""
+    """Render one sequence whose pointing has at least one object in the field. ``magnitudes``: magnitude range of the
+    objects."""
     camera, sensor = profile.camera, profile.sensor
     while True:
         start_s = EPOCH.timestamp() + float(rng.uniform(0, 86_400))
@@ -61,10 +63,10 @@ def scene(
         visible = _visible(icrs, distance_km, place_km)
         if visible.any():
             break
-    # Near objects are fast and rare; half of the scenes look at one of them.
+    # Near objects are fast and rare, so half of the scenes point at one of them.
     near = 1 / distance_km[:, FRAMES // 2] ** (2 if rng.random() < 0.5 else 0)
-    chosen = np.where(visible, near, 0.0)
-    target = int(rng.choice(len(chosen), p=chosen / chosen.sum()))
+    weight = np.where(visible, near, 0.0)
+    target = int(rng.choice(len(weight), p=weight / weight.sum()))
     rate = rng.normal(0, 1, 3) * np.radians(0.01 if rng.random() < 0.5 else 0.05)
     attitude = _pointing(camera, icrs[target, FRAMES // 2], rng)
     attitudes = [rotation_from_vector(-rate * (t - times_s[FRAMES // 2])) @ attitude for t in times_s]
@@ -105,15 +107,15 @@ def scene(
             lights=lights,
         )
         images.append(drawn.pixels)
-    made = [
+    tracks_of_objects = [
         TrueTrack(k, v_mag[k], np.array(on), icrs[k], np.array(snr), np.array(length))
         for k, (on, snr, length) in tracks.items()
     ]
-    return Scene(images, times_s, place_km, made)
+    return Scene(images, times_s, place_km, tracks_of_objects)
 
 
 def _visible(icrs: Array, distance_km: Array, place_km: Array) -> Array:
-    """(m,) True for objects that the Earth does not hide and that move slowly enough for the search."""
+    """Return the (m,) mask of the objects that the Earth does not hide and that move slowly enough for the search."""
     down = -place_km / np.linalg.norm(place_km, axis=1, keepdims=True)
     limb = np.arcsin(EARTH_LIMB_KM / np.linalg.norm(place_km, axis=1))
     clear = np.einsum("mni,ni->mn", icrs, down) < np.cos(limb)
@@ -123,7 +125,7 @@ def _visible(icrs: Array, distance_km: Array, place_km: Array) -> Array:
 
 
 def _pointing(camera: Camera, towards: Array, rng: np.random.Generator) -> Array:
-    """(3, 3) attitude with random roll that images a direction in the middle part of the detector."""
+    """Return a (3, 3) attitude with random roll that images a direction in the middle part of the detector."""
     side = rng.normal(size=3)
     x = side - towards * (side @ towards)
     x /= np.linalg.norm(x)
@@ -146,7 +148,7 @@ def _path(
     camera: Camera,
     exposure_s: float,
 ) -> Array:
-    """(n, 2) pixels during the exposure."""
+    """Return the (n, 2) pixel positions of an object during the exposure."""
     after = np.linspace(-0.5, 0.5, 9) * exposure_s
     times_s = at_s + after
     icrs, _ = of.single(row).seen_from(times_s, observer_km(observer, times_s))
@@ -155,7 +157,7 @@ def _path(
 
 
 def _drawn(path: Array, v_mag: float, sigma_px: float) -> list[FalseStar]:
-    """Return the light of an object on its way over the detector as points."""
+    """Return the light of an object along its path on the detector, as points."""
     if not np.isfinite(path).all():
         return []
     length = float(np.hypot(*(path[-1] - path[0])))
@@ -167,7 +169,7 @@ def _drawn(path: Array, v_mag: float, sigma_px: float) -> list[FalseStar]:
 
 
 def _snr(profile: CameraProfile, v_mag: float, length_px: float) -> float:
-    """Signal-to-noise ratio under a filter that is as long as the trail."""
+    """Return the signal-to-noise ratio with a filter that is as long as the trail."""
     sensor = profile.sensor
     light = float(sensor.star_e(v_mag, sensor.exposure_s))
     sigma = float(np.hypot(sensor.psf_sigma_px, np.sqrt(1 / 12)))
@@ -182,21 +184,21 @@ def _hot(camera: Camera, full_e_s: float, rng: np.random.Generator) -> HotPixel:
 
 
 def _rays(camera: Camera, full_e_s: float, rng: np.random.Generator) -> Sequence[HotPixel]:
-    """Return cosmic rays of one frame: single pixels, and tracks one pixel wide."""
-    made = [_hot(camera, full_e_s, rng) for _ in range(rng.poisson(RAYS))]
+    """Return the cosmic rays of one frame: single pixels, and tracks that are one pixel wide."""
+    rays = [_hot(camera, full_e_s, rng) for _ in range(rng.poisson(RAYS))]
     for _ in range(rng.poisson(RAY_TRACKS)):
         angle, length = rng.uniform(0, np.pi), rng.uniform(4, 40)
         start, level = rng.uniform((0, 0), (camera.columns, camera.rows)), full_e_s * rng.uniform(0.05, 0.5)
         steps = np.arange(0, length, 0.5)
         cells = {(int(start[0] + s * np.cos(angle)), int(start[1] + s * np.sin(angle))) for s in steps}
-        made += [
+        rays += [
             HotPixel(c, r, float(level)) for c, r in sorted(cells) if 0 <= c < camera.columns and 0 <= r < camera.rows
         ]
-    return made
+    return rays
 
 
 def _new_stars(attitude: Array, profile: CameraProfile, rng: np.random.Generator) -> Lights:
-    """Return stars that are missing in the catalogue."""
+    """Return stars that the catalogue does not contain."""
     camera, limit = profile.camera, profile.sensor.faint_limit_mag
     places = rng.uniform((0, 0), (camera.columns, camera.rows), (NEW_STARS, 2))
     return Lights(camera.unproject(places) @ attitude, rng.uniform(limit - 2, limit, NEW_STARS))

@@ -1,1 +1,1 @@
-"""Search for false attitudes: random pointings with faults, judged for every chain."""
+"""Search for false attitudes: score every chain on random pointings with faults."""

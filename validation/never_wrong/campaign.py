@@ -1,5 +1,5 @@
-"""The long never-wrong campaign: shards on worker processes or a cluster, each stored as a line of a file, so that a run can
-be resumed and shards affected by a change can be rerun."""
+"""The long never-wrong campaign. Worker processes or a cluster run its shards. Each shard is stored as a line of a
+file, so a run can be resumed, and shards affected by a change can be rerun."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ ProgressReport = Callable[[int, int], None]
 
 
 class OrderedExecutor(Protocol):
-    """Runs a module-level function on items, here or on other processes; results are in the order of the items."""
+    """Executor that runs a module-level function on items, in this process or in others, and returns the results in the
+    order of the items."""
 
     def in_order(
         self, work: Callable[[Any, Callable[[float], None]], Any], items: Iterable[Any]
@@ -37,7 +38,8 @@ class OrderedExecutor(Protocol):
 
 @dataclass(frozen=True)
 class CampaignSettings:
-    """What to run: ``attitudes`` per camera and chain as centroid lists, ``frames`` per camera and chain from pixels."""
+    """Size of a campaign. ``attitudes``: centroid lists per camera and chain. ``frames``: rendered frames per camera
+    and chain."""
 
     attitudes: int = 10_000
     frames: int = 130
@@ -56,7 +58,7 @@ class CampaignSettings:
 
 
 def keys(run_campaign: CampaignSettings) -> list[Shard | FrameShard]:
-    """Return every shard of a hunt; frames first, because they are few."""
+    """Return every shard of a campaign. Frame shards are first, because they are few."""
     return [
         *frame_shards(run_campaign.frames, run_campaign.seed, run_campaign.cameras, run_campaign.chains),
         *shards(run_campaign.attitudes, run_campaign.seed, run_campaign.cameras, run_campaign.chains),
@@ -64,7 +66,8 @@ def keys(run_campaign: CampaignSettings) -> list[Shard | FrameShard]:
 
 
 def read(file: Path) -> dict[Shard | FrameShard, dict[str, Any]]:
-    """Return the completed shards; the newer record if there are two. A line cut off by a crash is ignored."""
+    """Return the completed shards. If a shard has two records, the newer one is returned. A line cut off by a crash is
+    ignored."""
     done: dict[Shard | FrameShard, dict[str, Any]] = {}
     if not file.is_file():
         return done
@@ -73,8 +76,8 @@ def read(file: Path) -> dict[Shard | FrameShard, dict[str, Any]]:
             record = json.loads(line)
         except ValueError:
             continue
-        made = FrameShard if record["kind"] == "frames" else Shard
-        done[made(**record["shard"])] = record
+        shard_type = FrameShard if record["kind"] == "frames" else Shard
+        done[shard_type(**record["shard"])] = record
     return done
 
 
@@ -86,9 +89,10 @@ def run_campaign(
     again: bool = False,
     progress: ProgressReport = lambda _, __: None,
 ) -> int:
-    """Run the shards that ``file`` does not contain, or with ``again`` all. Return the number of shards run."""
-    held = {} if again else read(file)
-    missing = [key for key in keys(settings) if key not in held]
+    """Run the shards that ``file`` does not contain, or all shards if ``again`` is True. Return the number of shards
+    run."""
+    completed = {} if again else read(file)
+    missing = [key for key in keys(settings) if key not in completed]
     if not missing:
         return 0
     code = fingerprint()
@@ -104,7 +108,7 @@ def run_campaign(
 
 
 def selected(done: Iterable[Any], settings: CampaignSettings) -> set[Any]:
-    """Return the completed shards that belong to a hunt."""
+    """Return the completed shards that belong to a campaign."""
     return set(keys(settings)) & set(done)
 
 

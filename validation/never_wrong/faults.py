@@ -23,12 +23,15 @@ class FieldLocation(StrEnum):
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a centroid list. ``missing``: share of stars removed; ``off_mag``: added to or subtracted from each star's
-    magnitude at random; ``shift_mag``: added to all; ``scale``: ratio of the true to the assumed focal length; ``mirrored``: left
-    and right exchanged; ``planets``: points brighter than any star but Sirius; ``blended``: share of stars with an uncatalogued
-    companion within the spot; ``variable``: share that is up to 2 mag fainter than in the catalogue; ``saturated``: bright stars
-    lose their brightness order and a pixel of position accuracy; ``another``: taken by another system's camera; ``share``: of the
-    trials, because some faults need a search of the whole sky."""
+    """One fault of a centroid list.
+
+    ``false``: number of false stars. ``missing``: share of stars removed. ``off_mag``: added to or subtracted from each
+    star's magnitude at random. ``shift_mag``: added to all magnitudes. ``scale``: ratio of the true to the assumed
+    focal length. ``mirrored``: left and right are exchanged. ``planets``: number of points brighter than any star
+    except Sirius. ``blended``: share of stars with an uncatalogued companion within the spot. ``variable``: share of
+    stars that are up to 2 mag fainter than in the catalogue. ``saturated``: bright stars lose their brightness order
+    and a pixel of position accuracy. ``another``: the list is from another system's camera. ``place``: location of the
+    field. ``share``: share of the trials, because some faults require a search of the whole sky."""
 
     title: str
     false: int = 0
@@ -77,7 +80,7 @@ SATURATED_MAG, SATURATED_PX = 2.5, 1.0
 
 
 def attitude_at(place: FieldLocation, camera: Camera, rng: np.random.Generator) -> Array:
-    """(3, 3) cam_from_icrs with random roll whose field contains that location."""
+    """Return a (3, 3) cam_from_icrs with random roll whose field contains that location."""
     if place is FieldLocation.ANYWHERE:
         return random_attitude(rng)
     reach_rad = 0.5 * min(camera.fov_rad) * rng.uniform(-1, 1)
@@ -90,7 +93,7 @@ def attitude_at(place: FieldLocation, camera: Camera, rng: np.random.Generator) 
 
 
 def fade(v_mag: Array, fault: Fault, rng: np.random.Generator) -> Array:
-    """(n,) magnitudes changed by variability and unresolved companions."""
+    """Return the (n,) magnitudes changed by variability and unresolved companions."""
     n = len(v_mag)
     if fault.variable:
         v_mag = v_mag + np.where(rng.random(n) < fault.variable, rng.uniform(0, FADE_MAG, n), 0.0)
@@ -102,7 +105,7 @@ def fade(v_mag: Array, fault: Fault, rng: np.random.Generator) -> Array:
 def displace(
     pixels: Array, v_mag: Array, seen_mag: float, fault: Fault, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """(n, 2) pixels and (n,) magnitudes changed by companions within the spot and by saturation."""
+    """Return (n, 2) pixels and (n,) magnitudes changed by companions within the spot and by saturation."""
     n = len(pixels)
     if fault.blended:
         struck = rng.random(n) < fault.blended
@@ -118,7 +121,7 @@ def displace(
 
 
 def strangers(fault: Fault, seen_mag: float, camera: Camera, rng: np.random.Generator) -> tuple[Array, Array]:
-    """(m, 2) pixels and (m,) magnitudes of uncatalogued points: false stars and planets, uniformly distributed over the
+    """Return (m, 2) pixels and (m,) magnitudes of uncatalogued points: false stars and planets, uniform over the
     detector."""
     edge = (camera.columns - 0.5, camera.rows - 0.5)
     pixels = rng.uniform((-0.5, -0.5), edge, (fault.false, 2))

@@ -1,4 +1,5 @@
-""" "Never wrong" campaign on rendered frames with sky and detector faults, for each camera's chain and the reference chain."""
+""" "Never wrong" campaign on rendered frames with faults of sky and detector, for each camera's chain and the reference
+chain."""
 
 from __future__ import annotations
 
@@ -44,9 +45,9 @@ _STREAM = 911
 
 @dataclass(frozen=True)
 class FrameFault:
-    """One fault of a frame. ``exposure``: factor by which the camera's exposure is multiplied; ``rate_rad_s``: rotation rate
-    about a random axis; ``flat``: constant pixel value as a fraction of full scale, without stars; ``starless``: only noise; the
-    other attributes are those of ``Fault``."""
+    """One fault of a frame. ``exposure``: factor by which the camera's exposure is multiplied; ``rate_rad_s``: rotation
+    rate about a random axis; ``flat``: constant pixel value as a fraction of full scale, without stars; ``starless``:
+    True if the frame has only noise. The other attributes are those of ``Fault``."""
 
     title: str
     false: int = 0
@@ -128,7 +129,8 @@ class FrameCampaign:
 def faulty_frame(
     fault: FrameFault, profile: CameraProfile, stars: StarTable, attitude: Array, rng: np.random.Generator
 ) -> tuple[Frames, Truth]:
-    """Return a frame with the fault, in the image size that the chain expects, and the truth for the camera that took it."""
+    """Return a frame with the fault, in the image size that the chain expects, and the truth for the camera that
+    exposed it."""
     taken_by = shipped_camera(OTHER_CAMERA[profile.name]) if fault.another else profile
     camera, sensor = taken_by.camera, taken_by.sensor
     camera = replace(
@@ -163,7 +165,7 @@ def faulty_frame(
 
 
 def _crop_or_pad(pixels: Frames, profile: CameraProfile) -> Frames:
-    """Crop the frame, or pad it with its median, to the camera's size; pixel values are unchanged."""
+    """Crop the frame, or pad it with its median, to the camera's size. Pixel values are not changed."""
     camera = profile.camera
     if pixels.shape == (camera.rows, camera.columns):
         return np.ascontiguousarray(pixels)

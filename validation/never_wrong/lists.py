@@ -1,7 +1,8 @@
-"""Long "never wrong" campaign: many random attitudes per camera, each with its fault and mode, for its chain and the reference.
+"""Long "never wrong" campaign: many random attitudes per camera, each with one fault and mode, for the camera's chain
+and the reference chain.
 
-The work is divided into shards that can be run in any order, by any process, and repeatedly: a shard's verdicts depend only on
-camera, chain, seed and shard number. Both chains of a camera get the same centroid lists.
+The work is divided into shards that any process can run in any order and repeatedly. The verdicts of a shard depend
+only on camera, chain, seed and shard number. Both chains of a camera get the same centroid lists.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class Verdicts:
 def shards(
     attitudes: int, seed: int, cameras: tuple[str, ...] = CAMERAS, chains: tuple[str, ...] = CHAINS
 ) -> list[Shard]:
-    """Return all shards of a campaign, ordered so that all cameras and chains advance evenly."""
+    """Return all shards of a campaign in an order in which all cameras and chains advance evenly."""
     numbers = range(-(-attitudes // SHARD))
     return [Shard(camera, chain, seed, n) for n in numbers for camera in cameras for chain in chains]
 
@@ -88,6 +89,7 @@ class Campaign:
                 off_px = judged.cross_rad / subject.camera.pixel_rad
                 wrong.append(
                     f"{shard.camera}, {subject.setting.chain}, {FAULTS[j].title}, {MODES[k].value}: {judged.false_matches} false "
-                    f"of {judged.false_matches + judged.matched} names, {off_px:.1f} px off; generator {key}"
+                    f"of {judged.false_matches + judged.matched} matches, boresight error {off_px:.1f} px; "
+                    f"generator {key}"
                 )
         return Verdicts(dict(counts), tuple(wrong))

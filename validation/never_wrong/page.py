@@ -1,5 +1,5 @@
-"""Writes ``docs/never-wrong.md`` from a campaign's results: correct, imprecise, wrong and none by camera, chain, fault and
-mode."""
+"""Write ``docs/never-wrong.md`` from the results of a campaign: counts of correct, imprecise, wrong and none by camera,
+chain, fault and mode."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from validation.never_wrong.table import MODES
 
 FIXED_CASES = "\n".join(
     (
-        "- aim, mirrored, tracking (attitudes 4085 and 5417): two stars match their mirror image after a rotation; two stars "
-        "may now rotate a tracked attitude by at most the capture radius",
-        "- sunsat, focal length −1 %, tracking (attitude 1784): three stars in a corner, right matches, boresight error 6.4 px; "
-        "this chain now also checks the focal length",
+        "- aim, mirrored, tracking (attitudes 4085 and 5417): two stars matched their mirror image after a "
+        "rotation. Two stars can now rotate a tracked attitude by at most the capture radius",
+        "- sunsat, focal length −1 %, tracking (attitude 1784): three stars in a corner were matched correctly, "
+        "but the boresight error was 6.4 px. This chain now also checks the focal length",
         "- reference with far_mst and oersted, mirrored or with false stars, planets or doubles (nine lists, among them attitudes "
-        "3636 and 4299 of far_mst, 2389 and 3777 of oersted): an attitude that matched a tenth to a fourth of the stars was "
-        "accepted; three tenths must match now",
+        "3636 and 4299 of far_mst, 2389 and 3777 of oersted): an attitude that matched a tenth to a fourth of "
+        "the stars was accepted. Now three tenths of the stars must match",
     )
 )
 ORDER = (Verdict.CORRECT, Verdict.IMPRECISE, Verdict.WRONG, Verdict.NONE)
 Cells = dict[tuple[str, str, str], dict[tuple[int, int], Counter[str]]]
-"""By kind, camera and chain, then by fault and mode."""
+"""Counts by kind, camera and chain, then by fault and mode."""
 
 
 def page(settings: CampaignSettings, done: dict[Any, dict[str, Any]]) -> str:
-    """Return the page as Markdown. Only shards of this hunt count; missing shards are reported."""
+    """Return the page as Markdown. Only shards of this campaign count. Missing shards are reported."""
     used = selected(done, settings)
     cells: Cells = defaultdict(lambda: defaultdict(Counter))
     for key in used:
@@ -40,21 +40,21 @@ def page(settings: CampaignSettings, done: dict[Any, dict[str, Any]]) -> str:
             cells[done[key]["kind"], key.camera, key.chain][fault, mode][verdict] += number
     wrong = sorted(text for key in used for text in done[key]["wrong"])
     parts = [_head(settings, wrong, _made_by(used, done), len(keys(settings)) - len(used)), _summary(cells)]
-    for kind, faults, title in (("lists", FAULTS, "Lists of centroids"), ("frames", FRAME_FAULTS, "From pixels")):
+    for kind, faults, title in (("lists", FAULTS, "Centroid lists"), ("frames", FRAME_FAULTS, "From pixels")):
         cameras = [c for c in CAMERAS if any((kind, c, chain) in cells for chain in settings.chains)]
         tables = [_table(kind, camera, settings, cells, [f.title for f in faults]) for camera in cameras]
-        parts += [f"## {title}\n\n{_MODES_SAID}\n", *tables]
+        parts += [f"## {title}\n\n{MODES_TEXT}\n", *tables]
     return "\n".join(parts).rstrip() + "\n"
 
 
-_MODES_SAID = (
+MODES_TEXT = (
     "Each cell: correct/imprecise/wrong/none. The mode changes from attitude to attitude; "
     "both chains of a camera get the same input."
 )
 
 
 def _made_by(used: set[Any], done: dict[Any, dict[str, Any]]) -> str:
-    """List the source fingerprints and the number of shards of each."""
+    """Return the fingerprints of the sources with the number of shards of each."""
     codes = Counter(done[key]["code"] for key in used)
     return ", ".join(f"{code} ({number} shards)" for code, number in sorted(codes.items())) or "none"
 
@@ -84,19 +84,19 @@ The campaign searches for false attitudes. Each camera's chain and the reference
 as centroid lists and {settings.frames} as rendered frames, each with one fault and one mode. The seed ({settings.seed}), the camera
 and the number of the attitude reproduce each case. Verdicts:
 
-- **correct**: cross-boresight error within three of its standard deviations, all matches right
-- **imprecise**: right matches, but a larger error
-- **wrong**: a false match in the attitude, or an error of more than five pixels; for a mirrored list or frame, and for one
-  without stars, any solution
+- **correct**: cross-boresight error within three of its standard deviations, all matches correct
+- **imprecise**: correct matches, but a larger error
+- **wrong**: a false match in the attitude, or an error of more than five pixels; for a mirrored list or
+  frame, and for a frame without stars, any solution
 - **none**: no solution, with a reason
 
 {conditions}
 
-## Wrong answers
+## Wrong results
 
 {summary}
 
-Found by earlier runs with the same seed, fixed, and covered by tests:
+Earlier runs with the same seed detected these cases. They are fixed and covered by tests:
 
 {FIXED_CASES}
 """
@@ -108,11 +108,11 @@ def _summary(cells: Cells) -> str:
         counts = sum(by_fault.values(), Counter[str]())
         total, none = counts.total(), counts[Verdict.NONE]
         bad = counts[Verdict.WRONG]
-        most = 100 * share_interval(bad, total - none)[1]
+        upper_limit = 100 * share_interval(bad, total - none)[1]
         rows.append(
             f"| {camera} | {chain if chain != OWN else setting_of(camera, OWN).chain + ' (own)'} | {kind} | {total} | "
             + " | ".join(str(counts[v]) for v in ORDER)
-            + f" | < {most:.2g} % |"
+            + f" | < {upper_limit:.2g} % |"
         )
     head = "| camera | chain | input | cases | correct | imprecise | wrong | none | wrong solutions, 95 % |"
     return "## All faults\n\n" + head + "\n|" + "---|" * 9 + "\n" + "\n".join(rows) + "\n"

@@ -29,18 +29,20 @@ from gss.skytables.pairs import distance_table
 from validation.never_wrong.faults import Fault, displace, fade, strangers
 
 Solver = Callable[[Centroids, Mode, Array | None], SolveResult]
-"""Solver of centroids in a mode, with a prior attitude unless lost; in assisted mode a system's chain gets only its boresight."""
+"""Solver of centroids in a mode, with a prior attitude except when lost in space. In assisted mode a system's chain
+receives only the boresight of the prior."""
 REFERENCE_CAMERA = "far_mst"
-# Camera whose frames are given to each chain in the fault ``another``.
+# Camera whose frames each chain receives for the fault ``another``.
 OTHER_CAMERA = {"cubestar": "far_mst", "far_mst": "oersted", "oersted": "sunsat", "sunsat": "oersted", "aim": "sunsat"}
-# Magnitude range below the limit from which stars can be measured brighter than the limit.
+# Range of magnitudes beyond the limit in which noise can make a star brighter than the limit.
 BEYOND_MAG = 1.5
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Test settings of one chain: its bank's limit, the faintest star it measures, errors of position and brightness, hint errors
-    in assisted mode and before tracking; ``share``: of the trials, for a slow chain."""
+    """Test settings of one chain: magnitude limit of its bank, faintest star that it measures, errors of position and
+    brightness, errors of the prior in assisted mode and in tracking. ``share``: share of the trials, for a slow
+    chain."""
 
     chain: str
     camera: str
@@ -127,7 +129,8 @@ def _reference(setting: Setting, profile: CameraProfile, stars: StarTable) -> So
 
 
 def reference_sky(setting: Setting, profile: CameraProfile, stars: StarTable) -> reference.KnownSky:
-    """Return the sky of the reference chain: it has the whole table, but identifies with the stars in the bank."""
+    """Return the sky of the reference chain. It contains the whole table, but identification uses only the stars in the
+    bank."""
     return reference.known_sky(SkyCatalogue(stars.hip, stars.icrs, stars.v_mag), profile.camera, setting.bank_mag)
 
 
@@ -138,14 +141,15 @@ def reference_hint(setting: Setting, mode: Mode, near_icrs: Array | None) -> nea
 
 
 def hint_of(mode: Mode, near_icrs: Array) -> AttitudePrior:
-    """Return the prior in the form of a system's chain: the full attitude in tracking, else the boresight."""
+    """Return the prior in the form of a system's chain: the full attitude in tracking mode, otherwise the boresight."""
     if mode is Mode.TRACKING:
         return AttitudePrior.from_quaternion(quaternion_from_matrix(near_icrs))
     return AttitudePrior(near_icrs[2])
 
 
 def prior(setting: Setting, mode: Mode, attitude: Array, rng: np.random.Generator) -> Array | None:
-    """Return an attitude that differs from the true one by up to the setting's angle about any axis; None when lost."""
+    """Return an attitude that differs from the true attitude by up to the setting's angle about any axis; None in
+    lost-in-space mode."""
     if mode is Mode.LOST_IN_SPACE:
         return None
     axis = rng.normal(size=3)
@@ -162,8 +166,8 @@ class Shown:
 
 
 def shown(subject: Subject, fault: Fault, attitude: Array, rng: np.random.Generator) -> Shown:
-    """Simulate the camera's centroid list at an attitude with that fault: every star measured brighter than its limit, including
-    stars that are not in the bank."""
+    """Simulate the camera's centroid list at an attitude with a fault. The list contains every star measured brighter
+    than the limit, including stars that are not in the bank."""
     setting, believed = subject.setting, subject.camera
     taken_by = shipped_camera(OTHER_CAMERA[setting.camera]).camera if fault.another else believed
     true = replace(
@@ -186,7 +190,7 @@ def shown(subject: Subject, fault: Fault, attitude: Array, rng: np.random.Genera
 
 
 def _flux_dn(setting: Setting, profile: CameraProfile, v_mag: Array) -> Array:
-    """Fluxes on the scale from which the chain computes magnitudes; the other chains only compare brightness."""
+    """Return fluxes on the scale from which the chain computes magnitudes. Other chains only compare brightness."""
     if setting.chain == "sunsat":
         return brightness_dn(v_mag, sunsat_parameters(profile))
     if setting.chain == "aim":

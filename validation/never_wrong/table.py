@@ -39,8 +39,10 @@ class _Cell:
 def never_wrong(
     stars: StarTable, trials: int, seed: int, progress: Progress, chains: tuple[str, ...] = ()
 ) -> Experiment:
-    """Count correct, imprecise, wrong and missing results of each chain under each fault. ``trials``: random attitudes per chain,
-    fault and mode; ``chains``: chains to test, all if empty. A wrong result is listed with the values that reproduce it."""
+    """Count correct, imprecise, wrong and missing results of each chain under each fault.
+
+    ``trials``: random attitudes per chain, fault and mode. ``chains``: chains to test, all if empty. A wrong result is
+    listed with the values that reproduce it."""
     rows: list[tuple[Cell, ...]] = []
     cells: list[_Cell] = []
     for i, setting in enumerate(SETTINGS):
@@ -57,12 +59,12 @@ def never_wrong(
     return Experiment(
         "never-wrong",
         "False attitudes under every fault",
-        "our own requirement; Jacobs 1995 Table 3-7 and Erlank 2013 §4.3.5 report none",
+        "requirement of GSS; Jacobs 1995 Table 3-7 and Erlank 2013 §4.3.5 report no false attitude",
         (
             "chain, fault",
             *(f"{m.value.replace('_', ' ')}: correct/imprecise/wrong/none" for m in MODES),
             "wrong (required 0)",
-            "of these with a false name",
+            "of these with a false match",
         ),
         tuple(rows),
         (_sum(cells, trials), *_conditions()),
@@ -77,8 +79,8 @@ def _sum(cells: list[_Cell], trials: int) -> str:
     answers = trials_run - sum(c.counts[Verdict.NONE] for c in cells)
     most = 100 * share_interval(wrong, answers)[1]
     return (
-        f"{trials} random attitudes per chain, fault and mode, a quarter of them for the reference, fewer for faults that "
-        "cost a search of the whole sky: "
+        f"{trials} random attitudes per chain, fault and mode, a quarter of them for the reference, fewer for "
+        "faults that require a search of the whole sky: "
         f"{trials_run} lists, {answers} answers, {wrong} wrong: with 95 % fewer than {most:.2g} % of answers to such a mixture"
     )
 
@@ -87,12 +89,13 @@ def _notes(cells: list[_Cell]) -> tuple[str, ...]:
     named = [text for c in cells for text in c.named]
     more = len(named) - MAX_NAMED
     return (
-        "Correct: cross-boresight error within three of its standard deviations, all matches right. Wrong: a false "
+        "Correct: cross-boresight error within three of its standard deviations, all matches correct. Wrong: a false "
         "match in the attitude, or an error of more than five pixels; for a mirrored list, any solution.",
-        "A list taken with another focal length and matched by a few stars in a corner has the right matches, but a "
-        "boresight error of the scale error times their distance from the centre, 1 % of 600 px. This counts as wrong.",
-        *(named[:MAX_NAMED] or ["No wrong answer in this run."]),
-        *([f"and {more} more wrong answers"] if more > 0 else []),
+        "If the true focal length differs and a few stars in a corner are matched, the matches are correct but "
+        "the boresight has an error: the scale error times the distance of these stars from the centre, 1 % of "
+        "600 px. Such a result counts as wrong.",
+        *(named[:MAX_NAMED] or ["No wrong result in this run."]),
+        *([f"and {more} more wrong results"] if more > 0 else []),
     )
 
 
@@ -103,9 +106,9 @@ def _conditions() -> tuple[str, ...]:
     )
     return (
         described,
-        "lists of centroids with normal errors; every star measured above the limit is in them, whether the bank has it or not; "
-        "false stars even over the detector",
-        "assisted and tracking: an attitude off by up to "
+        "lists of centroids with normally distributed errors; each list contains every star measured brighter "
+        "than the limit, including stars that are not in the bank; false stars uniform over the detector",
+        "assisted and tracking: a prior attitude with an error of up to "
         + ", ".join(f"{np.degrees(s.assisted_rad):.0f}°/{np.degrees(s.tracking_rad):.2g}°" for s in SETTINGS)
         + " in the chains' order, about any axis",
     )
@@ -127,12 +130,12 @@ def _named(subject: Subject, fault: Fault, key: tuple[int, ...], judged: Score) 
     off_px = judged.cross_rad / subject.camera.pixel_rad
     return (
         f"WRONG: {subject.setting.chain}, {fault.title}, {MODES[key[3]].value}: {judged.false_matches} false of "
-        f"{judged.false_matches + judged.matched} names, boresight {off_px:.1f} px off; generator {list(key)}"
+        f"{judged.false_matches + judged.matched} matches, boresight error {off_px:.1f} px; generator {list(key)}"
     )
 
 
 def judge(subject: Subject, fault: Fault, key: Key, trial: int) -> Score:
-    """Score one trial, which is identified by the seed, the indices of chain, fault and mode, and its number."""
+    """Score one trial. The seed, the indices of chain, fault and mode, and the trial number identify it."""
     return judge_with(subject, fault, MODES[key[3]], np.random.default_rng([*key, trial]))
 
 

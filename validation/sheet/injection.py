@@ -1,5 +1,5 @@
-"""Each error of the performance sheet injected alone into rendered frames: its own row recovers it, the others do
-not move."""
+"""Injection of each error of the performance sheet into rendered frames: the row of the error recovers it, and the
+other rows do not change."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ RESPONSE_SIGMA = 0.08
 READ_NOISE = 6.0
 COVERED = 10
 SIZES = {"1": (1.0, ""), "share": (0.01, "%")}
-"""Size and sign of the unit in which a figure is written."""
+"""Factor and symbol of the unit in which a figure is written."""
 SPEED_C = 1e-4
 TOP_RATE_RAD_S = float(np.radians(0.4))
 WARM_K = 10.0
@@ -57,9 +57,9 @@ MAIN = {
 
 @dataclass(frozen=True)
 class _Case:
-    """One injected error: ``row`` that must find it, "" for none; ``injected``: its size in the unit of the figure,
-    None if it follows from the frames; ``covered``: one frame in this number shows no star; ``beside``: rows that the
-    error must move as well."""
+    """One injected error. ``row``: row that must detect it, "" for none. ``injected``: size in the unit of the figure,
+    None if it is computed from the frames. ``covered``: one frame in this number shows no star. ``beside``: other rows
+    that the error must change."""
 
     title: str
     row: str
@@ -74,7 +74,7 @@ def injection(stars: StarTable, trials: int, seed: int, progress: Progress) -> E
     """Render a unit with each error, compute its sheet, and compare. ``trials``: random pointings of each unit."""
     deep = stars.brighter_than(7.0)
     sky = reference.known_sky(SkyCatalogue(deep.hip, deep.icrs, deep.v_mag), CAMERA, LIMIT_MAG)
-    # Without companions within the spot, whose error would be part of every row.
+    # Stars with companions within the spot are excluded, because their error would be part of every row.
     alone = stars.take(np.flatnonzero(np.isin(stars.hip, sky.sky.hip)))
     cases = _cases(alone)
     rows: list[tuple[Cell, ...]] = []
@@ -89,22 +89,22 @@ def injection(stars: StarTable, trials: int, seed: int, progress: Progress) -> E
         "sheet-injection",
         "Performance sheet: each error alone",
         "ECSS-E-ST-60-20C, terms of the error budget",
-        ("injected error", "row that finds it", "injected", "found", "95 %", "inside", "rows that moved beside it"),
+        ("injected error", "row that detects it", "injected", "found", "95 %", "inside", "other rows that changed"),
         tuple(rows),
         (
             f"{trials} random pointings, {trials} frames at rest and {trials} of a slew to 0.4°/s for each unit; "
             f"{CAMERA.columns} x {CAMERA.rows} px, 14° wide, 8 bits, stars to V {LIMIT_MAG} without close companions",
-            f"temperature swings by ±{WARM_K:g} K, the velocity by 30 km/s; the reference is the true attitude",
-            "a row moves if its interval does not meet that of the same unit without error",
+            f"the temperature varies by ±{WARM_K:g} K and the velocity by 30 km/s; the reference is the true attitude",
+            "a row changes if its interval does not overlap that of the same unit without error",
         ),
         seed,
         (
-            "The injected size of the field error is taken at the stars that the attitudes use, that of the noise from the "
-            "scatter of the attitude errors at rest.",
-            "A lens error turns the attitude by an amount that depends on the stars in the field, so it also moves rows that "
-            "compare attitudes; the others move none.",
-            "A spread of the pixels' response has no size in pixels of position: its row is only compared with the unit "
-            "without error.",
+            "The injected size of the field error is computed for the stars that the attitudes use. The injected "
+            "size of the noise is the scatter of the attitude errors at rest.",
+            "A lens error rotates the attitude by an angle that depends on the stars in the field, so it also "
+            "changes rows that compare attitudes. The other errors change no other row.",
+            "A spread of the pixel response has no size in pixels of position, so its row is only compared with "
+            "the unit without error.",
         ),
     )
 
@@ -128,7 +128,7 @@ def _cases(stars: StarTable) -> list[_Case]:
         _Case("aberration not corrected", "aberration", unit, 1.0, corrected=False),
         _Case("late time stamps", "date", replace(unit, date_s=DATE_S), DATE_S),
         _Case("every tenth frame covered", "acquisition", unit, 1 / COVERED, covered=COVERED, beside=("tracking",)),
-        # Of ten frames nine are solved, and one of these is followed by the covered one.
+        # Nine of ten frames are solved, and one of the nine is followed by the covered frame.
         _Case(
             "every tenth frame covered", "tracking", unit, 1 / (COVERED - 1), covered=COVERED, beside=("acquisition",)
         ),
@@ -136,8 +136,8 @@ def _cases(stars: StarTable) -> list[_Case]:
 
 
 def _star_error_px(bent: Camera, seen: list[Observation]) -> float:
-    """Error of one star per axis at the stars that the attitudes use, without the rotation common to all. The chain
-    excludes stars that are more than about a pixel off, so the error of the whole detector is larger."""
+    """Return the error per axis of the stars that the attitudes use, without their common rotation. The chain excludes
+    stars with an error of more than about a pixel, so the error over the whole detector is larger."""
     parts = []
     for o in seen:
         if o.result.matches is not None and o.result.attitude is not None:
@@ -221,13 +221,13 @@ def _figure(sheet: PerformanceSheet, key: str, name: str) -> SheetFigure | None:
 
 
 def _meet(a: SheetFigure | None, b: SheetFigure | None) -> bool:
-    """True if the intervals overlap, or one was not measured."""
+    """True if the intervals overlap or one figure was not measured."""
     return a is None or b is None or (a.low <= b.high and b.low <= a.high)
 
 
 def _scatter_rad(seen: list[Observation]) -> float:
-    """Scatter of the attitude error about the first axis of the frames at rest, from the truth, without a slow
-    part."""
+    """Return the scatter of the attitude error about the first axis for the frames at rest, relative to the truth and
+    without its slow part."""
     still = [o for o in seen if o.result.attitude is not None and 1e4 <= o.moment.time_s < 2e4]
     true: Array = np.array([quaternion_from_matrix(o.moment.cam_from_icrs) for o in still])
     got: Array = np.array([o.result.attitude.quaternion for o in still if o.result.attitude is not None])

@@ -1,4 +1,4 @@
-"""The five shipped units as they leave the factory: own camera with its defects, own bank, own chain and times."""
+"""The five shipped units in factory state, each with its camera and defects, bank, chain and processing times."""
 
 from __future__ import annotations
 
@@ -29,16 +29,17 @@ FAINTER_MAG, DEEPEST_MAG = 2.5, 8.0
 CHIP_SEED = 1
 CYCLES_PER_FRAME = 0.2
 STARTS = 5
-# Oblique, so that stars cross the field and turn about its centre.
+# The axis is oblique, so stars both cross the field and rotate about its centre.
 AXIS = np.array([0.6, 0.6, np.sqrt(0.28)])
 SMEAR_PX = 0.88
 
 
 @dataclass(frozen=True)
 class DocumentedUnit:
-    """What a document says of its unit: success, accuracy and processing time lost in space and tracking, rates in °/s up to its
-    own. ``hint_deg``: largest error of the attitude that its cycle starts from; 0: it starts lost in space. ``shortens``: the
-    exposure is shortened until a star moves ``SMEAR_PX`` (Moniteq 1983 §4.2)."""
+    """Statements of a document about its unit. ``lost``, ``tracking``: success, accuracy and processing time, lost in
+    space and in tracking. ``rates_deg_s``: rates in °/s up to the rate in the document. ``hint_deg``: largest error of
+    the attitude from which its cycle starts; 0: it starts lost in space. ``shortens``: the exposure is shortened until
+    a star moves ``SMEAR_PX`` (Moniteq 1983 §4.2)."""
 
     name: str
     lost: str
@@ -72,7 +73,7 @@ UNITS = (
 
 @dataclass
 class _Tally:
-    """Scores of the frames of one row; ``work_ms``: time of the unit's processor per frame."""
+    """Scores of the frames of one row. ``work_ms``: time of the unit's processor per frame."""
 
     frames: int = 0
     tracked: int = 0
@@ -92,7 +93,7 @@ class _Tally:
 
 
 class ShippedUnit:
-    """One unit with its factory bank, prepared as its processor does."""
+    """One unit with its factory bank and the tables that its processor computes."""
 
     def __init__(self, instrument: Instrument, stars: StarTable) -> None:
         self._instrument, self.profile = instrument, instrument.profile
@@ -116,7 +117,8 @@ class ShippedUnit:
     def cycle(
         self, tally: _Tally, cycles: int, rate_rad_s: Array, documented: DocumentedUnit, rng: np.random.Generator
     ) -> None:
-        """Run the unit's cycle at a constant rate; an iteration longer than the period takes whole periods."""
+        """Run the unit's cycle at a constant rate. An iteration longer than the period takes a whole number of
+        periods."""
         start, period_s = random_attitude(rng), self.timing.cycle_ms / 1000
         exposure_s = self.exposure_s(float(np.linalg.norm(rate_rad_s)), documented.shortens)
         prior, mode, time_s = PriorState(), Mode.LOST_IN_SPACE, 0.0
@@ -143,7 +145,7 @@ class ShippedUnit:
         exposure_s: float,
         rng: np.random.Generator,
     ) -> Array | None:
-        """Render and process one frame; returns the quaternion found."""
+        """Render and process one frame. Returns the quaternion, None without a solution."""
         profile, chain = self.profile, self.chain
         frame = render(
             self._sky, profile.camera, profile.sensor, attitude, exposure_s, rng, rate_rad_s=rate_rad_s, chip=self._chip
@@ -183,7 +185,8 @@ class ShippedUnit:
 def shipped_units(
     stars: StarTable, trials: int, seed: int, progress: Progress, units: tuple[DocumentedUnit, ...] = UNITS
 ) -> Experiment:
-    """Measure every unit as shipped. ``trials``: frames lost in space per unit; the cycles per rate are a fifth of them."""
+    """Measure every unit as shipped. ``trials``: lost-in-space frames per unit. The number of cycles per rate is a
+    fifth of it."""
     cycles, rows = max(1, round(CYCLES_PER_FRAME * trials / STARTS)), []
     for k, documented in enumerate(units):
         unit = ShippedUnit(shipped_registry().get(documented.name), stars)
@@ -217,21 +220,26 @@ def shipped_units(
         (
             f"per unit {trials} frames at random attitudes at rest, and at each rate {STARTS} runs of {cycles} cycles, each from a "
             "random attitude, about an axis oblique to the boresight",
-            "the cycle starts lost in space, except Sunsat's from an attitude known to 2° (Jacobs 1995 §3.5) and AIM's from one "
-            "known to 1°, as its inertial system gives it",
+            "the cycle starts lost in space, except for Sunsat, which starts from an attitude with an error of "
+            "up to 2° (Jacobs 1995 §3.5), and AIM, which starts from an attitude of its inertial system with an "
+            "error of up to 1°",
             "camera, exposure, defects, period, chain and its constants, and the factory bank of the whole sky as shipped; stars "
-            f"{FAINTER_MAG} mag beyond the camera's limit, V {DEEPEST_MAG:g} at most; smear drawn, no planets, no stray light",
+            f"{FAINTER_MAG} mag beyond the camera's limit, V {DEEPEST_MAG:g} at most; with smear, without planets "
+            "and stray light",
             f"AIM: the exposure is shortened until a star moves {SMEAR_PX} px",
-            "processor: the documents' times, scaled with the work done; not the time of this computer",
+            "processor: times of the documents, scaled with the work; not the time of this computer",
         ),
         seed,
         (
-            "Wrong: a false match among those used, or a boresight more than 5 px off. It must be 0.",
-            "Sunsat's document matches against the stars that the orbit can show, from an attitude known to 2°. The factory bank "
-            "holds the brightest stars of the whole sky, and from power-on without an attitude most fields are too ambiguous for "
-            "its matching. AIM's document has fewer than three usable stars in half of the fields of the whole sky; the chain "
-            "demands four without an attitude and three near one.",
-            "FAR-MST's exposure of 0.1 s smears a star over 42 px at 10°/s, where the document's own numbers need about 20 ms.",
+            "Wrong: a false match in the solution, or a boresight error of more than 5 px. The number of wrong "
+            "results must be 0.",
+            "In its document, Sunsat matches with the stars that its orbit can show, from an attitude accurate "
+            "to 2°. The factory bank contains the brightest stars of the whole sky. Without an attitude at "
+            "power-on, most fields are too ambiguous for its matching. In its document, AIM has fewer than three "
+            "usable stars in half of the fields of the whole sky. The chain requires four stars without an "
+            "attitude and three with one.",
+            "At 10°/s, FAR-MST's exposure of 0.1 s smears a star over 42 px. The numbers in its document would "
+            "require an exposure of about 20 ms.",
         ),
     )
 

@@ -31,8 +31,8 @@ class OrbitVelocity:
 class MeanOrbitVelocity:
     """Velocity at the time each star crosses the middle of a field fixed in the orbit frame (docs/conventions.md).
 
-    ``normal_icrs``: pole of the circular orbit. ``boresight_orbit`` None: the field does not turn with the orbit, so
-    the mean over a revolution is zero; the facts state the speed that remains uncorrected.
+    ``normal_icrs``: pole of the circular orbit. ``boresight_orbit`` None: the field does not turn with the orbit. The
+    mean velocity over a revolution is then zero, and the facts state the uncorrected speed.
     """
 
     speed_km_s: float
@@ -51,9 +51,9 @@ class Corrections:
     """Corrections to apply, with their parameters; the default is proper motion alone.
 
     ``annual_aberration``: velocity of the Earth about the Solar System's barycentre, averaged over ``aberration_days``
-    around the date. ``frame``: "of_date" is the mean equator and equinox of the date, "b1950" the FK4 with or without
-    ``e_terms``. ``instrument_magnitude``: replace V by the camera's magnitude, using ``unknown_b_v`` for stars without
-    B−V; ``roll_off`` adds the lens's loss. ``doubles`` None: no stars are merged.
+    around the date. ``frame``: "of_date" is the mean equator and equinox of the date; "b1950" is the FK4 frame, with or
+    without ``e_terms``. ``instrument_magnitude``: replace V by the camera's magnitude, using ``unknown_b_v`` for stars
+    without B−V; ``roll_off`` adds the light loss of the lens. ``doubles`` None: no stars are merged.
     """
 
     proper_motion: bool = True
@@ -95,7 +95,7 @@ class Corrections:
 
     @property
     def applied(self) -> tuple[str, ...]:
-        """Names of the corrections that are switched on."""
+        """Names of the active corrections."""
         switches = {
             "proper_motion": self.proper_motion,
             "parallax": self.parallax,
@@ -120,7 +120,7 @@ class Corrections:
         )
 
     def as_dict(self) -> JsonObject:
-        """Plain values for a manifest; ``corrections_of`` reads them."""
+        """Return plain values for a manifest. ``corrections_of`` is the inverse."""
         content = asdict(self)
         for name in ("orbital_aberration", "doubles"):
             if content[name] is not None:
@@ -129,22 +129,23 @@ class Corrections:
 
 
 def corrections_of(values: JsonObject) -> Corrections:
-    """Return the corrections of plain values, as written by ``Corrections.as_dict``; BadInput if they are not valid."""
+    """Return the corrections from the plain values of ``Corrections.as_dict``. Raises BadInput if the values are not
+    valid."""
     content = dict(values)
     orbit, double = content.get("orbital_aberration"), content.get("doubles")
     if isinstance(orbit, dict):
         kind = OrbitVelocity if "km_s" in orbit else MeanOrbitVelocity
-        content["orbital_aberration"] = _made(
+        content["orbital_aberration"] = _instance(
             kind, {k: tuple(v) if isinstance(v, list) else v for k, v in orbit.items()}
         )
     if isinstance(double, dict):
-        content["doubles"] = _made(Doubles, double)
-    corrections: Corrections = _made(Corrections, content)
+        content["doubles"] = _instance(Doubles, double)
+    corrections: Corrections = _instance(Corrections, content)
     return corrections
 
 
 def frame_name(corrections: Corrections, date_jyear: float) -> str:
-    """Name of the frame for display."""
+    """Return the name of the frame for display."""
     if corrections.frame == "of_date":
         return f"mean equator and equinox of J{date_jyear:.3f}"
     if corrections.frame == "b1950":
@@ -159,7 +160,7 @@ def _check_speed(speed_km_s: float) -> None:
         )
 
 
-def _made(kind: Any, content: JsonObject) -> Any:
+def _instance(kind: Any, content: JsonObject) -> Any:
     names = {f.name for f in fields(kind)}
     if unknown := set(content) - names:
         raise BadInput("unknown correction", expected=" | ".join(sorted(names)), got=", ".join(sorted(unknown)))

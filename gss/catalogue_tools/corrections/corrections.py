@@ -1,7 +1,8 @@
-"""Apparent directions: annual aberration, the Sun's longitude, and the axes of date (Jacobs 1995 §7.5, Moniteq 1983 §2.4).
+"""Apparent directions: annual aberration, the Sun's longitude, and the axes of date (Jacobs 1995 §7.5, Moniteq 1983
+§2.4).
 
-All formulae are closed and need no ephemeris file; tests compare with astropy. Time is Terrestrial Time as a Julian
-year; its difference of about a minute from UTC changes no result by a milliarcsecond.
+All formulae are in closed form and need no ephemeris file. Tests compare them with astropy. Time is Terrestrial Time as
+a Julian year. It differs from UTC by about a minute, which changes every result by less than a milliarcsecond.
 """
 
 from __future__ import annotations
@@ -30,19 +31,20 @@ def sun_longitude_rad(jyear: float) -> float:
 
 
 def parallactic(unit: Array, parallax_rad: Array, observer_au: Array) -> Array:
-    """(n, 3) directions seen from ``observer_au`` (3,), from (n, 3) barycentric ones. Negative parallaxes are
-    measurement noise and count as zero."""
+    """Return the (n, 3) directions seen from ``observer_au`` (3,), given (n, 3) barycentric directions. Negative
+    parallaxes are measurement noise and count as zero."""
     shift = np.maximum(np.asarray(parallax_rad), 0.0)[..., None] * np.asarray(observer_au)
     direction = np.asarray(unit) - shift
     return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))
 
 
 def crossing_velocity_km_s(unit: Array, speed_km_s: float, normal: Array, boresight_orbit: Array) -> Array:
-    """(n, 3) orbital velocity at the time each of (n, 3) stars crosses the middle of a field fixed in the orbit frame.
+    """Return the (n, 3) orbital velocity at the time each of (n, 3) stars crosses the middle of a field fixed in the
+    orbit frame.
 
     ``normal``: (3,) pole of a circular orbit, in the sense of the motion. ``boresight_orbit``: (3,) boresight in the
-    axes of docs/conventions.md (+x along the velocity, +z to nadir). For a boresight along the pole, or a star at the
-    pole, there is no definite crossing time; the result is then zero, the mean over the revolution.
+    axes of docs/conventions.md (+x along the velocity, +z to nadir). If the boresight or the star is at the pole, the
+    crossing time is undefined, and the result is zero: the mean over the revolution.
     """
     pole = np.asarray(normal, float) / np.linalg.norm(normal)
     ahead, _, down = boresight_orbit
@@ -51,14 +53,15 @@ def crossing_velocity_km_s(unit: Array, speed_km_s: float, normal: Array, boresi
     radius = np.hypot(ahead, down)
     if radius < 1e-9:
         return np.zeros_like(unit)
-    # In the plane, x and −z of the orbit frame are velocity and zenith; the velocity is 90° ahead of the zenith.
+    # In the orbit plane, +x of the orbit frame is the velocity and −z the zenith. The velocity is 90° ahead of the
+    # zenith.
     towards = in_plane / np.where(length > 1e-9, length, np.inf)
     across = np.cross(pole, towards)
     return np.asarray(speed_km_s * (ahead * towards - down * across) / radius)
 
 
 def date_from_icrs(jyear: float) -> Array:
-    """(3, 3) rotation from ICRS to the mean equator and equinox of date: IAU 2006 precession with frame bias
+    """Return the (3, 3) rotation from ICRS to the mean equator and equinox of date: IAU 2006 precession with frame bias
     (Fukushima–Williams angles, Hilton et al. 2006)."""
     t = (jyear - J2000_JYEAR) / 100
 

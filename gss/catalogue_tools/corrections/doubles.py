@@ -1,10 +1,10 @@
 """Policies for stars that the camera cannot resolve.
 
-``moniteq``: around each star, brightest first, all stars within the blur are merged into an effective centre of light,
-and a blend that does not look like one star is rejected (Moniteq 1983 §2.2). ``huffman``: every group closer than the
+``moniteq``: around each star, brightest first, all stars within the blur are merged into an effective centre of light.
+A blend that does not look like one star is rejected (Moniteq 1983 §2.2). ``huffman``: every group closer than the
 lens's resolving power becomes one entry (Huffman 2006 §5.5.4, eqs. 6.1 and 6.2). ``erlank_combine`` and
-``erlank_keep``: the two options of Erlank 2013 §4.3.2, one star at the averaged position, or both left in the list.
-``drop`` (policy of GSS): remove every star whose image is disturbed by a neighbour.
+``erlank_keep``: the two options of Erlank 2013 §4.3.2: replace both stars by one at the averaged position, or leave
+both in the list. ``drop`` (policy of GSS): remove every star whose image is disturbed by a neighbour.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_MULTIPLE, StarTable
 
 POLICIES = ("moniteq", "huffman", "erlank_combine", "erlank_keep", "drop")
-# Chosen: at 4σ the dip between two equal images is a quarter of their peaks, and thresholding begins to separate them.
+# Chosen: at 4σ the dip between two equal images is a quarter of their peak height, and thresholding begins to separate
+# them.
 SEPARABLE_SIGMAS = 4.0
-# Chosen, because the document gives no number: at half a σ the blend is 12 % wider than one star.
+# Chosen, because the document states no value. At half a σ the blend is 12 % wider than one star.
 MAX_BROADENING = 0.5
 CONTAMINANT_MAG = 9.0
-# A neighbour this much fainter shifts the common centroid by less than a tenth of the separation.
+# A neighbour that is fainter by this difference shifts the common centroid by less than a tenth of the separation.
 HARMLESS_DIFFERENCE_MAG = 2.5
 
 
@@ -36,8 +37,8 @@ HARMLESS_DIFFERENCE_MAG = 2.5
 class Doubles:
     """A policy and its parameters.
 
-    ``separation_rad`` None: what the camera can resolve. ``contaminant_mag`` and ``largest_broadening`` (extra spread
-    of a blend in σ of the camera's point image) apply to ``moniteq`` only.
+    ``separation_rad`` None: the smallest separation that the camera resolves. ``contaminant_mag`` and
+    ``largest_broadening`` (extra spread of a blend in σ of the camera's point image) apply to ``moniteq`` only.
     """
 
     policy: str = "moniteq"
@@ -66,9 +67,9 @@ class Doubles:
 class Merged:
     """Result of a policy.
 
-    ``stars``: remaining stars, in the order of the input. ``rejected``: unmodified rows that were removed. ``groups``:
-    number of effective centres, merged from ``members`` stars. ``largest_shift_rad``: largest distance of a centre from
-    its brightest member.
+    ``stars``: remaining stars, in the order of the input. ``rejected``: rows that were removed, unmodified. ``groups``:
+    number of effective centres. ``members``: number of stars that were merged into these centres.
+    ``largest_shift_rad``: largest distance between a centre and its brightest member.
     """
 
     stars: StarTable
@@ -98,7 +99,7 @@ def merge(stars: StarTable, doubles: Doubles, profile: CameraProfile | None = No
         return _drop(stars, pairs, reach)
     if doubles.policy == "moniteq":
         sigma = profile.sensor.psf_sigma_px * profile.camera.pixel_rad if profile else reach / SEPARABLE_SIGMAS
-        group = _round_the_brightest(stars, pairs, doubles.contaminant_mag)
+        group = _brightest_neighbour(stars, pairs, doubles.contaminant_mag)
         return _merged(stars, group, reach, widest_rad=doubles.largest_broadening * sigma)
     n = len(stars)
     graph = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
@@ -107,8 +108,8 @@ def merge(stars: StarTable, doubles: Doubles, profile: CameraProfile | None = No
 
 
 def spoiled(stars: StarTable, reach_rad: float) -> NDArray[np.bool_]:
-    """(n,) mask of stars whose image is disturbed by a neighbour within reach: the fainter always, the brighter
-    unless the fainter is harmless."""
+    """Return the (n,) mask of stars whose image is disturbed by a neighbour within ``reach_rad``. In each pair the
+    fainter star is disturbed; the brighter star is disturbed unless its neighbour is faint enough to be harmless."""
     marked = np.zeros(len(stars), bool)
     pairs = _pairs(stars, reach_rad)
     if len(pairs):
@@ -126,7 +127,8 @@ def _pairs(stars: StarTable, reach_rad: float) -> NDArray[np.intp]:
 
 
 def _rank(stars: StarTable) -> NDArray[np.intp]:
-    """Rank of each star by brightness; ties are ordered by number, so that the order of the rows has no effect."""
+    """Return the rank of each star by brightness. Ties are ordered by star number, so the order of the rows has no
+    effect."""
     rank = np.empty(len(stars), np.intp)
     rank[np.lexsort((stars.hip, stars.v_mag))] = np.arange(len(stars))
     return rank
@@ -144,15 +146,16 @@ def _drop(stars: StarTable, pairs: NDArray[np.intp], reach: float) -> Merged:
     return Merged(stars.take(~bad), stars.take(bad), 0, 0, 0.0, reach)
 
 
-def _round_the_brightest(stars: StarTable, pairs: NDArray[np.intp], contaminant_mag: float) -> NDArray[np.intp]:
-    """(n,) row of the star whose centre of light each star joins; stars fainter than ``contaminant_mag`` join none."""
+def _brightest_neighbour(stars: StarTable, pairs: NDArray[np.intp], contaminant_mag: float) -> NDArray[np.intp]:
+    """Return, for each of n stars, the row of the star whose centre of light it joins. Stars fainter than
+    ``contaminant_mag`` join no centre."""
     faint, bright = _faint_bright(stars, pairs)
     counts = stars.v_mag[faint] <= contaminant_mag
     faint, bright = faint[counts], bright[counts]
     rank = _rank(stars)
     centre = np.arange(len(stars), dtype=np.intp)
-    # Pairs are processed from the brightest on: a star that has joined a centre can neither be a centre nor join a
-    # second one.
+    # Pairs are processed in descending brightness. A star that has joined a centre can neither be a centre nor join a
+    # second centre.
     for k in np.lexsort((rank[faint], rank[bright])):
         if centre[bright[k]] == bright[k] and centre[faint[k]] == faint[k]:
             centre[faint[k]] = bright[k]
@@ -162,11 +165,12 @@ def _round_the_brightest(stars: StarTable, pairs: NDArray[np.intp], contaminant_
 def _merged(
     stars: StarTable, group: NDArray[np.intp], reach: float, *, by_light: bool = True, widest_rad: float = np.inf
 ) -> Merged:
-    """Merge each group of two or more into one star with the name, motion, colour and row of its brightest member."""
+    """Merge each group of two or more stars into one star with the name, motion, colour and row of its brightest
+    member."""
     _, group = np.unique(group, return_inverse=True)
     size = np.bincount(group)
     count = len(size)
-    # Members are summed from the brightest on, so that rounding does not depend on the order of the rows.
+    # Members are summed in descending brightness, so rounding does not depend on the order of the rows.
     order = np.argsort(_rank(stars), kind="stable")
     leader = np.empty(count, np.intp)
     leader[group[order[::-1]]] = order[::-1]
@@ -201,7 +205,8 @@ def _merged(
 def _extra_spread_rad(
     unit: Array, weight: Array, group: NDArray[np.intp], centre: Array, several: NDArray[np.bool_]
 ) -> Array:
-    """Per group, the largest standard deviation of its light about its centre, in any direction; 0 for single stars."""
+    """Return, for each group, the largest standard deviation of its light about its centre in any direction; 0 for
+    single stars."""
     spread = np.zeros(len(several))
     rows = np.flatnonzero(several[group])
     if len(rows):

@@ -2,8 +2,8 @@
 
 The series built into ERFA (Simon et al. 1994 for the planets, Meeus 1998 for the Moon, VSOP2000-based for the Earth)
 need no ephemeris file and are accurate to arcseconds. Time is Terrestrial Time as a Julian year. Directions are ICRS,
-corrected for light travel time and the observer's position but not for aberration, which is one correction for the
-whole sky.
+corrected for light travel time and the observer's position. They are not corrected for aberration, which is applied to
+the whole sky in one step.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ class BodyDisc:
 
 @dataclass(frozen=True)
 class Bodies:
-    """Solar-system bodies seen from one place.
+    """Solar-system bodies seen from one position.
 
-    ``planets_icrs`` (7, 3), ``planets_v_mag`` (7,) and ``planets_au`` (7,), their distances, are in the order of
-    PLANETS. ``earth_velocity_c``: (3,) barycentric velocity of the Earth in units of c, ICRS.
+    ``planets_icrs`` (7, 3), ``planets_v_mag`` (7,) and the distances ``planets_au`` (7,) are in the order of PLANETS.
+    ``earth_velocity_c``: (3,) barycentric velocity of the Earth in units of c, ICRS.
     """
 
     sun: BodyDisc
@@ -71,15 +71,15 @@ class Bodies:
 
 
 def bodies_at(jyear: float, observer_km: Array | None = None) -> Bodies:
-    """Compute Sun, Moon and planets for an observer (3,) km from the Earth's centre in ICRS axes; None: at the
-    centre."""
-    place_au = np.zeros(3) if observer_km is None else np.asarray(observer_km, float) / AU_KM
+    """Compute Sun, Moon and planets for an observer. ``observer_km``: (3,) position from the Earth's centre, ICRS axes;
+    None: the centre."""
+    position_au = np.zeros(3) if observer_km is None else np.asarray(observer_km, float) / AU_KM
     helio, bary = erfa.epv00(J2000_JD, _days(jyear))
-    sun_au = -helio["p"] - place_au
+    sun_au = -helio["p"] - position_au
     moon_travel_days = MOON_MEAN_KM / LIGHT_KM_S / DAY_S
-    moon_au = erfa.moon98(J2000_JD, _days(jyear) - moon_travel_days)["p"] - place_au
+    moon_au = erfa.moon98(J2000_JD, _days(jyear) - moon_travel_days)["p"] - position_au
     named = zip(PLANETS, ERFA_NUMBER, strict=True)
-    planets = [_planet(name, number, jyear, helio["p"], place_au) for name, number in named]
+    planets = [_planet(name, number, jyear, helio["p"], position_au) for name, number in named]
     return Bodies(
         _disc(sun_au, SUN_RADIUS_KM, SUN_V_MAG + 5 * np.log10(np.linalg.norm(sun_au))),
         _disc(moon_au, MOON_RADIUS_KM, moon_v_mag(sun_au, moon_au)),
@@ -91,14 +91,14 @@ def bodies_at(jyear: float, observer_km: Array | None = None) -> Bodies:
 
 
 def earth_motion(jyear: float) -> tuple[Array, Array]:
-    """(3,) barycentric position of the Earth in au and (3,) velocity in units of c, ICRS."""
+    """Return the (3,) barycentric position of the Earth in au and (3,) velocity in units of c, ICRS."""
     _, bary = erfa.epv00(J2000_JD, _days(jyear))
     return np.asarray(bary["p"]), np.asarray(bary["v"] * AU_DAY)
 
 
 def mean_earth_velocity_c(jyear: float, days: float) -> Array:
-    """(3,) mean barycentric velocity of the Earth in units of c over ``days`` around ``jyear``: the chord of its
-    path."""
+    """Return the (3,) mean barycentric velocity of the Earth over ``days`` around ``jyear``, in units of c, computed
+    from the chord of its path."""
     if days <= 0:
         return earth_motion(jyear)[1]
     half_yr = days / DAYS_PER_YEAR / 2
@@ -115,14 +115,15 @@ def moon_v_mag(sun_au: Array, moon_au: Array) -> float:
 
 
 def teme_from_icrs(jyear: float) -> Array:
-    """(3, 3) rotation into SGP4's axes: true equator of date, x off the equinox by the equation of the equinoxes."""
+    """Return the (3, 3) rotation into SGP4's axes: true equator of date, with x offset from the equinox by the equation
+    of the equinoxes."""
     days = _days(jyear)
     of_date = erfa.pnm06a(J2000_JD, days)
     return np.asarray(rotation_z(float(erfa.ee06a(J2000_JD, days))) @ of_date)
 
 
 def earth_pole_icrs(jyear: float) -> Array:
-    """(3,) ICRS direction of the Earth's axis of date."""
+    """Return the (3,) ICRS direction of the Earth's axis of date."""
     return np.asarray(erfa.pnm06a(J2000_JD, _days(jyear))[2])
 
 
@@ -134,17 +135,17 @@ def _unit(vector: Array) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _disc(place_au: Array, radius_km: float, v_mag: float) -> BodyDisc:
-    distance_km = float(np.linalg.norm(place_au)) * AU_KM
-    return BodyDisc(_unit(place_au), float(np.arcsin(radius_km / distance_km)), float(v_mag), distance_km)
+def _disc(position_au: Array, radius_km: float, v_mag: float) -> BodyDisc:
+    distance_km = float(np.linalg.norm(position_au)) * AU_KM
+    return BodyDisc(_unit(position_au), float(np.arcsin(radius_km / distance_km)), float(v_mag), distance_km)
 
 
-def _planet(name: str, number: int, jyear: float, earth_au: Array, place_au: Array) -> tuple[Array, float, float]:
-    """ICRS direction, magnitude and distance at the time the light left the planet."""
+def _planet(name: str, number: int, jyear: float, earth_au: Array, position_au: Array) -> tuple[Array, float, float]:
+    """Return ICRS direction, magnitude and distance of a planet at the time the light left it."""
     travel_days = 0.0
     for _ in range(2):
         at_sun = erfa.plan94(J2000_JD, _days(jyear) - travel_days, number)["p"]
-        from_earth_au = at_sun - earth_au - place_au
+        from_earth_au = at_sun - earth_au - position_au
         travel_days = float(np.linalg.norm(from_earth_au)) * AU_DAY
     r, delta = float(np.linalg.norm(at_sun)), float(np.linalg.norm(from_earth_au))
     phase_deg = float(np.degrees(np.arccos(np.clip(_unit(at_sun) @ _unit(from_earth_au), -1, 1))))

@@ -1,8 +1,9 @@
-"""Tracks of Sun, Moon and planets over the life of a catalogue: bright objects that are in no star list (Moniteq 1983 §2.3).
+"""Tracks of Sun, Moon and planets over the validity of a catalogue. Star lists do not contain these bright objects
+(Moniteq 1983 §2.3).
 
-Used for the builder's warnings and for the sensor's exclusion list. Directions are apparent ones for an observer at the
-Earth's centre, with annual aberration. From a low orbit the Moon is up to a degree away from that direction;
-``Track.margin_rad`` gives this bound.
+The builder's warnings and the sensor's exclusion list use the tracks. Directions are apparent directions for an
+observer at the Earth's centre, with annual aberration. From a low orbit the Moon is up to a degree away from that
+direction; ``Track.margin_rad`` is this bound.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ MAX_DAYS = 3660.0
 
 @dataclass(frozen=True)
 class Track:
-    """One body over the samples.
+    """Track of one body over the sampled dates.
 
     ``icrs``: (k, 3) apparent directions; ``v_mag``, ``radius_rad``: (k,). ``margin_rad``: largest parallax for an
     observer in a low orbit.
@@ -66,7 +67,7 @@ class Exclusions:
     limit_mag: float
 
     def track(self, name: str) -> Track | None:
-        """Return the track of a body; None if it stays too faint."""
+        """Return the track of a body; None if the body is always fainter than ``limit_mag``."""
         return next((track for track in self.tracks if track.name == name), None)
 
     def as_dict(self) -> JsonObject:
@@ -112,8 +113,8 @@ def exclusions(
 
 
 def within(tracks: Exclusions, contains: Any, names: tuple[str, ...] = ()) -> dict[str, NDArray[np.bool_]]:
-    """(k,) mask per track of the samples inside a region; ``contains`` is a function of (n, 3) directions, such as
-    an envelope's."""
+    """Return, for each track, the (k,) mask of the samples inside a region. ``contains`` is a function of (n, 3)
+    directions, such as ``Envelope.contains``."""
     return {t.name: np.asarray(contains(t.icrs), bool) for t in tracks.tracks if not names or t.name in names}
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.rotation import rotation_x, rotation_y, rotation_z
 
-# FK5 at J2000 from FK4 without E-terms at B1950, for positions of J1950, and its change per Julian century (Murray
-# 1989).
+# Rotation to FK5 at J2000 from FK4 at B1950 without E-terms, for positions of J1950, and its change per Julian century
+# (Murray 1989).
 FK5_FROM_FK4 = np.array(
     [
         [0.9999256794956877, -0.0111814832204662, -0.0048590038153592],
@@ -38,7 +38,7 @@ E_TERMS_OBLIQUITY_RAD = 84404.84 * ARCSEC_RAD
 
 
 def e_terms() -> Array:
-    """(3,) E-terms of B1950 as a vector in its axes."""
+    """Return the (3,) E-terms of B1950 as a vector in its axes."""
     size = E_TERMS_ABERRATION_RAD * E_TERMS_ECCENTRICITY
     sin, cos = np.sin(E_TERMS_PERIGEE_RAD), np.cos(E_TERMS_PERIGEE_RAD)
     obliquity = E_TERMS_OBLIQUITY_RAD
@@ -46,22 +46,24 @@ def e_terms() -> Array:
 
 
 def icrs_from_b1950(epoch_jyear: float) -> Array:
-    """(3, 3) ICRS from B1950 without E-terms, for positions of that epoch; a rotation to 1e-11."""
+    """Return the (3, 3) matrix to ICRS from B1950 without E-terms, for positions of that epoch. It is a rotation to
+    within 1e-11."""
     return np.asarray(FK5_FROM_ICRS.T @ (FK5_FROM_FK4 + FK5_FROM_FK4_PER_CENTURY * (epoch_jyear - 1950.0) / 100))
 
 
 def icrs_from_b1950_per_year() -> Array:
-    """(3, 3) change of that matrix per Julian year, because the FK4 rotates."""
+    """Return the (3, 3) change per Julian year of the matrix of :func:`icrs_from_b1950`. It is not zero because the FK4
+    rotates."""
     return np.asarray(FK5_FROM_ICRS.T @ FK5_FROM_FK4_PER_CENTURY / 100)
 
 
 def add_e_terms(unit: Array) -> Array:
-    """(n, 3) positions with E-terms from positions without."""
+    """Add the E-terms to (n, 3) positions."""
     return _unit(np.asarray(unit) + e_terms())
 
 
 def remove_e_terms(unit: Array) -> Array:
-    """Exact inverse of ``add_e_terms``: the vector that points along ``unit`` after the E-terms are added."""
+    """Remove the E-terms from (n, 3) positions. Exact inverse of ``add_e_terms``."""
     e, u = e_terms(), np.asarray(unit)
     along = u @ e
     length = along + np.sqrt(1 - e @ e + along**2)
@@ -69,7 +71,7 @@ def remove_e_terms(unit: Array) -> Array:
 
 
 def to_b1950(unit: Array, motion_rad_yr: Array, epoch_jyear: float, with_e_terms: bool) -> tuple[Array, Array]:
-    """(n, 3) positions and motions in B1950 axes from (n, 3) ICRS ones at ``epoch_jyear``."""
+    """Convert (n, 3) ICRS positions and motions at ``epoch_jyear`` to B1950 axes."""
     matrix, rate = icrs_from_b1950(epoch_jyear).T, icrs_from_b1950_per_year().T
     place = _unit(unit @ matrix.T)
     motion = _tangent(motion_rad_yr @ matrix.T + unit @ rate.T, place)
@@ -77,7 +79,7 @@ def to_b1950(unit: Array, motion_rad_yr: Array, epoch_jyear: float, with_e_terms
 
 
 def from_b1950(unit: Array, motion_rad_yr: Array, epoch_jyear: float, with_e_terms: bool) -> tuple[Array, Array]:
-    """(n, 3) ICRS positions and motions from B1950 ones at ``epoch_jyear``."""
+    """Convert (n, 3) B1950 positions and motions at ``epoch_jyear`` to ICRS axes."""
     matrix, rate = icrs_from_b1950(epoch_jyear), icrs_from_b1950_per_year()
     place = remove_e_terms(unit) if with_e_terms else np.asarray(unit)
     icrs = _unit(place @ matrix.T)

@@ -1,5 +1,6 @@
-"""Magnitude of a star as seen by a camera: its colour as a blackbody through the camera's spectral response (Liebe
-1992, "Correction to CCD-sensitivity"), and the light lost towards the edge of the field (ibid.).
+"""Magnitude of a star as seen by a camera. The star is treated as a blackbody of its colour, seen through the camera's
+spectral response (Liebe 1992, "Correction to CCD-sensitivity"). The light lost towards the edge of the field is added
+(ibid.).
 
 The constant C of the document is set so that a star of B−V = 0 has the same magnitude in both systems.
 """
@@ -17,11 +18,11 @@ from gss.domain.response import SpectralResponse
 
 # Planck's hc/k, in nanometres times kelvin.
 HC_OVER_K_NM_K = 1.438776877e7
-# Outside this range a blackbody does not represent a star (carbon stars on the red side).
+# Outside this range a blackbody does not represent a star; the red side contains carbon stars.
 B_V_RANGE = (-0.4, 2.5)
 ROLL_OFFS = ("off", "average", "worst")
 GRID_STEPS = 581
-# Johnson's V on energy, 470 to 700 nm in steps of 10 nm (Bessell 1990, PASP 102, 1181, Table 2).
+# Johnson's V passband for energy, 470 to 700 nm in steps of 10 nm (Bessell 1990, PASP 102, 1181, Table 2).
 V_WAVELENGTH_NM = np.arange(470.0, 701.0, 10.0)
 V_PASSBAND = (
     0.000, 0.030, 0.163, 0.458, 0.780, 0.967, 1.000, 0.973, 0.898, 0.792, 0.684, 0.574,
@@ -38,20 +39,20 @@ def temperature_k(b_v: Array | float) -> Array:
 
 
 def planck(wavelength_nm: Array, kelvin: Array) -> Array:
-    """(n, m) spectral exitance of n temperatures at m wavelengths, in a common unit."""
+    """Return the (n, m) spectral exitance of n temperatures at m wavelengths, in a common unit."""
     exponent = HC_OVER_K_NM_K / (np.asarray(wavelength_nm)[None, :] * np.asarray(kelvin)[:, None])
     return np.asarray(1 / (np.asarray(wavelength_nm)[None, :] ** 5 * np.expm1(exponent)))
 
 
 def instrument_minus_v(b_v: Array, response: SpectralResponse, unknown_b_v: float) -> Array:
-    """Correction to add to V of each star; NaN colours count as ``unknown_b_v``."""
+    """Return the correction to add to V of each star. Stars with the colour NaN get ``unknown_b_v``."""
     grid, correction = _table(response)
     colour = np.where(np.isnan(b_v), unknown_b_v, b_v)
     return np.asarray(np.interp(colour, grid, correction))
 
 
 def roll_off_mag(profile: CameraProfile, which: str) -> float:
-    """Magnitudes lost in the lens, averaged over the detector or in the corner.
+    """Return the light loss of the lens in magnitudes: the average over the detector or the value in the corner.
 
     The loss grows with the square of the distance from the optical centre (``Defects.corner_loss``).
     """
@@ -68,7 +69,7 @@ def roll_off_mag(profile: CameraProfile, which: str) -> float:
 
 
 def _mean_square_share(profile: CameraProfile) -> float:
-    """Mean of r² over the detector, divided by r² of the furthest corner."""
+    """Return the mean of r² over the detector, divided by r² of the farthest corner."""
     camera = profile.camera
     centres = (camera.centre_col_px, camera.centre_row_px)
     spans = [(-0.5 - c, n - 0.5 - c) for n, c in zip((camera.columns, camera.rows), centres, strict=True)]
@@ -78,7 +79,7 @@ def _mean_square_share(profile: CameraProfile) -> float:
 
 @lru_cache(maxsize=32)
 def _table(response: SpectralResponse) -> tuple[Array, Array]:
-    """Colour indices and instrument magnitude minus V."""
+    """Return colour indices and the instrument magnitude minus V for each."""
     b_v = np.linspace(*B_V_RANGE, GRID_STEPS)
     light = planck(WAVELENGTH_NM, temperature_k(np.append(b_v, 0.0)))
     instrument = light @ response.at(WAVELENGTH_NM)

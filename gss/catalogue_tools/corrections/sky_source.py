@@ -1,7 +1,7 @@
-"""Apply corrections to the stars of a source; each can be switched on or off, and each is recorded.
+"""Apply corrections to the stars of a source and record them. Each correction can be switched on or off.
 
 The order follows the physical cause: magnitudes of the date, motion to the epoch, the camera's magnitudes, effective
-centres of light, the observer's position and velocity, the axes. With the defaults only ``propagate`` is applied.
+centres of light, the observer's position and velocity, the axes. The default applies only ``propagate``.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ from gss.domain.response import response_of
 from gss.domain.stars import FLAG_VARIABLE, StarTable
 
 CorrectionFact = Mapping[str, object]
-"""One applied correction: ``name``, ``stars``, usually ``largest`` with its ``unit``, and values that only it has."""
+"""One applied correction: ``name``, ``stars``, usually ``largest`` with its ``unit``, and values specific to the
+correction."""
 
 
 class SkyFacts(TypedDict):
@@ -50,9 +51,9 @@ class SkyFacts(TypedDict):
 class CorrectedSky:
     """Corrected stars with a record of the corrections.
 
-    ``stars``: in the chosen frame. ``icrs_stars``: the same rows in ICRS axes, with which the envelope is tested.
-    ``rejected``: stars removed by the policy for doubles, ICRS. ``frame``: name for the manifest. ``facts``: plain
-    values.
+    ``stars``: in the chosen frame. ``icrs_stars``: the same rows in ICRS axes, used to test membership of the envelope.
+    ``rejected``: stars removed by the policy for doubles, ICRS. ``frame``: name of the frame for the manifest.
+    ``facts``: record of the corrections as plain values.
     """
 
     stars: StarTable
@@ -76,9 +77,10 @@ def corrected(
     date_jyear: float | None = None,
     profile: CameraProfile | None = None,
 ) -> CorrectedSky:
-    """Return the sky of ``epoch_jyear`` as seen on ``date_jyear`` (None: the same), a Julian year of TT; UTC is accurate enough.
+    """Return the sky of ``epoch_jyear`` as seen on ``date_jyear`` (None: at the epoch). Both are Julian years of TT;
+    UTC is accurate enough.
 
-    Doubles are merged from all given stars, so apply the limiting magnitude afterwards if faint companions matter.
+    Doubles are merged from all input stars. Apply the magnitude limit afterwards if faint companions matter. Raises
     BadInput if a date is out of range or a correction needs a camera profile.
     """
     date = epoch_jyear if date_jyear is None else date_jyear
@@ -131,9 +133,11 @@ def _light_fact(name: str, before: StarTable, after: StarTable, **details: objec
     }
 
 
-def _magnitudes_of_date(stars: StarTable, c: Corrections, date: float, facts: list[CorrectionFact]) -> StarTable:
+def _magnitudes_of_date(
+    stars: StarTable, corrections: Corrections, date: float, facts: list[CorrectionFact]
+) -> StarTable:
     now = stars
-    if c.flag_variables:
+    if corrections.flag_variables:
         flagged = variables.flagged(now)
         new = int(np.count_nonzero(flagged.flags != now.flags))
         total = int(np.count_nonzero(flagged.flags & FLAG_VARIABLE))
@@ -141,7 +145,7 @@ def _magnitudes_of_date(stars: StarTable, c: Corrections, date: float, facts: li
             {"name": "flag_variables", "stars": new, "variables": total, "source": "Hipparcos, Jacobs 1995 Table A-1"}
         )
         now = flagged
-    if c.variables_at_date:
+    if corrections.variables_at_date:
         dated = variables.at_date(now, date)
         facts.append(_light_fact("variables_at_date", now, dated, source="GCVS 5.1"))
         now = dated
@@ -149,12 +153,12 @@ def _magnitudes_of_date(stars: StarTable, c: Corrections, date: float, facts: li
 
 
 def _camera_magnitudes(
-    stars: StarTable, c: Corrections, profile: CameraProfile, facts: list[CorrectionFact]
+    stars: StarTable, corrections: Corrections, profile: CameraProfile, facts: list[CorrectionFact]
 ) -> StarTable:
     now = stars
-    if c.instrument_magnitude:
+    if corrections.instrument_magnitude:
         response = response_of(profile)
-        corrected = replace(now, v_mag=now.v_mag + instrument_minus_v(now.b_v, response, c.unknown_b_v))
+        corrected = replace(now, v_mag=now.v_mag + instrument_minus_v(now.b_v, response, corrections.unknown_b_v))
         guessed = int(np.count_nonzero(np.isnan(now.b_v)))
         facts.append(
             _light_fact(
@@ -167,23 +171,25 @@ def _camera_magnitudes(
             )
         )
         now = corrected
-    if c.roll_off != "off":
-        dimmed = replace(now, v_mag=now.v_mag + roll_off_mag(profile, c.roll_off))
-        facts.append(_light_fact("roll_off", now, dimmed, over=c.roll_off, corner_loss=profile.defects.corner_loss))
+    if corrections.roll_off != "off":
+        dimmed = replace(now, v_mag=now.v_mag + roll_off_mag(profile, corrections.roll_off))
+        facts.append(
+            _light_fact("roll_off", now, dimmed, over=corrections.roll_off, corner_loss=profile.defects.corner_loss)
+        )
         now = dimmed
     return now
 
 
 def _merged(
-    stars: StarTable, c: Corrections, profile: CameraProfile | None, facts: list[CorrectionFact]
+    stars: StarTable, corrections: Corrections, profile: CameraProfile | None, facts: list[CorrectionFact]
 ) -> tuple[StarTable, StarTable]:
-    if c.doubles is None:
+    if corrections.doubles is None:
         return stars, stars.take(np.zeros(len(stars), bool))
-    merged = pairs.merge(stars, c.doubles, profile)
+    merged = pairs.merge(stars, corrections.doubles, profile)
     facts.append(
         {
             "name": "doubles",
-            "policy": c.doubles.policy,
+            "policy": corrections.doubles.policy,
             "separation_rad": merged.separation_rad,
             "stars": merged.members,
             "centres": merged.groups,
@@ -195,25 +201,32 @@ def _merged(
     return merged.stars, merged.rejected
 
 
-def _seen_from_earth(stars: StarTable, c: Corrections, date: float, facts: list[CorrectionFact]) -> StarTable:
+def _seen_from_earth(stars: StarTable, corrections: Corrections, date: float, facts: list[CorrectionFact]) -> StarTable:
     now = stars
-    if c.parallax:
+    if corrections.parallax:
         near = replace(now, icrs=parallactic(now.icrs, now.parallax_rad, earth_motion(date)[0]))
         facts.append(_shift_fact("parallax", now, near, below_zero=int(np.count_nonzero(now.parallax_rad < 0))))
         now = near
-    annual = mean_earth_velocity_c(date, c.aberration_days) if c.annual_aberration else np.zeros(3)
-    if c.annual_aberration:
-        # Velocities must be added before aberration is applied, so the second step starts from the uncorrected
-        # positions.
+    annual = mean_earth_velocity_c(date, corrections.aberration_days) if corrections.annual_aberration else np.zeros(3)
+    if corrections.annual_aberration:
+        # Velocities must be added before aberration is applied, so the second step uses the positions without
+        # aberration.
         shifted = replace(now, icrs=aberrate(now.icrs, annual))
         velocity = [float(v) for v in annual * LIGHT_KM_S]
-        facts.append(_shift_fact("annual_aberration", now, shifted, velocity_km_s=velocity, days=c.aberration_days))
-    if c.orbital_aberration is None:
-        return shifted if c.annual_aberration else now
-    orbital = _orbital_velocity_km_s(now.icrs, c.orbital_aberration) / LIGHT_KM_S
+        facts.append(
+            _shift_fact("annual_aberration", now, shifted, velocity_km_s=velocity, days=corrections.aberration_days)
+        )
+    if corrections.orbital_aberration is None:
+        return shifted if corrections.annual_aberration else now
+    orbital = _orbital_velocity_km_s(now.icrs, corrections.orbital_aberration) / LIGHT_KM_S
     both = replace(now, icrs=_aberrate_each(now.icrs, orbital + annual))
     facts.append(
-        _shift_fact("orbital_aberration", shifted if c.annual_aberration else now, both, **asdict(c.orbital_aberration))
+        _shift_fact(
+            "orbital_aberration",
+            shifted if corrections.annual_aberration else now,
+            both,
+            **asdict(corrections.orbital_aberration),
+        )
     )
     return both
 
@@ -227,17 +240,17 @@ def _orbital_velocity_km_s(unit: Array, orbit: OrbitVelocity | MeanOrbitVelocity
 
 
 def _aberrate_each(unit: Array, velocity_c: Array) -> Array:
-    """Apply ``aberrate`` with a separate velocity for each direction."""
+    """Apply aberration with a separate velocity for each direction."""
     inverse_gamma = np.sqrt(1 - np.sum(velocity_c**2, axis=1))[:, None]
     along = np.sum(unit * velocity_c, axis=1)[:, None]
     return np.asarray((inverse_gamma * unit + (1 + along / (1 + inverse_gamma)) * velocity_c) / (1 + along))
 
 
-def _in_frame(stars: StarTable, c: Corrections, date: float) -> StarTable:
-    if c.frame == "icrs":
+def _in_frame(stars: StarTable, corrections: Corrections, date: float) -> StarTable:
+    if corrections.frame == "icrs":
         return stars
-    if c.frame == "of_date":
+    if corrections.frame == "of_date":
         turn = date_from_icrs(date).T
         return replace(stars, icrs=stars.icrs @ turn, proper_motion_rad_yr=stars.proper_motion_rad_yr @ turn)
-    place, motion = to_b1950(stars.icrs, stars.proper_motion_rad_yr, stars.epoch_jyear, c.e_terms)
+    place, motion = to_b1950(stars.icrs, stars.proper_motion_rad_yr, stars.epoch_jyear, corrections.e_terms)
     return replace(stars, icrs=place, proper_motion_rad_yr=motion)

@@ -1,8 +1,8 @@
-"""Variable stars: which ones to flag in a catalogue, and the magnitude of a periodic one on a date.
+"""Variable stars to flag in a catalogue, and the magnitude of periodic variables on a date.
 
-Jacobs 1995 Table A-1 lists the relevant variables with range and period but without the time of a maximum or minimum,
-so nothing can be computed from it alone. The elements here are those of the GCVS 5.1 (Samus et al. 2017, Astron. Rep.
-61, 80) for seven of its stars; β Lyrae, whose period grows by 19 s a year, has the elements of Ak et al. 2007 as quoted
+Jacobs 1995 Table A-1 lists the relevant variables with range and period. It does not state the time of a maximum or
+minimum, so it is not sufficient to compute a magnitude. Seven of its stars have the elements of the GCVS 5.1 (Samus et
+al. 2017, Astron. Rep. 61, 80). β Lyrae, whose period grows by 19 s a year, has the elements of Ak et al. 2007 as quoted
 by Rucinski et al. 2019 (arXiv:1906.04831). Magnitudes are computed for periodic stars only; the others are flagged.
 """
 
@@ -54,8 +54,9 @@ def _rows(kind: str, *rows: tuple[int, float, float, float | None]) -> tuple[Tab
     return tuple(TabledVariable(hip, kind, bright, faint, period) for hip, bright, faint, period in rows)
 
 
-# The rows "05 29 −00 20" (δ Ori), "16 48 −37 58" (μ¹ Sco), "19 50 +00 53" (η Aql), "16 53 −30 30" (RR Sco), "18 18 −18 53" (Y Sgr)
-# and "23 01 +27 49" (β Peg) hold for 1950; "18 56 −62 15" is κ Pav (−67 15) again. η Carinae has no Hipparcos entry to V 8.
+# The rows "05 29 −00 20" (δ Ori), "16 48 −37 58" (μ¹ Sco), "19 50 +00 53" (η Aql), "16 53 −30 30" (RR Sco),
+# "18 18 −18 53" (Y Sgr) and "23 01 +27 49" (β Peg) apply to equinox 1950; "18 56 −62 15" is a second row for
+# κ Pav (−67 15). η Carinae has no Hipparcos entry to V 8.
 TABLE_A1 = (
     *_rows("Algol", (14576, 2.12, 3.4, 2.867), (18724, 3.3, 3.8, 3.9), (25930, 2.4, 2.6, 5.7), (38957, 4.7, 5.2, 1.45)),
     *_rows("Algol", (73473, 4.92, 5.9, 2.37)),
@@ -84,8 +85,8 @@ PERIODIC = (
 
 
 def magnitude_at(star: Elements, jyear: float) -> float:
-    """V of a periodic star at a Julian year. The light time to the Sun (8 min) is ignored; old periods drift, and
-    Mira's cycles differ by weeks."""
+    """Return the V magnitude of a periodic star at a Julian year. The light time to the Sun (8 min) is ignored. Old
+    periods drift, and Mira's cycles differ by weeks."""
     days = (jyear - J2000_JYEAR) * DAYS_PER_YEAR + (J2000_JD - star.epoch_jd)
     phase = float(days / star.period_d % 1.0)
     depth = star.faint_mag - star.bright_mag
@@ -101,13 +102,13 @@ def magnitude_at(star: Elements, jyear: float) -> float:
 
 
 def flagged(stars: StarTable) -> StarTable:
-    """Return the stars with those of Table A-1 flagged as variable, in addition to Hipparcos's own flags."""
+    """Return the stars with the variables of Table A-1 flagged, in addition to the flags of Hipparcos."""
     listed = np.isin(stars.hip, [row.hip for row in TABLE_A1])
     return replace(stars, flags=np.where(listed, stars.flags | FLAG_VARIABLE, stars.flags).astype(np.uint16))
 
 
 def at_date(stars: StarTable, jyear: float) -> StarTable:
-    """Return the stars with periodic variables at their magnitude of the date; rows keep their order."""
+    """Return the stars with the magnitudes of periodic variables at the date. The order of the rows is unchanged."""
     v_mag = np.array(stars.v_mag, float)
     for star in PERIODIC:
         v_mag[stars.hip == star.hip] = magnitude_at(star, jyear)
@@ -115,6 +116,6 @@ def at_date(stars: StarTable, jyear: float) -> StarTable:
 
 
 def _dip(phase: float, width: float) -> float:
-    """Relative depth of an eclipse: 1 in the middle, 0 beyond half its width, a raised cosine between."""
+    """Return the relative depth of an eclipse: 1 in the middle, 0 beyond half the width, a raised cosine in between."""
     away = abs((phase + 0.5) % 1.0 - 0.5)
     return float(1 + np.cos(2 * np.pi * away / width)) / 2 if away < width / 2 else 0.0

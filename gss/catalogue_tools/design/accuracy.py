@@ -1,7 +1,7 @@
-"""Attitude accuracy from noise: the stars in view, each with its Cramér–Rao bound, combined by the Fisher information
-of the small rotation; over the sky, against exposure and against the magnitude limit.
+"""Attitude accuracy from noise, over the sky, against exposure and against the magnitude limit.
 
-Errors of calibration, distortion and catalogue, and centroid bias, are not included.
+The stars in view, each with its Cramér–Rao bound, are combined by the Fisher information of a small rotation. Errors of
+calibration, distortion, catalogue and centroid bias are not included.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ MAG_STEP = 0.05
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Standard deviations over pointings; the fraction ``share`` of them has at least :data:`MIN_STARS` stars.
+    """Statistics of the attitude's standard deviation over pointings. ``share``: fraction of pointings with at least
+    :data:`MIN_STARS` stars.
 
     ``cross_*``: one axis across the boresight, root mean square of the two. ``roll_*``: about the boresight.
-    ``median``, ``p95``: over all pointings, where those with too few stars count as +inf. ``mean``, ``worst``: over
+    ``median``, ``p95``: over all pointings; a pointing with too few stars counts as +inf. ``mean``, ``worst``: over the
     pointings with enough stars; NaN if there are none.
     """
 
@@ -41,19 +42,20 @@ class Accuracy:
     roll_worst_rad: float
 
 
-def sigma_rad(c: DesignCamera, pairs: StarsInFields, star_sigma_px: Array) -> tuple[Array, Array]:
-    """(m,) standard deviations (across, about) of the attitude of each field; NaN with fewer than three stars.
+def sigma_rad(camera: DesignCamera, pairs: StarsInFields, star_sigma_px: Array) -> tuple[Array, Array]:
+    """Return the (m,) standard deviations (across, about) of the attitude of each field; NaN for fields with fewer than
+    three stars.
 
-    ``star_sigma_px``: (n,) per star of the table, +inf for unused stars. With the small rotation ρ a star at (x, y) of
-    the tangent plane moves by (−xy, 1 + x², −y)·ρ and (−1 − y², xy, x)·ρ, which makes the information exact for wide
-    fields.
+    ``star_sigma_px``: (n,) per star of the table, +inf for unused stars. Under the small rotation ρ, a star at (x, y)
+    in the tangent plane moves by (−xy, 1 + x², −y)·ρ and (−1 − y², xy, x)·ρ. These derivatives are exact for wide
+    fields too.
     """
     m = len(pairs.count)
     sigma = star_sigma_px[pairs.star]
     used = np.isfinite(sigma)
     field, x, y = pairs.field[used], pairs.plane[used, 0], pairs.plane[used, 1]
-    wx = (c.camera.focal_col_px / sigma[used]) ** 2
-    wy = (c.camera.focal_row_px / sigma[used]) ** 2
+    wx = (camera.camera.focal_col_px / sigma[used]) ** 2
+    wy = (camera.camera.focal_row_px / sigma[used]) ** 2
     g = (-x * y, 1 + x * x, -y)
     h = (-1 - y * y, x * y, x)
     information = np.empty((m, 3, 3))
@@ -70,49 +72,56 @@ def sigma_rad(c: DesignCamera, pairs: StarsInFields, star_sigma_px: Array) -> tu
     return across, about
 
 
-def star_sigma_px(c: DesignCamera, stars: StarTable, rows: int) -> Array:
-    """(rows,) centroid error of the brightest stars; a saturated star counts as one just below saturation."""
-    bright = saturation_mag(c)
+def star_sigma_px(camera: DesignCamera, stars: StarTable, rows: int) -> Array:
+    """Return the (rows,) centroid errors of the brightest stars. A saturated star counts as a star just below
+    saturation."""
+    bright = saturation_mag(camera)
     v = np.maximum(stars.v_mag[:rows], bright if np.isfinite(bright) else -2.0)
     grid = np.arange(np.floor(v.min()) if rows else 0.0, (v.max() if rows else 0.0) + 2 * MAG_STEP, MAG_STEP)
-    return np.exp(np.interp(v, grid, np.log(centroid_sigma_px(c, grid))))
+    return np.exp(np.interp(v, grid, np.log(centroid_sigma_px(camera, grid))))
 
 
-def accuracy(c: DesignCamera, stars: StarTable, pairs: StarsInFields, limit: float | None = None) -> Accuracy:
-    """Compute the accuracy over the pairs' pointings, with the stars to the limit in use, or to ``limit``."""
-    rows = bright_rows(stars, limit_mag(c) if limit is None else limit)
-    return summary(*sigma_rad(c, pairs.brighter_than(rows), star_sigma_px(c, stars, rows)))
+def accuracy(camera: DesignCamera, stars: StarTable, pairs: StarsInFields, limit: float | None = None) -> Accuracy:
+    """Compute the accuracy over the pointings of ``pairs``, using stars to the active magnitude limit or to
+    ``limit``."""
+    rows = bright_rows(stars, limit_mag(camera) if limit is None else limit)
+    return summary(*sigma_rad(camera, pairs.brighter_than(rows), star_sigma_px(camera, stars, rows)))
 
 
 def summary(across: Array, about: Array) -> Accuracy:
-    """Statistics of (m,) standard deviations, NaN for fields without an attitude."""
+    """Return the statistics of (m,) standard deviations, which are NaN for fields without an attitude."""
     finite = np.isfinite(across) & np.isfinite(about)
 
-    def four(values: Array) -> tuple[float, float, float, float]:
-        ranked, some = np.sort(np.where(finite, values, np.inf)), values[finite]
-        at_half, at_most = (float(ranked[int(q * (len(ranked) - 1))]) for q in (0.5, 0.95))
-        mean, worst = (float(some.mean()), float(some.max())) if len(some) else (float("nan"), float("nan"))
-        return at_half, mean, at_most, worst
+    def statistics_of(values: Array) -> tuple[float, float, float, float]:
+        ranked, finite_values = np.sort(np.where(finite, values, np.inf)), values[finite]
+        median, p95 = (float(ranked[int(q * (len(ranked) - 1))]) for q in (0.5, 0.95))
+        mean, worst = (
+            (float(finite_values.mean()), float(finite_values.max()))
+            if len(finite_values)
+            else (float("nan"), float("nan"))
+        )
+        return median, mean, p95, worst
 
-    return Accuracy(float(finite.mean()), *four(across), *four(about))
+    return Accuracy(float(finite.mean()), *statistics_of(across), *statistics_of(about))
 
 
-def limit_at_mag(c: DesignCamera, exposure_s: float) -> float:
-    """Magnitude limit with another exposure: the radiometric one, or a given one, which only a shorter exposure can
-    make brighter."""
-    other = replace(c, exposure_s=exposure_s)
-    if c.mag_limit is None:
+def limit_at_mag(camera: DesignCamera, exposure_s: float) -> float:
+    """Return the magnitude limit at another exposure: the radiometric limit, or the stated limit, which a shorter
+    exposure makes brighter and a longer one does not change."""
+    other = replace(camera, exposure_s=exposure_s)
+    if camera.mag_limit is None:
         return limit_mag(other)
-    return c.mag_limit + min(0.0, limit_brightest_pixel_mag(other) - limit_brightest_pixel_mag(c))
+    return camera.mag_limit + min(0.0, limit_brightest_pixel_mag(other) - limit_brightest_pixel_mag(camera))
 
 
-def against_exposure(c: DesignCamera, stars: StarTable, pairs: StarsInFields, exposure_s: Array) -> list[Accuracy]:
-    """Noise equivalent angle: the accuracy for each exposure (s), with the camera at rest."""
+def against_exposure(camera: DesignCamera, stars: StarTable, pairs: StarsInFields, exposure_s: Array) -> list[Accuracy]:
+    """Return the accuracy for each exposure (s) with the camera at rest: the noise-equivalent angle."""
     return [
-        accuracy(replace(c, exposure_s=float(t)), stars, pairs, limit_at_mag(c, float(t))) for t in np.ravel(exposure_s)
+        accuracy(replace(camera, exposure_s=float(t)), stars, pairs, limit_at_mag(camera, float(t)))
+        for t in np.ravel(exposure_s)
     ]
 
 
-def against_limit(c: DesignCamera, stars: StarTable, pairs: StarsInFields, limits_mag: Array) -> list[Accuracy]:
-    """The accuracy if only stars to each limit are used."""
-    return [accuracy(c, stars, pairs, float(v)) for v in np.ravel(limits_mag)]
+def against_limit(camera: DesignCamera, stars: StarTable, pairs: StarsInFields, limits_mag: Array) -> list[Accuracy]:
+    """Return the accuracy for each magnitude limit, using only stars up to that limit."""
+    return [accuracy(camera, stars, pairs, float(v)) for v in np.ravel(limits_mag)]

@@ -1,5 +1,5 @@
-"""Keep-out of Sun and Moon: their directions over the dates, and the sky that some field shows with both far enough
-away."""
+"""Keep-out angles of Sun and Moon: directions of both bodies over the validity, and the sky that is visible in fields
+far enough from both."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gss.catalogue_tools.selection.counting import fields_per_star
 from gss.domain.angles import Array
 
 J2000_JD = 2451545.0
-# Motion of the Sun or of the node between sampled dates, and time between them for the Moon.
+# Motion of the Sun or the node between sampled dates, and time between the dates sampled for the Moon.
 EPOCH_RAD = float(np.radians(1.0))
 MOON_STEP_DAYS = 0.25
 MAX_EPOCHS, MAX_KNOTS = 180, 1500
@@ -31,10 +31,11 @@ RINGS, RING_POINTS = 5, 48
 
 @dataclass(frozen=True)
 class AvoidanceAngles:
-    """Smallest angles from the boresight to Sun and Moon (0: disabled), from ``start_jyear`` to ``end_jyear``.
+    """Smallest permitted angles from the boresight to Sun and Moon (0: disabled), from ``start_jyear`` to
+    ``end_jyear``.
 
-    Directions are from the Earth's centre; from a low orbit the Moon is up to 1.1° away. ``epoch_rad``: motion of Sun
-    or node between sampled dates; ``moon_step_days``: time between them if the Moon is included.
+    Directions are from the Earth's centre; from a low orbit the Moon is up to 1.1° away. ``epoch_rad``: motion of the
+    Sun or the node between sampled dates. ``moon_step_days``: time between sampled dates if the Moon is included.
     """
 
     sun_rad: float
@@ -45,7 +46,7 @@ class AvoidanceAngles:
     moon_step_days: float = MOON_STEP_DAYS
 
     def bodies(self, part: Array) -> tuple[Array, Array]:
-        """(n, 3) ICRS directions of Sun and Moon after (n,) fractions of the validity."""
+        """Return the (n, 3) ICRS directions of Sun and Moon after (n,) fractions of the validity."""
         knots, sun, moon = self._track
         directions = [np.stack([np.interp(part, knots, axis) for axis in body.T], axis=-1) for body in (sun, moon)]
         sun, moon = (body / np.linalg.norm(body, axis=-1, keepdims=True) for body in directions)
@@ -53,7 +54,8 @@ class AvoidanceAngles:
 
     @cached_property
     def _track(self) -> tuple[Array, Array, Array]:
-        """Directions of Sun and Moon over the validity, dense enough for linear interpolation to one arcminute."""
+        """Directions of Sun and Moon over the validity, sampled densely enough for linear interpolation to one
+        arcminute."""
         days = (self.end_jyear - self.start_jyear) * DAYS_PER_YEAR
         knots = np.linspace(0, 1, int(np.clip(np.ceil(days / MOON_STEP_DAYS), 1, MAX_KNOTS)) + 1)
         at = (self.start_jyear - J2000_JYEAR) * DAYS_PER_YEAR + days * knots
@@ -66,19 +68,19 @@ class AvoidanceAngles:
         )
 
     def clearance(self, boresight: Array, sun: Array, moon: Array) -> Array:
-        """(…,) margin in radians by which (…, 3) boresights keep the angles, the smaller of the two; negative:
-        blinded."""
+        """Return the (…,) margins in radians by which (…, 3) boresights keep the angles to Sun and Moon, the smaller of
+        the two. A negative margin means blinded."""
         clear = np.full(np.broadcast_shapes(boresight.shape, sun.shape)[:-1], np.inf)
         for angle, body in ((self.sun_rad, sun), (self.moon_rad, moon)):
             if angle > 0:
                 clear = np.minimum(clear, np.arccos(np.clip((boresight * body).sum(axis=-1), -1, 1)) - angle)
         return clear
 
-    def parts(self, node_way_rad: float, finer: float = 1.0) -> Array:
-        """Fractions of the validity to sample, for a node that moves by ``node_way_rad``; ``finer``: factor on their
-        number."""
+    def parts(self, node_motion_rad: float, finer: float = 1.0) -> Array:
+        """Return the fractions of the validity to sample, for a node that moves by ``node_motion_rad``. ``finer``:
+        factor for the number of samples."""
         days = (self.end_jyear - self.start_jyear) * DAYS_PER_YEAR
-        steps = max(2 * np.pi * days / DAYS_PER_YEAR, node_way_rad) / self.epoch_rad * finer
+        steps = max(2 * np.pi * days / DAYS_PER_YEAR, node_motion_rad) / self.epoch_rad * finer
         if self.moon_rad:
             steps = max(steps, days / self.moon_step_days)
         return np.linspace(0, 1, int(np.clip(np.ceil(steps), 1, MAX_EPOCHS - 1)) + 1)
@@ -92,11 +94,11 @@ def free_of_baffle(
     earth_rad: float,
     views_per_star: int = VIEWS_PER_STAR,
 ) -> NDArray[np.bool_]:
-    """(n,) mask of the (n, 3) directions that some field shows with Sun and Moon far enough away.
+    """Return the (n,) mask of the (n, 3) directions that are visible in some field with Sun and Moon far enough away.
 
     All directions must be within ``base`` and not permanently behind the Earth. The test is biased towards visibility:
-    directions within ``NEAR_RAD`` of those in a clear field count, for laws that do not turn with the orbit within
-    ``PATCH_NEAR_RAD``.
+    a direction also counts if it is within ``NEAR_RAD`` of a direction in a clear field. For laws that do not turn with
+    the orbit, this tolerance is ``PATCH_NEAR_RAD``.
     """
     if isinstance(base, PatchEnvelope):
         return _free_in_patch(base, unit, baffle)
@@ -127,8 +129,8 @@ def _free_in_patch(base: PatchEnvelope, u: Array, baffle: AvoidanceAngles) -> ND
 def _free_in_band(
     base: BandEnvelope, u: Array, baffle: AvoidanceAngles, views: Views, earth_rad: float, views_per_star: int
 ) -> NDArray[np.bool_]:
-    """Test the plane of every date: views at the star's angle from the orbit's axis are turned along the orbit until
-    they show the star, which gives their boresight."""
+    """Test the orbit plane at each date. Views at the star's angle from the orbit's axis are rotated along the orbit
+    until they contain the star; their boresight is then tested."""
     if earth_rad > 0:
         limit = np.cos(earth_rad)
         views = views.take((views.direction[:, 2] <= limit) & (views.boresight[:, 2] <= limit))
@@ -144,7 +146,7 @@ def _free_in_band(
     for inclination in np.unique([*base.orbit.inclination_rad, np.mean(base.orbit.inclination_rad)]):
         for k, raan in enumerate(base.orbit.raan_at(parts)):
             blocked = np.flatnonzero(~free)
-            # Far inside a keep-out zone no field that shows the direction is clear.
+            # If the direction is far inside a keep-out zone, no field that contains it is clear.
             blocked = blocked[baffle.clearance(u[blocked], sun[k], moon[k]) >= -base.shape.half_diagonal_rad]
             axes = orbit_axes(np.array(raan), inclination, np.array(0.0))
             star = u[blocked] @ axes.T
@@ -161,8 +163,8 @@ def _free_in_band(
 
 
 def _near(angles: Array, targets: Array, count: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """(n, ``count``) indices into the ascending angles, spread over those within NEAR_RAD of each wanted one, and a
-    mask that is False if there are none."""
+    """Return (n, ``count``) indices into the ascending ``angles``, spread over the angles within NEAR_RAD of each
+    target, and a mask of the same shape that is False for targets without such an angle."""
     low, high = np.searchsorted(angles, targets - NEAR_RAD), np.searchsorted(angles, targets + NEAR_RAD)
     share = (np.arange(count) + 0.5) / count
     pick = (low[:, None] + share * (high - low)[:, None]).astype(np.intp)
@@ -170,7 +172,7 @@ def _near(angles: Array, targets: Array, count: int) -> tuple[NDArray[np.intp], 
 
 
 def _free_in_sky(base: Envelope, u: Array, baffle: AvoidanceAngles) -> NDArray[np.bool_]:
-    """Test boresights on rings around each direction, out to the corner of the field."""
+    """Test boresights on rings around each direction, out to the half diagonal of the field."""
     sun, moon = baffle.bodies(baffle.parts(0.0))
     east = np.cross(u, np.where(np.abs(u[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
     east /= np.linalg.norm(east, axis=1, keepdims=True)

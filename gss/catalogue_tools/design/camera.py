@@ -1,4 +1,4 @@
-"""A camera design: all parameters that can be changed, validated and converted to geometry and photometry."""
+"""Camera design: its editable parameters, their validation, and the conversion to geometry and photometry."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PHOTONS_S_CM2_NM = 1e4
 """Photon flux from V = 0: 10³ photons per second, cm² and Å (Erlank 2013 eq. 3.4.2, φ = 10^((15 − 2M)/5))."""
 BANDWIDTH_NM = 300.0
 THRESHOLD_SNR = 5.0
-# Smallest and largest accepted values, with their unit; results outside these ranges are meaningless.
+# Smallest and largest accepted values with their unit. Results outside these ranges are meaningless.
 LIMITS: dict[str, tuple[float, float, str]] = {
     "columns": (16, 16384, "px"),
     "rows": (16, 16384, "px"),
@@ -46,12 +46,12 @@ MAX_RAD = float(np.radians(160.0))
 
 @dataclass(frozen=True)
 class DesignCamera:
-    """Parameters of one camera, with a lens without distortion and the optical axis in the middle of the detector.
+    """Parameters of one camera. The lens has no distortion, and the optical axis is in the middle of the detector.
 
-    ``efficiency``: electrons per photon at the detector, fill factor included. ``bandwidth_nm``: of the detected light.
-    ``background_e_s``: sky and stray light per pixel. ``response_sigma``: spread of the pixels' relative response.
-    ``threshold_snr``: signal-to-noise ratio at which a star is detected. ``mag_limit``: faintest magnitude V used;
-    None: the radiometric limit.
+    ``efficiency``: electrons per photon at the detector, including the fill factor. ``bandwidth_nm``: bandwidth of the
+    detected light. ``background_e_s``: sky and stray light per pixel. ``response_sigma``: spread of the pixels'
+    relative response. ``threshold_snr``: signal-to-noise ratio at which a star is detected. ``mag_limit``: faintest
+    magnitude V used; None: the radiometric limit.
     """
 
     name: str
@@ -109,28 +109,28 @@ class DesignCamera:
 
     @classmethod
     def from_profile(cls, chosen: CameraProfile) -> DesignCamera:
-        """Return the design of a documented camera; its efficiency follows from the zero point."""
-        c, s = chosen.camera, chosen.sensor
+        """Return the design of a documented camera. Its efficiency is computed from the zero point."""
+        geometry, sensor = chosen.camera, chosen.sensor
         photons_s = chosen.aperture_cm2 * chosen.transmission * BANDWIDTH_NM * PHOTONS_S_CM2_NM
         return cls(
             chosen.name,
-            c.columns,
-            c.rows,
+            geometry.columns,
+            geometry.rows,
             chosen.pitch_col_mm * 1e3,
             chosen.pitch_row_mm * 1e3,
             chosen.focal_mm,
             chosen.f_number,
             chosen.transmission,
-            s.zero_point_e_s / photons_s,
-            s.exposure_s,
-            s.psf_sigma_px,
-            s.bits,
-            s.gain_e_per_dn,
-            s.bias_dn,
-            s.full_well_e,
-            s.read_noise_e,
-            s.dark_current_e_s,
-            s.background_e_s,
+            sensor.zero_point_e_s / photons_s,
+            sensor.exposure_s,
+            sensor.psf_sigma_px,
+            sensor.bits,
+            sensor.gain_e_per_dn,
+            sensor.bias_dn,
+            sensor.full_well_e,
+            sensor.read_noise_e,
+            sensor.dark_current_e_s,
+            sensor.background_e_s,
             chosen.defects.response_sigma,
         )
 
@@ -179,7 +179,7 @@ class DesignCamera:
 
     @property
     def sensor(self) -> Sensor:
-        """Photometric model. A design has one exposure, and limits of magnitude that exclude no star."""
+        """Photometric model. A design has one exposure and magnitude limits that exclude no star."""
         return Sensor(
             self.bits,
             self.gain_e_per_dn,
@@ -204,14 +204,14 @@ class DesignCamera:
 
     @property
     def brightest_pixel_e(self) -> float:
-        """Electrons of star light that a pixel can measure before the full well or the converter saturates."""
+        """Largest star signal in electrons that a pixel can measure before the full well or the converter saturates."""
         standing_e = (self.dark_current_e_s + self.background_e_s) * self.exposure_s
         converter_e = (self.sensor.saturation_dn - self.bias_dn) * self.gain_e_per_dn
         return max(0.0, min(self.full_well_e, converter_e) - standing_e)
 
     def edited(self, **changes: object) -> DesignCamera:
-        """Return the camera with other values; None leaves a value unchanged. BadInput for unknown names and invalid
-        values."""
+        """Return the camera with changed values. None leaves a value unchanged. Raises BadInput for unknown names and
+        invalid values."""
         field_names = {f.name for f in fields(self)}
         for name in changes:
             if name not in field_names:
@@ -219,5 +219,5 @@ class DesignCamera:
         return replace(self, **{k: v for k, v in changes.items() if v is not None})  # type: ignore[arg-type]  # names are fields
 
     def changed_from(self, other: DesignCamera) -> tuple[str, ...]:
-        """Names of the fields that differ."""
+        """Return the names of the fields that differ from ``other``."""
         return tuple(f.name for f in fields(self) if getattr(self, f.name) != getattr(other, f.name))

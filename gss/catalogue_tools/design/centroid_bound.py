@@ -1,5 +1,5 @@
-"""Lower bound of the centroid error: Cramér–Rao bound of a Gaussian star on noisy pixels (Winick 1986, used by
-Huffman 2006 §4.2.2), with the non-uniform pixel response as an additional noise."""
+"""Lower bound of the centroid error: Cramér–Rao bound of a Gaussian star on noisy pixels (Winick 1986, used by Huffman
+2006 §4.2.2). The non-uniform pixel response counts as additional noise."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ GRID_E = np.geomspace(1.0, 1e9, 73)
 
 
 def bound_px(star_e: Array | float, sigma_px: float, noise_e: float, response_sigma: float = 0.0) -> Array:
-    """Smallest standard deviation of one coordinate, px, for stars of ``star_e`` electrons, any shape.
+    """Return the smallest standard deviation of one coordinate, px, for stars of ``star_e`` electrons, an array of any
+    shape.
 
-    ``noise_e``: of a dark-sky pixel. The information is averaged over the star's position within its pixel. Flux and
-    background do not shift a symmetric star's centroid, so it does not matter that they are unknown.
+    ``noise_e``: noise of a dark-sky pixel. The information is averaged over the star's position within its pixel. Flux
+    and background can be unknown, because they do not shift the centroid of a symmetric star.
     """
     table = _table(round(float(sigma_px), 6), round(float(noise_e), 6), round(float(response_sigma), 9))
     log_e = np.log(np.maximum(np.asarray(star_e, float), GRID_E[0]))
@@ -38,12 +39,12 @@ def bound_px(star_e: Array | float, sigma_px: float, noise_e: float, response_si
 
 @lru_cache(maxsize=512)
 def _table(sigma_px: float, noise_e: float, response_sigma: float) -> Array:
-    """log σ on the grid of electrons."""
+    """Return log σ on the grid of electrons."""
     return np.asarray(np.log(exact_bound_px(GRID_E, sigma_px, noise_e, response_sigma)))
 
 
 def exact_bound_px(star_e: Array, sigma_px: float, noise_e: float, response_sigma: float) -> Array:
-    """(k,) bound for (k,) stars, not interpolated."""
+    """Return the (k,) bound for (k,) stars without interpolation."""
     phase = (np.arange(PHASES) + 0.5) / PHASES - 0.5
     reach = int(np.ceil(REACH_SIGMAS * sigma_px)) + 1
     edge = np.arange(-reach, reach + 2) - 0.5
@@ -59,7 +60,7 @@ def exact_bound_px(star_e: Array, sigma_px: float, noise_e: float, response_sigm
 
 
 def pixel_bias_px(sigma_px: Array | float) -> Array:
-    """Systematic error of an uncorrected centre of light, rms over the pixel.
+    """Return the systematic error of an uncorrected centre of light, rms over the pixel.
 
     First term of the Fourier series of the interpolation error of a Gaussian star, e^(−2π²σ²)/π · sin 2πδ (Moniteq 1983
     eq. 4.6 untruncated).
@@ -67,17 +68,17 @@ def pixel_bias_px(sigma_px: Array | float) -> Array:
     return np.asarray(np.exp(-2 * (np.pi * np.asarray(sigma_px, float)) ** 2) / (np.pi * np.sqrt(2)))
 
 
-def centroid_sigma_px(c: DesignCamera, v_mag: Array | float) -> Array:
-    """Centroid bound for stars of magnitude V in this camera."""
-    star_e = c.sensor.star_e(v_mag, c.exposure_s)
-    return bound_px(star_e, c.psf_sigma_px, c.noise_e, c.response_sigma)
+def centroid_sigma_px(camera: DesignCamera, v_mag: Array | float) -> Array:
+    """Return the centroid bound for stars of magnitude V in this camera."""
+    star_e = camera.sensor.star_e(v_mag, camera.exposure_s)
+    return bound_px(star_e, camera.psf_sigma_px, camera.noise_e, camera.response_sigma)
 
 
-def psf_advice(c: DesignCamera) -> PsfAdvice:
-    """Effect of a different focus: magnitude limits, and the centroid error of the faintest star now in use, noise
-    and pixel bias combined."""
-    tried = [with_psf(c, float(s)) for s in PSF_GRID_PX]
-    star_e = np.array([float(c.sensor.star_e(limit_mag(c), c.exposure_s))])
+def psf_advice(camera: DesignCamera) -> PsfAdvice:
+    """Compute the effect of a different focus: magnitude limits, and the centroid error of the faintest star used at
+    the present focus, with noise and pixel bias combined."""
+    tried = [with_psf(camera, float(s)) for s in PSF_GRID_PX]
+    star_e = np.array([float(camera.sensor.star_e(limit_mag(camera), camera.exposure_s))])
     noise = np.array([exact_bound_px(star_e, t.psf_sigma_px, t.noise_e, t.response_sigma)[0] for t in tried])
     best = float(PSF_GRID_PX[int(np.argmin(np.hypot(noise, pixel_bias_px(PSF_GRID_PX))))])
     return PsfAdvice(
@@ -86,5 +87,5 @@ def psf_advice(c: DesignCamera) -> PsfAdvice:
         np.array([limit_window_mag(t) for t in tried]),
         np.hypot(noise, pixel_bias_px(PSF_GRID_PX)),
         best,
-        psf_kind(c.psf_sigma_px, best),
+        psf_kind(camera.psf_sigma_px, best),
     )

@@ -34,8 +34,9 @@ LIMIT_SPAN_MAG, LIMIT_STEP_MAG, GRID_BEYOND_MAG = 3.0, 0.1, 0.6
 
 @dataclass(frozen=True)
 class Curves:
-    """Curves of a report: fractions of fields with fewer than 3 and 5 stars by magnitude limit, by circle and by
-    focal length; signal-to-noise ratio and centroid error by magnitude; accuracy by exposure and by limit."""
+    """Curves of a report: fractions of fields with fewer than 3 and 5 stars by magnitude limit, by circle diameter and
+    by focal length; signal-to-noise ratio and centroid error by magnitude; accuracy by exposure and by magnitude
+    limit."""
 
     limit_mag: Array
     mean_stars: Array
@@ -56,72 +57,73 @@ class Curves:
 
 
 def curves_of(
-    c: DesignCamera,
+    camera: DesignCamera,
     stars: StarTable,
     in_force_mag: float,
     attitudes: Array,
     pairs: StarsInFields,
     in_fields: StarsInFields,
-    most_pairs: float,
+    max_pairs: float,
     progress: Progress,
 ) -> Curves:
-    """Compute all curves. ``in_force_mag``: faintest magnitude; ``attitudes``: pointings, with the stars in their fields;
-    ``most_pairs``: largest number of stars that one curve may process."""
+    """Compute all curves. ``in_force_mag``: active magnitude limit. ``attitudes``: pointings. ``pairs``, ``in_fields``:
+    stars in their fields. ``max_pairs``: largest number of stars that one curve can process."""
     grid = _limit_grid(in_force_mag)
     nth = nth_brightest_mag(pairs, stars.v_mag)
     unit = stars.icrs[: bright_rows(stars, in_force_mag)]
-    half = c.half_diagonal_rad
+    half = camera.half_diagonal_rad
     circle = np.linspace(0.1, 1.0, 37) * min(4 * half, np.radians(120.0))
-    focal = _focals(c)
-    widest = c.edited(focal_mm=float(focal[0]))
-    some = attitudes[: affordable(widest, len(unit), len(attitudes), most_pairs)]
+    focal = _focals(camera)
+    widest = camera.edited(focal_mm=float(focal[0]))
+    focal_attitudes = attitudes[: affordable(widest, len(unit), len(attitudes), max_pairs)]
     progress(0.2)
-    v = np.arange(np.floor(min(saturation_mag(c), in_force_mag, 6.0)) - 1, in_force_mag + 2, 0.25)
-    exposures = _exposures_s(c)
+    v = np.arange(np.floor(min(saturation_mag(camera), in_force_mag, 6.0)) - 1, in_force_mag + 2, 0.25)
+    exposures = _exposures_s(camera)
     used = np.linspace(max(-1.0, in_force_mag - 3.0), in_force_mag, 9)
-    by_focal = p_fewer_by_focal(unit, some, c, focal, NEED)
+    by_focal = p_fewer_by_focal(unit, focal_attitudes, camera, focal, NEED)
     progress(0.4)
-    by_exposure = _by_exposure(c, stars, attitudes, exposures, most_pairs)
+    by_exposure = _by_exposure(camera, stars, attitudes, exposures, max_pairs)
     progress(0.8)
     nearest = nth_nearest_rad(unit, attitudes[:, 2])
     return Curves(
         grid,
-        mean_by_limit(stars, c.shape.area_sr, grid),
+        mean_by_limit(stars, camera.shape.area_sr, grid),
         np.stack([p_fewer_by_limit(nth, n, grid) for n in NEED]),
         circle,
         np.stack([p_fewer_in_circle(nearest, n, circle) for n in NEED]),
         focal,
         by_focal,
         v,
-        snr_brightest_pixel(c, v),
-        snr_window(c, v),
-        centroid_sigma_px(c, v),
+        snr_brightest_pixel(camera, v),
+        snr_window(camera, v),
+        centroid_sigma_px(camera, v),
         exposures,
-        np.array([limit_at_mag(c, float(t)) for t in exposures]),
+        np.array([limit_at_mag(camera, float(t)) for t in exposures]),
         by_exposure,
         used,
-        tuple(against_limit(c, stars, in_fields, used)),
+        tuple(against_limit(camera, stars, in_fields, used)),
     )
 
 
-def _exposures_s(c: DesignCamera) -> Array:
-    """Exposures around the camera's own, within the accepted range."""
+def _exposures_s(camera: DesignCamera) -> Array:
+    """Return exposures around that of the camera, within the accepted range."""
     low, high, _ = LIMITS["exposure_s"]
-    exposures = c.exposure_s * EXPOSURE_FACTORS
-    return np.unique(np.append(exposures[(exposures >= low) & (exposures <= high)], c.exposure_s))
+    exposures = camera.exposure_s * EXPOSURE_FACTORS
+    return np.unique(np.append(exposures[(exposures >= low) & (exposures <= high)], camera.exposure_s))
 
 
 def _by_exposure(
-    c: DesignCamera, stars: StarTable, attitudes: Array, exposure_s: Array, most_pairs: float
+    camera: DesignCamera, stars: StarTable, attitudes: Array, exposure_s: Array, max_pairs: float
 ) -> tuple[Accuracy, ...]:
     """Compute the accuracy by exposure.
 
-    A longer exposure shows many more stars, so the number of pointings is limited to what is affordable at the longest.
+    A longer exposure shows many more stars, so the number of pointings is limited to the number that is affordable at
+    the longest exposure.
     """
-    rows = bright_rows(stars, max(limit_at_mag(c, float(t)) for t in exposure_s))
-    some = attitudes[: affordable(c, rows, len(attitudes), most_pairs / 2)]
-    pairs = pairs_in_view(stars.icrs[:rows], some, c.shape)
-    return tuple(against_exposure(c, stars, pairs, exposure_s))
+    rows = bright_rows(stars, max(limit_at_mag(camera, float(t)) for t in exposure_s))
+    affordable_attitudes = attitudes[: affordable(camera, rows, len(attitudes), max_pairs / 2)]
+    pairs = pairs_in_view(stars.icrs[:rows], affordable_attitudes, camera.shape)
+    return tuple(against_exposure(camera, stars, pairs, exposure_s))
 
 
 def _limit_grid(limit: float) -> Array:
@@ -130,9 +132,9 @@ def _limit_grid(limit: float) -> Array:
     return np.unique(np.round(np.append(grid, limit), 6))
 
 
-def _focals(c: DesignCamera) -> Array:
-    """Focal lengths around the camera's own, as short as a flat detector allows."""
-    shortest = np.hypot(*c.half_size_mm) / np.tan(np.radians(60.0))
-    focal = c.focal_mm * FOCAL_FACTORS
+def _focals(camera: DesignCamera) -> Array:
+    """Return focal lengths around that of the camera, as short as a flat detector allows."""
+    shortest = np.hypot(*camera.half_size_mm) / np.tan(np.radians(60.0))
+    focal = camera.focal_mm * FOCAL_FACTORS
     in_range = focal[(focal >= max(1.0, shortest)) & (focal <= 2000.0)]
-    return np.unique(np.append(in_range, c.focal_mm))
+    return np.unique(np.append(in_range, camera.focal_mm))

@@ -1,4 +1,4 @@
-"""Complete design report of one camera: a fast version while parameters change, and the full one."""
+"""Design report of one camera: a fast version while parameters change, and the full report."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from gss.domain.experiment import Progress
 from gss.domain.stars import StarTable
 
 MAX_COUNTED = 40.0
-"""The histogram may process this many times as many stars as a curve, because it only counts them."""
+"""Factor by which the histogram can process more stars than a curve, because it only counts them."""
 EXCLUSION_RAD = float(np.radians(40.0))
 
 
@@ -50,8 +50,9 @@ EXCLUSION_RAD = float(np.radians(40.0))
 class DesignEffort:
     """Amount of computation.
 
-    ``pointings``: of the histogram; 0: use those of the curves. ``looks``: pointings of curves and accuracy. ``pairs``:
-    largest number of stars that one curve may process. ``trade_looks``: pointings per lens; 0: no lens trade-off.
+    ``pointings``: number of pointings of the histogram; 0: use the pointings of the curves. ``looks``: number of
+    pointings of curves and accuracy. ``pairs``: largest number of stars that one curve can process. ``trade_looks``:
+    pointings per lens; 0: no lens trade-off.
     """
 
     pointings: int
@@ -69,7 +70,7 @@ class DesignRequest:
     """Input of a design report.
 
     ``envelope`` None: the whole sky. ``exclusion_rad``: angle of Sun or Earth from the axis for which the baffle is
-    made; ``spare_mm``: widening of its front for misalignment.
+    designed. ``spare_mm``: widening of the baffle's front for misalignment.
     """
 
     camera: DesignCamera
@@ -81,7 +82,7 @@ class DesignRequest:
 
 @dataclass(frozen=True)
 class MagnitudeLimits:
-    """Faintest magnitude by each method. The last four use the documents' formulas with this camera's optics."""
+    """Magnitude limit by each method. The last four use the formulas of the documents with this camera's optics."""
 
     in_force_mag: float
     brightest_pixel_mag: float
@@ -97,7 +98,7 @@ class MagnitudeLimits:
 class DesignReport:
     """Results for one camera.
 
-    ``looks``: number of pointings behind the curves. ``two_stage`` None: a two-stage baffle would be too long.
+    ``looks``: number of pointings used for the curves. ``two_stage`` None: a two-stage baffle would be too long.
     ``baffle_problem``: why there is no baffle, empty if there is one.
     """
 
@@ -118,17 +119,17 @@ class DesignReport:
     notes: tuple[str, ...]
 
 
-def limits_of(c: DesignCamera) -> MagnitudeLimits:
+def limits_of(camera: DesignCamera) -> MagnitudeLimits:
     """Compute all limiting magnitudes."""
     return MagnitudeLimits(
-        limit_mag(c),
-        limit_brightest_pixel_mag(c),
-        limit_window_mag(c),
-        saturation_mag(c),
-        limits_jacobs.limit_mag(c),
-        limits_huffman.limit_mag(c),
-        limits_erlank.limit_mag(c),
-        limits_moniteq.limit_mag(c),
+        limit_mag(camera),
+        limit_brightest_pixel_mag(camera),
+        limit_window_mag(camera),
+        saturation_mag(camera),
+        limits_jacobs.limit_mag(camera),
+        limits_huffman.limit_mag(camera),
+        limits_erlank.limit_mag(camera),
+        limits_moniteq.limit_mag(camera),
     )
 
 
@@ -140,32 +141,32 @@ def design(
     each: Each = map,
     progress: Progress = no_progress,
 ) -> DesignReport:
-    """Compute the report. ``stars``: brightest first. ``each``: how blocks of pointings are mapped. BadInput if no
-    star is detected."""
-    c = request.camera
-    limits = limits_of(c)
+    """Compute the report. ``stars``: brightest first. ``each``: ``map`` or a parallel equivalent, applied to the blocks
+    of pointings. Raises BadInput if the camera detects no star."""
+    camera = request.camera
+    limits = limits_of(camera)
     _check(limits, stars)
     rows = bright_rows(stars, limits.in_force_mag)
     grid_rows = bright_rows(stars, limits.in_force_mag + GRID_BEYOND_MAG)
-    looks = affordable(c, grid_rows, effort.looks, effort.pairs)
-    attitudes = look(c, looks, request.seed, request.envelope)
-    pairs = pairs_in_view(stars.icrs[:grid_rows], attitudes, c.shape)
+    looks = affordable(camera, grid_rows, effort.looks, effort.pairs)
+    attitudes = look(camera, looks, request.seed, request.envelope)
+    pairs = pairs_in_view(stars.icrs[:grid_rows], attitudes, camera.shape)
     used_stars = pairs.brighter_than(rows)
     counted = counted_pairs(used_stars, attitudes)
     if effort.pointings:
         counted = _count(request, stars.icrs[:rows], effort, each, _part(progress, 0.0, 0.6))
     curves = curves_of(
-        c, stars, limits.in_force_mag, attitudes, pairs, used_stars, effort.pairs, _part(progress, 0.6, 0.85)
+        camera, stars, limits.in_force_mag, attitudes, pairs, used_stars, effort.pairs, _part(progress, 0.6, 0.85)
     )
     single_stage, double_stage, problem = _baffles(request)
     trade: tuple[TradeRow, ...] = ()
     if effort.trade_looks:
-        some = attitudes[: effort.trade_looks]
-        trade = lens_trade(c, stars, some, effort.pairs / 4, _part(progress, 0.85, 1.0))
-    accuracies = accuracy(c, stars, used_stars)
-    blur, psf = motion_blur(c), psf_advice(c)
+        trade_attitudes = attitudes[: effort.trade_looks]
+        trade = lens_trade(camera, stars, trade_attitudes, effort.pairs / 4, _part(progress, 0.85, 1.0))
+    accuracies = accuracy(camera, stars, used_stars)
+    blur, psf = motion_blur(camera), psf_advice(camera)
     notes = _notes(request, limits, counted)
-    longest = longest_exposure_s(c)
+    longest = longest_exposure_s(camera)
     return DesignReport(
         request,
         effort,
@@ -185,32 +186,32 @@ def design(
     )
 
 
-def camera_row(c: DesignCamera, stars: StarTable, looks: int, pairs: float, seed: int = 1) -> TradeRow:
-    """Return a camera's row in the table of cameras, over the whole sky."""
-    return trade_row(c, stars, look(c, looks, seed), pairs)
+def camera_row(camera: DesignCamera, stars: StarTable, looks: int, pairs: float, seed: int = 1) -> TradeRow:
+    """Return the row of a camera in the table of cameras, for pointings over the whole sky."""
+    return trade_row(camera, stars, look(camera, looks, seed), pairs)
 
 
 def _count(request: DesignRequest, unit: Array, effort: DesignEffort, each: Each, progress: Progress) -> InView:
-    c = request.camera
-    pointings = affordable(c, len(unit), effort.pointings, effort.pairs * MAX_COUNTED)
+    camera = request.camera
+    pointings = affordable(camera, len(unit), effort.pointings, effort.pairs * MAX_COUNTED)
 
     def portion(k: int, m: int) -> Array:
-        # Seeds differ from those of all other portions and curves, whatever the size of the portions.
+        # The seed differs from the seeds of all other portions and curves, for any portion size.
         where = request.seed * 1_000_003 + 1 + k
-        return look(c, m, where, request.envelope)
+        return look(camera, m, where, request.envelope)
 
-    return count_stars(unit, portion, pointings, c.shape, each, progress)
+    return count_stars(unit, portion, pointings, camera.shape, each, progress)
 
 
 def _baffles(request: DesignRequest) -> tuple[BaffleGeometry | None, BaffleGeometry | None, str]:
-    c = request.camera
-    radius = c.pupil_mm / 2
+    camera = request.camera
+    radius = camera.pupil_mm / 2
     try:
-        single_stage = one_stage(radius, c.half_diagonal_rad, request.exclusion_rad, request.spare_mm)
+        single_stage = one_stage(radius, camera.half_diagonal_rad, request.exclusion_rad, request.spare_mm)
     except BadInput as error:
         return None, None, str(error)
     try:
-        return single_stage, two_stage(radius, c.half_diagonal_rad, request.exclusion_rad), ""
+        return single_stage, two_stage(radius, camera.half_diagonal_rad, request.exclusion_rad), ""
     except BadInput as error:
         return single_stage, None, str(error)
 
@@ -227,7 +228,7 @@ def _check(limits: MagnitudeLimits, stars: StarTable) -> None:
 
 
 def _notes(request: DesignRequest, limits: MagnitudeLimits, counted: InView) -> tuple[str, ...]:
-    c, notes = request.camera, []
+    camera, notes = request.camera, []
     if limits.in_force_mag > COMPLETE_V_MAG:
         notes.append(
             f"The limit V {limits.in_force_mag:.2f} is beyond V {COMPLETE_V_MAG}, above which Hipparcos is incomplete: star "
@@ -235,10 +236,10 @@ def _notes(request: DesignRequest, limits: MagnitudeLimits, counted: InView) -> 
         )
     if limits.saturation_mag > limits.in_force_mag:
         notes.append("Every detected star saturates: the exposure is too long or the converter too small.")
-    if c.mag_limit is not None and c.mag_limit > limits.brightest_pixel_mag + 0.005:
+    if camera.mag_limit is not None and camera.mag_limit > limits.brightest_pixel_mag + 0.005:
         notes.append(
-            f"The magnitude limit V {c.mag_limit:.2f} is fainter than the radiometry allows "
-            f"(V {limits.brightest_pixel_mag:.2f} at SNR {c.threshold_snr:g})."
+            f"The magnitude limit V {camera.mag_limit:.2f} is fainter than the radiometry allows "
+            f"(V {limits.brightest_pixel_mag:.2f} at SNR {camera.threshold_snr:g})."
         )
     if counted.p_fewer_than(3) > 0.01:
         notes.append(

@@ -1,4 +1,4 @@
-"""Count stars in view at random pointings, like ``Stats`` in Jacobs 1995 §5.1; all curves of a run share the
+"""Count stars in view at random pointings, like ``Stats`` in Jacobs 1995 §5.1. All curves of a run use the same
 pointings."""
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from gss.domain.stars import StarTable
 
 Each = Callable[..., Iterable[Counts]]
 PORTION = 262_144
-"""Pointings drawn at once: larger portions are counted faster, smaller ones need less memory."""
+"""Number of pointings drawn together: larger portions are counted faster, smaller portions need less memory."""
 NTH = 5
 COMPLETE_V_MAG = 7.3
 """Hipparcos is complete to this magnitude; counts beyond it are too low."""
@@ -29,8 +29,8 @@ COMPLETE_V_MAG = 7.3
 
 @dataclass(frozen=True)
 class InView:
-    """Number of stars in view. ``histogram``: pointings with 0, 1, 2 … stars. ``worst_*``: boresight of the first
-    pointing with the fewest."""
+    """Number of stars in view. ``histogram``: pointings with 0, 1, 2 … stars. ``worst_*``: smallest number of stars,
+    and the boresight of the first pointing with it."""
 
     pointings: int
     histogram: Counts
@@ -52,8 +52,8 @@ class InView:
 class StarsInFields:
     """Every star in every field of a set of pointings, sorted by field and then by brightness, brightest first.
 
-    ``field``, ``star``: (k,) rows of the attitudes and of the stars, which are brightest first. ``plane``: (k, 2)
-    tangent plane coordinates X/Z, Y/Z. ``count``: (m,) stars per field.
+    ``field``, ``star``: (k,) rows in the attitudes and in the star table, which is sorted by brightness. ``plane``: (k,
+    2) tangent plane coordinates X/Z, Y/Z. ``count``: (m,) stars per field.
     """
 
     field: NDArray[np.intp]
@@ -68,23 +68,24 @@ class StarsInFields:
         return StarsInFields(self.field[keep], self.star[keep], self.plane[keep], count)
 
 
-def look(c: DesignCamera, pointings: int, seed: int, envelope: Envelope | None = None) -> Array:
-    """(m, 3, 3) random cam_from_icrs: uniform over the sky and the roll, or within an envelope."""
+def look(camera: DesignCamera, pointings: int, seed: int, envelope: Envelope | None = None) -> Array:
+    """Return (m, 3, 3) random cam_from_icrs, uniform over the sky and the roll, or within an envelope."""
     if pointings < 1:
         raise BadInput("the number of pointings is out of range", expected="at least 1", got=str(pointings))
-    where = WholeSky(c.shape) if envelope is None else envelope
+    where = WholeSky(camera.shape) if envelope is None else envelope
     return where.attitudes(np.random.default_rng(seed), pointings)
 
 
 def bright_rows(stars: StarTable, limit_mag: float) -> int:
-    """Number of the table's stars, brightest first, that are not fainter than the limit."""
+    """Return the number of stars that are not fainter than the limit. The table is sorted by brightness."""
     return int(np.searchsorted(stars.v_mag, limit_mag, side="right"))
 
 
-def affordable(c: DesignCamera, rows: int, pointings: int, most_pairs: float) -> int:
-    """Number of pointings that keeps the expected number of counted stars below ``most_pairs``, at least 50."""
-    per_field = rows * c.shape.area_sr / (4 * np.pi)
-    return max(min(pointings, 50), min(pointings, int(most_pairs / max(per_field, 1e-9))))
+def affordable(camera: DesignCamera, rows: int, pointings: int, max_pairs: float) -> int:
+    """Return the number of pointings for which the expected number of counted stars is below ``max_pairs``; at least
+    50."""
+    per_field = rows * camera.shape.area_sr / (4 * np.pi)
+    return max(min(pointings, 50), min(pointings, int(max_pairs / max(per_field, 1e-9))))
 
 
 def count_stars(
@@ -95,29 +96,29 @@ def count_stars(
     each: Each,
     progress: Progress,
 ) -> InView:
-    """Histogram of (n, 3) ICRS stars over ``pointings``.
+    """Compute the histogram of the number of (n, 3) ICRS stars in view over ``pointings``.
 
-    ``attitudes(k, m)``: the m attitudes of portion k. Progress is reported, and cancellation checked, after each patch
-    of sky.
+    ``attitudes(k, m)``: the m attitudes of portion k. After each patch of sky, progress is reported and cancellation
+    checked.
     """
     histogram = np.zeros(1, np.int64)
-    worst, place = np.iinfo(np.int64).max, np.array([1.0, 0.0, 0.0])
+    worst, worst_boresight = np.iinfo(np.int64).max, np.array([1.0, 0.0, 0.0])
     for k, start in enumerate(range(0, pointings, PORTION)):
-        some = attitudes(k, min(PORTION, pointings - start))
-        each_reported = _reporting(each, _within(progress, start / pointings, len(some) / pointings))
-        counts = stars_per_field(unit, some, shape, each_reported)
+        portion = attitudes(k, min(PORTION, pointings - start))
+        each_reported = _reporting(each, _within(progress, start / pointings, len(portion) / pointings))
+        counts = stars_per_field(unit, portion, shape, each_reported)
         batch_histogram = np.bincount(counts, minlength=len(histogram))
         batch_histogram[: len(histogram)] += histogram
         histogram = batch_histogram
         if counts.min() < worst:
-            worst, place = int(counts.min()), some[int(counts.argmin()), 2]
+            worst, worst_boresight = int(counts.min()), portion[int(counts.argmin()), 2]
     progress(1.0)
-    ra, dec = ra_dec_from_unit(place)
+    ra, dec = ra_dec_from_unit(worst_boresight)
     return InView(pointings, histogram, int(worst), float(ra), float(dec))
 
 
 def counted_pairs(pairs: StarsInFields, attitudes: Array) -> InView:
-    """Histogram of the pointings of the pairs."""
+    """Compute the histogram for the pointings of ``pairs``."""
     worst = int(np.argmin(pairs.count))
     ra, dec = ra_dec_from_unit(attitudes[worst, 2])
     return InView(len(attitudes), np.bincount(pairs.count), int(pairs.count[worst]), float(ra), float(dec))
@@ -157,7 +158,8 @@ def pairs_in_view(unit: Array, attitudes: Array, shape: FieldShape) -> StarsInFi
 
 
 def nth_brightest_mag(pairs: StarsInFields, v_mag: Array, nth: int = NTH) -> Array:
-    """(m, nth) magnitude of the 1st … nth brightest star of each field; +inf if there is none."""
+    """Return the (m, nth) magnitudes of the 1st … nth brightest star of each field; +inf if the field has fewer
+    stars."""
     start = np.concatenate([[0], np.cumsum(pairs.count)[:-1]])
     result = np.full((len(pairs.count), nth), np.inf)
     for k in range(nth):
@@ -167,20 +169,20 @@ def nth_brightest_mag(pairs: StarsInFields, v_mag: Array, nth: int = NTH) -> Arr
 
 
 def p_fewer_by_limit(nth_mag: Array, stars: int, limit_mag: Array) -> Array:
-    """Fraction of fields with fewer than ``stars`` stars, for each limiting magnitude."""
+    """Return the fraction of fields with fewer than ``stars`` stars, for each magnitude limit."""
     sorted_mag = np.sort(nth_mag[:, stars - 1])
     return np.asarray(1 - np.searchsorted(sorted_mag, limit_mag, side="right") / len(sorted_mag), float)
 
 
 def mean_by_limit(stars: StarTable, area_sr: float, limit_mag: Array) -> Array:
-    """Exact mean number of stars in a field with random pointing: the number in the catalogue times the field's
-    fraction of the sphere."""
+    """Return the exact mean number of stars in a randomly pointed field, for each magnitude limit: the number in the
+    catalogue times the field's fraction of the sphere."""
     return np.asarray(np.searchsorted(stars.v_mag, limit_mag, side="right") * (area_sr / (4 * np.pi)), float)
 
 
 def nth_nearest_rad(unit: Array, boresight: Array, nth: int = NTH) -> Array:
-    """(m, nth) angles from (m, 3) boresights to their nearest stars: radius of the circle that contains 1 … nth of
-    them."""
+    """Return the (m, nth) angles from (m, 3) boresights to their 1st … nth nearest star: radii of the circles that
+    contain 1 … nth stars."""
     if len(unit) < nth:
         return np.full((len(boresight), nth), np.inf)
     chord, _ = cKDTree(unit).query(boresight, k=nth)
@@ -188,22 +190,26 @@ def nth_nearest_rad(unit: Array, boresight: Array, nth: int = NTH) -> Array:
 
 
 def p_fewer_in_circle(nth_rad: Array, stars: int, diameter_rad: Array) -> Array:
-    """Fraction of circular fields with fewer than ``stars`` stars, for each diameter (Erlank 2013 Fig. 3.8)."""
+    """Return the fraction of circular fields with fewer than ``stars`` stars, for each diameter (Erlank 2013 Fig.
+    3.8)."""
     sorted_rad = np.sort(nth_rad[:, stars - 1])
     return np.asarray(
         1 - np.searchsorted(sorted_rad, np.asarray(diameter_rad) / 2, side="right") / len(sorted_rad), float
     )
 
 
-def p_fewer_by_focal(unit: Array, attitudes: Array, c: DesignCamera, focal_mm: Array, stars: tuple[int, ...]) -> Array:
-    """(len(stars), len(focal_mm)) fraction of this detector's rectangular fields with fewer stars, for each focal length.
+def p_fewer_by_focal(
+    unit: Array, attitudes: Array, camera: DesignCamera, focal_mm: Array, stars: tuple[int, ...]
+) -> Array:
+    """Return the (len(stars), len(focal_mm)) fraction of this detector's rectangular fields with fewer stars, for each
+    focal length.
 
-    One search with the shortest focal length is sufficient: the longest focal length that keeps a star in the field
-    follows from its tangent plane coordinates.
+    One search with the shortest focal length is sufficient, because the tangent plane coordinates of a star give the
+    longest focal length at which it is in the field.
     """
-    widest = c.edited(focal_mm=float(np.min(focal_mm)))
+    widest = camera.edited(focal_mm=float(np.min(focal_mm)))
     pairs = pairs_in_view(unit, attitudes, widest.shape)
-    half_x, half_y = c.half_size_mm
+    half_x, half_y = camera.half_size_mm
     longest_mm = np.minimum(
         half_x / np.maximum(np.abs(pairs.plane[:, 0]), 1e-12), half_y / np.maximum(np.abs(pairs.plane[:, 1]), 1e-12)
     )

@@ -1,5 +1,5 @@
-"""Limiting magnitude by the method of Erlank 2013 §3.4.4: photons on a pixel against the number that the data sheet
-requires for SNR 10."""
+"""Limiting magnitude by the method of Erlank 2013 §3.4.4: compare the photons on a pixel with the number that the data
+sheet requires for SNR 10."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SNR10_W_CM2, WAVELENGTH_M = 25e-9, 535e-9
 
 @dataclass(frozen=True)
 class Lens:
-    """Parameters of eq. 3.4.2. Default: the document's order of magnitude, a lens of 1 cm radius."""
+    """Parameters of eq. 3.4.2. The default is the document's example, a lens of 1 cm radius."""
 
     area_cm2: float = float(np.pi)
     transmission: float = 0.6
@@ -49,13 +49,15 @@ def pixels_covered(sigma_px: float) -> int:
     return (side + 1 - side % 2) ** 2
 
 
-def limit_mag(c: DesignCamera) -> float:
+def limit_mag(camera: DesignCamera) -> float:
     """Faintest V by this method, with this camera's lens, pixels and spread, and the Melexis sensitivity.
 
     The threshold is SNR 10; the exposure has no effect.
     """
-    lens = Lens(c.aperture_cm2, c.transmission, c.bandwidth_nm * 10)
-    return limit_of_lens_mag(lens, needed_photons_s(c.pitch_col_um, c.pitch_row_um), pixels_covered(c.psf_sigma_px))
+    lens = Lens(camera.aperture_cm2, camera.transmission, camera.bandwidth_nm * 10)
+    return limit_of_lens_mag(
+        lens, needed_photons_s(camera.pitch_col_um, camera.pitch_row_um), pixels_covered(camera.psf_sigma_px)
+    )
 
 
 def fov_rad(size_mm: float, focal_mm: float) -> float:

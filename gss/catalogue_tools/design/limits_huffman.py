@@ -1,4 +1,5 @@
-"""Limiting magnitude by the method of Huffman 2006 §3: peak of a Gaussian star over the noise of a pixel."""
+"""Limiting magnitude by the method of Huffman 2006 §3: compare the peak of a Gaussian star with the noise of a
+pixel."""
 
 from __future__ import annotations
 
@@ -35,28 +36,38 @@ class HuffmanImager:
         return float(np.sqrt(self.dark_e + self.read_noise_e**2))
 
 
-def imager_of(c: DesignCamera) -> HuffmanImager:
+def imager_of(camera: DesignCamera) -> HuffmanImager:
     """Return the parameters of a camera: its optics, exposure and noise, with the document's detector response."""
-    dark_e = c.dark_current_e_s * c.exposure_s
-    return HuffmanImager(c.aperture_cm2 * 1e-4 * c.transmission, c.exposure_s, c.psf_sigma_px, dark_e, c.read_noise_e)
+    dark_e = camera.dark_current_e_s * camera.exposure_s
+    return HuffmanImager(
+        camera.aperture_cm2 * 1e-4 * camera.transmission,
+        camera.exposure_s,
+        camera.psf_sigma_px,
+        dark_e,
+        camera.read_noise_e,
+    )
 
 
-def star_e(i: HuffmanImager, v_mag: float) -> float:
+def star_e(imager: HuffmanImager, v_mag: float) -> float:
     """Electrons of a whole star (eq. 3.4)."""
-    return float(i.area_m2 * i.ffsr_a_w * i.exposure_s * i.extra_gain * 10 ** ((MAG_0 - v_mag) / 2.5))
+    return float(
+        imager.area_m2 * imager.ffsr_a_w * imager.exposure_s * imager.extra_gain * 10 ** ((MAG_0 - v_mag) / 2.5)
+    )
 
 
-def magnitude(i: HuffmanImager, electrons: float) -> float:
+def magnitude(imager: HuffmanImager, electrons: float) -> float:
     """Inverse of eq. 3.4."""
-    return float(MAG_0 - 2.5 * np.log10(electrons / (i.area_m2 * i.ffsr_a_w * i.exposure_s * i.extra_gain)))
+    return float(
+        MAG_0 - 2.5 * np.log10(electrons / (imager.area_m2 * imager.ffsr_a_w * imager.exposure_s * imager.extra_gain))
+    )
 
 
-def snr(i: HuffmanImager, v_mag: float) -> float:
+def snr(imager: HuffmanImager, v_mag: float) -> float:
     """Signal-to-noise ratio of the peak pixel (eq. 3.18)."""
-    return star_e(i, v_mag) / (2 * np.pi * i.psf_sigma_px**2 * i.noise_e)
+    return star_e(imager, v_mag) / (2 * np.pi * imager.psf_sigma_px**2 * imager.noise_e)
 
 
-def limit_mag(c: DesignCamera) -> float:
+def limit_mag(camera: DesignCamera) -> float:
     """Faintest V whose peak pixel reaches the camera's threshold by eq. 3.18."""
-    i = imager_of(c)
-    return magnitude(i, c.threshold_snr * 2 * np.pi * i.psf_sigma_px**2 * i.noise_e)
+    i = imager_of(camera)
+    return magnitude(i, camera.threshold_snr * 2 * np.pi * i.psf_sigma_px**2 * i.noise_e)

@@ -1,5 +1,5 @@
-"""Limiting magnitude by the method of Jacobs 1995 §9 and app. H: lux on the pixel at a faint star's edge against the
-dark signal non-uniformity. Volts, lux and kelvin are the document's units."""
+"""Limiting magnitude by the method of Jacobs 1995 §9 and app. H: compare the illumination of the pixel at a faint
+star's edge with the dark signal non-uniformity. The document's units are used: volts, lux and kelvin."""
 
 from __future__ import annotations
 
@@ -50,22 +50,24 @@ def dsnu_v(exposure_s: float, chip: VideoChip = ICX059) -> float:
     return float(chip.dsnu_v_s * exposure_s * np.exp(DIODE_K * (1 / chip.dsnu_k - 1 / chip.chip_k)))
 
 
-def peak_lux(c: DesignCamera, v_mag: float) -> float:
-    """Illumination at the centre of a star's image (eq. 9.13): its lumens over the pixels' area, summed at pixel centres."""
-    lumen = star_lux(v_mag) * c.transmission * c.aperture_cm2 * 1e-4
-    reach = int(np.ceil(SUM_REACH * c.psf_sigma_px)) + 1
+def peak_lux(camera: DesignCamera, v_mag: float) -> float:
+    """Illumination at the centre of a star's image (eq. 9.13): its luminous flux divided by the pixel area, summed at
+    pixel centres."""
+    lumen = star_lux(v_mag) * camera.transmission * camera.aperture_cm2 * 1e-4
+    reach = int(np.ceil(SUM_REACH * camera.psf_sigma_px)) + 1
     u = np.arange(-reach, reach + 1)
-    total = np.exp(-(u**2) / (2 * c.psf_sigma_px**2)).sum() ** 2
-    return float(lumen / (c.pitch_col_um * c.pitch_row_um * 1e-12 * total))
+    total = np.exp(-(u**2) / (2 * camera.psf_sigma_px**2)).sum() ** 2
+    return float(lumen / (camera.pitch_col_um * camera.pitch_row_um * 1e-12 * total))
 
 
-def edge_v(c: DesignCamera, v_mag: float, chip: VideoChip = ICX059) -> float:
-    """Voltage of the worst pixel of a 3 x 3 star, 1.5 px from its centroid both ways (eq. 9.14, 9.15)."""
-    fall = np.exp(-(EDGE_PX**2) / c.psf_sigma_px**2)
-    return float(chip.responsivity_v_lx_s * c.exposure_s * peak_lux(c, v_mag) * fall)
+def edge_v(camera: DesignCamera, v_mag: float, chip: VideoChip = ICX059) -> float:
+    """Voltage of the worst pixel of a 3 x 3 star, 1.5 px from the centroid in both axes (eq. 9.14, 9.15)."""
+    fall = np.exp(-(EDGE_PX**2) / camera.psf_sigma_px**2)
+    return float(chip.responsivity_v_lx_s * camera.exposure_s * peak_lux(camera, v_mag) * fall)
 
 
-def limit_mag(c: DesignCamera, chip: VideoChip = ICX059) -> float:
-    """Faintest V whose edge pixel is 3 dB above the dark signal non-uniformity (eq. 9.16). Exposure cancels."""
-    margin = edge_v(c, 0.0, chip) / MARGIN / dsnu_v(c.exposure_s, chip)
+def limit_mag(camera: DesignCamera, chip: VideoChip = ICX059) -> float:
+    """Faintest V whose edge pixel is 3 dB above the dark signal non-uniformity (eq. 9.16). The result does not depend
+    on the exposure."""
+    margin = edge_v(camera, 0.0, chip) / MARGIN / dsnu_v(camera.exposure_s, chip)
     return float(np.log(margin) / np.log(2.512))

@@ -1,4 +1,4 @@
-"""Figures printed in the documents for their own cameras, shown next to ours."""
+"""Figures that the documents print for their cameras, shown next to the computed figures."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class PaperValue:
-    """One printed figure. ``figure``: our figure that it is compared with. ``x``: position on that figure's curve,
-    NaN for a single number."""
+    """One printed figure. ``figure``: name of the computed figure to compare with. ``x``: position on the curve of that
+    figure, NaN for a single number."""
 
     profile: str
     figure: str

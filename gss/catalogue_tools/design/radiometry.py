@@ -19,13 +19,15 @@ PSF_GRID_PX = np.round(np.geomspace(0.25, 4.0, 25), 4)
 
 
 def column_shares(offset_px: Array | float, sigma_px: float, window_px: int) -> Array:
-    """(…, N) fraction of a star's light in each of N columns if it is ``offset_px`` from the middle of the window."""
+    """Return the (…, N) fraction of a star's light in each of N columns if the star is ``offset_px`` from the middle of
+    the window."""
     edge = np.arange(window_px + 1) - window_px / 2
     return np.asarray(np.diff(ndtr((edge - np.asarray(offset_px, float)[..., None]) / sigma_px), axis=-1))
 
 
 def brightest_pixel_share(sigma_px: float, streak_px: float = 0.0, centred: bool = False) -> float:
-    """Fraction of a star's light in its brightest pixel: averaged over the position within the pixel, or centred (the largest).
+    """Return the fraction of a star's light in its brightest pixel: averaged over the position within the pixel, or at
+    the centre, where it is largest.
 
     ``streak_px``: length of uniform motion along the columns during the exposure; the streak is centred.
     """
@@ -47,25 +49,25 @@ def brightest_pixel_share(sigma_px: float, streak_px: float = 0.0, centred: bool
 
 @lru_cache(maxsize=256)
 def energy_window(sigma_px: float) -> tuple[int, float]:
-    """Side N in pixels of the window that maximises the signal-to-noise ratio of a centred star over uniform noise,
-    and the fraction of light in it."""
+    """Return the window that maximises the signal-to-noise ratio of a centred star over uniform noise: its side N in
+    pixels, and the fraction of the star's light in it."""
     sizes = np.arange(1, 2 * int(np.ceil(3 * sigma_px)) + 3)
     shares = np.array([float(column_shares(0.0, sigma_px, int(n)).sum()) ** 2 for n in sizes])
     best = int(np.argmax(shares / sizes))
     return int(sizes[best]), float(shares[best])
 
 
-def snr_brightest_pixel(c: DesignCamera, v_mag: Array | float) -> Array:
+def snr_brightest_pixel(camera: DesignCamera, v_mag: Array | float) -> Array:
     """Signal-to-noise ratio of a star's brightest pixel: S/√(S + D + R² + Δ²/12 + B) (Huffman 2006 eq. 3.17)."""
-    s = c.sensor.star_e(v_mag, c.exposure_s) * brightest_pixel_share(c.psf_sigma_px)
-    return np.asarray(s / np.sqrt(s + c.noise_e**2))
+    s = camera.sensor.star_e(v_mag, camera.exposure_s) * brightest_pixel_share(camera.psf_sigma_px)
+    return np.asarray(s / np.sqrt(s + camera.noise_e**2))
 
 
-def snr_window(c: DesignCamera, v_mag: Array | float) -> Array:
+def snr_window(camera: DesignCamera, v_mag: Array | float) -> Array:
     """Signal-to-noise ratio of all the light in the window of :func:`energy_window`."""
-    side, share = energy_window(c.psf_sigma_px)
-    s = c.sensor.star_e(v_mag, c.exposure_s) * share
-    return np.asarray(s / np.sqrt(s + side**2 * c.noise_e**2))
+    side, share = energy_window(camera.psf_sigma_px)
+    s = camera.sensor.star_e(v_mag, camera.exposure_s) * share
+    return np.asarray(s / np.sqrt(s + side**2 * camera.noise_e**2))
 
 
 def signal_for_snr_e(snr: float, noise_e: float) -> float:
@@ -73,38 +75,40 @@ def signal_for_snr_e(snr: float, noise_e: float) -> float:
     return float(snr * (snr + np.sqrt(snr**2 + 4 * noise_e**2)) / 2)
 
 
-def limit_brightest_pixel_mag(c: DesignCamera) -> float:
+def limit_brightest_pixel_mag(camera: DesignCamera) -> float:
     """Faintest V whose brightest pixel reaches the threshold, averaged over the star's position within the pixel."""
-    needed_e = signal_for_snr_e(c.threshold_snr, c.noise_e) / brightest_pixel_share(c.psf_sigma_px)
-    return float(c.sensor.magnitude(needed_e, c.exposure_s))
+    needed_e = signal_for_snr_e(camera.threshold_snr, camera.noise_e) / brightest_pixel_share(camera.psf_sigma_px)
+    return float(camera.sensor.magnitude(needed_e, camera.exposure_s))
 
 
-def limit_window_mag(c: DesignCamera) -> float:
+def limit_window_mag(camera: DesignCamera) -> float:
     """Faintest V whose summed window reaches the threshold."""
-    side, share = energy_window(c.psf_sigma_px)
-    needed_e = signal_for_snr_e(c.threshold_snr, side * c.noise_e) / share
-    return float(c.sensor.magnitude(needed_e, c.exposure_s))
+    side, share = energy_window(camera.psf_sigma_px)
+    needed_e = signal_for_snr_e(camera.threshold_snr, side * camera.noise_e) / share
+    return float(camera.sensor.magnitude(needed_e, camera.exposure_s))
 
 
-def limit_mag(c: DesignCamera) -> float:
-    """Magnitude limit in use: the given one, otherwise that of the brightest pixel, which all five systems compare
-    with the threshold."""
-    return limit_brightest_pixel_mag(c) if c.mag_limit is None else c.mag_limit
+def limit_mag(camera: DesignCamera) -> float:
+    """Return the active magnitude limit: that of the design if stated, otherwise the limit by the brightest pixel,
+    which all five systems compare with the threshold."""
+    return limit_brightest_pixel_mag(camera) if camera.mag_limit is None else camera.mag_limit
 
 
-def saturation_mag(c: DesignCamera) -> float:
-    """Brightest V that keeps every pixel below full well and converter limit at any position; +inf if dark signal
-    alone saturates."""
-    room_e = c.brightest_pixel_e
+def saturation_mag(camera: DesignCamera) -> float:
+    """Return the brightest V at which no pixel reaches the full well or the converter limit, for any position within
+    the pixel; +inf if the dark signal alone saturates."""
+    room_e = camera.brightest_pixel_e
     if room_e <= 0:
         return float("inf")
-    return float(c.sensor.magnitude(room_e / brightest_pixel_share(c.psf_sigma_px, centred=True), c.exposure_s))
+    return float(
+        camera.sensor.magnitude(room_e / brightest_pixel_share(camera.psf_sigma_px, centred=True), camera.exposure_s)
+    )
 
 
-def longest_exposure_s(c: DesignCamera) -> float:
+def longest_exposure_s(camera: DesignCamera) -> float:
     """Exposure at which dark current and background alone saturate a pixel."""
-    rate = c.dark_current_e_s + c.background_e_s
-    room_e = min(c.full_well_e, (c.sensor.saturation_dn - c.bias_dn) * c.gain_e_per_dn)
+    rate = camera.dark_current_e_s + camera.background_e_s
+    room_e = min(camera.full_well_e, (camera.sensor.saturation_dn - camera.bias_dn) * camera.gain_e_per_dn)
     return room_e / rate if rate > 0 else float("inf")
 
 
@@ -112,8 +116,9 @@ def longest_exposure_s(c: DesignCamera) -> float:
 class Blur:
     """Motion limits.
 
-    ``streak_px``: streak that costs half a magnitude. ``rate_rad_s``: rate about a transverse axis that produces it.
-    ``smear_limit_rate_rad_s``: rate at which a star moves 0.88 px, the document's tolerable smear (Moniteq 1983 §4.2).
+    ``streak_px``: streak length that costs half a magnitude. ``rate_rad_s``: rate about a transverse axis that produces
+    this streak. ``smear_limit_rate_rad_s``: rate at which a star moves 0.88 px, the document's tolerable smear (Moniteq
+    1983 §4.2).
     """
 
     streak_px: float
@@ -125,23 +130,24 @@ TOLERABLE_SMEAR_PX = 0.88
 
 
 def blur_loss_mag(sigma_px: float, streak_px: Array) -> Array:
-    """Loss in magnitudes of the brightest-pixel limit for each streak length."""
+    """Return the loss of the brightest-pixel limit, in magnitudes, for each streak length."""
     still = brightest_pixel_share(sigma_px, centred=True)
     moving = np.array([brightest_pixel_share(sigma_px, float(s), centred=True) for s in np.ravel(streak_px)])
     return -2.5 * np.log10(moving / still)
 
 
-def motion_blur(c: DesignCamera, loss_mag: float = BLUR_LOSS_MAG) -> Blur:
+def motion_blur(camera: DesignCamera, loss_mag: float = BLUR_LOSS_MAG) -> Blur:
     """Compute the angular rates that the camera tolerates.
 
-    The noise under a faint star is that of the sky, so the limit depends only on the peak's fraction of the light.
+    Under a faint star the sky noise dominates, so the limit depends only on the fraction of light in the brightest
+    pixel.
     """
 
     def excess(log_streak: float) -> float:
-        return float(blur_loss_mag(c.psf_sigma_px, np.exp(np.array([log_streak])))[0]) - loss_mag
+        return float(blur_loss_mag(camera.psf_sigma_px, np.exp(np.array([log_streak])))[0]) - loss_mag
 
     streak = float(np.exp(brentq(excess, np.log(1e-3), np.log(MAX_STREAK_PX))))
-    per_px = c.camera.pixel_rad / c.exposure_s
+    per_px = camera.camera.pixel_rad / camera.exposure_s
     return Blur(streak, streak * per_px, TOLERABLE_SMEAR_PX * per_px)
 
 
@@ -149,9 +155,9 @@ def motion_blur(c: DesignCamera, loss_mag: float = BLUR_LOSS_MAG) -> Blur:
 class PsfAdvice:
     """Effect of the focus for each ``sigma_px``.
 
-    ``limit_brightest_mag``, ``limit_window_mag``: limit by the brightest pixel and by the window. ``centroid_px``:
-    error of the faintest star now in use; ``best_px``: σ with the smallest error. ``kind``: of the present focus:
-    sharp, good or wide.
+    ``limit_brightest_mag``, ``limit_window_mag``: magnitude limit by the brightest pixel and by the window.
+    ``centroid_px``: error of the faintest star used at the present focus. ``best_px``: σ with the smallest error.
+    ``kind``: class of the present focus: sharp, good or wide.
     """
 
     sigma_px: Array
@@ -163,8 +169,8 @@ class PsfAdvice:
 
 
 SHARPEST_PX, MAX_OVER_BEST = 0.4, 2.5
-"""Below σ = 0.4 px (pixel over σ 2.5, Moniteq 1983 §4.2) a mean locator is biased by the pixel. Above 2.5 times the
-best the light is spread without benefit, except for a detector with non-uniform response within its pixels."""
+"""Below σ = 0.4 px (pixel over σ 2.5, Moniteq 1983 §4.2) the pixel biases a centre of light. Above 2.5 times the best
+σ, spreading the light has no benefit, unless the response within the pixels is non-uniform."""
 
 
 def psf_kind(sigma_px: float, best_px: float) -> str:
@@ -174,6 +180,6 @@ def psf_kind(sigma_px: float, best_px: float) -> str:
     return "wide" if sigma_px > MAX_OVER_BEST * max(best_px, SHARPEST_PX) else "good"
 
 
-def with_psf(c: DesignCamera, sigma_px: float) -> DesignCamera:
+def with_psf(camera: DesignCamera, sigma_px: float) -> DesignCamera:
     """Return the same camera with a different focus."""
-    return replace(c, psf_sigma_px=sigma_px)
+    return replace(camera, psf_sigma_px=sigma_px)

@@ -1,1 +1,1 @@
-"""The part of the sky a camera will see: orbits, pointing laws, occultation."""
+"""The part of the sky that a camera can see: orbits, pointing laws, occultation."""

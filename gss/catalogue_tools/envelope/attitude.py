@@ -19,7 +19,8 @@ SUN_LAWS = ("anti_sun", "sun_pointing")
 FREE_LAWS = ("inertial", *SUN_LAWS)
 # Sunsat's star sensor axes (boresight +y, Jacobs 1995 §1.2) relative to the camera axes (boresight +z).
 SS_FROM_CAM = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-# Jacobs 1995 §1.3 in words: 180° about x, then −45° about z. Eq. 1.14 prints only the second (errata).
+# The text of Jacobs 1995 §1.3 states 180° about x, then −45° about z. Eq. 1.14 contains only the second rotation
+# (errata).
 SUNSAT_BODY_FROM_SS = rotation_z(-np.pi / 4) @ rotation_x(np.pi)
 BODY_FROM_CAM: dict[str, Array] = {
     "sunsat": SUNSAT_BODY_FROM_SS @ SS_FROM_CAM,
@@ -37,13 +38,14 @@ BODY_FROM_CAM: dict[str, Array] = {
 class AttitudeLimits:
     """Limits of an Euler 1-2-3 rotation about the axes of the pointing law (Jacobs 1995 eq. 1.13).
 
-    ``pointing``: the law. sunsat, zenith, nadir turn with the orbit: base axes are the orbit's, +z to nadir; the camera
-    points along Sunsat's mounting, to zenith or to nadir. target: an imager along body +z tracks a point on the ground
-    up to ``off_nadir_rad`` from nadir in any direction, and body +x stays near the velocity; roll and pitch, which turn
-    the body to the target, are widened by that angle; the camera points along body −z. inertial: base axes are a camera
-    at ``ra_rad``, ``dec_rad``, ``field_roll_rad``; this is also used to track a point in the sky. anti_sun: base +z
-    away from the Sun, +x to ecliptic north. sun_pointing: base +z to the Sun, +x to ecliptic north, the camera along
-    body +x. ``body_from_cam``: nine numbers by rows, replacing the law's default mounting.
+    ``pointing``: the law. sunsat, zenith and nadir turn with the orbit. Their base axes are those of the orbit, +z to
+    nadir, and the camera points along Sunsat's mounting, to zenith or to nadir. target: an imager along body +z tracks
+    a point on the ground up to ``off_nadir_rad`` from nadir in any direction, and body +x stays near the velocity. Roll
+    and pitch turn the body to the target, so their limits are widened by that angle; the camera points along body −z.
+    inertial: the base axes are those of a camera at ``ra_rad``, ``dec_rad``, ``field_roll_rad``; this law is also used
+    to track a point in the sky. anti_sun: base +z away from the Sun, +x to ecliptic north. sun_pointing: base +z to the
+    Sun, +x to ecliptic north, the camera along body +x. ``body_from_cam``: mounting as nine numbers by rows; None: the
+    default mounting of the law.
     """
 
     pointing: str
@@ -108,8 +110,8 @@ class AttitudeLimits:
 
 
 def euler_123(angles_rad: Array) -> Array:
-    """(…, 3, 3) coordinate changes of (…, 3) roll, pitch, yaw: Aψ·Aθ·Aφ of Jacobs 1995 eqs. 1.10–1.12 (the product
-    printed as eq. 1.13 has misprints)."""
+    """Return the (…, 3, 3) coordinate changes for (…, 3) roll, pitch, yaw: Aψ·Aθ·Aφ of Jacobs 1995 eqs. 1.10–1.12 (the
+    product printed as eq. 1.13 has misprints)."""
     a = np.asarray(angles_rad, float)
     (cf, ct, cp), (sf, st, sp) = np.moveaxis(np.cos(a), -1, 0), np.moveaxis(np.sin(a), -1, 0)
     rows = [
@@ -136,8 +138,8 @@ def mounting_of(body_from_cam: Sequence[float] | None, turns_deg: Sequence[float
 
 
 def turns_of(body_from_cam: Array) -> tuple[float, float, float]:
-    """Return the rotations about x, y and z, in degrees, of a (3, 3) mounting: the inverse of :func:`mounting_of`. Where y turns by
-    ±90°, only the sum or difference of the others is defined, and x is 0."""
+    """Return the rotations about x, y and z, in degrees, of a (3, 3) mounting: the inverse of :func:`mounting_of`. If
+    the rotation about y is ±90°, only the sum or difference of the other rotations is defined, and x is 0."""
     m = np.asarray(body_from_cam, float).T
     y = float(np.arcsin(np.clip(m[2, 0], -1.0, 1.0)))
     if abs(m[2, 0]) > 1 - 1e-12:
@@ -148,7 +150,7 @@ def turns_of(body_from_cam: Array) -> tuple[float, float, float]:
 
 
 def orbit_axes(raan_rad: Array, inclination_rad: Array, latitude_rad: Array) -> Array:
-    """(n, 3, 3) rotations: vectorised ``orbit_from_icrs`` of ``gss.domain.frames``."""
+    """Return (n, 3, 3) rotations: ``orbit_from_icrs`` of ``gss.domain.frames``, vectorised."""
     co, so, ci, si = np.cos(raan_rad), np.sin(raan_rad), np.cos(inclination_rad), np.sin(inclination_rad)
     cu, su = np.cos(latitude_rad), np.sin(latitude_rad)
     zenith = np.stack([co * cu - so * su * ci, so * cu + co * su * ci, su * si], axis=-1)
@@ -157,7 +159,8 @@ def orbit_axes(raan_rad: Array, inclination_rad: Array, latitude_rad: Array) -> 
 
 
 def base_from_icrs(limits: AttitudeLimits, sun_longitude_rad: Array) -> Array:
-    """(n, 3, 3) rotations into the base axes of a law that does not turn with the orbit, at (n,) longitudes of the Sun."""
+    """Return the (n, 3, 3) rotations into the base axes of a law that does not turn with the orbit, for (n,) longitudes
+    of the Sun."""
     longitude = np.atleast_1d(np.asarray(sun_longitude_rad, float))
     if limits.pointing == "inertial":
         fixed = cam_from_icrs(limits.ra_rad, limits.dec_rad, limits.field_roll_rad)
@@ -168,7 +171,7 @@ def base_from_icrs(limits: AttitudeLimits, sun_longitude_rad: Array) -> Array:
     return np.asarray(BASE_FROM_SUN[limits.pointing] @ spin @ ICRS_FROM_ECLIPTIC.T)
 
 
-# Base axes of a law from axes with +x to the Sun and +z to the ecliptic pole.
+# Rotations into the base axes of a law, from axes with +x to the Sun and +z to the ecliptic pole.
 BASE_FROM_SUN = {
     "anti_sun": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
     "sun_pointing": np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),

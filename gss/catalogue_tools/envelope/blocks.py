@@ -1,7 +1,8 @@
-"""The block method of Jacobs 1995 §5.2.1 for a sub-catalogue: step through all angles, mark blocks of sky, take their stars.
+"""The block method of Jacobs 1995 §5.2.1 for a sub-catalogue: step through all angles, mark blocks of sky, select the
+stars in marked blocks.
 
-A replica, kept beside the exact envelope to show what the method misses. The document gives neither the steps nor when
-a block is "included within the FOV"; both can be chosen.
+This replica shows which stars the method misses compared with the exact envelope. The document states neither the steps
+nor the condition for a block to be "included within the FOV"; both are parameters here.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ def _deg(value: float) -> float:
 
 @dataclass(frozen=True)
 class BlockSteps:
-    """Increments of the six variables of Jacobs 1995 Table 5-2, from minimum to maximum; the document does not give them."""
+    """Increments of the six variables of Jacobs 1995 Table 5-2, from minimum to maximum. The document does not state
+    them."""
 
     roll_rad: float = _deg(5.0)
     pitch_rad: float = _deg(5.0)
@@ -61,19 +63,19 @@ class BlockSteps:
 
 
 def stepped(limits: Range, step_rad: float) -> Array:
-    """Values from the minimum by the step up to the maximum, which is reached only if the steps fit, as in a FOR
-    loop."""
+    """Return the values from the minimum to the maximum in steps, as in a FOR loop: the maximum is included only if the
+    steps fit."""
     low, high = limits
     return np.asarray(low + step_rad * np.arange(int(np.floor((high - low) / step_rad + 1e-9)) + 1), float)
 
 
 @dataclass(frozen=True)
 class BlockEnvelope:
-    """An envelope made of marked blocks.
+    """An envelope that consists of marked blocks.
 
-    ``rule``: mark a block if its centre, all of it or any part of it is in the field. ``report`` is called with the
-    fraction done while blocks are marked, and may raise to cancel. Edges, fractions of time and attitudes are those of
-    the exact band.
+    ``rule``: a block is marked if its centre, its whole area or any part of it is in the field. ``report`` is called
+    with the fraction done while blocks are marked. It can raise an exception to cancel. Edges, fractions of time and
+    attitudes are those of the exact band.
     """
 
     shape: FieldShape
@@ -89,7 +91,7 @@ class BlockEnvelope:
 
     @property
     def dimensions(self) -> int:
-        """Same as the band's."""
+        """Same as :attr:`BandEnvelope.dimensions`."""
         return self.band.dimensions
 
     @cached_property
@@ -101,17 +103,17 @@ class BlockEnvelope:
     def marked(self) -> NDArray[np.bool_]:
         """(180, 360) mask of blocks by declination from the south pole and right ascension from 0h.
 
-        Moving the node by whole degrees moves the marks by as many blocks, so the fields of one node serve all nodes at
-        a whole number of degrees from it; the others are stepped.
+        A shift of the node by whole degrees shifts the marks by the same number of blocks. So the fields of one node
+        are reused for all nodes at a whole number of degrees from it; the other nodes are stepped.
         """
         blocks = np.zeros((DEC_BLOCKS, RA_BLOCKS), bool)
         nodes, node_parts = stepped(self.orbit.raan_rad, self.steps.raan_rad), self._node_parts
-        done, whole = 0, self.looked_at
+        done, total = 0, self.looked_at
 
         def count(fields: int) -> None:
             nonlocal done
             done += fields
-            self.report(done / whole)
+            self.report(done / total)
 
         for part in np.unique(node_parts):
             at_first_node = self._marked_at(_deg(float(part)), count)
@@ -120,7 +122,7 @@ class BlockEnvelope:
         return blocks
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 3) directions in marked blocks."""
+        """Return the (n,) mask of the (n, 3) directions in marked blocks."""
         u = np.asarray(unit, float)
         ra = np.mod(np.arctan2(u[:, 1], u[:, 0]), 2 * np.pi)
         dec = np.arctan2(u[:, 2], np.hypot(u[:, 0], u[:, 1]))
@@ -132,15 +134,15 @@ class BlockEnvelope:
         return np.asarray(np.where(self.contains(unit), self.band.time_fraction(unit), 0.0))
 
     def edges(self, at_end: bool) -> list[Array]:
-        """Same as the band's."""
+        """Same as :meth:`BandEnvelope.edges`."""
         return self.band.edges(at_end)
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
-        """Same as the band's."""
+        """Same as :meth:`BandEnvelope.attitudes`."""
         return self.band.attitudes(rng, count)
 
     def at(self, cube: Array) -> Moments:
-        """Same as the band's."""
+        """Same as :meth:`BandEnvelope.at`."""
         return self.band.at(cube)
 
     @property
@@ -150,12 +152,12 @@ class BlockEnvelope:
 
     @property
     def looked_at(self) -> int:
-        """Number of fields actually computed: nodes a whole number of degrees apart share theirs."""
+        """Number of fields that are computed. Nodes that are a whole number of degrees apart share their fields."""
         return self._fields_at_node * len(np.unique(self._node_parts))
 
     @property
     def _node_parts(self) -> Array:
-        """(n,) fraction of a degree of each node."""
+        """(n,) fractional part of each node in degrees."""
         nodes = stepped(self.orbit.raan_rad, self.steps.raan_rad)
         return np.asarray(np.round(np.mod(np.degrees(nodes), 1.0), 6) % 1.0)
 
@@ -167,13 +169,13 @@ class BlockEnvelope:
 
     @property
     def _boxes(self) -> list[Array]:
-        """Steps of roll, pitch and yaw, one array each."""
+        """Return the steps of roll, pitch and yaw, one array for each angle."""
         s = self.steps
         steps = zip(self.limits.low, self.limits.high, (s.roll_rad, s.pitch_rad, s.yaw_rad), strict=True)
         return [stepped((float(a), float(b)), step) for a, b, step in steps]
 
     def _attitudes(self, raan_rad: float) -> Iterator[Array]:
-        """(n, 3, 3) cam_from_icrs of every combination at one node, at most CHUNK at a time."""
+        """Yield (n, 3, 3) cam_from_icrs of all combinations at one node, at most CHUNK together."""
         s, o = self.steps, self.orbit
         boxes = self._boxes
         angles = np.stack(np.meshgrid(*boxes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -215,7 +217,7 @@ class BlockEnvelope:
         return blocks.reshape(DEC_BLOCKS, RA_BLOCKS)
 
     def _mark_whole(self, blocks: NDArray[np.bool_], attitudes: Array, corners: list[Array]) -> None:
-        """Mark blocks with all corners in the same field."""
+        """Mark the blocks whose corners are all in the same field."""
         for cam in attitudes:
             near = np.flatnonzero(corners[0] @ cam[2] >= np.cos(self.shape.half_diagonal_rad + BLOCK_RAD))
             near = near[~blocks[near]]

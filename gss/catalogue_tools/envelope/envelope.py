@@ -1,8 +1,8 @@
-"""Envelopes: the stars that some orbit and some attitude within the limits bring into the field.
+"""Envelopes: the sky that is in the field for some orbit and some attitude within the limits.
 
-Three kinds share one interface (:class:`Envelope`): the whole sky, a band around the orbit normals for laws that turn
+Three types share one interface (:class:`Envelope`): the whole sky, a band around the orbit normals for laws that turn
 with the orbit, and a patch for laws that do not. Jacobs 1995 §5.2.1 steps through all combinations of six parameters
-and marks 1° blocks; here membership follows from the geometry, star by star.
+and marks 1° blocks. This module computes the membership of each star from the geometry.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from gss.domain.rotation import matrix_from_quaternion
 EDGE_POINTS = 121
 FIELD_POINTS = 24
 PATCH_ATTITUDES = 300
-# Beta parameter: at 0.15 half of the draws lie within a hundredth of an end.
+# Beta parameter: at 0.15 half of the samples are within a hundredth of an end of the range.
 CROWDING = 0.15
 WITNESSES = 3000
 # A fifth of the finest profile's pixel; a finer tolerance takes seconds where Sun and attitude move in the same
@@ -47,8 +47,8 @@ PLANES_PER_BIN = 24
 
 @dataclass(frozen=True)
 class Moments:
-    """n moments: (n, 3, 3) ``cam_from_icrs``, (n,) ``part``: elapsed fraction of the validity, (n, 3) ``nadir``:
-    ICRS direction to the Earth's centre, if the law defines it."""
+    """Attitudes at n times. ``cam_from_icrs``: (n, 3, 3). ``part``: (n,) elapsed fraction of the validity. ``nadir``:
+    (n, 3) ICRS direction to the Earth's centre, None if the law does not define it."""
 
     cam_from_icrs: Array
     part: Array
@@ -67,11 +67,12 @@ class Envelope(Protocol):
         ...
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 3) directions that are ever in the field."""
+        """Return the (n,) mask of the (n, 3) directions that are in the field at some time."""
         ...
 
     def time_fraction(self, unit: Array) -> Array:
-        """(n,) fraction of time in the field, with every orbit, date and attitude within the limits equally likely."""
+        """Return the (n,) fraction of time in the field, with every orbit, date and attitude within the limits equally
+        likely."""
         ...
 
     def edges(self, at_end: bool) -> list[Array]:
@@ -79,11 +80,12 @@ class Envelope(Protocol):
         ...
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
-        """(count, 3, 3) random cam_from_icrs within the limits."""
+        """Return (count, 3, 3) random cam_from_icrs within the limits."""
         ...
 
     def at(self, cube: Array) -> Moments:
-        """Moments for (n, ``dimensions``) points of the unit cube, whose coordinates map to all varying quantities.
+        """Return the moments for (n, ``dimensions``) points of the unit cube. Each coordinate maps to one varying
+        quantity.
 
         The first coordinate is the elapsed fraction of the validity. A uniform distribution over the cube is uniform
         over the limits.
@@ -134,8 +136,8 @@ class BandEnvelope:
         return polar_interval(self.shape, self.limits.cam_from_body, self.limits.low, self.limits.high)
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """(n,) mask: a star is inside if its range of components along +y, over all planes, meets the interval that
-        the camera covers."""
+        """Return the (n,) mask of the directions inside. A direction is inside if its range of components along +y over
+        all planes overlaps the interval that the camera covers."""
         lowest, highest = self.polar_interval
         smallest, largest = polar_range(self.orbit, unit)
         return np.asarray((largest >= lowest - TOLERANCE_RAD) & (smallest <= highest + TOLERANCE_RAD))
@@ -145,7 +147,7 @@ class BandEnvelope:
         return self.share_in_planes(unit, *self._planes(rng, PLANES_PER_BIN if np.ptp(self.orbit.raan_rad) > 0 else 1))
 
     def share_in_planes(self, unit: Array, raan_rad: Array, inclination_rad: Array) -> Array:
-        """(n,) fraction of time in the field over (k,) planes, which need not be within the limits."""
+        """Return the (n,) fraction of time in the field over (k,) planes, which need not be within the limits."""
         knots, share = self._share_by_angle
         flat = np.sin(inclination_rad)
         normal = np.stack([np.sin(raan_rad) * flat, -np.cos(raan_rad) * flat, np.cos(inclination_rad)])
@@ -183,15 +185,17 @@ class BandEnvelope:
         return Moments(self.limits.cam_from_body @ body_from_orbit @ axes, part, axes[:, 2])
 
     def _planes(self, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
-        """``count`` planes: nodes evenly spaced over their range, inclinations random in theirs."""
+        """Return ``count`` planes. Nodes are evenly spaced over their range; inclinations are random."""
         low, high = self.orbit.raan_rad
         return low + (high - low) * (np.arange(count) + 0.5) / count, rng.uniform(*self.orbit.inclination_rad, count)
 
     @cached_property
     def _share_by_angle(self) -> tuple[Array, Array]:
-        """Fraction of an orbit for which a direction at an angle from orbit +y is in the field, as (angles, fractions).
+        """Fraction of an orbit for which a direction is in the field, by its angle from orbit +y, as (angles,
+        fractions).
 
-        This is the solid angle of field and attitudes at that angle, divided by the ring of sky there. Sampled, seed 0.
+        The fraction is the solid angle of field and attitudes at that angle, divided by the solid angle of the ring of
+        sky there. Sampled with seed 0.
         """
         rng = np.random.default_rng(0)
         across = _points_in(self.shape, rng, 4000)
@@ -220,15 +224,15 @@ class PatchEnvelope:
         return self._contains(np.asarray(unit, float), PATCH_TOLERANCE_RAD)
 
     def witnessed(self, unit: Array, fields: int) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 3) directions in one of ``fields`` sampled fields within the limits.
+        """Return the (n,) mask of the (n, 3) directions in one of ``fields`` sampled fields within the limits.
 
         The samples are concentrated at the ends of the limits, which determine the edge of the envelope.
         """
         return fields_per_star(unit, self.crowded(fields, CROWDING), self.shape) > 0
 
     def crowded(self, count: int, crowding: float) -> Array:
-        """(count, 3, 3) cam_from_icrs within the limits, drawn from a symmetric Beta distribution with parameter
-        ``crowding`` along every axis."""
+        """Return the (count, 3, 3) cam_from_icrs within the limits, drawn from a symmetric Beta distribution with
+        parameter ``crowding`` along every axis."""
         along = np.random.default_rng(0).beta(crowding, crowding, (count, 4))
         sun = np.asarray(self.sun_longitude_rad, float)
         base = base_from_icrs(self.limits, sun[0] + (sun[1] - sun[0]) * along[:, 0])
@@ -251,7 +255,7 @@ class PatchEnvelope:
             pivot, spin = u[near] @ ICRS_FROM_ECLIPTIC, np.asarray(self.sun_longitude_rad)
         low, high, mounting = self.limits.low, self.limits.high, self.limits.cam_from_body
         if high[2] - low[2] >= 2 * np.pi - 1e-9 and abs(mounting[2, 2]) > 1 - 1e-12:
-            # With a full turn about the boresight, the yaw axis need not be searched.
+            # If yaw covers a full turn about the boresight, the yaw axis is not searched.
             fixed = np.array([1.0, 1.0, 0.0])
             disc = CircularField(self.shape.half_diagonal_rad)
             result[near] = reachable(pivot, base, spin, disc, mounting, low * fixed, high * fixed, tolerance_rad)
@@ -266,7 +270,7 @@ class PatchEnvelope:
         for attitude in self.attitudes(np.random.default_rng(0), PATCH_ATTITUDES):
             share[near] += self.shape.inside(u[near] @ attitude.T)
         share /= PATCH_ATTITUDES
-        # Directions inside the envelope but missed by the sample get half the smallest fraction.
+        # Directions that are inside the envelope but missed by the sample get half of the smallest fraction.
         rare = near[share[near] == 0]
         share[rare[self._contains(u[rare], MAP_TOLERANCE_RAD)]] = 0.5 / PATCH_ATTITUDES
         return share
@@ -289,7 +293,8 @@ class PatchEnvelope:
         return Moments(self.limits.cam_from_body @ body_from_base @ base_from_icrs(self.limits, sun), cube[:, 0])
 
     def _near(self, unit: Array) -> NDArray[np.bool_]:
-        """Fast pre-selection: directions within reach of the middle boresight for any rotation within the limits."""
+        """Return the mask of directions that can be in the field, by their angle from the middle boresight. This is a
+        fast pre-selection."""
         sun = np.array([np.mean(self.sun_longitude_rad)])
         middle = euler_123((self.limits.low + self.limits.high) / 2) @ base_from_icrs(self.limits, sun)[0]
         boresight = (self.limits.cam_from_body @ middle)[2]
@@ -299,9 +304,9 @@ class PatchEnvelope:
 
 
 def polar_range(orbit: OrbitRanges, unit: Array) -> tuple[Array, Array]:
-    """(n,) smallest and largest component along orbit +y that (n, 3) directions have over all planes.
+    """Return the (n,) smallest and largest component along orbit +y of (n, 3) directions over all planes.
 
-    The component is −(sin i·ρ·sin(Ω − α) + cos i·z); its extremes over Ω, then over i, have closed forms.
+    The component is −(sin i·ρ·sin(Ω − α) + cos i·z); its extremes over Ω and then over i have closed forms.
     """
     u = np.asarray(unit, float)
     z, rho, alpha = u[:, 2], np.hypot(u[:, 0], u[:, 1]), np.arctan2(u[:, 1], u[:, 0])
@@ -311,12 +316,12 @@ def polar_range(orbit: OrbitRanges, unit: Array) -> tuple[Array, Array]:
 
 
 def field_outline(shape: FieldShape, cam_from_icrs: Array) -> Array:
-    """(k, 3) ICRS directions around one field, closed."""
+    """Return (k, 3) ICRS directions of the closed outline of one field."""
     return np.asarray(shape.edge(np.linspace(0, 4, FIELD_POINTS * 4 + 1)) @ cam_from_icrs)
 
 
 def _points_in(shape: FieldShape, rng: np.random.Generator, count: int) -> Array:
-    """(≤ 2·count, 3) camera-frame directions, uniform over the field's solid angle."""
+    """Return at most 2·``count`` camera-frame directions, (k, 3), uniform over the field's solid angle."""
     low = np.cos(shape.half_diagonal_rad)
     share = shape.area_sr / (2 * np.pi * (1 - low))
     tries = int(count / share)

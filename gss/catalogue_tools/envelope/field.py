@@ -22,7 +22,8 @@ CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])
 
 
 def widened(camera: Camera, margin_rad: float) -> Camera:
-    """Return the camera with a detector enlarged by the margin on each side, at the scale of the optical centre."""
+    """Return the camera with its detector enlarged by the margin on each side, at the plate scale of the optical
+    centre."""
     pixels = round(margin_rad / camera.pixel_rad)
     return replace(
         camera,
@@ -34,8 +35,7 @@ def widened(camera: Camera, margin_rad: float) -> Camera:
 
 
 class FieldRegion(Protocol):
-    """A part of the sky around the boresight with the two tests that :mod:`gss.catalogue_tools.envelope.reach`
-    needs."""
+    """A region of sky around the boresight, with the two tests that :mod:`gss.catalogue_tools.envelope.reach` uses."""
 
     def inside(self, unit_cam: Array) -> NDArray[np.bool_]: ...
 
@@ -73,13 +73,14 @@ class CircularField:
 class FieldShape:
     """Star-shaped region around the boresight: a tangent-plane radius for every azimuth from camera +x towards +y.
 
-    The outline has 4·256 points with linear interpolation between them; the error is below 1e-6 rad for all profiles.
+    The outline is interpolated linearly between 4·256 points. The error is below 1e-6 rad for all profiles.
     """
 
     camera: Camera
 
     def edge(self, along: Array) -> Array:
-        """(k, 3) camera-frame unit vectors of the outline at (k,) positions in [0, 4): one unit per side."""
+        """Return (k, 3) camera-frame unit vectors of the outline at (k,) positions in [0, 4); each side has length
+        1."""
         place = np.mod(along, 4.0)
         side = np.minimum(place.astype(int), 3)
         part = (place - side)[:, None]
@@ -109,14 +110,14 @@ class FieldShape:
         return float(np.arccos(1 - self.area_sr / (2 * np.pi)))
 
     def inside(self, unit_cam: Array) -> NDArray[np.bool_]:
-        """(…) mask of the (…, 3) camera-frame unit vectors that are in the field."""
+        """Return the (…) mask of the (…, 3) camera-frame unit vectors that are in the field."""
         x, y, z = np.moveaxis(np.asarray(unit_cam), -1, 0)
         return np.asarray((z > 0) & (np.hypot(x, y) <= z * self._radius(np.arctan2(y, x))))
 
     def inside_planes(self, x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
         """:meth:`inside` for separate component arrays of one shape; optimised for millions of directions.
 
-        A chart of the tangent plane decides all directions except those in cells that the outline crosses.
+        A chart of the tangent plane decides all directions except those in cells crossed by the outline.
         """
         chart, scale, offset = self._chart
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -135,8 +136,8 @@ class FieldShape:
         """False only if the field is certainly more than (…,) ``slack_rad`` away from (…, 3) ``unit_cam``.
 
         A field point at distance d from a point at angle a from the boresight is at least a − d from the boresight and
-        at most asin(sin d / sin a) away in azimuth. The test uses the largest field radius in that window: from a table
-        for wide windows, from the radius at the azimuth and its steepest slope for narrow ones.
+        at most asin(sin d / sin a) away in azimuth. The test uses the largest field radius in that azimuth window. For
+        wide windows it comes from a table, for narrow windows from the radius at the azimuth and the steepest slope.
         """
         x, y, z = np.moveaxis(np.asarray(unit_cam), -1, 0)
         flat = np.hypot(x, y)
@@ -155,9 +156,10 @@ class FieldShape:
 
     @cached_property
     def _chart(self) -> tuple[NDArray[np.uint8], float, float]:
-        """Cells of the tangent plane with a border of empty ones, cells per unit, half width in cells.
+        """Cells of the tangent plane with an empty border, number of cells per unit, half width in cells.
 
-        Cells crossed by the outline, and their neighbours, are edges; the others have the state of their centre.
+        Cells crossed by the outline and their neighbours are edge cells. All other cells have the state of their
+        centre.
         """
         offset = CHART_CELLS / 2
         u = self.outline

@@ -1,6 +1,6 @@
 """Equal-area pixels on the sphere in ring order: centres and a search index (Górski et al. 2005).
 
-Tests compare with astropy-healpix, which is not used here because importing astropy takes a second.
+Tests compare the functions with astropy-healpix. The package is not used here because importing astropy takes a second.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from gss.domain.angles import Array
 
 @lru_cache(maxsize=8)
 def centres(nside: int) -> Array:
-    """(12·nside², 3) read-only unit vectors of the pixel centres in ring order."""
+    """Return the (12·nside², 3) read-only unit vectors of the pixel centres in ring order."""
     ring = np.arange(1, 4 * nside)
     from_pole = np.minimum(ring, 4 * nside - ring)
     in_cap = from_pole < nside
@@ -38,7 +38,7 @@ def pixel_area_sr(nside: int) -> float:
 
 
 def pixel_of(nside: int, unit: Array) -> NDArray[np.int64]:
-    """(n,) ring-order pixel numbers of (n, 3) unit vectors."""
+    """Return the (n,) ring-order pixel numbers of (n, 3) unit vectors."""
     x, y, z = np.asarray(unit, float).T
     turn = np.mod(np.arctan2(y, x) * (2 / np.pi), 4.0)
     away = np.abs(z)
@@ -60,5 +60,5 @@ def pixel_of(nside: int, unit: Array) -> NDArray[np.int64]:
 
 def pixel_radius_rad(nside: int) -> float:
     """Upper bound of the distance of a direction from the centre of its pixel."""
-    # The farthest corner is in the pixels between cap and belt; a test checks this bound for every nside.
+    # The pixels between cap and belt have the farthest corner. A test checks this bound for every nside.
     return float(1.1 * np.sqrt(pixel_area_sr(nside)))

@@ -1,4 +1,4 @@
-"""Parts of a band of sky that remain visible past the Earth to a camera that turns with the orbit."""
+"""Parts of a band of sky that a camera turning with the orbit sees past the Earth."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from gss.catalogue_tools.envelope.envelope import BandEnvelope
 from gss.catalogue_tools.envelope.views import Views
 from gss.domain.angles import Array
 
-# Witnesses closer together than this belong to the same interval.
+# Visible directions closer together than this belong to the same interval.
 GAP_RAD = float(np.radians(0.25))
-# Ends of a band are located to this accuracy, and moved outwards by it.
+# The ends of a band are computed to this accuracy and then moved outwards by it.
 END_RAD = 1e-4
 FIRST, KEPT, CHILDREN, ROUNDS, SHRINK = 12_000, 24, 60, 16, 0.55
 
 
 def seen_bands(band: BandEnvelope, views: Views, earth_rad: float, rounds: int = ROUNDS) -> list[tuple[float, float]]:
-    """Intervals of the component along orbit +y in which directions are seen clear of the Earth.
+    """Return the intervals of the component along orbit +y in which directions are visible clear of the Earth.
 
-    Without an Earth this is the one interval ``band.polar_interval``. ``views``: of the band's field and limits. The
-    Earth is fixed in the orbit's axes, so a star is seen if, at some angle around +y, its direction is clear of the
-    Earth and some attitude has it in the field with the boresight clear too. Clear views locate the intervals; their
-    ends are then searched.
+    Without an Earth the result is the single interval ``band.polar_interval``. ``views``: views of the band's field and
+    limits. The Earth is fixed in the orbit's axes. A star is visible if, at some angle around +y, its direction is
+    clear of the Earth and is in the field of an attitude whose boresight is also clear. Clear views locate the
+    intervals; their ends are then searched.
     """
     lowest, highest = band.polar_interval
     if earth_rad <= 0:
@@ -46,10 +46,11 @@ def seen_bands(band: BandEnvelope, views: Views, earth_rad: float, rounds: int =
 
 
 def _end(band: BandEnvelope, limit: float, low_rad: float, high_rad: float, sign: float, rounds: int) -> float:
-    """Smallest (``sign`` 1) or largest angle from orbit +y, between the two given, of a clear direction.
+    """Return the smallest (``sign`` 1) or largest angle from orbit +y of a clear direction, between ``low_rad`` and
+    ``high_rad``.
 
-    Random search over attitudes and positions, refined around the best. The extreme lies on the field's outline or on
-    the Earth's limb.
+    The random search over attitudes and positions is refined around the best samples. The extreme is on the field's
+    outline or on the Earth's limb.
     """
     rng = np.random.default_rng(0)
     cube = np.clip(rng.uniform(-0.25, 1.25, (FIRST, 3)), 0, 1)
@@ -65,7 +66,7 @@ def _end(band: BandEnvelope, limit: float, low_rad: float, high_rad: float, sign
         if not len(near):
             break
         step = rng.normal(size=(len(near), 4)) * scale
-        # Clipping reaches the ends of the limits exactly; the random mask lets each number change alone.
+        # Clipping makes samples at the ends of the limits exact. The random mask lets each number change independently.
         step *= rng.random((len(near), 4)) < 0.6
         step[::CHILDREN] = 0
         near[:, :3] = np.clip(near[:, :3] + step[:, :3], 0, 1)
@@ -75,9 +76,11 @@ def _end(band: BandEnvelope, limit: float, low_rad: float, high_rad: float, sign
 
 
 def _angles(band: BandEnvelope, limit: float, tries: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """(n,) angle from +y of the direction of each try, and (n,) mask of those seen clear of the Earth.
+    """Return, for each try, the (n,) angle of its direction from +y and the (n,) mask of directions visible clear of
+    the Earth.
 
-    A try: three numbers for the attitude, the position on the outline or on the limb, and which of these two applies.
+    A try consists of three numbers for the attitude, the position on the outline or on the limb, and the choice between
+    outline and limb.
     """
     limits = band.limits
     cam = limits.cam_from_body @ euler_123(limits.low + (limits.high - limits.low) * tries[:, :3])
@@ -86,6 +89,6 @@ def _angles(band: BandEnvelope, limit: float, tries: Array) -> tuple[Array, NDAr
     limb = np.stack([flat * np.cos(turn), flat * np.sin(turn), np.full_like(turn, limit)], axis=-1)
     outline = np.einsum("nji,nj->ni", cam, band.shape.edge(4 * tries[:, 3]))
     direction = np.where(on_limb[:, None], limb, outline)
-    shown = ~on_limb | band.shape.inside(np.einsum("nij,nj->ni", cam, direction))
+    in_field = ~on_limb | band.shape.inside(np.einsum("nij,nj->ni", cam, direction))
     clear = (cam[:, 2, 2] <= limit) & (direction[:, 2] <= limit + 1e-12)
-    return np.arccos(np.clip(direction[:, 1], -1, 1)), shown & clear
+    return np.arccos(np.clip(direction[:, 1], -1, 1)), in_field & clear

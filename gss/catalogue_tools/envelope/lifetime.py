@@ -1,6 +1,7 @@
-"""Time for which a catalogue remains useful after its validity, until drift has moved too much of the fields out of its envelope.
+"""Time for which a catalogue remains useful after its validity, until drift has moved too large a part of the fields
+out of its envelope.
 
-Moniteq 1983 §2.5: node drift against the margin gives the days between two uploads.
+The node drift and the margin give the number of days between two uploads (Moniteq 1983 §2.5).
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ SUN_ATTITUDES = 1000
 
 @dataclass(frozen=True)
 class Lifetime:
-    """``days`` after the end of validity until the fraction of the visible sky inside the envelope falls below
-    ``threshold``; infinite if it does not. ``until``: that date. The curve: (k,) days and (k,) fractions."""
+    """Lifetime of an envelope. ``days``: time from the end of validity until the fraction of the visible sky inside the
+    envelope falls below ``threshold``; infinite if it does not. ``until``: that date. ``days_curve``, ``share_curve``:
+    (k,) days and (k,) fractions."""
 
     threshold: float
     days: float
@@ -44,8 +46,9 @@ def lifetime(
 ) -> Lifetime:
     """Compute when an envelope has drifted out of use.
 
-    ``rate_rad_day``: of the node for laws that turn with the orbit, of the Sun for laws that follow it. Envelopes of
-    other laws do not expire. Occultation by Earth, Sun and Moon is ignored. BadInput if an argument is out of range.
+    ``rate_rad_day``: rate of the node for laws that turn with the orbit, rate of the Sun for laws that follow the Sun.
+    Envelopes of other laws do not expire. Occultation by Earth, Sun and Moon is ignored. Raises BadInput if an argument
+    is out of range.
     """
     if not 0 < threshold <= 1:
         raise BadInput("threshold is out of range", expected="above 0, at most 1", got=f"{threshold:g}")
@@ -58,14 +61,14 @@ def lifetime(
     if not drifting or rate_rad_day == 0:
         return Lifetime(threshold, float("inf"), None, np.array([0.0, longest_days]), np.ones(2))
     grid = centres(NSIDE)
-    # The sampled map is accurate enough for laws that follow the Sun, and many times faster.
+    # For laws that follow the Sun, the sampled map is accurate enough and many times faster.
     in_base = base.contains(grid) if isinstance(base, BandEnvelope) else base.time_fraction(grid) > 0
 
     def share(days: float) -> float:
         visible = _seen_after(base, rate_rad_day * days, grid)
         return float(visible[in_base].sum() / max(float(visible.sum()), 1e-300))
 
-    # A full turn of the node restores everything, so the first fall below the threshold counts.
+    # After a full turn of the node the fraction is 1 again, so the first time below the threshold counts.
     longest = min(longest_days, 2 * np.pi / abs(rate_rad_day))
     days_curve = np.linspace(0, longest, CURVE_POINTS)
     share_curve = np.array([share(float(d)) for d in days_curve])
@@ -82,7 +85,8 @@ def lifetime(
 
 
 def _seen_after(base: Envelope, angle_rad: float, grid: Array) -> Array:
-    """(n,) fraction of the time in the field with node or Sun advanced by the angle from the end of validity."""
+    """Return the (n,) fraction of time in the field, with node or Sun advanced by the angle from the end of
+    validity."""
     if isinstance(base, BandEnvelope):
         raan = np.array([base.orbit.raan_end_rad + angle_rad])
         return base.share_in_planes(grid, raan, np.array([np.mean(base.orbit.inclination_rad)]))

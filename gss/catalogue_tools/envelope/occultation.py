@@ -1,14 +1,15 @@
 """Envelope minus the sky hidden by Earth, Sun and Moon (Jacobs 1995 §7.6, Moniteq 1983 §2.3).
 
-A star counts if its line of sight passes the Earth's limb by the margin. A field counts if its boresight does too and
-keeps the baffle's angles to Sun and Moon. Eclipses are ignored: the Sun's keep-out angle applies in the Earth's shadow
-as well, which is conservative. The orbit is a circle, and the directions of Sun and Moon are those from the Earth's
-centre (from a low orbit the Moon is up to 1.1° away; add that to its angle).
+A star is visible if its line of sight passes the Earth's limb by the margin. A field is usable if its boresight also
+passes the limb by the margin and keeps the baffle's angles to Sun and Moon. Eclipses are ignored: the Sun's keep-out
+angle also applies in the Earth's shadow, which is conservative. The orbit is a circle, and the directions of Sun and
+Moon are those from the Earth's centre (from a low orbit the Moon is up to 1.1° away; add that to its angle).
 
-Exact: the sky that the Earth hides from a camera that turns with the orbit, to ``hidden_bands.END_RAD``. For other laws
-the Earth hides nothing permanently, unless limb and margin exceed 90°, when boresight and star are tested separately.
-Sampled, with a bias of ``baffle_search.NEAR_RAD`` towards visibility: Sun and Moon, at dates a degree of solar or node
-motion apart. Fractions of time are over random times, with the node moving uniformly over the validity.
+The sky that the Earth hides from a camera turning with the orbit is exact to ``hidden_bands.END_RAD``. For other laws
+the Earth hides no direction permanently, unless limb and margin exceed 90°; boresight and star are then tested
+separately. Sun and Moon are sampled, with a bias of ``baffle_search.NEAR_RAD`` towards visibility, at dates a degree of
+solar or node motion apart. Fractions of time are computed over random times, with the node moving uniformly over the
+validity.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from gss.domain.errors import BadInput
 
 __all__ = ["Blinded", "Occultation", "OccultedEnvelope", "altitude_of_tle"]
 
-# Stars seen in one of these random fields need no search; they settle nearly all stars.
+# Number of random fields. Stars visible in one of them need no search, which applies to nearly all stars.
 WITNESSES = 4096
 SAMPLE = 20_000
 HITS_PER_DIRECTION = 100
@@ -50,8 +51,9 @@ HOPELESS_DRAWS, DRAWS_PER_FIELD = 100_000, 5000
 class Occultation:
     """Bodies that hide the sky.
 
-    ``altitude_m`` None: no Earth. ``earth_margin_rad``: beyond the limb. ``sun_rad``, ``moon_rad``: smallest angle from
-    the boresight, as set by the baffle (28.1° for Sunsat, Jacobs 1995 eq. 7.26); 0 disables the body.
+    ``altitude_m`` None: the Earth is ignored. ``earth_margin_rad``: margin beyond the limb. ``sun_rad``, ``moon_rad``:
+    smallest permitted angle from the boresight, defined by the baffle (28.1° for Sunsat, Jacobs 1995 eq. 7.26); 0
+    disables the body.
     """
 
     altitude_m: float | None = None
@@ -83,7 +85,7 @@ class Occultation:
 
     @property
     def earth_rad(self) -> float:
-        """Angle from nadir to limb plus margin; 0 without an Earth."""
+        """Angle from nadir to limb plus margin; 0 if the Earth is ignored."""
         if self.altitude_m is None:
             return 0.0
         return float(np.arcsin(EARTH_RADIUS_M / (EARTH_RADIUS_M + self.altitude_m))) + self.earth_margin_rad
@@ -101,8 +103,8 @@ class Occultation:
 
 @dataclass(frozen=True)
 class SamplingEffort:
-    """Sampling effort: random fields as witnesses, moments for the fractions of time, rounds of the search for the
-    ends of a band, views and dates for the effect of Sun and Moon."""
+    """Sampling effort: number of random fields, moments for the fractions of time, rounds of the search for the ends of
+    a band, views and dates for the effect of Sun and Moon."""
 
     witnesses: int
     moments: int
@@ -119,7 +121,7 @@ QUICK = SamplingEffort(1024, 4000, 5, 48, 2 * EPOCH_RAD, 4 * MOON_STEP_DAYS)
 
 @dataclass(frozen=True)
 class Blinded:
-    """Fractions of all times at which the boresight is too close to each body, and to any of them; from ``SAMPLE``
+    """Fractions of time for which the boresight is too close to each body, and to any body (``total``), from ``SAMPLE``
     moments."""
 
     earth: float
@@ -132,8 +134,8 @@ class Blinded:
 class OccultedEnvelope:
     """An envelope minus the directions hidden by Earth, Sun and Moon.
 
-    ``orbit``: for laws that do not define the Earth's direction; None: it may be anywhere. ``start_jyear``,
-    ``end_jyear``: the validity, required for Sun and Moon. ``effort``: sampling effort.
+    ``orbit``: orbit for laws that do not define the Earth's direction; None: any direction is possible.
+    ``start_jyear``, ``end_jyear``: limits of the validity, required for Sun and Moon. ``effort``: sampling effort.
     """
 
     base: Envelope
@@ -149,7 +151,7 @@ class OccultedEnvelope:
 
     @cached_property
     def baffle(self) -> AvoidanceAngles:
-        """Directions of Sun and Moon over the validity; BadInput without dates."""
+        """Directions of Sun and Moon over the validity. Raises BadInput without dates."""
         if self.start_jyear is None or self.end_jyear is None:
             raise BadInput("Sun and Moon need dates", expected="a start and a number of days", got="no dates")
         angles, steps = (
@@ -178,7 +180,7 @@ class OccultedEnvelope:
         return moments if moments.nadir is not None else replace(moments, nadir=self._nadir(moments.part, cube[:, -2:]))
 
     def usable(self, moments: Moments) -> NDArray[np.bool_]:
-        """(n,) mask of the moments whose field is not blinded."""
+        """Return the (n,) mask of the moments whose field is not blinded."""
         return np.asarray(~np.logical_or.reduce(self._blinding(moments)))
 
     def shadow(self, moments: Moments) -> Shadow | None:
@@ -188,8 +190,8 @@ class OccultedEnvelope:
         return Shadow(moments.nadir, self.occultation.earth_rad)
 
     def usable_moments(self, rng: np.random.Generator, count: int) -> Moments:
-        """Return ``count`` random usable moments; BadInput if (nearly) all fields are blinded."""
-        got: list[Moments] = []
+        """Return ``count`` random usable moments. Raises BadInput if all or nearly all fields are blinded."""
+        batches: list[Moments] = []
         drawn = usable = 0
         draw = min(max(2 * count, 1000), HOPELESS_DRAWS)
         while usable < count:
@@ -202,12 +204,12 @@ class OccultedEnvelope:
                 )
             moments = self.at(rng.random((draw, self.dimensions)))
             good = np.flatnonzero(self.usable(moments))
-            got.append(_take(moments, good))
+            batches.append(_take(moments, good))
             drawn, usable = drawn + draw, usable + len(good)
-        return _take(_joined(got), np.arange(count))
+        return _take(_joined(batches), np.arange(count))
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
-        """(count, 3, 3) random usable cam_from_icrs."""
+        """Return (count, 3, 3) random usable cam_from_icrs."""
         return self.usable_moments(rng, count).cam_from_icrs
 
     @cached_property
@@ -217,9 +219,10 @@ class OccultedEnvelope:
         return Blinded(*(float(np.mean(b)) for b in (earth, sun, moon, earth | sun | moon)))
 
     def time_fraction(self, unit: Array) -> Array:
-        """(n,) fraction of all time in a usable field and clear of the Earth. Sampled; see HITS_PER_DIRECTION."""
+        """Return the (n,) fraction of time in a usable field and clear of the Earth. The fraction is sampled; see
+        HITS_PER_DIRECTION."""
         u = np.asarray(unit, float)
-        # Only a band has a cheap membership test; the count over fields examines nearby directions only in any case.
+        # Only a band has a fast membership test. The count over fields always examines only nearby directions.
         band = isinstance(self.base, BandEnvelope)
         possible = np.flatnonzero(self.base.contains(u)) if band else np.arange(len(u))
         per_field = max(1.0, len(u) * self.base.shape.area_sr / (4 * np.pi))
@@ -232,7 +235,7 @@ class OccultedEnvelope:
         return share
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 3) directions that are ever seen in a usable field."""
+        """Return the (n,) mask of the (n, 3) directions that are visible in a usable field at some time."""
         u = np.asarray(unit, float)
         visible = self.base.contains(u)
         visible[visible] = self._clear_of_earth(u[visible])
@@ -294,7 +297,8 @@ class OccultedEnvelope:
         return earth, sun_near, moon_near
 
     def _nadir(self, part: Array, place: Array) -> Array:
-        """(n, 3) directions to the Earth for (n, 2) points of the unit square: along the orbit, or anywhere."""
+        """Return (n, 3) directions to the Earth for (n, 2) points of the unit square: along the orbit, or over the
+        whole sphere without an orbit."""
         turn = 2 * np.pi * place[:, 0]
         if self.orbit is None:
             z = 2 * place[:, 1] - 1

@@ -1,4 +1,4 @@
-"""Ranges of orbital planes, from limits of the elements or from a TLE over a span of days."""
+"""Ranges of orbital planes, computed from limits of the elements or from a TLE over a number of days."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EARTH_MU_M3_S2 = 3.986004418e14
 J2 = 1.08262668e-3
 # Below this altitude a satellite does not complete an orbit.
 MIN_ORBIT_M = 100e3
-# In a low orbit, node prediction from mean elements is accurate to 0.1° for about this long.
+# In a low orbit, the node predicted from mean elements is accurate to 0.1° for about this number of days.
 TLE_VALID_DAYS = 60.0
 TLE_VALID_BEFORE_DAYS = 7.0
 SGP4_WORDS = {
@@ -44,7 +44,7 @@ class OrbitRanges:
     raan_end_rad: float
 
     def raan_at(self, part: Array) -> Array:
-        """Node after (n,) fractions of the validity."""
+        """Return the node after (n,) fractions of the validity."""
         return np.asarray(self.raan_start_rad + (self.raan_end_rad - self.raan_start_rad) * np.asarray(part))
 
 
@@ -62,8 +62,8 @@ def from_elements(inclination_rad: Range, raan_rad: Range) -> OrbitRanges:
 def from_tle(text: str, start: datetime, days: float) -> OrbitRanges:
     """Return the planes of a satellite over ``days`` from ``start`` (UTC, with a time zone).
 
-    Uses the secular J2 drift of SGP4's mean node, rotated from the equator of date to ICRS. BadInput if the TLE or the
-    dates are not valid.
+    Uses the secular J2 drift of SGP4's mean node, rotated from the equator of date to ICRS. Raises BadInput if the TLE
+    or the dates are not valid.
     """
     satellite = read_tle(text)
     end = start + timedelta(days=days)
@@ -77,7 +77,7 @@ def from_tle(text: str, start: datetime, days: float) -> OrbitRanges:
 
 
 def read_tle(text: str) -> Satrec:
-    """Return the satellite of a two-line element set, with or without a name line; BadInput if any line is not
+    """Return the satellite of a two-line element set with or without a name line. Raises BadInput if a line is not
     valid."""
     lines = [line.rstrip() for line in text.strip().splitlines() if line.strip()]
     lines = lines[1:] if len(lines) == 3 else lines
@@ -98,7 +98,7 @@ def read_tle(text: str) -> Satrec:
     _check_epoch(satellite)
     if satellite.error:
         raise BadInput(
-            "the TLE describes no orbit",
+            "the TLE does not describe an orbit",
             expected="the elements of a satellite in orbit",
             got=SGP4_WORDS.get(satellite.error, f"SGP4 error {satellite.error}"),
             hint="copy the TLE again",
@@ -115,7 +115,7 @@ def read_tle(text: str) -> Satrec:
 
 
 def altitude_of_tle(text: str) -> float:
-    """Metres above the equator of the mean orbit: its semi-major axis minus the Earth's radius."""
+    """Return the altitude of the mean orbit in metres: its semi-major axis minus the Earth's equatorial radius."""
     satellite = read_tle(text)
     return float(satellite.a * EARTH_RADIUS_M - EARTH_RADIUS_M)
 
@@ -128,7 +128,7 @@ def node_rate_rad_s(inclination_rad: float, altitude_m: float) -> float:
 
 
 def ordered(quantity: str, limits: Range, hint: str = "") -> Range:
-    """Return the limits if they are finite and in order; BadInput otherwise."""
+    """Return the limits. Raises BadInput unless they are finite and in ascending order."""
     low, high = float(limits[0]), float(limits[1])
     if not (np.isfinite(low) and np.isfinite(high)):
         raise BadInput(f"{quantity} is not a number", expected="two finite limits", got=f"{low} to {high}")
@@ -186,7 +186,7 @@ def _check_span(satellite: Satrec, start: datetime, end: datetime) -> None:
 
 
 def _mean_normal(satellite: Satrec, moment: datetime) -> Array:
-    """(3,) ICRS unit vector along the orbital momentum, from the mean elements with their secular rate."""
+    """Return the (3,) ICRS unit vector along the orbital momentum, from the mean elements with their secular rate."""
     jd, part = _julian(moment)
     minutes = (jd - satellite.jdsatepoch + part - satellite.jdsatepochF) * 1440.0
     raan, i = satellite.nodeo + satellite.nodedot * minutes, satellite.inclo

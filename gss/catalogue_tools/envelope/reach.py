@@ -1,5 +1,4 @@
-"""Visibility of directions over whole ranges of attitudes, computed exactly instead of stepping through every
-combination."""
+"""Visibility of directions over ranges of attitudes, computed exactly instead of stepping through all combinations."""
 
 from __future__ import annotations
 
@@ -11,13 +10,14 @@ from gss.domain.angles import Array
 
 # A direction closer than this to the edge of the visible sky counts as visible.
 TOLERANCE_RAD = 2e-6
-# Boxes processed together; beyond this the undecided directions count as visible, so that no star is ever missed.
+# Largest number of boxes processed together. Beyond it, undecided directions count as visible, so no star is missed.
 MAX_BOXES = 4_000_000
 FIRST_GRID, ZOOM_GRID, ZOOMS, ZOOM = 25, 9, 9, 0.3
 
 
 def cosine_range(amplitude: Array, peak_rad: Array, low_rad: float, high_rad: float) -> tuple[Array, Array]:
-    """Smallest and largest value of ``amplitude``·cos(x − ``peak_rad``) for x in [low, high]; amplitudes ≥ 0."""
+    """Return the smallest and largest value of ``amplitude``·cos(x − ``peak_rad``) for x in [low, high]. Amplitudes are
+    ≥ 0."""
     ends = amplitude * np.cos(low_rad - peak_rad), amplitude * np.cos(high_rad - peak_rad)
     width = high_rad - low_rad
     has_peak = np.mod(peak_rad - low_rad, 2 * np.pi) <= width
@@ -26,11 +26,12 @@ def cosine_range(amplitude: Array, peak_rad: Array, low_rad: float, high_rad: fl
 
 
 def polar_interval(shape: FieldShape, cam_from_body: Array, low: Array, high: Array) -> tuple[float, float]:
-    """Smallest and largest component along the orbit's +y axis of any visible direction at any roll, pitch, yaw of the box.
+    """Return the smallest and largest component along the orbit's +y axis over all visible directions and all roll,
+    pitch, yaw in the box.
 
     A camera that turns with a circular orbit sweeps every azimuth about the orbit normal, and the directions it sees at
-    one time over all attitudes of the box form one connected patch. So a star is visible at some time if and only if
-    its component lies between these two numbers.
+    one time over all attitudes of the box form one connected patch. Therefore a star is visible at some time if and
+    only if its component is between these two numbers.
     """
     axis = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
     sees_axis, sees_opposite = reachable(axis, np.eye(3), np.zeros(2), shape, cam_from_body, low, high)
@@ -42,8 +43,8 @@ def polar_interval(shape: FieldShape, cam_from_body: Array, low: Array, high: Ar
 def _largest(shape: FieldShape, cam_from_body: Array, low: Array, high: Array) -> float:
     """Largest +y component over the outline of the field and the box.
 
-    Grid search in pitch, yaw and position on the outline, with roll in closed form; then repeated finer around the best
-    point.
+    The search uses a grid in pitch, yaw and position on the outline, with roll in closed form. It is repeated with
+    finer grids around the best point.
     """
     pitch, yaw = (np.linspace(low[k], high[k], FIRST_GRID) for k in (1, 2))
     place = np.arange(4 * PER_SIDE, step=4) / PER_SIDE
@@ -63,7 +64,7 @@ def _largest(shape: FieldShape, cam_from_body: Array, low: Array, high: Array) -
 
 
 def _over_roll(unit_body: Array, pitch: Array, yaw: Array, roll_low: float, roll_high: float) -> Array:
-    """(k, pitch, yaw) largest +y orbit component of (k, 3) body vectors over the roll range."""
+    """Return the (k, pitch, yaw) largest +y orbit component of (k, 3) body vectors over the roll range."""
     x, y, z = (unit_body[:, n, None, None] for n in range(3))
     cp, sp, ct, st = np.cos(yaw), np.sin(yaw), np.cos(pitch)[:, None], np.sin(pitch)[:, None]
     # Undo yaw, then pitch; the remaining rotation is roll, about x.
@@ -82,12 +83,13 @@ def reachable(
     high: Array,
     tolerance_rad: float = TOLERANCE_RAD,
 ) -> NDArray[np.bool_]:
-    """(n,) mask of the (n, 3) directions in the field for some spin in [spin₀, spin₁] and some roll, pitch, yaw of the box.
+    """Return the (n,) mask of (n, 3) directions that are in the field for some spin in [spin₀, spin₁] and some roll,
+    pitch, yaw in the box.
 
-    A direction of the pivot frame is turned by the spin about pivot z (coordinate change), then by ``base_from_pivot``,
-    then by roll, pitch, yaw and the mounting. Branch and bound: a box is decided if the direction is in the field at
-    its centre, or farther from the field than the box can turn it; otherwise it is halved. Exact to ``tolerance_rad``,
-    with undecided directions counted as visible.
+    A direction in the pivot frame is rotated by the spin about pivot z (coordinate change), then by
+    ``base_from_pivot``, then by roll, pitch, yaw and the mounting. Branch and bound: a box is decided if the direction
+    is in the field at the centre of the box, or if no rotation in the box can bring it into the field. Otherwise the
+    box is halved. The result is exact to ``tolerance_rad``, with undecided directions counted as visible.
     """
     reached = np.zeros(len(unit), bool)
     half = np.concatenate([[np.ptp(spin_rad)], np.asarray(high) - low]) / 2
@@ -100,10 +102,11 @@ def reachable(
             break
         body = _turned(_spun(unit[owner], centres[:, 0], base_from_pivot), centres[:, 1:])
         v = body @ cam_from_body.T
-        # Spin comes first, about pivot z, and moves a direction at most in proportion to its distance from that axis.
+        # Spin is the first rotation, about pivot z. It moves a direction at most in proportion to its distance from
+        # that axis.
         spun = half[0] * off_axis[owner]
         other = spun + half[1] + half[2]
-        # Yaw comes last, about body z, and hardly moves a direction near that axis.
+        # Yaw is the last rotation, about body z. It hardly moves a direction near that axis.
         slack = other + half[3] * np.minimum(1.0, np.hypot(body[:, 0], body[:, 1]) + other)
         near = shape.may_be_within(v, slack)
         reached[owner[near & (shape.inside(v) | (slack <= tolerance_rad))]] = True
@@ -118,14 +121,14 @@ def reachable(
 
 
 def _spun(unit: Array, spin: Array, base_from_pivot: Array) -> Array:
-    """(m, 3) base-frame vectors of (m, 3) pivot-frame ones at (m,) spins."""
+    """Convert (m, 3) pivot-frame vectors to the base frame at (m,) spins."""
     c, s = np.cos(spin), np.sin(spin)
     x, y, z = unit.T
     return np.asarray(np.stack([c * x + s * y, c * y - s * x, z], axis=-1) @ base_from_pivot.T)
 
 
 def _turned(unit: Array, angles: Array) -> Array:
-    """(m, 3) body-frame vectors of (m, 3) base-frame ones at (m, 3) roll, pitch, yaw."""
+    """Convert (m, 3) base-frame vectors to the body frame at (m, 3) roll, pitch, yaw."""
     (cf, ct, cp), (sf, st, sp) = np.cos(angles).T, np.sin(angles).T
     x, y, z = unit.T
     y, z = cf * y + sf * z, cf * z - sf * y

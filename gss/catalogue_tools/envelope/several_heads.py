@@ -1,4 +1,5 @@
-"""Envelope of several heads of one body: the union of what each head sees under the same orbit and limits of attitude."""
+"""Envelope of several heads on one body: the union of the envelopes of all heads, under the same orbit and attitude
+limits."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from gss.domain.angles import Array
 
 @dataclass(frozen=True)
 class HeadsEnvelope:
-    """``heads``: envelope of each head; all have the same camera, orbit and limits, and differ in their mounting."""
+    """Union of the envelopes of several heads. ``heads``: envelope of each head. All heads have the same camera, orbit
+    and limits; only their mounting differs."""
 
     heads: tuple[Envelope, ...]
 
@@ -26,15 +28,16 @@ class HeadsEnvelope:
 
     @property
     def dimensions(self) -> int:
-        """Those of one head, and one that selects the head."""
+        """Dimensions of one head, plus one that selects the head."""
         return self.heads[0].dimensions + 1
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 3) directions that are ever in the field of a head."""
+        """Return the (n,) mask of the (n, 3) directions that are in the field of a head at some time."""
         return np.asarray(np.logical_or.reduce([head.contains(unit) for head in self.heads]))
 
     def time_fraction(self, unit: Array) -> Array:
-        """(n,) fraction of time in the field of a head. Times in which two heads see a direction count twice, up to all time."""
+        """Return the (n,) fraction of time in the field of a head, at most 1. Times at which two heads see a direction
+        count twice."""
         return np.asarray(np.minimum(1.0, np.sum([head.time_fraction(unit) for head in self.heads], axis=0)))
 
     def edges(self, at_end: bool) -> list[Array]:
@@ -42,7 +45,7 @@ class HeadsEnvelope:
         return [line for head in self.heads for line in head.edges(at_end)]
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
-        """(count, 3, 3) random cam_from_icrs within the limits, of all heads alike."""
+        """Return (count, 3, 3) random cam_from_icrs within the limits, evenly distributed over the heads."""
         return _chosen([head.attitudes(rng, count) for head in self.heads], rng.integers(len(self.heads), size=count))
 
     def at(self, cube: Array) -> Moments:

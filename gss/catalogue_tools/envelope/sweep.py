@@ -1,4 +1,4 @@
-"""Sequence of fields of view across the envelope, for the map: once around the orbit, or from the first to the last
+"""Sequence of fields of view across the envelope for the map: once around the orbit, or from the first to the last
 day."""
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ LATITUDE_AXIS, PART_AXIS = 2, 0
 
 @dataclass(frozen=True)
 class Sweep:
-    """``over``: orbit, validity, or "" if the field does not move. ``fields``: (n, k, 3) ICRS outlines, closed;
-    ``boresights``: (n, 3).
+    """Sequence of fields. ``over``: orbit, validity, or "" if the field does not move. ``fields``: (n, k, 3) closed
+    ICRS outlines. ``boresights``: (n, 3) ICRS directions.
 
-    Attitude, inclination and, over an orbit, the date are in the middle of their limits.
+    Attitude and inclination are in the middle of their limits; for a sweep over an orbit, so is the date.
     """
 
     over: str
@@ -36,10 +36,10 @@ class Sweep:
 
 
 def sweep(base: Envelope, shape: FieldShape, steps: int = STEPS) -> Sweep:
-    """Compute one field for each of ``steps`` moments; none for the whole sky, one for an inertial camera.
+    """Compute one field for each of ``steps`` moments. The whole sky has no field, an inertial camera has one.
 
-    ``base``: the envelope before occultation, of several heads the first one is shown; ``shape``: field of view without the
-    margin.
+    ``base``: the envelope before occultation; if it has several heads, the first is shown. ``shape``: field of view
+    without the margin.
     """
     if isinstance(base, HeadsEnvelope):
         return sweep(base.heads[0], shape, steps)
@@ -47,21 +47,21 @@ def sweep(base: Envelope, shape: FieldShape, steps: int = STEPS) -> Sweep:
     count = steps if over else int(axis is not None)
     cube = np.full((count, base.dimensions), MIDDLE)
     if over and axis is not None:
-        # An orbit is periodic, so its end point is omitted; a validity has two ends.
+        # An orbit is periodic, so its end point is omitted. A validity includes both ends.
         cube[:, axis] = np.linspace(0.0, 1.0, count, endpoint=over == "validity")
     cam_from_icrs = base.at(cube).cam_from_icrs if count else np.empty((0, 3, 3))
     return Sweep(over, outlines(shape, cam_from_icrs), cam_from_icrs[:, 2])
 
 
 def outlines(shape: FieldShape, cam_from_icrs: Array) -> Array:
-    """(n, 4·PER_SIDE + 1, 3) ICRS outlines of the fields of (n, 3, 3) attitudes, closed."""
+    """Return (n, 4·PER_SIDE + 1, 3) closed ICRS outlines of the fields of (n, 3, 3) attitudes."""
     edge = shape.edge(np.linspace(0.0, 4.0, 4 * PER_SIDE + 1))
     return np.asarray(edge @ cam_from_icrs)
 
 
 def _moves(base: Envelope) -> tuple[str, int | None]:
-    """What the field moves over, and the index of that coordinate in the envelope; None if there is no field to
-    show."""
+    """Return the name of the interval over which the field moves, and the index of that coordinate in the envelope;
+    None if there is no field to show."""
     if isinstance(base, BandEnvelope | BlockEnvelope):
         return "orbit", LATITUDE_AXIS
     if isinstance(base, PatchEnvelope):

@@ -1,4 +1,4 @@
-"""Random views within attitude limits: witnesses that a direction is visible, which avoid most of the exact search."""
+"""Random views within attitude limits. A direction in a view is visible and needs no exact search."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from gss.catalogue_tools.envelope.field import FieldShape
 from gss.domain.angles import Array
 
 ATTITUDES, POINTS = 512, 384
-# Samples are drawn this much beyond the limits and clipped, so that ends and corners occur often.
+# Samples are drawn beyond the limits by this fraction and clipped, so that ends and corners occur often.
 OVERDRAW = 0.25
 
 
 @dataclass(frozen=True)
 class Views:
-    """n views: (n, 3) visible ``direction`` and (n, 3) ``boresight``, both in the law's base axes."""
+    """Views as pairs of direction and boresight. ``direction``: (n, 3) visible directions. ``boresight``: (n, 3). Both
+    are in the law's base axes."""
 
     direction: Array
     boresight: Array
@@ -37,13 +38,13 @@ class Views:
 
 
 def views_of(shape: FieldShape, limits: AttitudeLimits, seed: int = 0) -> Views:
-    """All combinations of random attitudes within the limits and points of the field, of which about a quarter are
-    on its outline."""
+    """Return all combinations of random attitudes within the limits and points of the field. About a quarter of the
+    points are on the field's outline."""
     rng = np.random.default_rng(seed)
     cam_from_base = cams_within(limits, ATTITUDES, seed + 1)
     corners = 4 * np.arange(POINTS // 4) / (POINTS // 4)
     outline = shape.edge(np.concatenate([corners, np.arange(4.0)]))
-    # Points between boresight and outline; those on the outline are moved slightly inwards to avoid rounding.
+    # Points on the outline are moved slightly inwards, because rounding could put them outside the field.
     part = np.concatenate([np.full(len(outline), 1 - 1e-9), rng.uniform(0, 1, POINTS - len(outline)) ** 0.5])
     edge = shape.edge(rng.uniform(0, 4, POINTS - len(outline)))
     points = np.concatenate([outline, edge]) * part[:, None] + np.array([0.0, 0.0, 1.0]) * (1 - part[:, None])
@@ -53,6 +54,6 @@ def views_of(shape: FieldShape, limits: AttitudeLimits, seed: int = 0) -> Views:
 
 
 def cams_within(limits: AttitudeLimits, count: int, seed: int) -> Array:
-    """(count, 3, 3) rotations cam_from_base within the limits, including their ends and corners."""
+    """Return (count, 3, 3) rotations cam_from_base within the limits, including their ends and corners."""
     cube = np.random.default_rng(seed).uniform(-OVERDRAW, 1 + OVERDRAW, (count, 3))
     return np.asarray(limits.cam_from_body @ euler_123(limits.low + (limits.high - limits.low) * np.clip(cube, 0, 1)))

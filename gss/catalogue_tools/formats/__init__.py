@@ -1,2 +1,2 @@
-"""On-board formats: one module per format and a registry; encoding and decoding are byte-exact
+"""On-board formats: one module per format and a registry. Encoding and decoding are byte-exact
 (docs/catalogue-formats.md)."""

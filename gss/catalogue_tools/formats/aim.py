@@ -1,11 +1,11 @@
 """aim: star list and linked list of neighbours of Moniteq 1983 §6.1, with a count and a pointer per star and each link
 at both ends.
 
-The document stores 3 000 stars in 70 kbyte, of which the links take 36, and does not specify the bytes of a star. The
-11 bytes left for each are chosen as: right ascension and declination as whole parts of a turn in 2³² (0.0003″),
-magnitude in thousandths, eight flags. Links are 16 bits wide instead of 12, so that any processor can read them: 8n −
-12 numbers, 16 bytes per star. Pointers of 16 bits limit the list to 10 924 stars. There is no distance table, because
-the chain does not use one.
+The document stores 3 000 stars in 70 kbyte, including 36 kbyte of links. It does not specify the bytes of a star. The
+11 bytes per star are chosen: right ascension and declination in units of a turn divided by 2³² (0.0003″), magnitude in
+thousandths, eight flags. Links are 16 bits wide instead of 12, so that any processor can read them. They take 8n − 12
+numbers, 16 bytes per star. Pointers of 16 bits limit the list to 10 924 stars. There is no distance table, because the
+chain does not use one.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ STARS = Rows(
     (
         BlockField("ra_turn32", "<u4", "turn/2³²", "right ascension, ICRS"),
         BlockField("dec_turn32", "<i4", "turn/2³²", "declination, −2³⁰ to 2³⁰"),
-        BlockField("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 where unknown"),
+        BlockField("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 if unknown"),
         BlockField("flags", "<u1", "", "1 variable, 2 multiple, 4 no proper motion, 8 poor position"),
     ),
 )
 
 
 def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:
-    """Return the columns of the star list; BadInput if a star's flags do not fit."""
+    """Return the columns of the star list. Raises BadInput if a star's flags do not fit eight bits."""
     ra, dec = ra_dec_from_unit(stars.icrs)
     if np.any(stars.flags > 255):
         raise BadInput("a star's flags do not fit eight bits", expected="at most 255", got=str(int(stars.flags.max())))
@@ -50,7 +50,7 @@ def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
-    """Return the catalogue of the columns; CorruptData if a value is out of range."""
+    """Return the content of the columns. Raises CorruptData if a value is out of range."""
     dec = stars["dec_turn32"]
     check_range("a declination", dec, -POLE, POLE)
     icrs = unit_from_ra_dec(stars["ra_turn32"].astype(float) * UNIT_RAD, dec.astype(float) * UNIT_RAD)

@@ -22,7 +22,7 @@ MAX_CONSECUTIVE = 64
 
 @dataclass(frozen=True)
 class BlockField:
-    """One number of a star or a pair: numpy's name of its type, unit ("" for none) and meaning."""
+    """Description of one number of a star or a pair. ``type``: numpy type name. ``unit``: "" if there is none."""
 
     name: str
     type: str
@@ -34,8 +34,8 @@ class BlockField:
 class Block:
     """``count`` consecutive values of ``dtype``.
 
-    A scalar column has a ``name``; records name their own. ``bits``: the dtype is bytes that hold whole numbers of
-    these widths, lowest first, with the space-separated names in ``name``.
+    ``name``: name of a scalar column; the columns of records have the names in the dtype. ``bits``: the dtype is bytes
+    that contain whole numbers of these widths, lowest first; ``name`` has their names, separated by spaces.
     """
 
     table: str
@@ -79,7 +79,7 @@ class Rows:
 def dtype_of(described: object, shape: Sequence[object]) -> np.dtype[Any]:
     """Return the type described by a file's layout: a number, a short array of numbers, or a record.
 
-    ValueError for anything else: numpy's type descriptions are a small language, which an untrusted file must not use.
+    ValueError for anything else: numpy's type descriptions are a small language that an untrusted file must not use.
     """
     if isinstance(described, str) and NUMBER_TYPE.fullmatch(described):
         sizes = [n for n in shape if type(n) is int and 0 < n <= MAX_CONSECUTIVE]
@@ -109,7 +109,7 @@ def _block_bytes(block: Block, columns: Columns) -> bytes:
 
 
 def to_columns(blocks: Sequence[Block], data: bytes | memoryview) -> Columns:
-    """Decode columns by name from bytes, which must be at least as long as the blocks."""
+    """Decode columns by name. ``data`` must be at least as long as the blocks."""
     columns: Columns = {}
     at = 0
     for block in blocks:
@@ -130,8 +130,8 @@ def block_columns(block: Block, data: bytes) -> Columns:
 
 
 def pack_bits(values: Sequence[AnyArray], bits: Sequence[int]) -> NDArray[np.uint8]:
-    """(n, bytes): pack whole numbers of the given widths into little-endian words, the first in the lowest bits;
-    spare bits are zero."""
+    """Pack whole numbers of the stated widths into (n, bytes) little-endian words, the first number in the lowest bits.
+    Spare bits are zero."""
     word = np.zeros(len(values[0]), np.uint64)
     shift = 0
     for value, width in zip(values, bits, strict=True):
@@ -141,10 +141,10 @@ def pack_bits(values: Sequence[AnyArray], bits: Sequence[int]) -> NDArray[np.uin
 
 
 def unpack_bits(packed: NDArray[np.uint8], bits: Sequence[int]) -> list[AnyArray]:
-    """Unpack the numbers of (n, bytes), as u16."""
-    whole = np.zeros((len(packed), 8), np.uint8)
-    whole[:, : packed.shape[1]] = packed
-    word = whole.view("<u8")[:, 0]
+    """Unpack the numbers of (n, bytes) words as u16."""
+    padded = np.zeros((len(packed), 8), np.uint8)
+    padded[:, : packed.shape[1]] = packed
+    word = padded.view("<u8")[:, 0]
     values, shift = [], 0
     for width in bits:
         values.append(((word >> np.uint64(shift)) & np.uint64((1 << width) - 1)).astype(np.uint16))
@@ -153,12 +153,12 @@ def unpack_bits(packed: NDArray[np.uint8], bits: Sequence[int]) -> list[AnyArray
 
 
 def raw(data_or_size: int, name: str = "") -> Block:
-    """Block of bytes that belong to no table."""
+    """Return a block of bytes that do not belong to a table."""
     return Block("raw", np.dtype("u1"), data_or_size, name)
 
 
 def padding(size: int, to: int = 4) -> int:
-    """Number of zero bytes up to the next multiple."""
+    """Return the number of zero bytes up to the next multiple of ``to``."""
     return -size % to
 
 

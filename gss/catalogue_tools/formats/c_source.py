@@ -1,8 +1,9 @@
-"""Convert a bank image to C source, with constant arrays to paste into firmware as in CubeStar's (Erlank 2013 §5.3.2), and back.
+"""Convert a bank image to C source and back. The source contains constant arrays for firmware, as in CubeStar (Erlank
+2013 §5.3.2).
 
-Every block of the image is one array, in the order of the bytes: columns as plain arrays, records as structures without
-padding, packed entries as bytes. Concatenated, the compiled arrays are the image. Decimal numbers have enough digits to
-restore single (9) or double (17) precision exactly.
+Every block of the image is one array, in the order of the bytes. Columns are plain arrays, records are structures
+without padding, packed entries are bytes. The concatenated compiled arrays are the image. Decimal numbers have enough
+digits to restore single (9) or double (17) precision exactly.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ PER_LINE = 8
 
 
 def c_source(image: bytes) -> str:
-    """Return the C source of a bank image, which is checked first."""
+    """Check a bank image and return its C source."""
     decode(image)
     header, parts = read_header(image), [p for p in blocks_of(image) if p[0].size]
     layout = json.dumps([_described(block) for block, _ in parts], separators=(",", ":"))
@@ -111,7 +112,7 @@ def _wrapped(texts: list[str], per_line: int) -> list[str]:
 def read_c_source(text: str) -> bytes:
     """Return the bank image in a source written by :func:`c_source`, checked as in :func:`decode`.
 
-    BadInput if the text is not such a source, CorruptData if a number was changed.
+    Raises BadInput if the text is not such a source, and CorruptData if a number was changed.
     """
     header = LAYOUT.search(text)
     if header is None:
@@ -130,7 +131,7 @@ def _parsed(name: str, dtype: np.dtype, count: int, text: str | None) -> AnyArra
     per_row = len(dtype.names) if dtype.names else int(np.prod(dtype.shape, dtype=int))
     numbers = NUMBER.findall(text or "")
     if text is None or len(numbers) != count * per_row:
-        raise CorruptData(f"array {name} is not whole", expected=f"{count * per_row} numbers", got=str(len(numbers)))
+        raise CorruptData(f"array {name} is incomplete", expected=f"{count * per_row} numbers", got=str(len(numbers)))
     try:
         if dtype.names:
             rows = np.empty(count, dtype)

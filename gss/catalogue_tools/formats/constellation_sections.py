@@ -1,5 +1,4 @@
-"""Liebe's triplet database in sections: its classes, and the constellations of each kind of uncertainty (Liebe
-1992)."""
+"""Liebe's triplet database in sections: its classes, and the constellations by type of uncertainty (Liebe 1992)."""
 
 from __future__ import annotations
 
@@ -41,8 +40,8 @@ def constellation_columns(constellations: Constellations, kind: int) -> Columns:
 
 
 def read_constellations(content: Mapping[str, bytes], stars: int) -> Constellations:
-    """Read the constellations of all kinds; a kind missing from the bank is empty. CorruptData if they are not
-    valid."""
+    """Return the constellations of all kinds. A kind that the bank does not contain is empty. Raises CorruptData if a
+    section is not valid."""
     if "TCLS" not in content:
         raise CorruptData("triplets without their classes", expected="section TCLS", got=", ".join(content))
     classes = {k: float(v[0]) for k, v in to_columns(class_blocks(), content["TCLS"]).items()}
@@ -76,13 +75,13 @@ def read_constellations(content: Mapping[str, bytes], stars: int) -> Constellati
     )
 
 
-def _check(c: Columns, stars: int) -> None:
-    if not len(c["star"]):
+def _check(columns: Columns, stars: int) -> None:
+    if not len(columns["star"]):
         return
-    if c["star"].max() >= stars:
+    if columns["star"].max() >= stars:
         raise CorruptData("a triplet names a star that is not in the list", expected=f"below {stars}")
-    fits = (c["angle_low"] <= c["angle_high"]) & (c["angle_high"] <= MAX_ANGLE)
-    fits &= np.maximum(c["first"], c["second"]) <= MAX_DISTANCE + 1
+    fits = (columns["angle_low"] <= columns["angle_high"]) & (columns["angle_high"] <= MAX_ANGLE)
+    fits &= np.maximum(columns["first"], columns["second"]) <= MAX_DISTANCE + 1
     if not fits.all():
         raise CorruptData(
             "the classes of a triplet are out of range", expected="at most 12 bits and 6 bits, angles in order"

@@ -1,8 +1,9 @@
-"""cubestar: tables of Erlank 2013 §5.3.2: four constant arrays of stars and three of pairs, as in its firmware.
+"""cubestar: tables of Erlank 2013 §5.3.2, four constant arrays of stars and three of pairs, as in the CubeStar
+firmware.
 
 14 bytes per star and 8 per pair: 405 stars take 5.54 KiB and 11 484 pairs 89.7 KiB. Star numbers are signed 16 bits
-wide, so a list has at most 32 768 rows. There are no magnitudes; the rows are in order of brightness if the builder
-keeps them so.
+wide, so a list has at most 32 768 rows. The format has no magnitudes. The rows are in order of brightness if the
+builder sorts them.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ STARS = Rows(
 PAIRS = Rows(
     "pairs",
     (
-        BlockField("first", "<i2", "", "row of the one star"),
-        BlockField("second", "<i2", "", "row of the other, higher"),
+        BlockField("first", "<i2", "", "row of the first star"),
+        BlockField("second", "<i2", "", "row of the second star, higher than the first"),
         BlockField("distance_rad", "<f4", "rad", "angular distance, ascending"),
     ),
 )
@@ -43,7 +44,7 @@ def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
-    """Return the catalogue of the columns; CorruptData if the star numbers are not the row numbers."""
+    """Return the content of the columns. Raises CorruptData if the star numbers are not the row numbers."""
     n = header.stars
     if not np.array_equal(stars["id"], np.arange(n)):
         raise CorruptData(
@@ -54,7 +55,7 @@ def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
 
 
 def distances_of(pairs: Columns, header: BankHeader) -> DistanceTable:
-    """Return the distance table of columns first, second, distance_rad."""
+    """Return the distance table of the columns first, second and distance_rad."""
     return DistanceTable(
         pairs["first"].astype(np.int32),
         pairs["second"].astype(np.int32),

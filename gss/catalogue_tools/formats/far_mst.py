@@ -1,9 +1,10 @@
-"""far-mst: star list and pair directory of Huffman 2006 §5.5.4: two star numbers and sin²θ, ascending, with the k-vector.
+"""far-mst: star list and pair directory of Huffman 2006 §5.5.4: two star numbers and sin²θ, ascending, with the
+k-vector.
 
-The document stores sin²θ because it needs no arccosine on board and rises almost linearly over the table. It does not
-specify the bytes (chosen): 14 per star, 8 per pair, and the k-vector as a section of 2 or 4 bytes per pair. sin² is
-monotonic only up to 90°, which is the largest distance. If the bank has a reduced catalogue, the directory covers its
-stars, and the whole list is used for confirmation.
+The document stores sin²θ because it needs no arccosine on board and increases almost linearly over the table. The
+document does not specify the bytes. Chosen: 14 bytes per star, 8 per pair, and the k-vector as a section of 2 or 4
+bytes per pair. The largest distance is 90°, because sin² is monotonic only up to there. If the bank has a reduced
+catalogue, the directory covers the stars of that catalogue, and the whole list is used for confirmation.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from gss.skytables.pairs import DistanceTable
 PAIRS = Rows(
     "pairs",
     (
-        BlockField("first", "<u2", "", "row of the one star"),
-        BlockField("second", "<u2", "", "row of the other, higher"),
+        BlockField("first", "<u2", "", "row of the first star"),
+        BlockField("second", "<u2", "", "row of the second star, higher than the first"),
         BlockField("sin2", "<f4", "", "sin² of the angular distance, ascending"),
     ),
 )
@@ -36,8 +37,8 @@ def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
-    """Return the catalogue of the columns. Distances are in double precision, so that they yield the same sin²
-    again."""
+    """Return the content of the columns. Distances are in double precision, so that encoding them gives the same
+    sin²."""
     sin2 = pairs["sin2"].astype(np.float32)
     check_range("a sin²", sin2, 0.0, 1.0)
     table = DistanceTable(

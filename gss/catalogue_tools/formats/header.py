@@ -1,4 +1,5 @@
-"""Header of every bank image, 64 bytes. All numbers are little endian, as on CubeStar's Cortex-M3 and Sunsat's transputer.
+"""Header of every bank image, 64 bytes. All numbers are little endian, as on CubeStar's Cortex-M3 and Sunsat's
+transputer.
 
 offset type meaning
      0  4s   magic "GSSB"
@@ -15,7 +16,7 @@ offset type meaning
     56  u32  CRC-32 of the body
     60  u32  CRC-32 of the 60 bytes before
 
-The layout is chosen; no document has a header.
+The layout is chosen, because no document specifies a header.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class BankHeader:
 
 
 def pack_header(header: BankHeader, number: int) -> bytes:
-    """Encode the header; ``number`` is the number of the format."""
+    """Encode the header. ``number``: number of the format."""
     name = header.profile_name.encode()
     if len(name) > NAME_BYTES:
         raise BadInput("camera profile name is too long for the bank header", expected="16 bytes", got=name.decode())
@@ -73,7 +74,8 @@ def pack_header(header: BankHeader, number: int) -> bytes:
 
 
 def unpack_header(image: bytes, names: dict[int, str]) -> BankHeader:
-    """Decode and check the header of a bank image; the body is not checked. ``names``: known formats by number."""
+    """Decode and check the header of a bank image. The body is not checked. ``names``: names of the formats by
+    number."""
     if len(image) < HEADER_BYTES:
         raise CorruptData("not a bank image", expected=f"at least {HEADER_BYTES} bytes", got=f"{len(image)} bytes")
     magic, version, number, length, stars, pairs, epoch, low, high, name, profile_hash, crc = HEADER.unpack_from(image)

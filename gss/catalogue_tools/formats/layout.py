@@ -20,7 +20,8 @@ from gss.skytables.pairs import DistanceTable
 class Content:
     """Decoded content between header and sections.
 
-    ``icrs``: (n, 3) at the precision stored on the device. ``tables``: those contained in the star list or the pairs.
+    ``icrs``: (n, 3) directions at the precision stored on the device. ``tables``: tables contained in the star list or
+    the pairs.
     """
 
     icrs: NDArray[np.floating]
@@ -31,11 +32,11 @@ class Content:
 
 @dataclass(frozen=True)
 class BankFormat:
-    """A format: its ``number`` in the header and on the wire, its tables and limits, and the functions that write and
-    read its columns.
+    """Definition of a format: its ``number`` in the header and on the wire, its tables and limits, and the functions
+    that write and read its columns.
 
-    ``pairs`` None: no distance table. ``ascending``: returns, from the pairs' columns as read, the values by which they
-    are sorted; the k-vector is built over these. ``sections``: tags of the required sections.
+    ``pairs`` None: no distance table. ``ascending``: function from the decoded columns of the pairs to the values by
+    which the pairs are sorted, over which the k-vector is built. ``sections``: tags of the required sections.
     """
 
     name: str
@@ -61,7 +62,7 @@ class BankFormat:
 
 
 def whole_numbers(name: str, values: NDArray[np.floating], unit: float, low: int, high: int) -> NDArray[np.int64]:
-    """Return values as multiples of ``unit``; BadInput if one is outside [low, high]."""
+    """Return values as multiples of ``unit``. Raises BadInput if a multiple is outside [low, high]."""
     steps = np.rint(np.asarray(values, float) / unit)
     bad = ~((steps >= low) & (steps <= high))
     if bad.any():
@@ -74,12 +75,12 @@ def whole_numbers(name: str, values: NDArray[np.floating], unit: float, low: int
     return steps.astype(np.int64)
 
 
-# Magnitudes are whole thousandths; the lowest number means unknown.
+# Magnitudes are stored in thousandths; the lowest number means unknown.
 NO_MAGNITUDE = -(1 << 15)
 
 
 def to_millimag(v_mag: NDArray[np.floating]) -> NDArray[np.int16]:
-    """i16, thousandths of a magnitude."""
+    """Convert magnitudes to thousandths as i16."""
     finite = np.isfinite(v_mag)
     steps = whole_numbers("a magnitude", np.where(finite, v_mag, 0.0), 1e-3, NO_MAGNITUDE + 1, -NO_MAGNITUDE - 1)
     return np.where(finite, steps, NO_MAGNITUDE).astype(np.int16)

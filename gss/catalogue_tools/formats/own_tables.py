@@ -29,7 +29,7 @@ FRAME_PX = 1000
 
 @dataclass(frozen=True)
 class OwnTables:
-    """Tables of a bank image besides its stars: the distances that the format stores, and further tables."""
+    """Tables of a bank image except the star list: the distances that the format stores, and further tables."""
 
     distances: DistanceTable
     tables: BankTables
@@ -48,10 +48,11 @@ def tables_for(
 ) -> OwnTables:
     """Compute distances and tables for :func:`registry.encode`, using the camera's parameters.
 
-    ``limit_mag``: for oersted's triplets, the magnitude at which a star is detected half of the time; None: as faint as
-    the list allows. ``uncertainty_rad``: of one position; None: the document's 3′ as pixels of this camera.
-    ``reduced``: frame of a reduced catalogue to add (or the catalogue itself), to whose stars the distances are
-    limited; None: none, except for far-mst, which uses the camera's frame. ``index``: adds a k-vector.
+    ``limit_mag``: magnitude at which a star is detected half of the time, for the triplets of oersted; None: the
+    faintest that the list allows. ``uncertainty_rad``: uncertainty of one position; None: the document's 3′, converted
+    to pixels of this camera. ``reduced``: the frame of a reduced catalogue to add, or the catalogue itself; the
+    distances are then limited to its stars. None: no reduced catalogue, except for far-mst, which uses the camera's
+    frame. ``index``: also add a k-vector.
     """
     tables = BankTables()
     frame = reduced if reduced is not None or format_name != "far-mst" else frame_of(camera)
@@ -67,7 +68,8 @@ def tables_for(
         constellations = constellations_of(stars, own_rad, camera.diagonal_rad, limit_mag, BLEND_PX * camera.pixel_rad)
         tables = replace(tables, constellations=constellations)
     if index and format_name != "far-mst":
-        # ``encode()`` recomputes it at the precision stored on the device; far-mst always has a k-vector, of its sin².
+        # ``encode()`` recomputes the k-vector at the precision stored on the device. far-mst always has a k-vector,
+        # over sin².
         tables = replace(tables, index=line_index(distances.distance_rad))
     return OwnTables(distances, tables)
 
@@ -77,7 +79,8 @@ def constellations_of(
 ) -> Constellations:
     """Compute Liebe's database of a star list.
 
-    ``limit_mag`` None: as faint as the list allows, which must reach 25 % below the limit in brightness.
+    ``limit_mag`` None: the faintest that the list allows; the list must contain stars down to 25 % below the limit in
+    brightness.
     """
     finite_mag = stars.v_mag[np.isfinite(stars.v_mag)]
     if limit_mag is None:
@@ -94,7 +97,7 @@ def constellations_of(
 
 
 def frame_of(camera: Camera, step_rad: float = float(np.radians(1.0))) -> ReducedFrame:
-    """Return the camera's frame as that of a reduced catalogue."""
+    """Return the camera's frame as the frame of a reduced catalogue."""
     width_rad, height_rad = camera.fov_rad
     return ReducedFrame(width_rad, height_rad, step_rad=step_rad)
 
@@ -107,13 +110,13 @@ def reduced_catalogue(stars: StarTable, frame: ReducedFrame) -> ReducedCatalogue
 
 
 def frame_camera(frame: ReducedFrame) -> Camera:
-    """Return a camera without distortion whose field of view is that frame."""
+    """Return a camera without distortion whose field of view is the frame."""
     camera = Camera.from_fov(FRAME_PX, FRAME_PX, frame.width_rad)
     return replace(camera, focal_row_px=FRAME_PX / (2 * np.tan(frame.height_rad / 2)))
 
 
 def pairs_among(distances: DistanceTable, reduced: ReducedCatalogue) -> DistanceTable:
-    """Return the pairs whose stars are both kept."""
+    """Return the pairs whose two stars are both in the reduced catalogue."""
     both = np.flatnonzero(reduced.kept[distances.first] & reduced.kept[distances.second])
     return replace(
         distances,
@@ -128,7 +131,7 @@ def completed(
 ) -> BankTables:
     """Add the tables that the format requires to ``tables``.
 
-    ``stored``: the pairs' columns at the precision stored on the device, from which every k-vector is computed.
+    ``stored``: columns of the pairs at the precision stored on the device. Every k-vector is computed from them.
     """
     if tables.index is not None or "KVEC" in fmt.sections:
         tables = replace(tables, index=line_index(fmt.ascending(stored)) if stored else None)

@@ -30,8 +30,8 @@ FORMATS = {name: f.number for name, f in BY_NAME.items()}
 NAMES = {number: name for name, number in FORMATS.items()}
 C_SUFFIX = "-c"
 C_FORMATS = tuple(name + C_SUFFIX for name in FORMATS)
-# Typical bytes of the triplet sections per star, to estimate the size of a whole-sky image before it is made; measured
-# to V 4.5.
+# Typical size of the triplet sections in bytes per star, to estimate the size of a whole-sky image before it is built.
+# Measured for stars to V 4.5.
 TYPICAL_TRIPLET_BYTES_PER_STAR = 53
 
 
@@ -46,7 +46,7 @@ class QuantisationError:
 
 
 def check_format(format_name: str) -> str:
-    """Return the name if it is a known format; BadInput otherwise."""
+    """Return the name. Raises BadInput if it is not a known format."""
     if format_name not in BY_NAME:
         raise BadInput("unknown on-board format", expected=" | ".join(BY_NAME), got=format_name)
     return format_name
@@ -58,13 +58,12 @@ def format_of(format_name: str) -> BankFormat:
 
 
 def base_format(name: str) -> str:
-    """Return the binary format that a C format writes as source: "cubestar-c" is cubestar; other names are returned
-    unchanged."""
+    """Return the binary format of a C source format: cubestar for "cubestar-c". Other names are returned unchanged."""
     return check_format(name.removesuffix(C_SUFFIX))
 
 
 def core_bytes(format_name: str, stars: int, pairs: int) -> int:
-    """Bytes of header, star list and pairs."""
+    """Return the length of header, star list and pairs in bytes."""
     fmt = format_of(format_name)
     return HEADER_BYTES + stars * fmt.stars.row_bytes + pairs * fmt.pair_bytes
 
@@ -72,8 +71,8 @@ def core_bytes(format_name: str, stars: int, pairs: int) -> int:
 def image_bytes(format_name: str, stars: int, pairs: int) -> int:
     """Estimate the length of a bank image before it is made.
 
-    Exact for formats without sections and for the links of whole-sky lists; based on typical figures for triplets,
-    whose number depends on the sky.
+    The estimate is exact for formats without sections and for the links of whole-sky lists. For triplets it uses a
+    typical size, because their number depends on the sky.
     """
     size = core_bytes(format_name, stars, pairs)
     extra = 0
@@ -95,10 +94,11 @@ def encode(
     profile_hash: bytes = bytes(8),
     tables: BankTables | None = None,
 ) -> bytes:
-    """Encode a star list and the distance table over its rows as a bank image; BadInput if they do not fit the format.
+    """Encode a star list and the distance table over its rows as a bank image. Raises BadInput if they do not fit the
+    format.
 
-    ``tables``: further tables (see :func:`own_tables.tables_for`); those that the format requires are computed if
-    missing. A format without a distance table omits the distances.
+    ``tables``: further tables (see :func:`own_tables.tables_for`). Missing tables that the format requires are
+    computed. A format without a distance table omits the distances.
     """
     fmt = format_of(format_name)
     check_stars(fmt, stars)
@@ -130,12 +130,13 @@ def encode(
 
 
 def read_header(image: bytes) -> BankHeader:
-    """Return the header of a bank image, with its checksum verified; the body is not checked."""
+    """Return the header of a bank image after verifying its checksum. The body is not checked."""
     return unpack_header(image, NAMES)
 
 
 def image_end(image: bytes, header: BankHeader | None = None) -> int:
-    """Length of the image, which may be less than that of ``image``: flash is larger than its content."""
+    """Return the length of the bank image, which can be less than ``len(image)``, because flash is larger than its
+    content."""
     h = header or read_header(image)
     total = core_bytes(h.format_name, h.stars, h.pairs)
     if len(image) < total:
@@ -144,13 +145,13 @@ def image_end(image: bytes, header: BankHeader | None = None) -> int:
 
 
 def decode(image: bytes, hip: Ids | None = None) -> OnboardCatalogue:
-    """Decode a bank image at the device's number widths; CorruptData if it is not valid.
+    """Decode a bank image at the device's number widths. Raises CorruptData if it is not valid.
 
     ``hip``: (n,) Hipparcos numbers by row, from the manifest; None: use the row numbers. Trailing bytes are ignored,
     because a flash bank is larger than its image.
     """
     header = read_header(image)
-    whole = memoryview(image)[: _checked_end(image, header)]
+    image_data = memoryview(image)[: _checked_end(image, header)]
     fmt, n = format_of(header.format_name), header.stars
     if hip is not None and len(hip) != n:
         raise BadInput(
@@ -160,14 +161,14 @@ def decode(image: bytes, hip: Ids | None = None) -> OnboardCatalogue:
             hint="use the manifest that was written together with this image",
         )
     star_end, core = core_bytes(header.format_name, n, 0), core_bytes(header.format_name, n, header.pairs)
-    star_columns = to_columns(fmt.stars.blocks(n), whole[HEADER_BYTES:star_end])
-    pair_columns = to_columns(fmt.pairs.blocks(header.pairs), whole[star_end:core]) if fmt.pairs else {}
+    star_columns = to_columns(fmt.stars.blocks(n), image_data[HEADER_BYTES:star_end])
+    pair_columns = to_columns(fmt.pairs.blocks(header.pairs), image_data[star_end:core]) if fmt.pairs else {}
     content = fmt.read(star_columns, pair_columns, header)
     check_content(content.icrs, content.distances, n)
     tables = content.tables
     if header.version == SECTIONS_VERSION:
-        tables = read_sections(whole, core, tables, content.distances, n, header.pairs)
-    _check_sections(fmt, header, whole, core)
+        tables = read_sections(image_data, core, tables, content.distances, n, header.pairs)
+    _check_sections(fmt, header, image_data, core)
     rows = np.arange(n, dtype=np.int32) if hip is None else np.asarray(hip, np.int32)
     return OnboardCatalogue(rows, content.icrs, content.v_mag, content.distances, tables)
 
@@ -183,8 +184,8 @@ def _checked_end(image: bytes, header: BankHeader) -> int:
 
 
 def blocks_of(image: bytes) -> list[tuple[Block, bytes]]:
-    """Return every block of an image with its bytes, header first, after the checksums are verified. Concatenated
-    they are the image."""
+    """Verify the checksums and return every block of an image with its bytes, header first. The concatenated bytes are
+    the image."""
     header = read_header(image)
     total, n, m = _checked_end(image, header), header.stars, header.pairs
     core = core_bytes(header.format_name, n, m)
@@ -202,8 +203,8 @@ def _cut(image: bytes, blocks: list[Block]) -> Iterator[tuple[Block, bytes]]:
 
 
 def part_bytes(image: bytes) -> dict[str, int]:
-    """Bytes of header, stars, distances and of each section by its tag; ``sections`` is the overhead of the
-    sections."""
+    """Return the number of bytes of header, stars, distances, and of each section by its tag. ``sections`` is the
+    overhead of the sections."""
     header = read_header(image)
     fmt, total = format_of(header.format_name), image_end(image, header)
     parts = {
@@ -219,7 +220,7 @@ def part_bytes(image: bytes) -> dict[str, int]:
 
 
 def stars_of(catalogue: OnboardCatalogue, epoch_jyear: float) -> StarTable:
-    """Convert a decoded catalogue to a star table for encoding; values that the bank does not store are zero or NaN."""
+    """Convert a decoded catalogue to a star table for encoding. Values that the bank does not store are zero or NaN."""
     n, flags = len(catalogue), catalogue.tables.flags
     return StarTable(
         hip=catalogue.hip,
@@ -234,7 +235,7 @@ def stars_of(catalogue: OnboardCatalogue, epoch_jyear: float) -> StarTable:
 
 
 def encoded_again(image: bytes) -> bytes:
-    """Encode the decoded content of an image; returns the same bytes."""
+    """Decode an image and encode its content again. The result has the same bytes."""
     header, decoded = read_header(image), decode(image)
     stars = stars_of(decoded, header.epoch_jyear)
     tables = replace(decoded.tables, flags=None)
@@ -242,9 +243,10 @@ def encoded_again(image: bytes) -> bytes:
 
 
 def quantisation_error(stars: StarTable, distances: DistanceTable, image: bytes) -> QuantisationError:
-    """Largest differences between the input and the content of a bank image.
+    """Return the largest differences between the input and the content of a bank image.
 
-    ``distances``: of the pairs in the image; ignored if the format has none. BadInput if the number of pairs differs.
+    ``distances``: distances of the pairs in the image; ignored if the format has no pairs. Raises BadInput if the
+    number of pairs differs.
     """
     stored = decode(image)
     position = separation_rad(stored.icrs.astype(float), stars.icrs)
@@ -268,9 +270,12 @@ def quantisation_error(stars: StarTable, distances: DistanceTable, image: bytes)
 def _check_sections(fmt: BankFormat, header: BankHeader, image: memoryview, core: int) -> None:
     """Raise CorruptData if a required section is missing.
 
-    A k-vector may be missing, because it needs two different pairs; so may the optional kinds of triplets.
+    A k-vector can be missing, because it requires two different pairs. The optional kinds of triplets can be missing
+    too.
     """
     have = {tag for tag, _, _ in walk(image, core)} if header.version == SECTIONS_VERSION else set()
     missing = [tag for tag in fmt.sections if tag not in have and tag not in ("KVEC", "TMAY", "TEXC")]
     if missing:
-        raise CorruptData(f"the {fmt.name} image lacks its own tables", expected=", ".join(fmt.sections), got="fewer")
+        raise CorruptData(
+            f"the {fmt.name} image lacks required sections", expected=", ".join(fmt.sections), got="fewer"
+        )

@@ -21,7 +21,7 @@ LINE = [("start", "<f8"), ("step", "<f8")]
 
 
 def line_index(values: NDArray[np.floating]) -> KVector | None:
-    """Return the k-vector of ascending values; None if there are fewer than two different ones."""
+    """Return the k-vector of ascending values; None if there are fewer than two different values."""
     if len(values) < 2 or not values[-1] > values[0]:
         return None
     return k_vector(values)
@@ -43,8 +43,10 @@ def write_k(tables: BankTables, stars: int, pairs: int) -> bytes | None:
 
 
 def read_k(data: bytes, tables: BankTables, stars: int, pairs: int) -> BankTables:
-    c = to_columns(k_blocks(len(data), stars, pairs), data)
-    return replace(tables, index=KVector(c["k"].astype(np.int32), float(c["start"][0]), float(c["step"][0])))
+    columns = to_columns(k_blocks(len(data), stars, pairs), data)
+    return replace(
+        tables, index=KVector(columns["k"].astype(np.int32), float(columns["start"][0]), float(columns["step"][0]))
+    )
 
 
 # --- reduced catalogue: its frame, then one bit per star, the first in the lowest bit of the first byte ---
@@ -67,12 +69,12 @@ def write_reduced(tables: BankTables, stars: int, pairs: int) -> bytes | None:
 
 
 def read_reduced(data: bytes, tables: BankTables, stars: int, pairs: int) -> BankTables:
-    c = to_columns(reduced_blocks(len(data), stars, pairs), data)
-    bits = np.unpackbits(c["kept_bits"], bitorder="little").astype(bool)
+    columns = to_columns(reduced_blocks(len(data), stars, pairs), data)
+    bits = np.unpackbits(columns["kept_bits"], bitorder="little").astype(bool)
     if bits[stars:].any():
         raise CorruptData("the reduced catalogue names stars beyond the list", expected=f"{stars} stars")
-    width, height, step = (float(c[name][0]) for name in ("width_rad", "height_rad", "step_rad"))
-    frame = ReducedFrame(width, height, int(c["brightest"][0]), step)
+    width, height, step = (float(columns[name][0]) for name in ("width_rad", "height_rad", "step_rad"))
+    frame = ReducedFrame(width, height, int(columns["brightest"][0]), step)
     return replace(tables, reduced=ReducedCatalogue(bits[:stars], frame))
 
 
@@ -97,9 +99,9 @@ def write_links(tables: BankTables, stars: int, pairs: int) -> bytes | None:
 
 
 def read_links(data: bytes, tables: BankTables, stars: int, pairs: int) -> BankTables:
-    c = to_columns(link_blocks(len(data), stars, pairs), data)
-    count, pointer = c["count"].astype(np.intp), c["pointer"].astype(np.intp)
-    near = c["neighbour"].astype(np.intp)
+    columns = to_columns(link_blocks(len(data), stars, pairs), data)
+    count, pointer = columns["count"].astype(np.intp), columns["pointer"].astype(np.intp)
+    near = columns["neighbour"].astype(np.intp)
     start = np.concatenate([[0], np.cumsum(count)]).astype(np.intp)
     if start[-1] != len(near) or not np.array_equal(pointer, start[:-1]):
         raise CorruptData("the pointers of the linked list do not fit its counts", expected=f"{len(near)} neighbours")

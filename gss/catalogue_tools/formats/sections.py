@@ -7,7 +7,7 @@ offset type meaning
      4  u32  bytes from here to the end of the image
      8       sections, one after the other: 4s tag, u32 bytes of content, content, zero bytes to a multiple of four
 
-They are part of the body covered by the CRC-32 in the header. A reader of version 1 rejects such an image.
+The sections are part of the body covered by the CRC-32 in the header. A reader of version 1 rejects such an image.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def _write_classes(tables: BankTables, stars: int, pairs: int) -> bytes | None:
 
 @dataclass(frozen=True)
 class SectionType:
-    """One kind of section. ``write``: (tables, stars, pairs) to content, None if there is none. ``blocks``: from
-    (bytes of content, stars, pairs)."""
+    """Definition of one type of section. ``write``: function from (tables, stars, pairs) to the content, None if the
+    section is absent. ``blocks``: function from (bytes of content, stars, pairs) to the blocks."""
 
     tag: str
     title: str
@@ -81,9 +81,9 @@ def _kind_section(tag: str, title: str, kind: int) -> SectionType:
     fields = (
         BlockField("star", "<u2", "", "row of the star"),
         BlockField("first", "<u2", "", "class of the distance to the nearest neighbour"),
-        BlockField("second", "<u2", "", "class of the distance to the second nearest"),
+        BlockField("second", "<u2", "", "class of the distance to the second nearest neighbour"),
         BlockField("angle_low", "<u1", "", "lowest class of the angle between them"),
-        BlockField("angle_high", "<u1", "", "highest class"),
+        BlockField("angle_high", "<u1", "", "highest class of that angle"),
     )
     return SectionType(tag, title, _write_kind(kind), lambda size, n, m: constellation_blocks(kind, size // 8), fields)
 
@@ -97,8 +97,8 @@ SECTIONS: dict[str, SectionType] = {
             write_k,
             k_blocks,
             (
-                BlockField("start", "<f8", "", "the line's value at 0 (rad, or sin² in far-mst)"),
-                BlockField("step", "<f8", "", "its rise from one entry to the next"),
+                BlockField("start", "<f8", "", "value of the line at entry 0 (rad, or sin² in far-mst)"),
+                BlockField("step", "<f8", "", "increase of the line per entry"),
                 BlockField("k", "<u2 or <u4", "", "m counts: pairs not above the line; u32 from 65 536 pairs"),
             ),
         ),
@@ -110,9 +110,9 @@ SECTIONS: dict[str, SectionType] = {
             (
                 BlockField("width_rad", "<f4", "rad", "width of the frame"),
                 BlockField("height_rad", "<f4", "rad", "height of the frame"),
-                BlockField("step_rad", "<f4", "rad", "between pointings"),
-                BlockField("brightest", "<u4", "", "stars taken of each frame"),
-                BlockField("kept_bits", "<u1", "", "⌈n/8⌉ bytes, a bit per star, lowest first"),
+                BlockField("step_rad", "<f4", "rad", "angle between pointings"),
+                BlockField("brightest", "<u4", "", "number of brightest stars per frame"),
+                BlockField("kept_bits", "<u1", "", "⌈n/8⌉ bytes, one bit per star, lowest bit first"),
             ),
         ),
         SectionType(
@@ -124,14 +124,14 @@ SECTIONS: dict[str, SectionType] = {
                 BlockField("distance_rad", "<f8", "rad", "width of a class of distances"),
                 BlockField("angle_rad", "<f8", "rad", "width of a class of angles"),
                 BlockField("uncertainty_rad", "<f8", "rad", "largest error of one star's position"),
-                BlockField("limit_mag", "<f8", "mag", "magnitude at which a star is seen every second time"),
-                BlockField("brightness_error", "<f8", "", "uncertainty of brightness, share"),
+                BlockField("limit_mag", "<f8", "mag", "magnitude at which a star is detected half of the time"),
+                BlockField("brightness_error", "<f8", "", "relative uncertainty of brightness"),
                 BlockField("max_rad", "<f8", "rad", "largest distance of a neighbour"),
             ),
         ),
-        _kind_section("TCER", "triplets of stars that are always seen", 0),
-        _kind_section("TMAY", "triplets with a neighbour that may be missed or blends", 1),
-        _kind_section("TEXC", "triplets that an error of position brings about", 2),
+        _kind_section("TCER", "triplets of stars that are always detected", 0),
+        _kind_section("TMAY", "triplets with a neighbour that can be missed or blended", 1),
+        _kind_section("TEXC", "triplets that arise only from a position error", 2),
         SectionType(
             "LINK",
             "linked list of neighbours (Moniteq 1983 §6.1)",
@@ -139,7 +139,7 @@ SECTIONS: dict[str, SectionType] = {
             link_blocks,
             (
                 BlockField("count", "<u2", "", "n counts of neighbours"),
-                BlockField("pointer", "<u2", "", "n places of the first neighbour"),
+                BlockField("pointer", "<u2", "", "n positions of the first neighbour"),
                 BlockField("neighbour", "<u2", "", "rows of the neighbours, ascending for each star"),
             ),
         ),
@@ -151,7 +151,7 @@ SECTIONS: dict[str, SectionType] = {
 
 
 def write_sections(tables: BankTables, stars: int, pairs: int, core_bytes: int) -> bytes:
-    """Encode everything after the pairs; empty without sections. ``core_bytes``: length of header, star list and
+    """Encode all data after the pairs; empty without sections. ``core_bytes``: length of header, star list and
     pairs."""
     content: Sections = {}
     for tag, section in SECTIONS.items():
@@ -167,8 +167,8 @@ def write_sections(tables: BankTables, stars: int, pairs: int, core_bytes: int) 
 
 
 def sections_end(image: bytes | memoryview, core_bytes: int) -> int:
-    """Return the end of an image with sections, as stated in it; CorruptData if the image is shorter. The content is
-    not checked."""
+    """Return the end offset of an image with sections, as the image states it. Raises CorruptData if the data are
+    shorter. The content is not checked."""
     at = core_bytes + padding(core_bytes)
     if len(image) < at + HEAD_BYTES:
         raise CorruptData(
@@ -183,14 +183,15 @@ def sections_end(image: bytes | memoryview, core_bytes: int) -> int:
 
 
 def walk(image: bytes | memoryview, core_bytes: int) -> Iterator[tuple[str, int, int]]:
-    """Yield (tag, offset of the content, its bytes) of each section; call only after the CRC has been verified."""
+    """Yield (tag, offset of the content, size of the content in bytes) of each section. The CRC must be verified before
+    the call."""
     at, end = core_bytes + padding(core_bytes) + HEAD_BYTES, sections_end(image, core_bytes)
     last = -1
     while at < end:
         tag = bytes(image[at : at + 4]).decode("latin-1")
         order = list(SECTIONS).index(tag) if tag in SECTIONS else -1
         size = int(u32.unpack_from(image, at + 4)[0]) if at + HEAD_BYTES <= end else end
-        # Sections must be in the order of the registry, each once.
+        # Sections must be in the order of the registry, without repetition.
         if order <= last or at + HEAD_BYTES + size + padding(size) > end:
             raise CorruptData("unknown or misplaced section", expected=", ".join(SECTIONS), got=repr(tag))
         last = order
@@ -206,7 +207,7 @@ def read_sections(
     stars: int,
     pairs: int,
 ) -> BankTables:
-    """Return the ``core_tables`` tables with those of the sections added; CorruptData if a section is not valid."""
+    """Return ``core_tables`` with the tables of the sections added. Raises CorruptData if a section is not valid."""
     content: Sections = {}
     for tag, at, size in walk(image, core_bytes):
         data = bytes(image[at : at + size])
@@ -235,7 +236,7 @@ def _check_index(tables: BankTables, distances: DistanceTable) -> None:
 
 
 def section_blocks(image: bytes | memoryview, core_bytes: int, stars: int, pairs: int) -> list[Block]:
-    """Blocks of everything after the pairs."""
+    """Return the blocks of all data after the pairs."""
     gap = padding(core_bytes)
     blocks = [raw(gap + HEAD_BYTES, "sections_head")]
     for tag, _, size in walk(image, core_bytes):

@@ -22,26 +22,27 @@ STARS = Rows(
     (
         BlockField("ra_rad", "<f4", "rad", "right ascension, ICRS, 0 to 2π"),
         BlockField("dec_rad", "<f4", "rad", "declination"),
-        BlockField("v_mag", "<f4", "mag", "magnitude V, NaN where unknown"),
+        BlockField("v_mag", "<f4", "mag", "magnitude V, NaN if unknown"),
     ),
     records=True,
 )
 PAIRS = Rows(
     "pairs",
     (
-        BlockField("first", "<u2", "", "row of the one star"),
-        BlockField("second", "<u2", "", "row of the other, higher"),
+        BlockField("first", "<u2", "", "row of the first star"),
+        BlockField("second", "<u2", "", "row of the second star, higher than the first"),
         BlockField("distance_rad", "<f4", "rad", "angular distance, ascending"),
     ),
     records=True,
 )
-# The single-precision numbers nearest to 2π and π/2 exceed them, so a star there would be decoded on the other side.
+# The single-precision numbers nearest to 2π and π/2 exceed them, so a star at these angles would be decoded on the
+# other side of the range.
 FULL_TURN = np.float32(2 * np.pi)
 POLE = np.nextafter(np.float32(np.pi / 2), np.float32(0))
 
 
 def star_columns(stars: StarTable) -> Columns:
-    """RA, Dec and V in single precision."""
+    """Return RA, Dec and V in single precision."""
     ra, dec = (angle.astype(np.float32) for angle in ra_dec_from_unit(stars.icrs))
     ra[ra >= FULL_TURN] = 0.0
     return {"ra_rad": ra, "dec_rad": np.clip(dec, -POLE, POLE), "v_mag": stars.v_mag}
@@ -54,12 +55,12 @@ def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
-    """Return the catalogue of the columns."""
+    """Return the content of the columns."""
     return content_of(stars, distances_of(pairs, header))
 
 
 def content_of(stars: Columns, distances: DistanceTable) -> Content:
-    """Compute directions from the angles, in double precision; CorruptData if an angle is out of range."""
+    """Compute the directions from the angles in double precision. Raises CorruptData if an angle is out of range."""
     check_range("a right ascension", stars["ra_rad"], -np.pi, 2 * np.pi + 1e-6)
     check_range("a declination", stars["dec_rad"], -np.pi / 2 - 1e-6, np.pi / 2 + 1e-6)
     icrs = unit_from_ra_dec(stars["ra_rad"].astype(float), stars["dec_rad"].astype(float))

@@ -1,9 +1,10 @@
 """Convert a bank image to table files of other programs and back, byte for byte. FITS uses one file; CSV, ECSV and
-Parquet use a ZIP with one file per table, because these kinds hold a single table.
+Parquet use a ZIP with one file per table, because a file of these kinds contains a single table.
 
-Every block of the image is a table or a column of one, in the device's number types (see docs/catalogue-formats.md);
-header and section heads are tables of bytes. ``layout`` gives their order in the image. Nothing is lost: single
-precision keeps its digits, and packed entries are written as whole numbers.
+Every block of the image is a table or a column of a table, in the device's number types (see
+docs/catalogue-formats.md). Header and section heads are tables of bytes. ``layout`` states the order of the blocks in
+the image. The conversion is lossless: all digits of single precision are written, and packed entries become whole
+numbers.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ Tables = dict[str, Columns]
 
 
 def export_table(image: bytes, kind: str) -> bytes:
-    """Return the file of a bank image, which is checked first. ``kind``: fits, csv, ecsv or parquet; the last three
-    are a ZIP."""
+    """Check a bank image and return it as a file. ``kind``: fits, csv, ecsv or parquet; the last three are ZIP
+    files."""
     decode(image)
     tables, layout = _tables(image)
     facts = _facts(image)
@@ -42,9 +43,9 @@ def export_table(image: bytes, kind: str) -> bytes:
 
 
 def import_table(data: bytes, kind: str) -> bytes:
-    """Return the bank image in a file written by :func:`export_table`, with its checksums verified.
+    """Return the bank image in a file written by :func:`export_table` after verifying its checksums.
 
-    BadInput if it is not such a file, CorruptData if a table, a column or a number was changed.
+    Raises BadInput if it is not such a file, and CorruptData if a table, a column or a number was changed.
     """
     layout, read = (_read_fits if _check(kind) == "fits" else _read_zip)(data, kind)
     image = b""
@@ -80,7 +81,7 @@ def _facts(image: bytes) -> dict[str, object]:
 
 
 class BlockEntry(TypedDict):
-    """A block of the image as the files list it. ``type``: of numpy; ``bits``: widths of packed fields."""
+    """Entry of a block in the layout of the files. ``type``: numpy type. ``bits``: widths of packed fields."""
 
     table: str
     name: str
@@ -91,7 +92,7 @@ class BlockEntry(TypedDict):
 
 
 def _tables(image: bytes) -> tuple[Tables, list[BlockEntry]]:
-    """Columns by table, and for each block: table, names, type, shape, bits, count."""
+    """Return the columns by table, and for each block its table, names, type, shape, bits and count."""
     tables: Tables = {}
     layout: list[BlockEntry] = []
     for block, data in blocks_of(image):
@@ -132,7 +133,7 @@ def _bytes_of(name: str, block: Block, columns: Columns) -> bytes:
     lengths = {len(columns[n]) for n in names if n in columns}
     if missing or lengths - {block.count}:
         got = f"no {', '.join(missing)}" if missing else f"{sorted(lengths)} rows"
-        raise CorruptData(f"table {name} is not whole", expected=f"{', '.join(names)}, {block.count} rows", got=got)
+        raise CorruptData(f"table {name} is incomplete", expected=f"{', '.join(names)}, {block.count} rows", got=got)
     for i, column in enumerate(names):
         target = block.dtype[column] if block.dtype.names else block.dtype.base
         if target.kind in "iu":
@@ -142,16 +143,16 @@ def _bytes_of(name: str, block: Block, columns: Columns) -> bytes:
     try:
         return to_bytes([block], columns)
     except (ValueError, OverflowError) as error:
-        raise CorruptData(f"table {name} holds what does not fit its type", got=str(error)) from None
+        raise CorruptData(f"table {name} contains a value that does not fit its type", got=str(error)) from None
 
 
 def _require_whole(quantity: str, values: np.ndarray[Any, Any], low: int, high: int) -> None:
-    """Raise CorruptData unless all values are whole numbers within the type. A cast would silently turn NaN into 0
-    and wrap 256 in a byte."""
-    whole = values.dtype.kind in "iu" or (values.dtype.kind == "f" and bool(np.all(values == np.floor(values))))
-    if len(values) and not (whole and low <= values.min() and values.max() <= high):
+    """Raise CorruptData unless all values are whole numbers in the range of the type. A cast would silently convert NaN
+    to 0 and wrap 256 in a byte."""
+    is_whole = values.dtype.kind in "iu" or (values.dtype.kind == "f" and bool(np.all(values == np.floor(values))))
+    if len(values) and not (is_whole and low <= values.min() and values.max() <= high):
         raise CorruptData(
-            f"{quantity} holds what does not fit its type",
+            f"{quantity} contains a value that does not fit its type",
             expected=f"whole numbers of {low} to {high}",
             got=f"{values.min()} to {values.max()}",
         )
@@ -195,10 +196,10 @@ def _read_fits(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callabl
     if LAYOUT not in tables or tables[LAYOUT].get("json", np.empty(0)).dtype.kind not in "iu":
         raise BadInput("not a catalogue in FITS tables", expected="a LAYOUT table", got=", ".join(tables), hint=HINT)
     text = tables[LAYOUT]["json"].astype(np.uint8).tobytes().decode("utf-8", "replace")
-    return _parsed_layout(text), lambda name: _held(tables, name)
+    return _parsed_layout(text), lambda name: _required_table(tables, name)
 
 
-def _held(tables: Tables, name: str) -> Columns:
+def _required_table(tables: Tables, name: str) -> Columns:
     if name not in tables:
         raise CorruptData("a table is missing", expected=name, got=", ".join(tables))
     return tables[name]
@@ -258,7 +259,7 @@ def _write_csv(name: str, columns: Columns, facts: Mapping[str, Any]) -> bytes:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     # numpy prints the shortest text that restores the same number.
-    writer.writerows(zip(*([str(v) for v in c] for c in columns.values()), strict=True))
+    writer.writerows(zip(*([str(v) for v in values] for values in columns.values()), strict=True))
     return text.getvalue().encode()
 
 
@@ -269,8 +270,10 @@ def _read_csv(data: bytes) -> Columns:
 
 
 def _numbers(cells: tuple[str, ...]) -> np.ndarray[Any, Any]:
-    whole = all(c.lstrip("-").isdigit() for c in cells)
-    return np.array([int(c) for c in cells], np.int64) if whole else np.array([float(c) for c in cells])
+    all_integers = all(cell.lstrip("-").isdigit() for cell in cells)
+    return (
+        np.array([int(cell) for cell in cells], np.int64) if all_integers else np.array([float(cell) for cell in cells])
+    )
 
 
 def _write_ecsv(name: str, columns: Columns, facts: Mapping[str, Any]) -> bytes:
@@ -314,7 +317,7 @@ def _read_parquet(data: bytes) -> Columns:
     return {n: table[n].to_numpy() for n in table.column_names}
 
 
-HINT = "a plain star list is imported as a user's list; only whole images come back this way"
+HINT = "only complete images can be imported this way; import a plain star list as a user's star list"
 WRITERS: dict[str, Callable[[str, Columns, Mapping[str, Any]], bytes]] = {
     "csv": _write_csv,
     "ecsv": _write_ecsv,

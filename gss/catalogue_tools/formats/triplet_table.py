@@ -1,6 +1,7 @@
 """Liebe's triplet database of a star list, and its binary format on the sensor (the "triplet table").
 
-Everything is little endian. A table belongs to one bank image; its star numbers are rows of that image's star list.
+All numbers are little endian. A table belongs to one bank image, and its star numbers are rows of that image's star
+list.
 
 Header, offset type meaning
      0  4s   magic "GSST"
@@ -45,8 +46,8 @@ MAX_STARS = 1 << 16
 
 @dataclass(frozen=True)
 class TripletFigures:
-    """Figures of a table: stars that may be detected, references, references per star, bytes, and the number of
-    stars that share a key, averaged over the references."""
+    """Figures of a table: number of stars that can be detected, number of references, references per star, bytes, and
+    the mean number of stars that share a key, averaged over the references."""
 
     stars: int
     references: int
@@ -64,8 +65,8 @@ def triplets_of(
     brightness_error: float = 0.25,
     blend_rad: float = 0.0,
 ) -> TripletTable:
-    """Build the triplet table of a star list, which must reach the faintest star that may be detected (Liebe 1992:
-    1539 stars for 1100)."""
+    """Build the triplet table of a star list. The list must contain the faintest star that can be detected (Liebe 1992
+    uses 1539 stars for 1100)."""
     need = faintest_mag(limit_mag, brightness_error)
     if not len(stars) or float(stars.v_mag.max()) < limit_mag:
         raise BadInput(
@@ -89,7 +90,7 @@ def figures(table: TripletTable) -> TripletFigures:
 
 
 def encode_triplets(table: TripletTable, bank_crc32: int = 0) -> bytes:
-    """Encode a table. ``bank_crc32``: CRC-32 of the body of the bank image that holds its star list."""
+    """Encode a table. ``bank_crc32``: CRC-32 of the body of the bank image with its star list."""
     if table.stars > MAX_STARS:
         raise BadInput("too many stars for the triplet table", expected=f"at most {MAX_STARS}", got=str(table.stars))
     body = table.key.astype("<u4").tobytes() + table.star.astype("<u2").tobytes()
@@ -113,8 +114,8 @@ def encode_triplets(table: TripletTable, bank_crc32: int = 0) -> bytes:
 
 
 def decode_triplets(image: bytes) -> TripletTable:
-    """Decode and check a table; CorruptData if it is not valid. Trailing bytes are ignored, because flash is larger
-    than its content."""
+    """Decode and check a table. Raises CorruptData if it is not valid. Trailing bytes are ignored, because flash is
+    larger than its content."""
     fields = _header(image)
     _, _, _, _, stars, count, distance, angle, uncertainty, limit_mag, error, max_rad, _, crc = fields
     total = HEADER_BYTES + REFERENCE_BYTES * count
@@ -143,7 +144,7 @@ def decode_triplets(image: bytes) -> TripletTable:
 
 
 def bank_crc32_of(image: bytes) -> int:
-    """CRC-32 of the bank image that a table belongs to; 0 if not specified."""
+    """Return the CRC-32 of the body of the bank image that a table belongs to; 0 if not specified."""
     return int(_header(image)[12])
 
 

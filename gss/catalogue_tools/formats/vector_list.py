@@ -1,6 +1,7 @@
-"""Star list of far-mst and oersted, whose documents specify no bytes (chosen): unit vectors and magnitudes, 14 bytes per star.
+"""Star list of far-mst and oersted: unit vectors and magnitudes, 14 bytes per star. The layout is chosen, because the
+documents do not specify the bytes.
 
-The error of single precision is less than 0.02″; magnitudes are whole thousandths, −32 768 if unknown.
+The error of single precision is less than 0.02″; magnitudes are in thousandths, −32 768 if unknown.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ STARS = Rows(
         BlockField("x", "<f4", "", "ICRS unit vector"),
         BlockField("y", "<f4", "", "ICRS unit vector"),
         BlockField("z", "<f4", "", "ICRS unit vector"),
-        BlockField("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 where unknown"),
+        BlockField("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 if unknown"),
     ),
 )
 
@@ -30,10 +31,10 @@ def star_columns(stars: StarTable) -> Columns:
 
 
 def directions(stars: Columns) -> NDArray[np.float32]:
-    """(n, 3) unit vectors at the precision stored on the device."""
+    """Return (n, 3) unit vectors at the precision stored on the device."""
     return np.column_stack([stars["x"], stars["y"], stars["z"]]).astype(np.float32)
 
 
 def magnitudes(stars: Columns) -> NDArray[np.float32]:
-    """(n,) magnitudes V."""
+    """Return the (n,) magnitudes V."""
     return from_millimag(stars["v_mmag"])

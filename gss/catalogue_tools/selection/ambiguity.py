@@ -1,10 +1,11 @@
-"""Map of how easily stars can be confused: for each field, other parts of the catalogue that look like its stars.
+"""Map of how easily stars can be confused: for each field, other parts of the catalogue that look like the stars of the
+field.
 
-There are two figures for two kinds of matchers. A triangle matcher is misled by other triangles with the same three
-sides: for every triangle of a field's brightest stars the matching ones in the catalogue are counted, including mirror
-images, which distances cannot distinguish. A voting matcher is misled if wrong names get as many votes as the right
-one: ``rivals`` is the number of names that do so by chance, from the number of stars and the wrong pairs that each
-distance returns. With fewer than three stars both are infinite.
+There are two figures for two types of matchers. A triangle matcher is misled by other triangles with the same three
+sides. For every triangle of a field's brightest stars, the matching triangles in the catalogue are counted, including
+mirror images, which distances cannot distinguish. A voting matcher is misled if wrong stars get as many votes as the
+correct star. ``rivals`` is the expected number of such stars, computed from the number of stars and the number of wrong
+pairs that each distance query returns. For fields with fewer than three stars both figures are infinite.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ Rows = NDArray[np.intp]
 class AmbiguityMap:
     """Figures by HEALPix ring pixel; NaN (``stars``: −1) outside the envelope.
 
-    ``stars``: number in a circle around the pixel. ``wrong_pairs``: mean number of other pairs that match a pair of its
-    brightest. ``wrong_triangles``: mean number of other triangles that match one of theirs. ``rivals``: expected number
-    of wrong names per star with as many votes as the right one.
+    ``stars``: number of stars in a circle around the pixel. ``wrong_pairs``: mean number of other pairs that match a
+    pair of its brightest stars. ``wrong_triangles``: mean number of other triangles that match a triangle of these
+    stars. ``rivals``: expected number of wrong stars, per star, with as many votes as the correct star.
     """
 
     nside: int
@@ -46,8 +47,8 @@ class AmbiguityMap:
 
     @property
     def worst(self) -> tuple[float, float, float]:
-        """Right ascension, declination and ``rivals`` of the most ambiguous pixel; of infinite ones, that with the
-        fewest stars."""
+        """Right ascension, declination and ``rivals`` of the most ambiguous pixel. If ``rivals`` is infinite in several
+        pixels, the pixel with the fewest stars."""
         inside = np.flatnonzero(self.stars >= 0)
         if not len(inside):
             return float("nan"), float("nan"), float("nan")
@@ -57,7 +58,7 @@ class AmbiguityMap:
         return float(np.arctan2(y, x) % (2 * np.pi)), float(np.arcsin(z)), figure
 
     def facts(self) -> dict[str, object]:
-        """Medians and the fraction of the envelope with fewer than three stars, for the manifest."""
+        """Return medians and the fraction of the envelope with fewer than three stars, for the manifest."""
         inside = self.stars >= 0
         finite = np.isfinite(self.wrong_triangles) & inside
         ra, dec, figure = self.worst
@@ -85,8 +86,8 @@ def ambiguity_map(
 ) -> AmbiguityMap:
     """Compute the map of (n, 3) ICRS stars, brightest first.
 
-    ``radius_rad``: of the circle that represents a field. ``tolerance_rad``: half width of the matcher's distance
-    query. ``max_rad``: longest distance of the table.
+    ``radius_rad``: radius of the circle that represents a field. ``tolerance_rad``: half width of the matcher's
+    distance query. ``max_rad``: largest distance of the table.
     """
     if not tolerance_rad > 0 or brightest < 3 or not 0 < radius_rad < np.pi:
         raise BadInput(
@@ -94,37 +95,37 @@ def ambiguity_map(
             expected="tolerance and radius above 0, brightest at least 3",
             got=f"{tolerance_rad:g} rad, {radius_rad:g} rad, {brightest}",
         )
-    places = centres(nside)
-    inside = np.flatnonzero(envelope.contains(places))
-    stars = np.full(len(places), -1, np.int64)
-    pairs, triangles = np.full(len(places), np.nan), np.full(len(places), np.nan)
+    directions = centres(nside)
+    inside = np.flatnonzero(envelope.contains(directions))
+    stars = np.full(len(directions), -1, np.int64)
+    pairs, triangles = np.full(len(directions), np.nan), np.full(len(directions), np.nan)
     if not len(inside) or not len(unit):
         stars[inside], triangles[inside] = 0, np.inf
         return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, triangles.copy())
-    near = cKDTree(unit).query_ball_point(places[inside], 2 * np.sin(radius_rad / 2), return_sorted=True)
+    near = cKDTree(unit).query_ball_point(directions[inside], 2 * np.sin(radius_rad / 2), return_sorted=True)
     stars[inside] = [len(f) for f in near]
     trios = [list(combinations(f[:brightest], 3)) for f in near]
     owner = np.repeat(inside, [len(t) for t in trios])
     triangles[inside] = np.inf
     if not len(owner):
         return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, triangles.copy())
-    every = np.array([t for group in trios for t in group], np.intp)
-    unique, back = np.unique(every, axis=0, return_inverse=True)
+    all_trios = np.array([t for group in trios for t in group], np.intp)
+    unique, back = np.unique(all_trios, axis=0, return_inverse=True)
     other_pairs, other_triangles = wrong_matches(unit, unique, tolerance_rad, max_rad)
-    count = np.bincount(owner, minlength=len(places))
-    some = count > 0
+    count = np.bincount(owner, minlength=len(directions))
+    has_trios = count > 0
     for target, figure in ((pairs, other_pairs), (triangles, other_triangles)):
-        target[some] = np.bincount(owner, figure[back.ravel()], len(places))[some] / count[some]
+        target[has_trios] = np.bincount(owner, figure[back.ravel()], len(directions))[has_trios] / count[has_trios]
     rivals = triangles.copy()
-    rivals[some] = expected_rivals(np.minimum(stars[some], brightest), pairs[some], len(unit))
+    rivals[has_trios] = expected_rivals(np.minimum(stars[has_trios], brightest), pairs[has_trios], len(unit))
     return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, rivals)
 
 
 def expected_rivals(field_stars: NDArray[np.int64], wrong_pairs: Array, catalogue_stars: int) -> Array:
-    """(m,) expected number of wrong names with at least as many votes as the right one certainly gets, which is one per
-    other star of the field.
+    """Return the (m,) expected number of wrong stars with at least as many votes as the correct star is certain to get,
+    which is one per other star of the field.
 
-    Each wrong pair names two stars anywhere in the catalogue, so the votes follow Poisson's law.
+    Each wrong pair adds a vote to two stars anywhere in the catalogue, so the votes follow a Poisson distribution.
     """
     votes = field_stars - 1
     mean = votes * 2 * wrong_pairs / max(catalogue_stars, 1)
@@ -132,8 +133,8 @@ def expected_rivals(field_stars: NDArray[np.int64], wrong_pairs: Array, catalogu
 
 
 def wrong_matches(unit: Array, trios: Rows, tolerance_rad: float, max_rad: float) -> tuple[Array, Array]:
-    """Count the matches of (m, 3) rows of triangles: (m,) mean number of other pairs like each side, and (m,) number of
-    other triangles with the same three sides, all within the tolerance.
+    """Count the matches of (m, 3) triangles. Returns the (m,) mean number of other pairs with the length of a side, and
+    the (m,) number of other triangles with the same three sides, within the tolerance.
 
     Triangles of the same stars in a different order count once.
     """
@@ -154,25 +155,25 @@ class _Neighbours:
     def __init__(self, unit: Array, max_rad: float) -> None:
         self.pairs = distance_table_of_units(unit, 0.0, min(max_rad, np.pi))
         first, second, distance = self.pairs.first, self.pairs.second, self.pairs.distance_rad
-        whole = np.concatenate([first, second]) * 4.0 + np.concatenate([distance, distance])
-        sort = np.argsort(whole)
-        self.key, self.neighbour = whole[sort], np.concatenate([second, first])[sort]
+        sort_key = np.concatenate([first, second]) * 4.0 + np.concatenate([distance, distance])
+        sort = np.argsort(sort_key)
+        self.key, self.neighbour = sort_key[sort], np.concatenate([second, first])[sort]
 
     def pairs_like(self, side: Array, tolerance_rad: float) -> Array:
-        """(m,) number of pairs with that length, within the tolerance."""
+        """Return the (m,) number of pairs with each length, within the tolerance."""
         low, high = self.pairs.ranges(side - tolerance_rad, side + tolerance_rad)
         return np.asarray(high - low, float)
 
 
 def _triangles_like(unit: Array, table: _Neighbours, trios: Rows, sides: list[Array], tolerance_rad: float) -> Array:
-    """(m,) number of other triangles that match each one: find pairs that match the first side, in both directions,
-    then third stars by the second side, then check the third side."""
+    """Return the (m,) number of other triangles that match each triangle. Pairs that match the first side are searched
+    in both directions, then third stars that match the second side; then the third side is checked."""
     owner, row = expanded(*table.pairs.ranges(sides[0] - tolerance_rad, sides[0] + tolerance_rad))
     owner = np.concatenate([owner, owner])
     i = np.concatenate([table.pairs.first[row], table.pairs.second[row]])
     j = np.concatenate([table.pairs.second[row], table.pairs.first[row]])
     keys = i * 4.0 + sides[1][owner]
-    ascending = np.argsort(keys)  # searchsorted is three times as fast with ordered keys
+    ascending = np.argsort(keys)  # searchsorted is three times as fast if the keys are sorted
     keys, owner, i, j = keys[ascending], owner[ascending], i[ascending], j[ascending]
     step, at = expanded(
         np.searchsorted(table.key, keys - tolerance_rad), np.searchsorted(table.key, keys + tolerance_rad)

@@ -21,7 +21,7 @@ from gss.skytables.pairs import DistanceTable
 
 MAP_NSIDE = 32
 AMBIGUITY_NSIDE = 16
-# Planets fainter than this are not reported, because many stars are as bright.
+# Fainter planets are not reported, because many stars have the same brightness.
 PLANET_MAG = 6.0
 SUN = "Sun"
 WAY_POINTS = 60
@@ -29,8 +29,8 @@ WAY_POINTS = 60
 
 @dataclass(frozen=True)
 class EnvelopeMap:
-    """Map of an envelope. ``fraction``: (12·nside²,) fraction of time in the field by HEALPix ring pixel. Edges:
-    lines of (k, 3) ICRS directions."""
+    """Map of an envelope. ``fraction``: (12·nside²,) fraction of time in the field by HEALPix ring pixel.
+    ``edges_start``, ``edges_end``: lines of (k, 3) ICRS directions."""
 
     nside: int
     fraction: Array
@@ -42,7 +42,8 @@ class EnvelopeMap:
 class MovingBody:
     """The Sun, or a body that is in the envelope at some time.
 
-    ``track``: (k, 3) ICRS from first to last day. ``share``: fraction of the days on which it is in the envelope.
+    ``track``: (k, 3) ICRS directions from the first to the last day. ``share``: fraction of the days on which it is in
+    the envelope.
     """
 
     name: str
@@ -53,8 +54,8 @@ class MovingBody:
 
 @dataclass(frozen=True)
 class Assessment:
-    """Result of the assessment. ``ambiguity`` is None for fewer than three stars. ``blinded``: fraction of time with the
-    camera blinded, by body; {} if none."""
+    """Result of the assessment. ``ambiguity`` is None if there are fewer than three stars. ``blinded``: fraction of
+    time for which the camera is blinded, by body; {} if none."""
 
     quality: Quality
     map: EnvelopeMap
@@ -64,7 +65,7 @@ class Assessment:
     wanderers: tuple[MovingBody, ...]
 
     def facts(self) -> dict[str, object]:
-        """Plain values for the manifest."""
+        """Return plain values for the manifest."""
         return {
             "lifetime_days": _finite(self.lifetime.days),
             "lifetime_until": self.lifetime.until.isoformat() if self.lifetime.until else None,
@@ -80,7 +81,7 @@ def assess_catalogue(
 ) -> Assessment:
     """Assess the stars in ICRS axes and their distances over the whole envelope of the plan.
 
-    ``directory``: the stars that the device searches, among which confusion is possible; None: all.
+    ``directory``: the stars that the device searches, which are the stars that can be confused; None: all.
     """
     rng = np.random.default_rng(plan.request.seed)
     quality = assess(
@@ -91,7 +92,8 @@ def assess_catalogue(
 
 
 def ambiguity(plan: BuildPlan, envelope: Envelope, stars: StarTable, nside: int) -> AmbiguityMap | None:
-    """Map of the regions where kept stars can be confused with others; None for fewer than three stars."""
+    """Compute the map of the regions in which selected stars can be confused with others; None for fewer than three
+    stars."""
     if len(stars) < 3:
         return None
     radius, longest = plan.shape.equal_circle_rad, plan.pair_max_rad
@@ -105,8 +107,8 @@ def envelope_map(envelope: Envelope, nside: int = MAP_NSIDE) -> EnvelopeMap:
 
 
 def wanderers(plan: BuildPlan) -> tuple[MovingBody, ...]:
-    """Return the Sun and all other bodies brighter than V 6 that cross the envelope; their images look like stars
-    but are in no catalogue."""
+    """Return the Sun and all other bodies brighter than V 6 that cross the envelope; their images look like stars but
+    catalogues do not contain them."""
     request = plan.request
     if request.start is None:
         return ()
@@ -121,7 +123,7 @@ def wanderers(plan: BuildPlan) -> tuple[MovingBody, ...]:
 
 
 def way_deg(body: MovingBody) -> list[tuple[float, float]]:
-    """(RA, Dec) along a body's track in degrees, for a page."""
+    """Return (RA, Dec) along a body's track in degrees, for a page."""
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(body.track))
     return [(round(float(a), 3), round(float(d), 3)) for a, d in zip(ra, dec, strict=True)]
 

@@ -1,5 +1,5 @@
-"""Count stars in up to a million fields: fields are grouped by pixel of the sky, so that each group is tested
-against few stars."""
+"""Count the stars in up to a million fields. Fields are grouped by pixel of the sky, so each group is tested against
+few stars."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Counts = NDArray[np.int64]
 Group = tuple[NDArray[np.intp], NDArray[np.intp]]
 # Field-star tests in one step, chosen to fit the processor's cache.
 STEP = 131_072
-# With fewer fields per pixel than this, or pixels much smaller than a field, grouping costs more than it saves.
+# Grouping costs more than it saves with fewer fields per pixel, or if pixels are much smaller than a field.
 FIELDS_PER_PIXEL = 100
 PIXEL_OF_FIELD = 0.3
 MANY_STARS = 5000
@@ -25,8 +25,8 @@ MANY_STARS = 5000
 
 @dataclass(frozen=True)
 class Shadow:
-    """Region hidden by the Earth. ``nadir``: (m, 3) ICRS unit vectors, one per field; ``radius_rad``: limb and
-    margin."""
+    """Region hidden by the Earth. ``nadir``: (m, 3) ICRS unit vectors, one per field. ``radius_rad``: angle to the limb
+    plus margin."""
 
     nadir: Array
     radius_rad: float
@@ -39,10 +39,10 @@ def stars_per_field(
     each: Callable[..., Iterable[Counts]] = map,
     shadow: Shadow | None = None,
 ) -> Counts:
-    """(m,) number of (n, 3) ICRS stars in each of the fields of (m, 3, 3) cam_from_icrs.
+    """Return the (m,) number of (n, 3) ICRS stars in each field of (m, 3, 3) cam_from_icrs.
 
-    ``each``: how groups are mapped: ``map``, or that of a thread pool (numpy releases the interpreter lock). ``shadow``:
-    stars behind it are not counted.
+    ``each``: ``map`` or the ``map`` method of a thread pool; numpy releases the interpreter lock. ``shadow``: stars in
+    this region are not counted.
     """
     counts = np.zeros(len(attitudes), np.int64)
     if not len(unit) or not len(attitudes):
@@ -60,7 +60,7 @@ def stars_per_field(
 def fields_per_star(
     unit: Array, attitudes: Array, shape: FieldShape | CircularField, shadow: Shadow | None = None
 ) -> Counts:
-    """(n,) number of the fields of (m, 3, 3) cam_from_icrs that contain each of (n, 3) ICRS directions."""
+    """Return, for each of (n, 3) ICRS directions, the number of fields of (m, 3, 3) cam_from_icrs that contain it."""
     counts = np.zeros(len(unit), np.int64)
     if len(unit) and len(attitudes):
         for group in _groups(unit, attitudes[:, 2], shape):
@@ -69,8 +69,8 @@ def fields_per_star(
 
 
 def _groups(unit: Array, boresight: Array, shape: FieldShape | CircularField) -> list[Group]:
-    """(rows of fields, rows of stars that they may contain) per pixel of the sky; the resolution is as fine as the
-    number of fields justifies."""
+    """Return, for each pixel of the sky, the rows of its fields and the rows of the stars that these fields can
+    contain. The number of fields sets the resolution."""
     nside = 1
     worth = len(boresight) * max(1.0, len(unit) / MANY_STARS)
     while (
@@ -95,7 +95,8 @@ def _groups(unit: Array, boresight: Array, shape: FieldShape | CircularField) ->
 def _seen(
     unit: Array, attitudes: Array, shape: FieldShape | CircularField, shadow: Shadow | None, group: Group
 ) -> NDArray[np.bool_]:
-    """(fields of the group, stars of the group) mask: True if the field contains the star."""
+    """Return the mask of shape (fields of the group, stars of the group) that is True if the field contains the
+    star."""
     rows, stars = group
     near = unit[stars].T
     v = (attitudes[rows].reshape(-1, 3) @ near).reshape(len(rows), 3, len(stars))

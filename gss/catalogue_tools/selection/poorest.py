@@ -1,4 +1,4 @@
-"""Search for the field with the fewest stars: random fields first, then refinement around the poorest."""
+"""Search for the field with the fewest stars: random fields first, then fields around the poorest of them."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ from gss.domain.angles import Array
 
 FIRST, KEPT, CHILDREN, ROUNDS = 4096, 24, 24, 8
 START_SCALE, SHRINK = 0.06, 0.6
-# Stars in a field larger by this on each side break ties between two equally poor ones: fewer around means closer to a
-# poorer field.
+# Margin of an enlarged field on each side, as a fraction of the half diagonal. Its stars break ties between fields with
+# the same number of stars: fewer stars around a field indicate that a poorer field is near.
 COLLAR = 0.15
 BLIND = 1e6
 
 
 @dataclass(frozen=True)
 class Poorest:
-    """(3, 3) attitude of the poorest field found, its number of stars, and the number of fields searched."""
+    """The poorest field that was found. ``cam_from_icrs``: (3, 3) attitude. ``stars``: its number of stars.
+    ``searched``: number of fields that were tested."""
 
     cam_from_icrs: Array
     stars: int
@@ -30,9 +31,9 @@ class Poorest:
 
 
 def search_poorest(unit: Array, envelope: Envelope, shape: FieldShape, seed: int = 0) -> Poorest:
-    """Search the fields of an envelope for the one with the fewest of (n, 3) ICRS stars.
+    """Search the fields of an envelope for the field with the fewest of (n, 3) ICRS stars.
 
-    Fields blinded by Earth, Sun or Moon are excluded. The result is the poorest field found; a poorer one may exist.
+    Fields blinded by Earth, Sun or Moon are excluded. The search is not exhaustive, so a poorer field can exist.
     """
     rng = np.random.default_rng(seed)
     collar = FieldShape(widened(shape.camera, COLLAR * shape.half_diagonal_rad))
@@ -57,7 +58,7 @@ def search_poorest(unit: Array, envelope: Envelope, shape: FieldShape, seed: int
 def _scores(
     unit: Array, envelope: Envelope, shape: FieldShape, collar: FieldShape, cube: Array
 ) -> tuple[Array, Array, Array]:
-    """(n,) number of stars, (n,) score to minimise, (n, 3, 3) attitudes."""
+    """Return the (n,) number of stars, the (n,) score to minimise, and (n, 3, 3) attitudes."""
     moments = envelope.at(cube)
     shadow = envelope.shadow(moments) if isinstance(envelope, OccultedEnvelope) else None
     stars = stars_per_field(unit, moments.cam_from_icrs, shape, shadow=shadow).astype(float)

@@ -1,4 +1,4 @@
-"""Statistics of stars per field over the envelope (Jacobs 1995 §5.1: count over random pointings)."""
+"""Statistics of stars per field over the envelope, counted at random pointings (Jacobs 1995 §5.1)."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ __all__ = ["Counts", "Quality", "assess", "candidates_per_query", "stars_per_fie
 class Quality:
     """Stars per field and look-up cost of a catalogue.
 
-    ``histogram``: number of pointings with 0, 1, 2 … stars. ``worst_*``: the field with the fewest stars found, in
-    these pointings and ``searched`` more around the poorest of them. ``candidates_per_query``: mean length of a
-    distance query. ``candidates_per_star``: stars of the catalogue among the answers to all queries of one observed
-    star; NaN without a table. ``blinded_share``: fraction of the time lost to Earth, Sun or Moon; the pointings cover
-    the remaining time.
+    ``histogram``: number of pointings with 0, 1, 2 … stars. ``worst_*``: the field with the fewest stars, among these
+    pointings and ``searched`` more fields around the poorest of them. ``candidates_per_query``: mean number of pairs
+    that a distance query returns. ``candidates_per_star``: number of catalogue stars in the results of all queries of
+    one observed star; NaN without a table. ``blinded_share``: fraction of the time lost to Earth, Sun or Moon; the
+    pointings cover the remaining time.
     """
 
     pointings: int
@@ -86,9 +86,10 @@ def assess(
 
 
 def candidates_per_star(stars: int, per_query: float, per_field: float) -> float:
-    """Expected number of different stars among the answers to the queries of one star with each of the others in its field.
+    """Return the expected number of different stars in the results of the queries of one star with each other star of
+    its field.
 
-    Each query returns pairs, which are taken to name all stars with equal probability.
+    Each query returns pairs. All stars are assumed to occur in these pairs with equal probability.
     """
     if stars < 1 or not np.isfinite(per_query):
         return float("nan")
@@ -97,7 +98,8 @@ def candidates_per_star(stars: int, per_query: float, per_field: float) -> float
 
 
 def candidates_per_query(distances: DistanceTable, tolerance_rad: float) -> float:
-    """Mean number of table entries within ± tolerance of an entry's distance: the number a matcher has to examine."""
+    """Return the mean number of table entries within ± tolerance of an entry's distance, which a matcher has to
+    examine."""
     if not len(distances):
         return 0.0
     d = np.asarray(distances.distance_rad, float)

@@ -1,5 +1,5 @@
-"""Probability of confusing a star with another, from the density of the sky (Moniteq 1983 §2.1), and the stars that
-Moniteq's list omits or flags (Table 2.4)."""
+"""Probability of confusing a star with another star, computed from the star density (Moniteq 1983 §2.1), and the stars
+that Moniteq's list omits or flags (Table 2.4)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_MULTIPLE, FLAG_VARIABLE, StarTable
 
-# Moniteq 1983 §2.1: errors of magnitude and separation, and the arc, of his example.
+# Errors of magnitude and separation, and the arc, of the example in Moniteq 1983 §2.1.
 MONITEQ_MAG, MONITEQ_RAD, MONITEQ_ARC_RAD = 0.5, float(np.radians(0.01)), float(np.radians(8.0))
 # Table 2.4: proper motion above 1″ a year; bright pairs are mostly closer than 30″ (§2.2).
 FAST_RAD_YR = float(np.radians(1 / 3600))
@@ -23,10 +23,11 @@ ACTIONS = ("drop", "list")
 
 @dataclass(frozen=True)
 class FalseMatches:
-    """Expected numbers of stars that match by chance, and the Poisson probability of exactly one, which the document prints.
+    """Expected numbers of stars that match by chance, and the Poisson probability of exactly one such star, which the
+    document prints.
 
-    ``second``: in the ring at the arc from a star. ``third``: in the patch that two stars leave for a third.
-    ``joint_probability``: of both, for three stars of one field.
+    ``second``: expected number in the ring at the arc from a star. ``third``: expected number in the patch in which a
+    third star would match two stars. ``joint_probability``: probability of both, for three stars of one field.
     """
 
     density_per_sr: float
@@ -59,8 +60,9 @@ def false_matches(
 ) -> FalseMatches:
     """Compute the chance companions in a catalogue of (n,) magnitudes spread over ``area_sr``.
 
-    ``at_mag``: count stars within ± ``tolerance_mag`` of it; None: the whole catalogue, as for the document's 0.17. The
-    ring of half width δ at arc ρ has 4π·sin ρ·sin δ (4πρδ in the document, 0.3 % more at 8°), the patch 2π(1 − cos δ).
+    ``at_mag``: count stars within ± ``tolerance_mag`` of this magnitude; None: count the whole catalogue, as for the
+    document's value of 0.17. The ring of half width δ at arc ρ has the solid angle 4π·sin ρ·sin δ (4πρδ in the
+    document, 0.3 % more at 8°), and the patch has 2π(1 − cos δ).
     """
     bad = not (tolerance_mag > 0 and 0 < tolerance_rad < np.pi / 2 and 0 < arc_rad < np.pi and 0 < area_sr <= 4 * np.pi)
     if bad:
@@ -80,8 +82,8 @@ def false_matches(
 def companions(
     unit: Array, v_mag: Array, arc_rad: float, tolerance_rad: float, at_mag: float, tolerance_mag: float
 ) -> Array:
-    """(n,) actual number of stars within ± ``tolerance_mag`` of ``at_mag`` in the ring around each of (n, 3) stars.
-    :func:`false_matches` assumes the same density everywhere."""
+    """Return the (n,) actual number of stars within ± ``tolerance_mag`` of ``at_mag`` in the ring around each of (n, 3)
+    stars. In contrast, :func:`false_matches` assumes a uniform density."""
     similar = unit[np.abs(np.asarray(v_mag) - at_mag) <= tolerance_mag]
     if not len(similar) or not len(unit):
         return np.zeros(len(unit))
@@ -95,10 +97,10 @@ def companions(
 class ScreeningRules:
     """Criteria of the screening list. ``action``: drop removes a listed star, list only reports it.
 
-    ``doubles``, ``variables``, ``fast``: the marks of :func:`screen`. ``most_companions``: a star with more stars than
-    this in the ring at ``arc_rad`` ± ``tolerance_rad`` is listed, whatever their magnitude. ``most_false``: limit on
-    the expected false triples, which are the stars in the ring times the chance stars in the patch of a third one.
-    None: not checked.
+    ``doubles``, ``variables``, ``fast``: use these marks of :func:`screen`. ``most_companions``: a star is listed if it
+    has more stars than this in the ring at ``arc_rad`` ± ``tolerance_rad``, regardless of their magnitude.
+    ``most_false``: limit on the expected number of false triples, which is the number of stars in the ring times the
+    expected number of chance stars in the patch of a third star. None: not checked.
     """
 
     action: str = "drop"
@@ -128,7 +130,8 @@ class ScreeningRules:
 
 @dataclass(frozen=True)
 class ScreenedStars:
-    """(n,) masks by reason and (n,) figures of the screened stars; ``third``: see :class:`FalseMatches`."""
+    """Result of the screening: (n,) masks by reason and (n,) numbers of companions. ``third``: see
+    :class:`FalseMatches`."""
 
     reasons: dict[str, NDArray[np.bool_]]
     companions: Array
@@ -141,7 +144,7 @@ class ScreenedStars:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of stars by reason; a star may have several."""
+        """Number of stars by reason. A star can have several reasons."""
         named = {name: int(np.count_nonzero(mask)) for name, mask in self.reasons.items()}
         return named | {"any": int(np.count_nonzero(self.marked))}
 
@@ -149,8 +152,8 @@ class ScreenedStars:
 def screened(stars: StarTable, on_board: NDArray[np.bool_], rules: ScreeningRules) -> ScreenedStars:
     """Screen (n,) stars.
 
-    ``on_board``: mask of the stars allowed on board, which are those that can be confused. The chance of a third
-    star follows from the number of all stars over the sphere.
+    ``on_board``: mask of the stars permitted on board; only these can be confused. The chance of a third star is
+    computed from the number of all stars on the sphere.
     """
     marks = screen(stars, rules.double_rad, rules.fast_rad_yr)
     ring = companions(stars.icrs, np.where(on_board, 0.0, np.nan), rules.arc_rad, rules.tolerance_rad, 0.0, 1.0)
@@ -182,14 +185,14 @@ class Screening:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of stars by reason; a star may have several."""
+        """Number of stars by reason. A star can have several reasons."""
         named = {"double": self.double, "variable": self.variable, "fast": self.fast, "any": self.marked}
         return {name: int(np.count_nonzero(mask)) for name, mask in named.items()}
 
 
 def screen(stars: StarTable, double_rad: float = DOUBLE_RAD, fast_rad_yr: float = FAST_RAD_YR) -> Screening:
-    """Mark doubles (a neighbour in the table closer than ``double_rad``, or flagged as multiple), variables, and
-    stars with fast proper motion."""
+    """Mark doubles, variables, and stars with fast proper motion. A star is a double if it has a neighbour closer than
+    ``double_rad`` in the table or is flagged as multiple."""
     if not (0 <= double_rad < np.pi and fast_rad_yr > 0):
         raise BadInput("screening limits are out of range", expected="separation 0 to 180°, motion above 0")
     close = np.zeros(len(stars), bool)

@@ -22,17 +22,17 @@ from gss.domain.callbacks import no_progress
 from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_VARIABLE, StarTable
 
-# A neighbour this much fainter shifts the common centroid by less than a tenth of the separation.
+# A neighbour that is fainter by this difference shifts the common centroid by less than a tenth of the separation.
 HARMLESS_DIFFERENCE_MAG = 2.5
 MAX_LISTED = 500
-# Thinning methods, and the name of their fields in the funnel.
+# Thinning methods, with the name of their fields in the funnel.
 THINNINGS = {"circles": "field", "frames": "upright frame"}
 # Step between frames: an eighth of the field's shorter side, within limits.
 FRAME_STEP, FRAME_STEPS_RAD = 1 / 8, (float(np.radians(0.5)), float(np.radians(4.0)))
 
 
 class Fate(IntEnum):
-    """Result of the selection for a star within the magnitude limit. The first reason that applies counts."""
+    """Result of the selection for a star within the magnitude limit. If several reasons apply, the first one counts."""
 
     KEPT = 0
     OUTSIDE = 1
@@ -40,7 +40,7 @@ class Fate(IntEnum):
     VARIABLE = 3
     TOO_BRIGHT = 4
     THINNED = 5
-    # Applied before the thinning; numbered last because it was added later.
+    # This reason is applied before the thinning. It has the last number because it was added later.
     SCREENED = 6
 
     @property
@@ -51,10 +51,12 @@ class Fate(IntEnum):
 
 @dataclass(frozen=True)
 class SelectionRules:
-    """Selection rules: limits in V; smallest separation of two usable stars; number of the brightest per field (0 = all).
+    """Selection rules: limits in V, smallest separation of two usable stars, number of brightest stars per field (0 =
+    all).
 
-    ``thinning``: the fields used. circles: as large as the camera's field, densely over the envelope. frames: upright
-    frames of the camera's shape, evenly over the sky (Huffman 2006 §5.5.4). ``screening`` None: no screening list.
+    ``thinning``: type of the fields. circles: circles as large as the camera's field, densely spaced over the envelope.
+    frames: upright frames of the camera's shape, evenly spaced over the sky (Huffman 2006 §5.5.4). ``screening`` None:
+    no screening list.
     """
 
     faint_mag: float
@@ -83,7 +85,8 @@ class SelectionRules:
 
 @dataclass(frozen=True)
 class FunnelStep:
-    """One line of the funnel of counts; ``dropped`` lines count removed stars, the others remaining stars."""
+    """One line of the funnel of counts. ``dropped``: True if the line counts removed stars, False if it counts
+    remaining stars."""
 
     label: str
     stars: int
@@ -94,9 +97,9 @@ class FunnelStep:
 class Selection:
     """Result of a selection.
 
-    ``candidates``: all stars within the faint limit, brightest first. ``fate``: (n,) Fate of each. ``source``,
-    ``source_stars``: name and size of the source catalogue. ``blends``: number of stars removed before the selection
-    because their light mixes. ``screened``: the screening list over the candidates, None without one.
+    ``candidates``: all stars within the faint limit, brightest first. ``fate``: (n,) Fate of each candidate.
+    ``source``, ``source_stars``: name and size of the source catalogue. ``blends``: number of stars removed before the
+    selection because their images blend. ``screened``: screening result for the candidates, None without screening.
     """
 
     candidates: StarTable
@@ -159,8 +162,8 @@ class ListedStar(TypedDict):
 
 
 class ScreeningFacts(TypedDict):
-    """What the screening marked. ``counts``: stars by reason;
-    ``third``: mean number of stars in the patch that two stars leave for a third."""
+    """Stars that the screening marked. ``counts``: number of stars by reason. ``third``: mean number of stars in the
+    patch in which a third star would match two stars."""
 
     action: str
     counts: dict[str, int]
@@ -171,8 +174,8 @@ class ScreeningFacts(TypedDict):
 
 
 def screening_facts(selection: Selection) -> ScreeningFacts | None:
-    """Counts by reason over the stars in the envelope, and the listed stars, brightest first, as plain values; None
-    without a screening list."""
+    """Return, as plain values, the counts by reason over the stars in the envelope, and the listed stars, brightest
+    first; None without screening."""
     rules, screened = selection.rules.screening, selection.screened
     if rules is None or screened is None:
         return None
@@ -204,10 +207,10 @@ def select(
     shape: FieldShape,
     report: Callable[[float], None] = no_progress,
 ) -> Selection:
-    """Apply the rules to ``stars``; BadInput if the star table is not valid or no star is within the limit.
+    """Apply the rules to ``stars``. Raises BadInput if the star table is not valid or no star is within the limit.
 
-    ``shape``: field of view, for the thinning. ``report`` is called with the fraction of frames done during a thinning by
-    frames, and may raise to cancel.
+    ``shape``: field of view for the thinning. ``report`` is called with the fraction of frames done during a thinning
+    by frames. It can raise an exception to cancel.
     """
     _check_stars(stars)
     candidates = stars.brighter_than(rules.faint_mag)
@@ -219,7 +222,7 @@ def select(
         )
     fate = np.zeros(len(candidates), np.int8)
     fate[~envelope.contains(candidates.icrs)] = Fate.OUTSIDE
-    _mark(fate, _spoiled(candidates, rules.min_separation_rad), Fate.DOUBLE)
+    _mark(fate, _merging(candidates, rules.min_separation_rad), Fate.DOUBLE)
     if rules.drop_variables:
         _mark(fate, (candidates.flags & FLAG_VARIABLE) > 0, Fate.VARIABLE)
     _mark(fate, candidates.v_mag < rules.bright_mag, Fate.TOO_BRIGHT)
@@ -242,9 +245,9 @@ def _mark(fate: NDArray[np.int8], which: NDArray[np.bool_], value: Fate) -> None
     fate[which & (fate == Fate.KEPT)] = value
 
 
-def _spoiled(stars: StarTable, separation_rad: float) -> NDArray[np.bool_]:
-    """(n,) mask of stars whose image merges with a neighbour's: the fainter of a close pair always, the brighter unless
-    the fainter is harmless.
+def _merging(stars: StarTable, separation_rad: float) -> NDArray[np.bool_]:
+    """Return the (n,) mask of stars whose image merges with that of a neighbour. In a close pair the fainter star is
+    marked, and the brighter star unless the fainter one is harmless.
 
     Neighbours beyond the faint limit are not considered.
     """
@@ -259,12 +262,13 @@ def _spoiled(stars: StarTable, separation_rad: float) -> NDArray[np.bool_]:
 
 
 def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -> NDArray[np.bool_]:
-    """(n,) mask of stars (brightest first) that are among the ``count`` brightest of some field. Fields are circles on
-    a grid of equal-area pixels within the envelope (after Huffman 2006 §5.5.4: the brightest of every field).
+    """Return the (n,) mask of stars that are among the ``count`` brightest of some field. Stars are sorted by
+    brightness. Fields are circles on a grid of equal-area pixels within the envelope (after Huffman 2006 §5.5.4: the
+    brightest of every field).
 
-    Only the brightest stars are searched at first, and more of them for the fields that these do not fill.
+    The search starts with the brightest stars. More stars are searched for fields that are not full.
     """
-    chosen = np.zeros(len(unit), bool)
+    selected = np.zeros(len(unit), bool)
     grid = centres(_grid_nside(radius_rad))
     pointings = grid[envelope.contains(grid)]
     circle_share = (1 - np.cos(radius_rad)) / 2
@@ -274,11 +278,11 @@ def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -
         in_field = tree.query_ball_point(pointings, 2 * np.sin(radius_rad / 2), return_sorted=True)
         filled = np.array([len(inside) >= count for inside in in_field])
         for inside in in_field:
-            chosen[inside[:count]] = True
+            selected[inside[:count]] = True
         if depth >= len(unit):
             break
         pointings, depth = pointings[~filled], 4 * depth
-    return chosen
+    return selected
 
 
 def frame_looks(stars: int, rules: SelectionRules, shape: FieldShape) -> float:
@@ -295,8 +299,9 @@ def _frame_step_rad(shape: FieldShape) -> float:
 def _in_frames(
     stars: StarTable, envelope: Envelope, count: int, shape: FieldShape, report: Callable[[float], None]
 ) -> NDArray[np.bool_]:
-    """(n,) mask of stars that are among the ``count`` brightest of some upright frame of the field's shape with its
-    boresight in the envelope (Huffman 2006 §5.5.4, where the steps are 1° for a frame of about 36°)."""
+    """Return the (n,) mask of stars that are among the ``count`` brightest of some upright frame. Frames have the shape
+    of the field and their boresight in the envelope (Huffman 2006 §5.5.4, with steps of 1° for a frame of about
+    36°)."""
     attitudes = survey_attitudes(_frame_step_rad(shape))
     inside = attitudes[envelope.contains(attitudes[:, 2])]
     if not len(inside) or not len(stars):
@@ -305,14 +310,14 @@ def _in_frames(
 
 
 def _grid_nside(radius_rad: float) -> int:
-    """HEALPix resolution with pixels no larger than half the radius of a field, within limits."""
+    """Return the HEALPix resolution at which pixels are not larger than half the radius of a field, within limits."""
     min_nside = np.sqrt(np.pi / 3) / (radius_rad / 2)
     return int(np.clip(2 ** np.ceil(np.log2(min_nside)), 4, 64))
 
 
 def _check_stars(stars: StarTable) -> None:
-    """Raise BadInput if a star table has non-finite values or repeated numbers; tables from other sources are not
-    trusted."""
+    """Raise BadInput if a star table has non-finite values or repeated numbers. Tables from other sources can have such
+    rows."""
     bad = ~(np.isfinite(stars.icrs).all(axis=1) & np.isfinite(stars.v_mag))
     if bad.any():
         raise BadInput(

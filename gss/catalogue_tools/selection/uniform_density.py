@@ -17,7 +17,7 @@ from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
 
 BLOCK = 2048
-# Largest number of (field, star) pairs held at one time; limits the memory, at about 200 bytes each.
+# Largest number of (field, star) pairs in memory, at about 200 bytes each.
 MAX_CONCURRENT = 1_000_000
 
 
@@ -25,8 +25,8 @@ MAX_CONCURRENT = 1_000_000
 class Reduced:
     """A reduced catalogue.
 
-    ``kept``: (n,) mask over the stars. ``per_field``: (m,) kept stars in each of the ``pointings``, for the report: the
-    document's own set leaves gaps that its size does not reveal.
+    ``kept``: (n,) mask of the kept stars. ``per_field``: (m,) number of kept stars in each of the ``pointings``, for
+    the report. It shows gaps, such as those in the document's catalogue, which its size does not reveal.
     """
 
     kept: NDArray[np.bool_]
@@ -35,10 +35,10 @@ class Reduced:
 
 
 def survey_attitudes(step_rad: float, roll_rad: float = 0.0) -> Array:
-    """(m, 3, 3) cam_from_icrs of pointings ``step_rad`` apart in declination and, along each parallel, at most that far
-    apart in right ascension.
+    """Return (m, 3, 3) cam_from_icrs of pointings that are ``step_rad`` apart in declination and at most ``step_rad``
+    apart along each parallel.
 
-    These are the document's 1° steps, thinned towards the poles so that the density over the sky is uniform.
+    These are the document's 1° steps, thinned towards the poles to give a uniform density over the sky.
     """
     if not 0 < step_rad <= np.pi / 4:
         raise BadInput("the sky step is out of range", expected="0° to 45°", got=f"{np.degrees(step_rad):g}°")
@@ -51,7 +51,7 @@ def survey_attitudes(step_rad: float, roll_rad: float = 0.0) -> Array:
 
 
 def _attitudes(ra_rad: Array, dec_rad: Array, roll_rad: float) -> Array:
-    """(m, 3, 3) vectorised :func:`gss.domain.frames.cam_from_icrs`."""
+    """Return (m, 3, 3) rotations: :func:`gss.domain.frames.cam_from_icrs`, vectorised."""
     boresight = unit_from_ra_dec(ra_rad, dec_rad)
     east = np.column_stack([-np.sin(ra_rad), np.cos(ra_rad), np.zeros(len(ra_rad))])
     north = np.cross(boresight, east)
@@ -73,12 +73,12 @@ def reduce_catalogue(
 ) -> Reduced:
     """Keep the stars that are among the ``brightest`` of some field, and count the kept stars per field.
 
-    ``report`` is called with the fraction of the fields done after each block, and may raise to cancel.
+    ``report`` is called with the fraction of the fields done after each block. It can raise an exception to cancel.
     """
     order = np.argsort(stars.v_mag, kind="stable")
     unit = stars.icrs[order]
     selected = np.zeros(len(stars), bool)
-    # The brightest stars of the sky are tried first, and more of them for the fields that these do not fill.
+    # The search starts with the brightest stars of the sky. More stars are searched for fields that are not full.
     pending, depth = attitudes, _depth(shape, brightest)
     while len(pending):
         short = []
@@ -104,7 +104,7 @@ def looks(stars: int, shape: FieldShape | CircularField, fields: int, brightest:
 
 
 def _depth(shape: FieldShape | CircularField, brightest: int) -> int:
-    """Number of stars over the whole sky that gives 2 × ``brightest`` per average field."""
+    """Return the number of stars over the whole sky that gives 2 × ``brightest`` stars per average field."""
     return int(2 * brightest / _share(shape)) + 1
 
 
@@ -127,8 +127,8 @@ def _reach_share(shape: FieldShape | CircularField) -> float:
 def _blocks(
     unit: Array, shape: FieldShape | CircularField, attitudes: Array
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
-    """Per block of attitudes: field numbers, ascending; the rows of ``unit`` inside, ascending in each field; and
-    the number of fields."""
+    """Yield, for each block of attitudes, the ascending field numbers, the rows of ``unit`` inside each field, also
+    ascending, and the number of fields."""
     tree = cKDTree(unit)
     reach = 2 * np.sin(_reach(shape) / 2)
     size = int(np.clip(MAX_CONCURRENT / max(len(unit) * _reach_share(shape), 1), 1, BLOCK))

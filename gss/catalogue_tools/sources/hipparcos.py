@@ -1,7 +1,7 @@
 """Hipparcos stars, and their positions at other epochs. Provenance: docs/star-table.md.
 
-Simulation and matching use the stars to V 8 (``load_stars``); the whole catalogue (``load_hipparcos``) is for more
-sensitive cameras.
+Simulation and matching use the stars to V 8 (``load_stars``). More sensitive cameras use the whole catalogue
+(``load_hipparcos``).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ HP_MINUS_V_OF_V_I = (-0.00868878, 0.06427474, -0.14456331, -0.00350839, 0.250284
 def load_stars(v_max: float = FAINTEST_V_MAG) -> StarTable:
     """Return the stars with V ≤ ``v_max``, brightest first, at J1991.25 in ICRS. The arrays are shared and read-only.
 
-    BadInput if ``v_max`` is fainter than the table or brighter than every star.
+    Raises BadInput if ``v_max`` is fainter than the table or brighter than every star.
     """
     if not v_max <= FAINTEST_V_MAG:
         raise BadInput(
@@ -50,10 +50,11 @@ def load_stars(v_max: float = FAINTEST_V_MAG) -> StarTable:
 
 
 def load_hipparcos(v_max: float = FAINTEST_HIPPARCOS_V_MAG) -> StarTable:
-    """Return all of Hipparcos with V ≤ ``v_max``, brightest first, at J1991.25 in ICRS: 117 972 stars, complete to about V 7.5.
+    """Return the whole Hipparcos catalogue with V ≤ ``v_max``, brightest first, at J1991.25 in ICRS: 117 972 stars,
+    complete to about V 7.5.
 
-    Beyond V 8 the magnitudes are derived from Hipparcos photometry. The arrays are shared and read-only. BadInput if
-    ``v_max`` is fainter than the catalogue.
+    Beyond V 8 the magnitudes are derived from Hipparcos photometry. The arrays are shared and read-only. Raises
+    BadInput if ``v_max`` is fainter than the catalogue.
     """
     if not v_max <= FAINTEST_HIPPARCOS_V_MAG:
         raise BadInput(
@@ -70,8 +71,9 @@ def load_hipparcos(v_max: float = FAINTEST_HIPPARCOS_V_MAG) -> StarTable:
 def propagate(stars: StarTable, epoch_jyear: float) -> StarTable:
     """Return the same stars at another Julian year, in uniform straight-line motion with no radial velocity.
 
-    Works on vectors, so the poles need no special treatment; proper motion and parallax change consistently (ESA 1997
-    vol. 1 §1.5.5 without the radial terms, which hip2 does not give). BadInput if the epoch is out of range.
+    The computation uses vectors, so the poles need no special treatment. Proper motion and parallax change consistently
+    (ESA 1997 vol. 1 §1.5.5, without the radial terms, because hip2 has no radial velocities). Raises BadInput if the
+    epoch is out of range.
     """
     low, high = EPOCH_RANGE_JYEAR
     if not low <= epoch_jyear <= high:
@@ -91,7 +93,7 @@ def propagate(stars: StarTable, epoch_jyear: float) -> StarTable:
 
 
 def joined(first: StarTable, second: StarTable) -> StarTable:
-    """Return the rows of both tables, with the epoch of the first; if a name differs, that of the first is used.
+    """Return the rows of both tables. If the names of a star differ, the name in the first table is used. Raises
     BadInput if the epochs differ."""
     if first.epoch_jyear != second.epoch_jyear:
         raise BadInput(
@@ -111,18 +113,18 @@ def joined(first: StarTable, second: StarTable) -> StarTable:
 
 
 def v_from_hp(hp_mag: Array, v_i: Array) -> Array:
-    """Johnson V from Hipparcos magnitude and colour, for stars without other photometry: V = Hp − g(V−I)."""
+    """Return Johnson V from Hipparcos magnitude and colour, for stars without other photometry: V = Hp − g(V−I)."""
     return np.asarray(np.asarray(hp_mag) - np.polyval(HP_MINUS_V_OF_V_I, np.asarray(v_i)))
 
 
 def photometry() -> dict[str, Array]:
-    """Hp and V−I of the rows of ``load_stars()``, for checks of V; NaN if hip2 lacks the star."""
+    """Return Hp and V−I of the rows of ``load_stars()``, to check V; NaN if hip2 lacks the star."""
     columns = _columns()
     return {"hp_mag": columns["hp_mag"].astype(float), "v_i": columns["v_i"].astype(float)}
 
 
 def tangent_basis(ra_rad: Array, dec_rad: Array) -> tuple[Array, Array]:
-    """(n, 3) unit vectors to the east and to the north at each position."""
+    """Return (n, 3) unit vectors to the east and to the north at each position."""
     zero = np.zeros_like(ra_rad)
     east = np.stack([-np.sin(ra_rad), np.cos(ra_rad), zero], axis=-1)
     sin_dec = np.sin(dec_rad)
@@ -182,7 +184,7 @@ def _read_only(stars: StarTable) -> StarTable:
 
 
 def _check(stars: StarTable, faintest_v_mag: float) -> None:
-    """Raise CorruptData if the star table is damaged or was exchanged."""
+    """Raise CorruptData if the star table is damaged or is not the expected table."""
     facts = {
         "epoch": (TABLE_EPOCH_JYEAR, stars.epoch_jyear),
         "brightest stars": (BRIGHTEST_HIP, tuple(int(h) for h in stars.hip[: len(BRIGHTEST_HIP)])),
@@ -193,4 +195,4 @@ def _check(stars: StarTable, faintest_v_mag: float) -> None:
     }
     for name, (expected, got) in facts.items():
         if expected != got:
-            raise CorruptData(f"the star table's {name} cannot be right", expected=str(expected), got=str(got))
+            raise CorruptData(f"the star table failed a check: {name}", expected=str(expected), got=str(got))

@@ -32,8 +32,9 @@ FULL_DEPTH_MAG = 99.0
 class StarSource:
     """Stars with their provenance.
 
-    ``count``: rows of the whole catalogue; ``title``: its name in a funnel; ``sha256``: hash of the data read;
-    ``faintest_v_mag``: faintest limit that a selection may have; ``facts``: plain values for the manifest.
+    ``count``: number of rows of the whole catalogue. ``title``: name of the catalogue in a funnel. ``sha256``: hash of
+    the input data. ``faintest_v_mag``: faintest magnitude limit that a selection can use. ``facts``: plain values for
+    the manifest.
     """
 
     name: str
@@ -52,7 +53,7 @@ def load_source(name: str, v_max: float | None = None) -> StarSource:
     if name == "hipparcos_all":
         stars = load_hipparcos(FAINTEST_HIPPARCOS_V_MAG if v_max is None else v_max)
         facts = {
-            "source": f"{HIPPARCOS_TEXT}; beyond V {FAINTEST_V_MAG:g} V is had from Hp and V−I",
+            "source": f"{HIPPARCOS_TEXT}; beyond V {FAINTEST_V_MAG:g}, V is computed from Hp and V−I",
             "complete_to_v_mag": 7.5,
             "v_spread_mag": 0.02,
         }
@@ -77,13 +78,13 @@ def hipparcos_of(stars: StarTable) -> StarSource:
 
 
 def of_list(stars: StarTable, title: str) -> StarSource:
-    """Return a user's list as a source, without a magnitude limit."""
+    """Return a user's list as a source without a magnitude limit."""
     facts = {"source": f"star list {title}", "stars": len(stars), "epoch_jyear": stars.epoch_jyear}
     return StarSource("list", title, stars, len(stars), table_sha256(stars), FULL_DEPTH_MAG, facts)
 
 
 def table_sha256(stars: StarTable) -> str:
-    """Hash of a table's numbers, identical for the same stars in the same order on any machine."""
+    """Return the hash of a table's numbers. It is identical for the same stars in the same order on any machine."""
     digest = hashlib.sha256(np.float64(stars.epoch_jyear).astype("<f8").tobytes())
     for name in COLUMNS:
         column = np.asarray(getattr(stars, name))
@@ -105,7 +106,7 @@ def _gaia(stars: StarTable) -> StarSource:
 
 @lru_cache(maxsize=4)
 def _data_sha256(*names: str) -> str:
-    """Hash of the concatenated data files of the package."""
+    """Return the hash of the concatenated data files of the package."""
     digest = hashlib.sha256()
     for name in names:
         digest.update((files("gss.catalogue_tools.sources") / "data" / name).read_bytes())

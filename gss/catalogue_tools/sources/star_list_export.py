@@ -1,5 +1,5 @@
-"""Write a star table as a file for other programs and for ``read_star_list``: degrees, milliarcseconds per year,
-magnitudes, ICRS."""
+"""Write a star table as a file for other programs and for ``read_star_list``, in degrees, milliarcseconds per year,
+magnitudes and ICRS."""
 
 from __future__ import annotations
 
@@ -56,10 +56,10 @@ ASCII = {0x3B1 + i: letters for i, letters in enumerate(LETTERS)} | {ord(c): str
 
 
 def write_star_list(stars: StarTable, kind: str) -> bytes:
-    """Return the rows of a table in ICRS at its epoch, with the motion in right ascension including cos δ.
+    """Return a file with the rows of a table, in ICRS at its epoch. The motion in right ascension includes cos δ.
 
-    When read back, positions agree to 0.001 µas and all other numbers are exact; names in FITS have their Greek letters
-    spelled out. BadInput for an unknown kind or an empty table.
+    After reading the file back, positions agree to 0.001 µas and all other numbers are exact. Names in FITS have their
+    Greek letters spelled out. Raises BadInput for an unknown kind or an empty table.
     """
     writers = {"csv": _csv, "ecsv": _ecsv, "fits": _fits, "votable": _votable}
     if kind not in writers:
@@ -70,7 +70,7 @@ def write_star_list(stars: StarTable, kind: str) -> bytes:
 
 
 def columns(stars: StarTable) -> dict[str, NDArray[Any]]:
-    """Columns to write, by name."""
+    """Return the columns to write, by name."""
     ra, dec = ra_dec_from_unit(stars.icrs)
     east, north = tangent_basis(ra, dec)
     motion = stars.proper_motion_rad_yr / MAS_RAD
@@ -131,7 +131,7 @@ def _fits(stars: StarTable) -> bytes:
     table["name"] = [str(name).translate(ASCII).encode("ascii", "replace").decode() for name in table["name"]]
     hdu = fits.table_to_hdu(table)
     hdu.name = "STARS"
-    hdu.header["EPOCHJY"] = (float(stars.epoch_jyear), "Julian year of the places")
+    hdu.header["EPOCHJY"] = (float(stars.epoch_jyear), "Julian year of the positions")
     hdu.header["RADESYS"] = "ICRS"
     file = io.BytesIO()
     fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(file)

@@ -26,7 +26,7 @@ from gss.catalogue_tools.sources.star_list_guards import (
 from gss.domain.errors import BadInput
 
 MAX_EXTENSIONS = 100
-# The libraries would decompress these automatically, to any size.
+# First bytes of compressed files. The libraries would decompress them automatically, to any size.
 PACKED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"PK\x03\x04", b"\x1f\x9d")
 EPOCH_KEYS = ("epoch_jyear", "epochjy", "epoch", "posepoch")
 CAMERA_KEYS = ("camera", "profile")
@@ -44,9 +44,9 @@ FRAME_WORDS = {
 
 @dataclass
 class RawList:
-    """Columns as in the file: numbers with NaN if empty, or text.
+    """Columns as in the file: numbers with NaN for empty values, or text.
 
-    ``rows``: (n,) numbers of the rows, from 1 after the header; ``broken``: (row, reason, text) of malformed rows.
+    ``rows``: (n,) row numbers, counted from 1 after the header. ``broken``: (row, reason, text) of malformed rows.
     """
 
     columns: dict[str, NDArray[Any]]
@@ -59,7 +59,7 @@ class RawList:
 
 
 def read_columns(data: bytes, kind: str) -> RawList:
-    """Read all columns of a file; BadInput if the file is not of that kind."""
+    """Read all columns of a file. Raises BadInput if the file is not of that kind."""
     readers = {"csv": _csv, "ecsv": _ecsv, "fits": _fits, "votable": _votable}
     if kind not in readers:
         raise BadInput("unknown kind of star list", expected=" | ".join(readers), got=str(kind))
@@ -85,7 +85,7 @@ def read_columns(data: bytes, kind: str) -> RawList:
 
 
 def frame_word(text: str) -> str | None:
-    """Return our name of a frame named in a file; None if it is not supported."""
+    """Return the GSS name of a frame named in a file; None if it is not supported."""
     return FRAME_WORDS.get(re.sub(r"[^a-z0-9]", "", text.lower()))
 
 
@@ -103,8 +103,8 @@ def _stated(meta: Mapping[str, Any], keys: Iterable[str]) -> str | None:
 
 
 def _csv(data: bytes) -> RawList:
-    """Comma, semicolon or tab; lines with # in front may state ``epoch_jyear = …``, ``frame = …`` and ``camera =
-    …``."""
+    """Read a text table separated by comma, semicolon or tab. Lines that begin with # can state ``epoch_jyear = …``,
+    ``frame = …`` and ``camera = …``."""
     text = _text(data)
     meta: dict[str, str] = {}
     start = 0
@@ -121,7 +121,7 @@ def _csv(data: bytes) -> RawList:
 
 
 def _statement(comment: str) -> tuple[str, str] | None:
-    """Name and value of a comment ``name = value`` or ``name: value``; None for any other."""
+    """Return name and value of a comment ``name = value`` or ``name: value``; None for other comments."""
     end = next((k for k, sign in enumerate(comment) if sign in "=:"), len(comment))
     name, value = comment[:end].strip(), comment[end + 1 :].strip()
     return (name, value) if name.replace("_", "a").isalnum() and value else None
@@ -194,15 +194,15 @@ def _delimited(text: str, delimiter: str | None) -> RawList:
         ),
     ).slice(1)
     count = table.num_rows + len(broken)
-    whole = np.ones(count, bool)
-    whole[[number - 1 for number, _, _ in broken]] = False
-    rows = np.flatnonzero(whole) + 1
+    complete = np.ones(count, bool)
+    complete[[number - 1 for number, _, _ in broken]] = False
+    rows = np.flatnonzero(complete) + 1
     return RawList({name: _numbers_or_text(table.column(name)) for name in names}, rows, broken=broken)
 
 
 def _numbers_or_text(column: Any) -> NDArray[Any]:
-    """Convert a text column to whole numbers, to numbers with NaN for empty values, or leave it as text: the first
-    that fits all values."""
+    """Convert a text column to whole numbers if possible, otherwise to numbers with NaN for empty values, otherwise
+    return it as text."""
     import pyarrow as pa
     import pyarrow.compute as arrow_compute
 
@@ -238,7 +238,7 @@ def _fits(data: bytes) -> RawList:
 
 
 def _check_fits_table(header: Mapping[str, Any]) -> None:
-    """Check the table size in the header before anything is allocated."""
+    """Check the table size in the header before memory is allocated."""
     count = int(header["TFIELDS"])
     require_columns(count)
     check_table_size(int(header["NAXIS2"]), int(header["NAXIS1"]))

@@ -1,9 +1,9 @@
 """Checks of a star list before a library reads it: references to other files, entities, aliases, open quotes, and size.
 
-The sender of a list is not trusted. A VOTable may refer to a file or an address instead of holding its rows, and a
-reader that follows the reference opens whatever the sender chose. Entities, aliases, fixed-length text, powers in units
-and nested headers expand a few bytes to gigabytes or minutes. Each check takes time in proportion to the size of the
-file.
+The sender of a list is not trusted. A VOTable can refer to a file or an address instead of containing its rows, and a
+reader that follows the reference opens a target chosen by the sender. Entities, aliases, fixed-length text, powers in
+units and nested headers expand a few bytes to gigabytes of memory or minutes of time. The time of each check is
+proportional to the size of the file.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import yaml
 from gss.domain.errors import BadInput
 
 ECSV_HEADER_BYTES = 1 << 17
-"""The longest list known to us, Gaia's source table, describes its 152 columns in a quarter of this."""
+"""The longest known list is Gaia's source table. It describes its 152 columns in a quarter of this size."""
 DEEPEST_HEADER = 20
 MAX_COLUMNS = 1000
 """FITS allows 999."""
@@ -39,8 +39,8 @@ SHOWN = 60
 
 
 def check_unit(unit: str) -> None:
-    """Raise BadInput for a unit that is long or has a number of more than four digits before its point: the parser
-    computes 10**9999999."""
+    """Raise BadInput for a unit that is too long or contains a number with more than four digits before the decimal
+    point, because the parser would compute 10**9999999."""
     if len(unit) > MAX_UNIT_LENGTH or re.search(r"(?<![.\d])\d{5}", unit):
         raise BadInput(
             "a unit of the star list is too long",
@@ -103,13 +103,13 @@ def check_lines(data: bytes) -> None:
 
 
 class _VotableSize:
-    """Adds up the memory that a VOTable makes its reader allocate."""
+    """Counter of the memory that a reader allocates for a VOTable."""
 
     def __init__(self) -> None:
         self._depth = self._fields = self._rows = self._row_bytes = 0
 
     def start(self, name: str, attributes: Mapping[str, str]) -> None:
-        """Count an element; BadInput if it is too large on its own."""
+        """Count an element. Raises BadInput if the element alone is too large."""
         self._depth += 1
         if self._depth > DEEPEST_VOTABLE:
             raise BadInput("the VOTable is nested too deeply", expected=f"{DEEPEST_VOTABLE} levels", got="more")
@@ -145,7 +145,7 @@ class _VotableSize:
 def check_votable(data: bytes) -> None:
     """Raise BadInput for a VOTable with external references or entities.
 
-    LINK is allowed: it names a page for users and is never opened.
+    LINK is permitted, because it names a page for users and is never opened.
     """
     parser = expat.ParserCreate()
 
@@ -192,25 +192,25 @@ def _count(quantity: str, text: str) -> int:
 
 
 def _elements(arraysize: str) -> int:
-    """Number of elements of fixed size: 12 for "3x4", "3x4*" and "3x4x*"."""
+    """Return the number of elements of fixed size: 12 for "3x4", "3x4*" and "3x4x*"."""
     parts = [part for part in arraysize.strip().rstrip("*").split("x", 9) if part.strip()]
     return math.prod(_count("arraysize", part) for part in parts)
 
 
 def _local(name: str) -> str:
-    """Name without its prefix, in lower case: XML is case-sensitive, but senders are not always careful."""
+    """Return the name without its prefix, in lower case. XML is case-sensitive, but many files use the wrong case."""
     return name.rpartition(":")[2].lower()
 
 
 def check_ecsv_header(lines: list[str]) -> None:
-    """Raise BadInput for a header that is too long, nested too deeply, or repeats parts by YAML anchors and aliases."""
+    """Raise BadInput for a header that is too long, nested too deeply, or uses YAML anchors and aliases."""
     size = sum(map(len, lines))
     if size > ECSV_HEADER_BYTES:
         raise BadInput(
             "the header of the star list is too long", expected=f"at most {ECSV_HEADER_BYTES} characters", got=str(size)
         )
     try:
-        repeated = _repeats_itself("\n".join(lines))
+        repeated = _has_aliases("\n".join(lines))
     except yaml.YAMLError as error:
         got = str(error).splitlines()[0][:200]
         raise BadInput("the star list is not an ecsv table", expected="a YAML header", got=got) from None
@@ -231,10 +231,10 @@ OPENING = (
 CLOSING = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken, yaml.BlockEndToken)
 
 
-def _repeats_itself(header: str) -> bool:
+def _has_aliases(header: str) -> bool:
     """True if the header has anchors or aliases.
 
-    Raises BadInput beyond the deepest level allowed, because the scanner's time grows with the square of the depth.
+    Raises BadInput if the header is nested too deeply, because the scanner's time grows with the square of the depth.
     """
     depth = 0
     for token in yaml.scan(header):
@@ -251,20 +251,21 @@ def _repeats_itself(header: str) -> bool:
 
 
 def check_quotes(text: str, delimiter: str) -> None:
-    """Raise BadInput for a quote that is not closed on its line: the reader would take the following rows as part of it.
+    """Raise BadInput for a quote that is not closed on its line, because the reader would include the following rows in
+    the value.
 
-    A quote is opening only at the beginning of a value; elsewhere it is an arcsecond sign.
+    A quote opens a value only at its beginning; elsewhere it is an arcsecond sign.
     """
     if '"' not in text:
         return
     value = rf'(?:"(?:[^"]|"")*+"|(?!"))[^{re.escape(delimiter)}]*+'
-    whole = re.compile(rf"{value}(?:{re.escape(delimiter)}{value})*+")
+    row_pattern = re.compile(rf"{value}(?:{re.escape(delimiter)}{value})*+")
     row = -1
     for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n"):
         if not line:
             continue
         row += 1
-        if '"' in line and not whole.fullmatch(line):
+        if '"' in line and not row_pattern.fullmatch(line):
             where = f"row {row}" if row else "the header"
             raise BadInput(
                 f"{where}: a quote is opened and not closed on its line",

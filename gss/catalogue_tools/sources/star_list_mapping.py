@@ -1,4 +1,4 @@
-"""Assign the columns of a user's star list to fields and units: by the usual names, or as specified by the user."""
+"""Assign the columns of a user's star list to fields and units, by the usual names or as the user specifies."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LIST_FRAMES = ("icrs", "fk5", "b1950")
 BAD_ROWS = ("drop", "refuse")
 FIELDS = ("id", "ra", "dec", "v", "b_v", "pm_ra", "pm_dec", "parallax", "name", "flags")
 REQUIRED = ("ra", "dec", "v")
-# Usual names by field, ignoring case, blanks, underscores, dots and brackets; the first one present in a file is used.
+# Usual names by field, ignoring case, blanks, underscores, dots and brackets. The first name present in a file is used.
 USUAL_NAMES: dict[str, tuple[str, ...]] = {
     name: tuple(words.split())
     for name, words in {
@@ -34,7 +34,7 @@ USUAL_NAMES: dict[str, tuple[str, ...]] = {
     }.items()
 }
 DEGREE_RAD = float(np.pi / 180)
-# Factors to internal units; "sexagesimal" is read as text: hours for a right ascension, degrees for a declination.
+# Factors to internal units. "sexagesimal" is read as text: hours for a right ascension, degrees for a declination.
 ANGLE_UNITS = {
     "deg": DEGREE_RAD,
     "rad": 1.0,
@@ -78,12 +78,12 @@ TIMES = {"a": "yr", "y": "yr", "year": "yr", "yr": "yr", "cy": "century", "centu
 
 @dataclass(frozen=True)
 class ListMapping:
-    """How to read a star list; every setting may be omitted if the file states it.
+    """Settings for reading a star list. A setting can be omitted if the file states it.
 
-    ``columns``: our FIELDS to the file's columns. ``units``: our fields to units. ``epoch_jyear``: Julian year of the
-    positions, required if the file does not state one. ``frame``: LIST_FRAMES ("fk5" is J2000, "b1950" the FK4 with
-    E-terms). ``pm_ra_has_cos_dec``: True if the motion in right ascension includes cos δ. ``bad_rows``: drop them with
-    a report, or refuse the list.
+    ``columns``: columns of the file by field (FIELDS). ``units``: units by field. ``epoch_jyear``: Julian year of the
+    positions, required if the file does not state one. ``frame``: one of LIST_FRAMES; "fk5" is J2000, "b1950" is the
+    FK4 with E-terms. ``pm_ra_has_cos_dec``: True if the motion in right ascension includes cos δ. ``bad_rows``: drop
+    invalid rows with a report, or refuse the list.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -108,7 +108,7 @@ class ListMapping:
             raise BadInput("unknown treatment of invalid rows", expected=" | ".join(BAD_ROWS), got=str(self.bad_rows))
 
     def _check_types(self) -> None:
-        """Raise BadInput for values of a wrong type, which JSON may hold; "no" must not count as true."""
+        """Raise BadInput for values of a wrong type, which JSON can contain; "no" must not count as true."""
         for name in ("columns", "units"):
             fields = getattr(self, name)
             if not isinstance(fields, Mapping) or not all(isinstance(t, str) for pair in fields.items() for t in pair):
@@ -133,7 +133,7 @@ def _short(value: object) -> str:
 
 
 def plain_unit(name: str, unit: str) -> str:
-    """Return the unit of a field in our spelling; BadInput if it is not known."""
+    """Return the unit of a field in GSS spelling. Raises BadInput if the unit is not known."""
     check_unit(unit)
     text = str(unit).strip().lower().replace(" ", "").replace("**-1", "-1").replace("^-1", "-1")
     if match := re.fullmatch(r"(.+?)(?:/|\.?)(a|y|yr|year|cy|century|ha)(-1)?", text):
@@ -148,12 +148,14 @@ def plain_unit(name: str, unit: str) -> str:
 
 
 def factor_of(name: str, unit: str) -> float:
-    """Factor from a unit (in our spelling, not sexagesimal) to radians, radians per year, or 1."""
+    """Return the factor from a unit to radians or radians per year; 1 for fields that are not angles. The unit is in
+    GSS spelling and not sexagesimal."""
     return ANGLE_UNITS.get(unit) or MOTION_UNITS.get(unit) or 1.0
 
 
 def columns_of(names: list[str], mapping: ListMapping) -> dict[str, str]:
-    """Map our fields to the file's columns; BadInput if a required column is missing or a field is ambiguous."""
+    """Map the fields to the columns of the file. Raises BadInput if a required column is missing or a field is
+    ambiguous."""
     columns: dict[str, str] = {}
     for ours, column in mapping.columns.items():
         if column not in names:
@@ -195,7 +197,7 @@ def _each_once(columns: Mapping[str, str]) -> None:
 
 
 def unit_in_name(ours: str, column: str) -> str | None:
-    """Unit that a column's name ends with, as in ``ra_deg`` or ``pm_ra_mas_yr``; None if there is none."""
+    """Return the unit at the end of a column's name, as in ``ra_deg`` or ``pm_ra_mas_yr``; None if there is no unit."""
     text = column.strip().lower()
     for unit in sorted(UNITS_OF.get(ours, ()), key=len, reverse=True):
         if text.endswith(("_" + unit.replace("/", "_"), f"[{unit}]", f"({unit})", f" {unit}")):

@@ -21,7 +21,7 @@ from gss.catalogue_tools.sources.star_list_mapping import (
 from gss.domain.angles import ARCSEC_RAD, TWO_PI_RAD, Array
 from gss.domain.errors import BadInput
 
-# Sirius is the brightest star; no star camera detects anything fainter than the upper limit.
+# Sirius is the brightest star. No star camera detects stars fainter than the upper limit.
 V_RANGE_MAG = (-2.0, 25.0)
 B_V_RANGE_MAG = (-1.0, 8.0)
 # Barnard's star moves 10.4″ per year; Proxima's parallax is 0.77″.
@@ -31,8 +31,8 @@ MAX_PARALLAX_RAD = 1.0 * ARCSEC_RAD
 ROUNDING_RAD = 1e-9
 MAX_NUMBER = 2**31 - 1
 MAX_NUMBER_LENGTH = 100
-"""Characters; the regular expression NUMBERS may backtrack on long blank text."""
-# With fewer rows than this the unit cannot be guessed.
+"""Limit in characters, because the regular expression NUMBERS can backtrack on long blank text."""
+# Smallest number of rows from which the unit can be guessed.
 MIN_INFORMATIVE_ROWS = 20
 NUMBERS = re.compile(
     r"^\s*([+-]?)\s*(\d+(?:\.\d*)?)(?:[\s:hd°]+(\d+(?:\.\d*)?))?(?:[\s:m'′]+(\d+(?:\.\d*)?))?[\s\"″s]*$"
@@ -41,8 +41,8 @@ NUMBERS = re.compile(
 
 @dataclass(frozen=True)
 class DroppedRow:
-    """A row that was not imported. ``row``: from 1 after the header; ``column``: of the file; ``value``: its
-    content."""
+    """A row that was not imported. ``row``: row number, from 1 after the header. ``column``: column of the file with
+    the error. ``value``: content of that column."""
 
     row: int
     column: str
@@ -51,7 +51,7 @@ class DroppedRow:
 
 
 class BadRows:
-    """Rows that cannot be used, with the reason; the first reason counts."""
+    """Rows that cannot be used, with the first reason for each."""
 
     def __init__(self, raw: RawList, columns: dict[str, str]) -> None:
         self._raw, self._columns = raw, columns
@@ -69,18 +69,18 @@ class BadRows:
     def count(self) -> int:
         return int(np.count_nonzero(self._reason)) + len(self._raw.broken)
 
-    def report(self, most: int) -> tuple[DroppedRow, ...]:
-        """Return the first bad rows in the order of the file, at most ``most``."""
+    def report(self, limit: int) -> tuple[DroppedRow, ...]:
+        """Return at most ``limit`` bad rows, in the order of the file."""
         dropped = [DroppedRow(row, "", reason, text) for row, reason, text in self._raw.broken]
-        for i in np.flatnonzero(self._reason)[:most]:
+        for i in np.flatnonzero(self._reason)[:limit]:
             name, reason = self._reasons[self._reason[i] - 1]
             column = self._columns[name]
             dropped.append(DroppedRow(int(self._raw.rows[i]), column, reason, str(self._raw.columns[column][i])[:60]))
-        return tuple(sorted(dropped, key=lambda row: row.row)[:most])
+        return tuple(sorted(dropped, key=lambda row: row.row)[:limit])
 
 
 def require_numbers(raw: RawList, columns: dict[str, str]) -> None:
-    """Raise BadInput for boolean or complex columns; text may hold numbers and is checked row by row."""
+    """Raise BadInput for boolean or complex columns. Text can contain numbers and is checked row by row."""
     for name, column in columns.items():
         kind = raw.columns[column].dtype.kind
         if name != "name" and kind in "bc":
@@ -92,8 +92,8 @@ def require_numbers(raw: RawList, columns: dict[str, str]) -> None:
 
 
 def unit_of(name: str, column: str, raw: RawList, mapping: ListMapping) -> str:
-    """Unit of a field: as given by the caller, otherwise as stated in the file, as in the column's name, or the
-    usual one."""
+    """Return the unit of a field: from the mapping if set there, otherwise as stated in the file, otherwise from the
+    column's name, otherwise the usual unit."""
     unit = mapping.units.get(name) or raw.units.get(column)
     if unit is not None:
         return plain_unit(name, unit)
@@ -112,8 +112,8 @@ def _looks_sexagesimal(values: NDArray[Any]) -> bool:
 
 
 def numbers_of(name: str, column: str, unit: str, raw: RawList, bad: BadRows) -> Array:
-    """Convert a field to radians, radians per year or magnitudes, NaN if empty; values that are not numbers are
-    marked as bad."""
+    """Convert a field to radians, radians per year or magnitudes. Empty values become NaN. Rows with values that are
+    not numbers are marked as bad."""
     values = raw.columns[column]
     if unit == SEXAGESIMAL:
         degrees = np.array([_degrees(str(v), 15.0 if name == "ra" else 1.0) for v in values])
@@ -145,24 +145,24 @@ def _degrees(text: str, scale: float) -> float:
     match = NUMBERS.match(text) if len(text) <= MAX_NUMBER_LENGTH else None
     if not match:
         return np.nan
-    whole, minutes, seconds = (float(part or 0) for part in match.groups()[1:])
+    degrees_or_hours, minutes, seconds = (float(part or 0) for part in match.groups()[1:])
     if minutes >= 60 or seconds >= 60:
         return np.nan
-    return (-1 if match[1] == "-" else 1) * scale * (whole + minutes / 60 + seconds / 3600)
+    return (-1 if match[1] == "-" else 1) * scale * (degrees_or_hours + minutes / 60 + seconds / 3600)
 
 
-def ask_for_unit(
+def require_clear_unit(
     values: dict[str, Array], units: dict[str, str], columns: dict[str, str], raw: RawList, mapping: ListMapping
 ) -> None:
-    """Raise BadInput if right ascensions without a stated unit look like hours or radians; taken as degrees, they
-    would put all stars in a corner of the sky."""
+    """Raise BadInput if right ascensions without a stated unit look like hours or radians. Read as degrees, they would
+    place all stars in a small part of the sky."""
     if units["ra"] != "deg" or "ra" in mapping.units or columns["ra"] in raw.units or unit_in_name("ra", columns["ra"]):
         return
     ra, dec = np.degrees(values["ra"]), np.degrees(values["dec"])
     if np.count_nonzero(np.isfinite(ra)) < MIN_INFORMATIVE_ROWS:
         return
     low, high, dec_end = float(np.nanmin(ra)), float(np.nanmax(ra)), float(np.nanmax(np.abs(dec)))
-    # Accept only ranges that look like a whole circle in hours or radians, not a small field in degrees.
+    # Only ranges that look like a whole circle in hours or radians are rejected, not a small field in degrees.
     if 20 < high <= 24 and 0 <= low < 4:
         guess = "hourangle"
     elif 5 < high <= TWO_PI_RAD + 1e-6 and 0 <= low < 1.3 and dec_end <= np.pi / 2 + 1e-6:
@@ -171,7 +171,7 @@ def ask_for_unit(
         return
     raise BadInput(
         f"the unit of column {columns['ra']} is not clear",
-        expected=f"right ascensions up to 360 when they are degrees; {guess}?",
+        expected=f"right ascensions up to 360 if they are degrees; is the unit {guess}?",
         got=f"values from {low:g} to {high:g}, declinations up to {dec_end:g}",
         hint=f'state it: units = {{"ra": "{guess}", …}}, or "deg" if they are',
     )
@@ -203,31 +203,31 @@ def numbering_of(
 ) -> tuple[NDArray[np.int32], list[str]]:
     """Return the numbers of the stars and their names ("" for none).
 
-    Numbers that fit in 32 bits are kept; if the column has text or longer numbers, they become names and the rows are
-    numbered.
+    Numbers that fit in 32 bits are kept. If the column contains text or longer numbers, its values become names and the
+    stars are numbered by row.
     """
     count = len(raw.rows)
     names = [_text(v) for v in raw.columns[columns["name"]]] if "name" in columns else [""] * count
     serial = np.arange(1, count + 1, dtype=np.int32)
     if "id" not in columns:
-        notes.append("no column of numbers: stars are numbered by row")
+        notes.append("no column with star numbers: stars are numbered by row")
         return serial, [name or f"row {n}" for n, name in enumerate(names, 1)]
     column = raw.columns[columns["id"]]
     numbers = np.array([number_of(v) for v in column]) if _is_text(column) else column.astype(float)
-    whole = np.isfinite(numbers) & (numbers == np.floor(numbers)) & (numbers >= 1)
-    if not whole.any() or np.nanmax(numbers) > MAX_NUMBER:
+    is_star_number = np.isfinite(numbers) & (numbers == np.floor(numbers)) & (numbers >= 1)
+    if not is_star_number.any() or np.nanmax(numbers) > MAX_NUMBER:
         notes.append(
-            f"{columns['id']} is not a number of at most ten digits: stars are numbered by row and named by it"
+            f"{columns['id']} is not a number of at most ten digits: stars are numbered by row and named by this column"
         )
         texts = [_text(v) for v in column]
         names = [name or text for name, text in zip(names, texts, strict=True)]
         bad.mark(_repeated(np.array(texts, np.str_), bad.good()), "id", "named twice")
         return serial, names
-    bad.mark(~whole, "id", "not a number of a star")
+    bad.mark(~is_star_number, "id", "not a star number")
     bad.mark(_repeated(numbers, bad.good()), "id", "numbered twice")
-    whole_numbers = np.where(whole, numbers, 0).astype(np.int32)
+    whole_numbers = np.where(is_star_number, numbers, 0).astype(np.int32)
     if not columns["id"].lower().startswith("hip"):
-        # A number from another list must not be displayed as one of Hipparcos or Gaia.
+        # A number from another list must not be displayed as a Hipparcos or Gaia number.
         names = [
             name or f"{columns['id']} {number}" for name, number in zip(names, whole_numbers.tolist(), strict=True)
         ]
@@ -239,7 +239,7 @@ def _text(value: object) -> str:
 
 
 def _repeated(values: NDArray[Any], among: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask of all but the first of equal values among the good rows."""
+    """Return the mask of repeated values in the good rows; the first of equal values is not marked."""
     rows = np.flatnonzero(among)
     _, first = np.unique(values[rows], return_index=True)
     again = np.zeros(len(values), bool)

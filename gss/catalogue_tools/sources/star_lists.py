@@ -17,11 +17,11 @@ from gss.catalogue_tools.sources.star_list_mapping import USUAL_UNITS, ListMappi
 from gss.catalogue_tools.sources.star_list_values import (
     BadRows,
     DroppedRow,
-    ask_for_unit,
     check_ranges,
     number_of,
     numbering_of,
     numbers_of,
+    require_clear_unit,
     require_numbers,
     unit_of,
 )
@@ -39,9 +39,10 @@ MAX_EPOCH = 100
 class ImportedList:
     """Result of reading a star list.
 
-    ``stars``: ICRS at ``epoch_jyear``, in the order of the file. ``dropped``: the first hundred dropped rows;
-    ``dropped_count``: all. ``columns``, ``units``: how each field was read. ``frame``: of the file. ``notes``: remarks
-    for the user. ``camera``: the camera for which the file says it was made, "" if it names none.
+    ``stars``: ICRS at ``epoch_jyear``, in the order of the file. ``dropped``: the first hundred dropped rows.
+    ``dropped_count``: number of dropped rows. ``columns``, ``units``: column and unit of each field. ``frame``: frame
+    of the file. ``notes``: remarks for the user. ``camera``: camera for which the list was made, as the file states; ""
+    if it states none.
     """
 
     stars: StarTable
@@ -56,10 +57,10 @@ class ImportedList:
 
 
 def for_known_cameras(read: ImportedList, cameras: Collection[str]) -> ImportedList:
-    """Return the list without the name of its camera if that is not among ``cameras``, with a note."""
+    """Return the list. If its camera is not among ``cameras``, the camera's name is replaced by a note."""
     if not read.camera or read.camera in cameras:
         return read
-    note = f"made for {read.camera}, for which no camera profile is installed"
+    note = f"made for {read.camera}, but no profile of this camera is installed"
     return replace(read, camera="", notes=(*read.notes, note))
 
 
@@ -77,7 +78,7 @@ def require_camera(camera: str, profile_name: str) -> None:
 def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -> ImportedList:
     """Read the stars of a file.
 
-    BadInput with row and column if the list as a whole cannot be read; single rows that cannot be used are reported.
+    Raises BadInput with row and column if the list cannot be read. Single rows that cannot be used are reported.
     """
     mapping = mapping or ListMapping()
     raw = read_columns(data, kind)
@@ -100,7 +101,7 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
     epoch, frame = _epoch(raw, mapping), _frame(raw, columns, mapping)
     bad = BadRows(raw, columns)
     values = {name: numbers_of(name, columns[name], units[name], raw, bad) for name in units}
-    ask_for_unit(values, units, columns, raw, mapping)
+    require_clear_unit(values, units, columns, raw, mapping)
     check_ranges(values, bad)
     numbers, names = numbering_of(raw, columns, bad, notes)
     good = bad.good()
@@ -126,7 +127,7 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
             {int(n): names[i] for n, i in zip(numbers[good], np.flatnonzero(good), strict=True) if names[i]}
         )
     if "pm_ra" not in values or "pm_dec" not in values:
-        notes.append(f"no proper motions: positions stay those of J{epoch:g}")
+        notes.append(f"no proper motions: the positions of J{epoch:g} are used at every epoch")
     camera = (raw.camera or "").strip()[:MAX_CAMERA]
     return ImportedList(
         stars, bad.report(REPORTED_ROWS), bad.count(), columns, units, epoch, frame, tuple(notes), camera
@@ -134,13 +135,14 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
 
 
 def _epoch(raw: RawList, mapping: ListMapping) -> float:
-    """Julian year of the positions; BadInput if it is missing, or if the file and the caller state different years."""
+    """Return the Julian year of the positions. Raises BadInput if it is missing, or if the file and the caller state
+    different years."""
     stated = None
     if raw.epoch is not None:
         match = re.search(r"(B?)\s{0,8}(\d{4}(?:\.\d*)?)", raw.epoch[:MAX_EPOCH])
         if not match or len(raw.epoch) > MAX_EPOCH:
             got = raw.epoch[:MAX_EPOCH]
-            raise BadInput("the star list's epoch is not a year", expected="a Julian year, as 2016.0", got=got)
+            raise BadInput("the star list's epoch is not a year", expected="a Julian year, for example 2016.0", got=got)
         stated = float(match[2])
         if match[1]:  # a Besselian year (Lieske 1979)
             stated = 2000.0 + (2415020.31352 + (stated - 1900.0) * 365.242198781 - 2451545.0) / 365.25
@@ -199,20 +201,20 @@ def _table(
     values: dict[str, Array], numbers: NDArray[np.int32], epoch: float, frame: str, mapping: ListMapping
 ) -> StarTable:
     n = len(numbers)
-    unknown, nothing = np.full(n, np.nan), np.zeros(n)
+    unknown, zero = np.full(n, np.nan), np.zeros(n)
     ra, dec = values["ra"], np.clip(values["dec"], -np.pi / 2, np.pi / 2)
     pm_ra, pm_dec = values.get("pm_ra", unknown), values.get("pm_dec", unknown)
-    still = ~(np.isfinite(pm_ra) & np.isfinite(pm_dec))
-    pm_ra = np.where(still, 0.0, pm_ra) * (1.0 if mapping.pm_ra_has_cos_dec else np.cos(dec))
+    no_motion = ~(np.isfinite(pm_ra) & np.isfinite(pm_dec))
+    pm_ra = np.where(no_motion, 0.0, pm_ra) * (1.0 if mapping.pm_ra_has_cos_dec else np.cos(dec))
     east, north = tangent_basis(ra, dec)
-    unit, motion = unit_from_ra_dec(ra, dec), pm_ra[:, None] * east + np.where(still, 0.0, pm_dec)[:, None] * north
+    unit, motion = unit_from_ra_dec(ra, dec), pm_ra[:, None] * east + np.where(no_motion, 0.0, pm_dec)[:, None] * north
     if frame == "b1950":
         moved = from_b1950(unit, motion, epoch, True)
         # A star without proper motion is fixed relative to the galaxies, not to the rotating FK4.
-        unit, motion = moved[0], np.where(still[:, None], 0.0, moved[1])
+        unit, motion = moved[0], np.where(no_motion[:, None], 0.0, moved[1])
     elif frame == "fk5":
         unit, motion = unit @ FK5_FROM_ICRS, motion @ FK5_FROM_ICRS
-    parallax = values.get("parallax", nothing)
+    parallax = values.get("parallax", zero)
     return StarTable(
         hip=numbers,
         icrs=unit,
@@ -220,7 +222,7 @@ def _table(
         b_v=values.get("b_v", unknown),
         proper_motion_rad_yr=motion,
         parallax_rad=np.where(np.isfinite(parallax), parallax, 0.0),
-        flags=np.where(still, FLAG_NO_PROPER_MOTION, 0).astype(np.uint16),
+        flags=np.where(no_motion, FLAG_NO_PROPER_MOTION, 0).astype(np.uint16),
         epoch_jyear=epoch,
         names={},
     )
