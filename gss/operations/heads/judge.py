@@ -1,4 +1,4 @@
-"""Judgement of the heads of one spacecraft: agreement, misalignment and drift against limits, in words."""
+"""Assessment of the heads of one spacecraft: agreement, misalignment and drift compared with limits, as text."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from gss.operations.heads.mountings import HOUR_S, Source, SpacecraftSetup
 from gss.operations.heads.tracker import HeadTracker, PairResult
 
 UNLIKELY = 1e-5
-"""A difference that is less probable than this does not agree with the stated covariances."""
+"""If the probability of a difference is below this value, the difference is inconsistent with the stated covariances."""
 RAISED_AFTER, CLEARED_AFTER = 3, 10
-"""Comparisons in a row that raise the alarm of agreement, and that clear it."""
+"""Numbers of consecutive comparisons that raise the agreement alarm and that clear it."""
 FROM: Mapping[Source, str] = {"on board": "from its sensor", "ground": "solved on the ground"}
 SIGNIFICANT = 3.0
-"""A misalignment or drift beyond its limit counts when it is this many standard deviations beyond."""
+"""A misalignment or drift violates its limit if it exceeds the limit by this number of standard deviations."""
 
 
 @dataclass(frozen=True)
 class HeadsVerdict:
-    """What is known about the heads. ``state`` None: unknown, nothing can be compared; ``text`` states why."""
+    """Agreement of the heads. ``state`` is None if the heads cannot be compared; ``text`` then states the reason."""
 
     state: State | None
     text: str
@@ -31,7 +31,8 @@ class HeadsVerdict:
 
 @dataclass(frozen=True)
 class HeadsFinding:
-    """One condition of an alarm. ``value``: in ″ or ″/h, of the text; ``limit``: what was exceeded."""
+    """State of one alarm condition. ``value``: the compared value (χ², or an angle in ″ or ″/h). ``limit``: description of the
+    violated limit."""
 
     name: str
     state: State
@@ -41,7 +42,7 @@ class HeadsFinding:
 
 
 def verdict(tracker: HeadTracker, disagreeing: bool, now_s: float) -> HeadsVerdict:
-    """Return the agreement of the heads at present."""
+    """Return the current agreement of the heads."""
     setup, result = tracker.setup, tracker.result
     fresh = [head.unit for head in setup.heads if tracker.is_fresh(head.unit, now_s)]
     if not fresh:
@@ -75,7 +76,7 @@ class AgreementWatch:
         self._against = 0
 
     def take(self, probability: float | None) -> None:
-        """Take the probability of one comparison; None says nothing."""
+        """Add the probability of one comparison. None, a comparison without a probability, is ignored."""
         if probability is None:
             return
         unlikely = probability < UNLIKELY
@@ -85,7 +86,7 @@ class AgreementWatch:
 
 
 def findings(setup: SpacecraftSetup, disagreeing: bool, pairs: Sequence[PairResult], chi2: float) -> list[HeadsFinding]:
-    """Return the conditions of the alarms of a spacecraft after a comparison of at least two heads."""
+    """Return the states of a spacecraft's alarm conditions after a comparison of at least two heads."""
     disagreement = _apart(pairs)
     result = [
         HeadsFinding(
@@ -131,7 +132,7 @@ def _size(vector: Array, sigma: Array) -> tuple[float, float]:
 
 
 def _apart(pairs: Sequence[PairResult]) -> str:
-    """Return the pair that differs most, in words."""
+    """Describe the pair of heads that differs most."""
     if not pairs:
         return "The heads differ"
     worst = max(pairs, key=lambda pair: pair.difference.agreement.chi2)
