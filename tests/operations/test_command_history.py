@@ -235,7 +235,7 @@ def test_abort_needs_neither_store_nor_queue(console, monkeypatch):
         patched.setattr(console.commands._recorder, "add", locked)
         receipt = console.commands.abort(user="bob", source="abort")
         console.wait(lambda: console.link.session.housekeeping["cycle_running"] is False)
-        with pytest.raises(StoreDown, match="ABORT is queued for sending but not stored yet"):
+        with pytest.raises(StoreDown, match="ABORT is queued for sending but is not stored"):
             receipt.row(0.0)
     assert stages(console.end(receipt.row(20)))[-1] == "completed"
 
