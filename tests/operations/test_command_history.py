@@ -217,7 +217,7 @@ def test_a_command_id_that_the_device_no_longer_stores_is_not_resent(console):
         for _ in range(REMEMBERED_IDS):
             console.link.session.reserve()
     assert not console.commands.can_retry(console.commands.get(image.id))
-    with pytest.raises(Conflict, match="no longer remembers"):
+    with pytest.raises(Conflict, match="no longer stores"):
         console.commands.retry(image.id, user="ann")
     assert console.end(console.commands.retry(status.id, user="ann")).result == "completed"
 
