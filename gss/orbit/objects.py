@@ -152,26 +152,28 @@ def name_of(track: MeasuredTrack, catalogue: ObjectCatalogue, velocity_c: Array 
     moment = datetime.fromtimestamp(float(times_s.mean()), UTC)
     observer_km = None if track.observer_km is None else track.observer_km[picked]
     bodies = bodies_at(jyear_of(moment), None if observer_km is None else observer_km.mean(axis=0))
-    off = separation_rad(bodies.planets_icrs[:, None], icrs[None])
-    planet = int(off.mean(axis=1).argmin())
-    if (off[planet] < GATE_SIGMA * sigma + PLANET_RAD).all():
-        return TrackName(PLANETS[planet], "", float(off[planet].mean()), float("nan"))
+    angle_rad = separation_rad(bodies.planets_icrs[:, None], icrs[None])
+    planet = int(angle_rad.mean(axis=1).argmin())
+    if (angle_rad[planet] < GATE_SIGMA * sigma + PLANET_RAD).all():
+        return TrackName(PLANETS[planet], "", float(angle_rad[planet].mean()), float("nan"))
     if observer_km is None or not catalogue.objects:
         return None
     directions, distance_km = catalogue.seen_from(times_s, observer_km)
     if velocity_c is not None:
         directions = aberrate(directions.reshape(-1, 3), -np.asarray(velocity_c)).reshape(directions.shape)
-    off = separation_rad(directions, icrs[None])
+    angle_rad = separation_rad(directions, icrs[None])
     age_days = np.array([abs(unix_s(o.epoch) - float(times_s.mean())) for o in catalogue.objects]) / DAY_S
     error_rad = ((ERROR_KM + ERROR_KM_DAY * age_days)[:, None]) / distance_km
     gate = np.maximum(GATE_SIGMA * np.hypot(sigma[None], error_rad), MIN_RAD)
-    inside = np.flatnonzero((off < gate).all(axis=1))
+    inside = np.flatnonzero((angle_rad < gate).all(axis=1))
     if not len(inside):
         return None
-    order = inside[np.argsort((off / gate)[inside].max(axis=1))]
+    order = inside[np.argsort((angle_rad / gate)[inside].max(axis=1))]
     best = catalogue.objects[order[0]]
     others = tuple(catalogue.objects[k].name for k in order[1:4])
-    return TrackName(best.name, best.number, float(off[order[0]].mean()), float(distance_km[order[0]].mean()), others)
+    return TrackName(
+        best.name, best.number, float(angle_rad[order[0]].mean()), float(distance_km[order[0]].mean()), others
+    )
 
 
 def places_of_orbit(orbit: Trajectory, times_s: Array) -> Array:

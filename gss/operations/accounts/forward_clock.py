@@ -30,7 +30,8 @@ class ForwardClock:
 
 
 def time_floor(database: Database) -> datetime | None:
-    """Return the later of the latest audit row's time and the last trusted time, None in an empty database."""
+    """Return the later of the latest audit row's time and the last trusted time, None in an empty database. The trusted time
+    does not follow an implausible system clock."""
     with database.unit_of_work() as session:
         newest, trusted = audit.last(session), choices.trusted_time(session)
     moments = [moment.astimezone(UTC) for moment in (newest.at if newest else None, trusted) if moment is not None]

@@ -19,10 +19,10 @@ SAME_SHAPE = str.maketrans(
 
 def check_script(name: str) -> None:
     """Raise BadInput if a name mixes scripts that share letter shapes."""
-    used = {unicodedata.name(c, "").partition(" ")[0] for c in name if c.isalpha()} & set(SCRIPTS)
-    if len(used) > 1:
+    scripts = {unicodedata.name(c, "").partition(" ")[0] for c in name if c.isalpha()} & set(SCRIPTS)
+    if len(scripts) > 1:
         raise BadInput(
-            "this name mixes scripts", expected="letters of one script", got=", ".join(sorted(used)).capitalize()
+            "this name mixes scripts", expected="letters of one script", got=", ".join(sorted(scripts)).capitalize()
         )
 
 

@@ -44,15 +44,15 @@ AFTERWARDS: dict[str, Orders] = {"SET_APRIORI": (("SET_APRIORI", {"uncertainty_d
 def check_refusals(probe: Probe, findings: Findings) -> None:
     """Check clauses 4.5, 4.6 and 4.7."""
     dictionary = probe.dictionary
-    used = {c.code for c in dictionary.commands}
-    for code in (next(c for c in range(255, 0, -1) if c not in used), 0):
+    assigned_codes = {c.code for c in dictionary.commands}
+    for code in (next(c for c in range(255, 0, -1) if c not in assigned_codes), 0):
         answer = probe.raw(code, b"")
         findings.check("4.5", f"code {code}", answer.is_("rejected", "unknown_command"), answer.text)
     for name, payload in (("GET_STATUS", b"\0"), ("SET_EXPOSURE", b"\0"), ("SET_EXPOSURE", b"\0\1\0")):
         command = dictionary.command(name)
         answer = probe.raw(command.code, payload, command=command)
-        fits = answer.is_("rejected", "bad_length")
-        findings.check("4.6", f"{name} with {len(payload)} B", fits, answer.text)
+        is_rejected = answer.is_("rejected", "bad_length")
+        findings.check("4.6", f"{name} with {len(payload)} B", is_rejected, answer.text)
     command = dictionary.command("GET_STATUS")
     answer = probe.raw(command.code, b"", command=command, prefix=dictionary.prefix ^ 0xFFFF)
     findings.check("4.7", "GET_STATUS", answer.is_("rejected", "wrong_dictionary"), answer.text)
@@ -71,8 +71,8 @@ def check_repeats(probe: Probe, findings: Findings) -> None:
     again = probe.order("TAKE_IMAGE", {"slot": 0}, request_id=first.request_id)
     replayed = again.is_("completed") and again.last is not None and again.last.replayed
     findings.check("4.9", "TAKE_IMAGE, again: the stored report", replayed, again.text)
-    same = first.last is not None and again.last is not None and first.last.values == again.last.values
-    findings.check("4.9", "TAKE_IMAGE, again: the same values", same)
+    equal_values = first.last is not None and again.last is not None and first.last.values == again.last.values
+    findings.check("4.9", "TAKE_IMAGE, again: the same values", equal_values)
     now = probe.status()["last_frame"]
     findings.check(
         "4.9", "TAKE_IMAGE, again: no second image", now == frames, f"frame {shown(frames)}, then {shown(now)}"

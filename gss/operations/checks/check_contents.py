@@ -40,8 +40,8 @@ def check_parts(probe: Probe, findings: Findings) -> None:
         piece = probe.device.download("region", 0, _silent, Part(3, 2, columns - 3, rows - 2)).data
         findings.check("7.1", "region: bytes", len(strip) == hello.columns * rows * pixel_bytes, f"{len(strip)} B")
         kind = np.dtype(np.uint8) if pixel_bytes == 1 else np.dtype(">u2")
-        whole = np.frombuffer(strip, kind).reshape(rows, hello.columns)
-        inside = np.array_equal(np.frombuffer(piece, kind).reshape(rows - 2, columns - 3), whole[2:, 3:columns])
+        strip_pixels = np.frombuffer(strip, kind).reshape(rows, hello.columns)
+        inside = np.array_equal(np.frombuffer(piece, kind).reshape(rows - 2, columns - 3), strip_pixels[2:, 3:columns])
         findings.check("6.10", "region: the same pixels as in a larger one", inside)
     with findings.trying("6.11", "star windows"):
         done = probe.device.download("star_windows", 0, _silent, Part(columns=SIDE_PX))

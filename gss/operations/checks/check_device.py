@@ -1,8 +1,8 @@
 """Conformance check of a device against the interface document. Each clause that can be tested from the ground is tested.
 
-The device must be idle and must not have a bank on trial. Hazardous commands are not executed. The check overwrites the first
-and the last image slot. It restores settings, mode and cycle. It withdraws the a-priori attitude. The attitude hint and the
-orbit cannot be read back and are not restored.
+The device must be idle and must not have a bank on trial. Hazardous commands are not executed. The check overwrites the
+image slots at the limits of the slot range. It restores settings, mode and cycle, and withdraws the a-priori attitude. The
+attitude hint and the orbit cannot be read back and are not restored.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def _restore(probe: Probe, before: Mapping[str, Value], findings: Findings) -> N
 def check_identity(probe: Probe, findings: Findings) -> None:
     """Check clauses 3.1 to 3.3."""
     dictionary, hello = probe.dictionary, probe.device.hello
-    used = probe.order("GET_STATUS").request_id
+    status_id = probe.order("GET_STATUS").request_id
     with findings.trying("3.1", "HELLO"):
         code, other = dictionary.command("HELLO").code, dictionary.prefix ^ 0xFFFF
         answer = probe.raw(code, b"", command=dictionary.command("HELLO"), prefix=other)
@@ -158,8 +158,8 @@ def check_identity(probe: Probe, findings: Findings) -> None:
         findings.check(
             "3.3",
             "last_request_id",
-            int(values["last_request_id"]) >= used,
-            f"{shown(values['last_request_id'])}, used {used}",
+            int(values["last_request_id"]) >= status_id,
+            f"{shown(values['last_request_id'])}, used {status_id}",
         )
 
 
@@ -188,8 +188,8 @@ def check_housekeeping(probe: Probe, findings: Findings) -> None:
 
 
 def _unused_code(probe: Probe) -> int:
-    used = {c.code for c in probe.dictionary.commands}
-    return next(code for code in range(255, 0, -1) if code not in used)
+    assigned_codes = {c.code for c in probe.dictionary.commands}
+    return next(code for code in range(255, 0, -1) if code not in assigned_codes)
 
 
 def _frame(probe: Probe, payload: bytes, request_id: int) -> bytes:
@@ -217,8 +217,10 @@ def check_damage(probe: Probe, findings: Findings) -> None:
             answered = any(p.request_id == request_id + 1000 for p in received)
             findings.check(number, f"{subject}: no answer", not answered)
             counted = int(probe.status()["frames_bad"]) - before
-            fits = counted >= 1 if damaged else counted == 0
-            findings.check(number, f"{subject}: {'counted' if damaged else 'not counted'}", fits, f"{counted} more")
+            is_as_expected = counted >= 1 if damaged else counted == 0
+            findings.check(
+                number, f"{subject}: {'counted' if damaged else 'not counted'}", is_as_expected, f"{counted} more"
+            )
 
 
 def check_record(probe: Probe, findings: Findings) -> None:
@@ -229,9 +231,12 @@ def check_record(probe: Probe, findings: Findings) -> None:
     if receiver.bad_total:
         findings.skip("2.2", "sequence", f"{receiver.bad_total} packets were received damaged")
     else:
-        off = receiver.sequence.gaps + receiver.sequence.duplicates
+        sequence_errors = receiver.sequence.gaps + receiver.sequence.duplicates
         findings.check(
-            "2.2", "sequence", off == 0, f"{receiver.sequence.gaps} missing, {receiver.sequence.duplicates} twice"
+            "2.2",
+            "sequence",
+            sequence_errors == 0,
+            f"{receiver.sequence.gaps} missing, {receiver.sequence.duplicates} twice",
         )
     foreign = sum(p.prefix != dictionary.prefix for p in packets)
     findings.check("2.3", "prefix", foreign == 0, f"{foreign} of {len(packets)} packets have a different prefix")

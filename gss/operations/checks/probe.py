@@ -114,9 +114,9 @@ class Probe:
         self, kind: PacketType, code: int, payload: bytes, *, request_id: int | None = None, prefix: int | None = None
     ) -> int:
         """Send a packet built by the caller, without any checks. Return its request id."""
-        used, frame = self._session.craft(kind, code, payload, request_id=request_id, prefix=prefix)
+        sent_id, frame = self._session.craft(kind, code, payload, request_id=request_id, prefix=prefix)
         self.tap.write(frame)
-        return used
+        return sent_id
 
     def wait(self, done: Callable[[Packet], bool], within_s: float) -> list[Packet]:
         """Return the packets received until ``done`` is True for a packet or until the timeout. If ``done`` was True, that
@@ -161,22 +161,22 @@ class Probe:
         """Send a command packet and collect the response. ``command`` defines the timeouts."""
         accept_s, complete_s = (command.accept_s, command.complete_s) if command else (2.0, 2.0)
         start, before_s = len(self.tap.packets), self._now_s()
-        used = self.send(PacketType.COMMAND, code, payload, request_id=request_id, prefix=prefix)
+        sent_id = self.send(PacketType.COMMAND, code, payload, request_id=request_id, prefix=prefix)
         reports: list[ReceivedReport] = []
         window_s = accept_s
         while not reports or reports[-1].stage not in (*FINAL, UNREADABLE):
             at = len(self.tap.packets) if reports else start
-            received = self._collect(max(at, start), lambda p: self._reports_on(p, used), window_s)
-            if not received or not self._reports_on(received[-1], used):
+            received = self._collect(max(at, start), lambda p: self._reports_on(p, sent_id), window_s)
+            if not received or not self._reports_on(received[-1], sent_id):
                 break
             # Several reports can arrive in one turn. All new reports are processed in order.
-            new_reports = [p for p in self.tap.packets[start:] if self._reports_on(p, used)][len(reports) :]
+            new_reports = [p for p in self.tap.packets[start:] if self._reports_on(p, sent_id)][len(reports) :]
             now_s = self._now_s()
             for packet in new_reports:
                 reports.append(self._report(packet, now_s - before_s))
                 before_s = now_s
             window_s = complete_s
-        return CommandOutcome(used, tuple(reports), tuple(self.tap.packets[start:]))
+        return CommandOutcome(sent_id, tuple(reports), tuple(self.tap.packets[start:]))
 
     @staticmethod
     def _reports_on(packet: Packet, request_id: int) -> bool:

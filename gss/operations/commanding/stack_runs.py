@@ -243,7 +243,7 @@ class StackRunner:
         raise Stopped("stopped", control.stop_reason)
 
     def _await_condition(self, control: RunControl, condition: Mapping[str, Any], since_s: float) -> None:
-        """Wait until telemetry meets the condition. Values received before this step began are ignored, because they may describe
+        """Wait until telemetry meets the condition. Values received before this step began are ignored, because they can describe
         the state before the previous step."""
         rule = condition_of(condition)
 

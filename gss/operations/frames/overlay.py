@@ -9,7 +9,7 @@ import math
 from typing import NotRequired
 
 import numpy as np
-from typing_extensions import TypedDict  # pydantic needs this one before Python 3.12
+from typing_extensions import TypedDict  # pydantic needs this TypedDict before Python 3.12
 
 from gss.domain.aberration import aberrate
 from gss.domain.angles import Array, unit_from_ra_dec

@@ -26,7 +26,7 @@ BYTES_EVERY_S = 5.0
 class ContactLog:
     """State of the open contact for the services. It changes in the order of the link's events.
 
-    ``version_of``: returns the installed version of the instrument that a device reports, None if the instrument is unknown.
+    ``version_of``: returns the version of the instrument that a device reports, None if the instrument is unknown.
     ``own_simulator``: address of the simulator that this server started, empty if there is none. The device at this address is
     marked as simulated, because not every protocol reports this.
     """

@@ -156,9 +156,9 @@ class NotificationRules(_Strict):
             if len(set(names)) != len(names):
                 raise ValueError(f"two {section} have the same name")
         target_names = {t.name for t in self.targets}
-        used = {name for r in self.rules for name in (*r.to, *(n for e in r.escalate for n in e.to))}
-        if used - target_names:
-            raise ValueError(f"no such target: {', '.join(sorted(used - target_names))}")
+        used_names = {name for r in self.rules for name in (*r.to, *(n for e in r.escalate for n in e.to))}
+        if used_names - target_names:
+            raise ValueError(f"no such target: {', '.join(sorted(used_names - target_names))}")
         return self
 
     def target(self, name: str) -> Target | None:

@@ -114,8 +114,9 @@ class PlanService:
         return self._control.confirm(items_of(row), user=user)
 
     def arm(self, plan_id: int, confirm: Sequence[str], *, user: str) -> PassPlan:
-        """Arm a draft. It starts at the first good packet of its pass. Raises Conflict with the first problem or if another user
-        has command authority, BadInput with the names that must still be typed, NotPermitted."""
+        """Arm a draft. It starts at the first good packet of its pass. If no user has command authority, the user takes it.
+        Raises Conflict with the first problem or if another user has command authority, BadInput with the names that must still
+        be typed, NotPermitted."""
         row = self.get(plan_id)
         if row.state != "draft":
             raise Conflict("only a draft can be armed", expected="draft", got=row.state, hint="Make a new plan.")
