@@ -66,7 +66,7 @@ class Limits:
             if any(bound is not None and bound != bound for bound in (low, high)):
                 raise BadInput(f"{level} limit is not a number", expected="a number or none")
             if low is not None and high is not None and low > high:
-                raise BadInput(f"{level} limits hold nothing", expected="low ≤ high", got=f"{low:g} … {high:g}")
+                raise BadInput(f"{level} limits are empty", expected="low ≤ high", got=f"{low:g} … {high:g}")
         outer_low, outer_high = None, None
         for level, (low, high) in self.levels:
             if (low is not None and outer_low is not None and low < outer_low) or (

@@ -51,7 +51,7 @@ def _check_text(value: Any) -> None:
         elif isinstance(item, list):
             pending += [(part, depth + 1) for part in item]
         elif isinstance(item, str) and ("\0" in item or any("\ud800" <= c <= "\udfff" for c in item)):
-            raise ValueError("text holds NUL or half a character")
+            raise ValueError("text contains NUL or an incomplete character")
 
 
 R = TypeVar("R", bound=Request)

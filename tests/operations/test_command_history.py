@@ -321,7 +321,7 @@ def test_a_command_overtaken_by_abort_is_rejected(console, monkeypatch):
         return row
 
     monkeypatch.setattr(console.commands._recorder, "add", add_slowly)
-    with pytest.raises(Conflict, match="ABORT was requested before it was sent"):
+    with pytest.raises(Conflict, match="ABORT was requested before this command was sent"):
         console.send("SET_EXPOSURE", exposure_ms=77)
     row = next(row for row in console.history.page(Filter(), 20) if row.name == "SET_EXPOSURE")
     assert (row.result, "ABORT was requested before" in row.detail) == ("rejected", True)

@@ -51,5 +51,7 @@ class CallerIdentity:
 def checked_user(user: str) -> str:
     """Return the user name if it can be displayed and stored. Raises BadInput otherwise."""
     if not 0 < len(user) <= MAX_NAME_LENGTH or not user.isprintable() or user.strip() != user:
-        raise BadInput("not a user name", expected=f"1 – {MAX_NAME_LENGTH} printable characters", got=repr(user[:80]))
+        raise BadInput(
+            "the user name is not valid", expected=f"1 – {MAX_NAME_LENGTH} printable characters", got=repr(user[:80])
+        )
     return user

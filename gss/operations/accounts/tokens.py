@@ -65,19 +65,17 @@ class TokenService:
         creates this one. Raises BadInput or Conflict."""
         granted = permissions_of(checked_role(role))
         if not 0 < len(name) <= MAX_NAME_LENGTH or not name.isprintable() or name.strip() != name:
-            raise BadInput("the token has no name", expected=f"1 – {MAX_NAME_LENGTH} printable characters")
+            raise BadInput("the token name is not valid", expected=f"1 – {MAX_NAME_LENGTH} printable characters")
         if not 0 < days <= MAX_DAYS:
             raise BadInput("invalid token lifetime", expected=f"up to {MAX_DAYS} days", got=f"{days:g}")
         not_granted = sorted(set(scopes) - granted)
         if not_granted:
             names = ", ".join(sorted(granted))
             raise BadInput(
-                f"the role {role} lacks some of these permissions",
+                f"the role {role} does not have all of these permissions",
                 expected=f"some of {names}",
                 got=", ".join(not_granted)[:200],
-                hint="; ".join(
-                    f"{name}: {' or '.join(roles_with(name)) or 'no role has it'}" for name in not_granted[:5]
-                ),
+                hint="; ".join(f"{name}: {' or '.join(roles_with(name)) or 'no role'}" for name in not_granted[:5]),
             )
         now, key = self._now(), new_token()
         if until is not None and now + timedelta(days=days) > until:

@@ -143,7 +143,7 @@ class UserService:
             if not row.enabled:
                 voiding.disable(row, row.disabled_reason)
             if was_admin and not (row.enabled and row.role == "admin") and not keep_created:
-                voiding.withdraw(row, "is not an admin any more" if row.enabled else "was disabled")
+                voiding.withdraw(row, "is no longer an admin" if row.enabled else "was disabled")
             if was_admin and store.enabled_admins(session) == 0:
                 raise Conflict(
                     "the last admin must keep the role",
@@ -226,7 +226,7 @@ def checked_name(name: str) -> str:
     software."""
     name = checked_user(unicodedata.normalize("NFKC", name))
     if any(c in UNSEEN or unicodedata.name(c, "").startswith(VARIATION) for c in name) or "  " in name:
-        raise BadInput("not a user name", expected="printable characters, single spaces", got=ascii(name))
+        raise BadInput("the user name is not valid", expected="printable characters, single spaces", got=ascii(name))
     check_script(name)
     if store.name_key(name) in OF_SOFTWARE or store.name_key(name).startswith(BEGIN_OF_SOFTWARE):
         raise BadInput("this name is reserved", expected="a different name", got=name)

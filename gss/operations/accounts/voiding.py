@@ -26,7 +26,7 @@ class Voided:
     def __str__(self) -> str:
         """Return the text for the audit log, "" if nothing was withdrawn."""
         parts = [f"also disabled: {', '.join(self.users)}"] if self.users else []
-        parts += [f"links made invalid: {self.links}"] if self.links else []
+        parts += [f"links invalidated: {self.links}"] if self.links else []
         return "; ".join(parts)
 
 

@@ -269,7 +269,7 @@ def check_matching(format_name: str, camera: CameraProfile) -> None:
     matched = camera.matching_formats
     if base_format(format_name) not in matched:
         raise Conflict(
-            "the sensor cannot match with this catalogue, because its format lacks required content",
+            "the sensor cannot match with this catalogue, because its format does not contain all required data",
             expected=" | ".join(matched),
             got=format_name,
             hint="rebuild it in the camera's own format; the sensor would reject the activation of this catalogue",

@@ -59,7 +59,7 @@ def check_refusals(probe: Probe, findings: Findings) -> None:
     for name in ("HELLO", "ABORT"):
         command = dictionary.command(name)
         answer = probe.raw(command.code, b"", command=command, prefix=dictionary.prefix ^ 0xFFFF)
-        findings.check("4.7", f"{name} (any will do)", answer.is_("completed"), answer.text)
+        findings.check("4.7", f"{name} (any prefix is accepted)", answer.is_("completed"), answer.text)
 
 
 def check_repeats(probe: Probe, findings: Findings) -> None:
@@ -84,7 +84,7 @@ def check_repeats(probe: Probe, findings: Findings) -> None:
     hello = probe.order("HELLO")
     again = probe.order("HELLO", request_id=hello.request_id)
     fresh = again.is_("completed") and again.last is not None and not again.last.replayed
-    findings.check("4.9", "HELLO, again: carried out", fresh, again.text)
+    findings.check("4.9", "HELLO, again: executed again", fresh, again.text)
 
 
 def check_old_ids(probe: Probe, findings: Findings, oldest: int) -> None:

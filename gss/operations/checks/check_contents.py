@@ -42,7 +42,7 @@ def check_parts(probe: Probe, findings: Findings) -> None:
         kind = np.dtype(np.uint8) if pixel_bytes == 1 else np.dtype(">u2")
         strip_pixels = np.frombuffer(strip, kind).reshape(rows, hello.columns)
         inside = np.array_equal(np.frombuffer(piece, kind).reshape(rows - 2, columns - 3), strip_pixels[2:, 3:columns])
-        findings.check("6.10", "region: the same pixels as in a larger one", inside)
+        findings.check("6.10", "region: the same pixels as in a larger region", inside)
     with findings.trying("6.11", "star windows"):
         done = probe.device.download("star_windows", 0, _silent, Part(columns=SIDE_PX))
         pixels, windows = decode_windows(done.data)
@@ -89,7 +89,7 @@ def check_sections(probe: Probe, findings: Findings) -> None:
         consistent = body.startswith(joined) and (
             len(body) == len(joined) or read_header(image).version == SECTIONS_VERSION
         )
-        findings.check("6.12", "sections: together the image", consistent)
+        findings.check("6.12", "sections: in sequence, they equal the image", consistent)
         counts = tuple(map(len, parts))
         rows = zip(counts, (int(active["stars"]), int(active["pairs"])), strict=False)
         fits = all(size % max(1, count) == 0 for size, count in rows)

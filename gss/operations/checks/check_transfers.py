@@ -155,7 +155,7 @@ def check_writing(probe: Probe, findings: Findings) -> None:
             _put_back(probe, findings, name, old_content)
         after = next(b for b in probe.banks() if b["bank"] == name)
         same = (after["state"], after["sha256"]) == (bank["state"], bank["sha256"])
-        findings.check("6.7", f"bank {name} as it was", same, shown(after["state"]))
+        findings.check("6.7", f"bank {name}: previous content restored", same, shown(after["state"]))
 
 
 def _check_upload(probe: Probe, findings: Findings, name: str, image: bytes) -> None:
@@ -169,7 +169,7 @@ def _check_upload(probe: Probe, findings: Findings, name: str, image: bytes) -> 
     fits = reported["state"] == "committed" and reported["sha256"] == bytes.fromhex(sha256) and not reported["active"]
     findings.check("6.7", f"bank {name}: bank_info", fits, shown(reported["state"]))
     back = probe.device.download("catalogue", CATALOGUES.number(probe.operations, name), _silent).data
-    findings.check("6.7", f"bank {name}: the same bytes come back", back == image, f"{len(back)} B")
+    findings.check("6.7", f"bank {name}: downloaded content is identical", back == image, f"{len(back)} B")
 
 
 def _put_back(probe: Probe, findings: Findings, name: str, content: bytes) -> None:
@@ -202,7 +202,9 @@ def check_table_writing(probe: Probe, findings: Findings) -> None:
             read = verified.last.values.get("sha256") if verified.last else None
             findings.check("6.17", f"calibration {bank}: verified", read == bytes.fromhex(sha256), verified.text)
             back = probe.device.download("calibration", numbers[bank], _silent).data
-            findings.check("6.17", f"calibration {bank}: the same bytes come back", back == data, f"{len(back)} B")
+            findings.check(
+                "6.17", f"calibration {bank}: downloaded content is identical", back == data, f"{len(back)} B"
+            )
             with_damage = data[:-1] + bytes([data[-1] ^ 1])
             probe.order("ERASE_TABLE", {"table": "calibration", "bank": bank})
             findings.check(

@@ -238,7 +238,9 @@ class CommandService:
         try:
             with self._link.lock:
                 if self._aborts.stops(request_id, aborts):
-                    raise Conflict("ABORT was requested before it was sent", hint="send it again if it is still needed")
+                    raise Conflict(
+                        "ABORT was requested before this command was sent", hint="send it again if it is still needed"
+                    )
                 self._link.session.submit(order, request_id=request_id)
         except GssError as error:
             self._recorder.refuse(row.id, str(error))

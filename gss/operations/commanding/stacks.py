@@ -274,7 +274,7 @@ def _seconds(name: str, value: Any, min_s: float) -> float:
 def _name(name: str) -> str:
     checked = " ".join(name.split())
     if not 0 < len(checked) <= 80:
-        raise BadInput("the stack has no name", expected="1 – 80 characters", got=str(len(checked)))
+        raise BadInput("the name of the stack is not valid", expected="1 – 80 characters", got=str(len(checked)))
     return checked
 
 

@@ -182,7 +182,7 @@ def _between(before: HousekeepingSample, after: HousekeepingSample, evidence: _E
     """Return the gap or the late interval between two consecutive samples, None if there is none."""
     if before.contact_id != after.contact_id:
         missing = max(0, round((after.at_s - before.at_s) / period_s) - 1)
-        return Gap(before.at_s, after.at_s, missing, "the line was closed meanwhile") if missing else None
+        return Gap(before.at_s, after.at_s, missing, "the line was closed in this time") if missing else None
     device_step_s, ground_step_s = after.device_time_s - before.device_time_s, after.at_s - before.at_s
     restarted = after.uptime_s is not None and before.uptime_s is not None and after.uptime_s < before.uptime_s
     if ground_step_s < -SLACK_S or evidence.happened((GROUND_CLOCK,), after.at_s - SLACK_S, after.at_s) is not None:

@@ -52,7 +52,11 @@ def onboard_result(record: OnboardRecord, camera: Camera, chain: str) -> SolveRe
         reason = str(
             (record.attitude or {}).get("reason") or "the sensor has not calculated an attitude for this frame"
         )
-    notes = () if record.hip_of_row is not None or not record.matches else ("the ground does not know the active bank",)
+    notes = (
+        ()
+        if record.hip_of_row is not None or not record.matches
+        else ("the content of the active bank is not available on the ground",)
+    )
     return SolveResult(
         chain=chain,
         outcome=Outcome.NONE if attitude is None else Outcome.SOLVED,

@@ -100,7 +100,8 @@ class ReplayService:
         bank = self._banks.onboard(frame.bank_sha256 or "")
         if bank is None:
             raise GssError(
-                "the ground does not know the bank that was active", got=(frame.bank_sha256 or "no hash")[:12]
+                "the content of the bank that was active is not available on the ground",
+                got=(frame.bank_sha256 or "no hash")[:12],
             )
         shelf = self._shelf(frame)
         profile, chain, mode = shelf.profile, shelf.chain, _mode(record)

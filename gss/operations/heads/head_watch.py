@@ -113,7 +113,7 @@ class HeadWatch:
         pair = next((pair_state for pair_state in pairs if pair_state.unit == unit), None)
         if pair is None:
             raise Conflict(
-                "no misalignment of this head is known at present",
+                "there is no current misalignment estimate of this head",
                 expected="a head that is compared with the reference head now",
                 got=unit,
             )

@@ -47,7 +47,7 @@ def verdict(tracker: HeadTracker, disagreeing: bool, now_s: float) -> HeadsVerdi
     fresh = [head.unit for head in setup.heads if tracker.is_fresh(head.unit, now_s)]
     if not fresh:
         ages_s = [age_s for head in setup.heads if (age_s := tracker.age_s(head.unit, now_s)) is not None]
-        newest = f"; the newest is {min(ages_s):.0f} s old" if ages_s else ""
+        newest = f"; the latest is {min(ages_s):.0f} s old" if ages_s else ""
         return HeadsVerdict(
             None, f"No head has an attitude {FROM[setup.source]} of the last {setup.stale_s:g} s{newest}."
         )
@@ -57,7 +57,7 @@ def verdict(tracker: HeadTracker, disagreeing: bool, now_s: float) -> HeadsVerdi
         return HeadsVerdict(None, alone if silent else f"{fresh[0]} is the only head.")
     if result is None or now_s - result.time_s > 2 * setup.stale_s:
         lacks = _listed({unit: lack for unit in fresh if (lack := tracker.lacks(unit))})
-        reasons = lacks or "the first attitudes of the heads are awaited"
+        reasons = lacks or "no attitudes of several heads at one time were received"
         return HeadsVerdict(None, f"The attitudes cannot be compared. {reasons}.")
     if result.fused.agreement is None:
         return HeadsVerdict(None, f"Only one head could be used. {_listed(result.missing)}.")

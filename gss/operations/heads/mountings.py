@@ -45,11 +45,11 @@ class HeadRequest(Request):
     @model_validator(mode="after")
     def _one_mounting(self) -> Self:
         if (self.mounting_deg is None) == (self.body_from_cam is None):
-            raise ValueError("give mounting_deg or body_from_cam, not both")
+            raise ValueError("set either mounting_deg or body_from_cam")
         if self.body_from_cam is not None and abs(math.hypot(*self.body_from_cam) - 1) > UNIT_LENGTH:
             raise ValueError("body_from_cam must be a quaternion of length 1")
         if (self.sigma_cross_arcsec is None) != (self.sigma_roll_arcsec is None):
-            raise ValueError("give both standard deviations of the attitudes, or neither")
+            raise ValueError("set both standard deviations of the attitudes, or neither")
         return self
 
 

@@ -149,7 +149,7 @@ class ItemControl:
         if item.reviewed_sha256 != self._hash(item):
             raise Conflict(
                 f"{item.title} was changed after the plan was armed",
-                hint="Review it, then make and arm a new plan.",
+                hint="Review it, then create and arm a new plan.",
             )
         if item.procedure_id is not None:
             return self._procedure_runs.begin(item.procedure_id, user=user, automatic=True, confirmed=confirm).id

@@ -27,7 +27,7 @@ EARLY = timedelta(minutes=2)
 """A signal up to this long before the predicted rise belongs to the pass, because predictions and horizons are not exact."""
 NEXT_DAYS = 7.0
 IN_PROGRESS = ("starting", "running")
-RESTARTED = "the server restarted while an item was in progress; check the unit and make a new plan"
+RESTARTED = "the server restarted while an item was in progress; check the unit and create a new plan"
 
 
 class PlanRunner:

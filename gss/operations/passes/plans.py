@@ -97,7 +97,7 @@ class PlanService:
                 f"The items need {needed_s:.0f} s, the pass has {length_s:.0f} s. Remove items, or continue in the next pass."
             )
         if row.set <= self._now():
-            problem_texts.append("The pass is over. Make a plan for a coming pass.")
+            problem_texts.append("The pass is over. Create a plan for a coming pass.")
         current = self._spacecraft.current()
         if current is None or not current.plannable:
             problem_texts.append(current.advice if current else "No orbit was imported.")
@@ -119,7 +119,7 @@ class PlanService:
         be typed, NotPermitted."""
         row = self.get(plan_id)
         if row.state != "draft":
-            raise Conflict("only a draft can be armed", expected="draft", got=row.state, hint="Make a new plan.")
+            raise Conflict("only a draft can be armed", expected="draft", got=row.state, hint="Create a new plan.")
         items = [self._control.reviewed(item) for item in items_of(row)]
         missing = [name for name in self.to_confirm(row, user=user) if name not in confirm]
         problems = self.problems(row)

@@ -95,7 +95,7 @@ def checked_url(url: str) -> str:
 def _named(station: GroundStation) -> GroundStation:
     name = " ".join(station.name.split())
     if not 0 < len(name) <= 60:
-        raise BadInput("the ground station has no name", expected="1 – 60 characters", got=str(len(name)))
+        raise BadInput("the name of the ground station is not valid", expected="1 – 60 characters", got=str(len(name)))
     return replace(station, name=name)
 
 
