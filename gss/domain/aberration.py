@@ -1,4 +1,4 @@
-"""Stellar aberration: the one formula used by catalogues, chains and the simulated sky."""
+"""Stellar aberration. Catalogues, chains and the simulated sky use this formula."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from gss.domain.angles import Array
 
 
 def aberrate(unit: Array, velocity_c: Array) -> Array:
-    """(n, 3) apparent directions of (n, 3) true ones for an observer with (3,) velocity in units of c; exact in v/c."""
+    """Return (n, 3) apparent directions from (n, 3) true directions, for an observer with (3,) velocity in units of c. The
+    formula is exact for all v/c."""
     beta = np.asarray(velocity_c, float)
     inverse_gamma = np.sqrt(1 - beta @ beta)
     along = np.asarray(unit) @ beta
-    moved = inverse_gamma * np.asarray(unit) + (1 + along / (1 + inverse_gamma))[..., None] * beta
-    return np.asarray(moved / (1 + along)[..., None])
+    shifted = inverse_gamma * np.asarray(unit) + (1 + along / (1 + inverse_gamma))[..., None] * beta
+    return np.asarray(shifted / (1 + along)[..., None])

@@ -1,4 +1,4 @@
-"""Angles on the sphere. Radians everywhere; degrees only where a name says so."""
+"""Angles on the sphere, in radians."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ TWO_PI_RAD = 2.0 * np.pi
 
 
 def wrap_pi_rad(angle_rad: Array | float) -> Array | float:
-    """Angle in [−π, π)."""
+    """Return the angle wrapped to [−π, π)."""
     return np.mod(np.asarray(angle_rad) + np.pi, TWO_PI_RAD) - np.pi
 
 
 def unit_from_ra_dec(ra_rad: Array | float, dec_rad: Array | float) -> Array:
-    """(…, 3) unit vectors from right ascension and declination."""
+    """Return (…, 3) unit vectors from right ascension and declination."""
     ra, dec = np.broadcast_arrays(np.asarray(ra_rad, float), np.asarray(dec_rad, float))
     return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
 
 
 def ra_dec_from_unit(unit: Array) -> tuple[Array, Array]:
-    """Right ascension [0, 2π) and declination of (…, 3) vectors of any non-zero length.
+    """Return right ascension [0, 2π) and declination of (…, 3) vectors of any non-zero length.
 
     atan2 keeps full precision at the poles, where arcsin of z loses half the digits.
     """
@@ -32,7 +32,7 @@ def ra_dec_from_unit(unit: Array) -> tuple[Array, Array]:
 
 
 def separation_rad(a: Array, b: Array) -> Array:
-    """Angle between (…, 3) unit vectors, computed from the chord.
+    """Return the angle between (…, 3) unit vectors, computed from the chord.
 
     Jacobs 1995 eq. C.7 takes the arccosine of the dot product, which loses 1e-8 rad at small angles. The arctangent of
     |a − b| over |a + b| is accurate at all angles.

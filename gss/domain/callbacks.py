@@ -1,4 +1,4 @@
-"""Callbacks for callers that need no progress and cannot cancel."""
+"""Callbacks for callers that do not need progress reports or cancellation."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ def no_progress(*_: object) -> None:
 
 
 def never() -> bool:
-    """Return False: the work is not to be cancelled."""
+    """Return False, which means that the work is not cancelled."""
     return False

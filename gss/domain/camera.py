@@ -1,7 +1,7 @@
-"""Camera geometry: camera-frame unit vectors to pixels and back, exact in both directions.
+"""Camera geometry: conversion of camera-frame unit vectors to pixels and back, exact in both directions.
 
-Distortions act on the ideal tangent plane ``(x, y) = (X/Z, Y/Z)``. In each model one direction is a closed formula and
-the other its Newton inverse, so that ``undistort(distort(p)) == p`` to rounding inside the model's domain.
+Distortions act on the ideal tangent plane ``(x, y) = (X/Z, Y/Z)``. In each model one direction is a closed formula. The
+opposite direction is its inverse by Newton's method: ``undistort(distort(p)) == p`` to rounding inside the model's domain.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ CONVERGED = 1e-14
 
 
 class Distortion(Protocol):
-    """Map (n, 2) tangent-plane points from ideal to measured and back; NaN outside the model's domain."""
+    """Lens distortion model. Maps (n, 2) tangent-plane points from ideal to measured and back. Returns NaN outside the model's
+    domain."""
 
     def distort(self, ideal: Array) -> Array: ...
 
@@ -42,10 +43,10 @@ class Pinhole:
 
 @dataclass(frozen=True)
 class Brown:
-    """Brown–Conrady model in OpenCV's convention: closed form from ideal to measured.
+    """Brown–Conrady model in OpenCV's convention, with a closed formula from ideal to measured.
 
-    Erlank 2013 eq. 4.1.3–4 uses the same polynomial in the other direction with inverted signs, which is an
-    approximation; :class:`BrownUndistort` implements that form.
+    Erlank 2013 eq. 4.1.3–4 uses the same polynomial from measured to ideal with inverted signs, which is an
+    approximation. :class:`BrownUndistort` implements that form.
     """
 
     k1: float = 0.0
@@ -84,7 +85,7 @@ class Brown:
             step = np.empty(p.shape)
             step[..., 0] = (d * error[..., 0] - b * error[..., 1]) / det
             step[..., 1] = (a * error[..., 1] - c * error[..., 0]) / det
-            # Steps are damped so that far points do not jump over the fold of a strong barrel polynomial.
+            # Long steps are damped because they can jump over the fold of a strong barrel polynomial.
             length = np.sqrt((step * step).sum(-1, keepdims=True))
             p -= (
                 step
@@ -100,8 +101,8 @@ class Brown:
 
 @dataclass(frozen=True)
 class BrownUndistort:
-    """Brown's polynomial from measured to ideal (Erlank 2013 eq. 4.1.3–4): the direction an on-board processor
-    evaluates in closed form."""
+    """Brown's polynomial from measured to ideal (Erlank 2013 eq. 4.1.3–4). On-board processors evaluate this direction in
+    closed form."""
 
     k1: float = 0.0
     k2: float = 0.0
@@ -120,11 +121,11 @@ class BrownUndistort:
 
 @dataclass(frozen=True)
 class RadialTilt:
-    """Tilted detector and radial polynomial (Jacobs 1995 eq. 6.13–6.16): closed form from measured to ideal.
+    """Tilted detector and radial polynomial (Jacobs 1995 eq. 6.13–6.16), with a closed formula from measured to ideal.
 
     ``tilt_max_rad`` is the largest tilt, in the direction ``tilt_direction_rad`` (from camera +x towards +y).
-    ``radial`` holds k₁…k₄ of Δr = k₁ r + k₂ r² + …, with r and Δr in millimetres on the detector as printed in the
-    source; ``focal_mm`` converts them.
+    ``radial`` contains k₁…k₄ of Δr = k₁ r + k₂ r² + …, with r and Δr in millimetres on the detector as in the
+    source. ``focal_mm`` converts them to the tangent plane.
     """
 
     focal_mm: float
@@ -137,7 +138,7 @@ class RadialTilt:
         return np.asarray(np.arcsin(np.sin(self.tilt_max_rad) * np.cos(phi - self.tilt_direction_rad)))
 
     def _aberration(self, r_mm: Array) -> tuple[Array, Array]:
-        """Δr and its slope at radius r."""
+        """Return Δr in millimetres and its derivative at radius ``r_mm``."""
         powers = np.arange(1, len(self.radial) + 1)
         k = np.asarray(self.radial)
         r = np.asarray(r_mm)[..., None]
@@ -171,8 +172,8 @@ class RadialTilt:
 
 @dataclass(frozen=True)
 class Camera:
-    """Geometry of one camera. Pixel centres are at integer (col, row), 0-based; focal lengths are in pixels per
-    axis, which covers non-square pixels."""
+    """Geometry of one camera. Pixel centres are at integer (col, row), 0-based. Each axis has a focal length in pixels, so
+    pixels do not need to be square."""
 
     columns: int
     rows: int
@@ -194,7 +195,7 @@ class Camera:
     def from_optics(
         cls, columns: int, rows: int, pitch_col_mm: float, pitch_row_mm: float, focal_mm: float, distortion: Distortion
     ) -> Camera:
-        """Camera with its optical axis in the middle of the detector."""
+        """Return a camera with its optical axis at the centre of the detector."""
         return cls(
             columns,
             rows,
@@ -220,34 +221,33 @@ class Camera:
         return replace(self, focal_col_px=self.focal_col_px * factor, focal_row_px=self.focal_row_px * factor)
 
     def project(self, unit_cam: Array) -> Array:
-        """(n, 2) pixels (col, row) of (n, 3) camera-frame vectors; NaN behind the camera or outside the distortion's
-        domain."""
+        """Return (n, 2) pixels (col, row) of (n, 3) camera-frame vectors. NaN behind the camera or outside the domain of the
+        distortion model."""
         v = np.asarray(unit_cam, float)
         z = np.where(v[..., 2] > 1e-6, v[..., 2], np.nan)
         measured = self.distortion.distort(v[..., :2] / z[..., None])
         return measured * self._focal() + self._centre()
 
     def unproject(self, pixels: Array) -> Array:
-        """(n, 3) camera-frame unit vectors of (n, 2) pixels (col, row)."""
+        """Return (n, 3) camera-frame unit vectors of (n, 2) pixels (col, row)."""
         measured = (np.asarray(pixels, float) - self._centre()) / self._focal()
         ideal = self.distortion.undistort(measured)
         v = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
         return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
 
     def contains(self, pixels: Array, margin_px: float = 0.0) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 2) pixels that lie on the detector, at least ``margin_px`` inside its edge. False for
-        NaN."""
+        """Return the (n,) mask of (n, 2) pixels on the detector and at least ``margin_px`` inside its edge. False for NaN."""
         col, row = pixels[..., 0], pixels[..., 1]
         low = margin_px - 0.5
         return np.asarray((col >= low) & (row >= low) & (col <= self.columns - 1 - low) & (row <= self.rows - 1 - low))
 
     def corners(self) -> Array:
-        """(4, 3) camera-frame unit vectors of the detector's outer corners, in order around the edge."""
+        """Return (4, 3) camera-frame unit vectors of the detector's outer corners, in order around the edge."""
         c, r = self.columns - 0.5, self.rows - 0.5
         return self.unproject(np.array([[-0.5, -0.5], [c, -0.5], [c, r], [-0.5, r]]))
 
     def outline(self, per_side: int = 16) -> Array:
-        """(4·per_side, 3) camera-frame unit vectors around the detector's edge."""
+        """Return (4·per_side, 3) camera-frame unit vectors around the detector's edge."""
         c, r = self.columns - 0.5, self.rows - 0.5
         s = np.linspace(0, 1, per_side, endpoint=False)
         corners = np.array([[-0.5, -0.5], [c, -0.5], [c, r], [-0.5, r], [-0.5, -0.5]])
@@ -256,19 +256,19 @@ class Camera:
 
     @cached_property
     def half_diagonal_rad(self) -> float:
-        """Largest angle from boresight to a corner."""
+        """Largest angle from the boresight to a corner."""
         z = np.clip(self.corners()[:, 2], -1, 1)
         return float(np.max(np.arctan2(np.sqrt(1 - z * z), z)))
 
     @cached_property
     def diagonal_rad(self) -> float:
-        """Largest angle between two corners, and so the largest distance between two stars in one frame."""
+        """Largest angle between two corners, which is the largest distance between two stars in one frame."""
         c = self.corners()
         return float(np.max(2 * np.arcsin(np.linalg.norm(c[:, None] - c[None], axis=-1) / 2)))
 
     @cached_property
     def fov_rad(self) -> tuple[float, float]:
-        """Full (horizontal, vertical) fields of view through the optical centre."""
+        """Full field of view through the optical centre: (horizontal, vertical)."""
         mid_col, mid_row = self.centre_col_px, self.centre_row_px
         edges = np.array([[-0.5, mid_row], [self.columns - 0.5, mid_row], [mid_col, -0.5], [mid_col, self.rows - 0.5]])
         e = self.unproject(edges)
@@ -278,7 +278,7 @@ class Camera:
 
     @property
     def pixel_rad(self) -> float:
-        """Mean angle of one pixel at the optical centre."""
+        """Angle of one pixel at the optical centre (geometric mean of both axes)."""
         return 1.0 / float(np.sqrt(self.focal_col_px * self.focal_row_px))
 
     def _focal(self) -> Array:

@@ -12,11 +12,12 @@ from gss.domain.sensor import Baffle, Defects, Sensor
 
 @dataclass(frozen=True)
 class CameraProfile:
-    """One camera as the algorithms need it.
+    """All properties of one camera that the algorithms need.
 
-    ``transmission``: of the lens. ``chain``: name of the on-board chain that a unit with this camera runs. ``formats``:
-    on-board catalogue formats that the unit reads, its native one first; ``matching_formats``: those with all data that its
-    matching needs. ``sources``: source of each number, or the reason for choosing it.
+    ``transmission``: transmission of the lens. ``chain``: name of the on-board chain that a unit with this camera runs.
+    ``formats``: on-board catalogue formats that the unit reads, with its native format first. ``matching_formats``: the
+    formats that contain all data needed for matching on board. ``sources``: source of each number, or the reason for its
+    choice.
     """
 
     name: str
@@ -37,7 +38,7 @@ class CameraProfile:
 
     @property
     def aperture_cm2(self) -> float:
-        """Area of the entrance pupil."""
+        """Area of the entrance pupil in cm²."""
         return pupil_cm2(self.focal_mm, self.f_number)
 
 
@@ -47,7 +48,7 @@ def pupil_cm2(focal_mm: float, f_number: float) -> float:
 
 
 def zero_point_e_s(focal_mm: float, f_number: float, transmission: float, efficiency: float) -> float:
-    """Electrons per second from a star of V = 0: 10³ photons/(s cm² Å) over 3000 Å (Erlank 2013 eq. 3.4.2), times
-    lens transmission and quantum efficiency."""
+    """Return the electrons per second from a star of V = 0: 10³ photons/(s cm² Å) over 3000 Å (Erlank 2013 eq. 3.4.2),
+    times lens transmission and quantum efficiency."""
     aperture_cm2 = np.pi / 4 * (focal_mm / 10 / f_number) ** 2
     return float(aperture_cm2 * transmission * 3000 * 1e3 * efficiency)

@@ -21,7 +21,7 @@ def record_of(camera: Camera) -> JsonObject:
 
 
 def camera_from(record: Mapping[str, Any]) -> Camera:
-    """Return the camera of a record; CorruptData if it is not valid."""
+    """Return the camera of a record. Raises CorruptData if the record is not valid."""
     try:
         lens = dict(record["distortion"])
         model = MODELS[lens.pop("model")]

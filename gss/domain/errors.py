@@ -1,12 +1,11 @@
-"""Exceptions, with what was expected, what was received and what to try. "No solution" is not an error; see
-``Outcome``."""
+"""Exceptions that state the expected value, the received value and a hint. "No solution" is not an error; see ``Outcome``."""
 
 from __future__ import annotations
 
 import re
 
 PLAIN_WORD = re.compile(r"[a-z][a-z'’-]*(?=[ ,;]|$)")
-"""First word of a text that may begin with a capital. Names of fields, files and commands keep their letters."""
+"""First word that can be capitalised. Names of fields, files and commands do not match and stay unchanged."""
 
 
 class GssError(Exception):
@@ -26,16 +25,16 @@ class GssError(Exception):
         return f"{text}. Try: {self.hint}" if self.hint else text
 
     def sentences(self) -> str:
-        """Return the whole text for a reader: what happened, what was expected and received, what to do next."""
+        """Return the complete message as sentences: what happened, what was expected and received, what to do next."""
         facts = [f"{name} {text}" for name, text in (("expected", self.expected), ("got", self.got)) if text]
         return " ".join(as_sentence(text) for text in (self.message, "; ".join(facts), self.hint) if text)
 
 
 def as_sentence(text: str) -> str:
-    """Return a message as a sentence with a capital letter and a period; "" stays "".
+    """Return a message as a sentence with a capital letter and a period. Return "" for "".
 
-    Messages in exceptions begin in lower case and have no period, because other messages quote them. They become sentences
-    where they leave the program: in HTTP responses and in the terminal.
+    Messages in exceptions begin in lower case and have no period, because other messages quote them. They are converted to
+    sentences in HTTP responses and in the terminal.
     """
     first = PLAIN_WORD.match(text)
     start = text[:1].upper() + text[1:] if first else text
@@ -43,11 +42,11 @@ def as_sentence(text: str) -> str:
 
 
 class BadInput(GssError):
-    """The caller's input cannot be used; nothing was changed."""
+    """The caller's input is not valid. Nothing was changed."""
 
 
 class TooCostly(BadInput):
-    """Reading a file exceeded a limit of memory, processor time or wall time."""
+    """Reading a file exceeded the limit for memory, processor time or elapsed time."""
 
 
 class NotFound(GssError):
@@ -63,7 +62,7 @@ class LinkDown(GssError):
 
 
 class StoreDown(GssError):
-    """The store cannot be read or written: disk full, locked or missing."""
+    """The store cannot be read or written, for example because the disk is full or the file is locked or missing."""
 
 
 class CorruptData(GssError):
@@ -79,7 +78,7 @@ class NotPermitted(GssError):
 
 
 class RateLimited(GssError):
-    """Rate limit exceeded; retry after ``retry_after_s``."""
+    """Rate limit exceeded. Retry after ``retry_after_s``."""
 
     def __init__(
         self, message: str, *, expected: str = "", got: str = "", hint: str = "", retry_after_s: float = 0.0
@@ -89,7 +88,7 @@ class RateLimited(GssError):
 
 
 class Busy(GssError):
-    """All workers for this kind of request are in use; retry after ``retry_after_s``."""
+    """All workers for this kind of request are busy. Retry after ``retry_after_s``."""
 
     def __init__(
         self, message: str, *, expected: str = "", got: str = "", hint: str = "", retry_after_s: float = 0.0

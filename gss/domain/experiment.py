@@ -1,4 +1,4 @@
-"""Reruns of a document's tables: printed figures next to ours."""
+"""Reruns of a document's tables: published values next to the values computed by GSS."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gss.domain.stars import StarTable
 
 Cell = str | float | int | None
 Progress = Callable[[float], None]
-"""Called with the fraction done; may raise to cancel."""
+"""Called with the completed fraction. It can raise an exception to cancel the run."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,9 @@ class Curve:
 class Experiment:
     """One rerun of a document's table.
 
-    ``columns`` name the cells of each row; by convention the first names the quantity, followed by the paper's figure,
-    ours, and an explanation of the difference. ``conditions``: sentences. ``seed``: of all random numbers.
+    ``columns``: names of the cells of each row. By convention they are the quantity, the published value, the value computed
+    by GSS, and an explanation of the difference. ``conditions``: sentences that describe the conditions of the run.
+    ``seed``: seed of all random numbers.
     """
 
     name: str
@@ -44,7 +45,7 @@ class Experiment:
 
 
 def share_interval(hits: int, trials: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson confidence interval of a proportion, 95 % by default; (0, 1) without trials."""
+    """Return the Wilson confidence interval of a proportion, 95 % by default. Return (0, 1) without trials."""
     if trials == 0:
         return 0.0, 1.0
     p, n = hits / trials, trials
@@ -60,8 +61,8 @@ def share_text(hits: int, trials: int) -> str:
 
 @dataclass(frozen=True)
 class ExperimentEntry:
-    """An experiment that can be run. ``rerun``: function of the stars, the number of trials, the seed and the progress
-    report. ``trials``: default number; ``epoch_jyear``: epoch of the star positions, Julian years."""
+    """An experiment that can be run. ``rerun``: function with the arguments stars, number of trials, seed and progress
+    callback. ``trials``: default number of trials. ``epoch_jyear``: epoch of the star positions, Julian years."""
 
     name: str
     title: str

@@ -1,4 +1,4 @@
-"""Parser of expressions: text to a tree of nodes. The grammar is in ``expressions``."""
+"""Parser that converts the text of an expression to a tree of nodes. ``expressions`` contains the grammar."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.domain.errors import BadInput
 
 Quantity = float | int | bool | str
 DEEPEST = 30
-"""Nesting of parentheses, signs and ``not``."""
+"""Maximum nesting depth of parentheses, signs and ``not``."""
 TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<text>\"[^\"]*\"|'[^']*')"
     r"|(?P<name>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?)|(?P<sign><=|>=|==|!=|[-+*/<>(),]))"
@@ -38,12 +38,12 @@ FUNCTIONS: Mapping[str, tuple[int, int, Callable[[Sequence[float]], float]]] = {
     "min": (2, 20, min),
     "max": (2, 20, max),
 }
-"""(fewest arguments, most arguments, function)."""
+"""Function name to (minimum number of arguments, maximum number of arguments, function)."""
 
 
 @dataclass(frozen=True)
 class FieldReference:
-    """A telemetry field as the values' mapping names it: ``packet.field``."""
+    """Reference to a telemetry field. Its text ``packet.field`` is the key in mappings of values."""
 
     packet: str
     field: str
@@ -59,7 +59,7 @@ class ConstantNode:
 
 @dataclass(frozen=True)
 class CallNode:
-    """An operator or function with its operands. ``at``: character where it begins."""
+    """An operator or function with its operands. ``at``: index of its first character in the text."""
 
     name: str
     operands: tuple[ExpressionNode, ...]
@@ -94,7 +94,7 @@ def _tokens(text: str) -> list[_Token]:
 
 
 class ExpressionParser:
-    """Recursive descent, one method per rule of the grammar."""
+    """Recursive-descent parser with one method per grammar rule."""
 
     def __init__(self, text: str) -> None:
         self._tokens, self._next, self._depth = [*_tokens(text), _Token("end", "", len(text))], 0, 0
@@ -212,11 +212,11 @@ class ExpressionParser:
         while self._takes(","):
             operands.append(self._or())
         self._needs(")")
-        least, most, _ = FUNCTIONS[token.text]
-        if not least <= len(operands) <= most:
+        minimum, maximum, _ = FUNCTIONS[token.text]
+        if not minimum <= len(operands) <= maximum:
             raise BadInput(
                 f"The function {token.text} at position {token.at + 1} has a wrong number of arguments",
-                expected=str(least) if least == most else f"{least} – {most}",
+                expected=str(minimum) if minimum == maximum else f"{minimum} – {maximum}",
                 got=str(len(operands)),
             )
         return CallNode(token.text, tuple(operands), token.at)

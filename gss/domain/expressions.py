@@ -1,4 +1,4 @@
-"""Expressions over telemetry: a closed grammar with its own parser. Nothing is executed but what this module implements.
+"""Expressions over telemetry values, with a fixed grammar and parser. Expressions cannot execute other code.
 
     or         := and ("or" and)*
     and        := not ("and" not)*
@@ -10,7 +10,8 @@
     atom       := number | "text" | true | false | packet.field | function "(" or ("," or)* ")" | "(" or ")"
 
 Functions: abs(x), sqrt(x), min(x, y, …), max(x, y, …). A missing value, a division by zero, and a result that is not finite
-are *unknown*, with a reason. ``and`` and ``or`` are decided by one operand if it suffices: ``false and unknown`` is false.
+are *unknown*, with a reason. If one operand decides the result of ``and`` or ``or``, the result is known even if another
+operand is unknown: ``false and unknown`` is false.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ MAX_CHARACTERS = 500
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Result of an expression. ``value`` None: unknown, for this ``reason``."""
+    """Result of an expression. ``value`` is None if the result is unknown; ``reason`` then states why."""
 
     value: Quantity | None
     reason: str = ""
@@ -47,25 +48,26 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Expression:
-    """A parsed expression. ``text``: as written; ``references``: the fields it reads, each once, in order."""
+    """A parsed expression. ``text``: source text. ``references``: telemetry fields that it reads, without duplicates, in order
+    of first use."""
 
     text: str
     references: tuple[FieldReference, ...]
     _root: ExpressionNode
 
     def kind(self, kinds: Mapping[str, ValueKind]) -> ValueKind:
-        """Return the kind of the result. ``kinds``: of every known field by ``packet.field``. Raises BadInput for an unknown
+        """Return the kind of the result. ``kinds``: ``packet.field`` to the kind of that field. Raises BadInput for an unknown
         field or an operand of the wrong kind."""
         return _kind(self._root, kinds)
 
     def value(self, values: Mapping[str, Quantity | None]) -> Evaluation:
-        """Evaluate with the values of the fields by ``packet.field``; a field without an entry, or with None or NaN, is
-        missing."""
+        """Evaluate the expression. ``values``: ``packet.field`` to the value of that field. A field without an entry, or with
+        None or NaN, is a missing value."""
         return _value(self._root, values)
 
 
 def parse(text: str) -> Expression:
-    """Parse an expression. Raises BadInput with the character of the error."""
+    """Parse an expression. Raises BadInput with the position of the error."""
     if not 0 < len(text.strip()) <= MAX_CHARACTERS:
         raise BadInput(
             "The expression is empty or too long",

@@ -1,4 +1,4 @@
-"""Named frames and the rotations between them. ``docs/conventions.md`` has the drawing.
+"""Named frames and the rotations between them. ``docs/conventions.md`` contains a drawing of them.
 
 icrs   axes of the catalogue.
 cam    +z boresight, +x to higher columns, +y to higher rows; right-handed, seen from inside the sphere.
@@ -15,8 +15,8 @@ from gss.domain.angles import ARCSEC_RAD, Array, unit_from_ra_dec
 
 
 def cam_from_icrs(ra_rad: float, dec_rad: float, roll_rad: float) -> Array:
-    """(3, 3) rotation of a camera whose boresight is at (ra, dec) with celestial north ``roll_rad``
-    counter-clockwise from image up (−y), as tetra3 and cedar-solve print it."""
+    """Return the (3, 3) rotation cam_from_icrs of a camera with its boresight at (ra, dec) and celestial north ``roll_rad``
+    counter-clockwise from image up (−y). tetra3 and cedar-solve define roll in the same way."""
     boresight = unit_from_ra_dec(ra_rad, dec_rad)
     east = np.array([-np.sin(ra_rad), np.cos(ra_rad), 0.0])
     north = np.cross(boresight, east)
@@ -25,9 +25,9 @@ def cam_from_icrs(ra_rad: float, dec_rad: float, roll_rad: float) -> Array:
 
 
 def ra_dec_roll_rad(cam_from_icrs: Array) -> tuple[float, float, float]:
-    """Boresight right ascension [0, 2π), declination and roll [0, 2π) of a (3, 3) camera attitude.
+    """Return the boresight's right ascension [0, 2π), declination, and the roll [0, 2π) of a (3, 3) camera attitude.
 
-    At an exact pole right ascension is taken as that of −x, which keeps ra and roll together consistent.
+    If the boresight is exactly at a pole, right ascension is 0 and roll is measured relative to it.
     """
     m = np.asarray(cam_from_icrs, float)
     bx, by, bz = m[2]
@@ -40,8 +40,8 @@ def ra_dec_roll_rad(cam_from_icrs: Array) -> tuple[float, float, float]:
 
 
 def pointing_difference_rad(a_from_icrs: Array, b_from_icrs: Array) -> tuple[float, float]:
-    """(cross-boresight, about-boresight) angles of camera ``a`` relative to camera ``b``; the first is ≥ 0,
-    the second signed, right-handed about +z."""
+    """Return the (cross-boresight, about-boresight) angles of camera ``a`` relative to camera ``b``. The first angle is ≥ 0.
+    The second is signed, right-handed about +z."""
     a_from_b = np.asarray(a_from_icrs) @ np.asarray(b_from_icrs).T
     cross_rad = np.arctan2(np.hypot(a_from_b[0, 2], a_from_b[1, 2]), a_from_b[2, 2])
     about_rad = np.arctan2(a_from_b[0, 1] - a_from_b[1, 0], a_from_b[0, 0] + a_from_b[1, 1])
@@ -49,7 +49,8 @@ def pointing_difference_rad(a_from_icrs: Array, b_from_icrs: Array) -> tuple[flo
 
 
 def attitudes_agree(cross_rad: float, about_rad: float) -> bool:
-    """True if two attitudes, differing by these angles, agree: within several times the error of the coarsest chain."""
+    """True if two attitudes that differ by these angles agree. The limits are several times the error of the least accurate
+    chain."""
     return cross_rad < AGREE_CROSS_RAD and abs(about_rad) < AGREE_ABOUT_RAD
 
 
@@ -58,8 +59,8 @@ AGREE_ABOUT_RAD = 360 * ARCSEC_RAD
 
 
 def orbit_from_icrs(raan_rad: float, inclination_rad: float, argument_of_latitude_rad: float) -> Array:
-    """(3, 3) rotation into Sunsat's orbit axes: +z to nadir, +x along a circular orbit's velocity, +y = z × x,
-    against the orbit normal (Jacobs 1995 §1.4)."""
+    """Return the (3, 3) rotation from ICRS to Sunsat's orbit axes: +z to nadir, +x along the velocity of a circular orbit,
+    +y = z × x, against the orbit normal (Jacobs 1995 §1.4)."""
     co, so = np.cos(raan_rad), np.sin(raan_rad)
     ci, si = np.cos(inclination_rad), np.sin(inclination_rad)
     cu, su = np.cos(argument_of_latitude_rad), np.sin(argument_of_latitude_rad)

@@ -1,4 +1,4 @@
-"""Telemetry limits: the state of a value, and the number of consecutive samples that change the counted state."""
+"""Telemetry limits: the state of a value, and the persistence filter that needs consecutive samples to change the state."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Limits:
 
     @cached_property
     def levels(self) -> tuple[tuple[State, Range], ...]:
-        """Each level with its range, most urgent first."""
+        """Levels with their ranges, most urgent first."""
         return (State.CRITICAL, self.critical), (State.WARNING, self.warning), (State.WATCH, self.watch)
 
     def state(self, value: float) -> State:
@@ -60,13 +60,13 @@ class Limits:
         return any(bound is not None for _, bounds in self.levels for bound in bounds)
 
     def checked(self) -> Limits:
-        """Return these limits if no range is empty and each level lies inside the next more urgent one; raise
-        BadInput otherwise."""
+        """Return these limits if they are valid. Raises BadInput if a range is empty or a range reaches outside a more urgent
+        range."""
         for level, (low, high) in self.levels:
             if any(bound is not None and bound != bound for bound in (low, high)):
                 raise BadInput(f"{level} limit is not a number", expected="a number or none")
             if low is not None and high is not None and low > high:
-                raise BadInput(f"{level} limits hold nothing", expected="low ≤ high", got=f"{low:g} … {high:g}")
+                raise BadInput(f"{level} limits are empty", expected="low ≤ high", got=f"{low:g} … {high:g}")
         outer_low, outer_high = None, None
         for level, (low, high) in self.levels:
             if (low is not None and outer_low is not None and low < outer_low) or (
@@ -83,11 +83,11 @@ class Limits:
 class Persistence:
     """Filter that derives the *counted* state from consecutive samples.
 
-    With persistence n the counted state rises to the least urgent of the last n samples if that is more urgent, and
-    falls to the most urgent of the last n samples if that is less urgent. So n consecutive samples outside the limits
-    raise it, n consecutive samples inside clear it, a different sample restarts the count, and a single spike has no
-    effect if n > 1. ``recent``: at most the last n − 1 samples, oldest first. A missing or unchecked sample ends the
-    run; see ``broken``.
+    With persistence n, the counted state rises to the least urgent of the last n samples if that state is more urgent. It
+    falls to the most urgent of the last n samples if that state is less urgent. Therefore n consecutive samples outside
+    the limits raise the counted state, and n consecutive samples inside clear it. A different sample restarts the count. A
+    single spike has no effect if n > 1. ``recent``: at most the last n − 1 samples, oldest first. A missing or unchecked
+    sample ends the run of samples; see ``broken``.
     """
 
     counted: State = State.OK
@@ -98,7 +98,7 @@ class Persistence:
         if persistence < 1:
             raise BadInput("the persistence is out of range", expected=f"1 – {PERSISTENCE_MAX}", got=str(persistence))
         if sample is self.counted and self.recent == (sample,) * (persistence - 1):
-            return self  # fast path: nearly all samples take it
+            return self  # fast path for nearly all samples
         run = (*self.recent, sample)[-persistence:]
         recent = run[1:] if len(run) == persistence else run
         if len(run) < persistence:
@@ -111,6 +111,6 @@ class Persistence:
         return self if recent == self.recent else Persistence(self.counted, recent)
 
     def broken(self) -> Persistence:
-        """Return the filter with its run cleared and the counted state unchanged, after a missing sample or a change
-        of limits."""
+        """Return the filter without recent samples and with the same counted state, after a missing sample or a change of
+        limits."""
         return Persistence(self.counted) if self.recent else self

@@ -1,7 +1,7 @@
 """Spectral response of detector and lens, one curve per profile.
 
-No document contains a usable curve (Moniteq 1983 Fig. 3.11 is lost), so all curves are chosen as typical of the
-detector type and scaled to the single figures that are printed; ``source`` states this for each.
+No document contains a usable curve (Moniteq 1983 Fig. 3.11 is lost). All curves are therefore typical of the detector type and
+are scaled to the single values that the documents print. ``source`` of each curve states this.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from gss.domain.errors import BadInput
 
 @dataclass(frozen=True)
 class SpectralResponse:
-    """Output per watt of light against wavelength, lens included: in A/W if the source gives it, otherwise relative.
+    """Output per watt of light against wavelength, including the lens, in A/W if the source states this unit, otherwise
+    relative.
 
-    ``wavelength_nm`` is ascending; values are interpolated linearly and zero outside the range.
+    ``wavelength_nm`` is ascending. Values are interpolated linearly and are zero outside the range.
     """
 
     name: str
@@ -39,7 +40,7 @@ class SpectralResponse:
             raise BadInput("the response curve is not valid", expected="finite values, none negative, one above zero")
 
     def at(self, wavelength_nm: Array) -> Array:
-        """Response at each wavelength."""
+        """Return the response at each wavelength."""
         return np.asarray(np.interp(wavelength_nm, self.wavelength_nm, self.a_per_w, left=0.0, right=0.0))
 
 
@@ -162,5 +163,5 @@ RESPONSES: dict[str, SpectralResponse] = {
 
 
 def response_of(profile: CameraProfile) -> SpectralResponse:
-    """Return the curve of a profile; silicon behind glass for cameras other than the five."""
+    """Return the curve of a profile. Cameras other than the five published ones use silicon behind glass."""
     return RESPONSES.get(profile.name, GENERIC)

@@ -18,7 +18,7 @@ BLIND = "blind"
 
 
 class Outcome(StrEnum):
-    """Whether the chain found an attitude."""
+    """Outcome of a chain: SOLVED if it computed an attitude, otherwise NONE."""
 
     SOLVED = "solved"
     NONE = "none"
@@ -35,8 +35,8 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Region:
-    """Connected set of pixels above threshold. Bounds are inclusive. ``rejected``: reason why it is not a star, or
-    ""."""
+    """Connected set of pixels above threshold. Bounds are inclusive. ``rejected``: reason why the region is not a star, ""
+    if it is accepted."""
 
     col_min: int
     row_min: int
@@ -50,7 +50,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Centroids:
-    """n measured stars, brightest first. Positions in pixels (pixel centres at integers), flux above background."""
+    """n measured stars, brightest first. Positions are in pixels (pixel centres at integers). Flux is above the background."""
 
     col_px: Array
     row_px: Array
@@ -92,7 +92,7 @@ class Matches:
     """m identified stars.
 
     ``centroid``: row in Centroids. ``residual_px``: (m, 2) measured − predicted, NaN without an attitude. ``weight``:
-    as used for the attitude; 0 = identified but excluded from the fit.
+    weight in the attitude fit; 0 for a star that is identified but excluded from the fit.
     """
 
     centroid: NDArray[np.int32]
@@ -106,8 +106,8 @@ class Matches:
 
 @dataclass(frozen=True)
 class Attitude:
-    """Camera attitude. ``quaternion``: scalar-last, cam_from_icrs. ``covariance_rad2``: (3, 3) of the small rotation
-    vector in the camera frame (x, y cross-boresight, z about it), NaN if the chain computes none."""
+    """Camera attitude. ``quaternion``: scalar-last, cam_from_icrs. ``covariance_rad2``: (3, 3) covariance of the small
+    rotation vector in the camera frame (x, y cross-boresight, z about boresight), NaN if the chain does not compute it."""
 
     quaternion: Array
     covariance_rad2: Array
@@ -124,7 +124,7 @@ class Attitude:
 
     @property
     def sigma_rad(self) -> tuple[float, float]:
-        """Standard deviations (cross-boresight per axis: rms of x and y; about boresight)."""
+        """Standard deviations (cross-boresight, about boresight). The first is per axis: the rms of x and y."""
         c = self.covariance_rad2
         return float(np.sqrt((c[0, 0] + c[1, 1]) / 2)), float(np.sqrt(c[2, 2]))
 
@@ -133,8 +133,8 @@ class Attitude:
 class Turning:
     """Angular velocity of the camera relative to ICRS during one exposure, measured from star trails.
 
-    ``vector_rad_s``: (3,) in camera axes; ``covariance_rad2_s2``: (3, 3). A trail does not show at which end it began:
-    unless ``sign_known``, the opposite vector fits as well. ``stars``: number of trails measured.
+    ``vector_rad_s``: (3,) in camera axes. ``covariance_rad2_s2``: (3, 3). A trail does not show its direction of motion:
+    unless ``sign_known`` is True, the opposite vector fits equally well. ``stars``: number of measured trails.
     """
 
     vector_rad_s: Array
@@ -144,7 +144,7 @@ class Turning:
 
     @property
     def speed_rad_s(self) -> float:
-        """Length of the vector."""
+        """Magnitude of the angular velocity."""
         return float(np.linalg.norm(self.vector_rad_s))
 
     @property
@@ -158,12 +158,12 @@ class Turning:
 class SolveResult:
     """Result of one chain on one frame, with its intermediate data for inspection.
 
-    ``camera`` is the geometry at the end of the run (refined for images of unknown cameras). ``reason``: cause of a
-    missing solution. ``false_match_probability`` bounds the probability that the identification is accidental; NaN if the
-    chain does not compute it. ``timing_s``: by stage, empty without a clock. ``notes``: sentences for the user.
-    ``velocity_c``: ICRS velocity of the observer in units of c, if its aberration was corrected. ``turning``: angular
-    rate from trails, if any. ``versions``: software versions by name. ``options``: changed constants of the chain,
-    ``NAME=VALUE, …``; empty: none.
+    ``camera``: geometry at the end of the run (refined for images of unknown cameras). ``reason``: reason for a missing
+    solution. ``false_match_probability``: upper bound on the probability that the identification is accidental; NaN if the
+    chain does not compute it. ``timing_s``: duration of each stage; empty without a clock. ``notes``: sentences for the
+    user. ``velocity_c``: ICRS velocity of the observer in units of c; None if aberration was not corrected. ``turning``:
+    angular rate from trails, None if not measured. ``versions``: software versions by name. ``options``: changed constants
+    of the chain, ``NAME=VALUE, …``; empty if none was changed.
     """
 
     chain: str
@@ -197,7 +197,7 @@ class SolveResult:
 
 @dataclass(frozen=True)
 class Truth:
-    """The renderer's ground truth: attitude, and the stars on the detector with their noise-free positions."""
+    """Ground truth of a rendered image: the attitude, and the stars on the detector with their noise-free positions."""
 
     quaternion: Array
     hip: NDArray[np.int32]

@@ -14,25 +14,25 @@ from gss.domain.angles import Array
 
 
 def rotation_x(angle_rad: float) -> Array:
-    """Coordinate change to axes turned by ``angle_rad`` about x (Jacobs 1995 eq. 1.10)."""
+    """Return the coordinate change to axes rotated by ``angle_rad`` about x (Jacobs 1995 eq. 1.10)."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[1, 0, 0], [0, c, s], [0, -s, c]], float)
 
 
 def rotation_y(angle_rad: float) -> Array:
-    """Coordinate change to axes turned by ``angle_rad`` about y (Jacobs 1995 eq. 1.11)."""
+    """Return the coordinate change to axes rotated by ``angle_rad`` about y (Jacobs 1995 eq. 1.11)."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]], float)
 
 
 def rotation_z(angle_rad: float) -> Array:
-    """Coordinate change to axes turned by ``angle_rad`` about z (Jacobs 1995 eq. 1.12)."""
+    """Return the coordinate change to axes rotated by ``angle_rad`` about z (Jacobs 1995 eq. 1.12)."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]], float)
 
 
 def matrix_from_quaternion(quaternion: Array) -> Array:
-    """(…, 3, 3) matrices that act on column vectors, from (…, 4) scalar-last quaternions of any non-zero length."""
+    """Return (…, 3, 3) matrices that act on column vectors, from (…, 4) scalar-last quaternions of any non-zero length."""
     q = np.asarray(quaternion, float)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     x, y, z, w = (q[..., k] for k in range(4))
@@ -49,7 +49,8 @@ def matrix_from_quaternion(quaternion: Array) -> Array:
 
 
 def quaternion_from_matrix(matrix: Array) -> Array:
-    """(4,) scalar-last quaternion with w ≥ 0, from a (3, 3) rotation matrix (Shepperd: divide by the largest term)."""
+    """Return the (4,) scalar-last quaternion with w ≥ 0 of a (3, 3) rotation matrix (Shepperd's method: divide by the largest
+    term)."""
     m = np.asarray(matrix, float)
     diagonal = np.array([m[0, 0], m[1, 1], m[2, 2], np.trace(m)])
     k = int(np.argmax(diagonal))
@@ -66,7 +67,8 @@ def quaternion_from_matrix(matrix: Array) -> Array:
 
 
 def rotation_from_vector(vector_rad: Array) -> Array:
-    """(3, 3) active rotation by the length of a (3,) rotation vector about its direction (Rodrigues)."""
+    """Return the (3, 3) active rotation of a (3,) rotation vector: its length is the angle, its direction the axis
+    (Rodrigues)."""
     x, y, z = np.asarray(vector_rad, float).tolist()
     angle2 = x * x + y * y + z * z
     angle_rad = math.sqrt(angle2)
@@ -84,12 +86,12 @@ def rotation_from_vector(vector_rad: Array) -> Array:
 
 
 def rotation_angle_rad(a: Array, b: Array) -> float:
-    """Angle of the rotation that takes one (3, 3) rotation into the other."""
+    """Return the angle of the rotation between two (3, 3) rotations."""
     return 2.0 * float(np.arcsin(min(1.0, np.linalg.norm(np.asarray(a) - b) / np.sqrt(8.0))))
 
 
 def vector_from_rotation(matrix: Array) -> Array:
-    """(3,) rotation vector whose active rotation is the (3, 3) matrix; accurate to rounding for small angles."""
+    """Return the (3,) rotation vector of a (3, 3) active rotation. Accurate to rounding for small angles."""
     axis = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]) / 2
     sine, cosine = float(np.linalg.norm(axis)), (float(np.trace(matrix)) - 1) / 2
     angle_rad = float(np.arctan2(sine, cosine))
@@ -97,7 +99,7 @@ def vector_from_rotation(matrix: Array) -> Array:
 
 
 def quaternion_product(left: Array, right: Array) -> Array:
-    """(…, 4) Hamilton products, scalar last: the matrix of ``left`` times the matrix of ``right``."""
+    """Return (…, 4) Hamilton products, scalar last. They represent the matrix of ``left`` times the matrix of ``right``."""
     x1, y1, z1, w1 = np.moveaxis(np.asarray(left, float), -1, 0)
     x2, y2, z2, w2 = np.moveaxis(np.asarray(right, float), -1, 0)
     return np.stack(
@@ -112,13 +114,13 @@ def quaternion_product(left: Array, right: Array) -> Array:
 
 
 def quaternion_inverse(quaternion: Array) -> Array:
-    """(…, 4) inverses of unit quaternions."""
+    """Return the (…, 4) inverses of unit quaternions."""
     return np.asarray(quaternion * np.array([-1.0, -1.0, -1.0, 1.0]))
 
 
 def turn_between(first: Array, second: Array) -> Array:
-    """(n, 3) rotation vectors δ with second = exp([δ]×)·first, from (n, 4) quaternions cam_from_icrs; in camera
-    axes, at most π long."""
+    """Return (n, 3) rotation vectors δ with second = exp([δ]×)·first, from (n, 4) quaternions cam_from_icrs. The vectors are
+    in camera axes and at most π long."""
     q = quaternion_product(second, quaternion_inverse(first))
     q = np.where(q[..., 3:] < 0, -q, q)
     sine = np.linalg.norm(q[..., :3], axis=-1)
@@ -127,7 +129,7 @@ def turn_between(first: Array, second: Array) -> Array:
 
 
 def turned(quaternion: Array, vector_rad: Array) -> Array:
-    """(n, 4) quaternions exp([δ]×)·q, from (n, 4) or (4,) q and (n, 3) or (3,) δ."""
+    """Return (n, 4) quaternions exp([δ]×)·q, from (n, 4) or (4,) ``quaternion`` q and (n, 3) or (3,) ``vector_rad`` δ."""
     angle = np.linalg.norm(vector_rad, axis=-1)
     half = np.where(angle < 1e-12, 0.5, np.sin(angle / 2) / np.maximum(angle, 1e-300))
     step = np.concatenate([vector_rad * half[..., None], np.cos(angle / 2)[..., None]], axis=-1)
@@ -135,6 +137,6 @@ def turned(quaternion: Array, vector_rad: Array) -> Array:
 
 
 def random_quaternion(rng: np.random.Generator) -> Array:
-    """(4,) quaternion, uniform over all rotations."""
+    """Return a random (4,) quaternion, uniform over all rotations."""
     q = rng.normal(size=4)
     return np.asarray(q / np.linalg.norm(q))

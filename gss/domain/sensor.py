@@ -1,4 +1,4 @@
-"""Detector model: from light to electrons, noise and digital numbers."""
+"""Detector model: electrons, noise and digital numbers from light."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.domain.angles import Array
 class Sensor:
     """Photometric model of detector and lens.
 
-    ``zero_point_e_s``: electrons per second over the whole image of a star of V = 0.
+    ``zero_point_e_s``: electrons per second from a star of V = 0, summed over its image.
     """
 
     bits: int
@@ -33,32 +33,34 @@ class Sensor:
 
     @property
     def saturation_dn(self) -> int:
-        """Largest value of the analogue-to-digital converter."""
+        """Maximum output of the analogue-to-digital converter."""
         return (1 << self.bits) - 1
 
     def star_e(self, v_mag: Array | float, exposure_s: float) -> Array:
-        """Expected electrons of stars of magnitude V in one exposure."""
+        """Return the expected electrons in one exposure from stars of magnitude V."""
         return np.asarray(self.zero_point_e_s * exposure_s * 10.0 ** (-0.4 * np.asarray(v_mag, float)))
 
     def magnitude(self, star_e: Array | float, exposure_s: float) -> Array:
-        """Magnitude V of a star that yields ``star_e`` electrons."""
+        """Return the magnitude V of a star that yields ``star_e`` electrons in one exposure."""
         return np.asarray(-2.5 * np.log10(np.asarray(star_e, float) / (self.zero_point_e_s * exposure_s)))
 
     def noise_e(self, exposure_s: float) -> float:
-        """Standard deviation of a dark-sky pixel: read noise, dark and background shot noise, quantisation (Huffman 2006 §3.2)."""
+        """Return the standard deviation of a pixel without stars, in electrons: read noise, shot noise of dark current and
+        background, and quantisation (Huffman 2006 §3.2)."""
         shot_e2 = (self.dark_current_e_s + self.background_e_s) * exposure_s
         return float(np.sqrt(self.read_noise_e**2 + shot_e2 + self.gain_e_per_dn**2 / 12))
 
 
 @dataclass(frozen=True)
 class Defects:
-    """Defects of a detector and its lens; the chip's random seed determines their positions. All zero: a perfect detector.
+    """Defects of a detector and its lens. The chip's random seed determines their positions. All values are zero for a perfect
+    detector.
 
-    ``response_sigma``: spread of the pixels' relative response. ``offset_sigma_dn``, ``column_sigma_dn``: fixed offsets
-    of pixels and of whole columns. ``dark_sigma``: relative spread of the dark current. ``hot_share``: fraction of
-    pixels with an extra ``hot_e_s`` electrons per second on average (exponential). ``dead_share``: fraction of pixels
-    without response. ``corner_loss``: fraction of light lost in the corner, growing with the square of the distance
-    from the optical centre.
+    ``response_sigma``: spread of the pixels' relative response. ``offset_sigma_dn``, ``column_sigma_dn``: spread of the
+    fixed offsets of pixels and of whole columns. ``dark_sigma``: relative spread of the dark current. ``hot_share``:
+    fraction of pixels with an additional dark current, exponentially distributed with mean ``hot_e_s`` electrons per
+    second. ``dead_share``: fraction of pixels without response. ``corner_loss``: fraction of light lost in the corner; the
+    loss grows with the square of the distance from the optical centre.
     """
 
     response_sigma: float = 0.0
@@ -78,9 +80,9 @@ NO_DEFECTS = Defects()
 class Baffle:
     """Stray-light limits of a camera. Angles are from the boresight to the Sun's centre and to the Earth's limb.
 
-    At the limit the stray light from the Sun is ``reference_e_s`` electrons per second and pixel; outside it falls
-    slowly, inside it grows e-fold every ``decay_rad``. Within ``blind_rad`` the Sun illuminates the lens and no star is
-    detected.
+    If the Sun is at its limit, its stray light is ``reference_e_s`` electrons per second and pixel. Outside the limit the
+    stray light falls slowly. Inside, it grows by a factor of e every ``decay_rad``. Within ``blind_rad`` the Sun
+    illuminates the lens and no star is detected.
     """
 
     sun_limit_rad: float = float(np.radians(30.0))

@@ -12,17 +12,16 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 
 Ids = NDArray[np.int32]
-# Hipparcos numbers end at 120 404.
-# The number of a star that only Gaia contains is this value plus its row in the packaged Gaia file.
 GAIA_FIRST = 1_000_000
+"""A star that only Gaia contains has this number plus its row in the packaged Gaia file. Hipparcos numbers end at 120 404."""
 
 
 @dataclass(frozen=True)
 class StarTable:
     """n stars at one epoch. All arrays have n rows, in any order.
 
-    ``icrs``: (n, 3) unit vectors. ``proper_motion_rad_yr``: (n, 3) velocity of that vector, tangent to the sphere.
-    ``v_mag``: Johnson V. ``b_v``: colour index, NaN where unknown. ``flags``: bitwise OR of the FLAG_ constants.
+    ``icrs``: (n, 3) unit vectors. ``proper_motion_rad_yr``: (n, 3) velocities of these vectors, tangent to the sphere.
+    ``v_mag``: Johnson V. ``b_v``: colour index, NaN if unknown. ``flags``: bitwise OR of the FLAG_ constants.
     """
 
     hip: Ids
@@ -68,11 +67,12 @@ class StarTable:
 
     @cached_property
     def row_of_hip(self) -> dict[int, int]:
-        """Row of each Hipparcos number."""
+        """Hipparcos number to row."""
         return {int(hip): row for row, hip in enumerate(self.hip)}
 
     def name_of(self, hip: int) -> str:
-        """Return the proper or Bayer name if there is one, otherwise "HIP n", or "Gaia row n" for stars not in Hipparcos."""
+        """Return the proper or Bayer name if the star has one; otherwise "HIP n", or "Gaia row n" for a star not in
+        Hipparcos."""
         number = int(hip)
         return self.names.get(number, f"HIP {number}" if number < GAIA_FIRST else f"Gaia row {number - GAIA_FIRST}")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def counted(count: int, singular: str, plural: str = "") -> str:
-    """Format a count with its noun: "1 frame", "12 frames". ``plural``: the plural if it is not the noun with an s."""
+    """Format a count with its noun: "1 frame", "12 frames". ``plural``: plural of the noun, needed only if it is irregular."""
     return f"{count} {singular if count == 1 else plural or singular + 's'}"
 
 

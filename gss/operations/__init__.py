@@ -1,1 +1,1 @@
-"""Use cases, one file per user action: the imperative shell around the pure packages."""
+"""Use cases, one file per user action. They perform the input and output for the packages that only compute."""

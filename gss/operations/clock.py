@@ -1,8 +1,8 @@
-"""The server's clocks. Code that needs the time receives one as an argument, so that tests and rehearsals control it.
+"""The server's clocks. Code that needs the time receives a clock as an argument, which lets tests and rehearsals control it.
 
-*Mission time* is one :class:`Clock`, given to the wiring: passes, procedures, telemetry, contacts, commands and protocol timers
-depend on it only. A rehearsal replaces it by a clock that runs faster. *Machine time* is always that of this computer: accounts,
-tokens, the audit log, jobs, backups, retention and watchdogs of threads.
+*Mission time* is one :class:`Clock` that is passed to the wiring. Passes, procedures, telemetry, contacts, commands and
+protocol timers use only this clock. A rehearsal replaces it with a clock that runs faster. *Machine time* is the clock of this
+computer. Accounts, tokens, the audit log, jobs, backups, retention and thread watchdogs use it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ Now = Callable[[], datetime]
 Monotonic = Callable[[], float]
 ONE_SECOND = timedelta(seconds=1)
 CLOCK_AHEAD = timedelta(minutes=5)
-"""A key created this much later than now was created with a clock that was ahead; it is invalid until then."""
+"""A key whose creation time is further in the future than this was created while the clock was ahead. The key is invalid
+until its creation time."""
 
 
 def utc_now() -> datetime:
@@ -25,7 +26,7 @@ def utc_now() -> datetime:
 
 
 def utc_us() -> int:
-    """Return the system's clock in microseconds since 1970."""
+    """Return the system time in microseconds since 1970."""
     return time.time_ns() // 1000
 
 
@@ -53,11 +54,11 @@ class Clock:
 
 
 MACHINE_CLOCK = Clock(utc_now, monotonic_s)
-"""Mission time of a server: that of the machine."""
+"""Mission time of a server: the clock of the machine."""
 
 
 def after_jump(moment: datetime, now: datetime, jump_s: float) -> datetime:
-    """Correct a time that was read before the clock jumped to the new clock; a time read after the jump is unchanged."""
+    """Convert a time that was read before a clock jump to the new clock. A time read after the jump is returned unchanged."""
     shifted = moment + timedelta(seconds=jump_s)
     before = shifted <= now + ONE_SECOND if jump_s > 0 else moment > now + ONE_SECOND
     return shifted if before else moment

@@ -19,7 +19,7 @@ MAILBOX = 2000
 
 @dataclass(frozen=True)
 class Message:
-    """A published message: ``topic`` defines the type of ``payload``. ``seq`` only for recorded events."""
+    """A published message. ``topic`` defines the type of ``payload``. ``seq`` is set only for recorded events."""
 
     topic: str
     payload: Any
@@ -27,7 +27,7 @@ class Message:
 
 
 class Subscription:
-    """The message queue of one listener. When it overflows, the oldest messages are dropped, counted and reported."""
+    """The message queue of one listener. If it overflows, the oldest messages are dropped and counted."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self._wake = wake
@@ -36,7 +36,7 @@ class Subscription:
         self._dropped = 0
 
     def put(self, message: Message) -> None:
-        """Append a message; called by the bus from any thread, never blocks."""
+        """Append a message. The bus calls this from any thread. The call never blocks."""
         with self._lock:
             if len(self._messages) == MAILBOX:
                 self._dropped += 1
@@ -44,11 +44,11 @@ class Subscription:
         self._wake()
 
     def wake(self) -> None:
-        """Wake the listener without a message."""
+        """Wake the listener without sending a message."""
         self._wake()
 
     def take(self) -> tuple[list[Message], int]:
-        """Return all waiting messages, and the number dropped before them."""
+        """Remove and return all waiting messages, and the number of messages dropped before them."""
         with self._lock:
             messages, dropped = list(self._messages), self._dropped
             self._messages.clear()
@@ -66,8 +66,8 @@ class EventBus:
         self._in_order = threading.Lock()
 
     def record(self, kind: str, severity: str, text: str, **data: Any) -> Event:
-        """Record an event and publish it. Events are published in the order of their numbers, so that a client that
-        reconnects with the last number it has seen misses none."""
+        """Record an event and publish it. Events are published in the order of their numbers. A client that reconnects with
+        the last number it received therefore misses no event."""
         with self._in_order:
             with self._database.unit_of_work() as session:
                 event = store.add(session, self._now(), kind, severity, text, data)
@@ -89,7 +89,7 @@ class EventBus:
             subscription.wake()
 
     def subscribe(self, wake: Callable[[], None]) -> Subscription:
-        """Create a subscription; ``wake`` is called after each message, from any thread."""
+        """Create a subscription. ``wake`` is called after each message, from any thread."""
         subscription = Subscription(wake)
         with self._lock:
             self._subscriptions.add(subscription)
@@ -106,11 +106,11 @@ class EventBus:
             return store.after(session, seq, limit)
 
     def between(self, start: datetime, end: datetime, limit: int) -> list[Event]:
-        """Return the newest recorded events of a span, oldest first."""
+        """Return the latest recorded events of a time span, at most ``limit``, oldest first."""
         with self._database.unit_of_work() as session:
             return store.between(session, start, end, limit)
 
     def newest(self) -> int:
-        """Return the number of the newest recorded event; 0 before the first."""
+        """Return the number of the latest recorded event, or 0 if there is none."""
         with self._database.unit_of_work() as session:
             return store.last_seq(session)

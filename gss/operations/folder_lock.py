@@ -1,4 +1,4 @@
-"""File locks. Only one server may use a data folder, because two would both write the record of the line."""
+"""File locks. Only one server may use a data folder, because two servers would write the same captures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.domain.errors import Conflict, StoreDown
 
 
 def own_folder(folder: Path) -> None:
-    """Create a data folder that only its owner can access; remove the access of others to an existing one."""
+    """Create a data folder that only its owner can access. If the folder exists, remove the access of other users."""
     if not folder.exists():
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -23,8 +23,8 @@ def own_folder(folder: Path) -> None:
 
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Lock the data folder. Raises Conflict if another process holds it, StoreDown if it is not writable. The operating
-    system releases the lock even after kill -9."""
+    """Lock the data folder. Raises Conflict if another process has locked it, StoreDown if the folder is not writable. The
+    operating system releases the lock even after kill -9."""
     try:
         own_folder(folder)
         file = (folder / "server.lock").open("w")
@@ -48,7 +48,8 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def named_lock(path: Path, message: str, *, wait: bool = False) -> Iterator[None]:
-    """Lock a file. If another thread or process holds it, raise Conflict with this text, or wait for it."""
+    """Lock a file. If another thread or process has locked it, wait if ``wait`` is True; otherwise raise Conflict with
+    ``message``."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w") as file:
         try:

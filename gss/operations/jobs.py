@@ -1,9 +1,9 @@
 """Jobs: long work that is queued, reports progress, can be cancelled, stores its result, and resumes after a crash.
 
-Each kind of job has a type of request, which is stored, and a function that does the work from this request alone, so that the
-next server can continue it. The work stores checkpoints; after a crash it is called with the newest one and must end with the
-same result. Work without a checkpoint starts from the beginning. A job during which the server died three times without progress
-is not tried again.
+Each kind of job has a request type and a work function. The request is stored and contains everything that the function needs,
+so the next server process can continue the job. The function stores checkpoints. After a crash it is called with the latest
+checkpoint and must produce the same result. Without a checkpoint it starts from the beginning. A job is not retried if the
+server died three times during it without progress.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ KINDS = (
     *("experiments", "campaign", "reprocess", "catalogue", "design", "calibration", "analysis", "lists", "instrument"),
     *("derive", "rehearsal", "backup", "retention", "check-store"),
 )
-"""Kinds created from their stored request alone; each is registered by the service that runs it."""
+"""Kinds of jobs that can be created from their stored request alone. The service that runs a kind registers it."""
 ALWAYS = ("retention", "check-store")
-"""Kinds that are accepted even if the disk is nearly full, because they free space or only read."""
+"""Kinds of jobs that are accepted even if the disk is nearly full, because they free space or only read."""
 PERMISSIONS = {
     "experiments": "campaigns",
     "campaign": "campaigns",
@@ -54,27 +54,27 @@ PERMISSIONS = {
     "retention": "admin.retention",
     "check-store": "admin.health",
 }
-"""Permission needed to start a job of a kind, the same as on the route that first starts it."""
+"""Permission needed to start a job of a kind. The route that starts this kind of job requires the same permission."""
 UNKNOWN_KIND = "admin.users"
-"""Permission for an unknown kind: an admin permission."""
+"""Permission needed to start or end a job of an unknown kind: a permission of administrators."""
 
 
 class Cancelled(Exception):
-    """Raised inside a job's work at the next progress report after it was cancelled."""
+    """Raised inside a job's work at the first progress report after the job was cancelled."""
 
 
 Progress = Callable[[int, int, str], None]
 
 
 class Keep(Protocol):
-    """Stores a checkpoint; with a ``session``, in the same transaction as the data it refers to."""
+    """Stores a checkpoint. With a ``session``, the checkpoint is stored in the same transaction as the data it refers to."""
 
     def __call__(self, checkpoint: JsonObject, session: Any = None) -> None: ...
 
 
 @dataclass(frozen=True)
 class JobRun:
-    """Context of a job's work. ``checkpoint``: what the last ``keep`` stored, None on the first run."""
+    """Context of a job's work. ``checkpoint``: the last checkpoint that ``keep`` stored, None if there is none."""
 
     checkpoint: JsonObject | None
     progress: Progress
@@ -82,13 +82,13 @@ class JobRun:
 
 
 JobResult = Mapping[str, object]
-"""What a job of its kind states at its end, as JSON; pages and commands read the parts that they know."""
+"""Result of a job as JSON. Its fields depend on the kind of job."""
 Work = Callable[[JobRun], JobResult]
 
 
 @dataclass(frozen=True)
 class JobRequest:
-    """What is stored with a job: everything that its work needs. ``user``: who started it."""
+    """Stored request of a job, with everything that its work needs. ``user``: the user who started the job."""
 
     user: str = field(default="", kw_only=True)
 
@@ -103,9 +103,8 @@ def nested_request(stored: JsonObject) -> JsonObject:
 
 @dataclass(frozen=True)
 class JobKind(Generic[R]):
-    """A kind of job, one of :data:`KINDS`. ``renewed``: returns the request of a job that is continued or repeated, with the
-    parts that may be outdated replaced; ``repeated``: the same for a repeated job only. ``older``: converts a stored request of
-    an earlier version."""
+    """A kind of job, one of :data:`KINDS`. ``renewed``: replaces outdated parts of the request of a job that is continued or
+    repeated. ``repeated``: does so for a repeated job only. ``older``: converts a stored request of an earlier version."""
 
     name: str
     request: type[R]
@@ -115,7 +114,8 @@ class JobKind(Generic[R]):
     older: Callable[[JsonObject], JsonObject] | None = None
 
     def read(self, stored: JsonObject) -> R:
-        """Return the request of a stored job. Raises BadInput if another version stored one that this version cannot use."""
+        """Return the request of a stored job. Raises BadInput if another version stored a request that this version cannot
+        use."""
         try:
             return TypeAdapter(self.request).validate_python(self.older(stored) if self.older else stored)
         except ValidationError as error:
@@ -126,7 +126,7 @@ class JobKind(Generic[R]):
             ) from None
 
     def current(self, request: R) -> R:
-        """Return the request with the parts that may be outdated replaced."""
+        """Return the request with its outdated parts replaced."""
         return self.renewed(request) if self.renewed else request
 
 
@@ -143,14 +143,15 @@ class JobService:
         self._kinds: dict[str, JobKind[Any]] = {}
         self._stopping = False
         self._marking = threading.RLock()
-        """Makes a check of a job's state and the change that follows from it one step."""
+        """Held while a job's state is checked and then changed, so that no other thread changes it in between."""
 
     def register(self, kind: JobKind[Any]) -> None:
-        """Run jobs of this kind, also those that an earlier server left open."""
+        """Register a kind of job. :meth:`start` then also resumes unfinished jobs of this kind."""
         self._kinds[kind.name] = kind
 
     def start(self) -> None:
-        """Resume the jobs that the last server left open; jobs that cannot be resumed are closed, keeping their requests."""
+        """Resume the jobs that the previous server did not finish. Jobs that cannot be resumed fail; their requests remain
+        stored."""
         with self._database.unit_of_work() as session:
             unfinished = store.unfinished(session)
         for job in unfinished:
@@ -176,8 +177,8 @@ class JobService:
         self._queue(job.id, partial(kind.work, request))
 
     def interrupt(self) -> None:
-        """Cancel every job, also those queued later. Running resumable jobs are stored as queued at once, so that the end of the
-        process does not count as a crash. May be called more than once, from any thread."""
+        """Cancel all jobs, including jobs that are queued later. Running resumable jobs are stored as queued immediately, so
+        that the end of the process does not count as a crash. Can be called repeatedly and from any thread."""
         self._stopping = True
         for event in list(self._cancel.values()):
             event.set()
@@ -192,17 +193,18 @@ class JobService:
                 self._update(job_id, state="queued", text=LEFT_TO_THE_NEXT)
 
     def stop(self) -> None:
-        """Stop all jobs and wait. Resumable jobs remain open for the next server; the others are cancelled."""
+        """Stop all jobs and wait until they have ended. Resumable jobs stay queued for the next server. All other jobs are
+        cancelled."""
         self.interrupt()
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def finish(self) -> None:
-        """Wait until all queued jobs have ended; no more can be queued afterwards."""
+        """Wait until all queued jobs have ended. No job can be queued afterwards."""
         self._pool.shutdown(wait=True)
 
     def begin(self, kind: str, title: str, request: JobRequest, work: Work | None = None) -> Job:
-        """Queue a job of a registered kind and return its row at once. ``work``: the kind's work for this request, if it was
-        already prepared to validate the request."""
+        """Queue a job of a registered kind and return its row immediately. ``work``: the work for this request, if the caller
+        has already prepared it."""
         job = self._add(kind, title, as_stored(request))
         self._queue(job.id, work or partial(self._kinds[kind].work, request))
         return job
@@ -223,7 +225,8 @@ class JobService:
         return self.begin(old.kind, old.title, replace(request, user=user))
 
     def cancel(self, job_id: int) -> Job:
-        """Request a job to end, which it does at its next progress report. Raises Conflict if it has ended."""
+        """Request the cancellation of a job. The job ends at its next progress report. Raises Conflict if the job has already
+        ended."""
         job = self.get(job_id)
         if job.state not in ("queued", "running"):
             raise Conflict("this job has ended", expected="a queued or running job", got=job.state)
@@ -237,12 +240,12 @@ class JobService:
             return store.get(session, job_id)
 
     def newest(self, limit: int) -> list[Job]:
-        """Return the newest jobs first."""
+        """Return the latest jobs, at most ``limit``, newest first."""
         with self._database.unit_of_work() as session:
             return store.newest(session, limit)
 
     def waiting(self) -> int:
-        """Number of queued and running jobs."""
+        """Return the number of queued and running jobs."""
         return len(self._cancel)
 
     # --- running ------------------------------------------------------------------------------------------------
@@ -274,7 +277,7 @@ class JobService:
             with self._marking:
                 if cancel.is_set():
                     raise Cancelled
-                # Work may report thousands of times; a row and a message for each would cost more than the work.
+                # Work can report progress thousands of times. A row and a message per report would cost more than the work.
                 now_s, last = stopwatch_s(), {"done": done, "total": total}
                 if now_s - published_s >= PUBLISH_EVERY_S:
                     published_s = now_s
@@ -303,7 +306,7 @@ class JobService:
             self._cancel.pop(job_id, None)
 
     def _interrupted(self, job: Job, last: dict[str, int]) -> None:
-        """Mark a job as cancelled, or as queued if the server is stopping and the next one can resume it."""
+        """Mark a job as cancelled, or as queued if the server is stopping and the next server can resume the job."""
         if self._stopping and job.kind in self._kinds:
             self._update(job.id, state="queued", text=LEFT_TO_THE_NEXT, **last)
         else:
@@ -328,7 +331,8 @@ def can_start_again(job: Job) -> bool:
 
 
 def permission_of(job: Job) -> str:
-    """Return the permission needed to start or end this job; the user who started it may always end it."""
+    """Return the permission needed to start or end this job. The user who started the job can end it without this
+    permission."""
     return PERMISSIONS.get(job.kind, UNKNOWN_KIND)
 
 

@@ -1,6 +1,6 @@
-"""Metrics for Prometheus: request counters kept here, and values read from the services at each scrape.
+"""Metrics for Prometheus: request counters, and values read from the services at each scrape.
 
-Names follow the conventions: base units, ``_total`` for counters, labels with few values.
+Names follow the Prometheus conventions: base units, ``_total`` for counters, labels with few values.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Labels = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True)
 class MetricSample:
-    """One value. ``kind``: gauge or counter."""
+    """One value of a metric. ``kind``: gauge or counter."""
 
     name: str
     help: str
@@ -29,7 +29,8 @@ class MetricSample:
 
 @dataclass
 class StreamCounts:
-    """Event streams over HTTP: currently open; rejected, and messages dropped for slow clients, since the server started."""
+    """Counts of event streams over HTTP. ``clients``: streams that are open now. ``refused``: streams rejected since the
+    server started. ``dropped``: messages dropped because of slow clients since the server started."""
 
     clients: int = 0
     refused: int = 0
@@ -40,7 +41,7 @@ Source = Callable[[], Iterable[MetricSample]]
 
 
 class Metrics:
-    """The metrics of one server instance. ``sources``: called at each scrape."""
+    """The metrics of one server instance. ``sources``: functions called at each scrape."""
 
     def __init__(self, sources: Sequence[Source]) -> None:
         self._registry = CollectorRegistry()
@@ -57,7 +58,7 @@ class Metrics:
         self._registry.register(_Sources(sources))
 
     def count_request(self, route: str, status: str) -> None:
-        """Count an answered request. ``status``: class of the status code, as 2xx."""
+        """Count an answered request. ``status``: class of the status code, for example 2xx."""
         self._requests.labels(route, status).inc()
 
     def observe_response(self, route: str, seconds: float) -> None:
@@ -70,7 +71,8 @@ class Metrics:
 
 
 class _Sources(Collector):
-    """Reads every source; several sources may add to one metric. One that fails is omitted and counted."""
+    """Collector that reads all sources. Several sources can add samples to one metric. A failed source is omitted and
+    counted."""
 
     def __init__(self, sources: Sequence[Source]) -> None:
         self._sources = tuple(sources)

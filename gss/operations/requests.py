@@ -1,4 +1,4 @@
-"""Base of request models, and how requests are stored with jobs and results."""
+"""Base class of request models, and conversion of requests to stored JSON."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gss.domain.errors import BadInput
 from gss.domain.json_object import JsonObject
 
 MAX_ID = 2**31 - 1
-"""Row ids in the database are 32-bit."""
+"""Largest row id: row ids in the database are 32-bit integers."""
 DEEPEST = 32
 """Maximum nesting depth of a request body."""
 Id = Annotated[int, Field(ge=1, le=MAX_ID)]
@@ -20,11 +20,11 @@ RangeValues = Annotated[list[float | int | None], Field(min_length=2, max_length
 ChainOptions = Annotated[
     dict[Annotated[str, Field(min_length=1, max_length=40)], Annotated[str, Field(max_length=60)]], Field(max_length=30)
 ]
-"""Constants of a chain to change, by name, with their values as text."""
+"""Changed constants of a chain: name to value as text."""
 
 
 class Request(BaseModel):
-    """Request of a user, in user units, as the API takes it and the job store keeps it.
+    """Base class of user requests. Fields are in user units, both in the API and in stored jobs.
 
     Unknown fields and implicit type conversions are rejected.
     """
@@ -34,13 +34,13 @@ class Request(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _whole_characters(cls, data: Any) -> Any:
-        """Reject lone surrogates and NUL, which cannot be stored, sent or shown."""
+        """Reject lone surrogates and NUL characters, which cannot be stored, sent or shown."""
         _check_text(data)
         return data
 
 
 def _check_text(value: Any) -> None:
-    """Check all text in a value. Iterative, because the client controls the nesting depth."""
+    """Check all text in a value. The check is iterative because the client controls the nesting depth."""
     pending: list[tuple[Any, int]] = [(value, 0)]
     while pending:
         item, depth = pending.pop()
@@ -51,14 +51,14 @@ def _check_text(value: Any) -> None:
         elif isinstance(item, list):
             pending += [(part, depth + 1) for part in item]
         elif isinstance(item, str) and ("\0" in item or any("\ud800" <= c <= "\udfff" for c in item)):
-            raise ValueError("text holds NUL or half a character")
+            raise ValueError("text contains NUL or an incomplete character")
 
 
 R = TypeVar("R", bound=Request)
 
 
 def request_from(model: type[R], values: JsonObject) -> R:
-    """Return the request with these values, for the command line. Raises BadInput naming the first wrong one."""
+    """Return the request with these values, for the command line. Raises BadInput that names the first invalid field."""
     try:
         return model.model_validate(values)
     except ValidationError as error:

@@ -1,1 +1,1 @@
-"""Orbits of spacecraft and their passes over ground stations. Pure: no clock, file or database."""
+"""Orbits of spacecraft and their passes over ground stations. The package uses no clock, files or database."""

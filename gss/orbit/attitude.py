@@ -1,4 +1,4 @@
-"""Attitudes of one frame over time, as CCSDS attitude messages hold them."""
+"""Attitudes of one frame over time, with the content of CCSDS attitude messages."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from gss.domain.errors import BadInput
 from gss.domain.rotation import turn_between, turned
 
 MAX_GAP_S = 600.0
-"""Attitudes are not interpolated over a longer time."""
+"""Maximum time between two attitudes for interpolation."""
 
 
 @dataclass(frozen=True)
 class AttitudeHistory:
-    """Attitudes of a frame of a spacecraft. ``frame``: its name in CCSDS messages, for example STARTRACKER_1; ``times_s`` (n,):
-    Unix seconds, increasing; ``quaternions`` (n, 4): frame_from_icrs, scalar-last; ``sigma_rad`` (n, 3): standard deviations about
-    the axes of the frame, NaN where they are unknown."""
+    """Attitudes of a frame of a spacecraft. ``frame``: name of the frame in CCSDS messages, for example STARTRACKER_1. ``times_s``
+    (n,): Unix seconds, increasing. ``quaternions`` (n, 4): frame_from_icrs, scalar-last. ``sigma_rad`` (n, 3): standard deviations
+    about the axes of the frame, NaN if unknown."""
 
     object_name: str
     frame: str
@@ -33,15 +33,15 @@ class AttitudeHistory:
             raise BadInput("The attitudes are not in order of time", expected="each later than the one before")
 
     def at(self, times_s: Array) -> Array:
-        """Return (n, 4) quaternions at (n,) Unix seconds, interpolated at a constant rate; NaN outside the span, and between
+        """Return (n, 4) quaternions at (n,) Unix seconds, interpolated with a constant rate. NaN outside the time span and between
         attitudes that are more than ``MAX_GAP_S`` apart."""
         if len(self.times_s) == 1:
             same = np.abs(times_s - self.times_s[0]) < 1e-3
             return np.where(same[:, None], self.quaternions[0], np.nan)
         k = np.clip(np.searchsorted(self.times_s, times_s, side="right") - 1, 0, len(self.times_s) - 2)
         before, after = self.times_s[k], self.times_s[k + 1]
-        share = (times_s - before) / (after - before)
-        turn = turn_between(self.quaternions[k], self.quaternions[k + 1])
-        between = turned(self.quaternions[k], turn * share[:, None])
+        fraction = (times_s - before) / (after - before)
+        rotation = turn_between(self.quaternions[k], self.quaternions[k + 1])
+        interpolated = turned(self.quaternions[k], rotation * fraction[:, None])
         valid = (times_s >= before) & (times_s <= after) & (after - before <= MAX_GAP_S)
-        return np.where(valid[:, None], between, np.nan)
+        return np.where(valid[:, None], interpolated, np.nan)

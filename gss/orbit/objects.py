@@ -1,4 +1,4 @@
-"""Catalogue of orbiting objects as an observer sees them, and the names that it gives to measured tracks."""
+"""Catalogue of orbiting objects: their directions as seen by an observer, and the identification of measured tracks."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from gss.orbit.station import GroundStation
 from gss.orbit.trajectory import DAY_S, UNIX_EPOCH_JD, Trajectory, teme_from_fixed, unix_s
 
 OLDEST_DAYS = 30.0
-"""Elements farther from their epoch are not used for names."""
+"""Maximum difference between a time and the epoch of elements that are used for identification."""
 ERROR_KM, ERROR_KM_DAY = 2.0, 1.5
-"""Assumed 1σ error of a position from a public element set at its epoch, and its growth per day (Vallado & Cefola 2012 give 1 to
-3 km at epoch in low orbits)."""
+"""Assumed 1σ position error of a public element set at its epoch, and its growth per day (Vallado & Cefola 2012: 1 to 3 km at
+epoch in low orbits)."""
 PLANET_RAD = 60 * ARCSEC_RAD
-"""Error of the planets' series."""
+"""Error of the series for the directions of planets."""
 GATE_SIGMA = 3.0
 MIN_RAD = 5 * ARCSEC_RAD
 
@@ -43,8 +43,9 @@ class OrbitingObject:
 
 @dataclass(frozen=True)
 class MeasuredTrack:
-    """Directions of one object: Unix seconds (n,), (n, 3) in the system of the star catalogue, standard deviation (n,), and the
-    observer's place (n, 3) km from the Earth's centre in ICRS axes, None if it is not known."""
+    """Measured directions of one object. ``times_s``: (n,) Unix seconds. ``icrs``: (n, 3) directions in the system of the star
+    catalogue. ``sigma_rad``: (n,) standard deviations. ``observer_km``: (n, 3) positions of the observer from the Earth's centre
+    in ICRS axes, None if unknown."""
 
     times_s: Array
     icrs: Array
@@ -54,8 +55,9 @@ class MeasuredTrack:
 
 @dataclass(frozen=True)
 class TrackName:
-    """What explains a track: name, catalogue number ("" for a planet), mean distance of the measured directions from the
-    prediction, distance of the object in km (NaN for a planet), and names of other objects within the gate."""
+    """Identification of a track. ``number``: catalogue number, "" for a planet. ``off_rad``: mean angle between measured and
+    predicted directions. ``range_km``: distance of the object, NaN for a planet. ``others``: names of other objects within the
+    gate."""
 
     name: str
     number: str
@@ -65,13 +67,13 @@ class TrackName:
 
 
 def read_objects(text: str) -> list[OrbitingObject]:
-    """Read two-line elements, each with or without a name line. Raises BadInput naming the invalid element set."""
+    """Read two-line element sets, with or without name lines. Raises BadInput that names the invalid element set."""
     if len(text) > MAX_CHARACTERS:
         raise BadInput(
             "the list of objects is too large",
             expected=f"at most {MAX_CHARACTERS} characters",
             got=str(len(text)),
-            hint="Leave out objects that cannot be in view.",
+            hint="Remove objects that cannot be in view.",
         )
     lines = [line.rstrip() for line in text.lstrip("\ufeff").splitlines() if line.strip()]
     objects: list[OrbitingObject] = []
@@ -109,7 +111,7 @@ def read_objects(text: str) -> list[OrbitingObject]:
 
 @dataclass(frozen=True)
 class ObjectCatalogue:
-    """Objects whose directions are computed together."""
+    """Catalogue of objects. Their directions are computed together."""
 
     objects: tuple[OrbitingObject, ...]
 
@@ -122,67 +124,72 @@ class ObjectCatalogue:
         return np.array([unix_s(o.epoch) for o in self.objects])
 
     def seen_from(self, times_s: Array, observer_km: Array) -> tuple[Array, Array]:
-        """(m, n, 3) unit vectors, ICRS axes, from (n, 3) places at (n,) Unix seconds to the m objects at the time when their light
-        left, and (m, n) distances in km; NaN where elements are too old or give no orbit."""
+        """Return (m, n, 3) unit vectors in ICRS axes from (n, 3) positions at (n,) Unix seconds to the m objects, and (m, n)
+        distances in km. The directions include the light travel time. NaN if elements are too old or have no orbit."""
         seconds = np.asarray(times_s, float)
         days = np.floor(seconds / DAY_S)
         errors, teme_km, teme_km_s = self._array.sgp4(UNIX_EPOCH_JD + days, seconds / DAY_S - days)
         teme_km[errors != 0] = np.nan
         teme_km[np.abs(self._epochs_s[:, None] - seconds) > OLDEST_DAYS * DAY_S] = np.nan
         icrs_from_teme = _teme_from_icrs(seconds).T
-        place = teme_km @ icrs_from_teme.T - observer_km
-        travel_s = np.linalg.norm(place, axis=2) / LIGHT_KM_S
-        place -= (teme_km_s @ icrs_from_teme.T) * travel_s[..., None]
-        distance_km = np.linalg.norm(place, axis=2)
-        return place / distance_km[..., None], distance_km
+        to_object_km = teme_km @ icrs_from_teme.T - observer_km
+        travel_s = np.linalg.norm(to_object_km, axis=2) / LIGHT_KM_S
+        to_object_km -= (teme_km_s @ icrs_from_teme.T) * travel_s[..., None]
+        distance_km = np.linalg.norm(to_object_km, axis=2)
+        return to_object_km / distance_km[..., None], distance_km
 
 
 def name_of(track: MeasuredTrack, catalogue: ObjectCatalogue, velocity_c: Array | None = None) -> TrackName | None:
-    """Return what explains a track: an object of the catalogue at all of its times, or a planet; None if nothing does.
+    """Identify a track as a planet, or as the catalogue object that is within the gate at all times of the track. Return None if
+    there is none.
 
-    ``velocity_c`` (3,): velocity of the Earth, if the attitudes were corrected for aberration. The directions of stars contain the
-    correction and those of an object that moves with the Earth do not need it.
+    ``velocity_c`` (3,): velocity of the Earth in units of c, if the attitudes were corrected for aberration. The measured
+    directions contain this correction. An object that moves with the Earth does not need it, so it is also applied to the
+    predictions.
     """
     picked = np.unique(np.linspace(0, len(track.times_s) - 1, 3).round().astype(int))
     times_s, icrs, sigma = track.times_s[picked], track.icrs[picked], track.sigma_rad[picked]
     moment = datetime.fromtimestamp(float(times_s.mean()), UTC)
     observer_km = None if track.observer_km is None else track.observer_km[picked]
     bodies = bodies_at(jyear_of(moment), None if observer_km is None else observer_km.mean(axis=0))
-    off = separation_rad(bodies.planets_icrs[:, None], icrs[None])
-    planet = int(off.mean(axis=1).argmin())
-    if (off[planet] < GATE_SIGMA * sigma + PLANET_RAD).all():
-        return TrackName(PLANETS[planet], "", float(off[planet].mean()), float("nan"))
+    angle_rad = separation_rad(bodies.planets_icrs[:, None], icrs[None])
+    planet = int(angle_rad.mean(axis=1).argmin())
+    if (angle_rad[planet] < GATE_SIGMA * sigma + PLANET_RAD).all():
+        return TrackName(PLANETS[planet], "", float(angle_rad[planet].mean()), float("nan"))
     if observer_km is None or not catalogue.objects:
         return None
     directions, distance_km = catalogue.seen_from(times_s, observer_km)
     if velocity_c is not None:
         directions = aberrate(directions.reshape(-1, 3), -np.asarray(velocity_c)).reshape(directions.shape)
-    off = separation_rad(directions, icrs[None])
+    angle_rad = separation_rad(directions, icrs[None])
     age_days = np.array([abs(unix_s(o.epoch) - float(times_s.mean())) for o in catalogue.objects]) / DAY_S
     error_rad = ((ERROR_KM + ERROR_KM_DAY * age_days)[:, None]) / distance_km
     gate = np.maximum(GATE_SIGMA * np.hypot(sigma[None], error_rad), MIN_RAD)
-    inside = np.flatnonzero((off < gate).all(axis=1))
+    inside = np.flatnonzero((angle_rad < gate).all(axis=1))
     if not len(inside):
         return None
-    order = inside[np.argsort((off / gate)[inside].max(axis=1))]
+    order = inside[np.argsort((angle_rad / gate)[inside].max(axis=1))]
     best = catalogue.objects[order[0]]
     others = tuple(catalogue.objects[k].name for k in order[1:4])
-    return TrackName(best.name, best.number, float(off[order[0]].mean()), float(distance_km[order[0]].mean()), others)
+    return TrackName(
+        best.name, best.number, float(angle_rad[order[0]].mean()), float(distance_km[order[0]].mean()), others
+    )
 
 
 def places_of_orbit(orbit: Trajectory, times_s: Array) -> Array:
-    """(n, 3) km from the Earth's centre in ICRS axes at (n,) Unix seconds. Raises BadInput outside the orbit's span."""
+    """Return (n, 3) positions of a spacecraft, km from the Earth's centre in ICRS axes, at (n,) Unix seconds. Raises BadInput
+    outside the validity of the orbit."""
     return orbit.teme_km(times_s) @ _teme_from_icrs(times_s)
 
 
 def places_of_station(station: GroundStation, times_s: Array) -> Array:
-    """(n, 3) km from the Earth's centre in ICRS axes at (n,) Unix seconds."""
+    """Return (n, 3) positions of a ground station, km from the Earth's centre in ICRS axes, at (n,) Unix seconds."""
     fixed = np.broadcast_to(station.place_km, (len(times_s), 3))
     return teme_from_fixed(fixed, times_s) @ _teme_from_icrs(times_s)
 
 
 def _teme_from_icrs(times_s: Array) -> Array:
-    """(3, 3) rotation at the mean of (n,) Unix seconds; it turns by 0.15″ in a day."""
+    """Return the (3, 3) rotation at the mean of (n,) Unix seconds. It changes by 0.15″ per day."""
     return teme_from_icrs(jyear_of(datetime.fromtimestamp(float(np.mean(times_s)), UTC)))
 
 

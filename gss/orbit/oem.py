@@ -1,4 +1,4 @@
-"""CCSDS Orbit Ephemeris Messages in KVN (CCSDS 502.0-B-3 §5): read as an orbit, and written from one."""
+"""Reader and writer of CCSDS Orbit Ephemeris Messages in KVN (CCSDS 502.0-B-3 §5)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gss.orbit.trajectory import EphemerisTrajectory, Trajectory, teme_from_fixe
 MAX_STATES = 50_000
 MIN_STATES = 4
 MATRIX_EVERY_S = 3600.0
-"""The axes of date turn by 0.006″ in this time."""
+"""Time for which one rotation matrix is used. The axes of date rotate by 0.006″ in this time."""
 INERTIAL = ("ICRF", "GCRF", "EME2000")
 FIXED = "ITRF"
 BEHIND_UTC_S = {"UTC": 0.0, "GPS": 18.0, "TAI": 37.0, "TT": TT_MINUS_UTC_S}
@@ -25,7 +25,7 @@ BEHIND_UTC_S = {"UTC": 0.0, "GPS": 18.0, "TAI": 37.0, "TT": TT_MINUS_UTC_S}
 
 
 def read_oem(text: str) -> tuple[str, EphemerisTrajectory]:
-    """Return name and orbit of an OEM of one object. Raises BadInput naming the line that is wrong."""
+    """Return the name and the orbit of an OEM with one object. Raises BadInput that names the invalid line."""
     name, blocks, meta = "", [], dict[str, str]()
     for line, statement in _lines(text):
         if statement == "META_START":
@@ -52,14 +52,14 @@ def read_oem(text: str) -> tuple[str, EphemerisTrajectory]:
         )
     if not (np.diff(times_s) > 0).all():
         raise BadInput("the states of the OEM are not in order of time", expected="each later than the one before")
-    places = [_teme(np.array(states), m["REF_FRAME"]) for m, states in blocks if states]
-    return name, EphemerisTrajectory(times_s, np.concatenate(places))
+    positions = [_teme(np.array(states), m["REF_FRAME"]) for m, states in blocks if states]
+    return name, EphemerisTrajectory(times_s, np.concatenate(positions))
 
 
 def oem_of(
     name: str, orbit: Trajectory, start: datetime, end: datetime, step_s: float, created: datetime
 ) -> Iterator[str]:
-    """Yield the lines of an OEM in ICRF, UTC. Raises BadInput outside the orbit's span."""
+    """Yield the lines of an OEM in ICRF and UTC. Raises BadInput if a time is outside the validity of the orbit."""
     times_s = np.arange(unix_s(start), unix_s(end) + 1e-3, step_s)
     knots_s = np.concatenate([times_s - 0.5, times_s, times_s + 0.5])
     teme = orbit.teme_km(knots_s).reshape(3, -1, 3)
@@ -71,13 +71,13 @@ def oem_of(
     for k, at_s in enumerate(times_s):
         if k % max(1, int(MATRIX_EVERY_S / step_s)) == 0:
             icrs_from_teme = teme_from_icrs(jyear_of(datetime.fromtimestamp(at_s, UTC))).T
-        place, velocity = icrs_from_teme @ teme[1, k], icrs_from_teme @ (teme[2, k] - teme[0, k])
-        numbers = " ".join([*(f"{v:.6f}" for v in place), *(f"{v:.9f}" for v in velocity)])
+        position, velocity = icrs_from_teme @ teme[1, k], icrs_from_teme @ (teme[2, k] - teme[0, k])
+        numbers = " ".join([*(f"{v:.6f}" for v in position), *(f"{v:.9f}" for v in velocity)])
         yield f"{datetime.fromtimestamp(at_s, UTC):%Y-%m-%dT%H:%M:%S.%f}"[:-3] + f" {numbers}\n"
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """Yield number and words of each line with content; covariance blocks are left out."""
+    """Yield line number and text of each statement. Comments and covariance blocks are omitted."""
     covariance = False
     for number, line in enumerate(text.splitlines(), 1):
         statement = line.strip()
@@ -103,7 +103,7 @@ def _check_meta(meta: dict[str, str], name: str) -> None:
 
 
 def _state(line: int, statement: str, system: str) -> tuple[float, ...]:
-    """Unix seconds and km of a state; velocities are not needed."""
+    """Return the Unix seconds and the position in km of a state. Velocities are ignored."""
     parts = statement.split()
     try:
         numbers = tuple(float(part) for part in parts[1:])
@@ -117,17 +117,17 @@ def _state(line: int, statement: str, system: str) -> tuple[float, ...]:
 
 
 def _teme(states: Array, frame: str) -> Array:
-    """(n, 3) positions in TEME of (n, 4) states of a frame."""
-    times_s, places = states[:, 0], states[:, 1:]
+    """Return (n, 3) positions in TEME of (n, 4) states (time, position) in a frame."""
+    times_s, positions = states[:, 0], states[:, 1:]
     name = frame.upper()
     if name == "TEME":
-        return places
+        return positions
     if name.startswith(FIXED):
-        return teme_from_fixed(places, times_s)
+        return teme_from_fixed(positions, times_s)
     block = np.floor((times_s - times_s[0]) / MATRIX_EVERY_S)
-    rotated = np.empty_like(places)
+    rotated = np.empty_like(positions)
     for number in np.unique(block):
         chosen = block == number
         matrix = teme_from_icrs(jyear_of(datetime.fromtimestamp(float(times_s[chosen].mean()), UTC)))
-        rotated[chosen] = places[chosen] @ matrix.T
+        rotated[chosen] = positions[chosen] @ matrix.T
     return rotated

@@ -1,4 +1,4 @@
-"""CCSDS Orbit Mean-elements Messages (CCSDS 502.0-B-3 §4): JSON as distributed with catalogues of satellites, KVN and XML."""
+"""Reader and writer of CCSDS Orbit Mean-elements Messages (CCSDS 502.0-B-3 §4): KVN, XML, and JSON as in satellite catalogues."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ ALLOWED = {
 WHOLE = ("EPHEMERIS_TYPE", "ELEMENT_SET_NO", "REV_AT_EPOCH", "NORAD_CAT_ID")
 MAX_FIELDS = 200
 MAX_NUMBER = 339_999
-"""Largest catalogue number that a TLE can hold (Alpha-5)."""
+"""Largest catalogue number that a TLE can represent (Alpha-5)."""
 
 
 def fields_of_json(content: object) -> dict[str, str]:
-    """Return the fields of a JSON OMM: an object, or a list with one."""
+    """Return the fields of a JSON OMM, which is an object or a list with one object. Raises BadInput."""
     if isinstance(content, list) and len(content) != 1:
         raise BadInput(
             "the OMM has several objects", expected="one object", got=str(len(content)), hint="Import one satellite."
@@ -58,7 +58,7 @@ def fields_of_json(content: object) -> dict[str, str]:
 
 
 def fields_of_kvn(text: str) -> dict[str, str]:
-    """Return the fields of a KVN OMM."""
+    """Return the fields of a KVN OMM. Raises BadInput that names the invalid line."""
     fields: dict[str, str] = {}
     for number, line in enumerate(text.splitlines(), 1):
         statement = line.strip()
@@ -72,7 +72,7 @@ def fields_of_kvn(text: str) -> dict[str, str]:
 
 
 def fields_of_xml(text: str) -> dict[str, str]:
-    """Return the fields of an XML OMM with one segment. Entities are rejected."""
+    """Return the fields of an XML OMM with one segment. Raises BadInput, also for XML with declarations of entities."""
     if "<!" in text.replace("<!--", ""):
         raise BadInput("the XML contains declarations", expected="an OMM without DOCTYPE, entities or CDATA")
     try:
@@ -86,7 +86,7 @@ def fields_of_xml(text: str) -> dict[str, str]:
 
 
 def tle_of_omm(fields: Mapping[str, str]) -> str:
-    """Return the elements of an OMM as the two lines of a TLE. Raises BadInput naming the missing or invalid field."""
+    """Return the elements of an OMM as the two lines of a TLE. Raises BadInput that names the missing or invalid field."""
     for name, allowed in ALLOWED.items():
         if fields.get(name) and fields[name].upper() not in allowed:
             raise BadInput(f"{name} of the OMM is not supported", expected=" or ".join(allowed), got=fields[name][:40])
@@ -131,7 +131,7 @@ def omm_of_tle(name: str, tle: str) -> dict[str, object]:
 
 
 def omm_epoch(text: str) -> datetime:
-    """Return a CCSDS time (calendar date or day of the year) in UTC. Raises BadInput."""
+    """Parse a CCSDS time in UTC, with a calendar date or a day of the year. Raises BadInput."""
     epoch = text.strip().removesuffix("Z")
     for form in ("%Y-%m-%dT%H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S", "%Y-%jT%H:%M:%S.%f", "%Y-%jT%H:%M:%S"):
         try:
@@ -142,9 +142,9 @@ def omm_epoch(text: str) -> datetime:
 
 
 def _microseconds(epoch: str) -> str:
-    """Return the time with at most six decimals, because Python reads no more."""
-    whole, dot, decimals = epoch.partition(".")
-    return whole + dot + decimals[:6] if decimals else whole
+    """Return the text of a time with at most six decimals, because Python cannot parse more."""
+    seconds, dot, decimals = epoch.partition(".")
+    return seconds + dot + decimals[:6] if decimals else seconds
 
 
 def _number(name: str, text: str) -> float:

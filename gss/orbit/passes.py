@@ -1,4 +1,5 @@
-"""Passes of a spacecraft over a ground station: when it rises, culminates and sets, where, and whether the Sun shines on it."""
+"""Passes of a spacecraft over a ground station: times and directions of rise, culmination and set, and illumination by the
+Sun."""
 
 from __future__ import annotations
 
@@ -15,14 +16,15 @@ from gss.orbit.station import GroundStation
 from gss.orbit.trajectory import Trajectory, earth_fixed_km, fixed_from_teme, sun_teme_km, unix_s
 
 STEP_S = 30.0
-"""Coarse search: elevation is smooth over this time in every orbit; maxima between two steps are refined."""
+"""Step of the coarse search. In all orbits the elevation is smooth over this time. Maxima between two steps are refined."""
 TOLERANCE_S = 0.01
 TRACK_POINTS = 41
 
 
 @dataclass(frozen=True)
 class TrackPoint:
-    """Direction to the spacecraft. ``range_km``: distance; ``sunlit``: at least part of the Sun is visible from it."""
+    """Direction to the spacecraft at one time. ``range_km``: distance. ``sunlit``: True if at least part of the Sun is visible from
+    the spacecraft."""
 
     at: datetime
     azimuth_rad: float
@@ -33,9 +35,10 @@ class TrackPoint:
 
 @dataclass(frozen=True)
 class OrbitPass:
-    """One pass. ``track``: from rise to set, including both. ``begins_before`` and ``ends_after``: in view at the start or end of
-    the searched span, so that the time shown is that of the span. ``sun_elevation_rad``: at the station, at culmination.
-    ``sunlit_share``: part of the pass in which the spacecraft is outside the Earth's shadow."""
+    """One pass. ``track``: directions from rise to set, including both. ``begins_before``, ``ends_after``: True if the spacecraft
+    is in view at the start or end of the searched time span; ``rise`` or ``set`` is then the limit of the span.
+    ``sun_elevation_rad``: elevation of the Sun at the station at culmination. ``sunlit_share``: fraction of the pass in which the
+    spacecraft is outside the Earth's shadow."""
 
     station: str
     rise: datetime
@@ -59,15 +62,15 @@ class OrbitPass:
 
 @dataclass(frozen=True)
 class NextPass:
-    """The pass under way or the next one; ``at`` None: none is known, and ``problem`` states why."""
+    """The current or next pass. ``at``: None if there is none; ``problem`` then states the reason."""
 
     at: OrbitPass | None
     problem: str = ""
 
 
 def find_passes(orbit: Trajectory, station: GroundStation, start: datetime, end: datetime) -> list[OrbitPass]:
-    """Return the passes that begin or are under way in the span, by rise. A pass that a high part of the horizon mask interrupts
-    is returned as two. Raises BadInput if the orbit is not defined over the span."""
+    """Return the passes that begin or are in progress in the time span, in order of rise. If a high part of the horizon mask
+    interrupts a pass, it is returned as two passes. Raises BadInput if the orbit is not valid in the time span."""
     first_s, last_s = max(unix_s(start), unix_s(orbit.start)), min(unix_s(end), unix_s(orbit.end))
     if last_s <= first_s:
         orbit.teme_km(np.array([unix_s(start)]))  # raises the error that names the valid span
@@ -77,7 +80,7 @@ def find_passes(orbit: Trajectory, station: GroundStation, start: datetime, end:
         azimuth, elevation, _ = station.look(earth_fixed_km(orbit, seconds))
         return np.asarray(elevation - station.lowest_rad(azimuth))
 
-    # Samples at whole multiples of the step: the times of a pass do not depend on the span that is searched.
+    # Samples are at integer multiples of the step, so that the times of a pass do not depend on the searched span.
     inside_s = np.arange(np.floor(first_s / STEP_S) + 1, np.ceil(last_s / STEP_S)) * STEP_S
     times_s = np.concatenate([[first_s], inside_s, [last_s]])
     values = clearance(times_s)
@@ -94,7 +97,7 @@ def find_passes(orbit: Trajectory, station: GroundStation, start: datetime, end:
 
 
 def _with_maxima(clearance: Callable[[Array], Array], times_s: Array, values: Array) -> tuple[Array, Array]:
-    """Add the maxima between samples that are close below the horizon, so that no short pass is missed."""
+    """Add samples at maxima that are slightly below the horizon, so that short passes are not missed."""
     peak = (values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:]) & (values[1:-1] <= 0)
     near = np.flatnonzero(peak & (values[1:-1] > np.radians(-5.0))) + 1
     maxima = np.array([_maximum(clearance, times_s[k - 1], times_s[k + 1]) for k in near])
@@ -106,7 +109,7 @@ def _with_maxima(clearance: Callable[[Array], Array], times_s: Array, values: Ar
 
 
 def _maximum(value_of: Callable[[Array], Array], low_s: float, high_s: float) -> float:
-    """Seconds of the largest value in an interval with one maximum, by successively finer samples."""
+    """Return the Unix seconds of the largest value in an interval with one maximum, by successively finer sampling."""
     while high_s - low_s > TOLERANCE_S:
         times_s = np.linspace(low_s, high_s, 17)
         k = int(np.argmax(value_of(times_s)))
@@ -115,7 +118,7 @@ def _maximum(value_of: Callable[[Array], Array], low_s: float, high_s: float) ->
 
 
 def _crossing(clearance: Callable[[Array], Array], low_s: float, high_s: float) -> float:
-    """Seconds of the change of sign between two times, by successively finer samples."""
+    """Return the Unix seconds of the change of sign between two times, by successively finer sampling."""
     while high_s - low_s > TOLERANCE_S:
         times_s = np.linspace(low_s, high_s, 17)
         above = clearance(times_s) > 0
@@ -155,7 +158,7 @@ def _pass(orbit: Trajectory, station: GroundStation, rise_s: float, set_s: float
 
 
 def _culmination(orbit: Trajectory, station: GroundStation, rise_s: float, set_s: float) -> float:
-    """Seconds of the highest elevation."""
+    """Return the Unix seconds of the highest elevation."""
 
     def elevation(seconds: Array) -> Array:
         return station.look(earth_fixed_km(orbit, seconds))[1]
@@ -166,8 +169,8 @@ def _culmination(orbit: Trajectory, station: GroundStation, rise_s: float, set_s
 
 
 def sunlit_at(teme_km: Array, sun_km: Array) -> Array:
-    """(n,) True where part of the Sun is visible from (n, 3) positions: the discs of Sun and Earth, as seen from there, do not
-    hide one another completely (Montenbruck & Gill 2000 §3.4.2, spherical Earth)."""
+    """Return an (n,) mask that is True if part of the Sun is visible from the (n, 3) position, that is, if the disc of the Earth
+    does not hide the disc of the Sun completely (Montenbruck & Gill 2000 §3.4.2, spherical Earth)."""
     to_sun = sun_km - teme_km
     sun_range, earth_range = np.linalg.norm(to_sun, axis=1), np.linalg.norm(teme_km, axis=1)
     sun_radius = np.arcsin(SUN_RADIUS_KM / sun_range)
@@ -177,5 +180,5 @@ def sunlit_at(teme_km: Array, sun_km: Array) -> Array:
 
 
 def _moment(seconds: float) -> datetime:
-    """UTC to the millisecond, as it is stored and shown."""
+    """Return Unix seconds as UTC, rounded to the millisecond."""
     return datetime.fromtimestamp(round(float(seconds), 3), UTC)

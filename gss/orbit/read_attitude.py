@@ -1,6 +1,6 @@
-"""Reads attitudes from CCSDS attitude messages in KVN: AEM of versions 1 and 2, ACM of version 2 (CCSDS 504.0-B).
+"""Reader of CCSDS attitude messages in KVN: AEM of versions 1 and 2, ACM of version 2 (CCSDS 504.0-B).
 
-Supported are quaternions between an inertial frame (ICRF, EME2000 and the like) and one frame of the spacecraft.
+Quaternions between an inertial frame (ICRF, GCRF or EME2000) and one frame of the spacecraft are supported.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MAX_ATTITUDES = 200_000
 MAX_NAME_LENGTH = 80
 UNIT_LENGTH = 1e-3
 EARLIEST_S, LATEST_S = -6e10, 2.5e11
-"""Unix seconds that a date can hold."""
+"""Range of Unix seconds that a date can represent."""
 BLOCKS = ("META", "DATA", "ATT", "COV", "PHYS", "MAN", "AD", "USER")
 STATED_TYPE = ("ATTITUDE_TYPE", "ATT_TYPE")
 
@@ -37,12 +37,12 @@ class _Block:
 
 
 def read_attitude_file(data: bytes) -> AttitudeHistory:
-    """Return the attitudes of a file; see ``read_attitude``."""
+    """Return the attitudes of a file; see :func:`read_attitude`."""
     return read_attitude(data.decode("utf-8", "replace"))
 
 
 def read_attitude(text: str) -> AttitudeHistory:
-    """Return the attitudes of an AEM or ACM. Raises BadInput naming the line or keyword that is wrong."""
+    """Return the attitudes of an AEM or ACM. Raises BadInput that names the invalid line or keyword."""
     head = text.lstrip("\ufeff \r\n")
     if head.startswith("CCSDS_AEM_VERS"):
         return _history(_aem_segments(_blocks(head)))
@@ -54,30 +54,29 @@ def read_attitude(text: str) -> AttitudeHistory:
 
 
 def _blocks(text: str) -> list[_Block]:
-    """Split a message at X_START and X_STOP. Keywords outside a block belong to a block without a name, and so do the data of an
-    AEM of version 1."""
+    """Split a message at X_START and X_STOP. Keywords and data lines outside such blocks are returned in blocks without a name."""
     blocks = [_Block("")]
     for number, line in enumerate(text.splitlines(), 1):
-        words = line.strip()
-        if not words or words.startswith("COMMENT"):
+        statement = line.strip()
+        if not statement or statement.startswith("COMMENT"):
             continue
-        name, _, edge = words.rpartition("_")
+        name, _, edge = statement.rpartition("_")
         if edge == "START" and name in BLOCKS:
             blocks.append(_Block(name))
         elif edge == "STOP" and name in BLOCKS:
             if blocks[-1].name != name:
-                raise BadInput(f"Line {number} of the message is not valid", expected="blocks that end", got=words)
+                raise BadInput(f"Line {number} of the message is not valid", expected="blocks that end", got=statement)
             blocks.append(_Block(""))
-        elif "=" in words:
-            key, _, value = words.partition("=")
+        elif "=" in statement:
+            key, _, value = statement.partition("=")
             blocks[-1].keys[key.strip()] = value.partition("[")[0].strip()
         else:
-            blocks[-1].rows.append((number, words.split()))
+            blocks[-1].rows.append((number, statement.split()))
     return blocks
 
 
 Segment = tuple[dict[str, str], list[tuple[int, list[str]]]]
-"""Keywords, and lines of numbers."""
+"""Keywords of a segment, and its data lines with their line numbers."""
 
 
 def _aem_segments(blocks: list[_Block]) -> Iterator[Segment]:
@@ -107,7 +106,7 @@ def _history(segments: Iterator[Segment]) -> AttitudeHistory:
     quaternions: list[Array] = []
     named: tuple[str, str] | None = None
     for keys, rows in segments:
-        frame, turned_back = _frame(keys)
+        frame, from_spacecraft = _frame(keys)
         name = keys.get("OBJECT_NAME", "")
         for shown in (name, frame):
             if len(shown) > MAX_NAME_LENGTH or not shown.isprintable():
@@ -120,10 +119,10 @@ def _history(segments: Iterator[Segment]) -> AttitudeHistory:
             raise BadInput("The message has too many attitudes", expected=f"at most {MAX_ATTITUDES}")
         for line, parts in rows:
             t, quaternion = _row(line, parts, keys)
-            if times and t == times[-1]:  # segments share the attitude at their edge
+            if times and t == times[-1]:  # consecutive segments can contain the same attitude at their boundary
                 continue
             times.append(t)
-            quaternions.append(quaternion if turned_back else quaternion_inverse(quaternion))
+            quaternions.append(quaternion if from_spacecraft else quaternion_inverse(quaternion))
     if named is None or not times:
         raise BadInput("The message has no attitudes", expected="lines of a time and a quaternion")
     unknown = np.full((len(times), 3), np.nan)
@@ -131,7 +130,7 @@ def _history(segments: Iterator[Segment]) -> AttitudeHistory:
 
 
 def _frame(keys: dict[str, str]) -> tuple[str, bool]:
-    """Return the frame of the spacecraft, and whether the quaternions lead from it to the inertial frame. Raises BadInput."""
+    """Return the frame of the spacecraft, and True if the quaternions rotate from it to the inertial frame. Raises BadInput."""
     stated = next((keys[name] for name in STATED_TYPE if name in keys), "")
     if stated.upper() != "QUATERNION":
         raise BadInput("The type of the attitudes is not supported", expected="QUATERNION", got=stated[:40] or "none")
@@ -148,7 +147,7 @@ def _frame(keys: dict[str, str]) -> tuple[str, bool]:
 
 
 def _row(line: int, parts: list[str], keys: dict[str, str]) -> tuple[float, Array]:
-    """Return Unix seconds and the quaternion of a line, scalar-last. Raises BadInput."""
+    """Return the Unix seconds and the scalar-last quaternion of a data line. Raises BadInput."""
     try:
         numbers = np.array([float(part) for part in parts[1:]])
         zero = keys.get("EPOCH_TZERO")

@@ -1,4 +1,5 @@
-"""Orbit files: two-line elements, CCSDS OMM (JSON, KVN, XML) and CCSDS OEM (KVN). The format is recognised from the content."""
+"""Reader of orbit files: two-line elements, CCSDS OMM (JSON, KVN, XML) and CCSDS OEM (KVN). The format is detected from the
+content."""
 
 from __future__ import annotations
 
@@ -20,8 +21,8 @@ OrbitKind = Literal["tle", "oem"]
 
 @dataclass(frozen=True)
 class ReadOrbit:
-    """Content of an orbit file. ``kind``: format of ``text``; an OMM is stored as the TLE with the same elements.
-    ``source_format``: format of the file. ``name``: name of the object, "" if the file does not state it."""
+    """Content of an orbit file. ``kind``: format of ``text``. An OMM is stored as a TLE with the same elements.
+    ``source_format``: format of the file. ``name``: name of the object, "" if the file does not contain it."""
 
     kind: OrbitKind
     source_format: str
@@ -31,7 +32,7 @@ class ReadOrbit:
 
 
 def read_orbit(text: str) -> ReadOrbit:
-    """Read an orbit file. Raises BadInput naming the invalid part."""
+    """Read an orbit file. Raises BadInput that names the invalid part."""
     if len(text) > MAX_CHARACTERS:
         raise BadInput(
             "the orbit file is too large",
@@ -53,7 +54,7 @@ def read_orbit(text: str) -> ReadOrbit:
 
 
 def read_orbits(text: str) -> list[Trajectory]:
-    """Read an orbit file, or a file of several two-line element sets. Raises BadInput."""
+    """Read an orbit file, or a file with several two-line element sets. Raises BadInput."""
     lines = [line.rstrip() for line in text.lstrip("\ufeff").splitlines() if line.strip()]
     ends = [k for k, line in enumerate(lines) if line.startswith("2 ")]
     if len(ends) < 2 or not lines[ends[0] - 1].startswith("1 "):
@@ -65,13 +66,13 @@ def read_orbits(text: str) -> list[Trajectory]:
 
 
 def orbit_covering(orbits: Sequence[Trajectory], time: datetime) -> Trajectory | None:
-    """Return the orbit that is defined at ``time`` and has the nearest epoch; None if there is none."""
+    """Return the orbit that is valid at ``time`` and has the nearest epoch, None if there is none."""
     covering = [o for o in orbits if o.start <= time <= o.end]
     return min(covering, key=lambda o: abs(o.epoch - time), default=None)
 
 
 def stored_orbit(kind: OrbitKind, text: str) -> Trajectory:
-    """Parse the text of a stored orbit."""
+    """Parse the text of a stored orbit and return the trajectory."""
     return TleTrajectory.of(text) if kind == "tle" else read_oem(text)[1]
 
 

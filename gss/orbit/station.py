@@ -14,15 +14,15 @@ from gss.domain.errors import BadInput
 MAX_MASK_POINTS = 360
 MIN_M, MAX_M = -500.0, 9000.0
 WGS84 = 1
-"""Number of the ellipsoid in ERFA."""
+"""Identifier of the ellipsoid in ERFA."""
 Mask = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
 class GroundStation:
-    """Geodetic position on WGS-84. ``mask``: (azimuth, elevation) of the horizon, rad, azimuth from north by east and
-    increasing; it is interpolated linearly all around. If it is empty, the horizon is flat. A spacecraft is in view above
-    the mask and above ``min_elevation_rad``."""
+    """Ground station with its geodetic position on WGS-84. ``mask``: (azimuth, elevation) of the horizon in radians, with
+    increasing azimuth from north to east. It is interpolated linearly over the full circle. An empty mask is a flat horizon. A
+    spacecraft is in view if it is above the mask and above ``min_elevation_rad``."""
 
     name: str
     latitude_rad: float
@@ -33,7 +33,7 @@ class GroundStation:
 
     @property
     def place_km(self) -> Array:
-        """(3,) position in Earth-fixed axes."""
+        """(3,) position in Earth-fixed axes, km."""
         return np.asarray(erfa.gd2gc(WGS84, self.longitude_rad, self.latitude_rad, self.height_m)) / 1000.0
 
     @property
@@ -44,13 +44,13 @@ class GroundStation:
         return np.array([[-sl, cl, 0.0], [-sp * cl, -sp * sl, cp], [cp * cl, cp * sl, sp]])
 
     def look(self, fixed_km: Array) -> tuple[Array, Array, Array]:
-        """(n,) azimuths [0, 2π), elevations and ranges in km of (n, 3) Earth-fixed positions; without refraction."""
+        """Return (n,) azimuths [0, 2π), elevations and ranges in km of (n, 3) Earth-fixed positions, without refraction."""
         east, north, up = self.local_from_fixed @ (np.asarray(fixed_km) - self.place_km).T
         azimuth, elevation = np.arctan2(east, north) % (2 * np.pi), np.arctan2(up, np.hypot(east, north))
         return azimuth, elevation, np.sqrt(east**2 + north**2 + up**2)
 
     def lowest_rad(self, azimuth_rad: Array) -> Array:
-        """(n,) elevations above which a spacecraft is in view at (n,) azimuths."""
+        """Return the (n,) elevations above which a spacecraft is in view at (n,) azimuths."""
         if not self.mask:
             return np.full(np.shape(azimuth_rad), self.min_elevation_rad, float)
         azimuths, elevations = np.array(self.mask).T
@@ -59,7 +59,7 @@ class GroundStation:
 
 
 def checked_station(station: GroundStation) -> GroundStation:
-    """Return the station if its numbers are valid. Raises BadInput naming the invalid one."""
+    """Return the station if its values are valid. Raises BadInput that names the invalid value."""
     _within("latitude", math.degrees(station.latitude_rad), -90.0, 90.0, "°")
     _within("longitude", math.degrees(station.longitude_rad), -180.0, 180.0, "°")
     _within("height", station.height_m, MIN_M, MAX_M, " m")
@@ -78,7 +78,7 @@ def checked_station(station: GroundStation) -> GroundStation:
                 "the azimuths of the horizon mask do not increase",
                 expected=f"an azimuth above {before:g}°",
                 got=f"{azimuth_deg:g}°",
-                hint="Sort the points by azimuth and give each azimuth once.",
+                hint="Sort the points by azimuth, and use each azimuth only once.",
             )
         before = azimuth_deg
     return station

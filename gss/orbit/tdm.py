@@ -1,4 +1,4 @@
-"""CCSDS Tracking Data Messages in KVN (CCSDS 503.0-B-2): angles and magnitudes of measured objects."""
+"""Writer of CCSDS Tracking Data Messages in KVN (CCSDS 503.0-B-2) with angles and magnitudes of measured objects."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from gss.domain.angles import ARCSEC_RAD, Array, ra_dec_from_unit
 
 @dataclass(frozen=True)
 class TdmTrack:
-    """Directions of one object: ``participant``: its name; Unix seconds (n,), (n, 3) directions in ICRS axes, magnitudes (n,), and
-    the mean standard deviation of a direction per axis."""
+    """Measured directions of one object. ``participant``: name of the object. ``times_s``: (n,) Unix seconds. ``icrs``: (n, 3)
+    directions in ICRS axes. ``v_mag``: (n,) magnitudes. ``sigma_rad``: mean standard deviation of a direction per axis."""
 
     participant: str
     times_s: Array
@@ -26,8 +26,8 @@ class TdmTrack:
 def tdm_of(
     tracks: Sequence[TdmTrack], observer: str, exposure_s: float, corrected: bool, created: datetime
 ) -> Iterator[str]:
-    """Yield the lines of a TDM with one segment per object. ``observer``: participant 1; ``exposure_s``: integration interval;
-    ``corrected``: True if the aberration of the stars was corrected in the directions."""
+    """Yield the lines of a TDM with one segment per object. ``observer``: name of participant 1. ``exposure_s``: integration
+    interval. ``corrected``: True if the aberration of the stars was corrected in the directions."""
     yield f"CCSDS_TDM_VERS = 2.0\nCREATION_DATE = {created:%Y-%m-%dT%H:%M:%S}\nORIGINATOR = GSS\n"
     for number, track in enumerate(tracks, 1):
         yield "\nMETA_START\n"
@@ -51,5 +51,5 @@ def _time(seconds: float) -> str:
 
 
 def _plain(name: str) -> str:
-    """Return a name as printable ASCII on one line, as the format requires."""
+    """Return a name as one line of printable ASCII, which the format requires."""
     return "".join(c if " " <= c <= "~" else "_" for c in name).strip() or "UNKNOWN"

@@ -1,8 +1,8 @@
 """Positions of a spacecraft over time, from a two-line element set (SGP4) or from an ephemeris of state vectors.
 
-Times are Unix seconds (UTC). All positions are in SGP4's axes TEME, from which the Earth-fixed axes are one rotation about the
-pole by Greenwich mean sidereal time of 1982 (Vallado 2013 §3.7). UT1 is taken as UTC and polar motion as zero: below 0.9 s and
-0.6″ these move a rise or set by at most 0.1 s.
+Times are Unix seconds (UTC). All positions are in TEME, the axes of SGP4. A rotation about the pole by Greenwich mean sidereal time
+of 1982 transforms them to Earth-fixed axes (Vallado 2013 §3.7). UT1 is assumed to be UTC (error below 0.9 s) and polar motion to be
+zero (error below 0.6″). The resulting error of a rise or set is at most 0.1 s.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from gss.domain.errors import BadInput
 UNIX_EPOCH_JD = 2440587.5
 DAY_S = 86_400.0
 EPHEMERIS_POINTS = 8
-"""Points of one Lagrange interpolation, the usual number for CCSDS OEM files with steps of a minute."""
+"""Number of points of a Lagrange interpolation. This is the usual number for CCSDS OEM files with steps of one minute."""
 
 
 class Trajectory(Protocol):
-    """Path of a spacecraft. ``epoch``: of the elements, or the first state of an ephemeris; ``start`` and ``end``: span in which
-    positions are defined."""
+    """Positions of a spacecraft over time. ``epoch``: epoch of the elements, or time of the first state of an ephemeris. ``start``,
+    ``end``: time span in which positions are defined."""
 
     @property
     def epoch(self) -> datetime: ...
@@ -39,12 +39,12 @@ class Trajectory(Protocol):
     def end(self) -> datetime: ...
 
     def teme_km(self, unix_s: Array) -> Array:
-        """(n, 3) positions from the Earth's centre at (n,) Unix seconds. Raises BadInput outside the span."""
+        """Return (n, 3) positions from the Earth's centre at (n,) Unix seconds. Raises BadInput outside the time span."""
 
 
 @dataclass(frozen=True)
 class TleTrajectory:
-    """Orbit of a two-line element set, by SGP4."""
+    """Orbit of a two-line element set, calculated by SGP4."""
 
     satellite: Satrec
     epoch: datetime
@@ -53,13 +53,13 @@ class TleTrajectory:
 
     @classmethod
     def of(cls, text: str) -> TleTrajectory:
-        """Read a TLE with or without a name line. Raises BadInput naming the invalid line."""
+        """Read a TLE with or without a name line. Raises BadInput that names the invalid line."""
         satellite = read_tle(text)
         epoch = sat_epoch_datetime(satellite).astimezone(UTC)
         return cls(satellite, epoch, *(_moment(unix_s(epoch) + days * DAY_S) for days in VALID_DAYS))
 
     def teme_km(self, unix_s: Array) -> Array:
-        """As :class:`Trajectory`."""
+        """Return (n, 3) positions at (n,) Unix seconds by SGP4. Raises BadInput outside the time span."""
         seconds = np.asarray(unix_s, float)
         _check_span(seconds, self.start, self.end)
         days = np.floor(seconds / DAY_S)
@@ -80,7 +80,7 @@ VALID_DAYS = (-TLE_VALID_BEFORE_DAYS, TLE_VALID_DAYS)
 
 @dataclass(frozen=True)
 class EphemerisTrajectory:
-    """Orbit of state vectors. ``times_s``: (n,) increasing Unix seconds; ``places_km``: (n, 3) in TEME."""
+    """Orbit from an ephemeris of states. ``times_s``: (n,) Unix seconds, increasing. ``places_km``: (n, 3) positions in TEME."""
 
     times_s: Array
     places_km: Array
@@ -97,11 +97,12 @@ class EphemerisTrajectory:
 
     @property
     def end(self) -> datetime:
-        """Last state."""
+        """Time of the last state."""
         return _moment(float(self.times_s[-1]))
 
     def teme_km(self, unix_s: Array) -> Array:
-        """As :class:`Trajectory`: Lagrange interpolation through the nearest states."""
+        """Return (n, 3) positions at (n,) Unix seconds by Lagrange interpolation through the nearest states. Raises BadInput
+        outside the time span."""
         seconds = np.asarray(unix_s, float)
         _check_span(seconds, self.start, self.end)
         points = min(EPHEMERIS_POINTS, len(self.times_s))
@@ -117,7 +118,7 @@ class EphemerisTrajectory:
 
 
 def earth_fixed_km(orbit: Trajectory, unix_s: Array) -> Array:
-    """(n, 3) positions in Earth-fixed axes (ITRF)."""
+    """Return (n, 3) positions in Earth-fixed axes (ITRF), km, at (n,) Unix seconds."""
     return fixed_from_teme(orbit.teme_km(unix_s), unix_s)
 
 
@@ -138,19 +139,20 @@ def teme_from_fixed(fixed: Array, unix_s: Array) -> Array:
 
 
 def sun_teme_km(moment: datetime) -> Array:
-    """(3,) position of the Sun from the Earth's centre in TEME at a time with a time zone."""
+    """Return the (3,) position of the Sun from the Earth's centre in TEME at a time with a time zone."""
     jyear = jyear_of(moment)
     sun = bodies_at(jyear).sun
     return np.asarray(teme_from_icrs(jyear) @ sun.icrs * sun.distance_km)
 
 
 def icrs_km(orbit: Trajectory, moment: datetime) -> Array:
-    """(3,) position in ICRS axes from the Earth's centre at a time with a time zone. Raises BadInput outside the span."""
+    """Return the (3,) position from the Earth's centre in ICRS axes at a time with a time zone. Raises BadInput outside the time
+    span."""
     return np.asarray(teme_from_icrs(jyear_of(moment)).T @ orbit.teme_km(np.array([unix_s(moment)]))[0])
 
 
 def unix_s(moment: datetime) -> float:
-    """Unix seconds of a time with a time zone."""
+    """Return the Unix seconds of a time with a time zone."""
     return moment.timestamp()
 
 

@@ -1,8 +1,8 @@
-"""Writes attitudes as CCSDS attitude messages in KVN: AEM (CCSDS 504.0-B-1), and ACM with covariances (504.0-B-2). The older
-version of the AEM states the direction of the rotation, and more programs read it.
+"""Writer of CCSDS attitude messages in KVN: AEM (CCSDS 504.0-B-1), and ACM with covariances (504.0-B-2). The older version of the
+AEM is used because it states the direction of the rotation and more programs can read it.
 
-The standard's quaternion turns the axes of frame A into those of frame B, so its matrix (ibid. annex) is the transpose of the
-one of the same components in GSS's convention: the vector part changes its sign.
+The quaternion of the standard rotates the axes of frame A to the axes of frame B. Its matrix (ibid. annex) is the transpose of the
+matrix that the same components represent in GSS's convention, so the sign of the vector part is changed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Basis = Literal["DETERMINED_GND", "DETERMINED_OBC"]
 
 
 def aem_of(history: AttitudeHistory, created: datetime) -> Iterator[str]:
-    """Yield the lines of an attitude ephemeris message from ICRF to the frame of the attitudes, UTC."""
+    """Yield the lines of an attitude ephemeris message with rotations from ICRF to the frame of the attitudes, in UTC."""
     times = [_time(t) for t in history.times_s]
     yield f"CCSDS_AEM_VERS = 1.0\nCREATION_DATE = {_time(created.timestamp())}\nORIGINATOR = GSS\n\nMETA_START\n"
     yield f"OBJECT_NAME = {history.object_name}\nOBJECT_ID = {history.object_name}\n"
@@ -33,8 +33,9 @@ def aem_of(history: AttitudeHistory, created: datetime) -> Iterator[str]:
 
 
 def acm_of(history: AttitudeHistory, basis: Basis, created: datetime) -> Iterator[str]:
-    """Yield the lines of an attitude comprehensive message: as ``aem_of``, and the variances of the angles about the axes of the
-    frame, deg², where they are known. ``basis``: where they were determined. Times are in seconds from the first attitude."""
+    """Yield the lines of an attitude comprehensive message. It contains the attitudes of :func:`aem_of`, and the variances of the
+    angles about the axes of the frame in deg² if they are known. ``basis``: where the attitudes were determined. Times are in
+    seconds from the first attitude."""
     zero_s = float(history.times_s[0])
     yield f"CCSDS_ACM_VERS = 2.0\nCREATION_DATE = {_time(created.timestamp())}\nORIGINATOR = GSS\n\nMETA_START\n"
     yield f"OBJECT_NAME = {history.object_name}\nTIME_SYSTEM = UTC\nEPOCH_TZERO = {_time(zero_s)}\nMETA_STOP\n\n"

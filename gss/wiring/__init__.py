@@ -1,2 +1,2 @@
-"""Composition root, the only place where services meet: one file per room of operations, with its record and the function that
-creates it; ``build`` connects the rooms."""
+"""Composition root, the only package that connects services. There is one file per room of operations, which contains a record
+of the room's services and the function that creates them. ``build`` connects the rooms."""

@@ -16,7 +16,7 @@ from gss.wiring.base import BaseServices
 
 @dataclass(frozen=True)
 class Accounts:
-    """Users with their sessions and tokens, the audit log, and views of the console that users share."""
+    """Services of users with their sessions and tokens, of the audit log, and of shared views of the console."""
 
     accounts: AccountService
     audit: AuditService
@@ -25,7 +25,7 @@ class Accounts:
 
 
 def open_accounts(base: BaseServices) -> Accounts:
-    """Create the services. The accounts may be in another database than the unit's data."""
+    """Create the services. The accounts can be in a separate database."""
     settings = base.settings
     database = Database(open_engine(settings.accounts)) if settings.accounts else base.database
     accounts = open_account_service(database, settings, utc_now, monotonic_s)

@@ -1,4 +1,4 @@
-"""What every room uses: settings, clocks, stores, events, jobs, stars and instruments."""
+"""Services that all rooms use: settings, clocks, stores, events, jobs, stars and instruments."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from gss.store.engine import Database, migrate, open_engine
 
 @dataclass(frozen=True)
 class BaseServices:
-    """What every room uses. ``clock``: mission time; ``unit``: instrument of the unit on the line."""
+    """Services that all rooms use. ``clock``: mission time. ``unit``: instrument of the unit on the line."""
 
     settings: Settings
     clock: Clock
@@ -47,12 +47,12 @@ class BaseServices:
 
     @property
     def framing(self) -> str:
-        """Framing of the line from the settings, else from the instrument package."""
+        """Framing of the line from the settings; if not set, from the instrument package."""
         return self.settings.framing or self.unit.link.framing
 
     def version_of(self, name: str) -> str | None:
-        """Version of an instrument in use: the unit's as it was loaded at the start, another's as it is installed; None:
-        unknown."""
+        """Return the version of an instrument, None if it is unknown. For the unit's instrument this is the version loaded at the
+        start, for other instruments the installed version."""
         return self.unit.version if name == self.unit.name else self.instruments.version_of(name)
 
     @property
@@ -62,12 +62,12 @@ class BaseServices:
 
     @property
     def upkeep_lock(self) -> Path:
-        """Held by a backup or a removal, so that they do not overlap."""
+        """Lock file that a backup or a removal of data holds, so that they do not run at the same time."""
         return self.settings.data / "upkeep.lock"
 
 
 def open_base(settings: Settings, clock: Clock, *, ready: bool) -> BaseServices:
-    """Open the stores and create what every room needs."""
+    """Open the stores and create the services that all rooms use. ``ready``: the database schema is already upgraded."""
     own_folder(settings.data)
     if not ready:
         migrate(settings.database_url)

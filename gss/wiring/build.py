@@ -1,4 +1,4 @@
-"""Creates all rooms from the settings and connects them."""
+"""Creation and connection of the services of all rooms."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from gss.wiring.upkeep import open_retention, open_upkeep
 def build(
     settings: Settings, *, ready: bool = False, clock: Clock = MACHINE_CLOCK, open_line: OpenLine | None = None
 ) -> Services:
-    """Create and connect all services without starting them. The database schema is upgraded unless ``ready`` is true: API
-    workers use the schema that the link process has upgraded. ``clock``: mission time. ``open_line``: opens every line instead
-    of the real ports."""
+    """Create and connect all services without starting them. ``ready``: False to upgrade the database schema first; True in API
+    workers, which use the schema that the link process has upgraded. ``clock``: mission time. ``open_line``: replaces the
+    function that opens real ports."""
     base = open_base(settings, clock, ready=ready)
     accounts = open_accounts(base)
     line = open_line_room(base, open_line)

@@ -14,7 +14,7 @@ from gss.wiring.transfers import Transfers
 
 @dataclass(frozen=True)
 class Catalogues:
-    """Catalogues, the star lists from which they are built, and design studies."""
+    """Services of catalogues, of the star lists from which they are built, and of camera designs."""
 
     catalogues: CatalogueService
     star_lists: StarListService
@@ -22,7 +22,7 @@ class Catalogues:
 
 
 def open_catalogues(base: BaseServices, line: Line, transfers: Transfers) -> Catalogues:
-    """Create the services."""
+    """Create the catalogue services."""
     star_lists = StarListService(base.database, base.blobs, base.clock.now, base.parsing, base.instruments)
     catalogues = CatalogueService(
         base.database,

@@ -29,7 +29,7 @@ class Commanding:
 
 
 def open_commanding(base: BaseServices, line: Line, accounts: Accounts) -> Commanding:
-    """Create the services."""
+    """Create the commanding services."""
     database, bus, now, link = base.database, base.bus, base.clock.now, line.link
     authority = AuthorityService(database, bus, now)
     journal = AbortJournal(base.settings.data / "aborts.jsonl")

@@ -15,7 +15,7 @@ from gss.wiring.telemetry import TelemetryServices
 
 @dataclass(frozen=True)
 class Contacts:
-    """Records of contacts, and replays of captures."""
+    """Services of contacts and of the replay of captures."""
 
     contacts: ContactService
     replay: CaptureReplay
@@ -24,7 +24,7 @@ class Contacts:
 def open_contacts(
     base: BaseServices, line: Line, telemetry: TelemetryServices, retention: RetentionService
 ) -> Contacts:
-    """Create the services."""
+    """Create the contact services."""
     captures, limits = base.captures, telemetry.telemetry.limits
     return Contacts(
         ContactService(

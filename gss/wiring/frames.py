@@ -22,7 +22,7 @@ from gss.wiring.transfers import Transfers
 
 @dataclass(frozen=True)
 class Frames:
-    """Services that request, store, solve and replay frames. ``epoch_jyear``: of the star positions."""
+    """Services that request, store, solve and replay frames. ``epoch_jyear``: epoch of the star positions."""
 
     book: CameraBook
     darks: DarkFrames
@@ -35,7 +35,7 @@ class Frames:
 
 
 def open_frames(base: BaseServices, line: Line, transfers: Transfers) -> Frames:
-    """Create the services."""
+    """Create the frame services."""
     database, blobs, epoch_jyear = base.database, base.blobs, jyear_of(base.clock.now())
     book, darks = CameraBook(database, base.instruments, base.clock.now), DarkFrames(blobs)
     cache = SolverCache(base.stars, folder=base.settings.data / "figures")
@@ -45,8 +45,8 @@ def open_frames(base: BaseServices, line: Line, transfers: Transfers) -> Frames:
         blobs,
         base.bus,
         solver,
-        # Overlays and verdicts need the present star positions: at the catalogue's epoch a star at the edge may lie outside
-        # the frame.
+        # Overlays and verdicts need current star positions, because with the positions at the catalogue's epoch a star at the
+        # edge can be outside the frame.
         cache.stars(epoch_jyear),
         base.clock.now,
         base.settings.solve_chain,

@@ -13,8 +13,8 @@ from gss.wiring.telemetry import TelemetryServices
 
 @dataclass(frozen=True)
 class Heads:
-    """Spacecraft with several heads, what is followed at present, and the stored history. The watch is started by a server with
-    several units only."""
+    """Services of spacecraft with several heads: the stored spacecraft, their monitor, and the stored history. Only a server with
+    several units starts the monitor."""
 
     book: SpacecraftBook
     watch: HeadWatch
@@ -22,7 +22,7 @@ class Heads:
 
 
 def open_heads(base: BaseServices, telemetry: TelemetryServices) -> Heads:
-    """Create the services."""
+    """Create the services of spacecraft with several heads."""
     database, now = base.database, base.clock.now
     book = SpacecraftBook(database, base.bus, now)
     return Heads(book, HeadWatch(book, database, telemetry.alarms, now), HeadHistory(database, now))

@@ -1,4 +1,4 @@
-"""Services of what is received without a request."""
+"""Services that process data received without a request."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gss.wiring.transfers import Transfers
 
 @dataclass(frozen=True)
 class Intake:
-    """Services that store what the sensor sends without a request, and the images sent to it."""
+    """Services that store data which the sensor sends without a request, and the service that uploads images."""
 
     frames: FrameIntake
     results: ResultIntake
@@ -36,7 +36,7 @@ def open_intake(
     transfers: Transfers,
     frames: Frames,
 ) -> Intake:
-    """Create the services."""
+    """Create the intake services."""
     bus, link, commands = base.bus, line.link, commanding.commands
     images = UploadedImages(link, commands, transfers.transfers, frames.frames, bus)
     records = FrameRecords(link, transfers.tables, frames.frames, frames.replay)

@@ -1,4 +1,4 @@
-"""Services of line: the link, which owns the port, and the events that it publishes."""
+"""Services of the line: the link, which owns the port, and the events that it publishes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gss.wiring.base import BaseServices
 
 @dataclass(frozen=True)
 class Line:
-    """The link, the queue of its events, and the upkeep of its capture files."""
+    """The link, the queue of its events, and the flushing and compression of its capture files."""
 
     link: LinkService
     events: LineEventQueue
@@ -27,7 +27,7 @@ class Line:
 
 
 def open_line_room(base: BaseServices, open_line: OpenLine | None) -> Line:
-    """Create the services. ``open_line``: opens every line; None for real ports."""
+    """Create the line services. ``open_line``: replaces the function that opens real ports; None for real ports."""
     settings, events = base.settings, LineEventQueue(base.clock.now, base.clock.monotonic_s)
     signer = packet_signer(Path(settings.link_keys), utc_us) if settings.link_keys else None
     link = LinkService(

@@ -1,4 +1,4 @@
-"""Services of orbit, ground stations, passes and their plans."""
+"""Services of the orbit, ground stations, passes and pass plans."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from gss.wiring.transfers import Transfers
 
 @dataclass(frozen=True)
 class Passes:
-    """Orbit, stations, passes and plans. ``place``: of the camera, from the orbit or the sensor; ``attitudes``: messages with
-    attitudes of the spacecraft's camera."""
+    """Services of the orbit, ground stations, passes and plans. ``place``: position of the camera, from the orbit or the sensor.
+    ``attitudes``: export and import of messages with attitudes of the camera."""
 
     spacecraft: SpacecraftService
     stations: StationService
@@ -50,7 +50,7 @@ def open_passes(
     frames: Frames,
     catalogues: Catalogues,
 ) -> Passes:
-    """Create the services."""
+    """Create the pass services."""
     database, bus, now, link, commands = base.database, base.bus, base.clock.now, line.link, commanding.commands
     spacecraft, stations = SpacecraftService(database, bus, now), StationService(database, bus, now)
     table = PassService(spacecraft, stations, LineBudgetService(link, database), now)

@@ -15,14 +15,14 @@ from gss.wiring.telemetry import TelemetryServices
 
 @dataclass(frozen=True)
 class Procedures:
-    """Procedures and their runs."""
+    """Services of procedures and their runs."""
 
     procedures: ProcedureService
     runs: ProcedureRunner
 
 
 def open_procedures(base: BaseServices, line: Line, commanding: Commanding, telemetry: TelemetryServices) -> Procedures:
-    """Create the services."""
+    """Create the procedure services."""
     database, now = base.database, base.clock.now
     procedures = ProcedureService(line.link, base.unit, telemetry.telemetry.derived, database, now)
     conditions = Conditions(telemetry.telemetry)

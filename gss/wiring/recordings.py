@@ -15,7 +15,7 @@ from gss.wiring.passes import Passes
 
 @dataclass(frozen=True)
 class RecordingsRoom:
-    """Stored and live recordings, the ranges that they cover, and the viewer's files."""
+    """Services of stored and live recordings, of the time ranges that they cover, and of the viewer's files."""
 
     stored: Recordings
     live: LiveRecordings
@@ -24,7 +24,7 @@ class RecordingsRoom:
 
 
 def open_recordings(base: BaseServices, frames: Frames, passes: Passes) -> RecordingsRoom:
-    """Create the services."""
+    """Create the recording services."""
     stored = Recordings(base.database, frames.frames, base.stars, passes.place.at)
     return RecordingsRoom(
         stored,

@@ -1,4 +1,4 @@
-"""The services that routers and commands use, by room, and the order in which they start and stop."""
+"""The services of all rooms, and the order in which they start and stop."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ from gss.wiring.upkeep import Upkeep
 
 @dataclass(frozen=True)
 class Services:
-    """Everything that a router or command may use: a field per room of operations; a room of one service is that service.
-    ``dispatcher``: passes the events of the line to the rooms."""
+    """All services that routers and commands can use, with one field per room of operations. If a room has only one service, the
+    field is that service. ``dispatcher``: passes the events of the line to the services. ``stopping``: set when the server
+    begins to stop."""
 
     base: BaseServices
     accounts: Accounts
@@ -53,7 +54,7 @@ class Services:
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def start(self) -> None:
-        """Settle what the last server left behind, then open the line."""
+        """Resume or close the work that the previous server did not finish, start all services, and open the line."""
         self.accounts.audit.begin_anchors()
         self.accounts.intents.recover()
         self.base.jobs.start()
@@ -76,8 +77,8 @@ class Services:
             self.line.link.open_later(self.base.settings.device)
 
     def announce_stop(self) -> None:
-        """Interrupt the jobs and end the open streams and the parsing of files, so that the server need not cut them off. Runs in
-        a signal handler: storing the jobs' state may wait for the database, so that a thread does it."""
+        """Interrupt the jobs, and end open streams and the parsing of files before the server closes its connections. This runs in
+        a signal handler. A thread stores the state of the jobs, because storing can wait for the database."""
         if not self.stopping.is_set():
             threading.Thread(target=self.base.jobs.interrupt, name="interrupt jobs", daemon=True).start()
         self.stopping.set()
@@ -85,7 +86,7 @@ class Services:
         self.base.parsing.stop()
 
     def stop(self) -> None:
-        """Close the line first, so that nothing new comes; then end what still works."""
+        """Stop all services. Services that send commands stop first, then the line, then services that process received data."""
         self.announce_stop()
         self.upkeep.status.stop()
         self.heads.watch.stop()

@@ -23,7 +23,7 @@ from gss.wiring.transfers import Transfers
 
 @dataclass(frozen=True)
 class Studies:
-    """Services that compute from many frames, and the processes that do it."""
+    """Services that analyse many frames, and the executor of their processes."""
 
     executor: Executor
     campaigns: CampaignService
@@ -37,7 +37,7 @@ class Studies:
 def open_studies(
     base: BaseServices, transfers: Transfers, frames: Frames, contacts: Contacts, passes: Passes
 ) -> Studies:
-    """Create the services."""
+    """Create the study services."""
     settings, database, blobs, bus, jobs, now = (
         base.settings,
         base.database,

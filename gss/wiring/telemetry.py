@@ -15,7 +15,7 @@ from gss.wiring.line import Line
 
 @dataclass(frozen=True)
 class TelemetryServices:
-    """Telemetry, derived parameters, alarms, and the newest attitude of the sensor."""
+    """Services of telemetry, derived parameters, alarms, and the latest attitude of the sensor."""
 
     telemetry: TelemetryService
     derived_history: DerivedHistory
@@ -24,7 +24,7 @@ class TelemetryServices:
 
 
 def open_telemetry(base: BaseServices, line: Line, commanding: Commanding) -> TelemetryServices:
-    """Create the services."""
+    """Create the telemetry services."""
     database, bus, link = base.database, base.bus, line.link
     telemetry = TelemetryService(
         base.dictionary, database, bus, base.clock.now, lambda: link.contact_id, base.disk.has_room_for_rows

@@ -21,7 +21,7 @@ from gss.wiring.line import Line
 
 @dataclass(frozen=True)
 class Transfers:
-    """Services that move content, what the sensor's flash contains, and the thread that stores downloaded content."""
+    """Services of transfers and of the content of the sensor's flash, and the thread that stores downloaded content."""
 
     writer: Writer
     progress: TransferProgress
@@ -33,7 +33,7 @@ class Transfers:
 
 
 def open_transfers(base: BaseServices, line: Line, commanding: Commanding) -> Transfers:
-    """Create the services."""
+    """Create the transfer services."""
     database, blobs, bus, stars, now, link = base.database, base.blobs, base.bus, base.stars, base.clock.now, line.link
     writer, parts = Writer(monotonic_s, bus), PartStore(base.settings.data / "parts")
     progress = TransferProgress(link, database, bus, now, parts, writer)

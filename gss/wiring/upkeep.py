@@ -34,7 +34,7 @@ from gss.wiring.transfers import Transfers
 
 @dataclass(frozen=True)
 class Upkeep:
-    """Maintenance services. ``streams``: counts of the event streams. ``status``: runs once a second."""
+    """Maintenance services. ``streams``: counts of the event streams. ``status``: service that runs once a second."""
 
     retention: RetentionService
     backups: BackupService

@@ -75,7 +75,7 @@ def pair(client: TestClient) -> tuple[dict[str, Any], dict[str, Any]]:
         ({"orbit": "none", "corrections": {"orbital_aberration": True}}, "needs an orbit"),
         ({"occultation": {"earth": True}}, "needs the altitude"),
         (ORBIT | {"body_from_cam": [0.5, 0, 0, 0, 1.0, 0, 0, 0, 1.0]}, "mounting is not a rotation"),
-        ({"source": "list"}, "No star list given"),
+        ({"source": "list"}, "No star list was selected"),
         (STILL | {"method": "blocks"}, "follows the orbit"),
     ],
 )

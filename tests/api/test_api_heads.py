@@ -71,7 +71,7 @@ def test_wrong_spacecraft_are_refused(client: TestClient) -> None:
     assert client.put(f"{PATH}/{made['id'] + 1}", json=SAT).status_code == 404
     answer = client.post(f"{PATH}/{made['id']}/correct", json={"unit": "B"})
     assert answer.status_code == 409
-    assert "misalignment of this head" in answer.json()["message"]
+    assert "misalignment estimate of this head" in answer.json()["message"]
     assert client.get(f"{PATH}/{made['id']}/history?hours=0").status_code == 422
     assert client.get(f"{PATH}/99/history").status_code == 404
     assert client.put(f"{PATH}/{made['id']}", json=SAT | {"stale_s": 60.0}).json()["stale_s"] == 60

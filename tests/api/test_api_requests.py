@@ -286,7 +286,7 @@ def test_invalid_characters_are_rejected_with_a_message(client, text):
     ):
         reply = client.post(path, content=f'{{"{field}": "{text}"}}', headers={"Content-Type": "application/json"})
         assert reply.status_code == 422, reply.text
-        assert "half a character" in reply.json()["message"]
+        assert "incomplete character" in reply.json()["message"]
 
 
 @pytest.mark.parametrize(

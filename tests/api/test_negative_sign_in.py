@@ -442,6 +442,6 @@ def test_the_audit_log_names_what_a_revocation_withdrew(services: Services, anon
     assert anonymous.post("/api/users", headers=robot, json={"name": "made", "role": "viewer"}).status_code == 201
     sign_in(anonymous)
     assert anonymous.delete(f"/api/tokens/{made.row.id}").status_code == 204
-    assert newest(services, "tokens.revoke_token").detail == "robot also disabled: made; links made invalid: 1"
+    assert newest(services, "tokens.revoke_token").detail == "robot also disabled: made; links invalidated: 1"
     shown = next(user for user in anonymous.get("/api/users").json() if user["name"] == "made")
     assert (shown["enabled"], shown["disabled_reason"]) == (False, "created by token:robot, which was revoked")

@@ -294,7 +294,7 @@ def test_custom_limits_apply_until_they_are_reset_and_are_recorded_with_the_user
         book.override("housekeeping.mode", own, 1, user="ann")
     with pytest.raises(BadInput, match="persistence"):
         book.override(key, own, 0, user="ann")
-    with pytest.raises(BadInput, match="hold nothing"):
+    with pytest.raises(BadInput, match="limits are empty"):
         book.override(key, Limits((2, 1)), 1, user="ann")
 
 

@@ -111,7 +111,7 @@ def test_authority_survives_a_restart(authority, database, bus, clock):
 @pytest.mark.parametrize("name", ["", " ann", "a\nb", "x" * 61])
 def test_unprintable_names_cannot_hold_authority(authority, name):
     """Names are shown in the header bar and in exports."""
-    with pytest.raises(BadInput, match="not a user name"):
+    with pytest.raises(BadInput, match="user name is not valid"):
         authority.take(name)
     assert authority.holder() is None
 

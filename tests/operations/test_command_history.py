@@ -217,7 +217,7 @@ def test_a_command_id_that_the_device_no_longer_stores_is_not_resent(console):
         for _ in range(REMEMBERED_IDS):
             console.link.session.reserve()
     assert not console.commands.can_retry(console.commands.get(image.id))
-    with pytest.raises(Conflict, match="no longer remembers"):
+    with pytest.raises(Conflict, match="no longer stores"):
         console.commands.retry(image.id, user="ann")
     assert console.end(console.commands.retry(status.id, user="ann")).result == "completed"
 
@@ -235,7 +235,7 @@ def test_abort_needs_neither_store_nor_queue(console, monkeypatch):
         patched.setattr(console.commands._recorder, "add", locked)
         receipt = console.commands.abort(user="bob", source="abort")
         console.wait(lambda: console.link.session.housekeeping["cycle_running"] is False)
-        with pytest.raises(StoreDown, match="ABORT is queued for sending but not stored yet"):
+        with pytest.raises(StoreDown, match="ABORT is queued for sending but is not stored"):
             receipt.row(0.0)
     assert stages(console.end(receipt.row(20)))[-1] == "completed"
 
@@ -321,7 +321,7 @@ def test_a_command_overtaken_by_abort_is_rejected(console, monkeypatch):
         return row
 
     monkeypatch.setattr(console.commands._recorder, "add", add_slowly)
-    with pytest.raises(Conflict, match="ABORT was requested before it was sent"):
+    with pytest.raises(Conflict, match="ABORT was requested before this command was sent"):
         console.send("SET_EXPOSURE", exposure_ms=77)
     row = next(row for row in console.history.page(Filter(), 20) if row.name == "SET_EXPOSURE")
     assert (row.result, "ABORT was requested before" in row.detail) == ("rejected", True)

@@ -147,7 +147,7 @@ def test_invalid_definitions_are_refused(ground: Ground) -> None:
         (request(expression="1 + 1"), "refers to no telemetry field"),
         (request(expression="housekeeping.mode"), "result of the expression is text"),
         (request(expression="housekeeping.supply_3v3_v +"), "position 28"),
-        (request(watch=[2.0, 1.0]), "limits hold nothing"),
+        (request(watch=[2.0, 1.0]), "limits are empty"),
     ]:
         with pytest.raises(BadInput, match=words):
             ground.derived.add(bad, user="ann")

@@ -71,7 +71,7 @@ def test_a_restart_a_set_clock_and_a_closed_link_are_causes():
     assert not gap.explained
     second = [HousekeepingSample(1020.0, 70.0, 30.0, 2)]
     (gap,) = check_record([*steady(5), *second], [], []).gaps
-    assert gap.cause == "the line was closed meanwhile"
+    assert gap.cause == "the line was closed in this time"
 
 
 def test_late_is_not_missing():

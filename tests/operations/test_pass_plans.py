@@ -261,7 +261,7 @@ def test_a_procedure_in_a_plan_asks_sends_and_waits_for_the_signal(mission):
 
     def is_waiting() -> bool:
         mission.runner.tick()
-        return "waits for a person" in items_of(mission.plans.get(plan.id))[0].detail
+        return "waits for an operator" in items_of(mission.plans.get(plan.id))[0].detail
 
     mission.console.wait(is_waiting)
     run = runs.newest(1)[0]

@@ -116,7 +116,7 @@ def test_a_procedure_is_read_with_its_texts_and_actions() -> None:
         (procedure(("a", fence("check", "1 < 2", "else: b"))), 8, "There is no step b"),
         (procedure(("a", fence("wait", "soon"))), 8, "duration"),
         (procedure(("a", fence("question", "Dark?"))), 8, "no answers"),
-        (procedure(("a", fence("branch", "if 1 < 2: end"))), 8, "does not end with its else"),
+        (procedure(("a", fence("branch", "if 1 < 2: end"))), 8, "does not end with an else line"),
         (procedure(("a", fence("check"))), 8, "block is empty"),
         (procedure(("a", "x"), ("a", "y")), 8, "used twice"),
         (procedure(("a", fence("question", "Dark?", "no: end")), ("b", "x")), 12, "b cannot be reached"),

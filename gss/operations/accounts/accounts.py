@@ -1,4 +1,4 @@
-"""Identifies the caller of a request and checks that the identity is still valid."""
+"""Identification of the caller of a request, and checks that the identity is still valid."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ from gss.operations.clock import Monotonic, Now
 from gss.store.engine import Database
 
 REMEMBERED_S = 1.0
-"""How long an identity is cached. Changes by this process apply at once, those by other processes within this time."""
-IN_NEED_S = 600.0
-"""While the database cannot be read, identities verified within this time are still accepted, so that ABORT can be sent."""
+"""Time for which an identity is cached. Changes by this process apply immediately, changes by other processes within this
+time."""
+STORE_DOWN_S = 600.0
+"""While the database cannot be read, identities that were verified within this time are accepted, so that ABORT can be sent."""
 MAX_REMEMBERED = 1000
 
 
 class Rules(Protocol):
-    """The settings used here."""
+    """Settings that this module uses."""
 
     password_passes: int
     password_memory_kib: int
@@ -38,7 +39,7 @@ class Rules(Protocol):
 
 
 def open_account_service(database: Database, rules: Rules, now: Now, monotonic_s: Monotonic) -> AccountService:
-    """Create the service as configured, with a clock that never goes back."""
+    """Create the account service from the settings, with a clock that never goes back."""
     passwords = Passwords(rules.password_passes, rules.password_memory_kib)
     lifetimes = Lifetimes(timedelta(minutes=rules.session_idle_minutes), timedelta(hours=rules.session_hours))
     forward = ForwardClock(now, monotonic_s, time_floor(database))
@@ -46,7 +47,7 @@ def open_account_service(database: Database, rules: Rules, now: Now, monotonic_s
 
 
 class AccountService:
-    """Identifies callers by session or token. ``users``, ``sessions`` and ``tokens`` manage the rows."""
+    """Identifies callers by session or token. ``users``, ``sessions``, ``tokens``: services that manage the rows."""
 
     def __init__(
         self,
@@ -67,7 +68,7 @@ class AccountService:
         self._lock = threading.Lock()
 
     def close(self) -> None:
-        """Close the database, which may be another one than that of the unit."""
+        """Close the database, which can differ from the unit's database."""
         self._database.close()
 
     def _forget(self) -> None:
@@ -77,19 +78,19 @@ class AccountService:
             self._remembered.clear()
 
     def session_caller(self, key: str, *, touch: bool = True) -> CallerIdentity | None:
-        """Return the owner of a session; None if the session is invalid. Without ``touch`` the request does not extend an
-        idle session, and writes nothing."""
+        """Return the owner of a session, None if the session is not valid. If ``touch`` is False, the request does not reset the
+        idle timeout and nothing is written."""
         return self._recall(f"session {key_hash(key)}", lambda: self.sessions.caller_of(key, touch=touch))
 
     def remembered(self, kind: str, key: str) -> CallerIdentity | None:
-        """Return an identity (session or token) from the cache, without a database query; None if it is not cached."""
+        """Return an identity from the cache without a database query, None if it is not cached. ``kind``: session or token."""
         with self._lock:
-            at_s, remembered_value = self._remembered.get(f"{kind} {key_hash(key)}", (0.0, None))
-            return remembered_value if self._monotonic_s() - at_s < REMEMBERED_S else None
+            at_s, cached = self._remembered.get(f"{kind} {key_hash(key)}", (0.0, None))
+            return cached if self._monotonic_s() - at_s < REMEMBERED_S else None
 
     def token_caller(self, key: str, address: str, *, touch: bool = True) -> CallerIdentity | None:
-        """Return the identity of the token, or None if it is not valid. Raises RateLimited after too many invalid tokens from that
-        address. Without ``touch`` nothing is written."""
+        """Return the identity of a token, None if the token is not valid. Raises RateLimited after too many invalid tokens from
+        this address. If ``touch`` is False, nothing is written."""
         hashed = f"token {key_hash(key)}"
         caller = self._recall(hashed, lambda: self.tokens.caller_of(key, touch=touch))
         if caller is None:
@@ -97,21 +98,21 @@ class AccountService:
         return caller
 
     def ended_reason(self, caller: CallerIdentity) -> str:
-        """Return why a session or token is no longer valid; "" while it is. Long-lived connections call this every few
-        seconds."""
+        """Return the reason why a session or token is no longer valid, "" if it is valid. Long-lived connections call this every
+        few seconds."""
         try:
-            over = (
+            reason = (
                 self.sessions.ended_reason(caller.key_id)
                 if caller.kind == "session"
                 else self.tokens.ended_reason(caller.key_id)
             )
         except NotFound:
             return "it was removed"
-        return over
+        return reason
 
     def require(self, name: str, permission: str) -> None:
-        """Raise NotPermitted unless the user or token of that name has the permission now; for work that outlives its
-        request."""
+        """Raise NotPermitted if the user or token with this name does not have the permission at present. Work that continues
+        after its request uses this check."""
         role, permissions = self._permissions(name)
         if permission not in permissions:
             raise not_permitted(permission, role)
@@ -127,20 +128,20 @@ class AccountService:
 
     def _recall(self, hashed: str, find: Callable[[], CallerIdentity | None]) -> CallerIdentity | None:
         with self._lock:
-            at_s, remembered_value = self._remembered.get(hashed, (0.0, None))
-            if remembered_value is not None and self._monotonic_s() - at_s < REMEMBERED_S:
-                return remembered_value
+            at_s, cached = self._remembered.get(hashed, (0.0, None))
+            if cached is not None and self._monotonic_s() - at_s < REMEMBERED_S:
+                return cached
             changes = self._changes
         read_s = self._monotonic_s()
         try:
             caller = find()
         except StoreDown:
-            if remembered_value is not None and read_s - at_s < IN_NEED_S:
-                return remembered_value
+            if cached is not None and read_s - at_s < STORE_DOWN_S:
+                return cached
             raise
         with self._lock:
             self._remembered.pop(hashed, None)
-            if caller is not None and changes == self._changes:  # otherwise it may have been read before the change
+            if caller is not None and changes == self._changes:  # after a change, the identity can be outdated
                 self._remembered[hashed] = (read_s, caller)
             while len(self._remembered) > MAX_REMEMBERED:
                 self._remembered.popitem(last=False)

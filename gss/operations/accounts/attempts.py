@@ -1,7 +1,7 @@
-"""Rate limits against guessing: after some free failures, each further one doubles the wait before the next attempt, up to a
-limit.
+"""Rate limits against password guessing. After some free failures, each further failure doubles the wait before the next
+attempt, up to a limit.
 
-There is no lockout: a wait ends automatically, after which the correct password is accepted.
+There is no lockout: after the wait, the correct password is accepted.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ MAX_KEYS = 10_000
 
 @dataclass(frozen=True)
 class Brake:
-    """``free`` failures have no effect; then the wait doubles from one second up to ``longest_s``. All failures are
-    forgotten ``forget_s`` after the last one."""
+    """A rate limit. ``free``: number of failures without a wait. After these, the wait doubles from one second up to
+    ``longest_s``. ``forget_s``: time after the last failure at which all failures are removed."""
 
     free: int
     longest_s: float
@@ -33,7 +33,7 @@ BY_TOKEN_ADDRESS = Brake(free=30, longest_s=60.0)
 
 
 class Attempts:
-    """Counts failures by key (a name, an address). Bounded: the oldest keys are dropped first."""
+    """Counts failures by key (a name or an address), for at most ``MAX_KEYS`` keys. The oldest keys are dropped first."""
 
     def __init__(self, monotonic_s: Monotonic) -> None:
         self._now_s = monotonic_s
@@ -41,8 +41,8 @@ class Attempts:
         self._lock = threading.Lock()
 
     def begin(self, keys: Sequence[tuple[str, Brake]]) -> None:
-        """Start an attempt. Raises RateLimited during a wait. The attempt counts as failed until ``passed``, so that concurrent
-        attempts cannot bypass the limit."""
+        """Start an attempt. Raises RateLimited during a wait. The attempt counts as a failure until ``passed`` is called, so
+        concurrent attempts cannot bypass the limit."""
         with self._lock:
             wait_s = max((self._wait_s(key, brake) for key, brake in keys), default=0.0)
             if wait_s > 0:
@@ -53,15 +53,15 @@ class Attempts:
                     retry_after_s=wait_s,
                 )
             for key, brake in keys:
-                count, _ = self._known(key, brake)
+                count, _ = self._recent(key, brake)
                 self._failures[key] = (count + 1, self._now_s())
                 self._failures.move_to_end(key)
             while len(self._failures) > MAX_KEYS:
                 self._failures.popitem(last=False)
 
     def passed(self, keys: Sequence[tuple[str, Brake]]) -> None:
-        """Remove a successful attempt from the count. Other failures from the same address still count, so that a user's own
-        account does not help to guess others."""
+        """Remove a successful attempt from the count. Other failures from the same address still count, so a user cannot use a
+        valid account to guess the passwords of other users without a limit."""
         with self._lock:
             for key, _ in keys:
                 count, at_s = self._failures.pop(key, (0, 0.0))
@@ -73,12 +73,13 @@ class Attempts:
         with self._lock:
             self._failures.pop(key, None)
 
-    def _known(self, key: str, brake: Brake) -> tuple[int, float]:
+    def _recent(self, key: str, brake: Brake) -> tuple[int, float]:
+        """Return the number of failures of a key and the time of the last one, (0, 0) if they were removed."""
         count, at_s = self._failures.get(key, (0, 0.0))
         return (0, 0.0) if self._now_s() - at_s >= brake.forget_s else (count, at_s)
 
     def _wait_s(self, key: str, brake: Brake) -> float:
-        count, at_s = self._known(key, brake)
+        count, at_s = self._recent(key, brake)
         if count < brake.free:
             return 0.0
         return at_s + min(brake.longest_s, 2.0 ** min(count - brake.free, 20)) - self._now_s()

@@ -1,6 +1,6 @@
-"""Audit log: records every user action with time, address and result. It is append-only: the database rejects changing or
-removing a row, each row contains the hash of the previous one, and every hash is also appended to a file outside the database
-(``audit_anchor``), so that tampering is detected."""
+"""Audit log: records each user action with time, address and result. It is append-only. The database rejects changes and
+deletions of rows. Each row contains the hash of the previous row. Each hash is also appended to a file outside the database
+(``audit_anchor``), so tampering is detected."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from gss.store.engine import Database
 from gss.store.models import AuditRow
 
 Result = Literal["done", "denied", "failed", "unknown"]
-"""``unknown``: the server ended before it recorded the result."""
+"""Result of an action. ``unknown``: the server ended before it recorded the result."""
 FIRST = "0" * 64
-"""The previous hash of the first row."""
+"""Previous hash in the first row."""
 ONCE = "milliseconds"
-"""Time resolution of hashes in older rows, which are still valid."""
+"""Time resolution of the hashes in older rows. These hashes are still valid."""
 TRIES = 50
 HINT = "compare the log with a backup; if the database was replaced on purpose, run gss audit accept"
 FIELDS = ("seq", "at", "who", "role", "action", "target", "result", "detail", "address", "previous", "hash")
@@ -37,8 +37,9 @@ log = logging.getLogger("gss.audit")
 
 @dataclass(frozen=True)
 class AuditVerdict:
-    """Result of verifying the log. ``problem`` is "" if it is intact; ``anchors``: what the anchor file confirms; ``last_hash``
-    should also be noted elsewhere, in case that file is changed together with the database."""
+    """Result of verifying the log. ``problem``: "" if the log is intact. ``anchors``: the rows that the anchor file confirms.
+    ``last_hash``: hash of the last row. Users should note it elsewhere, because the anchor file can be changed together with the
+    database."""
 
     rows: int
     last_hash: str
@@ -47,13 +48,13 @@ class AuditVerdict:
 
 
 class AuditService:
-    """Writes and reads the log; several processes may write concurrently."""
+    """Writes and reads the log. Several processes can write concurrently."""
 
     def __init__(self, database: Database, now: Now, anchors: AnchorFile) -> None:
         self._database, self._now, self._anchors = database, now, anchors
 
     def begin_anchors(self) -> None:
-        """Create the anchor file of a log that never had one. Later a missing file is a problem, which ``verify`` reports."""
+        """Create the anchor file of a log that never had one. If the file is missing later, ``verify`` reports a problem."""
         with self._database.unit_of_work() as session:
             if choices.has(session, choices.AUDIT_ANCHOR):
                 return
@@ -61,12 +62,12 @@ class AuditService:
             choices.write(session, choices.AUDIT_ANCHOR, {"file": str(self._anchors.path)}, self._now(), "gss")
         with self._database.unit_of_work() as session:
             last = store.last(session)
-        if last is not None:  # the chain up to here is that of an older version
+        if last is not None:  # an older version without anchors wrote the rows up to this one
             self._anchor(Anchor(last.seq, last.hash, iso_z(self._now())))
 
     def accept(self, user: str, reason: str) -> None:
-        """Accept the log as it is: compare only later anchors with it. For a database that was replaced on purpose. Raises
-        StoreDown if the anchor file cannot be created."""
+        """Accept the current log after the database was replaced on purpose: from now on, only later anchors are compared with
+        it. Raises StoreDown if the anchor file cannot be created."""
         self._anchors.create()
         self.begin_anchors()
         seq = self.record(user, "audit.accept", "anchor file", "done", reason, role="shell")
@@ -83,7 +84,7 @@ class AuditService:
             try:
                 added = self._append(*fields, _fit(address, 60))
             except store.PlaceTaken:
-                continue  # another process appended a row meanwhile: try again after it
+                continue  # another process appended a row with this number, so retry with the next number
             self._anchor(added)
             return added.seq
         raise StoreDown("the audit log cannot be written", hint="check disk space and file locks")
@@ -111,7 +112,7 @@ class AuditService:
     def _anchor(self, anchor: Anchor) -> None:
         try:
             self._anchors.append(anchor)
-        except OSError as error:  # a full disk must not undo a change; a missing file is reported by ``compare``
+        except OSError as error:  # a full disk must not prevent a change; ``compare`` reports a missing file
             log.warning("row %d, hash %s, was not appended to the anchor file: %s", anchor.seq, anchor.hash, error)
 
     def page(self, filters: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:
@@ -132,14 +133,14 @@ class AuditService:
                     yield json.dumps(values, ensure_ascii=False) + "\n"
 
     def verify(self, known_hash: str = "") -> AuditVerdict:
-        """Read the whole log, verify every hash, and compare it with the anchor file. ``known_hash``: of a row noted earlier,
-        which must be present."""
+        """Read the complete log, verify all hashes, and compare the log with the anchor file. ``known_hash``: hash that was noted
+        earlier; a row with this hash must exist."""
         chain = self._verify_chain(known_hash)
         problem, anchors = self._verify_anchors()
         return replace(chain, problem=chain.problem or problem or self._verify_guards(), anchors=anchors)
 
     def compare(self) -> str:
-        """Compare the log with its newest anchor. Return the problem, "" if there is none."""
+        """Compare the log with its latest anchor. Return the problem, "" if there is none."""
         try:
             newest = self._anchors.newest()
         except OSError as error:
@@ -147,7 +148,7 @@ class AuditService:
         return self._difference([newest]) if newest else ""
 
     def _verify_anchors(self) -> tuple[str, str]:
-        """Return the first contradiction between log and anchor file, and what the file confirms."""
+        """Return the first contradiction between log and anchor file, and a text that states which rows the file confirms."""
         lowest, highest, problem = 0, 0, ""
         try:
             for batch in self._anchors.batches():
@@ -177,7 +178,7 @@ class AuditService:
         return f"the anchor file cannot be read: {error}; {HINT}" if began else ""
 
     def _verify_chain(self, known_hash: str) -> AuditVerdict:
-        seq, previous, anchored = 0, FIRST, not known_hash
+        seq, previous, hash_seen = 0, FIRST, not known_hash
         with self._database.unit_of_work() as session:
             try:
                 for row in store.every(session, AuditFilter()):
@@ -188,13 +189,13 @@ class AuditService:
                     if row.hash not in (hash_of(row), hash_of(row, ONCE)):
                         return AuditVerdict(seq, previous, f"row {row.seq} was changed")
                     seq, previous = row.seq, row.hash
-                    anchored = anchored or row.hash == known_hash
+                    hash_seen = hash_seen or row.hash == known_hash
             except ValueError as error:  # an invalid time
                 return AuditVerdict(seq, previous, f"a row after row {seq} is unreadable: {error}")
             strays = store.before_the_first(session)
         if strays:
             return AuditVerdict(seq, previous, f"{strays} rows precede the first row")
-        if not anchored:
+        if not hash_seen:
             return AuditVerdict(seq, previous, "no row has the noted hash: the end was truncated")
         return AuditVerdict(seq, previous, "")
 
@@ -205,7 +206,7 @@ class AuditService:
 
 
 def hash_of(row: AuditRow, timespec: str = "microseconds") -> str:
-    """Return the SHA-256 over all columns of a row, including the previous row's hash."""
+    """Return the SHA-256 of all columns of a row, including the hash of the previous row."""
     values = [str(value) for field, value in row_values(row, timespec).items() if field != "hash"]
     return hashlib.sha256(json.dumps(values, ensure_ascii=True).encode()).hexdigest()
 
@@ -215,13 +216,13 @@ def row_values(row: AuditRow, timespec: str = "microseconds") -> dict[str, str |
     return {field: iso_z(row.at, timespec) if field == "at" else getattr(row, field) for field in FIELDS}
 
 
-def _fit(text: str, most: int) -> str:
-    """Truncate text from outside and replace control characters, which could forge a line when printed."""
-    return "".join(c if c.isprintable() else "�" for c in text.encode("utf-8", "replace").decode())[:most]
+def _fit(text: str, max_length: int) -> str:
+    """Truncate untrusted text and replace control characters, which could forge a line in printed output."""
+    return "".join(c if c.isprintable() else "�" for c in text.encode("utf-8", "replace").decode())[:max_length]
 
 
 def _harmless(text: str) -> str:
-    """Prefix text that a spreadsheet would run as a formula."""
+    """Prefix text that a spreadsheet would evaluate as a formula."""
     return f"'{text}" if text[:1] in ("=", "+", "-", "@") else text
 
 

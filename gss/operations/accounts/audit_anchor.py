@@ -1,8 +1,8 @@
-"""Anchors of the audit log: number and hash of every row, appended to a file outside the database.
+"""Anchors of the audit log: number and hash of each row, appended to a file outside the database.
 
-The hash chain alone does not show that its end was truncated, or that it was rewritten with new hashes. Both contradict the file,
-unless the file was changed too. Lines are only appended; an *accepted* line starts the comparison again, for example after the
-database was replaced by an older copy on purpose.
+The hash chain alone does not show that its end was truncated or that it was rewritten with new hashes. A comparison with the
+file shows both, unless the file was also changed. Lines are only appended. The comparison begins at the last *accepted* line,
+which is written, for example, after the database was replaced with an older copy on purpose.
 """
 
 from __future__ import annotations
@@ -21,13 +21,12 @@ ANCHORS = "audit-anchor.jsonl"
 BATCH = 500
 TAIL_BYTES = 8192
 ACCEPTED = b'"accepted": "'
-"""Start of the field in a line that starts the comparison again; it is omitted from other lines."""
+"""Start of the field that marks an accepted line. Other lines do not contain this field."""
 
 
 @dataclass(frozen=True)
 class Anchor:
-    """Number and hash of a row. ``at``: ISO 8601, UTC. ``accepted``: user and reason, in a line that starts the comparison
-    again."""
+    """Number and hash of a row. ``at``: ISO 8601, UTC. ``accepted``: user and reason in an accepted line, otherwise ""."""
 
     seq: int
     hash: str
@@ -36,8 +35,8 @@ class Anchor:
 
 
 class AnchorFile:
-    """JSON lines, one for each row. Several processes may append. Lines that cannot be read, for example after a power failure,
-    are skipped."""
+    """File of JSON lines, one line per row of the log. Several processes can append lines. Unreadable lines, which a power
+    failure can cause, are skipped."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -47,7 +46,7 @@ class AnchorFile:
         return self.path.exists()
 
     def create(self) -> None:
-        """Create an empty file, unless it exists. Raises StoreDown."""
+        """Create an empty file if it does not exist. Raises StoreDown if it cannot be created."""
         try:
             os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT, 0o600))
         except OSError as error:
@@ -58,7 +57,8 @@ class AnchorFile:
             ) from error
 
     def append(self, anchor: Anchor) -> None:
-        """Append a line to the existing file; a missing one is not created, because its absence must show. Raises OSError."""
+        """Append a line to the existing file. A missing file is not created, because its absence must be detected. Raises
+        OSError."""
         values = asdict(anchor) if anchor.accepted else {"seq": anchor.seq, "hash": anchor.hash, "at": anchor.at}
         handle = os.open(self.path, os.O_WRONLY | os.O_APPEND)
         try:
@@ -67,7 +67,7 @@ class AnchorFile:
             os.close(handle)
 
     def batches(self) -> Iterator[list[Anchor]]:
-        """Yield all lines from the last accepted one, in batches. Raises OSError."""
+        """Yield all anchors from the last accepted line on, in batches. Raises OSError."""
         with self.path.open("rb") as file:
             start = position = 0
             for line in file:
@@ -80,7 +80,7 @@ class AnchorFile:
                 yield batch
 
     def newest(self) -> Anchor | None:
-        """Return the line with the highest row number among the last ones; None if there is none. Raises OSError."""
+        """Return the anchor with the highest row number in the last lines of the file, None if there is none. Raises OSError."""
         with self.path.open("rb") as file:
             file.seek(max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES))
             anchors = [anchor for line in file if (anchor := _read(line))]
@@ -88,7 +88,7 @@ class AnchorFile:
         return max(anchors[last:], key=lambda anchor: anchor.seq, default=None)
 
     def accepted(self) -> Anchor | None:
-        """Return the last accepted line. Raises OSError."""
+        """Return the anchor of the last accepted line, None if there is none. Raises OSError."""
         first = next(self.batches(), [])
         return first[0] if first and first[0].accepted else None
 

@@ -1,5 +1,5 @@
-"""Intents of changes, written to a file before a change starts: a server that is killed between a change and its audit row still
-has the row after the next start."""
+"""Intents of changes. An intent is written to a file before its change starts. If the server is killed between a change and its
+audit row, the next start writes the row."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ENDED = "the server ended before the result was recorded"
 
 @dataclass(frozen=True)
 class Intent:
-    """A change that is about to start. ``at``: ISO 8601, UTC."""
+    """A change that will start. ``at``: ISO 8601, UTC."""
 
     who: str
     role: str
@@ -34,7 +34,8 @@ class Intent:
 
 
 class AuditIntents:
-    """JSON lines in a file of this process, locked while the process lives; empty while no change is in progress."""
+    """Writes intents as JSON lines to a file of this process. The file is locked while the process lives and empty while no
+    change is in progress."""
 
     def __init__(self, folder: Path, audit: AuditService) -> None:
         self._folder, self._audit = folder, audit
@@ -44,8 +45,8 @@ class AuditIntents:
         self._number = 0
 
     def begin(self, intent: Intent) -> int:
-        """Store an intent on the disk and return its number for ``end``. A disk that takes nothing delays no change: the
-        failure is logged."""
+        """Store an intent on the disk and return its number for ``end``. If the disk cannot be written, the failure is logged and
+        the change is not prevented."""
         with self._lock:
             self._number += 1
             self._open.add(self._number)
@@ -56,7 +57,7 @@ class AuditIntents:
             return self._number
 
     def end(self, number: int) -> None:
-        """Remove an intent: its audit row is stored."""
+        """Remove an intent after its audit row was stored."""
         with self._lock:
             self._open.discard(number)
             if self._file is None:
@@ -70,16 +71,16 @@ class AuditIntents:
                 log.warning("an intent was not removed: %s", error)
 
     def recover(self) -> int:
-        """Write the audit rows of intents that ended processes left behind, and return their number."""
+        """Write audit rows for the open intents of ended processes, and return the number of rows."""
         rows = 0
         for path in sorted(self._folder.glob("*.jsonl")):
             with path.open("a+") as file:
                 try:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except BlockingIOError:
-                    continue  # of a process that is running
+                    continue  # the file belongs to a running process
                 file.seek(0)
-                for intent in _left(file):
+                for intent in _open_intents(file):
                     self._audit.record(
                         intent.who,
                         intent.action,
@@ -99,7 +100,9 @@ class AuditIntents:
             file = (self._folder / f"{uuid.uuid4().hex}.jsonl").open("a")
             fcntl.flock(file, fcntl.LOCK_EX)
             self._file = file
-            weakref.finalize(self, file.close)  # services that were built and never started are not stopped either
+            weakref.finalize(
+                self, file.close
+            )  # for services that are built but never started and therefore never stopped
         self._file.write(json.dumps(values) + "\n")
         self._file.flush()
         os.fdatasync(self._file.fileno())
@@ -114,8 +117,8 @@ class AuditIntents:
                 self._file = None
 
 
-def _left(file: TextIO) -> Iterator[Intent]:
-    """Yield the intents that were begun and not ended; a truncated last line is of a change that had not begun."""
+def _open_intents(file: TextIO) -> Iterator[Intent]:
+    """Yield the intents that began and did not end. A truncated last line is ignored, because its change did not start."""
     begun: dict[int, Intent] = {}
     for line in file:
         try:

@@ -1,4 +1,5 @@
-"""Time for accounts: it follows the system clock and never goes back, so that a clock set back revives no expired key."""
+"""Time for accounts. It follows the system clock but never goes back, so an expired key does not become valid again if the
+system clock is set back."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from gss.store.engine import Database
 
 
 class ForwardClock:
-    """The later of the system clock, and ``floor`` plus the time since this object was created or the clock was last ahead."""
+    """Clock that returns the later of two times: the system time, and the latest returned time plus the monotonic time since
+    then. ``floor``: initial value of the latest returned time."""
 
     def __init__(self, now: Now, monotonic_s: Monotonic, floor: datetime | None) -> None:
         self._now, self._monotonic_s = now, monotonic_s
@@ -28,8 +30,8 @@ class ForwardClock:
 
 
 def time_floor(database: Database) -> datetime | None:
-    """Return the later of the newest audit row's time and the last trusted time; None in an empty database. The trusted time
-    does not follow an implausible clock, so rows that were written with a clock ahead are not a floor for ever."""
+    """Return the later of the latest audit row's time and the last trusted time, None in an empty database. The trusted time
+    does not follow an implausible system clock."""
     with database.unit_of_work() as session:
         newest, trusted = audit.last(session), choices.trusted_time(session)
     moments = [moment.astimezone(UTC) for moment in (newest.at if newest else None, trusted) if moment is not None]

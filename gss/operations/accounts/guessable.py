@@ -1,4 +1,5 @@
-"""Passwords that guessing programs try first: common words with digits and signs around them, names, sequences, repetition."""
+"""Detection of passwords that guessing programs try first: common words with added digits and signs, names, sequences,
+repetition."""
 
 from __future__ import annotations
 
@@ -7,10 +8,10 @@ import unicodedata
 LONGEST = 200
 """Maximum length of a password, in characters."""
 MIN_LETTERS = 5
-"""Minimum number of letters or digits besides a common word."""
+"""Minimum number of letters in addition to common words and the user name."""
 MIN_DIFFERENT = 5
 SEQUENCE_SHARE = 0.7
-"""A password is a sequence if at least this share of its pairs are neighbours on a keyboard or in the alphabet."""
+"""A password is a sequence if at least this fraction of its character pairs are neighbours on a keyboard or in the alphabet."""
 SEQUENCES = (
     "abcdefghijklmnopqrstuvwxyz",
     "01234567890",
@@ -22,7 +23,7 @@ SEQUENCES = (
     "1qaz2wsx3edc4rfv5tgb6yhn",
 )
 AS_LETTERS = str.maketrans("013457@$!", "oleastasi")
-"""Usual replacements of letters."""
+"""Characters that commonly replace letters, mapped to these letters."""
 WORDS = sorted(
     """password passwort passwd pass qwerty letmein welcome admin administrator changeme change default secret login iloveyou
     love monkey dragon sunshine princess football baseball master superman batman trustno shadow michael jennifer hunter
@@ -34,12 +35,13 @@ WORDS = sorted(
 
 
 def normalized(password: str) -> str:
-    """Normalize to one form (NFKC); input far beyond the length limit is cut, because it will be rejected anyway."""
+    """Return the password in Unicode form NFKC. Input of more than twice the maximum length is truncated, because it will be
+    rejected."""
     return unicodedata.normalize("NFKC", password[: 2 * LONGEST])
 
 
 def why_guessable(password: str, name: str) -> str:
-    """Return why a normalized password is easy to guess; "" if it is not. The text does not contain the password."""
+    """Return the reason why a normalized password is easy to guess, "" if it is not. The text does not contain the password."""
     plain = password.lower()
     if len(set(plain)) < MIN_DIFFERENT:
         return "few different characters"
@@ -63,7 +65,8 @@ def _neighbours(plain: str) -> int:
 
 
 def _without_words(plain: str, name: str) -> str:
-    """Return the letters that are left without common words and the name; all characters if there are none of these."""
+    """Return the letters of a password without common words and the user name. If it contains none of these, return all
+    characters."""
     letters = "".join(c for c in plain.translate(AS_LETTERS) if c.isalpha())
     remaining = letters
     for word in ("".join(c for c in name.lower() if c.isalpha()), *WORDS):

@@ -15,9 +15,9 @@ TOKEN_PREFIX = "token:"  # noqa: S105 - the beginning of a name
 
 @dataclass(frozen=True)
 class CallerIdentity:
-    """An authenticated caller. ``kind``: session or token, ``key_id`` its row. ``csrf``: the CSRF token that a page must
-    send with a change; "" for an API token, which browsers never send automatically. ``expires``: end of the session or
-    token."""
+    """An authenticated caller. ``kind``: session or token. ``key_id``: id of the session's or token's row. ``csrf``: CSRF token
+    that a page must send with a change; "" for an API token, which browsers never send automatically. ``expires``: expiry of
+    the session or token."""
 
     name: str
     role: str
@@ -33,23 +33,25 @@ class CallerIdentity:
         return permitted(self.permissions, permission)
 
     def require(self, permission: str) -> None:
-        """Raise NotPermitted unless the caller has the permission."""
+        """Raise NotPermitted if the caller does not have the permission."""
         require(self.permissions, permission, self.role)
 
     def require_all(self, role: str, scopes: Iterable[str]) -> None:
-        """Raise NotPermitted unless the caller has every permission of the role with these scopes: callers cannot grant more
-        than they have."""
+        """Raise NotPermitted if the caller does not have all permissions of the role with these scopes, because callers cannot
+        grant permissions that they do not have."""
         for permission in sorted(permissions_of(role, scopes)):
             self.require(permission)
 
     @property
     def handed_out_until(self) -> datetime | None:
-        """Latest expiry of keys and links that the caller may create: a token's own expiry; None for a session."""
+        """Latest permitted expiry of keys and links that the caller creates: the expiry of a token, None for a session."""
         return self.expires if self.kind == "token" else None
 
 
 def checked_user(user: str) -> str:
-    """Return the user name if it can be shown and stored; raise BadInput otherwise."""
+    """Return the user name if it can be displayed and stored. Raises BadInput otherwise."""
     if not 0 < len(user) <= MAX_NAME_LENGTH or not user.isprintable() or user.strip() != user:
-        raise BadInput("not a user name", expected=f"1 – {MAX_NAME_LENGTH} printable characters", got=repr(user[:80]))
+        raise BadInput(
+            "the user name is not valid", expected=f"1 – {MAX_NAME_LENGTH} printable characters", got=repr(user[:80])
+        )
     return user

@@ -1,4 +1,4 @@
-"""User names that look the same to a reader: letters of different scripts in one name, and names that look like another user's."""
+"""Checks of user names that can be mistaken for others: names that mix scripts, and names that look like another user's name."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from gss.domain.errors import BadInput, Conflict
 from gss.store.accounts import name_key
 
 SCRIPTS = ("LATIN", "GREEK", "CYRILLIC", "ARMENIAN", "CHEROKEE")
-"""Scripts that have letters of the same shape (Unicode UTS #39)."""
+"""Scripts that share letter shapes (Unicode UTS #39)."""
 SAME_SHAPE = str.maketrans(
     "аеорсухіјѕһԁԛԝвкмнтαοριυντκχβε01|",
     "aeopcyxijshdqwbkmhtaopiuvtkxbeoll",
 )
-"""Cyrillic and Greek letters, and digits, of the same shape as a Latin letter; a selection of confusables.txt of UTS #39."""
+"""Cyrillic and Greek letters and digits, mapped to the Latin letter of the same shape. Selected from confusables.txt of UTS #39."""
 
 
 def check_script(name: str) -> None:
-    """Raise BadInput if a name mixes scripts that have letters of the same shape."""
-    used = {unicodedata.name(c, "").partition(" ")[0] for c in name if c.isalpha()} & set(SCRIPTS)
-    if len(used) > 1:
+    """Raise BadInput if a name mixes scripts that share letter shapes."""
+    scripts = {unicodedata.name(c, "").partition(" ")[0] for c in name if c.isalpha()} & set(SCRIPTS)
+    if len(scripts) > 1:
         raise BadInput(
-            "this name mixes scripts", expected="letters of one script", got=", ".join(sorted(used)).capitalize()
+            "this name mixes scripts", expected="letters of one script", got=", ".join(sorted(scripts)).capitalize()
         )
 
 
 def check_unlike(name: str, others: Iterable[str]) -> None:
-    """Raise Conflict if a name looks like one of the others, which is a different name."""
+    """Raise Conflict if a name looks like one of ``others`` but is not the same name."""
     for other in others:
         if name_key(other) != name_key(name) and _shape(other) == _shape(name):
             raise Conflict("this name looks like another user's", got=name, hint=f"{other} exists; choose another name")

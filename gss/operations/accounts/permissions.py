@@ -1,7 +1,7 @@
-"""Permissions of each role: one table, used by routes, commands and pages.
+"""Permissions of each role. Routes, commands and pages use this table.
 
-Every role may stop things: ABORT, pausing, stopping and aborting need only ``stop``. A token narrowed to other permissions may
-not.
+All roles have the permission ``stop``, which is sufficient for ABORT and for pausing, stopping and aborting work. A token that is
+restricted to other permissions does not have it.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from gss.domain.errors import BadInput, NotPermitted
 
 VIEW = "view"
 METRICS = "metrics"
-"""Metrics without names or contents, so that a monitoring token needs no other permission."""
+"""Reading metrics. They contain no names or contents, so a monitoring token needs no other permission."""
 STOP = "stop"
-"""ABORT, and pausing, stopping and aborting work in progress."""
+"""Sending ABORT, and pausing, stopping and aborting work in progress."""
 EVERYBODY = (VIEW, METRICS, STOP)
 GROUPS = ("attitude", "catalogue", "imager", "link", "power", "processor", "training")
 COMMANDS = tuple(f"command.{group}" for group in GROUPS)
@@ -32,7 +32,7 @@ ADMIN = (
 VIEWS = "views"
 """Storing shared views of the console."""
 HEADS = "heads"
-"""Mountings of heads on a spacecraft."""
+"""Changing spacecraft and the mountings of their heads."""
 OPERATOR = (
     *COMMANDS,
     "link.open",
@@ -87,21 +87,21 @@ ROLES: Mapping[str, frozenset[str]] = {
 
 
 def permissions_of(role: str, scopes: Iterable[str] = ()) -> frozenset[str]:
-    """Return the permissions of a role, narrowed to ``scopes`` if any are given; none for an unknown role."""
-    granted, narrowed = ROLES.get(role, frozenset()), frozenset(scopes)
-    return granted & narrowed if narrowed else granted
+    """Return the permissions of a role, restricted to ``scopes`` if any are given. An unknown role has no permissions."""
+    granted, restricted = ROLES.get(role, frozenset()), frozenset(scopes)
+    return granted & restricted if restricted else granted
 
 
 def checked_role(role: str) -> str:
-    """Return the role's name. Raises BadInput if there is no such role."""
+    """Return the name of the role. Raises BadInput if the role does not exist."""
     if role not in ROLES:
         raise BadInput("unknown role", expected=", ".join(ROLES), got=role[:40])
     return role
 
 
 def permitted(permissions: frozenset[str], permission: str) -> bool:
-    """True if one of the alternatives is granted. ``permission`` is a permission, or several separated by |; ``command`` means
-    any command permission."""
+    """True if the required permission is granted. ``permission``: one permission, or alternatives separated by |; ``command``
+    stands for any command permission."""
     return any(
         alternative in permissions or (alternative == "command" and any(p in permissions for p in COMMANDS))
         for alternative in permission.split("|")
@@ -114,17 +114,17 @@ def roles_with(permission: str) -> list[str]:
 
 
 def require(permissions: frozenset[str], permission: str, role: str) -> None:
-    """Raise NotPermitted, naming the roles that have it, unless the permission is granted."""
+    """Raise NotPermitted if the permission is not granted. The error names the roles that have it."""
     if not permitted(permissions, permission):
         raise not_permitted(permission, role)
 
 
 def not_permitted(permission: str, role: str) -> NotPermitted:
-    """Return the error for a missing permission, naming the roles that have it."""
-    having = roles_with(permission)
+    """Return the error for a missing permission. It names the roles that have the permission."""
+    roles = roles_with(permission)
     return NotPermitted(
         f"permission required: {permission.replace('|', ' or ')}",
-        expected=f"the role {' or '.join(having)}" if having else "a permission that no role has",
+        expected=f"the role {' or '.join(roles)}" if roles else "a permission that no role has",
         got=f"the role {role}" if role else "not signed in",
         hint="ask a user with that role, or ask an admin to change your role",
     )

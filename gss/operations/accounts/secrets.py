@@ -1,4 +1,4 @@
-"""Random keys and their stored hashes. Keys have 256 bits, so a plain hash suffices where a password needs a slow one."""
+"""Random keys and their stored hashes. Keys have 256 bits, so a fast hash is sufficient; passwords need a slow hash."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import secrets
 
 BYTES = 32
 LONGEST = 200
-TOKEN_MARK = "gss_"  # noqa: S105 - how a token begins, so that scanners of repositories find a leaked one
+TOKEN_MARK = "gss_"  # noqa: S105 - prefix of a token, with which repository scanners find leaked tokens
 
 
 def new_key() -> str:
-    """Return an unguessable key in characters valid in cookies and URLs."""
+    """Return a random key of characters that are valid in cookies and URLs."""
     return secrets.token_urlsafe(BYTES)
 
 
 def new_token() -> str:
-    """Return a token for a program."""
+    """Return a random API token."""
     return TOKEN_MARK + new_key()
 
 
@@ -26,10 +26,10 @@ def key_hash(key: str) -> str:
 
 
 def csrf_of(key: str) -> str:
-    """Return the CSRF token of a session: derived from the session's key, which cannot be recovered from it."""
+    """Return the CSRF token of a session. It is derived from the session key, which cannot be computed from it."""
     return hashlib.sha256(b"gss csrf " + key.encode("utf-8", "replace")).hexdigest()
 
 
 def same(received: str, expected: str) -> bool:
-    """Compare two secrets in constant time."""
+    """True if two secrets are equal. The comparison takes constant time."""
     return secrets.compare_digest(received.encode("utf-8", "replace"), expected.encode("utf-8", "replace"))

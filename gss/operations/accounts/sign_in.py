@@ -1,4 +1,5 @@
-"""Signing in and out. Sessions are stored on the server; the browser holds a random key in a cookie, the database its hash."""
+"""Signing in and out. Sessions are stored in the database with the hash of a random key. The browser stores the key in a
+cookie."""
 
 from __future__ import annotations
 
@@ -21,12 +22,12 @@ from gss.store.models import SignIn, User
 SEEN_EVERY = timedelta(minutes=1)
 """Minimum interval between updates of ``last_seen``."""
 DEVICE_LASTS = timedelta(days=90)
-"""In a browser in which the user signed in within this time, failed attempts by others do not delay the user."""
+"""If the user signed in with the same browser within this time, failed attempts by others do not delay the user."""
 
 
 @dataclass(frozen=True)
 class Lifetimes:
-    """A session ends after ``idle`` without a request, and in any case after ``longest``."""
+    """Lifetimes of a session: it ends after ``idle`` without a request, and in any case after ``longest``."""
 
     idle: timedelta = timedelta(hours=8)
     longest: timedelta = timedelta(hours=24)
@@ -34,8 +35,8 @@ class Lifetimes:
 
 @dataclass(frozen=True)
 class NewSession:
-    """A session's key for the cookie, which is returned only once, and its user. ``device``: value of the cookie that
-    recognizes this browser at the next sign-in."""
+    """A new session. ``key``: session key for the cookie, which is returned only once. ``device``: value of the cookie that
+    identifies this browser at the next sign-in."""
 
     key: str
     caller: CallerIdentity
@@ -43,7 +44,7 @@ class NewSession:
 
 
 class SignInService:
-    """Opens, reads and ends sessions. ``changed`` is called after each change."""
+    """Starts, reads and ends sessions. ``changed``: called after each change."""
 
     def __init__(
         self,
@@ -60,14 +61,14 @@ class SignInService:
     def sign_in(
         self, name: str, password: str, *, address: str, agent: str = "", old_key: str = "", device: str = ""
     ) -> NewSession:
-        """Start a session. The NotSignedIn error reveals neither whether the name exists nor what was wrong. ``old_key``:
-        key of the browser's previous session, which is ended to prevent session fixation. ``device``: its device cookie.
-        Raises RateLimited during a wait."""
+        """Authenticate a user and start a session. ``old_key``: key of the browser's previous session, which is ended to prevent
+        session fixation. ``device``: device cookie of the browser. Raises RateLimited during a wait, and NotSignedIn, which
+        shows neither whether the name exists nor whether the password was wrong."""
         row = self._named(name)
         keys = self._brakes(name, row, address, device)
         self._attempts.begin(keys)
-        fits = self._passwords.verify(row.password_hash if row and row.enabled else "", password)
-        if row is None or not row.enabled or not fits:
+        is_correct = self._passwords.verify(row.password_hash if row and row.enabled else "", password)
+        if row is None or not row.enabled or not is_correct:
             raise NotSignedIn("wrong name or password", hint="try again, or ask an admin for a password link")
         self._attempts.passed(keys)
         self._attempts.forget(_name_key(name))
@@ -78,7 +79,7 @@ class SignInService:
         return self.begin(row.id, address=address, agent=agent)
 
     def check_password(self, caller: CallerIdentity, password: str) -> None:
-        """Raise NotPermitted unless it is the user's password; attempts are limited per user."""
+        """Raise NotPermitted if the password is not the caller's password. The number of attempts is limited per user."""
         row = self._named(caller.name)
         keys = [(f"own password of {caller.user_id}", BY_NAME)]
         self._attempts.begin(keys)
@@ -87,7 +88,7 @@ class SignInService:
         self._attempts.passed(keys)
 
     def begin(self, user_id: int, *, address: str, agent: str = "") -> NewSession:
-        """Start a session with a new key for a user who was just authenticated."""
+        """Start a session with a new key for a user who has just been authenticated."""
         now, key, device = self._now(), new_key(), new_key()
         with self._database.unit_of_work() as session:
             user = store.user(session, user_id)
@@ -109,7 +110,7 @@ class SignInService:
             return NewSession(key, self._who(row, user, key), device)
 
     def sign_out(self, key: str) -> None:
-        """End the session of that key, if there is one."""
+        """End the session with this key if it exists."""
         with self._database.unit_of_work() as session:
             sign_in = store.sign_in_of(session, key_hash(key))
             if sign_in is not None and sign_in[0].ended is None:
@@ -125,14 +126,14 @@ class SignInService:
         self._changed()
 
     def active(self) -> list[tuple[SignIn, User]]:
-        """Return open sessions with their users."""
+        """Return the valid sessions with their users."""
         now = self._now()
         with self._database.unit_of_work() as session:
             return [(s, u) for s, u in store.open_sign_ins(session, now) if not self._ended_reason(s, u, now)]
 
     def caller_of(self, key: str, *, touch: bool = True) -> CallerIdentity | None:
-        """Return the user of a session; None if it has ended or never existed. Only with ``touch`` does the call count as a
-        request."""
+        """Return the user of a session, None if the session has ended or never existed. If ``touch`` is True, the call counts as
+        a request."""
         now = self._now()
         with self._database.unit_of_work() as session:
             sign_in = store.sign_in_of(session, key_hash(key))
@@ -146,7 +147,7 @@ class SignInService:
         return self._who(row, user, key)
 
     def ended_reason(self, sign_in_id: int) -> str:
-        """Return why a session has ended; "" while it is valid."""
+        """Return the reason why a session has ended, "" if it is valid."""
         with self._database.unit_of_work() as session:
             return self._ended_reason(*store.sign_in(session, sign_in_id), self._now())
 
@@ -166,9 +167,9 @@ class SignInService:
             return store.user_named(session, name)
 
     def _brakes(self, name: str, row: User | None, address: str, device: str) -> list[tuple[str, Brake]]:
-        """Return the rate-limit keys of an attempt: address and name, or the device alone if this user has signed in with it.
-        Without that exception anyone could make the only admin wait forever by failing under that name or from that address.
-        The keys of all other attempts do not depend on whether the name exists or was used at that address."""
+        """Return the rate-limit keys of an attempt: address and name, or only the device if this user has signed in with it.
+        Without this exception, failed attempts by others under the same name or from the same address could lock out the only
+        admin. The keys of all other attempts do not depend on whether the name exists or was used from this address."""
         if device:
             hashed = key_hash(device)
             with self._database.unit_of_work() as session:

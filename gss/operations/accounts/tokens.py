@@ -1,4 +1,4 @@
-"""Tokens: keys for programs, with a role, an expiry, and a name for the audit log."""
+"""API tokens: keys for programs, with a role, an expiry, and a name for the audit log."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SEEN_EVERY = timedelta(minutes=1)
 
 @dataclass(frozen=True)
 class NewToken:
-    """A token's key, which is returned only once, and its row."""
+    """A new token. ``key``: returned only once."""
 
     key: str
     row: ApiToken
@@ -32,20 +32,20 @@ class NewToken:
 
 @dataclass(frozen=True)
 class Revoked:
-    """A revoked token, and what was withdrawn with it."""
+    """A revoked token, and the users and links that were withdrawn with it."""
 
     row: ApiToken
     voided: Voided
 
 
 class TokenService:
-    """Creates, checks and revokes tokens. ``changed`` is called after each change."""
+    """Creates, checks and revokes tokens. ``changed``: called after each change."""
 
     def __init__(self, database: Database, now: Now, changed: Callable[[], None]) -> None:
         self._database, self._now, self._changed = database, now, changed
 
     def every(self) -> list[ApiToken]:
-        """Return all tokens, newest first, including revoked ones."""
+        """Return all tokens including revoked ones, newest first."""
         with self._database.unit_of_work() as session:
             return store.tokens(session)
 
@@ -60,21 +60,22 @@ class TokenService:
         scopes: Sequence[str] = (),
         until: datetime | None = None,
     ) -> NewToken:
-        """Create a token. ``scopes`` narrow the role. It becomes invalid with its owner's account; a token made in the shell
-        has no owner. ``until``: expiry of the token that creates it, which it may not exceed. Raises BadInput or Conflict."""
+        """Create a token. ``scopes``: restrict the permissions of the role. ``owner_id``: user whose account the token depends
+        on; None for a token created in the shell. ``until``: latest permitted expiry, which is the expiry of a token that
+        creates this one. Raises BadInput or Conflict."""
         granted = permissions_of(checked_role(role))
         if not 0 < len(name) <= MAX_NAME_LENGTH or not name.isprintable() or name.strip() != name:
-            raise BadInput("the token has no name", expected=f"1 – {MAX_NAME_LENGTH} printable characters")
+            raise BadInput("the token name is not valid", expected=f"1 – {MAX_NAME_LENGTH} printable characters")
         if not 0 < days <= MAX_DAYS:
             raise BadInput("invalid token lifetime", expected=f"up to {MAX_DAYS} days", got=f"{days:g}")
-        strange = sorted(set(scopes) - granted)
-        if strange:
-            had = ", ".join(sorted(granted))
+        not_granted = sorted(set(scopes) - granted)
+        if not_granted:
+            names = ", ".join(sorted(granted))
             raise BadInput(
-                f"the role {role} lacks some of these permissions",
-                expected=f"some of {had}",
-                got=", ".join(strange)[:200],
-                hint="; ".join(f"{word}: {' or '.join(roles_with(word)) or 'no role has it'}" for word in strange[:5]),
+                f"the role {role} does not have all of these permissions",
+                expected=f"some of {names}",
+                got=", ".join(not_granted)[:200],
+                hint="; ".join(f"{name}: {' or '.join(roles_with(name)) or 'no role'}" for name in not_granted[:5]),
             )
         now, key = self._now(), new_token()
         if until is not None and now + timedelta(days=days) > until:
@@ -103,8 +104,8 @@ class TokenService:
         return NewToken(key, row)
 
     def revoke(self, token_id: int, *, caller_id: int | None = None) -> Revoked:
-        """Revoke a token and all tokens created with it. Links made with them become invalid, and users created with them are
-        disabled, except ``caller_id``."""
+        """Revoke a token and all tokens created with it. Links created with these tokens become invalid. Users created with them
+        are disabled, except the user ``caller_id``."""
         with self._database.unit_of_work() as session:
             row, _ = store.token(session, token_id)
             revoked = self._revoke(session, row, caller_id)
@@ -112,7 +113,7 @@ class TokenService:
         return revoked
 
     def revoke_named(self, name: str) -> Revoked:
-        """Revoke the valid token of that name, as ``revoke``. Raises Conflict if there is none."""
+        """Revoke the valid token with this name as :meth:`revoke` does. Raises Conflict if there is none."""
         with self._database.unit_of_work() as session:
             token = store.living_token(session, name, self._now())
             if token is None:
@@ -127,7 +128,8 @@ class TokenService:
         return Revoked(row, voiding.voided)
 
     def caller_of(self, key: str, *, touch: bool = True) -> CallerIdentity | None:
-        """Return the identity of the token, or None if it is not valid. Without ``touch`` its time of use is not written."""
+        """Return the identity of a token, None if the token is not valid. If ``touch`` is False, the time of use is not
+        written."""
         if not key.startswith(TOKEN_MARK) or len(key) > LONGEST:
             return None
         now = self._now()
@@ -142,14 +144,14 @@ class TokenService:
         return _who(row)
 
     def named(self, name: str) -> CallerIdentity | None:
-        """Return the identity of the valid token of that name (without the prefix)."""
+        """Return the identity of the valid token with this name (without the prefix), None if there is none."""
         now = self._now()
         with self._database.unit_of_work() as session:
             token = store.living_token(session, name, now)
             return None if token is None or _ended_reason(*token, now) else _who(token[0])
 
     def ended_reason(self, token_id: int) -> str:
-        """Return why a token is invalid; "" while it is valid."""
+        """Return the reason why a token is not valid, "" if it is valid."""
         with self._database.unit_of_work() as session:
             return _ended_reason(*store.token(session, token_id), self._now())
 
@@ -160,7 +162,7 @@ def _ended_reason(row: ApiToken, owner: User | None, now: datetime) -> str:
     if now >= row.expires:
         return "the token expired"
     if row.created > now + CLOCK_AHEAD:
-        return "the token was made while the server's clock was ahead"
+        return "the token was created while the server's clock was ahead"
     if owner is not None and not (owner.enabled and owner.role == "admin"):
         return "the creator of the token lost the permission to create it"
     return ""

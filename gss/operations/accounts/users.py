@@ -1,4 +1,4 @@
-"""Users: created, assigned a role, enabled and disabled; and the one-time links for setting a password."""
+"""Users and the one-time links for setting a password."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ OF_SOFTWARE = ("gss", "server", "system", "nobody", "shell", "unknown", "unknown
 BEGIN_OF_SOFTWARE = (TOKEN_PREFIX, "shell:")
 """Names reserved for software and unknown users in the audit log."""
 UNSEEN = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0")
-"""Letters and marks that are invisible."""
+"""Invisible letters and marks."""
 VARIATION = ("VARIATION SELECTOR", "MONGOLIAN FREE VARIATION SELECTOR")
 
 
 @dataclass(frozen=True)
 class Link:
-    """A one-time key, which is returned only once, and its expiry."""
+    """A one-time link. ``key``: returned only once."""
 
     key: str
     expires: datetime
@@ -41,14 +41,14 @@ class Link:
 
 @dataclass(frozen=True)
 class Changed:
-    """A changed user, and what was withdrawn with the change."""
+    """A changed user, and the users and links that were withdrawn with the change."""
 
     user: User
     voided: Voided
 
 
 class UserService:
-    """Manages users; their rows name the creator. ``changed`` is called after each change."""
+    """Creates and changes users, and creates one-time links. ``changed``: called after each change."""
 
     def __init__(self, database: Database, passwords: Passwords, now: Now, changed: Callable[[], None]) -> None:
         self._database, self._passwords, self._now, self._changed = database, passwords, now, changed
@@ -56,7 +56,7 @@ class UserService:
     # --- queries ------------------------------------------------------------------------------------------------
 
     def every(self) -> list[User]:
-        """Return all users by name."""
+        """Return all users, sorted by name."""
         with self._database.unit_of_work() as session:
             return store.users(session)
 
@@ -66,27 +66,27 @@ class UserService:
             return store.user(session, user_id)
 
     def named(self, name: str) -> User | None:
-        """Return the user of that name; None if there is none."""
+        """Return the user with this name, None if there is none."""
         with self._database.unit_of_work() as session:
             return store.user_named(session, name)
 
     def set_up_needed(self) -> bool:
-        """True if there is no user yet."""
+        """True if no user exists."""
         with self._database.unit_of_work() as session:
             return not store.any_user(session)
 
     # --- creation -----------------------------------------------------------------------------------------------
 
     def add(self, name: str, role: str, *, by: str, password: str = "") -> User:
-        """Create a user. Raises Conflict if the name is in use. Without a password, a link is needed before the first
-        sign-in."""
+        """Create a user. Without a password, the user needs a link to set one before the first sign-in. Raises BadInput for an
+        unacceptable name, role or password, Conflict if the name is already used or looks like another user's name."""
         checked_role(role)
         hashed = self._hashed(password, name) if password else ""
         with self._database.unit_of_work() as session:
             return self._add(session, name, role, hashed, by)
 
     def set_up(self, key: str, name: str, password: str) -> User:
-        """Create the first admin with the link that the server printed at startup. Raises NotPermitted if the link is not
+        """Create the first admin with the link that the server printed at its start. Raises NotPermitted if the link is not
         valid."""
         checked_name(name)
         self._fresh(SETUP, key)
@@ -127,9 +127,9 @@ class UserService:
         keep_created: bool = False,
         caller_id: int | None = None,
     ) -> Changed:
-        """Change role or enabled state. Disabling ends all sessions. An admin who is demoted or disabled loses the links
-        that were not used yet, and the users that this admin created are disabled, except ``caller_id``; ``keep_created``
-        leaves both. Raises Conflict for the last enabled admin."""
+        """Change the role or the enabled state of a user. Disabling a user ends all sessions of the user. If an admin is demoted
+        or disabled, the unused links of this admin become invalid, and the users that this admin created are disabled, except
+        the user ``caller_id``. ``keep_created``: keep these links and users. Raises Conflict for the last enabled admin."""
         if role is not None:
             checked_role(role)
         with self._database.unit_of_work() as session:
@@ -143,7 +143,7 @@ class UserService:
             if not row.enabled:
                 voiding.disable(row, row.disabled_reason)
             if was_admin and not (row.enabled and row.role == "admin") and not keep_created:
-                voiding.withdraw(row, "is not an admin any more" if row.enabled else "was disabled")
+                voiding.withdraw(row, "is no longer an admin" if row.enabled else "was disabled")
             if was_admin and store.enabled_admins(session) == 0:
                 raise Conflict(
                     "the last admin must keep the role",
@@ -153,7 +153,7 @@ class UserService:
         return Changed(row, voiding.voided)
 
     def set_password(self, user_id: int, password: str) -> User:
-        """Set another password; all sessions of this user end, and links become invalid."""
+        """Set a new password. All sessions of the user end, and the password links of the user become invalid."""
         hashed = self._hashed(password, self.get(user_id).name)
         with self._database.unit_of_work() as session:
             row = self._store_password(session, user_id, hashed)
@@ -178,8 +178,8 @@ class UserService:
             raise _used_link()
 
     def _fresh(self, kind: str, key: str) -> OneTimeLink:
-        """Return the valid link before slow work is done for it; it is used up later, in the same transaction as its
-        purpose."""
+        """Return a valid link without marking it as used. Callers do this before slow work, and mark the link as used later, in
+        the same transaction as the change. Raises NotPermitted if the link is not valid."""
         with self._database.unit_of_work() as session:
             link = store.fresh_link(session, kind, key_hash(key), self._now())
         if link is None:
@@ -196,15 +196,15 @@ class UserService:
     # --- links --------------------------------------------------------------------------------------------------
 
     def set_up_link(self) -> Link | None:
-        """Create a set-up link that replaces earlier ones; None if there is a user already."""
+        """Create a set-up link that replaces earlier ones. Return None if a user already exists."""
         with self._database.unit_of_work() as session:
             if store.any_user(session):
                 return None
             return self._link(session, SETUP, None, SETUP_LASTS, by="")
 
     def password_link(self, user_id: int, until: datetime | None = None, *, by: str) -> Link:
-        """Create a password link that replaces earlier ones, valid until ``until`` at the latest. Raises Conflict if the
-        user is disabled."""
+        """Create a password link that replaces earlier ones. ``until``: latest expiry. Raises Conflict if the user is
+        disabled."""
         with self._database.unit_of_work() as session:
             if not store.user(session, user_id).enabled:
                 raise Conflict("this user is deactivated", hint="activate the user first")
@@ -222,11 +222,11 @@ class UserService:
 
 
 def checked_name(name: str) -> str:
-    """Return a person's name in normalized form (NFKC). Raises BadInput for invisible characters, mixed scripts, or names
-    reserved for software."""
+    """Return a user name in Unicode form NFKC. Raises BadInput for invisible characters, mixed scripts, or names reserved for
+    software."""
     name = checked_user(unicodedata.normalize("NFKC", name))
     if any(c in UNSEEN or unicodedata.name(c, "").startswith(VARIATION) for c in name) or "  " in name:
-        raise BadInput("not a user name", expected="printable characters, single spaces", got=ascii(name))
+        raise BadInput("the user name is not valid", expected="printable characters, single spaces", got=ascii(name))
     check_script(name)
     if store.name_key(name) in OF_SOFTWARE or store.name_key(name).startswith(BEGIN_OF_SOFTWARE):
         raise BadInput("this name is reserved", expected="a different name", got=name)

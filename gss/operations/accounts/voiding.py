@@ -1,5 +1,5 @@
-"""Withdraws what an account created: when a token is revoked, or an admin is demoted or disabled, the one-time links it made
-become invalid and the users it created are disabled."""
+"""Withdrawal of users and links that an account created. If a token is revoked, or an admin is demoted or disabled, the one-time
+links created with this account become invalid and the users created with it are disabled."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from gss.store.engine import Transaction
 from gss.store.models import ApiToken, User
 
 PASSWORD = "password"  # noqa: S105 - a kind of link
-"""Kind of the links that set a password."""
+"""Kind of links that set a password."""
 MAX_REASON_LENGTH = 200
 
 
 @dataclass(frozen=True)
 class Voided:
-    """Names of the users that were disabled, and number of the links that became invalid."""
+    """Result of a withdrawal. ``users``: names of the disabled users. ``links``: number of links that became invalid."""
 
     users: tuple[str, ...] = ()
     links: int = 0
 
     def __str__(self) -> str:
-        """Return the text for the audit log; "" if nothing was withdrawn."""
+        """Return the text for the audit log, "" if nothing was withdrawn."""
         parts = [f"also disabled: {', '.join(self.users)}"] if self.users else []
-        parts += [f"links made invalid: {self.links}"] if self.links else []
+        parts += [f"links invalidated: {self.links}"] if self.links else []
         return "; ".join(parts)
 
 
 class Voiding:
-    """Withdraws accounts in one transaction. ``spare_id``: user who makes the change and is never disabled by it."""
+    """Withdraws accounts in one transaction. ``spare_id``: user who makes the change and is not disabled."""
 
     def __init__(self, session: Transaction, now: datetime, spare_id: int | None) -> None:
         self._session, self._now, self._spare_id = session, now, spare_id
@@ -40,11 +40,11 @@ class Voiding:
 
     @property
     def voided(self) -> Voided:
-        """Return what has been withdrawn up to now."""
+        """The users and links that were withdrawn up to now."""
         return Voided(tuple(self._users), self._links)
 
     def revoke(self, token: ApiToken) -> None:
-        """Revoke a token and withdraw what was created with it, including further tokens."""
+        """Revoke a token, and withdraw the users, links and tokens that were created with it."""
         token.revoked = token.revoked or self._now
         maker = TOKEN_PREFIX + token.name
         for child in store.tokens_made_by(self._session, maker, token.created, token.revoked):
@@ -52,21 +52,23 @@ class Voiding:
         self._made_with(token, f"{maker}, which was revoked")
 
     def withdraw(self, user: User, why: str) -> None:
-        """Withdraw what a user created, also with tokens. ``why``: what happened to the user, for the reason that is shown."""
+        """Withdraw the users and links that a user created, directly or with tokens. ``why``: change of the user, which is part
+        of the displayed reason."""
         reason = f"{user.name}, who {why}"
         self._made_by(user.name, user.created, self._now, reason)
         for token in store.tokens_owned_by(self._session, user.id):
             self._made_with(token, reason)
 
     def disable(self, user: User, reason: str) -> None:
-        """Disable a user: end all sessions and make the links to its password invalid."""
+        """Disable a user, end all sessions of the user, and invalidate the user's password links."""
         user.enabled, user.disabled_reason = False, reason[:MAX_REASON_LENGTH]
         store.end_sign_ins(self._session, user.id, self._now, "the user was deactivated")
         store.void_links(self._session, PASSWORD, user.id, self._now)
         self._session.flush()
 
     def _made_with(self, token: ApiToken, reason: str) -> None:
-        """Withdraw what was created with a token. Its name can be reused, so only its lifetime counts."""
+        """Withdraw the users and links that were created with a token. Only its lifetime is searched, because another token can
+        have the same name later."""
         self._made_by(TOKEN_PREFIX + token.name, token.created, token.revoked or self._now, reason)
 
     def _made_by(self, maker: str, since: datetime, until: datetime, reason: str) -> None:

@@ -1,4 +1,4 @@
-"""Catalogue management: preview, build as a job, store, compare, export, upload to a bank."""
+"""Catalogue service: preview, build as a job, store, compare, export, and upload to a bank."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ BankSource = Literal["asked", "sensor", "usual"]
 
 @dataclass(frozen=True)
 class BuildJob(JobRequest):
-    """A catalogue to build. ``at``: time of the request, when the days of use begin if it names no start. ``bank_bytes``: size of
-    the bank as it was then."""
+    """Job that builds a catalogue. ``at``: time of the request; the days of use begin at this time if the request has no start.
+    ``bank_bytes``: size of the bank at that time."""
 
     asked: CatalogueRequest
     at: datetime
@@ -58,7 +58,8 @@ class BuildJob(JobRequest):
 
 @dataclass(frozen=True)
 class TimedPreview:
-    """A preview's report and how long it took. ``bank_source``: where the bank size comes from: spec, sensor or usual."""
+    """Report of a preview and its duration. ``bank_source``: source of the bank size: the request, the connected sensor, or the
+    usual size."""
 
     stars: int
     pairs: int
@@ -71,7 +72,7 @@ class TimedPreview:
 
 @dataclass(frozen=True)
 class StoredDiff:
-    """Differences between two stored catalogues. ``same_camera``: False if they are for different instruments."""
+    """Differences between two stored catalogues. ``same_camera``: False if the catalogues are for different instruments."""
 
     old: Catalogue
     new: Catalogue
@@ -117,8 +118,8 @@ class CatalogueService:
         )
 
     def build(self, spec: CatalogueRequest, *, user: str) -> Job:
-        """Build a catalogue as a job. The request is stored with the catalogue, so that it can be reopened. An impossible
-        request is rejected at once."""
+        """Start a job that builds a catalogue. The request is stored with the catalogue, so a user can open and edit it again. An
+        invalid request is rejected immediately."""
         at, camera = self._now(), self._camera(spec)
         spec = with_camera(spec, camera)
         request, _ = self._with_bank(build_request(spec, camera, user, at))
@@ -191,7 +192,7 @@ class CatalogueService:
         return row
 
     def newest(self, limit: int) -> list[Catalogue]:
-        """Return the newest catalogues first."""
+        """Return the latest catalogues, newest first."""
         with self._database.unit_of_work() as session:
             return store.newest(session, limit)
 
@@ -201,12 +202,12 @@ class CatalogueService:
             return store.get(session, catalogue_id)
 
     def image(self, catalogue_id: int) -> bytes:
-        """Return the bank image."""
+        """Return the bank image of a catalogue. Raises NotFound."""
         return self._blobs.get(self.get(catalogue_id).sha256)
 
     def diff(self, old_id: int, new_id: int) -> StoredDiff:
-        """Return the differences between two catalogues; coverage is computed for circles as large as the new catalogue's
-        field of view."""
+        """Return the differences between two catalogues. Coverage is computed for circles with the same area as the field of
+        view of the new catalogue's camera."""
         old, new = self.get(old_id), self.get(new_id)
         before, after = self._decoded(old), self._decoded(new)
         radius_rad = FieldShape(self._instruments.camera(new.profile).camera).equal_circle_rad
@@ -222,7 +223,7 @@ class CatalogueService:
         return decode(self._blobs.get(row.sha256), np.array(row.manifest["hip"], np.int32))
 
     def upload(self, catalogue_id: int, bank: str) -> TransferView:
-        """Upload a catalogue to an inactive bank; read-back verification and commit follow automatically. Raises Conflict or
+        """Start the upload of a catalogue to an inactive bank. Verification and commit follow automatically. Raises Conflict or
         BadInput."""
         row = self.get(catalogue_id)
         target, hello = self._flash.target(CATALOGUE, bank)
@@ -241,8 +242,8 @@ class CatalogueService:
 
 
 def compatibility_of(image: bytes, hello: HelloReceived) -> Compatibility:
-    """Return what the device checks before it accepts a bank image. Raises BadInput if the image is for another camera or
-    too large."""
+    """Return the values that the device checks before it accepts a bank image. Raises BadInput if the image is for another
+    camera or too large."""
     header = read_header(image)
     if header.profile_name != hello.profile:
         raise BadInput("this catalogue is for another camera", expected=hello.profile, got=header.profile_name)
@@ -264,12 +265,12 @@ def compatibility_of(image: bytes, hello: HelloReceived) -> Compatibility:
 
 
 def check_matching(format_name: str, camera: CameraProfile) -> None:
-    """Raise Conflict for a catalogue that the unit would accept but could not match from."""
+    """Raise Conflict if a unit with this camera would accept the format but could not use it for matching."""
     matched = camera.matching_formats
     if base_format(format_name) not in matched:
         raise Conflict(
-            "the sensor cannot match with this catalogue, because its format lacks required content",
+            "the sensor cannot match with this catalogue, because its format does not contain all required data",
             expected=" | ".join(matched),
             got=format_name,
-            hint="rebuild it in the camera's own format; the sensor would reject activation of this one",
+            hint="rebuild it in the camera's own format; the sensor would reject the activation of this catalogue",
         )

@@ -1,4 +1,4 @@
-"""A catalogue as files: bank image, manifest, C source, readable tables, and exact tables from which the image can be
+"""Export of a catalogue to files: bank image, manifest, C source, readable tables, and exact tables from which the image can be
 restored."""
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ TYPES = {
 
 @dataclass(frozen=True)
 class ExportFile:
-    """A file to write or send."""
+    """Name, media type and content of an exported file."""
 
     name: str
     media_type: str
@@ -40,8 +40,9 @@ class ExportFile:
 
 
 def export_file(image: bytes, manifest: Mapping[str, Any], kind: str, name: str) -> ExportFile:
-    """Return a file of one kind: image, manifest, c (arrays to paste into firmware), csv | ecsv | fits | parquet (readable
-    star list), tables-* (every table, exact: ``import_file`` restores the image). Raises BadInput for an unknown kind."""
+    """Return a catalogue as a file. ``kind``: image; manifest; c (arrays for firmware source); csv, ecsv, fits or parquet
+    (readable star list); tables-* (all tables without loss, from which ``import_file`` restores the image). Raises BadInput for
+    an unknown kind."""
     if kind not in TYPES:
         raise BadInput("unknown kind of export", expected=" | ".join(TYPES), got=kind)
     suffix, media_type = TYPES[kind]
@@ -63,7 +64,7 @@ def _content(image: bytes, manifest: Mapping[str, Any], kind: str) -> bytes:
 
 
 def import_file(data: bytes, filename: str) -> bytes:
-    """Return the bank image from a file written by ``tables-*``; checksums are verified. Raises BadInput."""
+    """Return the bank image from a file that was exported with ``tables-*``. Checksums are verified. Raises BadInput."""
     lower = filename.lower()
     kind = next(
         (k.removeprefix("tables-") for k in TYPES if k.startswith("tables-") and lower.endswith(TYPES[k][0])), ""

@@ -1,4 +1,4 @@
-"""The report of a built catalogue as plain values for pages and papers; angles in degrees, because the values are only
+"""Report of a built catalogue as plain values for pages and papers. Angles are in degrees because the values are only
 displayed."""
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ CURVE_POINTS = 60
 
 
 Outline = list[tuple[float, float]]
-"""Points (RA, Dec) in degrees."""
+"""Points of an outline on the sky: (RA, Dec) in degrees."""
 
 
 class FunnelValues(TypedDict):
-    """Stars after a step of the selection."""
+    """Number of stars after a step of the selection."""
 
     label: str
     stars: int
@@ -55,9 +55,9 @@ class MapStar(TypedDict):
 
 
 class EnvelopeValues(TypedDict):
-    """Envelope: share of the time in the field of view of each pixel of the sky, HEALPix ring order, 0 where never. ``sweep``:
-    outlines of the field along the orbit with their ``boresights``, over one orbit or the validity; [] for the whole sky and
-    for catalogues of older versions."""
+    """Envelope. ``fraction``: fraction of the time in which each sky pixel is in the field of view, HEALPix ring order; 0 if
+    never. ``sweep``: outlines of the field along the orbit. ``boresights``: boresights of these fields. ``sweep_over``: the time
+    that they cover, one orbit or the validity. ``sweep`` is [] for the whole sky and for catalogues of older versions."""
 
     nside: int
     fraction: list[float]
@@ -69,7 +69,7 @@ class EnvelopeValues(TypedDict):
 
 
 class ChoiceValues(TypedDict):
-    """The selection with its maps."""
+    """The selection of stars and its maps."""
 
     funnel: list[FunnelValues]
     sky: list[MapStar]
@@ -77,8 +77,8 @@ class ChoiceValues(TypedDict):
 
 
 class QualityValues(TypedDict):
-    """How well the stars fill the fields. ``searched``: number of fields examined to find the worst one. ``worst_roll_deg``
-    None: built by an older version."""
+    """Statistics of star counts in the fields of view. ``searched``: number of fields examined in the search for the worst
+    field. ``worst_roll_deg``: None for catalogues built by an older version."""
 
     pointings: int
     histogram: list[int]
@@ -96,14 +96,14 @@ class QualityValues(TypedDict):
 
 
 class QualityReport(QualityValues):
-    """With the field that has the fewest stars."""
+    """Statistics of star counts, and the outline of the field with the fewest stars."""
 
     worst_outline: Outline
 
 
 class AmbiguityValues(TypedDict):
-    """Ambiguity in HEALPix ring order: other triangles per triangle of a field's brightest stars (``value``), other pairs per
-    pair (``pairs``); None outside the envelope."""
+    """Ambiguity per sky pixel in HEALPix ring order. ``value``: number of wrong triangles per triangle of a field's brightest
+    stars. ``pairs``: number of wrong pairs per pair. None outside the envelope."""
 
     nside: int
     tolerance_arcsec: float
@@ -115,7 +115,8 @@ class AmbiguityValues(TypedDict):
 
 
 class LifetimeValues(TypedDict):
-    """Share of stars within the tolerance by days after the end of validity. ``days`` and ``until`` None: beyond the curve."""
+    """Fraction of stars within the position tolerance, by days after the end of validity. ``days``, ``until``: time at which the
+    fraction falls to ``threshold``; None if this is beyond the curve."""
 
     threshold: float
     days: float | None
@@ -125,15 +126,15 @@ class LifetimeValues(TypedDict):
 
 
 class SizeValues(TypedDict):
-    """Bytes of the image's parts, and of the bank."""
+    """Sizes of the image's parts and of the bank, in bytes."""
 
     by_part: dict[str, int]
     bank_bytes: int | None
 
 
 class WandererValues(TypedDict):
-    """The Sun, or a body that enters the envelope on ``share`` of the days. ``way``: its path in degrees, from first to last
-    day."""
+    """The Sun or another moving body. ``share``: fraction of the days on which it is in the envelope. ``way``: its path in
+    degrees, from the first to the last day."""
 
     name: str
     brightest_mag: float
@@ -142,13 +143,13 @@ class WandererValues(TypedDict):
 
 
 class PreviewReport(ChoiceValues):
-    """Of a preview."""
+    """Report of a preview."""
 
     ambiguity: AmbiguityValues | None
 
 
 class CatalogueReport(PreviewReport):
-    """Of a built catalogue."""
+    """Report of a built catalogue."""
 
     quality: QualityReport
     lifetime: LifetimeValues
@@ -185,7 +186,7 @@ ADDED_TO_QUALITY: JsonObject = {
 
 
 def stored_report(stored: JsonObject) -> StoredReport:
-    """Return a stored report; parts that it lacks are empty."""
+    """Return a stored report. Missing parts are empty or None."""
     envelope, quality = stored.get("envelope"), stored.get("quality")
     return StoredReport(
         funnel=stored.get("funnel", []),
@@ -214,7 +215,7 @@ def report_of(built: BuiltCatalogue) -> CatalogueReport:
     assessment: Assessment = built.assessment
     return {
         **_choice(built.selection, built.map, built.plan),
-        "quality": {**_quality(assessment.quality), "worst_outline": _worst(built.plan, assessment.quality)},
+        "quality": {**_quality(assessment.quality), "worst_outline": _worst_outline(built.plan, assessment.quality)},
         "ambiguity": None if assessment.ambiguity is None else _ambiguity(assessment.ambiguity),
         "lifetime": _lifetime(assessment.lifetime),
         "sizes": {"by_part": built.manifest.bytes_by_part, "bank_bytes": built.plan.bank_bytes},
@@ -228,9 +229,9 @@ def report_of(built: BuiltCatalogue) -> CatalogueReport:
 
 
 def report_again(manifest: BuildManifest, camera: CameraProfile, source: StarSource | StarTable) -> CatalogueReport:
-    """Return the report of a catalogue from its manifest, by repeating the build for its camera.
+    """Repeat the build of a catalogue from its manifest and return the report.
 
-    Raises CorruptData if the image differs."""
+    Raises CorruptData if the new image differs from the catalogue's image."""
     built = build(request_from(manifest.parameters, camera), source)
     if built.sha256 != manifest.image_sha256:
         raise CorruptData(
@@ -280,14 +281,15 @@ def _quality(quality: Quality) -> QualityValues:
 
 
 def _ambiguity(ambiguity: AmbiguityMap) -> AmbiguityValues:
-    """``value``: wrong triangles per triangle; None for a pixel without data, the largest value for a pixel without three stars."""
-    ra_rad, dec_rad, figure = ambiguity.worst
+    """Return the ambiguity map as plain values. ``value`` is None for a pixel without data and ``MAX_FIGURE`` for a pixel with
+    fewer than three stars."""
+    ra_rad, dec_rad, worst_value = ambiguity.worst
     return {
         "nside": ambiguity.nside,
         "tolerance_arcsec": ambiguity.tolerance_rad / ARCSEC_RAD,
         "value": [_rounded(x) for x in ambiguity.wrong_triangles],
         "pairs": [_rounded(x) for x in ambiguity.wrong_pairs],
-        "worst": _rounded(figure),
+        "worst": _rounded(worst_value),
         "worst_ra_deg": _finite(np.degrees(ra_rad)),
         "worst_dec_deg": _finite(np.degrees(dec_rad)),
     }
@@ -319,7 +321,7 @@ def _sky(selection: Selection) -> list[MapStar]:
     ]
 
 
-def _worst(plan: BuildPlan, quality: Quality) -> list[tuple[float, float]]:
+def _worst_outline(plan: BuildPlan, quality: Quality) -> list[tuple[float, float]]:
     """Return the outline on the sky of the field with the fewest stars."""
     attitude = cam_from_icrs(quality.worst_ra_rad, quality.worst_dec_rad, quality.worst_roll_rad)
     return _line(outlines(plan.shape, attitude[None])[0], 2)
@@ -338,5 +340,5 @@ def _finite(value: float) -> float | None:
 
 
 def _rounded(value: float) -> float | None:
-    """Round to three digits, enough for a map; infinity becomes the largest value."""
+    """Return the value rounded to three digits. NaN becomes None, infinity becomes ``MAX_FIGURE``."""
     return None if np.isnan(value) else float(f"{min(float(value), MAX_FIGURE):.3g}")

@@ -1,4 +1,4 @@
-"""Request for a sub-catalogue in user units, and its conversion to the builder's: degrees to radians, text to records."""
+"""Request for a sub-catalogue in user units, and its conversion to the builder's request in radians and metres."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from gss.skytables.bank import ReducedFrame
 FIRST_YEAR, LAST_YEAR = 1950, 2150
 SYMMETRIC_DEG = ([-5.0, 5.0], [-5.0, 5.0], [-5.0, 5.0])
 USUAL_LIMITS_DEG = {"sunsat": ([-10.0, 10.0], [-5.0, 5.0], [130.0, 140.0])}
-"""Usual limits of roll, pitch and yaw by pointing law: Jacobs 1995 Table 5-2; of other laws :data:`SYMMETRIC_DEG`."""
+"""Usual limits of roll, pitch and yaw by pointing law (Jacobs 1995 Table 5-2). Other laws use :data:`SYMMETRIC_DEG`."""
 
 Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
-"""Angle in degrees; the range excludes NaN and infinity."""
+"""Angle in degrees. The range excludes NaN and infinity."""
 Range = Annotated[list[Angle], Field(min_length=2, max_length=2)]
-"""Smallest and largest value, degrees."""
+"""Minimum and maximum, degrees."""
 Mounting = Annotated[list[Annotated[float, Field(ge=-1.1, le=1.1)]], Field(min_length=9, max_length=9)]
 Turns = Annotated[list[Angle], Field(min_length=3, max_length=3)]
 Law = Literal["sunsat", "zenith", "nadir", "target", "inertial", "anti_sun", "sun_pointing"]
@@ -54,7 +54,7 @@ class CorrectionsRequest(Request):
 
 
 class OccultationRequest(Request):
-    """Occultation of the sky. Angles in degrees from the boresight; null: the camera's own baffle."""
+    """Occultation of the sky. Angles are in degrees from the boresight; null: limit of the camera's baffle."""
 
     earth: bool = False
     earth_margin_deg: float = Field(default=0.0, ge=0, le=60)
@@ -65,9 +65,10 @@ class OccultationRequest(Request):
 
 
 class ScreeningRequest(Request):
-    """Rules of the screening list. ``action``: off, list (only name the stars) or drop. Reasons: close doubles,
-    variables, high proper motion. A star is also listed if the ring at ``arc_deg`` ± ``tolerance_deg`` holds more
-    than ``most_companions`` stars, or if more than ``most_false`` false triples are expected."""
+    """Rules of the screening list. ``action``: off, list (only list the stars) or drop. Reasons: close doubles
+    (``doubles``), variable stars (``variables``), high proper motion (``fast``). A star is also listed if the ring at
+    ``arc_deg`` ± ``tolerance_deg`` around it contains more than ``most_companions`` stars, or if more than ``most_false``
+    false triples are expected."""
 
     action: Literal["off", "list", "drop"] = "off"
     doubles: bool = True
@@ -80,8 +81,8 @@ class ScreeningRequest(Request):
 
 
 class ReducedRequest(Request):
-    """Frame of a reduced catalogue: it keeps the ``brightest`` stars of every upright frame of this size; frames are
-    ``step_deg`` apart."""
+    """Frame of a reduced catalogue. The reduced catalogue contains the ``brightest`` stars of each upright frame of this size.
+    The frames are ``step_deg`` apart."""
 
     width_deg: float = Field(ge=1, le=120)
     height_deg: float = Field(ge=1, le=120)
@@ -90,7 +91,8 @@ class ReducedRequest(Request):
 
 
 class CatalogueHead(Request):
-    """Mounting of one head of a spacecraft, as ``body_from_cam`` or ``mounting_deg`` of the request. ``unit``: its name."""
+    """Mounting of one head of a spacecraft. ``body_from_cam``, ``mounting_deg``: as in the catalogue request. ``unit``: name of
+    the head."""
 
     unit: str = Field(default="", max_length=24)
     body_from_cam: Mounting | None = None
@@ -98,16 +100,15 @@ class CatalogueHead(Request):
 
 
 class CatalogueRequest(Request):
-    """Build request. Angles in degrees. ``orbit``: none = whole sky, unless ``pointing`` needs no orbit.
-    ``inclination_max_deg``: upper limit of the inclination; null: the same as ``inclination_deg``.
-    ``altitude_km``: with elements, the node drifts over the days of use; without it the node limits are fixed.
-    ``roll_deg``, ``pitch_deg``, ``yaw_deg`` null: usual limits of the law. ``faint_mag`` null: the camera's limit.
-    ``body_from_cam``: nine numbers by rows, replacing the law's own mounting. ``mounting_deg``: alternatively three
-    rotations, about x, y and z in this order, that take the body axes to the camera axes. ``heads``: instead of these,
-    mountings of several heads; the envelope is the union of theirs. ``off_nadir_deg``:
-    off-nadir angle of a target law. ``thinning``: shape of the fields that keep ``brightest_per_field`` stars:
-    circles, or upright frames of the camera's shape. ``reduced`` null: no reduced catalogue, unless the format
-    requires one; then with the camera's frame."""
+    """Build request. Angles are in degrees. ``orbit``: none selects the whole sky, unless ``pointing`` needs no orbit.
+    ``inclination_max_deg``: upper limit of the inclination; null: same as ``inclination_deg``. ``altitude_km``: with
+    elements, the node drifts over the days of use; null: the node limits are fixed. ``roll_deg``, ``pitch_deg``,
+    ``yaw_deg``: limits; null: usual limits of the law. ``faint_mag``: null: the camera's limit. ``body_from_cam``: nine
+    numbers by rows that replace the mounting of the law. ``mounting_deg``: alternatively, three rotations about x, y and z in
+    this order from the body axes to the camera axes. ``heads``: alternatively, the mountings of several heads; the envelope
+    is the union of the envelopes of all heads. ``off_nadir_deg``: off-nadir angle of a target law. ``thinning``: shape of
+    the fields in which the ``brightest_per_field`` stars are kept: circles, or upright frames of the camera's shape.
+    ``reduced``: null: no reduced catalogue, unless the format requires one, which then uses the camera's frame."""
 
     name: str = Field(default="", max_length=60)
     profile: str = Field(default="", max_length=40, description="Instrument; empty: that of the unit on the line.")
@@ -153,7 +154,7 @@ class CatalogueRequest(Request):
 
 
 def build_request(spec: CatalogueRequest, camera: CameraProfile, user: str, now: datetime) -> BuildRequest:
-    """Return the builder's request, in radians and metres. If an attitude is set and no start is given, the days of use begin at
+    """Return the builder's request in radians and metres. If the request has an attitude but no start, the days of use begin at
     ``now``."""
     orbit, attitude = _orbit(spec), _attitude(spec)
     start = moment(spec.start) or (None if attitude is None else now)
@@ -193,12 +194,13 @@ def build_request(spec: CatalogueRequest, camera: CameraProfile, user: str, now:
 
 
 def with_camera(spec: CatalogueRequest, camera: CameraProfile) -> CatalogueRequest:
-    """Return the request with the names of its camera and format where they were left empty, to be stored."""
+    """Return the request with empty camera and format replaced by their names, for storing it."""
     return spec.model_copy(update={"profile": camera.name, "format": spec.format or own_format(camera)})
 
 
 def moment(text: str) -> datetime | None:
-    """Parse a date from a form; None if empty. BadInput if it is not ISO 8601 or its year is out of range."""
+    """Parse a date from a form. Return None if the text is empty. Raises BadInput if it is not ISO 8601 or the year is out of
+    range."""
     if not text:
         return None
     try:
@@ -239,7 +241,7 @@ def _attitude(spec: CatalogueRequest) -> AttitudeLimits | None:
 
 
 def _head(head: CatalogueHead) -> tuple[float, ...]:
-    """Return the mounting of a head. Raises BadInput without one."""
+    """Return the mounting of a head. Raises BadInput if it has none."""
     mounting = mounting_of(head.body_from_cam, head.mounting_deg)
     if mounting is None:
         raise BadInput("a head has no mounting", expected="body_from_cam or mounting_deg", got=head.unit or "neither")
@@ -247,14 +249,14 @@ def _head(head: CatalogueHead) -> tuple[float, ...]:
 
 
 def _occultation(occultation: OccultationRequest, baffle: Baffle, height_m: float | None) -> Occultation:
-    """Return what hides the sky. Angles that are not given are those of the baffle: the Sun's limit for the Sun; for the Moon,
-    whose stray light is negligible compared with the Sun's, the angle within which its light falls directly on the lens."""
+    """Return the occultation settings. Missing angles are taken from the baffle: for the Sun its Sun limit; for the Moon, whose
+    stray light is negligible compared with the Sun's, the angle within which light falls directly on the lens."""
     if occultation.earth and height_m is None:
         raise BadInput(
             "occultation by the Earth needs the altitude",
             expected="an altitude, or a TLE",
             got="neither",
-            hint="give the orbit's altitude",
+            hint="set the altitude of the orbit",
         )
     return Occultation(
         altitude_m=height_m if occultation.earth else None,
@@ -306,7 +308,7 @@ def _corrections(
     corrections = spec.corrections
     velocity = None
     if corrections.orbital_aberration:
-        # The mean velocity serves all heads: each passes a star at another point of the orbit.
+        # For several heads the mean velocity is used, because each head sees a star at a different point of the orbit.
         velocity = orbital_velocity(
             None if spec.heads else attitude, pole_of(planes_of(orbit, start, spec.days)), height_m
         )

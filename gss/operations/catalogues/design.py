@@ -1,4 +1,4 @@
-"""Camera design: a camera edited on the page or in the terminal, evaluated quickly, then in full as a job."""
+"""Camera design: evaluation of a camera that was edited on the page or in the terminal, either quickly or in full as a job."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ STEPS = 100
 WORKERS = 2
 CAMERA_LOOKS, CAMERA_PAIRS = 1500, 3e4
 EDITABLE = tuple(f.name for f in fields(DesignCamera) if f.name != "name")
-"""Values of a camera that a design may change."""
+"""Names of the camera values that a design can change."""
 Number = Annotated[float | None, Field(allow_inf_nan=False)]
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
-"""Smallest and largest value, degrees."""
+"""Minimum and maximum, degrees."""
 
 
 class DesignQuestion(Request):
-    """Documented camera and changes to it; null keeps the profile's value. ``mag_limit`` null: derived from the
-    radiometry. ``sky``: whole, or along an orbit with a pointing law and its limits in degrees. ``pointings``: of
-    the full count."""
+    """Documented camera and changes to it; null: value of the profile. ``mag_limit``: null: derived from the radiometry.
+    ``sky``: whole sky, or along an orbit with a pointing law and its limits in degrees. ``pointings``: number of
+    pointings in the full evaluation."""
 
     profile: str = Field(default="", max_length=40, description="Instrument; empty: that of the unit on the line.")
     columns: int | None = None
@@ -79,20 +79,21 @@ class DesignQuestion(Request):
 
     @property
     def changes(self) -> dict[str, float]:
-        """The camera's values that differ from the profile's."""
-        fields = self.model_dump(include=set(EDITABLE), exclude_none=True)
-        return {name: fields[name] for name in EDITABLE if name in fields}
+        """Camera values in the request, which replace values of the profile."""
+        values = self.model_dump(include=set(EDITABLE), exclude_none=True)
+        return {name: values[name] for name in EDITABLE if name in values}
 
 
 @dataclass(frozen=True)
 class DesignJob(JobRequest):
-    """A full evaluation of a design as a job."""
+    """Job that evaluates a design in full."""
 
     asked: DesignQuestion
 
 
 def request_of(question: DesignQuestion, base: DesignCamera) -> DesignRequest:
-    """Return the camera ``base`` as edited, and its pointing envelope, in radians. Raises BadInput if they are impossible."""
+    """Return the design request: the camera ``base`` with the changes, and its pointing envelope in radians. Raises BadInput if
+    they are not valid."""
     camera = base.edited(**question.changes)
     exclusion_rad = EXCLUSION_RAD if question.exclusion_deg is None else math.radians(question.exclusion_deg)
     return DesignRequest(camera, _envelope(camera, question), exclusion_rad, question.spare_mm, question.seed)
@@ -121,7 +122,7 @@ def answer(
     documents: tuple[TradeRow, ...],
     progress: Progress = no_progress,
 ) -> DesignValues:
-    """Return the record of one design: quick, or with full pointings and the lens trade. ``documents``: rows of the
+    """Evaluate a design and return its record. ``quick``: fewer pointings and no lens trade. ``documents``: rows of the
     documented cameras, for comparison."""
     start_s = time.perf_counter()
     request = request_of(question, base)
@@ -133,14 +134,14 @@ def answer(
         try:
             report = design(request, stars, effort, each=pool.map, progress=_by_percent(progress))
         finally:
-            # After a cancel, queued work must not be run first.
+            # After a cancellation, queued work must not run.
             pool.shutdown(wait=True, cancel_futures=True)
     own_row = () if request.camera in [r.camera for r in documents] else (_row(request.camera, stars),)
     return record_of(report, base, (*own_row, *documents), 1000 * (time.perf_counter() - start_s))
 
 
 def document_rows(cameras: Iterable[CameraProfile], stars: StarTable) -> tuple[TradeRow, ...]:
-    """Return the rows of documented cameras."""
+    """Return the comparison rows of documented cameras."""
     return tuple(_row(DesignCamera.from_profile(c), stars) for c in cameras)
 
 
@@ -149,7 +150,7 @@ def _row(camera: DesignCamera, stars: StarTable) -> TradeRow:
 
 
 class DesignService:
-    """Evaluates designs; the rows of the documented cameras are computed when they change."""
+    """Evaluates designs. The comparison rows of the documented cameras are cached until a documented camera changes."""
 
     def __init__(self, jobs: JobService, stars: StarTable, instruments: Registry, unit: str) -> None:
         self._jobs, self._stars, self._instruments, self._unit = jobs, stars, instruments, unit
@@ -157,7 +158,7 @@ class DesignService:
         jobs.register(JobKind("design", DesignJob, self._evaluate, older=nested_request))
 
     def document_rows(self) -> tuple[TradeRow, ...]:
-        """Return the rows of the documented cameras."""
+        """Return the comparison rows of the documented cameras."""
         cameras = self._instruments.cameras()
         if self._rows[0] != cameras:
             self._rows = cameras, document_rows(cameras.values(), self._stars)
@@ -168,7 +169,7 @@ class DesignService:
         return answer(question, self._base(question), self._stars, quick=True, documents=self.document_rows())
 
     def start(self, question: DesignQuestion, *, user: str) -> Job:
-        """Start the full evaluation as a job; its result is the record. An impossible camera is rejected at once."""
+        """Start the full evaluation as a job. The result of the job is the record. An invalid camera is rejected immediately."""
         base = self._base(question)
         request_of(question, base)
         return self._jobs.begin("design", f"design {base.name}", DesignJob(question, user=user))
@@ -182,7 +183,7 @@ class DesignService:
 
 
 def _by_percent(progress: Progress) -> Callable[[float], None]:
-    """Report progress only when another percent is complete, because each report is a row in the store."""
+    """Return a progress callback that reports only when another percent is complete, because each report is stored."""
     reported = -1
 
     def report_progress(share: float) -> None:
@@ -196,5 +197,5 @@ def _by_percent(progress: Progress) -> Callable[[float], None]:
 
 
 def radians(limits: Sequence[float]) -> Range:
-    """Convert two values in degrees to radians."""
+    """Convert a range from degrees to radians."""
     return math.radians(limits[0]), math.radians(limits[1])

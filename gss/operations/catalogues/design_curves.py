@@ -1,4 +1,4 @@
-"""The curves of a design report as plain lines with labels, units and the documents' points."""
+"""Curves of a design report as plain values, with labels, units and the points published in the documents."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def curve_values(report: DesignReport, papers: Sequence[PaperValue]) -> list[Cur
 
 
 def _points(papers: Sequence[PaperValue]) -> list[MarkValue]:
-    """Return the documents' values by magnitude limit."""
+    """Return the published values that depend on the magnitude limit, as points of the curve."""
     labels = {f"p_fewer_{n}_by_limit": f"fewer than {n}" for n in NEED}
     return [
         {"x": p.x, "y": 100 * p.value, "label": labels[p.figure], "source": p.source}
@@ -186,7 +186,7 @@ def _curve(
 
 
 def _line(label: str, x: Array | Sequence[float], y: Array | Sequence[float]) -> LineValues:
-    """Return the points of a line; NaN and infinities are gaps."""
+    """Return the points of a line. NaN and infinite values become gaps."""
     return {
         "label": label,
         "x": [short(v) for v in x],
@@ -199,5 +199,5 @@ def _upright(label: str, x: float) -> UprightValue | None:
 
 
 def short(value: float) -> float:
-    """Round to six digits, more than any of these values is accurate to."""
+    """Return the value rounded to six digits, which exceeds the accuracy of all values."""
     return float(f"{float(value):.6g}")

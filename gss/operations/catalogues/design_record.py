@@ -1,5 +1,5 @@
-"""A design report as plain values, every number with its unit and source. Degrees and arcseconds, because the values are
-only displayed."""
+"""Design report as plain values. Each number has its unit and source. Angles are in degrees and arcseconds because the values
+are only displayed."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ from gss.operations.catalogues.design_values import (
     TradeValues,
 )
 
-OURS = "our radiometry"
+OURS = "GSS radiometry"
 STRAY_BEYOND_DEG = (0.0, 1.0, 7.0, 17.0, 38.0)
-"""Rows of Moniteq 1983 Table 5.3, from the angle of its shade."""
+"""Angles of the Sun beyond the exclusion angle of the shade, as in the rows of Moniteq 1983 Table 5.3."""
 
 
 def record_of(
     report: DesignReport, base: DesignCamera, cameras: tuple[TradeRow, ...], elapsed_ms: float
 ) -> DesignValues:
-    """Return all values of a design page. ``elapsed_ms``: how long the calculation took."""
+    """Return all values of a design page. ``elapsed_ms``: duration of the calculation."""
     camera, in_view = report.request.camera, report.in_view
     papers = values_for(base.name)
     return {
@@ -65,7 +65,7 @@ def record_of(
             "worst_ra_deg": math.degrees(in_view.worst_ra_rad),
             "worst_dec_deg": math.degrees(in_view.worst_dec_rad),
         },
-        # The documents' values are valid only for their own fields of view.
+        # The published values are valid only for the field of view of the documented camera.
         "curves": curve_values(report, papers if camera.fov_rad == base.fov_rad else ()),
         "baffles": [_baffle(b) for b in (report.one_stage, report.two_stage) if b is not None],
         "baffle_problem": report.baffle_problem,
@@ -79,7 +79,7 @@ def record_of(
 
 
 def camera_of(camera: DesignCamera) -> CameraValues:
-    """Return the fields of a camera; their names contain the units."""
+    """Return the values of a camera by field name. The names contain the units."""
     return {f.name: getattr(camera, f.name) for f in fields(camera)}
 
 
@@ -89,7 +89,7 @@ def field_limits() -> dict[str, FieldLimit]:
 
 
 def _figures(report: DesignReport) -> list[FigureValue]:
-    return [*_optics(report), *_light(report), *_sky(report), *_known(report), *_moving(report), *_shade(report)]
+    return [*_optics(report), *_light(report), *_sky(report), *_accuracy(report), *_moving(report), *_shade(report)]
 
 
 def _figure(group: str, key: str, label: str, value: float, unit: str, source: str) -> FigureValue:
@@ -183,7 +183,7 @@ def _light(report: DesignReport) -> list[FigureValue]:
         _figure(
             group,
             "longest_exposure_s",
-            "darkness fills a pixel in",
+            "dark current fills a pixel in",
             report.longest_exposure_s,
             "s",
             "Erlank 2013 §3.4.4",
@@ -210,7 +210,7 @@ def _sky(report: DesignReport) -> list[FigureValue]:
     ]
 
 
-def _known(report: DesignReport) -> list[FigureValue]:
+def _accuracy(report: DesignReport) -> list[FigureValue]:
     accuracy: Accuracy = report.accuracy
     group, source = "Accuracy of the attitude, 1σ", f"Cramér–Rao bound, {report.looks} pointings"
 
@@ -282,11 +282,11 @@ def _shade(report: DesignReport) -> list[FigureValue]:
         ]
     for body in (SUN, EARTH, MOON):
         key = f"{body.name.lower()}_e_s"
-        # As in the document, the table's light enters the lens without loss.
+        # The document assumes that light enters the lens without loss.
         result.append(
             _figure(group, key, f"{body.name} in the field", imaged_e_s(body, etendue), "e/s", "Moniteq 1983 Table 5.2")
         )
-    # The table is for 20 µm pixels behind f/1.4; light through the baffle is spread over the field, so that a pixel's share is
+    # The table is for 20 µm pixels behind f/1.4. Light through the baffle is spread over the field, so the light of a pixel is
     # proportional to its etendue.
     share = etendue / pixel_etendue_cm2_sr(20, 20, 1.4)
     for beyond_deg in STRAY_BEYOND_DEG:
@@ -313,7 +313,7 @@ def _baffle(baffle: BaffleGeometry) -> BaffleValues:
 
 
 def row_of(row: TradeRow) -> TradeValues:
-    """Return a row of a table of cameras."""
+    """Return a row of the table of cameras as plain values."""
     camera = row.camera
     across, down = camera.fov_rad
     return {
@@ -335,5 +335,5 @@ def row_of(row: TradeRow) -> TradeValues:
 
 
 def number(value: float) -> float | None:
-    """Return a finite number or None, because JSON has no NaN."""
+    """Return a rounded number, None if it is not finite, because JSON has no NaN."""
     return short(value) if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""A design record as a report to store or send: values, curves, baffle, tables."""
+"""Design record as a report to store or send: values, curves, baffle and tables."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TRADE = ("camera", "f, mm", "f/", "field, °", "pixel, ″", "limit V", "stars",
 
 
 def design_sheet(record: DesignValues) -> Report:
-    """Return the complete report."""
+    """Return the complete report of a design record."""
     changed = ", ".join(f"{k} {record['camera'][k]:g} (was {_plain(record['base'][k])})" for k in record["changed"])
     sample_sizes = (
         f"{record['histogram']['pointings']} pointings for the histogram, {record['looks']} for curves and accuracy"
@@ -81,7 +81,7 @@ def _trade(cameras: list[TradeValues]) -> Table:
 
 
 def _curve(curve: CurveValues) -> Plot:
-    """Return the plot of a curve, including the documents' points."""
+    """Return the plot of a curve, including the published points."""
     lines = [Series(line["label"], line["x"], line["y"]) for line in curve["lines"]]
     if curve["marks"]:
         lines.append(

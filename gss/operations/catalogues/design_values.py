@@ -1,14 +1,14 @@
-"""The values of a design page, as stored in its job and sent to the page. Units are in the names."""
+"""Values of a design page, as stored with the job and sent to the page. The names contain the units."""
 
 from __future__ import annotations
 
 from typing import Literal
 
-from typing_extensions import TypedDict  # pydantic needs this one before Python 3.12
+from typing_extensions import TypedDict  # pydantic needs this TypedDict before Python 3.12
 
 
 class FigureValue(TypedDict):
-    """A figure. ``paper``: the value in the camera's own document, with its source."""
+    """One numeric result. ``paper``: value published in the document of the camera. ``paper_source``: its source."""
 
     group: str
     key: str
@@ -21,7 +21,8 @@ class FigureValue(TypedDict):
 
 
 class CountValues(TypedDict):
-    """Number of pointings with 0, 1, 2 … stars, and the boresight of the first with the fewest."""
+    """Star counts of the pointings. ``counts``: number of pointings with 0, 1, 2 … stars. ``worst_ra_deg``, ``worst_dec_deg``:
+    boresight of the first pointing with the fewest stars."""
 
     pointings: int
     counts: list[int]
@@ -34,7 +35,7 @@ class CountValues(TypedDict):
 
 
 class LineValues(TypedDict):
-    """A line of a curve; None is a gap."""
+    """A line of a curve. None in ``y`` is a gap."""
 
     label: str
     x: list[float]
@@ -42,14 +43,14 @@ class LineValues(TypedDict):
 
 
 class UprightValue(TypedDict):
-    """A vertical marker."""
+    """A vertical marker line."""
 
     label: str
     x: float
 
 
 class MarkValue(TypedDict):
-    """A point printed in a document."""
+    """A point published in a document."""
 
     x: float
     y: float
@@ -58,7 +59,7 @@ class MarkValue(TypedDict):
 
 
 class CurveValues(TypedDict):
-    """A curve; labels include units."""
+    """A plot with its lines. Axis labels include the units."""
 
     key: str
     title: str
@@ -85,7 +86,7 @@ class BaffleValues(TypedDict):
 
 
 class TradeValues(TypedDict):
-    """A row of a table of cameras."""
+    """A row of the table of cameras."""
 
     name: str
     focal_mm: float
@@ -104,11 +105,11 @@ class TradeValues(TypedDict):
 
 
 CameraValues = dict[str, str | float | None]
-"""The editable fields of a camera by name; None: computed."""
+"""Field name of a camera to value. None means that the value is computed."""
 
 
 class FieldLimit(TypedDict):
-    """Range of an editable field."""
+    """Range and unit of an editable field."""
 
     min: float
     max: float
@@ -116,7 +117,8 @@ class FieldLimit(TypedDict):
 
 
 class DesignValues(TypedDict):
-    """All values. ``looks``: number of pointings behind curves and accuracy; ``full`` false: without the lens trade."""
+    """All values of a design page. ``looks``: number of pointings for curves and accuracy. ``full``: False for a quick
+    evaluation, which has no lens trade."""
 
     profile: str
     camera: CameraValues

@@ -1,4 +1,4 @@
-"""Star lists uploaded by users: parsed, validated, stored unchanged, and used as a source of stars."""
+"""Star lists uploaded by users. They are parsed, validated, stored unchanged, and used as a source of stars."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SHOWN_ROWS = 20
 
 
 class StarListService:
-    """Stores star lists, and returns every source by name."""
+    """Stores star lists, and returns sources of stars by name."""
 
     def __init__(
         self, database: Database, blobs: BlobStore, now: Now, parsing: ParseProcesses, instruments: Registry
@@ -48,8 +48,9 @@ class StarListService:
     def add(
         self, data: bytes, filename: str, mapping: ListMapping, *, user: str, profile: str = "", name: str = ""
     ) -> StarList:
-        """Parse and store a file; the row reports what was read and dropped. ``profile``: the camera it is intended for, if
-        the file does not state it. Raises BadInput if the file names another camera."""
+        """Parse and store a file. The report of the returned row lists the columns read and the rows dropped. ``profile``:
+        camera that the list is intended for, if the file does not state it. Raises BadInput if the file names another
+        camera."""
         if len(data) > MAX_BYTES:
             raise BadInput(
                 "the star list is too large", expected=f"at most {MAX_BYTES} bytes", got=f"{len(data)} bytes"
@@ -84,7 +85,7 @@ class StarListService:
         return row
 
     def newest(self, limit: int) -> list[StarList]:
-        """Return the newest lists first."""
+        """Return the latest lists, newest first."""
         with self._database.unit_of_work() as session:
             return store.newest(session, limit)
 
@@ -94,11 +95,12 @@ class StarListService:
             return store.get(session, list_id)
 
     def source(self, name: str, list_id: int | None, v_max: float | None, profile: str) -> StarSource:
-        """Return a source by name; a list by its id. Raises BadInput if the list is intended for another camera."""
+        """Return the source of stars with this name; for the name "list", the star list with this id. Raises BadInput if the
+        list is intended for another camera."""
         if name != "list":
             return load_source(name, v_max)
         if list_id is None:
-            raise BadInput("no star list given", expected="the id of a list", hint="upload a star list first")
+            raise BadInput("no star list was selected", expected="the id of a list", hint="upload a star list first")
         row = self.get(list_id)
         require_camera(row.profile, profile)
         with self._lock:
@@ -118,18 +120,18 @@ class StarListService:
 
 
 def parse_star_list(parsing: ParseProcesses, data: bytes, kind: str, mapping: ListMapping) -> ImportedList:
-    """Run :func:`read_star_list` in a child process; also raises TooCostly and Busy."""
+    """Run :func:`read_star_list` in a child process. It can also raise TooCostly and Busy."""
     classes = (ImportedList, StarTable, DroppedRow)
     return parsing.parse(read_with_mapping, data, kind, asdict(mapping), classes=classes, subject="the star list")
 
 
 def read_with_mapping(data: bytes, kind: str, mapping: JsonObject) -> ImportedList:
-    """Run :func:`read_star_list` with a mapping in plain values."""
+    """Run :func:`read_star_list` with a column mapping given as plain values."""
     return read_star_list(data, kind, ListMapping(**mapping))
 
 
 def kind_of(filename: str) -> str:
-    """Return the kind of a file from its name. Raises BadInput if it is unknown."""
+    """Return the kind of a file from the suffix of its name. Raises BadInput if the suffix is unknown."""
     suffix = filename.rpartition(".")[2].lower()
     if suffix not in SUFFIXES:
         raise BadInput(
@@ -142,7 +144,7 @@ def kind_of(filename: str) -> str:
 
 
 def report_of(read: ImportedList) -> dict[str, object]:
-    """Return what was read and dropped, as plain values."""
+    """Return the columns, units and notes of a list and the dropped rows, as plain values."""
     return {
         "columns": dict(read.columns),
         "units": dict(read.units),

@@ -1,4 +1,5 @@
-"""Conformance of commands: rejections, repeated ids, range limits, preconditions. Hazardous commands are never executed."""
+"""Conformance checks of commands: rejections, repeated ids, range limits, preconditions. Hazardous commands are never
+executed."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from gss.operations.checks.probe import FINAL, CommandOutcome, Probe
 
 ORDER = {"accepted": 0, "started": 1, "progress": 2, "completed": 3, "failed": 3}
 APART = ("HELLO", "ABORT")
-"""Commands covered by separate clauses."""
+"""Commands that separate clauses cover."""
 NO_HAZARD_ONLY = "hazardous: not executed"
 Orders = tuple[tuple[str, dict[str, Value]], ...]
 BREAK: dict[tuple[str, str], Orders] = {
@@ -35,30 +36,30 @@ NOT_CARRIED_OUT: dict[str, str] = {
     "CANCEL": "would cancel commands that a user scheduled",
     "SCHEDULE": "would stay in the schedule",
 }
-"""Commands whose range limits are not tried, because separate clauses cover them or the ground could not restore the state."""
+"""Commands whose range limits are not tested, because separate clauses cover them or the ground cannot restore the state."""
 AFTERWARDS: dict[str, Orders] = {"SET_APRIORI": (("SET_APRIORI", {"uncertainty_deg": 180.0}),)}
-"""Commands that undo what trying a command's range limits has set."""
+"""Commands that restore the state after the range limits of a command were tested."""
 
 
 def check_refusals(probe: Probe, findings: Findings) -> None:
     """Check clauses 4.5, 4.6 and 4.7."""
     dictionary = probe.dictionary
-    used = {c.code for c in dictionary.commands}
-    for code in (next(c for c in range(255, 0, -1) if c not in used), 0):
+    assigned_codes = {c.code for c in dictionary.commands}
+    for code in (next(c for c in range(255, 0, -1) if c not in assigned_codes), 0):
         answer = probe.raw(code, b"")
         findings.check("4.5", f"code {code}", answer.is_("rejected", "unknown_command"), answer.text)
     for name, payload in (("GET_STATUS", b"\0"), ("SET_EXPOSURE", b"\0"), ("SET_EXPOSURE", b"\0\1\0")):
         command = dictionary.command(name)
         answer = probe.raw(command.code, payload, command=command)
-        fits = answer.is_("rejected", "bad_length")
-        findings.check("4.6", f"{name} with {len(payload)} B", fits, answer.text)
+        is_rejected = answer.is_("rejected", "bad_length")
+        findings.check("4.6", f"{name} with {len(payload)} B", is_rejected, answer.text)
     command = dictionary.command("GET_STATUS")
     answer = probe.raw(command.code, b"", command=command, prefix=dictionary.prefix ^ 0xFFFF)
     findings.check("4.7", "GET_STATUS", answer.is_("rejected", "wrong_dictionary"), answer.text)
     for name in ("HELLO", "ABORT"):
         command = dictionary.command(name)
         answer = probe.raw(command.code, b"", command=command, prefix=dictionary.prefix ^ 0xFFFF)
-        findings.check("4.7", f"{name} (any will do)", answer.is_("completed"), answer.text)
+        findings.check("4.7", f"{name} (any prefix is accepted)", answer.is_("completed"), answer.text)
 
 
 def check_repeats(probe: Probe, findings: Findings) -> None:
@@ -70,8 +71,8 @@ def check_repeats(probe: Probe, findings: Findings) -> None:
     again = probe.order("TAKE_IMAGE", {"slot": 0}, request_id=first.request_id)
     replayed = again.is_("completed") and again.last is not None and again.last.replayed
     findings.check("4.9", "TAKE_IMAGE, again: the stored report", replayed, again.text)
-    same = first.last is not None and again.last is not None and first.last.values == again.last.values
-    findings.check("4.9", "TAKE_IMAGE, again: the same values", same)
+    equal_values = first.last is not None and again.last is not None and first.last.values == again.last.values
+    findings.check("4.9", "TAKE_IMAGE, again: the same values", equal_values)
     now = probe.status()["last_frame"]
     findings.check(
         "4.9", "TAKE_IMAGE, again: no second image", now == frames, f"frame {shown(frames)}, then {shown(now)}"
@@ -83,7 +84,7 @@ def check_repeats(probe: Probe, findings: Findings) -> None:
     hello = probe.order("HELLO")
     again = probe.order("HELLO", request_id=hello.request_id)
     fresh = again.is_("completed") and again.last is not None and not again.last.replayed
-    findings.check("4.9", "HELLO, again: carried out", fresh, again.text)
+    findings.check("4.9", "HELLO, again: executed again", fresh, again.text)
 
 
 def check_old_ids(probe: Probe, findings: Findings, oldest: int) -> None:
@@ -94,8 +95,8 @@ def check_old_ids(probe: Probe, findings: Findings, oldest: int) -> None:
 
 
 def check_boundaries(probe: Probe, findings: Findings, *, write: bool) -> None:
-    """Check clauses 4.3 and 4.4, and with every answer 4.1, 4.2 and 2.4. ``write``: also try hazardous commands outside
-    their ranges, where a conforming device does nothing."""
+    """Check clauses 4.3 and 4.4, and check each answer against clauses 4.1, 4.2 and 2.4. ``write``: also send hazardous
+    commands with arguments out of range, which a conforming device rejects."""
     for command in probe.dictionary.commands:
         if command.name in APART or (command.simulator_only and not probe.device.hello.simulated):
             continue
@@ -127,7 +128,7 @@ def check_boundaries(probe: Probe, findings: Findings, *, write: bool) -> None:
 
 
 def _ends(command: CommandDefinition) -> Iterator[tuple[str, dict[str, Value]]]:
-    """Yield arguments with each one at its minimum and maximum, the others at their defaults."""
+    """Yield sets of arguments. In each set one argument is at its minimum or maximum and all others are at their defaults."""
     if not command.arguments:
         yield command.name, {}
     for argument in command.arguments:
@@ -141,7 +142,8 @@ def _ends(command: CommandDefinition) -> Iterator[tuple[str, dict[str, Value]]]:
 
 
 def _outside(probe: Probe, command: CommandDefinition) -> Iterator[tuple[Argument, Value, bytes]]:
-    """Yield each argument with values beyond its limits, as far as its type can represent them."""
+    """Yield each argument with values outside its limits, and the encoded payload. Values that the type cannot represent are
+    omitted."""
     for argument in command.arguments:
         for value in _beyond(argument):
             parts = [_raw(other, value if other is argument else None, probe, command) for other in command.arguments]
@@ -169,7 +171,7 @@ def _raw(argument: Argument, value: float | None, probe: Probe, command: Command
 
 
 def _check_life(findings: Findings, subject: str, command: CommandDefinition, answer: CommandOutcome) -> None:
-    """Check the order of stages, the codes and ids of reports, and that a final report arrives in time."""
+    """Check the order of stages, the codes of reports, and that a final report arrives in time."""
     stages = [r.stage for r in answer.reports]
     ranks = [ORDER.get(s, -1) for s in stages]
     in_order = bool(stages) and stages[0] == "accepted" and ranks == sorted(ranks) and stages.count("accepted") == 1
@@ -181,7 +183,7 @@ def _check_life(findings: Findings, subject: str, command: CommandDefinition, an
 
 
 def _make_ready(probe: Probe, command: CommandDefinition) -> None:
-    """Restore the preconditions and stop the cycle, so that it does not disturb timing."""
+    """Restore the preconditions of a command, and stop the cycle because it would disturb timing."""
     if command.preconditions or command.name in ("SET_MODE", "START_CYCLE"):
         for name, arguments in RESTORE:
             probe.order(name, arguments)

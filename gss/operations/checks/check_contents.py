@@ -1,4 +1,5 @@
-"""Conformance of downloads and queries: parts of images, sections of a bank, tables, memories, and repeated results."""
+"""Conformance checks of downloads and queries: parts of images, sections of a bank, tables, memory areas, and repeated
+results."""
 
 from __future__ import annotations
 
@@ -25,11 +26,11 @@ RESULTS = (("GET_CENTROIDS", "FIND_CENTROIDS", "centroids"), ("GET_MATCHES", "MA
 
 
 def _silent(_: TransferUpdate) -> None:
-    """Ignore progress."""
+    """Ignore a progress report."""
 
 
 def check_parts(probe: Probe, findings: Findings) -> None:
-    """Check clauses 6.10, 6.11, 6.16, 7.1 and 7.2: a region and star windows against the thumbnail's frame."""
+    """Check clauses 6.10, 6.11, 6.16, 7.1 and 7.2: regions and star windows of a new image, and rejected requests."""
     probe.order("TAKE_IMAGE", {"slot": 0})
     hello = probe.device.hello
     columns, rows = min(40, hello.columns), min(20, hello.rows)
@@ -39,9 +40,9 @@ def check_parts(probe: Probe, findings: Findings) -> None:
         piece = probe.device.download("region", 0, _silent, Part(3, 2, columns - 3, rows - 2)).data
         findings.check("7.1", "region: bytes", len(strip) == hello.columns * rows * pixel_bytes, f"{len(strip)} B")
         kind = np.dtype(np.uint8) if pixel_bytes == 1 else np.dtype(">u2")
-        whole = np.frombuffer(strip, kind).reshape(rows, hello.columns)
-        inside = np.array_equal(np.frombuffer(piece, kind).reshape(rows - 2, columns - 3), whole[2:, 3:columns])
-        findings.check("6.10", "region: the same pixels as in a larger one", inside)
+        strip_pixels = np.frombuffer(strip, kind).reshape(rows, hello.columns)
+        inside = np.array_equal(np.frombuffer(piece, kind).reshape(rows - 2, columns - 3), strip_pixels[2:, 3:columns])
+        findings.check("6.10", "region: the same pixels as in a larger region", inside)
     with findings.trying("6.11", "star windows"):
         done = probe.device.download("star_windows", 0, _silent, Part(columns=SIDE_PX))
         pixels, windows = decode_windows(done.data)
@@ -76,8 +77,8 @@ def _check_refused(probe: Probe, findings: Findings, subject: str, values: Mappi
 
 
 def check_sections(probe: Probe, findings: Findings) -> None:
-    """Check clauses 6.12 and 7.4: the active bank's image begins with header, star list and distance table; sections of its
-    format may follow."""
+    """Check clauses 6.12 and 7.4: the active bank's image begins with header, star list and distance table. Other sections can
+    follow, depending on the format."""
     active = next(b for b in probe.banks() if b["active"])
     number = CATALOGUES.number(probe.operations, str(active["bank"]))
     with findings.trying("6.12", "sections"):
@@ -85,8 +86,10 @@ def check_sections(probe: Probe, findings: Findings) -> None:
         kinds = ("star_list", "distance_table") if int(active["pairs"]) else ("star_list",)
         parts = [probe.device.download(kind, number, _silent).data for kind in kinds]
         body, joined = image[HEADER_BYTES:], b"".join(parts)
-        whole = body.startswith(joined) and (len(body) == len(joined) or read_header(image).version == SECTIONS_VERSION)
-        findings.check("6.12", "sections: together the image", whole)
+        consistent = body.startswith(joined) and (
+            len(body) == len(joined) or read_header(image).version == SECTIONS_VERSION
+        )
+        findings.check("6.12", "sections: in sequence, they equal the image", consistent)
         counts = tuple(map(len, parts))
         rows = zip(counts, (int(active["stars"]), int(active["pairs"])), strict=False)
         fits = all(size % max(1, count) == 0 for size, count in rows)
@@ -124,7 +127,8 @@ def check_tables(probe: Probe, findings: Findings) -> None:
 
 
 def _check_protected(probe: Probe, findings: Findings, info: Mapping[str, Value]) -> None:
-    """Offer the bank's own content, so that a device which wrongly accepts it loses nothing."""
+    """Check that the device rejects an upload to a protected bank. The bank's current content is offered, so a device that
+    wrongly accepts the upload loses no data."""
     hello, table, bank = probe.device.hello, str(info["table"]), str(info["bank"])
     if not info["size_bytes"]:
         return
@@ -142,15 +146,16 @@ def _check_protected(probe: Probe, findings: Findings, info: Mapping[str, Value]
 
 
 def check_results(probe: Probe, findings: Findings) -> None:
-    """Check clauses 5.5, 5.7 and 7.5: repeated results, and the registers, which contain a housekeeping packet."""
+    """Check clauses 5.5, 5.7 and 7.5: results that are requested again, and the registers, which contain a housekeeping
+    packet."""
     probe.order("TAKE_IMAGE", {"slot": 0})
-    for ask, make, packet in RESULTS:
-        measured, requested = (_last(probe, probe.order(name).packets, packet) for name in (make, ask))
+    for query, measurement, packet in RESULTS:
+        measured, requested = (_last(probe, probe.order(name).packets, packet) for name in (measurement, query))
         if measured is None:
-            findings.skip("5.5", ask, f"{make} brought no {packet}")
+            findings.skip("5.5", query, f"{measurement} returned no {packet} packet")
             continue
         same = requested is not None and (measured.values, measured.lists) == (requested.values, requested.lists)
-        findings.check("5.5", ask, same, "" if same else "another packet, or none")
+        findings.check("5.5", query, same, "" if same else "a different packet, or none")
     with findings.trying("5.7", "READ_MEMORY"):
         fields = probe.dictionary.packet("housekeeping").fields
         status = probe.order("GET_STATUS")

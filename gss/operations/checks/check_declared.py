@@ -1,6 +1,6 @@
-"""Checks a third-party sensor against its package: exactly the operations and the telemetry that the package declares.
+"""Checks of a third-party sensor against its package. Only declared operations and telemetry are checked.
 
-Hazardous commands are not sent unless ``write`` allows it, commands without values for all arguments are skipped.
+Hazardous commands are sent only if ``write`` is True. Commands without values for all arguments are skipped.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ def check_declared(device: DirectDevice, instrument: Instrument, *, write: bool)
     with_command = [o for o in operations.names() if operations.require(o).command is not None]
     stop = [o for o in with_command if o is Operation.STOP_CYCLE]
     cases += [_check_operation(device, operations, o, write) for o in with_command if o not in stop]
-    cases += _check_telemetry(device, instrument)  # while the cycle runs: some sensors report an attitude only then
+    cases += _check_telemetry(
+        device, instrument
+    )  # before STOP_CYCLE: some sensors report an attitude only in the cycle
     cases += [_check_operation(device, operations, o, write) for o in stop]
     device.disturb(NOISE)
     cases.append(_after_noise(device, instrument))
@@ -48,7 +50,7 @@ def _check_operation(device: DirectDevice, operations: StandardOperations, opera
 
 
 def _check_telemetry(device: DirectDevice, instrument: Instrument) -> list[Case]:
-    """Check that each packet of a standard quantity arrives, with the fields that the package names."""
+    """Check that each packet of a standard quantity arrives and contains the fields that the package names."""
     roles = instrument.roles.quantities.roles()
     longest_s = max((instrument.dictionary.packet(r.packet).stale_after_s for r in roles.values()), default=0.0)
     events = device.watch(max(WATCH_LEAST_S, min(longest_s, 20.0)))
@@ -71,7 +73,7 @@ def _check_telemetry(device: DirectDevice, instrument: Instrument) -> list[Case]
 
 
 def _after_noise(device: DirectDevice, instrument: Instrument) -> Case:
-    """Check that a request is answered after noise."""
+    """Check that the device answers a request after noise on the line."""
     operations, subject = instrument.roles.operations, "answers after noise on the line"
     safe = [o for o in (Operation.HELLO, Operation.GET_STATUS) if operations.has(o) and operations.command(o)]
     if not safe:

@@ -1,8 +1,8 @@
-"""Checks whether a device conforms to the interface document. Each clause that can be tested from the ground is tested.
+"""Conformance check of a device against the interface document. Each clause that can be tested from the ground is tested.
 
-The device must be idle and without a bank on trial. Hazardous commands are not executed. Image memories at the limits of the
-range are overwritten; settings, mode and cycle are restored (attitude hint and orbit cannot be read back, the a-priori attitude
-is withdrawn).
+The device must be idle and must not have a bank on trial. Hazardous commands are not executed. The check overwrites the
+image slots at the limits of the slot range. It restores settings, mode and cycle, and withdraws the a-priori attitude. The
+attitude hint and the orbit cannot be read back and are not restored.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from gss.operations.checks.probe import QUIET_S, Probe
 HOUSEKEEPING_PACKETS = 5
 RATE_TOLERANCE_S = 0.1
 REJECTED = b"\2"
-"""First byte of a rejecting report; the one to a command with request id 0 carries 0."""
+"""First byte of a report with the stage *rejected*. Only such a report can have request id 0."""
 SETTINGS = ("exposure_ms", "threshold_dn", "min_pixels", "max_pixels", "gain", "period_ms")
 DETECTION = SETTINGS[1:4]
 
@@ -49,7 +49,8 @@ OnPart = Callable[[str], None]
 
 
 def check_device(probe: Probe, *, write: bool, on_part: OnPart = no_progress) -> Findings:
-    """Test every clause. ``write``: also upload into an inactive bank. ``on_part``: called with the name of each part."""
+    """Check all clauses and return the findings. ``write``: also upload into an inactive bank. ``on_part``: called with the
+    name of each part of the check before it starts."""
     findings = Findings()
     on_part("identity")
     check_identity(probe, findings)
@@ -86,14 +87,14 @@ def check_device(probe: Probe, *, write: bool, on_part: OnPart = no_progress) ->
             with findings.trying("4.1", name):
                 part()
     finally:
-        on_part("giving back")
-        _give_back(probe, before, findings)
+        on_part("restoring")
+        _restore(probe, before, findings)
     check_record(probe, findings)
     return findings
 
 
 def _ready(probe: Probe) -> Mapping[str, Value]:
-    """Stop the cycle and return the housekeeping before it. Raises Conflict if a bank is on trial."""
+    """Return the current housekeeping, then stop the cycle. Raises Conflict if a bank is on trial."""
     status = probe.status()
     if int(status["confirm_left_s"]):
         raise Conflict(
@@ -107,16 +108,16 @@ def _ready(probe: Probe) -> Mapping[str, Value]:
 
 
 def _restore_settings(probe: Probe, before: Mapping[str, Value]) -> None:
-    """Restore exposure, detection, gain and period. The ranges that are tried leave extremes behind, with which matching may
-    take longer than the dictionary allows."""
+    """Restore exposure, detection, gain and period. The range tests leave extreme values, with which matching can take longer
+    than the dictionary allows."""
     probe.order("SET_EXPOSURE", {"exposure_ms": before["exposure_ms"]})
     probe.order("SET_DETECTION", {name: before[name] for name in DETECTION})
     probe.order("SET_GAIN", {"gain": before["gain"]})
     probe.order("SET_FRAME_RATE", {"period_ms": before["period_ms"]})
 
 
-def _give_back(probe: Probe, before: Mapping[str, Value], findings: Findings) -> None:
-    """Restore settings, mode and cycle; what could not be restored is noted in ``findings.not_restored``."""
+def _restore(probe: Probe, before: Mapping[str, Value], findings: Findings) -> None:
+    """Restore settings, mode and cycle. Settings that cannot be restored are listed in ``findings.not_restored``."""
     try:
         probe.order("ABORT")
         _restore_settings(probe, before)
@@ -135,7 +136,7 @@ def _give_back(probe: Probe, before: Mapping[str, Value], findings: Findings) ->
 def check_identity(probe: Probe, findings: Findings) -> None:
     """Check clauses 3.1 to 3.3."""
     dictionary, hello = probe.dictionary, probe.device.hello
-    used = probe.order("GET_STATUS").request_id
+    status_id = probe.order("GET_STATUS").request_id
     with findings.trying("3.1", "HELLO"):
         code, other = dictionary.command("HELLO").code, dictionary.prefix ^ 0xFFFF
         answer = probe.raw(code, b"", command=dictionary.command("HELLO"), prefix=other)
@@ -147,8 +148,8 @@ def check_identity(probe: Probe, findings: Findings) -> None:
         )
         for name in ("profile", "firmware", "serial"):
             findings.check("3.1", name, bool(values[name]), shown(values[name]))
-        least = {"columns": 1, "rows": 1, "bits": 1, "image_slots": 1, "bank_bytes": 1, "boot_count": 1}
-        for name, minimum in (least | {"window_chunks": 1, "max_chunk_bytes": 1}).items():
+        minima = {"columns": 1, "rows": 1, "bits": 1, "image_slots": 1, "bank_bytes": 1, "boot_count": 1}
+        for name, minimum in (minima | {"window_chunks": 1, "max_chunk_bytes": 1}).items():
             findings.check("3.1", name, int(values[name]) >= minimum, shown(values[name]))
         reported, expected = hello.dictionary_hash, dictionary.hash_hex
         findings.check(
@@ -157,8 +158,8 @@ def check_identity(probe: Probe, findings: Findings) -> None:
         findings.check(
             "3.3",
             "last_request_id",
-            int(values["last_request_id"]) >= used,
-            f"{shown(values['last_request_id'])}, used {used}",
+            int(values["last_request_id"]) >= status_id,
+            f"{shown(values['last_request_id'])}, used {status_id}",
         )
 
 
@@ -166,14 +167,14 @@ def check_housekeeping(probe: Probe, findings: Findings) -> None:
     """Check clauses 5.1, 5.2 and 5.4."""
     code = probe.dictionary.packet("housekeeping").code
 
-    def unasked(packet: Packet) -> bool:
+    def is_periodic(packet: Packet) -> bool:
         return packet.type is PacketType.TELEMETRY and packet.code == code and not packet.request_id
 
     times_s = []
     for _ in range(HOUSEKEEPING_PACKETS):
-        received = probe.wait(unasked, 5.0)
-        times_s += [received[-1].time_s] if received and unasked(received[-1]) else []
-    if findings.check("5.1", "packets unasked", len(times_s) == HOUSEKEEPING_PACKETS, f"{len(times_s)} came"):
+        received = probe.wait(is_periodic, 5.0)
+        times_s += [received[-1].time_s] if received and is_periodic(received[-1]) else []
+    if findings.check("5.1", "periodic packets", len(times_s) == HOUSEKEEPING_PACKETS, f"{len(times_s)} received"):
         step_s = median(b - a for a, b in pairwise(times_s))
         findings.check("5.1", "interval", abs(step_s - 1.0) <= RATE_TOLERANCE_S, f"{step_s:.3f} s")
     with findings.trying("5.2", "GET_STATUS"):
@@ -187,25 +188,25 @@ def check_housekeeping(probe: Probe, findings: Findings) -> None:
 
 
 def _unused_code(probe: Probe) -> int:
-    used = {c.code for c in probe.dictionary.commands}
-    return next(code for code in range(255, 0, -1) if code not in used)
+    assigned_codes = {c.code for c in probe.dictionary.commands}
+    return next(code for code in range(255, 0, -1) if code not in assigned_codes)
 
 
 def _frame(probe: Probe, payload: bytes, request_id: int) -> bytes:
-    """Return a packet of GET_STATUS with any payload, not framed."""
+    """Return an encoded GET_STATUS packet with the given payload, without framing."""
     code = probe.dictionary.command("GET_STATUS").code
     return encode_packet(Packet(PacketType.COMMAND, code, request_id, payload, probe.dictionary.prefix, True))
 
 
 def check_damage(probe: Probe, findings: Findings) -> None:
-    """Check clauses 1.2, 1.3 and 1.5: invalid bytes are dropped and counted, without affecting packets around them."""
+    """Check clauses 1.2, 1.3 and 1.5: invalid bytes are dropped and counted, and do not affect other packets."""
     request_id = probe.order("GET_STATUS").request_id
     good = _frame(probe, b"", request_id + 1000)
-    spoiled = good[:-1] + bytes([good[-1] ^ 0x10])
+    with_bad_crc = good[:-1] + bytes([good[-1] ^ 0x10])
     too_long = _frame(probe, bytes(MAX_PACKET_BYTES + 200), request_id + 1000)
     for number, subject, data, damaged in (
         ("1.2", "empty frames", b"\0" * 8, False),
-        ("1.5", "wrong CRC-32", encode_frame(spoiled), True),
+        ("1.5", "wrong CRC-32", encode_frame(with_bad_crc), True),
         ("1.3", "a packet too long", encode_frame(too_long), True),
         ("1.3", "a frame without end", encode_frame(b"\1" * 4 * MAX_PACKET_BYTES), True),
     ):
@@ -216,30 +217,35 @@ def check_damage(probe: Probe, findings: Findings) -> None:
             answered = any(p.request_id == request_id + 1000 for p in received)
             findings.check(number, f"{subject}: no answer", not answered)
             counted = int(probe.status()["frames_bad"]) - before
-            fits = counted >= 1 if damaged else counted == 0
-            findings.check(number, f"{subject}: {'counted' if damaged else 'not counted'}", fits, f"{counted} more")
+            is_as_expected = counted >= 1 if damaged else counted == 0
+            findings.check(
+                number, f"{subject}: {'counted' if damaged else 'not counted'}", is_as_expected, f"{counted} more"
+            )
 
 
 def check_record(probe: Probe, findings: Findings) -> None:
-    """Check clauses 2.1 to 2.4 and 5.3 on all received packets."""
+    """Check clauses 2.1 to 2.4 and 5.3 on all packets that were received during the check."""
     receiver, packets, dictionary = probe.tap.receiver, probe.tap.packets, probe.dictionary
     findings.damaged = receiver.bad_total
     findings.check("2.1", "packets read", bool(packets) and not receiver.unknown, f"{receiver.unknown} unreadable")
     if receiver.bad_total:
-        findings.skip("2.2", "sequence", f"{receiver.bad_total} packets came damaged")
+        findings.skip("2.2", "sequence", f"{receiver.bad_total} packets were received damaged")
     else:
-        off = receiver.sequence.gaps + receiver.sequence.duplicates
+        sequence_errors = receiver.sequence.gaps + receiver.sequence.duplicates
         findings.check(
-            "2.2", "sequence", off == 0, f"{receiver.sequence.gaps} missing, {receiver.sequence.duplicates} twice"
+            "2.2",
+            "sequence",
+            sequence_errors == 0,
+            f"{receiver.sequence.gaps} missing, {receiver.sequence.duplicates} twice",
         )
-    strange = sum(p.prefix != dictionary.prefix for p in packets)
-    findings.check("2.3", "prefix", strange == 0, f"{strange} of {len(packets)} packets carry another")
+    foreign = sum(p.prefix != dictionary.prefix for p in packets)
+    findings.check("2.3", "prefix", foreign == 0, f"{foreign} of {len(packets)} packets have a different prefix")
     reports = [p for p in packets if p.type is PacketType.REPORT]
     findings.check("2.4", "reports", bool(reports) and all(p.request_id or p.payload[:1] == REJECTED for p in reports))
     for row in dictionary.telemetry:
         matching = [p for p in packets if p.type is PacketType.TELEMETRY and p.code == row.code]
         if not matching:
-            findings.skip("5.3", row.name, "none came")
+            findings.skip("5.3", row.name, "no packet was received")
             continue
         records: set[str] = set()
         for packet in matching:

@@ -16,13 +16,13 @@ PASS, FAIL, NOT_CHECKED = "pass", "fail", "not checked"
 
 
 def shown(value: Value) -> str:
-    """Return a value as text for one line."""
+    """Return a value as text; bytes as hexadecimal digits."""
     return value.hex() if isinstance(value, bytes) else str(value)
 
 
 @dataclass(frozen=True)
 class Case:
-    """One test of a clause. ``passed`` None: skipped, ``detail`` gives the reason."""
+    """One test of a clause. ``passed`` is None if the test was skipped; ``detail`` then states the reason."""
 
     subject: str
     passed: bool | None
@@ -58,8 +58,8 @@ class DeviceRecord(TypedDict):
 
 
 class FindingsRecord(TypedDict):
-    """All findings as JSON values. ``dictionary_hash``: of the host's dictionary; ``passed``, ``failed`` and ``not_checked``:
-    number of clauses."""
+    """All findings as JSON values. ``dictionary_hash``: hash of the host's dictionary. ``passed``, ``failed`` and
+    ``not_checked``: numbers of clauses. ``left``: settings of the device that could not be restored."""
 
     device: DeviceRecord
     dictionary_hash: str
@@ -73,32 +73,33 @@ class FindingsRecord(TypedDict):
 
 @dataclass
 class Findings:
-    """Cases by clause. ``not_restored``: settings of the device that could not be restored. ``damaged``: packets received damaged:
-    the check needs a clean line, because a lost packet looks as if the device had not sent it."""
+    """Cases by clause. ``not_restored``: settings of the device that could not be restored. ``damaged``: number of damaged
+    packets received. The check needs an error-free line, because it cannot distinguish a lost packet from a packet that the
+    device did not send."""
 
     cases: dict[str, list[Case]] = field(default_factory=dict)
     not_restored: list[str] = field(default_factory=list)
     damaged: int = 0
 
     def check(self, number: str, subject: str, passed: bool, detail: str = "") -> bool:
-        """Record a test; the clause must exist. Returns ``passed``."""
+        """Record the result of a test and return ``passed``. The clause must exist."""
         self.cases.setdefault(clause(number).number, []).append(Case(subject, passed, detail))
         return passed
 
-    def skip(self, number: str, subject: str, why: str) -> None:
+    def skip(self, number: str, subject: str, reason: str) -> None:
         """Record a skipped test."""
-        self.cases.setdefault(clause(number).number, []).append(Case(subject, None, why))
+        self.cases.setdefault(clause(number).number, []).append(Case(subject, None, reason))
 
     @contextmanager
     def trying(self, number: str, subject: str) -> Iterator[None]:
-        """Record a failure if the device answers invalidly or not at all; a lost line ends the check."""
+        """Record a failure if the device sends an invalid answer or no answer. LinkDown is not caught and ends the check."""
         try:
             yield
         except (Conflict, CorruptData, BadInput) as error:
             self.check(number, subject, False, str(error))
 
     def result(self, clause: Clause) -> str:
-        """Return pass, fail or not checked."""
+        """Return the result of a clause: pass, fail or not checked."""
         tried = [c.passed for c in self.cases.get(clause.number, []) if c.passed is not None]
         if not tried:
             return NOT_CHECKED
@@ -110,7 +111,7 @@ class Findings:
         return [c for c in CLAUSES if self.result(c) == FAIL]
 
     def plain(self, hello: HelloReceived, dictionary_hash: str) -> FindingsRecord:
-        """Return plain values for JSON."""
+        """Return the findings as JSON values."""
         results = [self.result(c) for c in CLAUSES]
         return {
             "device": {
@@ -139,7 +140,7 @@ class Findings:
         }
 
     def _cases(self, clause: Clause) -> list[CaseRecord]:
-        """Return the cases of a clause; without one, the reason."""
+        """Return the cases of a clause. If there are none, return one case that states the reason."""
         cases = self.cases.get(clause.number) or [
             Case("", None, clause.unchecked or "the check ended before this clause")
         ]

@@ -1,4 +1,4 @@
-"""Conformance of the schedule, of power switching and of training commands. Everything scheduled here is cancelled."""
+"""Conformance checks of the schedule, of power switching and of training commands. No entry remains in the schedule."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ IMAGE_COMMANDS = ("TAKE_IMAGE", "RUN_ITERATION")
 
 
 def device_time_s(probe: Probe) -> float:
-    """Return the device's clock from its newest packet."""
+    """Return the device time of the latest packet, in seconds."""
     answer = probe.order("GET_STATUS")
     return answer.packets[-1].time_s if answer.packets else 0.0
 
 
 def is_due(late_s: float) -> bool:
-    """True unless a packet was sent ``late_s`` before its time, beyond the resolution of the header's time."""
+    """True if a packet was not sent before its time. ``late_s``: time of the packet minus scheduled time. A difference within
+    the resolution of the header's time is ignored."""
     return late_s > -HEADER_STEP_S
 
 
 def schedule(probe: Probe, at_s: float, code: int, payload: bytes = b"") -> CommandOutcome:
-    """Send SCHEDULE with unchecked bytes."""
+    """Send SCHEDULE for a command with this code and payload, without checking them."""
     values: dict[str, Value] = {"at_s": at_s, "command_code": code, "length": len(payload)}
     return probe.order("SCHEDULE", values | {"payload": payload.ljust(64, b"\0")})
 
@@ -49,7 +50,7 @@ def check_schedule(probe: Probe, findings: Findings) -> None:
         findings.check("4.15", "not before its time", is_due(late_s), f"{late_s:.3f} s after it")
         housekeeping = dictionary.packet("housekeeping").code
         caused = [p for p in received if p.type is PacketType.TELEMETRY and p.request_id == scheduled.request_id]
-        findings.check("4.15", "its packets carry SCHEDULE's id", any(p.code == housekeeping for p in caused))
+        findings.check("4.15", "its packets have the id of SCHEDULE", any(p.code == housekeeping for p in caused))
     for subject, code, payload, reason in (
         (
             "a code that no command has",

@@ -1,5 +1,5 @@
-"""Checks whether telemetry values are physically possible: by their kind, not by their limits, because a warm sensor does
-not violate the interface."""
+"""Checks that telemetry values are physically possible. Warning limits are not checked, because a warm sensor does not violate
+the interface."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ BY_NAME: tuple[tuple[str, tuple[float, float]], ...] = (
 BY_UNIT = {"%": (0.0, 100.0), "s": (0.0, math.inf), "arcsec": (0.0, math.inf), "DN": (0.0, 65535.0)}
 UNIT_NORM_WITHIN = 1e-4
 SAME_WITHIN_RAD = 2e-4
-"""Largest rotation between a quaternion and the angles beside it."""
+"""Largest permitted rotation between a quaternion and the angles in the same packet."""
 
 
 def possible_range(field: TelemetryField) -> tuple[float, float]:
-    """Return the lowest and highest value that a field can have, given its name, unit or converter."""
+    """Return the lowest and highest possible value of a field. They follow from its name, its unit or its critical limits."""
     for start, bounds in BY_NAME:
         if field.name.startswith(start):
             return bounds
@@ -37,7 +37,7 @@ def possible_range(field: TelemetryField) -> tuple[float, float]:
 
 
 def problems(row: PacketDefinition, message: Decoded) -> Iterator[str]:
-    """Yield the impossible values of a packet. NaN is accepted as unknown."""
+    """Yield a text for each impossible value of a packet. NaN is accepted and means unknown."""
     for field in row.values:
         value = message.values[field.name]
         if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
@@ -53,7 +53,7 @@ def problems(row: PacketDefinition, message: Decoded) -> Iterator[str]:
 
 
 def _other_angles(values: Mapping[str, Value]) -> Iterator[str]:
-    """Yield a text if boresight and roll are not those of the quaternion (docs/conventions.md)."""
+    """Yield a text if boresight and roll do not agree with the quaternion (docs/conventions.md)."""
     names = ("quaternion_x", "quaternion_y", "quaternion_z", "quaternion_w", "ra_deg", "dec_deg", "roll_deg")
     if not all(name in values for name in names):
         return

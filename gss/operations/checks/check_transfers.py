@@ -1,5 +1,5 @@
-"""Conformance of transfers and of ABORT. Only :func:`check_writing` and :func:`check_table_writing` write flash, and restore
-it."""
+"""Conformance checks of transfers and of ABORT. Only :func:`check_writing` and :func:`check_table_writing` write to flash.
+They restore its content."""
 
 from __future__ import annotations
 
@@ -18,20 +18,19 @@ from gss.operations.transfers.flash_banks import CATALOGUES
 LONG_EXPOSURE_MS = 1000
 WHOLE: Mapping[str, Value] = {"held_sha256": bytes(32), "col_px": 0, "row_px": 0, "columns": 0, "rows": 0}
 THUMBNAIL: Mapping[str, Value] = {"kind": "thumbnail", "target": 0, "chunk_bytes": 256, **WHOLE}
-NOWHERE = "no bank can be written: all are active, protected or unfinished"
+NO_FREE_BANK = "no bank can be written: all are active, protected or unfinished"
 
 
 def _silent(_: TransferUpdate) -> None:
-    """Ignore progress."""
+    """Ignore a progress report."""
 
 
-def _said(name: str, reply: Mapping[str, Value]) -> str:
+def _reply_text(name: str, reply: Mapping[str, Value]) -> str:
     return f"{name or 'no answer'} {shown(reply.get('reason', ''))}".strip()
 
 
 def check_downloads(probe: Probe, findings: Findings) -> None:
-    """Check clauses 6.1 and 6.5: a thumbnail, the active catalogue against its bank_info, and requests for content that does
-    not exist."""
+    """Check clauses 6.1 and 6.5: a thumbnail, the active catalogue compared with its bank_info, and invalid requests."""
     exposure = probe.order("TAKE_IMAGE", {"slot": 0})
     with findings.trying("6.5", "thumbnail"):
         done = probe.device.download("thumbnail", 0, _silent)
@@ -53,7 +52,7 @@ def check_downloads(probe: Probe, findings: Findings) -> None:
         request_id = probe.transfer("OPEN_DOWNLOAD", {**values, **WHOLE})
         name, reply = probe.transfer_reply(request_id)
         refused = name == "ABORT_TRANSFER" and reply["session"] == 0
-        findings.check("6.1", subject, refused, _said(name, reply))
+        findings.check("6.1", subject, refused, _reply_text(name, reply))
     code = probe.dictionary.service("OPEN_DOWNLOAD").code
     unknown_kind = bytes([255]) + encode(probe.dictionary.service("OPEN_DOWNLOAD").fields, THUMBNAIL)[1:]
     for subject, payload, reason in (
@@ -61,7 +60,7 @@ def check_downloads(probe: Probe, findings: Findings) -> None:
         ("an empty OPEN", b"", "bad_length"),
     ):
         name, reply = probe.transfer_reply(probe.send(PacketType.TRANSFER, code, payload))
-        findings.check("6.1", subject, name == "ABORT_TRANSFER" and reply["reason"] == reason, _said(name, reply))
+        findings.check("6.1", subject, name == "ABORT_TRANSFER" and reply["reason"] == reason, _reply_text(name, reply))
     request_id = probe.transfer("OPEN_DOWNLOAD", THUMBNAIL)
     name, reply = probe.transfer_reply(request_id)
     if findings.check("6.1", "a thumbnail", name == "OPENED", name or "no answer"):
@@ -75,7 +74,7 @@ def _give_up(reply: Mapping[str, Value]) -> dict[str, Value]:
 
 
 def check_upload_refusals(probe: Probe, findings: Findings) -> None:
-    """Check clause 6.6. The bank's own content is offered, so that a device which wrongly accepts it loses nothing."""
+    """Check clause 6.6. The bank's current content is offered, so a device that wrongly accepts the upload loses no data."""
     for bank in probe.banks():
         if not (bank["active"] or bank["write_protected"]) or not bank["size_bytes"]:
             continue
@@ -83,13 +82,13 @@ def check_upload_refusals(probe: Probe, findings: Findings) -> None:
         name, reply = probe.transfer_reply(request_id)
         refused = name == "ABORT_TRANSFER" and reply["reason"] in ("bank_active", "write_protected")
         kind = "active" if bank["active"] else "write protected"
-        findings.check("6.6", f"bank {shown(bank['bank'])} ({kind})", refused, _said(name, reply))
+        findings.check("6.6", f"bank {shown(bank['bank'])} ({kind})", refused, _reply_text(name, reply))
         if name == "OPENED":
             probe.transfer("ABORT_TRANSFER", _give_up(reply), request_id)
 
 
 def _offer(probe: Probe, bank: Mapping[str, Value]) -> dict[str, Value]:
-    """Return OPEN_UPLOAD values for a bank's own content into that bank."""
+    """Return OPEN_UPLOAD values for an upload of a bank's current content to the same bank."""
     hello, dictionary = probe.device.hello, probe.dictionary
     same = ("size_bytes", "sha256", "profile", "format_version", "epoch_jyear", "stars", "pairs")
     return {name: bank[name] for name in same} | {
@@ -102,7 +101,7 @@ def _offer(probe: Probe, bank: Mapping[str, Value]) -> dict[str, Value]:
 
 
 def check_aborts(probe: Probe, findings: Findings) -> None:
-    """Check clause 4.13: the cycle, a running command, an open transfer."""
+    """Check clause 4.13: ABORT stops the cycle, a running command, and an open transfer."""
     probe.order("SET_MODE", {"mode": "lost_in_space"})
     probe.order("START_CYCLE")
     running = probe.status()["cycle_running"]
@@ -120,7 +119,7 @@ def check_aborts(probe: Probe, findings: Findings) -> None:
 
 
 def _check_running_command(probe: Probe, findings: Findings) -> None:
-    """Stop a long exposure."""
+    """Check that ABORT stops a long exposure."""
     command = probe.dictionary.command("TAKE_IMAGE")
     payload = probe.payload(command, {"slot": 0, "exposure_ms": LONG_EXPOSURE_MS})
     start = len(probe.tap.packets)
@@ -132,12 +131,12 @@ def _check_running_command(probe: Probe, findings: Findings) -> None:
 
 
 def check_writing(probe: Probe, findings: Findings) -> None:
-    """Check clause 6.7 with an unused bank, and restore the bank's content."""
+    """Check clause 6.7 with an inactive bank, then restore the bank's content."""
     banks = probe.banks()
     active = next(b for b in banks if b["active"])
     free = [b for b in banks if not b["active"] and not b["write_protected"] and b["state"] in ("empty", "committed")]
     if not free:
-        findings.skip("6.7", "upload", NOWHERE)
+        findings.skip("6.7", "upload", NO_FREE_BANK)
         return
     free.sort(key=lambda b: b["state"] != "empty")
     bank = free[0]
@@ -156,7 +155,7 @@ def check_writing(probe: Probe, findings: Findings) -> None:
             _put_back(probe, findings, name, old_content)
         after = next(b for b in probe.banks() if b["bank"] == name)
         same = (after["state"], after["sha256"]) == (bank["state"], bank["sha256"])
-        findings.check("6.7", f"bank {name} as it was", same, shown(after["state"]))
+        findings.check("6.7", f"bank {name}: previous content restored", same, shown(after["state"]))
 
 
 def _check_upload(probe: Probe, findings: Findings, name: str, image: bytes) -> None:
@@ -170,7 +169,7 @@ def _check_upload(probe: Probe, findings: Findings, name: str, image: bytes) -> 
     fits = reported["state"] == "committed" and reported["sha256"] == bytes.fromhex(sha256) and not reported["active"]
     findings.check("6.7", f"bank {name}: bank_info", fits, shown(reported["state"]))
     back = probe.device.download("catalogue", CATALOGUES.number(probe.operations, name), _silent).data
-    findings.check("6.7", f"bank {name}: the same bytes come back", back == image, f"{len(back)} B")
+    findings.check("6.7", f"bank {name}: downloaded content is identical", back == image, f"{len(back)} B")
 
 
 def _put_back(probe: Probe, findings: Findings, name: str, content: bytes) -> None:
@@ -181,7 +180,7 @@ def _put_back(probe: Probe, findings: Findings, name: str, content: bytes) -> No
         else:
             probe.order("ERASE_BANK", {"bank": name})
     except (Conflict, CorruptData) as error:
-        findings.not_restored.append(f"bank {name} does not hold what it held: {error}")
+        findings.not_restored.append(f"the previous content of bank {name} was not restored: {error}")
 
 
 def check_table_writing(probe: Probe, findings: Findings) -> None:
@@ -203,10 +202,14 @@ def check_table_writing(probe: Probe, findings: Findings) -> None:
             read = verified.last.values.get("sha256") if verified.last else None
             findings.check("6.17", f"calibration {bank}: verified", read == bytes.fromhex(sha256), verified.text)
             back = probe.device.download("calibration", numbers[bank], _silent).data
-            findings.check("6.17", f"calibration {bank}: the same bytes come back", back == data, f"{len(back)} B")
+            findings.check(
+                "6.17", f"calibration {bank}: downloaded content is identical", back == data, f"{len(back)} B"
+            )
             with_damage = data[:-1] + bytes([data[-1] ^ 1])
             probe.order("ERASE_TABLE", {"table": "calibration", "bank": bank})
-            findings.check("6.17", "a damaged one", _refused_at_commit(probe, with_damage, numbers[bank], version))
+            findings.check(
+                "6.17", "a damaged table is rejected", _refused_at_commit(probe, with_damage, numbers[bank], version)
+            )
         finally:
             probe.order("ERASE_TABLE", {"table": "calibration", "bank": bank})
 

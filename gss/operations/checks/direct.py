@@ -1,4 +1,5 @@
-"""Drives a device on a port without a server, for scripts: one operation at a time; the port is closed at the end."""
+"""Direct access to a device on a port, for scripts that run without a server. Operations run one at a time. The port is closed
+at the end."""
 
 from __future__ import annotations
 
@@ -38,7 +39,7 @@ Watch = Callable[[TransferUpdate], None]
 
 
 class DirectDevice:
-    """A host session driven by the caller's own thread."""
+    """A host session that runs in the caller's thread."""
 
     def __init__(
         self,
@@ -68,14 +69,15 @@ class DirectDevice:
         return self._finish(transfer_id, f"the upload of {kind} {target}", watch).sha256
 
     def download(self, kind: str, target: int, watch: Watch, part: Part | None = None) -> TransferDone:
-        """Download the content of a slot or bank, or a part of an image. The hash in the result is the one that the device
+        """Download the content of a slot or bank, or a part of an image. The result contains the hash that the device
         reported."""
         transfer_id = self._session.transfers.start_download(kind, target, part=part)
         return self._finish(transfer_id, f"the download of {kind} {target}", watch)
 
     def _finish(self, transfer_id: int, transfer_name: str, watch: Watch) -> TransferDone:
-        """Wait for the end of a transfer. Raises Conflict if the device ends it, LinkDown if it stalls or the line ends."""
-        stored_bytes, moved_s = -1, self._now_s()
+        """Wait for the end of a transfer and return its result. Raises Conflict if the transfer fails or is aborted, LinkDown
+        if it stalls or the line closes."""
+        stored_bytes, progress_s = -1, self._now_s()
         for event in self._events():
             if isinstance(event, TransferDone) and event.transfer_id == transfer_id:
                 return event
@@ -84,13 +86,14 @@ class DirectDevice:
                 if event.state in ENDS:
                     raise Conflict(f"{transfer_name} ended as {event.state}", got=event.reason)
                 if event.stored_bytes != stored_bytes:
-                    stored_bytes, moved_s = event.stored_bytes, self._now_s()
-            if self._now_s() - moved_s > STALLED_S:
+                    stored_bytes, progress_s = event.stored_bytes, self._now_s()
+            if self._now_s() - progress_s > STALLED_S:
                 raise LinkDown(f"{transfer_name} stalled", got=f"no new data stored for {STALLED_S:g} s")
         raise LinkDown(f"the line closed before the end of {transfer_name}")
 
     def command(self, name: str, arguments: Mapping[str, Value]) -> CommandUpdate:
-        """Send a command and wait until it is completed. Raises Conflict if it is rejected, fails or gets no report."""
+        """Send a command, wait until it is completed and return its report. Raises Conflict if the command is rejected, fails
+        or times out."""
         request_id = self._session.submit(self._session.encode(name, arguments))
         for event in self._events():
             if isinstance(event, CommandUpdate) and event.request_id == request_id:
@@ -101,7 +104,7 @@ class DirectDevice:
         raise LinkDown(f"the line closed before the end of {name}")
 
     def watch(self, seconds: float) -> list[SessionEvent]:
-        """Return the events of that time."""
+        """Run the session for this time and return its events."""
         events: list[SessionEvent] = []
         end_s = self._now_s() + seconds
         while self._now_s() < end_s:
@@ -109,7 +112,7 @@ class DirectDevice:
         return events
 
     def disturb(self, data: bytes) -> None:
-        """Write noise."""
+        """Write bytes to the line that are not a valid packet."""
         self._stream.write(data)
 
     def _meet(self) -> HelloReceived:
@@ -122,7 +125,7 @@ class DirectDevice:
         raise LinkDown(f"no response from the device within {HELLO_WITHIN_S:g} s", hint="check port and power")
 
     def turn(self) -> list[SessionEvent]:
-        """Read the available bytes, waiting at most ``READ_WAIT_S``, and write what is due. Return the session's events."""
+        """Read the available bytes, waiting at most ``READ_WAIT_S``, and write pending packets. Return the session's events."""
         data = self._stream.read(READ_BYTES, READ_WAIT_S)
         events = list(self._session.feed(data, self._now_s()))
         out, polled = self._session.poll(self._now_s())
@@ -131,7 +134,7 @@ class DirectDevice:
         return events + polled
 
     def _events(self) -> Iterator[SessionEvent | None]:
-        """Yield the session's events, and None after each turn without any so that the caller can check its deadline."""
+        """Yield the session's events. Yield None after each turn without events, so the caller can check its deadline."""
         while True:
             events = self.turn()
             yield from events
@@ -143,7 +146,7 @@ class DirectDevice:
 def direct_device(
     url: str, instrument: Instrument, monotonic_s: Monotonic, signer: PacketSigner | None = None
 ) -> Iterator[DirectDevice]:
-    """Open the device of that instrument on that port and wait until it has answered; close the port at the end."""
+    """Open the device of an instrument on a port and wait for its answer. Close the port at the end."""
     stream = open_stream(url, instrument.link.baud or DEFAULT_BAUD)
     try:
         yield DirectDevice(stream, open_driver(instrument, signer=signer), instrument.dictionary, monotonic_s)

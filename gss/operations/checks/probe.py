@@ -1,4 +1,5 @@
-"""Sends commands and messages without the host's checks and collects all responses, for ``gss check device``."""
+"""Probe of a device for ``gss check device``. It sends commands and messages without the host's checks and collects all
+responses."""
 
 from __future__ import annotations
 
@@ -22,11 +23,11 @@ FINAL = ("rejected", "completed", "failed")
 UNREADABLE = "unreadable"
 """Stage of a report that does not fit its layout."""
 QUIET_S = 0.7
-"""A device that does not answer within this time on an idle line is taken as not answering."""
+"""If the line is idle and no answer arrives within this time, the device is assumed not to answer."""
 
 
 class Tap:
-    """A line that keeps a copy of the received packets, except chunks, which are too many."""
+    """A line that records the received packets. Chunks are not recorded because there are too many."""
 
     def __init__(self, stream: ByteStream, chunk_code: int) -> None:
         self._stream, self._chunk_code, self.url = stream, chunk_code, stream.url
@@ -34,7 +35,7 @@ class Tap:
         self.packets: list[Packet] = []
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """See :class:`ByteStream`; also records the received packets."""
+        """Read bytes as :class:`ByteStream` does, and record the received packets."""
         data = self._stream.read(max_bytes, timeout_s)
         received = self.receiver.feed(data)
         self.packets += [p for p in received if p.type is not PacketType.TRANSFER or p.code != self._chunk_code]
@@ -77,12 +78,12 @@ class CommandOutcome:
 
     @property
     def last(self) -> ReceivedReport | None:
-        """The last report received; None without one."""
+        """The last report received, None if there is none."""
         return self.reports[-1] if self.reports else None
 
     @property
     def text(self) -> str:
-        """The stages as one line of text."""
+        """The stages and reasons of the reports as one line of text."""
         parts = [f"{r.stage} ({r.reason})" if r.reason != "none" else r.stage for r in self.reports]
         return ", ".join(parts) or "no report"
 
@@ -92,7 +93,7 @@ class CommandOutcome:
 
 
 class Probe:
-    """A device with a tap on its line. ``monotonic_s``: the ground's monotonic clock."""
+    """A device and a tap on its line. ``monotonic_s``: monotonic clock of the host."""
 
     def __init__(
         self, stream: ByteStream, dictionary: Dictionary, monotonic_s: Monotonic, signer: PacketSigner | None = None
@@ -113,12 +114,13 @@ class Probe:
         self, kind: PacketType, code: int, payload: bytes, *, request_id: int | None = None, prefix: int | None = None
     ) -> int:
         """Send a packet built by the caller, without any checks. Return its request id."""
-        used, frame = self._session.craft(kind, code, payload, request_id=request_id, prefix=prefix)
+        sent_id, frame = self._session.craft(kind, code, payload, request_id=request_id, prefix=prefix)
         self.tap.write(frame)
-        return used
+        return sent_id
 
     def wait(self, done: Callable[[Packet], bool], within_s: float) -> list[Packet]:
-        """Return the packets received until ``done`` is True for one, which is then the last, or until the time is over."""
+        """Return the packets received until ``done`` is True for a packet or until the timeout. If ``done`` was True, that
+        packet is the last one."""
         return self._collect(len(self.tap.packets), done, within_s)
 
     def _collect(self, start: int, done: Callable[[Packet], bool], within_s: float) -> list[Packet]:
@@ -137,7 +139,8 @@ class Probe:
     def order(
         self, name: str, arguments: Mapping[str, Value] | None = None, *, request_id: int | None = None
     ) -> CommandOutcome:
-        """Send a command by name, with defaults for missing arguments, without the host's range checks."""
+        """Send a command by name without the host's range checks and return its outcome. Missing arguments have their default
+        values."""
         command = self.dictionary.command(name)
         return self.raw(command.code, self.payload(command, arguments or {}), command=command, request_id=request_id)
 
@@ -155,25 +158,25 @@ class Probe:
         request_id: int | None = None,
         prefix: int | None = None,
     ) -> CommandOutcome:
-        """Send a command packet and collect its answer. ``command`` gives the timeouts."""
+        """Send a command packet and collect the response. ``command`` defines the timeouts."""
         accept_s, complete_s = (command.accept_s, command.complete_s) if command else (2.0, 2.0)
         start, before_s = len(self.tap.packets), self._now_s()
-        used = self.send(PacketType.COMMAND, code, payload, request_id=request_id, prefix=prefix)
+        sent_id = self.send(PacketType.COMMAND, code, payload, request_id=request_id, prefix=prefix)
         reports: list[ReceivedReport] = []
         window_s = accept_s
         while not reports or reports[-1].stage not in (*FINAL, UNREADABLE):
             at = len(self.tap.packets) if reports else start
-            received = self._collect(max(at, start), lambda p: self._reports_on(p, used), window_s)
-            if not received or not self._reports_on(received[-1], used):
+            received = self._collect(max(at, start), lambda p: self._reports_on(p, sent_id), window_s)
+            if not received or not self._reports_on(received[-1], sent_id):
                 break
-            # Several reports may have arrived in one turn, so take all new ones in order.
-            new = [p for p in self.tap.packets[start:] if self._reports_on(p, used)][len(reports) :]
+            # Several reports can arrive in one turn. All new reports are processed in order.
+            new_reports = [p for p in self.tap.packets[start:] if self._reports_on(p, sent_id)][len(reports) :]
             now_s = self._now_s()
-            for packet in new:
+            for packet in new_reports:
                 reports.append(self._report(packet, now_s - before_s))
                 before_s = now_s
             window_s = complete_s
-        return CommandOutcome(used, tuple(reports), tuple(self.tap.packets[start:]))
+        return CommandOutcome(sent_id, tuple(reports), tuple(self.tap.packets[start:]))
 
     @staticmethod
     def _reports_on(packet: Packet, request_id: int) -> bool:
@@ -192,20 +195,20 @@ class Probe:
         return ReceivedReport(stage, reason, detail, bool(reported["replayed"]), packet.code, values, after_s)
 
     def reports(self, request_id: int, start: int) -> list[ReceivedReport]:
-        """Return the reports on a request among the packets from ``start`` on; their times are unknown."""
+        """Return the reports on a request in the packets from index ``start``. Their ``after_s`` is 0 because it is unknown."""
         matching = [p for p in self.tap.packets[start:] if self._reports_on(p, request_id)]
         return [self._report(p, 0.0) for p in matching]
 
     # --- reports from the device --------------------------------------------------------------------------------
 
     def telemetry(self, packets: tuple[Packet, ...] | list[Packet], name: str) -> list[Decoded]:
-        """Return the telemetry of one name among packets. Raises CorruptData if it does not fit its layout."""
+        """Return the decoded telemetry packets with this name. Raises CorruptData if a packet does not match its layout."""
         row = self.dictionary.packet(name)
         matching = [p for p in packets if p.type is PacketType.TELEMETRY and p.code == row.code]
         return [decode(row.fields, p.payload) for p in matching]
 
     def status(self) -> Mapping[str, Value]:
-        """Return current housekeeping in engineering units. Raises Conflict if none arrives."""
+        """Return the current housekeeping in engineering units. Raises Conflict if no housekeeping packet arrives."""
         answer = self.order("GET_STATUS")
         received = self.telemetry([p for p in answer.packets if p.request_id == answer.request_id], "housekeeping")
         if not received:
@@ -223,7 +226,7 @@ class Probe:
         return self.send(PacketType.TRANSFER, row.code, encode(row.fields, values), request_id=request_id)
 
     def transfer_reply(self, request_id: int, within_s: float = 3.0) -> tuple[str, Mapping[str, Value]]:
-        """Return name and values of the next OPENED or ABORT_TRANSFER for a request; "" if none arrives."""
+        """Return the name and values of the next OPENED or ABORT_TRANSFER for a request. The name is "" if no reply arrives."""
         codes = {self.dictionary.service(name).code: name for name in ("OPENED", "ABORT_TRANSFER")}
 
         def fits(packet: Packet) -> bool:

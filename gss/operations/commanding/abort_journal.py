@@ -1,4 +1,4 @@
-"""A small file of the ABORTs that are not in the database yet, for a server that ends while the database is locked."""
+"""File of the ABORTs that are not stored in the database. It preserves them if the server ends while the database is locked."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ log = logging.getLogger("gss.commands")
 
 @dataclass(frozen=True)
 class IssuedAbort:
-    """An ABORT as it was queued for the line. ``at``: ISO 8601, UTC."""
+    """An ABORT that was queued for the line. ``at``: ISO 8601, UTC."""
 
     request_id: int
     user: str
@@ -24,26 +24,27 @@ class IssuedAbort:
 
     @property
     def moment(self) -> datetime:
-        """``at`` as a time."""
+        """``at`` as a datetime."""
         return datetime.fromisoformat(self.at)
 
 
 class AbortJournal:
-    """JSON lines, one per ABORT. A disk that takes nothing delays nothing: the failure is logged."""
+    """File of JSON lines, one line per ABORT. If the file cannot be written, the failure is logged and ABORT is not delayed."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._lock = path, threading.Lock()
         self._recorded_early: set[int] = set()
-        """Recorded before ``add`` was called: the dispatcher may be quicker than the thread that issued the ABORT."""
+        """Request ids that were recorded before ``add`` was called, because the dispatcher can be faster than the thread that
+        issued the ABORT."""
         self._open: dict[int, IssuedAbort] = {entry.request_id: entry for entry in self._read()}
 
     def entries(self) -> list[IssuedAbort]:
-        """The ABORTs that are not recorded, oldest first."""
+        """Return the ABORTs that are not recorded, oldest first."""
         with self._lock:
             return [self._open[number] for number in sorted(self._open)]
 
     def add(self, entry: IssuedAbort) -> None:
-        """Note an ABORT that was queued, unless it is recorded already."""
+        """Add a queued ABORT if it is not recorded already."""
         with self._lock:
             if entry.request_id in self._recorded_early:
                 self._recorded_early.remove(entry.request_id)
@@ -52,7 +53,7 @@ class AbortJournal:
             self._write()
 
     def remove(self, request_id: int) -> None:
-        """The database has it."""
+        """Remove an ABORT after it was recorded in the database."""
         with self._lock:
             if self._open.pop(request_id, None) is None:
                 self._recorded_early.add(request_id)
@@ -69,6 +70,6 @@ class AbortJournal:
         entries = []
         with contextlib.suppress(OSError):
             for line in self._path.read_text().splitlines():
-                with contextlib.suppress(ValueError, TypeError):  # a line that a crash cut off
+                with contextlib.suppress(ValueError, TypeError):  # a crash can truncate a line
                     entries.append(IssuedAbort(**json.loads(line)))
         return entries

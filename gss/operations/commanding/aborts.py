@@ -1,4 +1,4 @@
-"""ABORT: queued for the line at once, recorded when the store can take it."""
+"""ABORT: queued for the line immediately, and recorded when the store is available."""
 
 from __future__ import annotations
 
@@ -19,29 +19,30 @@ from gss.operations.line.link import LinkService
 from gss.store.models import Command
 
 RECORD_WITHIN_S = 10.0
-"""Longer than a locked store is waited for."""
+"""Maximum time to wait for the row of an ABORT. It exceeds the time that the store waits for a lock."""
 
 
 @dataclass(frozen=True)
 class AbortReceipt:
-    """ABORT is queued for the line and leaves next. ``at``: when it was queued; ``recorded``: resolves to its row."""
+    """Receipt of an ABORT that is at the head of the line's queue. ``at``: time at which it was queued. ``recorded``: resolves to
+    its row."""
 
     request_id: int
     at: datetime
     recorded: Future[Command]
 
     def row(self, within_s: float = RECORD_WITHIN_S) -> Command:
-        """The command's row. StoreDown if it is not stored within that time; ABORT is queued for the line all the same."""
+        """Return the row of the ABORT. Raises StoreDown if it is not stored within this time; ABORT is sent nevertheless."""
         try:
             return self.recorded.result(within_s)
         except TimeoutError:
             raise StoreDown(
-                "ABORT is queued for sending but not stored yet", hint="check the database and the disk"
+                "ABORT is queued for sending but is not stored", hint="check the database and the disk"
             ) from None
 
 
 class Aborts:
-    """Issues ABORT without waiting for anything, and records it from the event queue."""
+    """Issues ABORT without waiting, and records it when the dispatcher handles its event."""
 
     def __init__(
         self,
@@ -55,18 +56,18 @@ class Aborts:
         self._link, self._recorder, self._bus, self._now, self._writes = link, recorder, bus, now, writes
         self._journal = journal
         self.count = 0
-        """ABORTs issued since the server started."""
+        """Number of ABORTs issued since the server started."""
         self._newest_id = 0
 
     def issue(self, user: str, source: str) -> AbortReceipt:
-        """Send ABORT ahead of everything, without checks and without waiting for the store.
+        """Queue ABORT before all other packets, without checks and without waiting for the store.
 
-        Commands that still wait in the queue are withdrawn: they must not run after everything was stopped. Raises Conflict while
-        the line is down; nothing is sent then.
+        Commands that are waiting in the queue are withdrawn, because they must not run after the ABORT. If the line is down,
+        raises Conflict and nothing is sent.
         """
         self._link.roles.operations.require(Operation.ABORT)
         with self._link.lock:
-            if not self._link.line_is_open:  # the session would keep it for the next line
+            if not self._link.line_is_open:  # the session would send it at the next contact
                 raise Conflict(
                     "ABORT was not sent: the line is down", got=self._link.reason, hint="open the port first"
                 )
@@ -79,11 +80,12 @@ class Aborts:
         return AbortReceipt(issued.request_id, issued.at, issued.recorded)
 
     def stops(self, request_id: int, count: int | None) -> bool:
-        """True if an ABORT overtook the command with that id, or was issued after ``count`` ABORTs. Hold ``LinkService.lock``."""
+        """True if an ABORT stops the command with this id: it was issued after the id was reserved, or the number of ABORTs is
+        no longer ``count`` (None: not checked). The caller must hold ``LinkService.lock``."""
         return request_id < self._newest_id or count not in (None, self.count)
 
     def record(self, issued: AbortIssued) -> None:
-        """Store an ABORT's row; what it withdrew and its event follow as separate writes."""
+        """Store the row of an ABORT. The withdrawn commands and the event are stored by separate writes."""
         contact_id, names = self._link.contact_id, (issued.user, issued.source)
         abort = self._link.roles.operations.command(Operation.ABORT)
         row = self._recorder.add(issued.request_id, abort, {}, *names, contact_id, None, issued.at)

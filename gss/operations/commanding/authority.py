@@ -1,11 +1,10 @@
-"""Command authority: one operator commands at a time. Authority is taken, released, handed over, or broken with a reason; each
-change is recorded.
+"""Command authority: only one operator can send commands at a time. Authority is taken, released, handed over, or broken with a
+reason. Each change is recorded.
 
-A hand-over needs both sides: one user requests authority and the holder accepts, or the holder offers it and the named user
-accepts. One request or offer waits for an answer at a time.
+A hand-over needs both users: a user requests authority and the holder accepts, or the holder offers it and the named user
+accepts. Only one request or offer can wait for an answer at a time.
 
-It survives a restart of the server: the holder remains the holder. Commands that the server sends on its own behalf are exempt,
-and so is ABORT.
+The holder remains the holder after a restart of the server. Commands of the server itself and ABORT do not need authority.
 """
 
 from __future__ import annotations
@@ -33,38 +32,39 @@ TAKE = "authority.take"
 
 @dataclass(frozen=True)
 class AuthorityState:
-    """The holder's row (None if there is no holder) and previous holders, newest first."""
+    """State of command authority. ``holder``: row of the holder, None if there is no holder. ``history``: latest rows, newest
+    first."""
 
     holder: Authority | None
     history: Sequence[Authority]
 
 
 class AuthorityService:
-    """Controls which operator may command."""
+    """Controls which operator can send commands."""
 
     def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
         self._database, self._bus, self._now = database, bus, now
         self._lock = threading.Lock()
 
     def state(self) -> AuthorityState:
-        """Return the holder and the newest entries of the history."""
+        """Return the holder and the latest entries of the history."""
         with self._database.unit_of_work() as session:
             return AuthorityState(store.holder(session), store.newest(session, HISTORY))
 
     def holder(self) -> str | None:
-        """Return the holder's name; None if there is no holder."""
+        """Return the name of the holder, None if there is no holder."""
         with self._database.unit_of_work() as session:
             row = store.holder(session)
             return row.holder if row else None
 
     def check(self, user: str) -> None:
-        """Raise Conflict, with the holder's name, if another user holds authority."""
+        """Raise Conflict with the holder's name if another user holds authority."""
         holder = self.holder()
         if holder is not None and holder != user:
             raise _held_by(holder)
 
     def require(self, user: str) -> None:
-        """As ``check``; if there is no holder, the user takes authority by commanding."""
+        """Raise Conflict if another user holds authority. If there is no holder, the user takes authority."""
         with self._lock:
             holder = self.holder()
             if holder is None:
@@ -76,8 +76,8 @@ class AuthorityService:
         self._record_event("ok", f"{user} took command authority with the first command", user)
 
     def take(self, user: str) -> AuthorityState:
-        """Take authority if there is no holder; no effect if the user already holds it. Raises Conflict if another user
-        holds it."""
+        """Take authority if there is no holder. Has no effect if the user already holds it. Raises Conflict if another user holds
+        it."""
         with self._lock:
             holder = self.holder()
             if holder is not None and holder != user:
@@ -89,7 +89,7 @@ class AuthorityService:
         return self.state()
 
     def release(self, user: str) -> AuthorityState:
-        """Release authority. Raises Conflict unless the user holds it."""
+        """Release authority. Raises Conflict if the user does not hold it."""
         with self._lock, self._database.unit_of_work() as session:
             row = _of_holder(store.holder(session), user, "release")
             store.end(session, row, self._now(), user, "released")
@@ -97,7 +97,7 @@ class AuthorityService:
         return self.state()
 
     def request(self, user: str, note: str) -> AuthorityState:
-        """Request authority from its holder. Raises Conflict if no other user holds it, or another request or offer waits for
+        """Request authority from its holder. Raises Conflict if no other user holds it, or if another request or offer waits for
         an answer."""
         checked_note = _note(note)
         with self._lock, self._database.unit_of_work() as session:
@@ -105,12 +105,12 @@ class AuthorityService:
             _check_none_waits(row)
             store.put_transfer(session, row, REQUEST, checked_user(user), checked_note, self._now())
             holder = row.holder
-        self._record_event("watch", f"{user} requested command authority from {holder}{_said(checked_note)}", user)
+        self._record_event("watch", f"{user} requested command authority from {holder}{_suffix(checked_note)}", user)
         return self.state()
 
     def offer(self, user: str, to: str, note: str) -> AuthorityState:
-        """Offer authority to another user. Raises Conflict unless the user holds it and no request or offer waits for an
-        answer; NotFound unless ``to`` is an enabled user whose role may hold authority."""
+        """Offer authority to the user ``to``. Raises Conflict if the caller does not hold authority or a request or offer waits for
+        an answer, NotFound if ``to`` is not another enabled user whose role has the permission to hold authority."""
         checked_note = _note(note)
         with self._lock, self._database.unit_of_work() as session:
             row = _of_holder(store.holder(session), user, "offer")
@@ -124,11 +124,11 @@ class AuthorityService:
                 )
             store.put_transfer(session, row, OFFER, other.name, checked_note, self._now())
             name = other.name
-        self._record_event("watch", f"{user} offered command authority to {name}{_said(checked_note)}", user)
+        self._record_event("watch", f"{user} offered command authority to {name}{_suffix(checked_note)}", user)
         return self.state()
 
     def accept(self, user: str, note: str) -> AuthorityState:
-        """Hand authority over: the holder accepts a request, or the named user accepts an offer. Raises Conflict if no
+        """Accept a request (as the holder) or an offer (as the named user), which hands authority over. Raises Conflict if no
         request or offer waits for this user's answer."""
         checked_note = _note(note)
         with self._lock, self._database.unit_of_work() as session:
@@ -140,31 +140,31 @@ class AuthorityService:
             ):
                 raise Conflict("no request or offer of command authority waits for your answer", got=_waiting(row))
             before, after, text = row.holder, row.transfer_user, checked_note or row.transfer_note
-            store.end(session, row, self._now(), user, f"handed over to {after}{_said(text)}")
+            store.end(session, row, self._now(), user, f"handed over to {after}{_suffix(text)}")
             session.flush()
             store.take(session, checked_user(after), self._now())
-        self._record_event("ok", f"{before} handed command authority over to {after}{_said(text)}", user)
+        self._record_event("ok", f"{before} handed command authority over to {after}{_suffix(text)}", user)
         return self.state()
 
     def decline(self, user: str, note: str) -> AuthorityState:
-        """Refuse or withdraw the request or offer that waits for an answer. Raises Conflict if none concerns this user."""
+        """Refuse or withdraw the request or offer that waits for an answer. Raises Conflict if it does not concern this user."""
         checked_note = _note(note)
         with self._lock, self._database.unit_of_work() as session:
             row = store.holder(session)
             if row is None or not row.transfer or user not in (row.holder, row.transfer_user):
                 raise Conflict("no request or offer of command authority concerns you", got=_waiting(row))
-            maker = row.transfer_user if row.transfer == REQUEST else row.holder
+            initiator = row.transfer_user if row.transfer == REQUEST else row.holder
             other = row.holder if user == row.transfer_user else row.transfer_user
-            owner = "the" if user == maker else f"{other}'s"
-            verb = "withdrew" if user == maker else "refused"
+            owner = "the" if user == initiator else f"{other}'s"
+            verb = "withdrew" if user == initiator else "refused"
             kind = row.transfer
             store.put_transfer(session, row, "", "", "", None)
-        self._record_event("watch", f"{user} {verb} {owner} {kind} of command authority{_said(checked_note)}", user)
+        self._record_event("watch", f"{user} {verb} {owner} {kind} of command authority{_suffix(checked_note)}", user)
         return self.state()
 
     def break_(self, user: str, reason: str) -> AuthorityState:
-        """Take authority from another user, with a reason that is recorded. Raises BadInput without a valid reason, Conflict
-        if no other user holds it."""
+        """Take authority from another user, and record the reason. Raises BadInput without a valid reason, Conflict if no other
+        user holds authority."""
         checked_reason = " ".join(reason.split())
         if not 0 < len(checked_reason) <= MAX_REASON_LENGTH:
             raise BadInput(
@@ -239,5 +239,5 @@ def _note(note: str) -> str:
     return checked
 
 
-def _said(note: str) -> str:
+def _suffix(note: str) -> str:
     return f": {note}" if note else ""

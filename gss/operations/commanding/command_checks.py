@@ -17,7 +17,7 @@ YES = "yes"
 
 @dataclass(frozen=True)
 class PreconditionState:
-    """A precondition, whether it is met (None: not known), and the value that decides it."""
+    """Current state of a precondition. ``met``: None if unknown. ``value``: telemetry value on which it depends, as text."""
 
     text: str
     met: bool | None
@@ -26,7 +26,7 @@ class PreconditionState:
 
 @dataclass(frozen=True)
 class Risk:
-    """The hazard of a command with its arguments, the reason, and the name to type as confirmation."""
+    """Hazard of a command with its arguments. ``name``: name to type as confirmation."""
 
     hazard: Hazard
     reason: str
@@ -34,14 +34,14 @@ class Risk:
 
     @property
     def needs_confirmation(self) -> bool:
-        """True if the operator must confirm or type the name."""
+        """True if the operator must confirm the command or type its name."""
         return self.hazard in (Hazard.WARNING, Hazard.CRITICAL)
 
 
 @dataclass(frozen=True)
 class DryRun:
-    """Result of a dry run. ``groups``: (label, bytes) of the packet before framing; empty if the arguments are invalid.
-    ``holder``: of command authority. ``problems``: reasons why it cannot be sent; a missing confirmation is not one."""
+    """Result of a dry run. ``problems``: reasons why the command cannot be sent, except a missing confirmation. ``groups``: (label,
+    bytes) of the packet before framing; empty if the arguments are not valid. ``holder``: holder of command authority."""
 
     problems: tuple[str, ...]
     preconditions: tuple[PreconditionState, ...]
@@ -53,8 +53,8 @@ class DryRun:
 
 
 def risk_of(operations: StandardOperations, command: CommandDefinition, arguments: Mapping[str, Any]) -> Risk:
-    """Return the higher of the hazards of the command and of its argument values; for SCHEDULE, also of the command that it
-    carries."""
+    """Return the highest hazard of a command with its argument values. For SCHEDULE, the hazard of the scheduled command is
+    included."""
     hazard, reason = command.hazard_for(arguments)
     direct = Risk(hazard, reason, command.name)
     inner = _carried(operations, command, arguments)
@@ -69,8 +69,8 @@ def risk_of(operations: StandardOperations, command: CommandDefinition, argument
 def subsystems_of(
     operations: StandardOperations, command: CommandDefinition, arguments: Mapping[str, Any]
 ) -> frozenset[str]:
-    """Return the subsystems a command belongs to: its own and, for SCHEDULE, that of the command it carries. If the carried
-    command cannot be decoded, all subsystems, so that raw bytes cannot bypass permissions."""
+    """Return the subsystems of a command. For SCHEDULE, the subsystems of the scheduled command are included. If that command
+    cannot be decoded, all subsystems are returned, so raw bytes cannot bypass permissions."""
     if operations.of_command(command.name) is not Operation.SCHEDULE:
         return frozenset({command.subsystem})
     inner = _carried(operations, command, arguments)
@@ -83,7 +83,8 @@ def subsystems_of(
 def _carried(
     operations: StandardOperations, command: CommandDefinition, arguments: Mapping[str, Any]
 ) -> tuple[CommandDefinition, dict[str, Value]] | None:
-    """Return the command that SCHEDULE carries; None for any other command."""
+    """Return the command that SCHEDULE stores on board and its arguments. Return None for other commands and if the scheduled
+    command cannot be decoded."""
     if operations.of_command(command.name) is not Operation.SCHEDULE:
         return None
     return scheduled(operations.dictionary, operations.given(Operation.SCHEDULE, arguments))
@@ -92,7 +93,8 @@ def _carried(
 def scheduled(
     dictionary: Dictionary, arguments: Mapping[str, Any]
 ) -> tuple[CommandDefinition, dict[str, Value]] | None:
-    """Decode the command in the standard arguments of a schedule, with its arguments; None if it cannot be decoded."""
+    """Decode the scheduled command and its arguments from the standard arguments of SCHEDULE. Return None if they cannot be
+    decoded."""
     try:
         command = dictionary.command_of_code(int(arguments[COMMAND_CODE]))
         payload = arguments[PAYLOAD]
@@ -105,7 +107,8 @@ def scheduled(
 
 
 def check_confirmation(risk: Risk, confirm: str) -> None:
-    """Raise BadInput unless a critical command is confirmed by its typed name, or a warning one by "yes" or its name."""
+    """Raise BadInput if a hazardous command is not confirmed. A critical command needs its typed name. A command with the hazard
+    warning needs "yes" or its name."""
     if risk.hazard is Hazard.CRITICAL and confirm != risk.name:
         raise BadInput(f"{risk.name} is critical and was not confirmed", expected=f"the name {risk.name} typed")
     if risk.hazard is Hazard.WARNING and confirm not in (YES, risk.name):
@@ -119,19 +122,21 @@ def precondition_states(
     states = []
     for condition in command.preconditions:
         value = None if housekeeping is None else housekeeping.get(condition.field)
-        states.append(PreconditionState(condition.text, condition.met(housekeeping), _now(condition.field, value)))
+        states.append(
+            PreconditionState(condition.text, condition.met(housekeeping), _value_text(condition.field, value))
+        )
     return tuple(states)
 
 
-def _now(field: str, value: Value | None) -> str:
-    """Return the value as text; for a flag, its own name: "running" or "not running" for ``cycle_running``."""
+def _value_text(field: str, value: Value | None) -> str:
+    """Return a value as text. A flag is described by its name: "running" or "not running" for ``cycle_running``."""
     if isinstance(value, bool):
         return ("" if value else "not ") + field.rsplit("_", 1)[-1]
     return words(value)
 
 
 def check_unit(command: CommandDefinition, hello: HelloReceived | None) -> None:
-    """Raise Conflict if a simulator-only command would go to a device that does not report itself as simulated."""
+    """Raise Conflict if a command is for simulators only and the connected device does not report that it is simulated."""
     if not command.simulator_only or (hello is not None and hello.simulated):
         return
     got = "no response from a device yet" if hello is None else f"{hello.serial or hello.device_model} is real"
@@ -139,7 +144,7 @@ def check_unit(command: CommandDefinition, hello: HelloReceived | None) -> None:
 
 
 def words(value: Any) -> str:
-    """Return a telemetry value as display text."""
+    """Return a telemetry value as text for display."""
     if value is None:
         return "not received"
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value).replace("_", " ")

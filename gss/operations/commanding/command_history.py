@@ -31,7 +31,7 @@ class CommandHistory:
         self._database = database
 
     def page(self, filters: Filter, limit: int, before: int | None = None) -> list[Command]:
-        """Return a page of commands, newest first; ``before``: only those with a smaller id."""
+        """Return a page of commands, newest first. ``before``: return only commands with a smaller id."""
         _check(filters)
         with self._database.unit_of_work() as session:
             return store.page(session, filters, limit, before)
@@ -42,14 +42,14 @@ class CommandHistory:
             return store.facets(session)
 
     def csv(self, filters: Filter) -> Iterator[str]:
-        """Yield all matching commands, oldest first, as CSV lines; arguments, values and stages are JSON in their cell."""
+        """Yield all matching commands as CSV lines, oldest first. The cells for arguments, values and stages contain JSON."""
         _check(filters)
         yield _line(COLUMNS)
         for facts in self.records(filters):
             yield _line([_cell(facts[name]) for name in COLUMNS])
 
     def json(self, filters: Filter) -> Iterator[str]:
-        """Yield all matching commands, oldest first, as pieces of a JSON array."""
+        """Yield all matching commands as parts of a JSON array, oldest first."""
         opening = "[\n"
         for facts in self.records(filters):
             yield opening + json.dumps(facts, ensure_ascii=False)
@@ -57,7 +57,7 @@ class CommandHistory:
         yield "[]\n" if opening == "[\n" else "\n]\n"
 
     def records(self, filters: Filter) -> Iterator[Mapping[str, object]]:
-        """Yield all matching commands, oldest first, as plain values."""
+        """Yield all matching commands as plain values, oldest first."""
         _check(filters)
         with self._database.unit_of_work() as session:
             for row in store.every(session, filters):
@@ -82,7 +82,7 @@ def _facts(row: Command) -> Mapping[str, object]:
 def _cell(value: Any) -> Any:
     if isinstance(value, dict | list):
         return json.dumps(value, ensure_ascii=False)
-    # A leading quote keeps a spreadsheet from running text that begins like a formula.
+    # The leading quote prevents a spreadsheet from evaluating the text as a formula.
     return f"'{value}" if isinstance(value, str) and value[:1] in FORMULA else value
 
 

@@ -1,4 +1,4 @@
-"""The command record: a row per command, with every stage it went through."""
+"""Record of commands: one row per command, with all stages that the command reached."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gss.store.models import CommandStage as StageRow
 
 @dataclass(frozen=True)
 class CommandView:
-    """A command's row, whether the command is idempotent, and whether it may be retried now with the same id."""
+    """A command's row. ``can_retry``: True if the command can be sent again now with the same request id."""
 
     row: Command
     idempotent: bool
@@ -33,7 +33,7 @@ class CommandView:
 
 @dataclass(frozen=True)
 class CommandCompleted(ServiceEvent):
-    """A command completed. ``values``: values returned in its report."""
+    """A command completed. ``values``: values in its report."""
 
     name: str
     arguments: Mapping[str, Any]
@@ -50,7 +50,7 @@ class CommandChanged(ServiceEvent):
 
 
 class CommandRecorder:
-    """Stores rows and stages. Each change is published on the bus and as CommandChanged on the link's event queue."""
+    """Stores rows and stages of commands. Each change is published on the bus and as CommandChanged on the line's event queue."""
 
     def __init__(
         self,
@@ -77,7 +77,7 @@ class CommandRecorder:
         run_id: int | None,
         at: datetime | None = None,
     ) -> Command:
-        """Store and return the row of a command that is about to be queued."""
+        """Store and return the row of a command that will be queued."""
         with self._database.unit_of_work() as session:
             row = store.add(
                 session,
@@ -104,7 +104,7 @@ class CommandRecorder:
         return self._end(command_id, "rejected", detail)
 
     def withdrawn(self, command_id: int, stage: CommandUpdate) -> Command:
-        """Record a withdrawn command. A withdrawn retry leaves the command unknown, as it was before the retry."""
+        """Record that a command was withdrawn. If a retry was withdrawn, the result remains unknown, as before the retry."""
         if stage.stage is Stage.UNKNOWN:
             return self._change(command_id, self._stage("unknown", stage.detail), result="unknown", detail=stage.detail)
         return self._end(command_id, WITHDRAWN, stage.detail)
@@ -135,11 +135,11 @@ class CommandRecorder:
         return self._change(command_id, self._stage("queued", detail), result="queued")
 
     def still_unknown(self, command_id: int, detail: str) -> Command:
-        """Record that a retry was not queued after all: the fate is unknown as before."""
+        """Record that a retry could not be queued. The result remains unknown."""
         return self._change(command_id, self._stage("unknown", detail), result="unknown", detail=detail)
 
     def resolve(self, command_id: int, note: str) -> Command:
-        """Record that an operator resolved a command of unknown fate."""
+        """Record that an operator resolved a command with an unknown result."""
         return self._change(command_id, None, result="resolved", resolved_note=note, finished=self._now())
 
     def _stage(self, name: str, detail: str, at: datetime | None = None) -> StageRow:
@@ -148,7 +148,8 @@ class CommandRecorder:
     # --- reports ------------------------------------------------------------------------------------------------
 
     def follow(self, event: CommandUpdate, at: datetime) -> None:
-        """Store a stage that was reached at ``at``. Commands of the session itself, as HELLO, have no row and are ignored."""
+        """Store a stage that a command reached at ``at``. Commands of the session itself, for example HELLO, have no row and are
+        ignored."""
         if event.stage is Stage.QUEUED:
             return
         with self._lock:
@@ -168,9 +169,9 @@ class CommandRecorder:
         stage = self._stage(str(event.stage), detail, at)
         values: dict[str, object] = {"result": stage.stage, "attempts": max(command.attempts, event.attempt)}
         if command.result == "resolved":
-            values.pop("result")  # the operator's resolution is kept; the late stage is recorded beside it
+            values.pop("result")  # the operator's resolution remains; the late stage is only added to the stages
         if detail or event.stage in FINAL_STAGES:
-            values["detail"] = detail  # an end without detail clears the text set while the fate was unknown
+            values["detail"] = detail  # a final stage without detail clears the text of the unknown result
         if event.late:
             values["late"] = True
         if event.stage in FINAL_STAGES:
@@ -189,7 +190,7 @@ class CommandRecorder:
             self._completed.append(CommandCompleted(row.name, row.arguments, event.values))
 
     def _announce(self, severity: str, text: str, command_id: int) -> None:
-        """Record an event after the row it is about; a store that fails in between must not repeat the row."""
+        """Queue an event about a stored row as a separate write, so that a failure of the store does not repeat the row."""
         self._writes.add(partial(self._bus.record, "command", severity, text, command_id=command_id))
 
     def take_completed(self) -> list[CommandCompleted]:

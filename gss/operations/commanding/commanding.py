@@ -1,4 +1,4 @@
-"""Commands: checked, confirmed, queued, followed until they end, and never resent automatically."""
+"""Command service: checks, confirms and queues commands, and records their reports. Commands are never resent automatically."""
 
 from __future__ import annotations
 
@@ -39,17 +39,18 @@ NEEDS_OPERATOR = f"Needs operator: {RESTARTED[0].lower()}{RESTARTED[1:]}"
 SOFTWARE = "gss"
 """User name of commands that the server sends on its own behalf."""
 SERVER = "server"
-"""Source of commands that the server sends on its own behalf; they are exempt from command authority."""
+"""Source of commands that the server sends on its own behalf. These commands do not need command authority."""
 REMEMBERED_IDS = 64
-"""Number of request ids that the device remembers with their result; it would execute an older one again."""
+"""Number of latest request ids whose results the device stores. The device would execute a command with an older id again."""
 
 
 Permits = Callable[[str, str], None]
-"""(user, permission): raises NotPermitted. It takes names rather than a request, because a stack run outlives its request."""
+"""Function of (user, permission) that raises NotPermitted. It takes the user's name, because a stack run continues after its HTTP
+request."""
 
 
 class CommandService:
-    """Sends single commands to the sensor on behalf of a user, and follows them."""
+    """Sends single commands to the sensor on behalf of a user, and records their results."""
 
     def __init__(
         self,
@@ -68,10 +69,10 @@ class CommandService:
         self._aborts = Aborts(link, self._recorder, bus, now, self._writes, journal)
 
     def start(self) -> None:
-        """Mark commands that were in progress when the last server stopped as unknown; nothing is resent automatically.
-        Commands that were already unknown can still be retried or end with a late report.
+        """Mark the commands that were in progress when the previous server stopped as unknown. Nothing is resent automatically.
+        Commands with an unknown result can still be retried, and a late report can still end them.
         """
-        for issued in self._journal.entries():  # the last server ended before the database took them
+        for issued in self._journal.entries():  # the previous server ended before these ABORTs were stored
             names = (issued.user, issued.source)
             abort = self._link.roles.operations.command(Operation.ABORT)
             self._recorder.add(issued.request_id, abort, {}, *names, None, None, issued.moment)
@@ -86,7 +87,7 @@ class CommandService:
             self._link.session.restore(last + 1, in_flight)
 
     def _order_of(self, row: Command) -> EncodedCommand | None:
-        """Return a recorded command encoded again; None if the current dictionary does not accept it."""
+        """Encode a recorded command again. Return None if the current dictionary does not accept it."""
         try:
             return self._link.session.encode(row.name, row.arguments)
         except (BadInput, NotFound):
@@ -94,7 +95,7 @@ class CommandService:
 
     @property
     def aborts(self) -> int:
-        """How many ABORTs were issued since the server started; see ``send``."""
+        """Number of ABORTs issued since the server started; see :meth:`send`."""
         return self._aborts.count
 
     # --- before sending -----------------------------------------------------------------------------------------
@@ -110,11 +111,11 @@ class CommandService:
         return [c for c in self._link.dictionary.commands if not (real and c.simulator_only)]
 
     def idempotent(self, name: str) -> bool:
-        """True if the dictionary marks the command as idempotent; False for a command it does not contain."""
+        """True if the dictionary contains the command and marks it as idempotent."""
         return any(c.name == name and c.idempotent for c in self._link.dictionary.commands)
 
     def check(self, name: str, arguments: Mapping[str, Any], *, user: str) -> DryRun:
-        """Dry run: return what would be sent and every reason against it. Nothing is sent."""
+        """Dry run of a command: return the packet, the risk, and all reasons why it cannot be sent. Nothing is sent."""
         definition = self._link.dictionary.command(name)
         states = self.preconditions(definition)
         problems = [f"{state.text}: it is {state.value}" for state in states if state.met is False]
@@ -144,7 +145,7 @@ class CommandService:
         return self._link.roles.operations.of_command(name) is Operation.ABORT
 
     def check_permitted(self, user: str, name: str, arguments: Mapping[str, Any]) -> None:
-        """NotPermitted unless this user's role may send it; ABORT needs only the permission to stop."""
+        """Raise NotPermitted if the user's role does not permit the command. ABORT needs only the permission ``stop``."""
         definition = self._link.dictionary.command(name)
         if self._aborts_all(name):
             self._permits(user, STOP)
@@ -153,7 +154,8 @@ class CommandService:
             self._permits(user, f"command.{subsystem}")
 
     def _check_commander(self, user: str, name: str, arguments: Mapping[str, Any]) -> None:
-        """Check the permission first: a user without it does not need to know who holds authority."""
+        """Check the user's permission and command authority. The permission is checked first, because only users with the
+        permission may see who holds authority."""
         self.check_permitted(user, name, arguments)
         self._authority.check(user)
 
@@ -162,11 +164,11 @@ class CommandService:
         self._authority.check(user)
 
     def require_user(self, user: str) -> None:
-        """As ``check_user``; if there is no holder, the user takes authority."""
+        """Raise Conflict if another user holds command authority. If there is no holder, the user takes authority."""
         self._authority.require(user)
 
     def preview(self, order: EncodedCommand) -> list[tuple[str, bytes]]:
-        """Return (label, bytes) of the packet in which the next ``send`` would carry this command."""
+        """Return (label, bytes) of the packet that the next ``send`` of this command would send."""
         with self._link.lock:
             return self._link.session.preview(order)
 
@@ -183,10 +185,11 @@ class CommandService:
         run_id: int | None = None,
         aborts: int | None = None,
     ) -> Command:
-        """Queue a command and return its row at once. Raises Conflict or BadInput if it cannot be sent, NotPermitted if the
-        role forbids it.
+        """Queue a command and return its row immediately. Raises Conflict or BadInput if it cannot be sent, NotPermitted if the
+        user's role does not permit it.
 
-        ``aborts``: value of ``self.aborts`` when the work that this command belongs to began; a later ABORT stops it.
+        ``aborts``: value of ``self.aborts`` when the procedure or stack run of this command began. After a further ABORT the
+        command is not sent.
         """
         definition = self._link.dictionary.command(name)
         if self._aborts_all(name):
@@ -209,7 +212,8 @@ class CommandService:
         return self._submit(order, arguments, user, source, run_id, aborts)
 
     def query(self, *names: str) -> None:
-        """Send commands without arguments on the server's own behalf; a refusal is recorded."""
+        """Send commands without arguments on the server's own behalf. If a command cannot be sent, this is recorded as an
+        event."""
         for name in names:
             try:
                 self.send(name, {}, confirm="", user=SOFTWARE, source=SERVER)
@@ -225,8 +229,8 @@ class CommandService:
         run_id: int | None,
         aborts: int | None,
     ) -> Command:
-        """Store the row, then submit, so that no unrecorded command is sent. The line lock is released while storing,
-        because ABORT may need it."""
+        """Store the row and then submit the command, so that every sent command is recorded. The line lock is released during the
+        storing, because ABORT needs the lock."""
         with self._link.lock:
             request_id = self._link.session.reserve()
         contact_id, name = self._link.contact_id, order.command.name
@@ -234,7 +238,9 @@ class CommandService:
         try:
             with self._link.lock:
                 if self._aborts.stops(request_id, aborts):
-                    raise Conflict("ABORT was requested before it was sent", hint="send it again if it is still needed")
+                    raise Conflict(
+                        "ABORT was requested before this command was sent", hint="send it again if it is still needed"
+                    )
                 self._link.session.submit(order, request_id=request_id)
         except GssError as error:
             self._recorder.refuse(row.id, str(error))
@@ -242,25 +248,26 @@ class CommandService:
         return row
 
     def abort(self, *, user: str, source: str) -> AbortReceipt:
-        """Send ABORT ahead of everything; see ``Aborts.issue``."""
+        """Send ABORT before all other packets; see :meth:`Aborts.issue`."""
         return self._aborts.issue(user, source)
 
     def retry(self, command_id: int, *, user: str) -> Command:
-        """Send the same bytes with the same id again. Allowed only while the fate is unknown and the id is among the last
-        ones whose results the device remembers, so that it is not executed twice."""
+        """Send a command again with the same bytes and request id. This is permitted only if its result is unknown, and if the
+        command is idempotent or the device still stores the result of this id, so that it is not executed twice."""
         row = self.get(command_id)
         self.check_permitted(user, row.name, row.arguments)
         self._authority.check(user)
         self._check_line()
         if row.result == "unknown" and not self.can_retry(row):
             raise Conflict(
-                "the device no longer remembers this id and might execute it twice",
+                "the device no longer stores the result of this id and can execute the command twice",
                 expected=f"one of its last {REMEMBERED_IDS} ids",
                 got=f"{row.request_id}, the next is {self._link.session.next_request_id}",
                 hint="check telemetry, mark the command resolved, and send a new one if it was not executed",
             )
         self._authority.require(user)
-        row = self._recorder.requeue(command_id, f"retry by {user}")  # first: what cannot be recorded is not sent
+        # The retry is recorded first, because a command that cannot be recorded must not be sent.
+        row = self._recorder.requeue(command_id, f"retry by {user}")
         try:
             with self._link.lock:
                 self._link.session.retry(row.request_id, self._link.monotonic_s())
@@ -271,21 +278,22 @@ class CommandService:
         return row
 
     def can_retry(self, row: Command) -> bool:
-        """True if sending it again with the same id is safe."""
+        """True if the command can be sent again with the same request id without being executed twice."""
         if row.result != "unknown":
             return False
         age = self._link.session.next_request_id - row.request_id
         return self.idempotent(row.name) or 0 < age <= REMEMBERED_IDS
 
     def withdraw(self, command_id: int, *, user: str) -> Command:
-        """Withdraw a command that is still queued; the user needs the permission and authority to send it. Raises Conflict
-        once it was released."""
+        """Withdraw a command that is still queued. The user needs the permission and the authority to send it. Raises Conflict if
+        the command is no longer queued."""
         row = self.get(command_id)
         self._check_commander(user, row.name, row.arguments)
         return self.withdraw_queued(command_id, user=user)
 
     def withdraw_queued(self, command_id: int, *, user: str) -> Command:
-        """As ``withdraw``, for a stack run that ends: stopping it needs no authority."""
+        """Withdraw a queued command without a check of permission and authority, for a stack run that ends. Raises Conflict if the
+        command is no longer queued."""
         row = self.get(command_id)
         if row.result != "queued":
             raise Conflict("only a queued command can be withdrawn", expected="queued", got=row.result)
@@ -294,13 +302,13 @@ class CommandService:
         try:
             row = self._recorder.withdrawn(command_id, stage)
         except StoreDown:
-            self._link.events.publish([stage])  # it will not be sent: recorded when the store is back
+            self._link.events.publish([stage])  # the withdrawal is recorded when the store is available again
             raise
         self._bus.record("command", "ok", f"{row.name} withdrawn by {user} before it was sent", command_id=row.id)
         return row
 
     def resolve(self, command_id: int, note: str, *, user: str) -> Command:
-        """Mark an unknown command as resolved with an operator's note; nothing is sent."""
+        """Mark a command with an unknown result as resolved, with an operator's note. Nothing is sent."""
         row = self.get(command_id)
         self.check_permitted(user, row.name, row.arguments)
         if row.result != "unknown":
@@ -321,7 +329,7 @@ class CommandService:
         return CommandView(row, self.idempotent(row.name), self.can_retry(row))
 
     def handle(self, batch: LineBatch) -> list[CommandCompleted]:
-        """Follow the reports of commands and record the device's events."""
+        """Record the reports on commands and the device's events. Return the completed commands."""
         for event in batch.events:
             if isinstance(event, AbortIssued):
                 self._writes.add(partial(self._aborts.record, event))

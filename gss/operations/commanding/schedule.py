@@ -1,4 +1,4 @@
-"""Commands stored and executed on board at a later time, given in UTC or device time: scheduled, listed, cancelled."""
+"""On-board schedule: schedule, list and cancel commands that the device executes at a later UTC or device time."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from gss.store.models import Command
 
 @dataclass(frozen=True)
 class Entry:
-    """One row of the device's schedule. ``at`` and its uncertainty are None while the clocks are not correlated; ``command``
-    is None if the bytes cannot be decoded with our dictionary."""
+    """One row of the device's schedule. ``at`` and ``uncertainty_s`` are None if the clocks are not correlated. ``command`` is
+    None if the bytes cannot be decoded with the host's dictionary."""
 
     schedule_id: int
     at_device_s: float
@@ -48,8 +48,8 @@ class Entry:
 
 @dataclass(frozen=True)
 class ScheduleState:
-    """The device's schedule in order of time. ``listed_at``: when the device last listed it; ``complete``: True if no row of that
-    list was lost. ``clock``: correlation of the device's clock with UTC, None while unknown."""
+    """The device's schedule in order of time. ``listed_at``: time of the last list from the device. ``complete``: True if no row
+    of that list was lost. ``clock``: correlation of the device's clock with UTC, None if unknown."""
 
     entries: Sequence[Entry]
     listed_at: datetime | None
@@ -58,7 +58,7 @@ class ScheduleState:
 
 
 class ScheduleService:
-    """Keeps the device's schedule as last reported, and the correlation of the clocks."""
+    """Stores the device's last reported schedule and the correlation of the clocks, and sends schedule commands."""
 
     def __init__(self, link: LinkService, commands: CommandService, bus: EventBus, now: Now) -> None:
         self._link, self._commands, self._bus, self._now = link, commands, bus, now
@@ -75,27 +75,27 @@ class ScheduleService:
     # --- reports from the device --------------------------------------------------------------------------------
 
     def handle(self, batch: LineBatch) -> None:
-        """Update clock and schedule; request the list if the schedule changed."""
-        ask = changed = False
+        """Update the clock correlation and the schedule. Request the list from the device if the schedule changed."""
+        needs_list = changed = False
         for event in batch.events:
             if isinstance(event, Telemetry):
                 changed |= self._packet(event, batch.at)
             elif isinstance(event, HelloReceived):
                 self._forget()
-                ask, changed = event.dictionary_match, True
+                needs_list, changed = event.dictionary_match, True
             elif isinstance(event, DeviceEvent):
                 if event.name in self._clock_events:
                     with self._lock:
                         self._clock.restart()
-                ask |= event.name in self._table_events
+                needs_list |= event.name in self._table_events
             elif isinstance(event, CommandUpdate) and event.stage is Stage.COMPLETED:
                 operation = self._link.roles.operations.of_command(event.name)
-                ask |= operation in (Operation.SCHEDULE, Operation.CANCEL_SCHEDULED)
+                needs_list |= operation in (Operation.SCHEDULE, Operation.CANCEL_SCHEDULED)
                 changed |= operation is Operation.LIST_SCHEDULE and self._listed(event)
         if changed:
             self._bus.publish("schedule", self.state())
-        if ask:
-            self._ask()
+        if needs_list:
+            self._request_list()
 
     def _packet(self, packet: Telemetry, at: datetime) -> bool:
         roles = self._link.roles.quantities
@@ -111,7 +111,7 @@ class ScheduleService:
             return True
 
     def _listed(self, event: CommandUpdate) -> bool:
-        """Replace the schedule by this list, if it is complete; rows that are not in it no longer exist."""
+        """Replace the schedule with the received list if the list is complete. Rows that are not in the list no longer exist."""
         with self._lock:
             rows = self._listing.get(event.request_id, {})
             self._listing.clear()
@@ -127,26 +127,26 @@ class ScheduleService:
             self._listed_at, self._complete = None, False
             self._clock.restart()
 
-    def _ask(self) -> None:
+    def _request_list(self) -> None:
         operations = self._link.roles.operations
         if operations.has(Operation.LIST_SCHEDULE):
             self._commands.query(operations.command(Operation.LIST_SCHEDULE))
 
     def clock_jumped(self, _jump_s: float) -> None:
-        """Discard the correlation at once, because the server's clock was set; otherwise it would be wrong until enough
-        packets arrived."""
+        """Discard the clock correlation, because the server's clock was set. Otherwise the correlation would be wrong until enough
+        new packets have arrived."""
         with self._lock:
             self._clock.restart()
 
     # --- queries ------------------------------------------------------------------------------------------------
 
     def clock(self) -> Correlation | None:
-        """Return the clock correlation; None before enough packets have arrived."""
+        """Return the clock correlation, None before enough packets have arrived."""
         with self._lock:
             return self._clock.estimate()
 
     def state(self) -> ScheduleState:
-        """Return the known schedule and clock. Nothing is sent."""
+        """Return the last reported schedule and the clock correlation. Nothing is sent."""
         with self._lock:
             clock, rows = self._clock.estimate(), list(self._rows.values())
             listed_at, complete = self._listed_at, self._complete
@@ -177,14 +177,15 @@ class ScheduleService:
     # --- orders -------------------------------------------------------------------------------------------------
 
     def plan(self, name: str, arguments: Mapping[str, Any], *, at: datetime | None, at_device_s: float | None) -> Plan:
-        """Return the arguments of SCHEDULE for a command, with problems and warnings. Nothing is sent."""
+        """Return the plan for scheduling a command: the arguments of SCHEDULE, problems and warnings. Nothing is sent."""
         now_s = self._now().timestamp()
         return make_plan(
             self._link.roles.operations, self.clock(), now_s, name, arguments, at=at, at_device_s=at_device_s
         )
 
     def command(self) -> str:
-        """Return the command that stores another one on board. Raises Conflict if the sensor has none."""
+        """Return the name of the command that schedules another command on board. Raises Conflict if the sensor does not have
+        one."""
         return self._link.roles.operations.command(Operation.SCHEDULE)
 
     def send(
@@ -197,7 +198,7 @@ class ScheduleService:
         confirm: str,
         user: str,
     ) -> Command:
-        """Schedule a command on board. Returns the row of the SCHEDULE command. Raises BadInput if the plan has problems."""
+        """Schedule a command on board and return the row of the SCHEDULE command. Raises BadInput if the plan has problems."""
         plan = self.plan(name, arguments, at=at, at_device_s=at_device_s)
         if plan.problems:
             raise BadInput(f"{name} cannot be scheduled: {plan.problems[0]}", got="; ".join(plan.problems[1:]))
@@ -208,7 +209,7 @@ class ScheduleService:
         return row
 
     def cancel(self, schedule_id: int, *, user: str) -> Command:
-        """Cancel one row. Raises NotFound if it does not exist, Conflict if it is no longer waiting."""
+        """Cancel one scheduled command. Raises NotFound if it does not exist, Conflict if it is no longer waiting."""
         entries = {entry.schedule_id: entry for entry in self.state().entries}
         if schedule_id not in entries:
             hint = "refresh the list"
@@ -220,8 +221,8 @@ class ScheduleService:
         return self._cancel(schedule_id, user)
 
     def cancel_all(self, *, user: str) -> Command:
-        """Cancel all waiting rows, including any that are not on our list."""
-        self._bus.record("schedule", "watch", f"{user} cancels everything scheduled")
+        """Cancel all scheduled commands that are waiting, including commands that are not in the last list."""
+        self._bus.record("schedule", "watch", f"{user} cancels all scheduled commands")
         return self._cancel(0, user)
 
     def _cancel(self, schedule_id: int, user: str) -> Command:

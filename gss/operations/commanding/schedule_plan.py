@@ -1,4 +1,4 @@
-"""Prepares the arguments of SCHEDULE for a command at a given time, with problems and warnings. Nothing is sent."""
+"""Preparation of the arguments of SCHEDULE for a command at a given time, with problems and warnings. Nothing is sent."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ROUGH_S = 1.0
 
 @dataclass(frozen=True)
 class Plan:
-    """A checked command for later execution. ``order``: arguments of SCHEDULE, empty if there are problems."""
+    """A checked command for later execution. ``order``: arguments of SCHEDULE; empty if there are problems."""
 
     problems: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -41,7 +41,7 @@ class Plan:
 
 
 def schedulable(operations: StandardOperations, command: CommandDefinition) -> bool:
-    """True if the command may be put into the device's schedule."""
+    """True if the command can be scheduled on board."""
     return operations.of_command(command.name) not in NEVER and not command.simulator_only
 
 
@@ -55,16 +55,16 @@ def make_plan(
     at: datetime | None,
     at_device_s: float | None,
 ) -> Plan:
-    """Plan the command ``name`` for a time given either in UTC or in device time. ``clock``: None while not correlated;
-    ``now_s``: UTC as Unix time."""
+    """Plan the command ``name`` for a time in UTC (``at``) or device time (``at_device_s``). ``clock``: correlation of the clocks,
+    None if unknown. ``now_s``: current UTC as Unix time."""
     inner = operations.dictionary.command(name)
     problems, warnings = _not_schedulable(operations, inner), list(_warnings(operations, inner))
     if (at is None) == (at_device_s is None):
-        problems.append("give either a UTC time or a device time")
+        problems.append("enter either a UTC time or a device time")
     elif at is not None and clock is not None:
         at_device_s = round(clock.device_of(at.timestamp()), 3)
     elif at is not None:
-        problems.append("device clock offset unknown. Wait for telemetry, or give a device time")
+        problems.append("device clock offset unknown. Wait for telemetry, or enter a device time")
     moment, uncertainty_s = moment_of(clock, at_device_s)
     if at_device_s is not None:
         device_now_s = None if clock is None else clock.device_of(now_s)
@@ -110,27 +110,27 @@ def _order(
 ) -> dict[str, Value]:
     payload = encode_command(inner, arguments).payload
     schedule = operations.dictionary.command(operations.command(Operation.SCHEDULE))
-    room = schedule.argument(operations.argument(Operation.SCHEDULE, PAYLOAD)).size
-    if len(payload) > room:
-        raise BadInput(f"{inner.name} is too long", expected=f"at most {room} bytes", got=str(len(payload)))
+    max_bytes = schedule.argument(operations.argument(Operation.SCHEDULE, PAYLOAD)).size
+    if len(payload) > max_bytes:
+        raise BadInput(f"{inner.name} is too long", expected=f"at most {max_bytes} bytes", got=str(len(payload)))
     values: dict[str, Value] = {
         AT_S: at_device_s,
         COMMAND_CODE: inner.code,
         LENGTH: len(payload),
-        PAYLOAD: payload.ljust(room, b"\0").hex(),
+        PAYLOAD: payload.ljust(max_bytes, b"\0").hex(),
     }
     return operations.call(Operation.SCHEDULE, values).arguments
 
 
 def moment_of(clock: Correlation | None, device_s: float | None) -> tuple[datetime | None, float | None]:
-    """Return UTC of a device time and its uncertainty in seconds; (None, None) if unknown."""
+    """Return the UTC of a device time and its uncertainty in seconds, (None, None) if unknown."""
     if clock is None or device_s is None:
         return None, None
     utc_s = clock.utc_of(device_s)
     try:
         return datetime.fromtimestamp(utc_s, UTC), clock.uncertainty_at(utc_s)
     except (ValueError, OverflowError, OSError):
-        return None, None  # outside the calendar's range
+        return None, None  # the time is outside the range of datetime
 
 
 def _warnings(operations: StandardOperations, inner: CommandDefinition) -> list[str]:

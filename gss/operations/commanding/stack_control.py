@@ -1,4 +1,4 @@
-"""Inputs of a running stack: operator requests, telemetry and the results of its commands."""
+"""Inputs of a running stack: operator requests, telemetry, and the results of its commands."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gss.instruments.dictionary.definitions import Value
 
 
 class Stopped(Exception):
-    """Ends the run before its last step. ``state``: stopped or failed."""
+    """Raised to end a run before its last step. ``state``: stopped or failed."""
 
     def __init__(self, state: str, reason: str) -> None:
         super().__init__(reason)
@@ -17,11 +17,11 @@ class Stopped(Exception):
 
 
 class RunControl:
-    """Requests and inputs for a run, checked between and within steps."""
+    """Requests and inputs for a run. The run checks them between steps and during steps."""
 
     def __init__(self, aborts: int) -> None:
         self.aborts = aborts
-        """Number of ABORTs issued when the run began; a later ABORT stops every step."""
+        """Number of ABORTs issued before the run began. After a further ABORT no step is executed."""
         self.pause = False
         self.stop_reason = ""
         self.changed = threading.Condition()
@@ -29,6 +29,6 @@ class RunControl:
         self.packets: dict[str, tuple[float, Mapping[str, Value]]] = {}
 
     def notify(self) -> None:
-        """Wake the run so that it checks its inputs at once."""
+        """Wake the run, which then checks its inputs immediately."""
         with self.changed:
             self.changed.notify_all()

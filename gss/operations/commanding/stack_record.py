@@ -1,4 +1,4 @@
-"""Rows of stack runs. Stores and publishes each change."""
+"""Records of stack runs. Each change is stored and published."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class RunRecord:
         self._database, self._bus, self._now = database, bus, now
 
     def end_interrupted(self) -> None:
-        """Set the state ``stopped`` for each run that a server restart interrupted."""
+        """Set the state ``stopped`` for all runs that a server restart interrupted."""
         with self._database.unit_of_work() as session:
             for row in store.left_under_way(session):
                 row.state, row.reason, row.finished = "stopped", RESTARTED, self._now()
 
     def add(self, stack: Stack, user: str) -> StackRun:
-        """Store a new run with all steps waiting."""
+        """Store a new run with all steps waiting, and return its row."""
         steps = [dict(step) | {"state": "waiting", "command_id": None, "detail": ""} for step in stack.steps]
         row = StackRun(
             stack_id=stack.id,
@@ -49,7 +49,7 @@ class RunRecord:
             return store.get_run(session, run_id)
 
     def newest(self, limit: int) -> list[StackRun]:
-        """Return the newest runs first."""
+        """Return the latest runs, newest first."""
         with self._database.unit_of_work() as session:
             return store.newest_runs(session, limit)
 
@@ -63,7 +63,7 @@ class RunRecord:
         self._bus.publish("stack_run", row)
 
     def change(self, run_id: int, **values: Any) -> StackRun:
-        """Change columns of the run itself."""
+        """Change columns of the run's row and return it."""
         with self._database.unit_of_work() as session:
             row = store.get_run(session, run_id)
             for name, value in values.items():

@@ -1,8 +1,9 @@
-"""Runs stacks of commands, one stack at a time, on a background thread. Each step starts only after the previous one has completed.
+"""Execution of stacks of commands, one stack at a time, in a background thread. Each step starts after the previous step has
+completed.
 
-A step that does not complete (rejected, failed, unknown, withdrawn, not permitted, condition not met) ends the run, and so does
-ABORT. A server restart stops the run. Nothing is resent automatically: an operator can continue a failed run by retrying or
-skipping the failed step.
+A step that does not complete (rejected, failed, unknown, withdrawn, not permitted, condition not met) ends the run. ABORT and a
+server restart also end it. Nothing is resent automatically. An operator can continue a failed run by retrying or skipping the
+failed step.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ ENDED = ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
 
 
 class StackRunner:
-    """Runs stacks. ``handle`` collects telemetry for the conditions."""
+    """Runs stacks. ``handle`` receives telemetry for the conditions, and the results of commands."""
 
     def __init__(
         self,
@@ -52,11 +53,11 @@ class StackRunner:
     # --- operator requests --------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Set the state ``stopped`` for each run that a server restart interrupted."""
+        """Set the state ``stopped`` for all runs that a server restart interrupted."""
         self._record.end_interrupted()
 
     def shut_down(self) -> None:
-        """Stop the run in progress and wait for its thread."""
+        """Stop the current run and wait for its thread."""
         control, thread = self._control, self._thread
         if control is not None:
             self._request_stop(control, "the server is stopping")
@@ -73,9 +74,9 @@ class StackRunner:
         return row
 
     def continue_run(self, run_id: int, skip: str, confirm: Sequence[str], *, user: str) -> StackRun:
-        """Continue the last run at the step that failed: retry it, or skip it if ``skip`` gives a reason. A command
-        with an unknown result is resent with the same id, so that the device does not execute it twice; otherwise a new command is
-        sent."""
+        """Continue the latest run at its failed step. ``skip``: reason for skipping the step; "" to retry it. A command with an
+        unknown result is resent with the same request id, so the device does not execute it twice. In other cases a new command
+        is sent."""
         row = self._failed_last(run_id)
         failed, first = row.steps[row.step], row.step + bool(skip)
         remaining_steps = [{name: step[name] for name in STEP} for step in row.steps[first:]]
@@ -103,7 +104,7 @@ class StackRunner:
         return row
 
     def _check(self, name: str, steps: Sequence[Step], confirm: Sequence[str], user: str) -> None:
-        """Check that the remaining steps are permitted, possible now and, if hazardous, confirmed by typed names."""
+        """Check that the remaining steps are permitted and possible now, and that hazardous steps are confirmed by typed names."""
         self._stacks.check_permitted(steps, user=user)
         check = self._stacks.check(steps, user=user)
         if check.problems:
@@ -113,7 +114,7 @@ class StackRunner:
             raise BadInput(f"{name} has steps that need confirmation", expected=f"typed: {', '.join(missing)}")
 
     def _begin(self, open_row: Callable[[], StackRun], first: int, user: str) -> StackRun:
-        """Start a thread that executes the run from step ``first`` on, and return the run's row without waiting."""
+        """Start a thread that executes the run from step ``first`` on, and return the run's row immediately."""
         with self._lock:
             if self._control is not None:
                 raise Conflict("a stack is running", got=f"run {self._run_id}", hint="wait until it ends, or stop it")
@@ -127,7 +128,7 @@ class StackRunner:
         return row
 
     def pause(self, run_id: int, *, user: str) -> StackRun:
-        """Pause before the next step; the step in progress continues until it ends."""
+        """Pause a run before its next step. The current step continues until it ends."""
         with self._lock:
             self._active(run_id).pause = True
             row = self._record.change(run_id, state="paused")
@@ -146,7 +147,7 @@ class StackRunner:
         return row
 
     def stop(self, run_id: int, *, user: str) -> StackRun:
-        """Stop the run without sending another step; the result of a command that was already sent is still recorded."""
+        """Stop the run without sending another step. The result of a command that was already sent is still recorded."""
         self._request_stop(self._active(run_id), f"stopped by {user}")
         thread = self._thread
         if thread is not None:
@@ -169,13 +170,13 @@ class StackRunner:
         return self._record.get(run_id)
 
     def newest(self, limit: int) -> list[StackRun]:
-        """Return the newest runs, newest first."""
+        """Return the latest runs, newest first."""
         return self._record.newest(limit)
 
     # --- events during a run ------------------------------------------------------------------------------------
 
     def handle(self, batch: LineBatch) -> None:
-        """Collect telemetry for the run's conditions, the results of its commands, and ABORT."""
+        """Receive telemetry for the run's conditions, the results of its commands, and ABORT."""
         control = self._control
         if control is None:
             return
@@ -230,7 +231,8 @@ class StackRunner:
             raise Stopped("failed", f"step {number + 1}, {row.name}: {row.result} {row.detail}".strip())
 
     def _wait(self, control: RunControl, done: Callable[[], bool], until_s: float | None = None) -> bool:
-        """Wait for ``done``. Returns True when it is met, False at the time ``until_s``. Raises Stopped if a stop is requested."""
+        """Wait until ``done`` is True and return True. Return False at the time ``until_s``. Raises Stopped if a stop is
+        requested."""
         with control.changed:
             while not control.stop_reason:
                 if done():
@@ -241,7 +243,7 @@ class StackRunner:
         raise Stopped("stopped", control.stop_reason)
 
     def _await_condition(self, control: RunControl, condition: Mapping[str, Any], since_s: float) -> None:
-        """Wait until telemetry meets the condition. Values received before this step began are ignored, because they may describe
+        """Wait until telemetry meets the condition. Values received before this step began are ignored, because they can describe
         the state before the previous step."""
         rule = condition_of(condition)
 
@@ -282,7 +284,8 @@ class StackRunner:
         return self._commands.get(row.id)
 
     def _previous_command(self, step: Mapping[str, Any]) -> Command | None:
-        """Return the previous command of a retried step if the device may have executed it: result unknown, or completed late."""
+        """Return the previous command of a retried step if the device can have executed it (its result is unknown, or it completed
+        late), otherwise None."""
         row = None if step["command_id"] is None else self._commands.get(step["command_id"])
         return row if row is not None and row.result in ("unknown", "completed") else None
 
@@ -291,12 +294,12 @@ class StackRunner:
         return control.results.get(row.id) in ENDED
 
     def _reachable(self, control: RunControl, row: Command) -> bool:
-        """True if the link is up or the command was already sent. A command still queued while the link is down must be withdrawn,
-        or it would be sent unexpectedly in the next contact."""
+        """True if the link is up or the command was already sent. If it is still queued while the link is down, it must be
+        withdrawn, because it would be sent unexpectedly in the next contact."""
         return self._link.connected or control.results.get(row.id, "queued") != "queued"
 
     def _withdraw(self, command_id: int, user: str) -> None:
         try:
             self._commands.withdraw_queued(command_id, user=user)
         except Conflict:
-            return  # it was already sent; its result is still recorded
+            return  # the command was already sent, and its result will be recorded

@@ -1,7 +1,7 @@
-"""Stacks: prepared lists of commands, checked step by step before they are saved and before they run.
+"""Stacks: prepared lists of commands. All steps are checked before a stack is saved and before it runs.
 
-A step is stored as a plain mapping: command, arguments, delay_s, condition (None or packet, field, op, value, wait_s), note.
-Within a step the delay comes first, then the condition, then the command.
+A step is stored as a plain mapping: command, arguments, delay_s, condition (None or packet, field, op, value, wait_s), note. The
+delay of a step is executed first, then the condition, then the command.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ OPERATORS = ("eq", "ne", "lt", "le", "gt", "ge")
 
 @dataclass(frozen=True)
 class StepCheck:
-    """Dry run of one step. ``within_s``: longest duration, including delay, condition and report timeouts."""
+    """Result of the dry run of one step. ``within_s``: longest duration, including delay, condition and report timeouts."""
 
     command: str
     arguments: Mapping[str, Any]
@@ -50,7 +50,8 @@ class StepCheck:
 
 @dataclass(frozen=True)
 class StackCheck:
-    """Dry run of a stack. ``confirm``: names to type, each once. ``problems``: every reason why it cannot run."""
+    """Result of the dry run of a stack. ``confirm``: names to type, without duplicates. ``problems``: all reasons why the stack
+    cannot run."""
 
     steps: Sequence[StepCheck]
     problems: Sequence[str]
@@ -58,12 +59,12 @@ class StackCheck:
 
     @property
     def shortest_s(self) -> float:
-        """Duration in seconds if every report and every condition is met at once."""
+        """Duration in seconds if all reports arrive and all conditions are met immediately."""
         return sum(step.delay_s for step in self.steps)
 
     @property
     def longest_s(self) -> float:
-        """Duration in seconds if everything takes as long as permitted."""
+        """Duration in seconds if all conditions and reports take the permitted time."""
         return sum(step.within_s for step in self.steps)
 
 
@@ -76,7 +77,7 @@ class StackService:
     # --- storage ------------------------------------------------------------------------------------------------
 
     def every(self) -> list[Stack]:
-        """Return all stacks by name."""
+        """Return all stacks, sorted by name."""
         with self._database.unit_of_work() as session:
             return store.every(session)
 
@@ -86,7 +87,7 @@ class StackService:
             return store.get(session, stack_id)
 
     def create(self, name: str, note: str, steps: Sequence[Step], *, user: str) -> Stack:
-        """Create a stack. Raises BadInput naming the invalid step, Conflict if the name is in use."""
+        """Create a stack. Raises BadInput that names the invalid step, Conflict if the name is already used."""
         checked = checked_steps(self._link.roles, steps)
         with self._database.unit_of_work() as session:
             self._check_name(store.named(session, _name(name)), None)
@@ -95,7 +96,7 @@ class StackService:
         return row
 
     def change(self, stack_id: int, name: str, note: str, steps: Sequence[Step], *, user: str) -> Stack:
-        """Replace the content of a stack. Raises as ``create``."""
+        """Replace the content of a stack. Raises NotFound, and BadInput and Conflict as :meth:`create` does."""
         checked = checked_steps(self._link.roles, steps)
         with self._database.unit_of_work() as session:
             row = store.get(session, stack_id)
@@ -105,7 +106,7 @@ class StackService:
         return row
 
     def delete(self, stack_id: int) -> None:
-        """Delete a stack; the records of its runs are kept."""
+        """Delete a stack. The records of its runs remain stored."""
         with self._database.unit_of_work() as session:
             store.delete(session, stack_id)
 
@@ -119,7 +120,7 @@ class StackService:
     # --- files --------------------------------------------------------------------------------------------------
 
     def exported(self, stack_id: int) -> JsonObject:
-        """Return a stack in the file format for another installation."""
+        """Return a stack in the file format, for import into another installation."""
         row = self.get(stack_id)
         head = {"format": FORMAT, "version": VERSION, "dictionary": self._link.dictionary.hash_hex}
         return head | {"name": row.name, "note": row.note, "steps": row.steps}
@@ -127,7 +128,7 @@ class StackService:
     # --- dry run ------------------------------------------------------------------------------------------------
 
     def check(self, steps: Sequence[Step], *, user: str) -> StackCheck:
-        """Return bytes, hazards, conditions and durations of every step. Nothing is sent."""
+        """Dry run of a stack: return bytes, hazards, conditions and durations of all steps. Nothing is sent."""
         if not 1 <= len(steps) <= MAX_STEPS:
             raise BadInput("invalid number of steps", expected=f"1 – {MAX_STEPS}", got=str(len(steps)))
         checks = [self._check_step(step, user) for step in steps]
@@ -142,13 +143,13 @@ class StackService:
         return StackCheck(checks, problems, list(names))
 
     def confirmation(self, step: Step) -> str:
-        """Return the text that confirms a step; "" if it needs no confirmation."""
+        """Return the text that confirms a step, "" if it needs no confirmation."""
         operations = self._link.roles.operations
         risk = risk_of(operations, operations.dictionary.command(str(step["command"])), step["arguments"])
         return risk.name if risk.needs_confirmation else ""
 
     def check_permitted(self, steps: Sequence[Step], *, user: str) -> None:
-        """Raise NotPermitted if the user may not send one of the steps."""
+        """Raise NotPermitted if the user does not have the permission for one of the steps."""
         for step in steps:
             self._commands.check_permitted(user, str(step["command"]), step.get("arguments") or {})
 
@@ -181,7 +182,7 @@ class StackService:
 
 
 class CheckedCondition(TypedDict):
-    """A condition of a step: it waits up to ``wait_s`` until the field compares so."""
+    """A condition of a step. The step waits up to ``wait_s`` until the comparison of the field with ``value`` is true."""
 
     packet: str
     field: str
@@ -191,7 +192,7 @@ class CheckedCondition(TypedDict):
 
 
 class CheckedStep(TypedDict):
-    """A complete step, as stored and exported."""
+    """A complete step in the form in which it is stored and exported."""
 
     command: str
     arguments: Mapping[str, Any]
@@ -201,7 +202,7 @@ class CheckedStep(TypedDict):
 
 
 def checked_steps(roles: Roles, steps: Sequence[Step]) -> list[CheckedStep]:
-    """Return the complete steps, with default arguments. Raises BadInput naming the first invalid step."""
+    """Return the complete steps, including default arguments. Raises BadInput that names the first invalid step."""
     if not 1 <= len(steps) <= MAX_STEPS:
         raise BadInput("invalid number of steps", expected=f"1 – {MAX_STEPS}", got=str(len(steps)))
     checked = []
@@ -214,7 +215,7 @@ def checked_steps(roles: Roles, steps: Sequence[Step]) -> list[CheckedStep]:
 
 
 def checked_step(roles: Roles, step: Step) -> CheckedStep:
-    """Return one complete step. Raises BadInput if it is invalid."""
+    """Return one complete step, including default arguments. Raises BadInput if it is not valid."""
     if not isinstance(step, Mapping) or set(step) - {*STEP}:
         raise BadInput("not a step", expected=", ".join(STEP), got=str(step)[:120])
     command = roles.operations.dictionary.command(str(step.get("command")))
@@ -253,27 +254,27 @@ def _check_value(field: TelemetryField, op: str, value: Any) -> None:
     """Raise BadInput for a comparison that the field's type does not support."""
     if field.type == "enum":
         field.choice(str(value))
-        fits = op in ("eq", "ne")
+        is_supported = op in ("eq", "ne")
     elif field.type == "bool":
-        fits = isinstance(value, bool) and op in ("eq", "ne")
+        is_supported = isinstance(value, bool) and op in ("eq", "ne")
     elif field.type in ("str", "text", "bytes"):
-        fits = isinstance(value, str) and op in ("eq", "ne")
+        is_supported = isinstance(value, str) and op in ("eq", "ne")
     else:
-        fits = isinstance(value, int | float) and not isinstance(value, bool)
-    if not fits:
+        is_supported = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_supported:
         raise BadInput(f"{field.name} is {field.type} and does not support this comparison", got=f"{op} {value!r}"[:80])
 
 
-def _seconds(name: str, value: Any, least_s: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least_s <= value <= MAX_WAIT_S:
-        raise BadInput(f"{name} is out of range", expected=f"{least_s:g} – {MAX_WAIT_S:g} s", got=str(value)[:40])
+def _seconds(name: str, value: Any, min_s: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not min_s <= value <= MAX_WAIT_S:
+        raise BadInput(f"{name} is out of range", expected=f"{min_s:g} – {MAX_WAIT_S:g} s", got=str(value)[:40])
     return float(value)
 
 
 def _name(name: str) -> str:
     checked = " ".join(name.split())
     if not 0 < len(checked) <= 80:
-        raise BadInput("the stack has no name", expected="1 – 80 characters", got=str(len(checked)))
+        raise BadInput("the name of the stack is not valid", expected="1 – 80 characters", got=str(len(checked)))
     return checked
 
 

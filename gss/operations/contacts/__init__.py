@@ -1,1 +1,1 @@
-"""Contacts: their records, what is missing in them, reports, and replays of their captures."""
+"""Contacts: their records, gaps in the records, reports, and replays of their captures."""

@@ -1,6 +1,6 @@
-"""Decodes a raw capture with the receivers and readers of the live line, but without session state.
+"""Decoder of raw captures. It uses the receivers and readers of the live line, but has no session state.
 
-Bytes sent by the ground are decoded too, so that a replay shows commands with their names and arguments.
+Bytes sent by the ground are also decoded, so a replay shows commands with their names and arguments.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from gss.operations.line.raw_capture import SENT, Record
 
 @dataclass(frozen=True)
 class CommandSaid:
-    """A command that was sent (stage "sent", with its arguments) or a report about it."""
+    """A sent command (stage "sent", with its arguments in ``values``) or a report on a command."""
 
     request_id: int
     name: str
@@ -37,17 +37,18 @@ Item = Telemetry | DeviceEvent | HelloReceived | CommandSaid
 
 @dataclass(frozen=True)
 class Replayed:
-    """A decoded item and the time at which its last byte was read or written (Unix seconds)."""
+    """A decoded item. ``at_s``: time at which its last byte was received or sent, Unix seconds."""
 
     at_s: float
     item: Item
 
 
 class CaptureDecoder:
-    """Decodes the records of one contact, fed in order. Never raises: items that cannot be decoded are counted.
+    """Decodes the records of one contact, which must be fed in order. Packets that cannot be decoded are counted and raise no
+    exception.
 
-    ``foreign``: packets of another dictionary, which would decode to nonsense; ``transfer_packets``: transfer packets, which
-    are not decoded.
+    ``foreign``: number of packets with another dictionary, which are not decoded. ``transfer_packets``: number of transfer
+    packets, which are not decoded.
     """
 
     def __init__(self, dictionary: Dictionary, framing: str = "cobs") -> None:
@@ -57,25 +58,24 @@ class CaptureDecoder:
         self.foreign = self.undecodable = self.transfer_packets = 0
 
     def feed(self, at_s: float, direction: int, data: bytes) -> list[Replayed]:
-        """Return the items that are complete once this record has been fed."""
+        """Decode a record and return the items that it completes."""
         receiver = self._up if direction == SENT else self._down
         decoded: list[Replayed] = []
         for packet in receiver.feed(data):
             try:
-                item = self._read(packet)
+                items = self._read(packet)
             except (CorruptData, BadInput):
                 self.undecodable += 1
                 continue
-            if item is not None:
-                decoded += [Replayed(at_s, i) for i in item]
+            if items is not None:
+                decoded += [Replayed(at_s, item) for item in items]
         return decoded
 
     def _read(self, packet: Packet) -> list[Item] | None:
         if packet.type is PacketType.TRANSFER:
             self.transfer_packets += 1
             return None
-        # Report and command codes are common to all dictionaries, and HELLO's report must be read to identify the other
-        # dictionary.
+        # Reports and commands have the same codes in all dictionaries. The report on HELLO identifies the other dictionary.
         if (
             packet.type not in (PacketType.REPORT, PacketType.COMMAND)
             and packet.prefix not in self._dictionary.prefixes
@@ -122,12 +122,12 @@ class CaptureDecoder:
 
     @property
     def damaged(self) -> int:
-        """Number of packets that were received damaged."""
+        """Number of damaged packets received."""
         return self._down.bad_total
 
     @property
     def received(self) -> DirectionCounters:
-        """Receive counters, computed as on the live line."""
+        """Receive counters, calculated by the same function as on the live line."""
         from gss.device.protocol.sender import LineSender
 
         unused = LineSender(to_device=True, prefix=self._dictionary.prefix)
@@ -135,6 +135,6 @@ class CaptureDecoder:
 
 
 def decoded(records: Iterable[Record], decoder: CaptureDecoder) -> Iterator[Replayed]:
-    """Yield every item decoded from the records, in order."""
+    """Yield all items decoded from the records, in order."""
     for at_s, direction, data in records:
         yield from decoder.feed(at_s, direction, data)

@@ -1,4 +1,4 @@
-"""The pass report: figures that describe one contact."""
+"""The pass report: statistics of one contact."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ POINTS = 400
 
 @dataclass(frozen=True)
 class AttitudeSummary:
-    """Statistics of the sensor's attitude solutions. ``first``, ``last``: (ra, dec, roll) in degrees of solved iterations."""
+    """Statistics of the sensor's attitude solutions. ``first``, ``last``: (ra, dec, roll) in degrees of the first and last
+    solved iteration."""
 
     iterations: int
     solved: int
@@ -34,13 +35,13 @@ class AttitudeSummary:
 
     @property
     def share(self) -> float | None:
-        """Share of iterations that were solved; None without iterations."""
+        """Fraction of iterations that were solved, None without iterations."""
         return self.solved / self.iterations if self.iterations else None
 
 
 @dataclass(frozen=True)
 class ContactReport:
-    """Content of the pass report. ``quality``: (Unix seconds, share of damaged packets since the previous count)."""
+    """Content of the pass report. ``quality``: (Unix seconds, fraction of damaged packets since the previous count)."""
 
     detail: ContactDetail
     attitude: AttitudeSummary
@@ -52,7 +53,7 @@ class ContactReport:
 
 
 def contact_report(contacts: ContactService, archive: Archive, database: Database, contact_id: int) -> ContactReport:
-    """Gather the report of a contact. Raises NotFound if there is no such contact."""
+    """Return the report of a contact. Raises NotFound if the contact does not exist."""
     detail = contacts.detail(contact_id)
     start, end = detail.row.started, max(detail.end, detail.row.started + timedelta(seconds=1))
     return ContactReport(
@@ -88,14 +89,15 @@ def _attitude(database: Database, detail: ContactDetail) -> AttitudeSummary:
 
 
 def quality(counts: Sequence[Count]) -> list[tuple[float, float]]:
-    """Return (Unix seconds, share of damaged packets) for each interval between two counts."""
-    findings = []
+    """Return (Unix seconds, fraction of damaged packets) for each interval between two counts in which packets were
+    received."""
+    damaged_fractions = []
     bad_before = good_before = 0.0
     for count in counts:
         bad = sum(count.values.get(name, 0.0) for name in ("bad_crc", "too_long", "too_short"))
         good = count.values.get("good", 0.0)
         new = (bad - bad_before) + (good - good_before)
         if new > 0:
-            findings.append((count.at_s, (bad - bad_before) / new))
+            damaged_fractions.append((count.at_s, (bad - bad_before) / new))
         bad_before, good_before = bad, good
-    return findings
+    return damaged_fractions

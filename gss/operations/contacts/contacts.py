@@ -1,4 +1,4 @@
-"""Contacts: each runs from opening the line to closing it and contains everything recorded in between."""
+"""Contacts. A contact begins when the line is opened, ends when it is closed, and contains everything recorded in between."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ from gss.store.engine import Database
 from gss.store.models import Command, Contact, Device, Event, Frame, TelemetryPacket, Transfer
 
 GROUND = "ground_line"
-"""Packet name of the ground's own line counters, which are archived like telemetry."""
+"""Packet name of the host's line counters, which are archived like telemetry."""
 SILENT_AFTER_S = 3.0
 STORE_EVERY_S = 10.0
 MAX_LISTED = 500
+"""Maximum number of frames, commands and transfers of a contact in one response. Separate pages list all of them."""
 MAX_READERS, READ_WAIT_S = 2, 15.0
-"""Frames, commands and transfers of a contact in one response; the others are on the pages of their kind."""
 JUMPS_WITHIN = timedelta(days=2)
 T = TypeVar("T")
 BY_US = ("closed by the operator", "the port was changed")
@@ -54,7 +54,7 @@ BY_US = ("closed by the operator", "the port was changed")
 
 @dataclass(frozen=True)
 class CaptureFile:
-    """A file of the raw capture. ``present``: False if it was removed to free disk space."""
+    """A file of the raw capture. ``present``: False if the file was removed to free disk space."""
 
     file: str
     bytes: int
@@ -63,7 +63,7 @@ class CaptureFile:
 
 @dataclass(frozen=True)
 class Listed(Generic[T]):
-    """The newest rows, oldest first, and the number of all."""
+    """The latest rows, oldest first. ``total``: number of all rows."""
 
     rows: list[T]
     total: int
@@ -71,8 +71,9 @@ class Listed(Generic[T]):
 
 @dataclass(frozen=True)
 class ContactDetail:
-    """Everything about a contact, with the newest frames, commands and transfers. ``counters``: those of received packets, and
-    packets sent. ``silences``: spans without a good packet. ``frame_bytes``: of downloaded images. ``events``: their number."""
+    """All data of a contact, with the latest frames, commands and transfers. ``counters``: receive counters, and packets and
+    bytes sent. ``silences``: intervals without a good packet. ``frame_bytes``: total size of the downloaded images.
+    ``events``: number of events."""
 
     row: Contact
     device: Device | None
@@ -90,12 +91,12 @@ class ContactDetail:
 
     @property
     def duration_s(self) -> float:
-        """Seconds from opening to closing, or until now while open."""
+        """Seconds from opening to closing the line, or until now if it is open."""
         return (self.end - self.row.started).total_seconds()
 
     @property
     def error_rate(self) -> float:
-        """Share of damaged packets."""
+        """Fraction of damaged packets."""
         bad = sum(self.counters.get(name, 0) for name in ("bad_crc", "too_long", "too_short"))
         good = self.counters.get("good", 0)
         return bad / (good + bad) if good + bad else 0.0
@@ -104,7 +105,7 @@ class ContactDetail:
 class ContactService:
     """Stores the line's counters over time and answers queries about contacts, including the open one.
 
-    ``removed_before`` returns the time before which retention thins or removes packets.
+    ``removed_before``: returns the time before which retention thins or removes packets, None if retention is off.
     """
 
     def __init__(
@@ -124,7 +125,8 @@ class ContactService:
         self._readers = threading.BoundedSemaphore(MAX_READERS)
 
     def handle(self, batch: LineBatch) -> None:
-        """Store the counters: at once if an error counter or the silent flag changed, otherwise every ``STORE_EVERY_S``."""
+        """Store the line counters: immediately if an error counter or the silent flag changed, otherwise every
+        ``STORE_EVERY_S``."""
         contact_id = self._link.contact_id
         counted = [event for event in batch.events if isinstance(event, LinkCounters)]
         if contact_id is None or not counted:
@@ -154,17 +156,17 @@ class ContactService:
     # --- queries --------------------------------------------------------------------------------------------------
 
     def newest(self, limit: int, offset: int = 0) -> list[tuple[Contact, Device | None, int, int]]:
-        """Return the newest contacts with their device and the numbers of frames and commands."""
+        """Return the latest contacts, each with its device and its numbers of frames and commands."""
         with self._database.unit_of_work() as session:
             return store.list_contacts(session, limit, offset)
 
     def had(self, url: str) -> bool:
-        """True if the line was ever open on that address."""
+        """True if the line was ever open at this address."""
         with self._database.unit_of_work() as session:
             return store.had_contact(session, url)
 
     def total(self) -> int:
-        """Number of contacts in the store."""
+        """Return the number of contacts in the store."""
         with self._database.unit_of_work() as session:
             return store.count_contacts(session)
 
@@ -177,7 +179,7 @@ class ContactService:
         return self.detail(contact_id)
 
     def detail(self, contact_id: int) -> ContactDetail:
-        """Return everything about a contact. Raises NotFound if there is no such contact, Busy."""
+        """Return all data of a contact. Raises NotFound if the contact does not exist, and Busy."""
         with self._reading():
             return self._detail(contact_id)
 
@@ -210,7 +212,7 @@ class ContactService:
         )
 
     def file(self, contact_id: int, name: str) -> Path:
-        """Return the path of a capture file of a contact. Raises NotFound if there is no such file or it was removed."""
+        """Return the path of a capture file of a contact. Raises NotFound if the file does not exist or was removed."""
         for path in capture_files(self.captures, contact_id):
             if plain_name(path) == name:
                 return path
@@ -219,16 +221,16 @@ class ContactService:
     def _files(self, row: Contact) -> list[CaptureFile]:
         sized = capture_sizes(self.captures, row.id)
         sizes_on_disk = {plain_name(path): size for path, size in sized}
-        grown = {path.name: size for path, size in sized if path.suffix != PACKED}  # may be written still
+        unpacked = {path.name: size for path, size in sized if path.suffix != PACKED}  # these files can still grow
         expected_sizes = {str(f["file"]): int(f["bytes"]) for f in row.captures} or sizes_on_disk
         return [
-            CaptureFile(name, grown.get(name, size), name in sizes_on_disk) for name, size in expected_sizes.items()
+            CaptureFile(name, unpacked.get(name, size), name in sizes_on_disk) for name, size in expected_sizes.items()
         ]
 
     # --- completeness of the record -------------------------------------------------------------------------------
 
     def counts(self, contact_id: int) -> list[Count]:
-        """Return the line's counters of a contact over time."""
+        """Return the stored line counters of a contact, in order of time."""
         with self._database.unit_of_work() as session:
             row, _ = store.get_contact(session, contact_id)
         names = (*asdict(DirectionCounters()), "sent_good", "sent_bytes", "silent", "last_good")
@@ -242,7 +244,7 @@ class ContactService:
         return counts
 
     def _silences(self, row: Contact, end: datetime, counts: Sequence[Count]) -> list[Gap]:
-        """Return spans longer than three seconds without a good packet; their ends are known to within a second."""
+        """Return intervals longer than ``SILENT_AFTER_S`` without a good packet. Their end times are accurate to one second."""
         spans: list[tuple[float, float]] = []
         since_s: float | None = None
         for count in counts:
@@ -259,12 +261,12 @@ class ContactService:
         ]
         if all(gap.explained for gap in silences):
             return silences
-        late = self._record(row.id).late  # packets that arrived late may show that nothing is missing
+        late = self._record(row.id).late  # packets that arrived late show that no packet is missing
         return [gap if gap.explained else _if_late(gap, late) for gap in silences]
 
     def _happenings(self, row: Contact, end: datetime) -> list[Happening]:
-        """Return events that can explain gaps: restarts of the device, changes of its clock, telemetry that could not be stored,
-        and a lost line."""
+        """Return the events that can explain gaps: restarts of the device, changes of its clock, telemetry that could not be
+        stored, and a lost line."""
         with self._database.unit_of_work() as session:
             events = store.events_between(session, row.started, end, ("device", "link", TELEMETRY_STORE))
         roles = self._link.roles.events
@@ -276,7 +278,7 @@ class ContactService:
                 happenings.append(Happening(event.at.timestamp(), names[name], text))
             elif event.kind == TELEMETRY_STORE and event.text.startswith((UNSTORED, STORED_AGAIN)):
                 happenings.append(Happening(event.at.timestamp(), NOT_STORED, event.text))
-        # The closing of the line is recorded shortly after the contact's end.
+        # The event that the line was closed is recorded shortly after the end of the contact.
         with self._database.unit_of_work() as session:
             cause = store.closing_cause(session, row.id)
         if cause is not None and cause not in BY_US:
@@ -308,10 +310,10 @@ class ContactService:
             row, _ = store.get_contact(session, contact_id)
         end = row.ended or self._now()
         jumps = self._clock_jumps(row.started, end)
-        # After the ground's clock was set, some packets of this contact have times outside it; the order of arrival is
+        # If the ground's clock was set, the times of some packets are outside the contact, but their order of arrival is
         # still valid.
-        wider = timedelta(seconds=sum(abs(jump.data["jump_s"]) for jump in jumps))
-        first, last = min(row.started, end) - wider, max(row.started, end) + wider
+        margin = timedelta(seconds=sum(abs(jump.data["jump_s"]) for jump in jumps))
+        first, last = min(row.started, end) - margin, max(row.started, end) + margin
         status = self._link.roles.quantities.status
         rows = telemetry_store.rows(
             self._database, status.packet, [status.uptime_s], first, last, contact_id=contact_id, unsolicited=True
@@ -321,23 +323,24 @@ class ContactService:
             HousekeepingSample(r.received.timestamp(), r.device_time_s, _number(r.values[0]), contact_id)
             for r in rows_in_order
         ]
-        seams = [Happening(jump.at.timestamp(), GROUND_CLOCK, jump.text) for jump in jumps]
+        ground_jumps = [Happening(jump.at.timestamp(), GROUND_CLOCK, jump.text) for jump in jumps]
         check = check_record(
             samples,
             self.counts(contact_id),
-            [*self._happenings(row, end), *seams],
+            [*self._happenings(row, end), *ground_jumps],
             start_s=None if jumps else row.started.timestamp(),
             end_s=None if jumps else end.timestamp(),
         )
         return self._without_removed(check)
 
     def _clock_jumps(self, start: datetime, end: datetime) -> list[Event]:
-        """Return jumps of the ground's clock near a contact. A clock set back by days recorded its jump days away."""
+        """Return jumps of the ground's clock near a contact. The search includes ``JUMPS_WITHIN`` before and after the contact,
+        because a clock that is set back by days records the jump at a time days away."""
         with self._database.unit_of_work() as session:
             return store.clock_jumps(session, min(start, end) - JUMPS_WITHIN, max(start, end) + JUMPS_WITHIN)
 
     def _without_removed(self, check: RecordCheck) -> RecordCheck:
-        """Attribute unexplained gaps in the time thinned by retention to retention."""
+        """Return the check with retention as the cause of unexplained gaps in the time that retention has thinned."""
         removed = self._removed_before()
         if removed is None:
             return check
@@ -349,8 +352,8 @@ class ContactService:
 
 
 def _if_late(silence: Gap, late: Sequence[Gap]) -> Gap:
-    over = next((gap for gap in late if gap.from_s < silence.to_s and silence.from_s < gap.to_s), None)
-    return silence if over is None else replace(silence, cause=over.cause)
+    overlap = next((gap for gap in late if gap.from_s < silence.to_s and silence.from_s < gap.to_s), None)
+    return silence if overlap is None else replace(silence, cause=overlap.cause)
 
 
 def _number(value: Any) -> float | None:

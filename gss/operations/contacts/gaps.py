@@ -1,9 +1,9 @@
-"""Finds the gaps in the housekeeping record, each with its cause or "unexplained".
+"""Detection of gaps in the housekeeping record. Each gap has a cause or is "unexplained".
 
-A gap is found on the *device's* clock: housekeeping packets more than one and a half periods apart. Packets that only arrived
-late are not a gap. The causes are derived from other records: missing sequence counts, damaged packets, a restart of the
-device, a clock that was set, a closed line, a server that could not store. Silence alone explains nothing, because the device
-itself may have stopped sending.
+A gap is an interval of more than one and a half periods between housekeeping packets on the *device's* clock. Packets that
+arrived late do not form a gap. The cause is derived from other records: missing sequence counts, damaged packets, a restart of
+the device, a clock that was set, a closed line, or a server that could not store telemetry. Silence alone is not a cause,
+because the device can have stopped sending.
 """
 
 from __future__ import annotations
@@ -13,28 +13,28 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 PERIOD_S = 1.0
-"""Longest period of housekeeping (ICD). A device that sends more often has the period that its record shows."""
+"""Longest period of housekeeping (ICD). For a device with a shorter period, the period is measured from its record."""
 MIN_STEPS = 20
-"""Fewer steps of the device's clock do not show a period."""
+"""Minimum number of steps of the device's clock from which a period is measured."""
 GAP_PERIODS = 1.5
 LATE_S = 3.0
 SLACK_S = 1.5
-"""Tolerance for matching events: counters are read once a second, so an event may be recorded that much later."""
+"""Time tolerance for assigning events to gaps. Counters are read once a second, so an event can be recorded later."""
 UNEXPLAINED = "unexplained"
 RESTARTED, CLOCK_SET, CLOCK_JUMPED = "restarted", "clock set", "clock jumped"
 RESETS = (RESTARTED,)
 CLOCKS = (CLOCK_SET, CLOCK_JUMPED)
 LINE_LOST = "LINE_LOST"
 NOT_STORED = "NOT_STORED"
-"""The server received telemetry that it could not store, or stores it again."""
+"""The server received telemetry that it could not store, or it can store telemetry again."""
 GROUND_CLOCK = "GROUND_CLOCK_JUMP"
-"""The ground's clock, which timestamps arrivals, was set; the device's clock was not affected."""
+"""The ground's clock, which determines arrival times, was set. The device's clock did not change."""
 DAMAGE = ("bad_crc", "too_long", "too_short")
 
 
 @dataclass(frozen=True)
 class HousekeepingSample:
-    """One housekeeping packet: time of arrival (Unix seconds), device clock in it, uptime, contact."""
+    """One housekeeping packet. ``at_s``: time of arrival, Unix seconds. ``device_time_s``: device clock in the packet."""
 
     at_s: float
     device_time_s: float
@@ -44,7 +44,7 @@ class HousekeepingSample:
 
 @dataclass(frozen=True)
 class Count:
-    """Receive counters of a contact at a given time: gaps, bad_crc, too_long, too_short, good …"""
+    """Receive counters of a contact at one time. ``values``: gaps, bad_crc, too_long, too_short, good …"""
 
     at_s: float
     values: Mapping[str, float]
@@ -62,7 +62,7 @@ class Happening:
 
 @dataclass(frozen=True)
 class Gap:
-    """A gap between two samples. ``missing``: number of missing packets; 0 if all were received but late."""
+    """An interval between two samples. ``missing``: number of missing packets; 0 if all were received but arrived late."""
 
     from_s: float
     to_s: float
@@ -77,7 +77,8 @@ class Gap:
 
 @dataclass(frozen=True)
 class RecordCheck:
-    """Numbers of expected and stored packets, and each gap. ``late``: spans whose packets are complete but arrived late."""
+    """Result of checking a record. ``expected``, ``held``: numbers of expected and stored packets. ``late``: intervals in which
+    all packets arrived, but late."""
 
     expected: int
     held: int
@@ -91,7 +92,7 @@ class RecordCheck:
 
     @property
     def share(self) -> float:
-        """Share of the expected packets that are stored; 1 for an empty record."""
+        """Fraction of the expected packets that are stored, 1 for an empty record."""
         return self.held / self.expected if self.expected else 1.0
 
 
@@ -103,16 +104,16 @@ def check_record(
     start_s: float | None = None,
     end_s: float | None = None,
 ) -> RecordCheck:
-    """Check the unsolicited samples of a record, in order of time. If ``start_s`` and ``end_s`` of the contact are given,
-    the time before the first and after the last sample is checked too."""
+    """Check the periodic samples of a record, which must be in order of time. ``start_s``, ``end_s``: start and end of the
+    contact; if given, the time before the first sample and after the last sample is also checked."""
     gaps: list[Gap] = []
     late: list[Gap] = []
     evidence = _Evidence(counts, happenings)
     period_s = _period_s(samples)
     for before, after in itertools.pairwise(samples):
-        gaps_between = _between(before, after, evidence, period_s)
-        if gaps_between is not None:
-            (gaps if gaps_between.missing else late).append(gaps_between)
+        gap = _between(before, after, evidence, period_s)
+        if gap is not None:
+            (gaps if gap.missing else late).append(gap)
     gaps += _ends(samples, evidence, start_s, end_s, period_s)
     gaps.sort(key=lambda gap: gap.from_s)
     present = len(samples)
@@ -122,7 +123,7 @@ def check_record(
 def why_silent(
     from_s: float, to_s: float, counts: Sequence[Count], happenings: Sequence[Happening], contact_id: int | None
 ) -> str:
-    """Return the reason why no good packet was received in a span of a contact."""
+    """Return the reason why no good packet was received in an interval of a contact."""
     evidence = _Evidence(counts, happenings)
     lost, boot = evidence.happened((LINE_LOST,), to_s, to_s), evidence.happened(RESETS, from_s, to_s)
     if lost is not None:
@@ -139,13 +140,13 @@ class _Evidence:
         self._counts, self._happenings = counts, happenings
 
     def happened(self, names: Sequence[str], from_s: float, to_s: float) -> Happening | None:
-        """Return the first event of these names within a span."""
+        """Return the first event with one of these names in an interval, None if there is none."""
         return next(
             (h for h in self._happenings if h.name in names and from_s - SLACK_S <= h.at_s <= to_s + SLACK_S), None
         )
 
     def risen(self, from_s: float, to_s: float, contact_id: int | None) -> dict[str, float]:
-        """Return the increase of each counter of a contact over a span: from the last count before it to the first one after
+        """Return the increase of each counter of a contact from the last count before an interval to the first count after
         it."""
         counts = [c for c in self._counts if c.contact_id == contact_id]
         before = next((c.values for c in reversed(counts) if c.at_s <= from_s), {})
@@ -153,7 +154,7 @@ class _Evidence:
         return {name: value - before.get(name, 0) for name, value in after.items()}
 
     def cause(self, a_s: float, b_s: float, contact_id: int | None) -> str:
-        """Return the reason why packets of a span are missing."""
+        """Return the reason why packets of an interval are missing."""
         unstored = self.happened((NOT_STORED,), a_s, b_s)
         if unstored is not None:
             return f"not stored by the server: {unstored.text}"
@@ -168,7 +169,7 @@ class _Evidence:
 
 
 def _period_s(samples: Sequence[HousekeepingSample]) -> float:
-    """Return the device's housekeeping period: the median step of its clock, at most ``PERIOD_S``."""
+    """Return the device's housekeeping period: the median step of its clock, but at most ``PERIOD_S``."""
     steps = sorted(
         b.device_time_s - a.device_time_s
         for a, b in itertools.pairwise(samples)
@@ -178,15 +179,15 @@ def _period_s(samples: Sequence[HousekeepingSample]) -> float:
 
 
 def _between(before: HousekeepingSample, after: HousekeepingSample, evidence: _Evidence, period_s: float) -> Gap | None:
-    """Return the gap between two neighbouring samples; None if there is none."""
+    """Return the gap or the late interval between two consecutive samples, None if there is none."""
     if before.contact_id != after.contact_id:
         missing = max(0, round((after.at_s - before.at_s) / period_s) - 1)
-        return Gap(before.at_s, after.at_s, missing, "the line was closed meanwhile") if missing else None
-    on_board_s, here_s = after.device_time_s - before.device_time_s, after.at_s - before.at_s
+        return Gap(before.at_s, after.at_s, missing, "the line was closed in this time") if missing else None
+    device_step_s, ground_step_s = after.device_time_s - before.device_time_s, after.at_s - before.at_s
     restarted = after.uptime_s is not None and before.uptime_s is not None and after.uptime_s < before.uptime_s
-    if here_s < -SLACK_S or evidence.happened((GROUND_CLOCK,), after.at_s - SLACK_S, after.at_s) is not None:
-        missing = max(0, round(on_board_s / period_s) - 1)  # the ground's clock jumped: use the device's
-        lost = missing and not restarted and on_board_s > GAP_PERIODS * period_s
+    if ground_step_s < -SLACK_S or evidence.happened((GROUND_CLOCK,), after.at_s - SLACK_S, after.at_s) is not None:
+        missing = max(0, round(device_step_s / period_s) - 1)  # the ground's clock jumped: use the device's clock
+        lost = missing and not restarted and device_step_s > GAP_PERIODS * period_s
         return (
             Gap(before.at_s, after.at_s, missing, evidence.cause(after.at_s, after.at_s, before.contact_id))
             if lost
@@ -194,18 +195,18 @@ def _between(before: HousekeepingSample, after: HousekeepingSample, evidence: _E
         )
     boot = evidence.happened(RESETS, before.at_s, after.at_s)
     clock = evidence.happened(CLOCKS, before.at_s, after.at_s)
-    if restarted or clock is not None or on_board_s <= 0:
-        missing = max(0, round(here_s / period_s) - 1)  # the device's clock was set: use the ground's
-        if here_s <= GAP_PERIODS * period_s or not missing:
+    if restarted or clock is not None or device_step_s <= 0:
+        missing = max(0, round(ground_step_s / period_s) - 1)  # the device's clock was set: use the ground's clock
+        if ground_step_s <= GAP_PERIODS * period_s or not missing:
             return None
         if restarted:
             detail = f" ({boot.text})" if boot is not None and boot.text else ""
             return Gap(before.at_s, after.at_s, missing, f"the device restarted{detail}")
         return Gap(before.at_s, after.at_s, missing, evidence.cause(before.at_s, after.at_s, before.contact_id))
-    if on_board_s > GAP_PERIODS * period_s:
-        missing = max(1, round(on_board_s / period_s) - 1)
+    if device_step_s > GAP_PERIODS * period_s:
+        missing = max(1, round(device_step_s / period_s) - 1)
         return Gap(before.at_s, after.at_s, missing, evidence.cause(before.at_s, after.at_s, before.contact_id))
-    if here_s > LATE_S:
+    if ground_step_s > LATE_S:
         return Gap(before.at_s, after.at_s, 0, "received late: the line stalled, nothing is missing")
     return None
 
@@ -217,7 +218,8 @@ def _ends(
     end_s: float | None,
     period_s: float,
 ) -> list[Gap]:
-    """Return the gaps between opening the line and the first sample, and between the last one and closing it."""
+    """Return the gap between opening the line and the first sample, and the gap between the last sample and closing the
+    line."""
     if not samples:
         if start_s is None or end_s is None or end_s - start_s <= LATE_S:
             return []
@@ -227,8 +229,10 @@ def _ends(
     first, last = samples[0], samples[-1]
     if start_s is not None and first.at_s - start_s > LATE_S:
         missing = round((first.at_s - start_s) / period_s)
-        young = first.uptime_s is not None and first.uptime_s < first.at_s - start_s
-        cause = "the device was not running yet" if young else evidence.cause(start_s, first.at_s, first.contact_id)
+        started_later = first.uptime_s is not None and first.uptime_s < first.at_s - start_s
+        cause = (
+            "the device was not running yet" if started_later else evidence.cause(start_s, first.at_s, first.contact_id)
+        )
         gaps.append(Gap(start_s, first.at_s, missing, cause))
     if end_s is not None and end_s - last.at_s > LATE_S:
         missing = round((end_s - last.at_s) / period_s)

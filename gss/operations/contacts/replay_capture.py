@@ -1,6 +1,7 @@
-"""Replays the capture of a past contact at any speed into a separate view. Live data is never changed.
+"""Replay of the capture of a past contact at a selectable speed. Live data is never changed.
 
-The replay has its own board and its own topics (``replay``, ``replay.telemetry``, ``replay.command``, ``replay.event``).
+The replay has a separate telemetry board and separate event topics (``replay``, ``replay.telemetry``, ``replay.command``,
+``replay.event``).
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ MAX_NAP_S = 0.2
 
 @dataclass(frozen=True)
 class ReplayState:
-    """State of the replay. ``speed`` None: as fast as possible. ``at_s``: Unix seconds of the replayed contact."""
+    """State of the replay. ``speed``: None for as fast as possible. ``at_s``: current position, Unix seconds of the contact."""
 
     state: str = "none"
     contact_id: int | None = None
@@ -48,7 +49,7 @@ class ReplayState:
 
 @dataclass
 class _Counts:
-    """Counts of what the thread has replayed so far."""
+    """Position and counts of the replayed items."""
 
     at_s: float | None = None
     packets: int = 0
@@ -59,8 +60,8 @@ class _Counts:
 
 
 @dataclass
-class _Orders:
-    """The operator's requests, which the thread checks between two records. ``seek_s``: time to seek to."""
+class _Controls:
+    """The operator's settings, which the thread reads between two records. ``seek_s``: time to seek to."""
 
     speed: float | None
     paused: bool = False
@@ -69,7 +70,7 @@ class _Orders:
 
 
 class CaptureReplay:
-    """Runs one replay at a time on a separate thread."""
+    """Runs one replay at a time in a separate thread."""
 
     def __init__(
         self,
@@ -83,24 +84,25 @@ class CaptureReplay:
         self._dictionary, self._captures, self._rule, self._bus = dictionary, captures, limits.rule, bus
         self._monotonic_s, self._framing = monotonic_s, framing
         self._state = ReplayState()
-        self._orders, self._counts = _Orders(None), _Counts()
+        self._controls, self._counts = _Controls(None), _Counts()
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
         self.board = TelemetryBoard(dictionary, limits.rule, {})
-        limits.subscribe(lambda key: self.board.limits.limits_changed(key))  # not bound: each pass has a new board
+        # The lambda reads self.board at each call because each pass through the capture creates a new board.
+        limits.subscribe(lambda key: self.board.limits.limits_changed(key))
 
     # --- control --------------------------------------------------------------------------------------------------
 
     def start(self, contact_id: int, speed: float | None, from_s: float | None = None) -> ReplayState:
-        """Replay a contact from its beginning or from ``from_s``. Stops the replay in progress. Raises NotFound without a
-        capture."""
+        """Stop the current replay and replay a contact from its beginning or from ``from_s``. Raises NotFound if the contact
+        has no capture."""
         _check_speed(speed)
         files = capture_files(self._captures, contact_id)
         span = capture_span(files)
         if span is None:
             raise NotFound("no capture of this contact", got=str(contact_id), hint="retention removes old captures")
         self.stop()
-        self._orders = _Orders(speed, seek_s=from_s)
+        self._controls = _Controls(speed, seek_s=from_s)
         self._counts = _Counts(span[0])
         self._state = ReplayState("running", contact_id, speed, *span)
         self._thread = threading.Thread(target=self._run, args=(files,), name="capture-replay", daemon=True)
@@ -115,28 +117,28 @@ class CaptureReplay:
         paused: bool | None = None,
         at_s: float | None = None,
     ) -> ReplayState:
-        """Change speed, pause or position; what is not given remains unchanged. Raises Conflict if nothing is being
-        replayed."""
+        """Change speed, pause or position. Arguments that are not given leave their setting unchanged. Raises Conflict if no
+        replay is running."""
         _check_speed(speed)
         if self._thread is None or not self._thread.is_alive():
             raise Conflict("no replay is running", got=self._state.state, hint="start the replay again")
         with self._changed:
             if speed is not None or as_fast_as_possible:
-                self._orders.speed = None if as_fast_as_possible else speed
+                self._controls.speed = None if as_fast_as_possible else speed
             if paused is not None:
-                self._orders.paused = paused
+                self._controls.paused = paused
             if at_s is not None:
-                self._orders.seek_s = at_s
+                self._controls.seek_s = at_s
             self._state = replace(
-                self._state, speed=self._orders.speed, state="paused" if self._orders.paused else "running"
+                self._state, speed=self._controls.speed, state="paused" if self._controls.paused else "running"
             )
             self._changed.notify_all()
         return self.state
 
     def stop(self) -> ReplayState:
-        """Stop the replay; its board is kept until the next one."""
+        """Stop the replay. Its telemetry board stays available until the next replay."""
         with self._changed:
-            self._orders.stop = True
+            self._controls.stop = True
             self._changed.notify_all()
         if self._thread is not None:
             self._thread.join(timeout=5)
@@ -160,47 +162,48 @@ class CaptureReplay:
             self._publish(state="failed", reason=f"{type(error).__name__}: {error}")
 
     def _pass(self, files: list[Path]) -> bool:
-        """Run once through the capture. Return True if a seek needs another pass from the beginning."""
+        """Replay the capture once. Return True if a seek requires another pass from the beginning."""
         decoder, self.board = (
             CaptureDecoder(self._dictionary, self._framing),
             TelemetryBoard(self._dictionary, self._rule, {}),
         )
-        seek_s, self._orders.seek_s = self._orders.seek_s, None
+        seek_s, self._controls.seek_s = self._controls.seek_s, None
         self._counts = _Counts()
-        player = _Pace(self._monotonic_s)
+        pace = _Pace(self._monotonic_s)
         published_s = -1e9
         unread: list[str] = []
         for record in read_captures(files, lambda path, count: unread.append(f"{count} bytes of {path.name}")):
             at_s = record[0]
             if seek_s is not None and at_s < seek_s:
                 self._take(decoder, record, silent=True)
-                if self._orders.stop:
+                if self._controls.stop:
                     return False
                 continue
-            if not self._wait(player, at_s):
-                return self._goes_elsewhere()
+            if not self._wait(pace, at_s):
+                return self._seek_requested()
             self._take(decoder, record, silent=False)
             if self._monotonic_s() - published_s >= PUBLISH_EVERY_S:
                 published_s = self._monotonic_s()
                 self._show(at_s)
         self._show(self._counts.at_s or 0.0)
         self._publish(
-            state="ended", reason=f"damaged: {', '.join(unread)} could not be read" if unread else "the capture's end"
+            state="ended",
+            reason=f"damaged: {', '.join(unread)} could not be read" if unread else "end of the capture",
         )
         return False
 
-    def _goes_elsewhere(self) -> bool:
-        return self._orders.seek_s is not None and not self._orders.stop
+    def _seek_requested(self) -> bool:
+        return self._controls.seek_s is not None and not self._controls.stop
 
-    def _wait(self, player: _Pace, at_s: float) -> bool:
-        """Wait until ``at_s`` of the contact is due. Return False if the operator requested a stop or a seek."""
+    def _wait(self, pace: _Pace, at_s: float) -> bool:
+        """Wait until the time ``at_s`` of the contact is due. Return False if the operator requested a stop or a seek."""
         with self._changed:
-            while not self._orders.stop and self._orders.seek_s is None:
-                if self._orders.paused:
-                    player.forget()
+            while not self._controls.stop and self._controls.seek_s is None:
+                if self._controls.paused:
+                    pace.forget()
                     self._changed.wait()
                     continue
-                left_s = player.left_s(at_s, self._orders.speed)
+                left_s = pace.left_s(at_s, self._controls.speed)
                 if left_s <= 0:
                     return True
                 self._changed.wait(min(left_s, MAX_NAP_S))
@@ -208,10 +211,10 @@ class CaptureReplay:
 
     def _take(self, decoder: CaptureDecoder, record: Record, *, silent: bool) -> None:
         for replayed in decoder.feed(*record):
-            self._one(replayed, silent=silent)
+            self._publish_item(replayed, silent=silent)
         self._counts.at_s, self._counts.damaged, self._counts.foreign = record[0], decoder.damaged, decoder.foreign
 
-    def _one(self, replayed: Replayed, *, silent: bool) -> None:
+    def _publish_item(self, replayed: Replayed, *, silent: bool) -> None:
         item, counts = replayed.item, self._counts
         if isinstance(item, Telemetry):
             self.board.take(item, datetime.fromtimestamp(replayed.at_s, UTC))
@@ -242,11 +245,11 @@ class _Pace:
         self._anchor: tuple[float, float, float] | None = None
 
     def forget(self) -> None:
-        """Exclude the time until the next call: the replay is paused."""
+        """Reset the time reference, because time during a pause does not count."""
         self._anchor = None
 
     def left_s(self, at_s: float, speed: float | None) -> float:
-        """Seconds to wait; 0 or less if due now."""
+        """Return the seconds until the time ``at_s`` of the contact is due; 0 or less if it is due now."""
         if speed is None:
             self._anchor = None
             return 0.0
@@ -267,7 +270,7 @@ def _check_speed(speed: float | None) -> None:
 
 
 def paced(items: Iterator[Replayed], speed: float | None, monotonic_s: Monotonic, sleep: Any) -> Iterator[Replayed]:
-    """Yield the same items, each when it is due; without delay if ``speed`` is None."""
+    """Yield the items, each at the time when it is due. If ``speed`` is None, yield them without delay."""
     _check_speed(speed)
     pace = _Pace(monotonic_s)
     for item in items:

@@ -1,4 +1,4 @@
-"""Attitudes of stored frames as an attitude message, and their comparison with the attitudes of another system."""
+"""Export of the attitudes of stored frames as an attitude message, and comparison with the attitudes of another system."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ MEAN_STEPS = 20
 
 @dataclass(frozen=True)
 class ComparedAttitude:
-    """One frame's attitude against another system's. ``residual_rad`` (3,): rotation about the camera's axes that is left after the
-    mean rotation between both."""
+    """Comparison of one frame's attitude with the attitude of another system. ``residual_rad`` (3,): residual rotation about the
+    camera's axes after the mean rotation between both systems was removed."""
 
     frame_id: int
     at: datetime
@@ -39,9 +39,9 @@ class ComparedAttitude:
 
 @dataclass(frozen=True)
 class AttitudeComparison:
-    """Attitudes of frames against those of a message. ``cam_from_frame`` (4,): mean rotation from the message's frame,
-    scalar-last; ``rms_rad`` (3,): of the residuals about the camera's axes; ``outside``: number of frames for which the message has
-    no attitude."""
+    """Comparison of the attitudes of frames with the attitudes of a message. ``cam_from_frame`` (4,): mean rotation from the
+    message's frame to the camera, scalar-last. ``rms_rad`` (3,): rms of the residuals about the camera's axes. ``outside``: number
+    of frames for which the message has no attitude."""
 
     object_name: str
     frame: str
@@ -52,14 +52,14 @@ class AttitudeComparison:
 
 
 class AttitudeExchange:
-    """Exports and compares the attitudes of stored frames. ``name``: returns the name of the object in messages."""
+    """Exports and compares the attitudes of stored frames. ``name``: function that returns the object name for messages."""
 
     def __init__(self, database: Database, parsing: ParseProcesses, name: Callable[[], str], now: Now) -> None:
         self._database, self._parsing, self._name, self._now = database, parsing, name, now
 
     def history(self, origin: AttitudeOrigin, start: datetime, end: datetime) -> AttitudeHistory:
-        """Return the attitudes of frames exposed in a span: the operational ground result of each, or the newest one of the sensor.
-        Of frames with the same time the first one is used. Raises BadInput."""
+        """Return the attitudes of the frames exposed in a time span. ``origin`` "ground": the operational ground results. "on
+        board": the latest results of the sensor. If frames have the same time, the first one is used. Raises BadInput."""
         rows = {row.at: row for row in reversed(self._rows(origin, start, end))}
         ordered = [rows[at] for at in sorted(rows)]
         sigmas = [_sigma(row) for row in ordered]
@@ -72,34 +72,39 @@ class AttitudeExchange:
         )
 
     def message(self, kind: MessageFormat, origin: AttitudeOrigin, start: datetime, end: datetime) -> Iterator[str]:
-        """Yield the lines of an AEM or ACM of a span. Raises BadInput before the first."""
+        """Yield the lines of an AEM or ACM of a time span. Raises BadInput before the first line."""
         history = self.history(origin, start, end)
         if kind == "aem":
             return aem_of(history, self._now())
         return acm_of(history, "DETERMINED_GND" if origin == "ground" else "DETERMINED_OBC", self._now())
 
     def compare(self, data: bytes, origin: AttitudeOrigin) -> AttitudeComparison:
-        """Compare every frame in the span of an AEM or ACM. Raises BadInput for a bad file, and if there is no frame."""
+        """Compare all frames in the time span of an AEM or ACM. Raises BadInput if the file is not valid or there is no frame."""
         other = self._parsing.parse(read_attitude_file, data, classes=(AttitudeHistory,), subject="the message")
         first, last = (datetime.fromtimestamp(float(t), UTC) for t in (other.times_s[0], other.times_s[-1]))
         rows = self._rows(origin, first, last)
-        theirs = other.at(np.array([row.at.timestamp() for row in rows], float))
-        within = np.asarray(np.isfinite(theirs).all(axis=1))
+        message_quaternions = other.at(np.array([row.at.timestamp() for row in rows], float))
+        within = np.asarray(np.isfinite(message_quaternions).all(axis=1))
         if not within.any():
             raise BadInput(
                 "No stored attitude lies within the message",
-                expected="frames with a result in its time",
+                expected="frames with a result in the time of the message",
                 got=f"{first:%Y-%m-%d %H:%M:%S} to {last:%Y-%m-%d %H:%M:%S}",
             )
         compared_rows = [row for row, inside in zip(rows, within, strict=True) if inside]
-        ours = np.array([row.quaternion for row in compared_rows], float)
-        mean, residuals = _mean_rotation(quaternion_product(ours, quaternion_inverse(theirs[within])))
+        frame_quaternions = np.array([row.quaternion for row in compared_rows], float)
+        mean, residuals = _mean_rotation(
+            quaternion_product(frame_quaternions, quaternion_inverse(message_quaternions[within]))
+        )
         return AttitudeComparison(
             other.object_name,
             other.frame,
             mean,
             np.sqrt((residuals**2).mean(axis=0)),
-            [ComparedAttitude(row.id, row.at, turn) for row, turn in zip(compared_rows, residuals, strict=True)],
+            [
+                ComparedAttitude(row.id, row.at, residual)
+                for row, residual in zip(compared_rows, residuals, strict=True)
+            ],
             len(rows) - len(compared_rows),
         )
 
@@ -114,13 +119,13 @@ class AttitudeExchange:
 
 
 def _sigma(row: FrameAttitude) -> tuple[float, float, float]:
-    """Return the standard deviations about x, y and z of the camera; NaN if the chain states none."""
+    """Return the standard deviations about x, y and z of the camera, NaN if the chain does not compute them."""
     cross, roll = row.sigma_rad or (np.nan, np.nan)
     return cross, cross, roll
 
 
 def _mean_rotation(quaternions: Array) -> tuple[Array, Array]:
-    """Return the mean (4,) of (n, 4) rotations and the (n, 3) rotation vectors from it to each."""
+    """Return the (4,) mean of (n, 4) rotations, and the (n, 3) rotation vectors from the mean to each rotation."""
     mean = quaternions[0]
     for _ in range(MEAN_STEPS):
         turns = turn_between(np.broadcast_to(mean, quaternions.shape), quaternions)

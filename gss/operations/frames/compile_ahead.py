@@ -1,7 +1,7 @@
-"""Compiles the loops of the solver before a frame needs them.
+"""Compilation of the solver's loops before a frame needs them.
 
-The loops are compiled at their first use and cached on disk; that takes more than a minute of processor time, once per
-installation. Solving small frames in every way that the chains use compiles all of them.
+The loops are compiled at their first use and cached on disk. This takes more than a minute of processor time, once per
+installation. Solving small test frames with all methods that the chains use compiles all loops.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ EPOCH_JYEAR = 2026.5
 POINTING = cam_from_icrs(math.radians(84.0), math.radians(-2.0), math.radians(30.0))
 PRIOR_RADIUS_RAD = math.radians(5.0)
 Report = Callable[[int, int, str], None]
-"""Called with the number of cases done, their total, and the next case."""
+"""Called with the number of completed cases, the total number, and the name of the next case."""
 
 
 @dataclass(frozen=True)
 class CompileCase:
-    """One way to solve the frame. ``dtype``: of the pixels."""
+    """One method of solving the test frame. ``dtype``: type of the pixels."""
 
     name: str
     request: SolveRequest
@@ -37,7 +37,7 @@ class CompileCase:
 
 
 def _cases(profile: CameraProfile) -> list[CompileCase]:
-    """All ways to solve a frame that need different loops, or loops for other types."""
+    """Return all cases that need different loops, or loops for different types."""
     request = SolveRequest(profile=profile.name, epoch_jyear=EPOCH_JYEAR, fast=True)
     cases = [
         CompileCase("lost in space", request),
@@ -52,7 +52,7 @@ def _cases(profile: CameraProfile) -> list[CompileCase]:
 
 
 def compile_ahead(solver: Solver, profile: CameraProfile, report: Report) -> None:
-    """Compile the loops with frames of ``profile``'s camera.
+    """Compile the loops by solving test frames of the camera ``profile``.
 
     Raises BadInput if numba is not installed, GssError if a frame is not solved.
     """

@@ -1,4 +1,4 @@
-"""Dark frames of detector calibrations: stored as blobs, loaded when frames are processed, shown as pictures."""
+"""Dark frames of detector calibrations. They are stored as blobs, loaded when frames are processed, and displayed as pictures."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from gss.pipeline.calibration.dark import DarkCalibration, Response
 from gss.pipeline.fixed_pattern import DarkPattern
 
 DARK = "dark frame"
-"""Key in a profile's ``sources`` that holds the blob key of the dark frame in use."""
+"""Key in a profile's ``sources``. Its value is the blob key of the active dark frame."""
 KEPT_IN_MEMORY = 4
 MAX_BYTES = 256 << 20
-"""Maximum size of an unpacked dark frame: twice a map of the largest detector in half precision."""
+"""Maximum size of an unpacked dark frame: twice the size of a half-precision map of the largest detector."""
 GREYS = 16
-"""Number of grey levels in the picture: noise does not compress, and more levels cannot be distinguished."""
+"""Number of grey levels in the picture. More levels cannot be distinguished and would compress badly, because they are noise."""
 
 
 class Bytes(Protocol):
-    """A store of bytes under the hash of their content."""
+    """A store of bytes whose keys are the hashes of their content."""
 
     def put(self, data: bytes) -> str: ...
 
@@ -36,7 +36,7 @@ class Bytes(Protocol):
 
 
 class DarkFrames:
-    """Stores and loads dark frames, caching the last few in memory."""
+    """Stores and loads dark frames. The last few are cached in memory."""
 
     def __init__(self, blobs: Bytes) -> None:
         self._blobs = blobs
@@ -44,11 +44,13 @@ class DarkFrames:
         self._read: dict[str, DarkPattern] = {}
 
     def keep(self, dark: DarkCalibration, even: Response | None) -> JsonObject:
-        """Store the map and its bad pixels. Return its entry for the calibration's result: key, counts, picture."""
+        """Store the map of a dark calibration with its bad pixels. Return its entry for the calibration's result: key, number of
+        bad pixels, exposure and picture."""
         return self.keep_pattern(pattern_of(dark, even))
 
     def keep_pattern(self, pattern: DarkPattern) -> JsonObject:
-        """Store a map. Return its entry for the calibration's result; the picture is None if the map only has bad pixels."""
+        """Store a map and return its entry for the calibration's result. The picture is None if the map contains only bad
+        pixels."""
         return {
             "key": self._blobs.put(as_bytes(pattern)),
             "bad": len(pattern.bad),
@@ -57,7 +59,7 @@ class DarkFrames:
         }
 
     def pattern(self, key: str) -> DarkPattern:
-        """Return the map with that key. Raises CorruptData or NotFound."""
+        """Return the map with this key. Raises CorruptData or NotFound."""
         with self._lock:
             if key not in self._read:
                 while len(self._read) >= KEPT_IN_MEMORY:
@@ -70,7 +72,7 @@ Pattern = Callable[[str], DarkPattern]
 
 
 def pattern_of(dark: DarkCalibration, even: Response | None = None) -> DarkPattern:
-    """Return the map of a dark calibration; dead pixels are known only from flat fields."""
+    """Return the map of a dark calibration. ``even``: response measured with flat fields, which shows the dead pixels."""
     dead = np.zeros((0, 2), np.intp) if even is None else even.dead
     bad = np.unique(np.concatenate([dark.hot, dark.noisy, dead]).reshape(-1, 2), axis=0)
     level = np.float32(np.median(dark.median_dn))
@@ -78,7 +80,8 @@ def pattern_of(dark: DarkCalibration, even: Response | None = None) -> DarkPatte
 
 
 def as_bytes(pattern: DarkPattern) -> bytes:
-    """Return compressed bytes; half precision resolves 1 DN at a level of 2048 DN, and far better for ordinary pixels."""
+    """Return a map as compressed bytes in half precision. The resolution is 1 DN at a level of 2048 DN, and much better for
+    ordinary pixels."""
     buffer = io.BytesIO()
     small = np.clip(pattern.pattern_dn, -60000, 60000).astype(np.float16)
     np.savez_compressed(
@@ -88,7 +91,7 @@ def as_bytes(pattern: DarkPattern) -> bytes:
 
 
 def from_bytes(data: bytes) -> DarkPattern:
-    """Restore a map from :func:`as_bytes`. Raises CorruptData if that fails."""
+    """Restore a map from the bytes of :func:`as_bytes`. Raises CorruptData if the bytes are not a valid map."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(member.file_size for member in archive.infolist())
@@ -98,12 +101,13 @@ def from_bytes(data: bytes) -> DarkPattern:
             return DarkPattern(
                 arrays["pattern_dn"].astype(np.float32), arrays["bad"].astype(np.intp), float(arrays["exposure_s"])
             )
-    except Exception as error:  # zipfile, zlib and numpy raise many kinds of errors on damaged data
+    except Exception as error:  # zipfile, zlib and numpy raise many types of exceptions for damaged data
         raise CorruptData("the file is not a dark frame", got=f"{type(error).__name__}: {error}") from None
 
 
 def picture_of(pattern_dn: NDArray[np.float32]) -> JsonObject:
-    """Return {"png": base64, "low_dn", "high_dn"}: black at the 0.1 % percentile, white at 99.9 %; hot pixels are white."""
+    """Return a picture as {"png": base64, "low_dn", "high_dn"}. Black is the 0.1 % percentile and white the 99.9 % percentile, so
+    hot pixels are white."""
     low, high = (float(v) for v in np.percentile(pattern_dn, [0.1, 99.9]))
     high = max(high, low + 1.0)
     grey = apply(pattern_dn, DisplayRange(low, high, asinh=False))

@@ -1,6 +1,6 @@
-"""On-disk cache of the blind solver's dictionaries, one file per content, so that a new process need not rebuild them.
+"""On-disk cache of the blind solver's dictionaries, so that a new process does not need to rebuild them.
 
-A file's name is the hash of the data it was made from; a damaged or incompatible file is rebuilt and overwritten.
+The name of a file is the hash of its source data. A damaged or incompatible file is rebuilt and overwritten.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ NAMES = ("stars", "size_rad", "codes")
 
 def users_folder() -> Path:
     """Return the user's cache folder for this program."""
-    place = os.environ.get("XDG_CACHE_HOME")
-    return (Path(place) if place else Path.home() / ".cache") / "gss"
+    cache_home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(cache_home) if cache_home else Path.home() / ".cache") / "gss"
 
 
 class FigureFiles:
-    """Dictionaries in a folder, built when missing. Several processes may share it."""
+    """Dictionaries in a folder. Missing dictionaries are built. Several processes can share the folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def levels(self, sky: SkyCatalogue) -> Callable[[float], PatternLevel]:
-        """Return a builder of the dictionaries of one sky that looks on disk first."""
+        """Return a function that returns the dictionary of a radius for one sky, from the disk if available."""
         content = hashlib.sha256(f"{FORMAT} ".encode() + np.ascontiguousarray(sky.icrs).tobytes()).hexdigest()
         return lambda radius_rad: self._level(sky, radius_rad, content)
 
@@ -47,7 +47,7 @@ class FigureFiles:
         level = _read(path, sky, radius_rad)
         if level is None:
             level = build_level(sky, radius_rad)
-            with contextlib.suppress(OSError):  # a full or read-only disk costs only time
+            with contextlib.suppress(OSError):  # with a full or read-only disk, the dictionary is rebuilt next time
                 _write(path, level)
         return level
 
@@ -59,8 +59,8 @@ def _read(path: Path, sky: SkyCatalogue, radius_rad: float) -> PatternLevel | No
             count = int(archive["bright_count"])
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
-    sound = stars.shape == codes.shape == (len(size_rad), 4) and 0 < count <= len(sky) and stars.size
-    if not sound or stars.min() < 0 or stars.max() >= count:
+    is_consistent = stars.shape == codes.shape == (len(size_rad), 4) and 0 < count <= len(sky) and stars.size
+    if not is_consistent or stars.min() < 0 or stars.max() >= count:
         return None
     return PatternLevel(radius_rad, stars, size_rad, cKDTree(codes), cKDTree(sky.icrs[:count]), count)
 

@@ -1,4 +1,4 @@
-"""What an image file states about detector and lens: size of a pixel, focal length, aperture, size of the original image."""
+"""Detector and lens data in image files: pixel size, focal length, aperture, size of the original image."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from typing import Any
 from gss.domain.errors import BadInput
 
 RAW_TAGS = (0xC612, 0xC614)
-"""DNG version and unique camera model. Such a file begins with a small preview, which decoders return as the image."""
+"""TIFF tags of DNG version and unique camera model. A file with them begins with a small preview, which decoders return as the
+image."""
 INCH_MM, UNIT_MM = 25.4, {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 """Millimetres per unit of EXIF's FocalPlaneResolutionUnit."""
 PIXEL_UM, FOCAL_MM, F_NUMBER = (1e-1, 200.0), (0.1, 10_000.0), (0.1, 200.0)
-"""Plausible ranges."""
+"""Plausible ranges of pixel size, focal length and f-number."""
 
 
 def check_not_raw(image: Any, data: bytes, name: str) -> None:
@@ -31,7 +32,7 @@ def check_not_raw(image: Any, data: bytes, name: str) -> None:
 
 
 def picture_optics(exif: Mapping[int, Any], inner: Mapping[int, Any], size: tuple[int, int]) -> dict[str, str]:
-    """Return what the EXIF blocks state. The size of a pixel is left out if the image was resized after the exposure."""
+    """Return the optical data in the EXIF blocks. The pixel size is omitted if the image was resized after the exposure."""
     values = {
         "focal_mm": _within(inner.get(0x920A), FOCAL_MM),
         "f_number": _within(inner.get(0x829D), F_NUMBER),
@@ -48,7 +49,7 @@ def picture_optics(exif: Mapping[int, Any], inner: Mapping[int, Any], size: tupl
 
 
 def fits_optics(header: Mapping[str, Any]) -> dict[str, str]:
-    """Return what the header states. By convention XPIXSZ is in micrometres and includes binning."""
+    """Return the optical data in the FITS header. By convention, XPIXSZ is in micrometres and includes binning."""
     values = {
         "pixel_um": _within(header.get("XPIXSZ"), PIXEL_UM),
         "focal_mm": _within(header.get("FOCALLEN"), FOCAL_MM),
@@ -57,7 +58,8 @@ def fits_optics(header: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _within(value: Any, limits: tuple[float, float]) -> float | None:
-    """Return a plausible number, None for anything else; a broken header does not affect the pixels."""
+    """Return the value as a number if it is within the limits, otherwise None. Errors are ignored, because a damaged header does
+    not affect the pixels."""
     try:
         number = float(value)
     except (TypeError, ValueError, ZeroDivisionError):

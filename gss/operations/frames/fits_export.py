@@ -1,4 +1,4 @@
-"""Exports a frame as a FITS file with the world coordinates of its solution."""
+"""Export of a frame as a FITS file with the world coordinates of its solution."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ SIP_ORDER = 7
 
 
 def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
-    """Return FITS bytes; with an attitude, including a gnomonic WCS of catalogue positions, with SIP polynomials for the camera's
-    distortion and for aberration if the solution was corrected for it."""
+    """Return a frame as a FITS file. If the solution has an attitude, the header contains a gnomonic WCS of catalogue positions.
+    SIP polynomials describe the camera's distortion, and aberration if the solution was corrected for it."""
     from astropy.io import fits
 
     hdu = fits.PrimaryHDU(np.ascontiguousarray(pixels))
@@ -53,24 +53,25 @@ def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
 
 
 Cards = dict[str, str | float]
-"""Header cards by keyword."""
+"""FITS header cards: keyword to value."""
 
 
 @dataclass(frozen=True)
 class _View:
-    """Camera and attitude of a solution. ``velocity_c``: of the observer, if aberration was corrected."""
+    """Camera and attitude of a solution. ``velocity_c``: velocity of the observer in units of c, None if aberration was not
+    corrected."""
 
     camera: Camera
     cam_from_icrs: Array
     velocity_c: Array | None
 
     def catalogue_directions(self, rays: Array) -> Array:
-        """Return (n, 3) catalogue directions, ICRS, of (n, 3) unit vectors in the camera frame."""
+        """Return (n, 3) ICRS catalogue directions of (n, 3) unit vectors in the camera frame."""
         apparent = rays @ self.cam_from_icrs
         return apparent if self.velocity_c is None else aberrate(apparent, -self.velocity_c)
 
     def catalogue_attitude(self) -> Array:
-        """Return the (3, 3) attitude that the camera seems to have among catalogue positions at the boresight."""
+        """Return the (3, 3) attitude of the camera relative to catalogue positions at the boresight."""
         if self.velocity_c is None:
             return self.cam_from_icrs
         boresight, beside = self.catalogue_directions(np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]))
@@ -80,7 +81,7 @@ class _View:
 
 
 def _world_coordinates(view: _View) -> Cards:
-    """Return TAN header cards, with SIP polynomials (Shupe et al. 2005) unless the mapping is linear. FITS counts pixels from 1."""
+    """Return TAN header cards, with SIP polynomials (Shupe et al. 2005) if the mapping is not linear. FITS counts pixels from 1."""
     camera, attitude = view.camera, view.catalogue_attitude()
     ra, dec, roll = ra_dec_roll_rad(attitude)
     c, s = np.cos(roll), np.sin(roll)
@@ -104,7 +105,8 @@ def _world_coordinates(view: _View) -> Cards:
 
 
 def _sip(view: _View, catalogue_attitude: Array) -> Cards:
-    """Fit polynomials to both directions of the mapping, in the offset from the optical centre, over the detector."""
+    """Fit SIP polynomials to both directions of the mapping over the detector, and return their header cards. The variables are
+    offsets from the optical centre."""
     camera = view.camera
     focal = np.array([camera.focal_col_px, camera.focal_row_px])
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
@@ -112,8 +114,8 @@ def _sip(view: _View, catalogue_attitude: Array) -> Cards:
         np.linspace(0, camera.columns - 1, GRID_POINTS), np.linspace(0, camera.rows - 1, GRID_POINTS)
     )
     pixels = np.column_stack([cols.ravel(), rows.ravel()])
-    seen = view.catalogue_directions(camera.unproject(pixels)) @ catalogue_attitude.T
-    measured, ideal = pixels - centre, seen[:, :2] / seen[:, 2:] * focal
+    directions = view.catalogue_directions(camera.unproject(pixels)) @ catalogue_attitude.T
+    measured, ideal = pixels - centre, directions[:, :2] / directions[:, 2:] * focal
     cards: Cards = {}
     for names, start, end in ((("A", "B"), measured, ideal), (("AP", "BP"), ideal, measured)):
         for axis, name in enumerate(names):

@@ -1,5 +1,5 @@
-"""Reads frames from files: FITS, TIFF, PNG, JPEG, recognized by content, not by name. Unusable files raise BadInput with the
-reason."""
+"""Reader of frames from FITS, TIFF, PNG and JPEG files. The format is detected from the content. Unusable files raise BadInput
+with the reason."""
 
 from __future__ import annotations
 
@@ -23,30 +23,30 @@ MAX_BYTES = 512 * 1024 * 1024
 MAX_PIXELS = 64_000_000
 MAX_SIDE_PX = 20_000
 MAX_UNPACKED_BYTES = 4 * MAX_PIXELS
-"""Limit for a tile-compressed FITS image."""
+"""Maximum unpacked size of a tile-compressed FITS image."""
 MAX_TILES = 2 * MAX_SIDE_PX
 MAX_EXTENSIONS = 100
 MAX_EXPOSURE_S = 86_400.0
 FIRST_YEAR, LAST_YEAR = 1900, 2200
 MIN_SIDE_PX, ABSURD = 8, 1e30
 WITHOUT_ABERRATION = "without_aberration"
-"""Key in ``source`` of frames whose file states that its sky was drawn without aberration, as our exports of simulated
-frames do."""
+"""Key in ``source`` of a frame whose file states that its sky was rendered without aberration. GSS exports of simulated frames
+state this."""
 JPEG_END, RESTART = b"\xff\xd9", re.compile(rb"\xff[\xd0-\xd7]")
 FOREIGN = bytes(range(1, 200)) * 20
-"""Arbitrary bytes without a marker."""
+"""Arbitrary bytes that contain no JPEG marker."""
 LUMINANCE = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as most cameras write JPEG
 LUMINANCE_32 = LUMINANCE.astype(np.float32)
 BAND_ROWS = 64
-"""Number of rows of a large picture that are converted at once."""
+"""Number of rows of a large image that are converted at a time."""
 HINT = "a FITS, PNG, TIFF or JPEG image of the sky"
 
 
 @dataclass(frozen=True)
 class ImportedFrame:
-    """One frame as an array (rows, columns) of uint8, uint16 or float32, with metadata from its file.
+    """One frame as a (rows, columns) array of uint8, uint16 or float32, with metadata from its file.
 
-    ``bits``: bits of the converter's range (32 for float). ``exposure_s`` and ``taken_at`` are None if unknown.
+    ``bits``: number of bits of the converter's range (32 for float). ``exposure_s``, ``taken_at``: None if unknown.
     """
 
     pixels: NDArray[np.generic]
@@ -57,13 +57,13 @@ class ImportedFrame:
 
     @property
     def seen_at(self) -> datetime | None:
-        """Time of observation, for the aberration by the observer's motion; None if unknown, or if the image contains no
+        """Time of observation for the correction of aberration. None if the time is unknown or the image contains no
         aberration."""
         return None if WITHOUT_ABERRATION in self.source else self.taken_at
 
 
 def read_frame(data: bytes, name: str) -> ImportedFrame:
-    """Return the frame in a file's bytes; ``name`` is used in messages only. Raises BadInput."""
+    """Read the frame in the bytes of a file. ``name``: name of the file in messages. Raises BadInput."""
     if not data:
         raise BadInput(f"{name} is empty", expected=HINT, got="0 bytes")
     if len(data) > MAX_BYTES:
@@ -114,7 +114,7 @@ def _read_picture(data: bytes, name: str) -> tuple[NDArray[np.generic], JsonObje
 
     try:
         with warnings.catch_warnings():
-            # Our own limit, far above the one at which Pillow warns, is checked before any pixel is decoded.
+            # Pillow's size warning is ignored, because _check_size enforces a higher limit before pixels are decoded.
             warnings.simplefilter("ignore")
             image = Image.open(io.BytesIO(data), formats=("PNG", "TIFF", "JPEG"))
             check_not_raw(image, data, name)
@@ -122,7 +122,7 @@ def _read_picture(data: bytes, name: str) -> tuple[NDArray[np.generic], JsonObje
             meta = _picture_meta(image)
             image.load()
             if image.format == "JPEG":
-                _check_all_there(data, image, name)
+                _check_complete(data, image, name)
             return _luminance(image, name), meta
     except (BadInput, MemoryError):
         raise
@@ -143,9 +143,9 @@ def _read_picture(data: bytes, name: str) -> tuple[NDArray[np.generic], JsonObje
         ) from None
 
 
-def _check_all_there(data: bytes, image: Any, name: str) -> None:
-    """Raise BadInput if a JPEG file has less coded data than its header states; the decoder invents the other pixels. Other data
-    before the end marker change nothing in a complete image."""
+def _check_complete(data: bytes, image: Any, name: str) -> None:
+    """Raise BadInput if a JPEG file contains less coded data than its header states. The decoder would invent the missing pixels.
+    In a complete image, additional data before the end marker do not change the pixels."""
     from PIL import Image
 
     end, restarts = data.rfind(JPEG_END), RESTART.findall(data)
@@ -166,16 +166,16 @@ def _picture_meta(image: Any) -> JsonObject:
         exif = image.getexif()
         inner = exif.get_ifd(0x8769)
         seconds = inner.get(0x829A)
-        if seconds and _believable_s(float(seconds)):
+        if seconds and _is_plausible_s(float(seconds)):
             meta["exposure_s"] = float(seconds)
         taken_at = inner.get(0x9003) or exif.get(0x0132)
         if isinstance(taken_at, str):
-            meta["taken_at"] = _believable(
+            meta["taken_at"] = _plausible(
                 datetime.strptime(taken_at.strip("\0 "), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
             )
         meta |= picture_optics(exif, inner, image.size)
     except (ValueError, TypeError, ZeroDivisionError, OSError, SyntaxError, KeyError):
-        pass  # a broken EXIF block does not affect the pixels
+        pass  # a damaged EXIF block does not affect the pixels
     return meta
 
 
@@ -189,13 +189,13 @@ def _luminance(image: Any, name: str) -> NDArray[np.generic]:
         raise BadInput(
             f"{name} is not an image", expected="rows and columns, grey or colour", got=f"shape {first.shape}"
         )
-    # Convert band by band: all channels of a large picture as floats would need sixteen times its memory.
+    # The image is converted in bands, because all channels of a large image as floats would need sixteen times its memory.
     grey = np.empty((image.height, image.width), first.dtype if first.dtype.kind == "u" else np.float32)
     for row in range(0, image.height, BAND_ROWS):
-        until = min(row + BAND_ROWS, image.height)
-        band = np.asarray(image.crop((0, row, image.width, until)))
+        end_row = min(row + BAND_ROWS, image.height)
+        band = np.asarray(image.crop((0, row, image.width, end_row)))
         luminance = band[..., :3].astype(np.float32) @ LUMINANCE_32 if band.shape[2] in (3, 4) else band[..., 0]
-        grey[row:until] = np.rint(luminance) if grey.dtype.kind == "u" else luminance
+        grey[row:end_row] = np.rint(luminance) if grey.dtype.kind == "u" else luminance
     return grey
 
 
@@ -204,7 +204,7 @@ def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], JsonObject]
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # header oddities are common and harmless; the data are checked below
+            warnings.simplefilter("ignore")  # irregular headers are common and harmless; the data are checked below
             with fits.open(io.BytesIO(data), memmap=False, lazy_load_hdus=True) as hdus:
                 for hdu in itertools.islice(hdus, MAX_EXTENSIONS):
                     if getattr(hdu, "is_image", False) and hdu.header.get("NAXIS", 0) >= 2:
@@ -226,7 +226,7 @@ def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], JsonObject]
 
 
 def _first_plane(hdu: Any, name: str) -> NDArray[np.generic]:
-    """Return the first (rows, columns) plane of an image or data cube; other planes are not read."""
+    """Return the first (rows, columns) plane of an image or data cube. Other planes are not read."""
     header = hdu.header
     sides = [int(header[f"NAXIS{k + 1}"]) for k in range(int(header["NAXIS"]))]
     _check_size(sides[0], sides[1], name)
@@ -241,10 +241,10 @@ def _first_plane(hdu: Any, name: str) -> NDArray[np.generic]:
 
 
 def _check_tiles(hdu: Any, name: str) -> None:
-    """Raise BadInput for a tile-compressed image whose first plane is too large when unpacked; every tile touched is
-    unpacked completely."""
-    tile = [min(side, whole) for side, whole in zip(hdu.tile_shape, hdu.shape, strict=True)]
-    tiles = math.prod(-(-whole // side) for side, whole in zip(tile[-2:], hdu.shape[-2:], strict=True))
+    """Raise BadInput if the first plane of a tile-compressed image is too large when unpacked. All tiles that the plane touches
+    are unpacked completely."""
+    tile = [min(side, length) for side, length in zip(hdu.tile_shape, hdu.shape, strict=True)]
+    tiles = math.prod(-(-length // side) for side, length in zip(tile[-2:], hdu.shape[-2:], strict=True))
     unpacked = tiles * math.prod(tile) * abs(int(hdu.header["BITPIX"])) // 8
     if tiles > MAX_TILES or unpacked > MAX_UNPACKED_BYTES:
         raise BadInput(
@@ -256,16 +256,15 @@ def _check_tiles(hdu: Any, name: str) -> None:
 
 
 def _read_bands(hdu: Any, name: str) -> NDArray[np.float32]:
-    """Check double-precision pixels and convert them to float32 band by band, because a full copy with temporaries would
-    need too much memory."""
+    """Check double-precision pixels and convert them to float32. This is done in bands, because a full copy with temporary arrays
+    would need too much memory."""
     rows, columns = hdu.shape
     pixels, not_finite = np.empty((rows, columns), np.float32), 0
     for row in range(0, rows, BAND_ROWS):
         band = np.asarray(hdu.section[row : min(row + BAND_ROWS, rows)], np.float64)
         finite = np.isfinite(band)
         not_finite += int((~finite).sum())
-        # Values beyond float32 are clipped above the limit of ``_check_real``, so that they are still reported as
-        # absurd.
+        # Values outside the range of float32 are clipped to values above the limit of ``_check_real``, which reports them.
         pixels[row : row + len(band)] = np.where(finite, np.clip(band, -2 * ABSURD, 2 * ABSURD), np.nan)
     _check_real(not_finite, pixels, name)
     return pixels
@@ -275,14 +274,14 @@ def _fits_meta(header: Any) -> JsonObject:
     meta: JsonObject = {"format": "FITS", "bitpix": str(header.get("BITPIX"))}
     for key in ("EXPTIME", "EXPOSURE"):
         value = header.get(key)
-        if isinstance(value, int | float) and _believable_s(value):
+        if isinstance(value, int | float) and _is_plausible_s(value):
             meta["exposure_s"] = float(value)
             break
     taken_at = header.get("DATE-OBS")
     if isinstance(taken_at, str) and taken_at:
         try:
             when = datetime.fromisoformat(taken_at.strip())
-            meta["taken_at"] = _believable(when.replace(tzinfo=UTC) if when.tzinfo is None else when.astimezone(UTC))
+            meta["taken_at"] = _plausible(when.replace(tzinfo=UTC) if when.tzinfo is None else when.astimezone(UTC))
         except (ValueError, OverflowError):
             meta["date-obs"] = taken_at
     if header.get("GSSABERR") is False:
@@ -293,19 +292,19 @@ def _fits_meta(header: Any) -> JsonObject:
     return meta | fits_optics(header)
 
 
-def _believable_s(exposure_s: float) -> bool:
+def _is_plausible_s(exposure_s: float) -> bool:
     return 0 < exposure_s <= MAX_EXPOSURE_S
 
 
-def _believable(moment: datetime) -> datetime:
-    """Return the time if it is plausible for a photograph; raise ValueError otherwise, as for an unreadable date."""
+def _plausible(moment: datetime) -> datetime:
+    """Return the time if its year is plausible for a photograph. Raises ValueError otherwise, as an unreadable date does."""
     if not FIRST_YEAR <= moment.year <= LAST_YEAR:
         raise ValueError(f"no photograph was taken in {moment.year}")
     return moment
 
 
 def _finished(array: NDArray[np.generic], meta: JsonObject, name: str) -> ImportedFrame:
-    """Check the values and convert them to one of the three types."""
+    """Check the pixel values, convert them to one of the three types, and return the frame."""
     pixels, bits = _plain(array, name)
     exposure, taken_at = meta.pop("exposure_s", None), meta.pop("taken_at", None)
     return ImportedFrame(np.ascontiguousarray(pixels), bits, exposure, taken_at, {k: str(v) for k, v in meta.items()})
@@ -336,11 +335,11 @@ def _real(array: NDArray[np.generic], name: str) -> tuple[NDArray[np.generic], i
 
 def _check_real(not_finite: int, array: NDArray[np.generic], name: str) -> None:
     if not_finite:
-        everything = not_finite == array.size
+        all_pixels = not_finite == array.size
         raise BadInput(
-            f"{name} has {'only' if everything else 'some'} pixels that are not numbers",
+            f"{name} has {'only' if all_pixels else 'some'} pixels that are not numbers",
             expected="finite values in all pixels",
-            got="NaN or infinity everywhere" if everything else f"{not_finite} of {array.size} pixels NaN or infinite",
+            got="NaN or infinity everywhere" if all_pixels else f"{not_finite} of {array.size} pixels NaN or infinite",
             hint="replace blanked pixels by the local sky level",
         )
     largest = max(float(array.max()), -float(array.min()))

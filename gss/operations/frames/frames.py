@@ -1,4 +1,4 @@
-"""Frames: stored with their pixels, solved on the ground, and compared with the sensor's own results."""
+"""Frame service: stores frames with their pixels, solves them on the ground, and stores the sensor's own results."""
 
 from __future__ import annotations
 
@@ -35,12 +35,13 @@ from gss.store.models import Frame, Solution
 Pixels = NDArray[np.generic]
 SOLVES_AT_ONCE = 2
 SAME_FRAME = timedelta(minutes=1)
-"""Two times of one frame differ by less, whatever was known of the sensor's clock."""
+"""Maximum difference between two times of the same frame, which can be determined with different clock correlations."""
 
 
 @dataclass(frozen=True)
 class FrameDetail:
-    """A frame with its solutions, newest first, and the two that are compared: ``ground`` is the operational one."""
+    """A frame with its solutions, newest first. ``on_board``: latest result of the sensor. ``ground``: operational ground
+    solution, with which it is compared."""
 
     frame: Frame
     solutions: list[Solution]
@@ -49,9 +50,9 @@ class FrameDetail:
 
 
 class FrameService:
-    """Stores frames and runs chains on them. Frames are solved on arrival by a separate thread, in order of arrival.
+    """Stores frames and runs chains on them. A separate thread solves new frames in order of arrival.
 
-    ``check_room`` raises StoreDown if the disk is too full; its argument names the operation.
+    ``check_room``: raises StoreDown if the disk is too full. Its argument names the operation.
     """
 
     def __init__(
@@ -71,21 +72,21 @@ class FrameService:
         self._database, self._blobs, self._bus, self._now = database, blobs, bus, now
         self._solver, self._stars, self._chain, self._parsing = solver, stars, chain, parsing
         self.queue = SolveQueue(self._solve_on_arrival, bus)
-        # Limits concurrent solutions, because the solver's tables need much memory.
+        # The number of concurrent solutions is limited, because the solver's tables need much memory.
         self._few_solves = threading.BoundedSemaphore(SOLVES_AT_ONCE)
 
     def attitude_pairs(self, limit: int) -> list[tuple[Frame, Solution, Solution]]:
-        """Return the newest frames of the device with their on-board and ground solutions, if both have an attitude."""
+        """Return the latest frames of the device whose on-board and ground solutions both have an attitude, with these
+        solutions."""
         with self._database.unit_of_work() as session:
             return store.attitude_pairs(session, limit)
 
     def stop(self) -> None:
-        """Finish the running solution and drop waiting frames, which can be rerun from the page."""
+        """Finish the current solution and drop the waiting frames, which a user can rerun from the page."""
         self.queue.stop()
 
     def warm(self, profile_name: str) -> None:
-        """Solve a synthetic frame in the background, so that tables are built and loops compiled before the first real
-        frame."""
+        """Build the tables and compile the loops before the first real frame, by solving a synthetic frame in the background."""
         self.queue.submit(lambda: self._warm(profile_name))
 
     def _warm(self, profile_name: str) -> None:
@@ -99,13 +100,13 @@ class FrameService:
         for chain in dict.fromkeys((self._chain, on_board(profile).name)):
             try:
                 self._solver.solve(image, SolveRequest(chain=chain, profile=profile_name))
-            except Exception as error:  # a failure only makes the first frame slower
+            except Exception as error:  # after a failure, only the first frame is slower
                 self._bus.record("solution", "warning", f"The {chain} chain could not run: {error}")
 
     # --- storing ------------------------------------------------------------------------------------------------
 
     def add_from_device(self, pixels: Pixels, values: Mapping[str, Any]) -> Frame:
-        """Store a downlinked frame and queue it for solving; ``values`` are the columns of its row."""
+        """Store a downlinked frame and queue it for solving. ``values``: columns of its row."""
         frame, pixels = self._add(pixels, source="device", **values)
         missing = "" if frame.complete else ", rows are missing"
         self._bus.record(
@@ -116,7 +117,7 @@ class FrameService:
         return frame
 
     def add_from_file(self, data: bytes, name: str, profile_name: str | None, *, user: str) -> Frame:
-        """Import a FITS, PNG, TIFF or JPEG file and queue it for solving. Raises BadInput naming the defect."""
+        """Import a FITS, PNG, TIFF or JPEG file and queue it for solving. Raises BadInput that names the defect."""
         if profile_name:
             self._instruments.camera(profile_name)
         self._check_room("an import")
@@ -137,20 +138,20 @@ class FrameService:
         return frame
 
     def read_image(self, data: bytes, name: str) -> ImportedFrame:
-        """Return the content of an image file. Raises BadInput naming the defect."""
+        """Read an image file in a child process. Raises BadInput that names the defect."""
         return self._parsing.parse(read_frame, data, name, classes=(ImportedFrame,), subject=name)
 
     def has_number(self, number: int, taken: datetime) -> bool:
-        """True if a frame of the sensor with that number is stored and was taken within ``SAME_FRAME`` of ``taken``. An older one
-        with the same number is of a time before the sensor's clock was set back."""
+        """True if a frame of the sensor with this number is stored and was taken within ``SAME_FRAME`` of ``taken``. Another frame
+        can have the same number if the sensor's clock was set back."""
         with self._database.unit_of_work() as session:
             return store.has_number(session, number, taken - SAME_FRAME, taken + SAME_FRAME)
 
     def _add(self, pixels: Pixels, **values: Any) -> tuple[Frame, Pixels]:
-        """Store pixels and row. Return the row, and the pixels as :meth:`pixels` would return them."""
+        """Store the pixels and the row of a frame. Return the row, and the pixels in the form that :meth:`pixels` returns."""
         little = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<"))
-        bare = little.data.cast("B")  # avoids another copy of a large frame's bytes
-        key = self._blobs.put(bare, little.itemsize)
+        byte_view = little.data.cast("B")  # avoids another copy of a large frame's bytes
+        key = self._blobs.put(byte_view, little.itemsize)
         rows, columns = little.shape
         row: dict[str, object] = {
             "received": self._now(),
@@ -164,8 +165,8 @@ class FrameService:
         row["instrument_version"] = self._instruments.version_of(values.get("profile"))
         with self._database.unit_of_work() as session:
             frame = store.add(session, Frame(**row))
-        if not self._blobs.exists(key):  # retention may have removed the same bytes of an older frame in between
-            self._blobs.put(bare, little.itemsize)
+        if not self._blobs.exists(key):  # retention can have removed the same bytes of an older frame in the meantime
+            self._blobs.put(byte_view, little.itemsize)
         self._bus.publish("frame", frame)
         little = little.view()
         little.flags.writeable = False
@@ -179,7 +180,7 @@ class FrameService:
             return store.get(session, frame_id)
 
     def latest_id(self) -> int:
-        """Return the id of the newest frame. Raises NotFound before the first."""
+        """Return the id of the latest frame. Raises NotFound if there is none."""
         with self._database.unit_of_work() as session:
             frame = store.latest(session)
         if frame is None:
@@ -187,7 +188,8 @@ class FrameService:
         return frame.id
 
     def newest_in_slot(self, slot: int, bits: int) -> Frame | None:
-        """Return the newest stored image of a slot of image memory, of which the sensor may have another meanwhile."""
+        """Return the latest stored image from a slot of image memory, None if there is none. The slot can contain another image
+        now."""
         with self._database.unit_of_work() as session:
             return store.newest_in_slot(session, slot, bits)
 
@@ -203,7 +205,7 @@ class FrameService:
         return data.reshape(frame.rows, frame.columns)
 
     def page(self, limit: int, offset: int, **filters: Any) -> tuple[int, list[tuple[Frame, Solution | None]]]:
-        """Return the total and one page of frames with their operational ground solution."""
+        """Return the total number of frames, and one page of frames with their operational ground solutions."""
         with self._database.unit_of_work() as session:
             total, frames = store.page(session, limit, offset, **filters)
             solutions = store.operational_solutions(session, [f.id for f in frames])
@@ -241,13 +243,13 @@ class FrameService:
     # --- solving ------------------------------------------------------------------------------------------------
 
     def solve(self, frame_id: int, request: SolveRequest) -> Solution:
-        """Run a chain on a stored frame, store the result and return it with its overlays. It becomes the operational solution
-        only if the frame has none and it is from the configured chain with the frame's camera."""
+        """Run a chain on a stored frame, store the result and return it with its overlays. The result becomes the operational
+        solution if the frame has none and the result is from the configured chain with the frame's camera."""
         frame = self.get(frame_id)
         return self.solution(self._solve(frame, self.pixels(frame), request).id)
 
     def preview(self, frame_id: int, request: SolveRequest) -> Solution:
-        """As :meth:`solve`, but the result is not stored; its number is 0."""
+        """Run a chain on a stored frame and return the result with its overlays, without storing it. Its id is 0."""
         frame = self.get(frame_id)
         row = self._solved(frame, self.pixels(frame), request)
         row.id, row.operational = 0, False
@@ -263,14 +265,14 @@ class FrameService:
         return self._row(frame, result, "ground", request.camera_name)
 
     def pin(self, frame_id: int, solution_id: int, *, user: str) -> Solution:
-        """Make a stored ground solution the operational one of its frame. Raises BadInput if it is not eligible."""
+        """Make a ground solution the operational solution of its frame. Raises BadInput if it is not eligible."""
         with self._database.unit_of_work() as session:
             row = store.get_solution(session, solution_id)
             before = store.operational_solutions(session, [frame_id]).get(frame_id)
         if row.frame_id != frame_id or row.origin != "ground" or row.replay is not None or not row.camera:
             raise BadInput(
                 "this solution cannot be the operational result",
-                expected=f"a solution of frame {frame_id} made on the ground, not a rerun of the sensor's own chain",
+                expected=f"a ground solution of frame {frame_id} that is not a rerun of the sensor's own chain",
                 got=f"solution {row.id} of frame {row.frame_id}, {row.origin}, chain {row.chain}",
             )
         with self._database.unit_of_work() as session:
@@ -299,14 +301,14 @@ class FrameService:
             self._solve(frame, pixels, request)
         except GssError as error:
             self._bus.record("solution", "warning", f"Frame {frame_id} was not solved: {error}", frame_id=frame_id)
-        except Exception as error:  # the thread must survive; a defect becomes a visible event
+        except Exception as error:  # the thread must survive, and a defect is reported as an event
             text = f"Frame {frame_id}: internal error of the solver: {type(error).__name__}: {error}"
             self._bus.record("solution", "critical", text, frame_id=frame_id)
 
     def add_on_board(self, frame: Frame, record: OnboardRecord) -> Solution:
-        """Store the sensor's own result for a frame; a later, more complete report of the same frame replaces it."""
+        """Store the sensor's own result for a frame. It replaces an earlier, less complete result."""
         if frame.profile is None:
-            raise GssError("the camera of the frame is not known", expected="a frame of a known instrument")
+            raise GssError("the camera of the frame is unknown", expected="a frame of a known instrument")
         profile = self._instruments.camera(frame.profile)
         result = onboard_result(record, profile.camera, on_board(profile).name)
         with self._database.unit_of_work() as session:
@@ -318,7 +320,7 @@ class FrameService:
         return self._store(row)
 
     def set_replay(self, solution_id: int, text: str) -> Solution:
-        """Store how the ground's rerun of the same chain compares with an on-board solution."""
+        """Store the text that compares the ground's rerun of the sensor's chain with an on-board solution."""
         with self._database.unit_of_work() as session:
             solution = store.get_solution(session, solution_id)
             solution.replay = text
@@ -326,7 +328,7 @@ class FrameService:
         return solution
 
     def keep_replay(self, frame: Frame, result: SolveResult, text: str) -> Solution:
-        """Store the ground's rerun of the on-board chain and the text of the comparison."""
+        """Store the result of the ground's rerun of the sensor's chain, with the text of the comparison."""
         row = self._row(frame, result, "ground", frame.profile or "")
         row.replay = text
         return self._store(row)
@@ -336,7 +338,7 @@ class FrameService:
         return solution_row(frame, profile, result, self._stars, origin, self._now(), camera_name)
 
     def _documented(self, frame: Frame) -> CameraProfile | None:
-        """Return the documented camera of a frame; None for an unknown camera."""
+        """Return the documented camera of a frame, None for an unknown camera."""
         return self._instruments.find_camera(frame.profile)
 
     def _store(self, row: Solution) -> Solution:

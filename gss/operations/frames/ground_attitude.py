@@ -1,4 +1,4 @@
-"""The attitude of the sensor's newest frame that the ground solved, with the time of that frame."""
+"""Attitude of the sensor's latest frame that was solved on the ground, with the time of that frame."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from gss.store.models import Frame, Solution
 
 
 class GroundAttitude:
-    """Keeps the newest attitude. It reads the store only after a solution was published. ``clock``: relation of the sensor's clock
-    to UTC, whose uncertainty is that of the frame's time. Thread-safe."""
+    """Provides the latest attitude. The store is read only after a solution was published. ``clock``: correlation of the sensor's
+    clock with UTC, which determines the uncertainty of the frame's time. Thread-safe."""
 
     def __init__(self, database: Database, bus: EventBus, clock: Callable[[], Correlation | None]) -> None:
         self._database, self._clock = database, clock
@@ -28,7 +28,7 @@ class GroundAttitude:
         self._lock = threading.Lock()
 
     def sample(self) -> AttitudeSample | None:
-        """Return the newest attitude since the server started; None before the first."""
+        """Return the latest attitude since the server started, None before the first."""
         with self._lock:
             messages, dropped = self._subscription.take()
             if dropped or any(message.topic == "solution" for message in messages):

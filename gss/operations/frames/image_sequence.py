@@ -1,4 +1,5 @@
-"""Solves sequences of images: each solution is the hint for the next image, and two successive solutions give a rate."""
+"""Solution of image sequences. Each solution is the hint for the next image. The rate is computed from two successive
+solutions."""
 
 from __future__ import annotations
 
@@ -26,11 +27,12 @@ from gss.pipeline.score import score
 from gss.pipeline.streaks import with_sign_of
 
 FOLLOW_RAD = math.radians(5.0)
-"""Maximum rotation of the camera between two images that are tracked."""
+"""Maximum rotation of the camera between two tracked images."""
 
 
 class RateRecord(TypedDict):
-    """Rate between two images, in the camera frame: vector, its standard deviation per axis (None: unknown), and size."""
+    """Rate between two images in the camera frame. ``deg_s``: vector. ``sigma_deg_s``: standard deviation per axis, None if
+    unknown. ``speed_deg_s``: length of the vector."""
 
     interval_s: float
     deg_s: list[float]
@@ -39,7 +41,7 @@ class RateRecord(TypedDict):
 
 
 class TruthRecord(TypedDict):
-    """Verdict and errors of a solution against the true attitude."""
+    """Verdict and errors of a solution relative to the true attitude."""
 
     verdict: str
     error_arcsec: float
@@ -47,9 +49,10 @@ class TruthRecord(TypedDict):
 
 
 class Sequencer:
-    """Solves one image after the other. ``follow`` False: each with the same hint, if there is one.
+    """Solves images one after another. ``follow``: True to use each solution as the hint for the next image, False to use
+    ``hint`` for all images.
 
-    ``interval_s``: between images without timestamps. A tracked image without a solution is tried again without a hint.
+    ``interval_s``: time between images without timestamps. If a tracked image is not solved, it is tried again without a hint.
     """
 
     def __init__(self, follow: bool, interval_s: float | None, hint: BoundedPrior | None) -> None:
@@ -70,8 +73,8 @@ class Sequencer:
             hint = BoundedPrior(self._before[0].cam_from_icrs, FOLLOW_RAD)
         result = solver.solve(pixels, replace(request, hint=hint))
         if self._follow and result.outcome is Outcome.NONE and hint is not None:
-            again = solver.solve(pixels, replace(request, hint=None))
-            result = replace(again, notes=(*again.notes, "lost in earlier images, recovered without them"))
+            unhinted = solver.solve(pixels, replace(request, hint=None))
+            result = replace(unhinted, notes=(*unhinted.notes, "lost in earlier images, recovered without them"))
         rate = self._rate(result.attitude, taken_at)
         if rate is not None and result.turning is not None:
             result = replace(result, turning=with_sign_of(result.turning, np.radians(rate["deg_s"])))
@@ -82,7 +85,7 @@ class Sequencer:
     def _as_on_board(
         self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken_at: datetime | None
     ) -> tuple[SolveResult, RateRecord | None]:
-        """Solve an image of a sequence in the modes of a sensor's own chain."""
+        """Solve an image of a sequence in the modes of a sensor's chain."""
         if self._system is None:
             self._system = SystemSequencer(request.chain, self._hint)
         result = self._system.solve(solver, pixels, request)
@@ -93,8 +96,8 @@ class Sequencer:
     def _rate(self, attitude: Attitude | None, taken_at: datetime | None) -> RateRecord | None:
         if attitude is None or self._before is None:
             return None
-        before, then = self._before
-        interval_s = (taken_at - then).total_seconds() if taken_at and then else self._interval_s
+        before, taken_before = self._before
+        interval_s = (taken_at - taken_before).total_seconds() if taken_at and taken_before else self._interval_s
         if interval_s is None or interval_s <= 0:
             return None
         rate = rate_between(before, attitude, interval_s)
@@ -108,7 +111,7 @@ class Sequencer:
 
 
 def truth_record(result: SolveResult, cam_from_icrs: Array, stars: StarTable) -> TruthRecord | None:
-    """Return a result's score and errors against a known true attitude; None without a solution."""
+    """Return the verdict and the errors of a result relative to the true attitude, None without a solution."""
     if result.attitude is None:
         return None
     cross_rad, about_rad = pointing_difference_rad(result.attitude.cam_from_icrs, cam_from_icrs)

@@ -1,4 +1,4 @@
-"""Raises an alarm while the sensor's boresight is too near to the Sun, the Moon or the Earth's limb."""
+"""Alarms that are raised while the sensor's boresight is too close to the Sun, the Moon or the Earth's limb."""
 
 from __future__ import annotations
 
@@ -18,25 +18,26 @@ from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.last_attitude import LastAttitude
 
 CURRENT_S = 10.0
-"""An attitude that is older decides nothing: the camera may point elsewhere. An open alarm then stays as it is."""
+"""Maximum age of an attitude that is checked. With an older attitude the alarms remain unchanged, because the camera can point
+elsewhere."""
 EVERY = timedelta(seconds=5)
 LEVELS = {"Sun": State.WARNING, "Moon": State.WATCH, "Earth limb": State.WARNING}
 
 
 def margins_deg(boresight: Array, at: datetime, place: Place | None) -> dict[str, tuple[float, float]]:
-    """Return angle and minimum angle from the boresight, (3,) ICRS unit vector, by name of the body; the Earth's limb is
-    omitted if the camera's place is unknown. Degrees."""
+    """Return for each body its angle from the boresight and the minimum angle, in degrees. ``boresight``: (3,) ICRS unit vector.
+    The Earth's limb is omitted if the position of the camera is unknown."""
     directions = {body.name: (body.icrs, 0.0, body.exclusion_rad) for body in bodies(at)}
     if place is not None:
         directions["Earth limb"] = (place.earth_icrs, place.earth_radius_rad, EARTH_EXCLUSION_RAD)
     return {
-        name: (math.degrees(math.acos(float(np.clip(boresight @ towards, -1, 1))) - radius), math.degrees(least))
-        for name, (towards, radius, least) in directions.items()
+        name: (math.degrees(math.acos(float(np.clip(boresight @ direction, -1, 1))) - radius), math.degrees(minimum))
+        for name, (direction, radius, minimum) in directions.items()
     }
 
 
 class MarginWatch:
-    """Compares the newest attitude in the sensor's telemetry with the directions of Sun, Moon and Earth."""
+    """Compares the latest attitude in the sensor's telemetry with the directions of Sun, Moon and Earth."""
 
     def __init__(
         self, attitude: LastAttitude, place_at: Callable[[datetime], Place | None], alarms: AlarmService, now: Now
@@ -45,7 +46,8 @@ class MarginWatch:
         self._checked: datetime | None = None
 
     def tick(self) -> None:
-        """Raise, update or end the alarms, at most every 5 s: the place of the camera is read from the store."""
+        """Raise, update or clear the alarms. This is done at most once per ``EVERY``, because the position of the camera is read
+        from the store."""
         now, report = self._now(), self._attitude.report()
         if self._checked is not None and abs(now - self._checked) < EVERY:
             return
@@ -56,7 +58,7 @@ class MarginWatch:
         margins = margins_deg(boresight, now, self._place_at(now))
         for name in LEVELS.keys() - margins.keys():
             self._alarms.watch((MARGIN, name), State.OK, 0.0, "", "", judged=False)
-        for name, (angle, least) in margins.items():
-            level = LEVELS[name] if angle < least else State.OK
-            limit = f"below {least:g}° ({level})"
+        for name, (angle, minimum) in margins.items():
+            level = LEVELS[name] if angle < minimum else State.OK
+            limit = f"below {minimum:g}° ({level})"
             self._alarms.watch((MARGIN, name), level, round(angle, 1), f"{name} {angle:.1f}° from boresight", limit)

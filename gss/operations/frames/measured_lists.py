@@ -1,4 +1,4 @@
-"""Lists of measured stars from a file, and their attitudes: the reference chain without pixels."""
+"""Lists of measured stars from a file, and their solution with the reference chain without pixels."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ MAX_LISTS, MAX_STARS = 2_000_000, 8_000_000
 MAX_STARS_PER_LIST = 20_000
 MAX_PX = 1e6
 SIGMA_PX = 0.2
-"""Error of a star's position per axis if the file does not state another."""
+"""Default standard deviation of a star's position per axis."""
 
 
 @dataclass(frozen=True)
 class StarLists:
-    """Stars of several lists: (n,) columns and rows in pixels (pixel centres at integers), (n,) fluxes in any unit. List k
-    contains the stars ``first[k]`` to ``first[k + 1] - 1``; the last offset is n."""
+    """Stars of several lists. ``col_px``, ``row_px``: (n,) positions in pixels (pixel centres at integers). ``flux``: (n,) in any
+    unit. List k contains the stars ``first[k]`` to ``first[k + 1] - 1``. The last offset in ``first`` is n."""
 
     col_px: Array
     row_px: Array
@@ -48,7 +48,7 @@ class StarLists:
         return len(self.first) - 1
 
     def centroids(self, index: int, sigma_px: float) -> Centroids:
-        """Return one list, brightest first."""
+        """Return the stars of one list, brightest first."""
         part = slice(int(self.first[index]), int(self.first[index + 1]))
         order = np.argsort(-self.flux[part], kind="stable")
         pixels = np.column_stack([self.col_px[part], self.row_px[part]])[order]
@@ -56,7 +56,7 @@ class StarLists:
 
 
 def read_star_lists(data: bytes, name: str) -> StarLists:
-    """Return the lists in an .npz or .csv file; ``name`` is used in messages only. Raises BadInput."""
+    """Read the lists in an .npz or .csv file. ``name``: name of the file in messages. Raises BadInput."""
     if not data:
         raise BadInput(f"{name} is empty", expected=EXPECTED, got="0 bytes")
     lists = _read_npz(data, name) if data[:4] == b"PK\x03\x04" else _read_csv(data, name)
@@ -102,9 +102,9 @@ def _read_csv(data: bytes, name: str) -> StarLists:
         raise BadInput(f"the first line of {name} does not name the columns", expected=EXPECTED, got=head.strip()[:200])
     table = _csv_numbers(body, name)
     number, col, row, flux = (table[:, names.index(column)] for column in COLUMNS)
-    whole = np.isfinite(number) & (number == np.floor(number)) & (number >= 0) & (number < MAX_LISTS)
-    if not whole.all():
-        bad = int(np.flatnonzero(~whole)[0])
+    is_valid = np.isfinite(number) & (number == np.floor(number)) & (number >= 0) & (number < MAX_LISTS)
+    if not is_valid.all():
+        bad = int(np.flatnonzero(~is_valid)[0])
         expected = f"the number of the list, an integer from 0 to {MAX_LISTS - 1}"
         raise BadInput(f"line {_line_of(body, bad)} of {name} has no list", expected=expected, got=f"{number[bad]:g}")
     invalid = _first_invalid(col, row, flux)
@@ -122,7 +122,7 @@ def _read_csv(data: bytes, name: str) -> StarLists:
 
 
 def _csv_numbers(body: str, name: str) -> Array:
-    """Return the (n, 4) numbers below the first line. Raises BadInput with the first line that has not four numbers."""
+    """Return the (n, 4) numbers below the first line. Raises BadInput that names the first line without four numbers."""
     if not body.strip():
         return np.zeros((0, len(COLUMNS)))
     try:
@@ -143,7 +143,7 @@ def _csv_numbers(body: str, name: str) -> Array:
 
 
 def _data_lines(body: str) -> Iterator[tuple[int, str]]:
-    """Yield the line numbers and texts of the lines with data; the line above ``body`` is line 1."""
+    """Yield the line number and text of each line with data. The line above ``body`` is line 1."""
     for line, text in enumerate(body.splitlines(), start=2):
         text = text.partition("#")[0]
         if text.strip():
@@ -157,7 +157,7 @@ def _line_of(body: str, row: int) -> int:
 
 @dataclass(frozen=True)
 class _InvalidValue:
-    """The first value outside its range: ``star`` is its index."""
+    """The first value outside its range. ``star``: index of the star."""
 
     column: str
     star: int
@@ -188,7 +188,7 @@ def _check(lists: StarLists, name: str) -> None:
         raise BadInput(f"{name} is too long", expected=f"at most {MAX_STARS} stars in {MAX_LISTS} lists", got=got)
     if len(first) < 2:
         raise BadInput(
-            f"{name} has no list", expected="an offset for each list in first, and the number of stars at its end"
+            f"{name} has no list", expected="an offset for each list in first, followed by the number of stars"
         )
     if first[0] != 0 or first[-1] != n or (np.diff(first) < 0).any():
         got = f"{first[0]} to {first[-1]} for {n} stars"
@@ -200,16 +200,16 @@ def _check(lists: StarLists, name: str) -> None:
         raise BadInput(f"a list in {name} is too long", expected=expected, got=str(longest))
     invalid = _first_invalid(lists.col_px, lists.row_px, lists.flux)
     if invalid is not None:
-        where = int(np.searchsorted(first, invalid.star, side="right")) - 1
+        index = int(np.searchsorted(first, invalid.star, side="right")) - 1
         raise BadInput(
-            f"the value of {invalid.column} of star {invalid.star - first[where]} in list {where} of {name} is invalid",
+            f"the value of {invalid.column} of star {invalid.star - first[index]} in list {index} of {name} is invalid",
             expected=invalid.expected,
             got=f"{invalid.value:g}",
         )
 
 
 class ListRecord(TypedDict):
-    """Result of a list as a JSON object. ``ms``: processor time."""
+    """Result of one list as a JSON object. ``ms``: processor time."""
 
     outcome: str
     reason: str
@@ -222,8 +222,8 @@ class ListRecord(TypedDict):
 
 @dataclass(frozen=True)
 class ListResult:
-    """Result of one list. ``quaternion``: cam_from_icrs, scalar last, None without a solution; ``processor_ms``: time of this
-    list."""
+    """Result of one list. ``quaternion``: cam_from_icrs, scalar last, None without a solution. ``processor_ms``: processor time
+    for this list."""
 
     outcome: Outcome
     reason: str
@@ -235,7 +235,7 @@ class ListResult:
 
     @property
     def ra_dec_roll_rad(self) -> tuple[float, float, float]:
-        """Boresight right ascension, declination, and roll, of a solved list."""
+        """Boresight right ascension, declination and roll of a solved list."""
         return ra_dec_roll_rad(matrix_from_quaternion(np.array(self.quaternion)))
 
     def as_json(self) -> ListRecord:
@@ -252,8 +252,8 @@ class ListResult:
 
 
 def list_result(result: SolveResult, processor_s: float) -> ListResult:
-    """Return what is reported of one list."""
-    chance = result.false_match_probability
+    """Return the reported result of one list."""
+    probability = result.false_match_probability
     quaternion = None
     if result.attitude is not None:
         x, y, z, w = (float(q) for q in result.attitude.quaternion)
@@ -263,19 +263,20 @@ def list_result(result: SolveResult, processor_s: float) -> ListResult:
         result.reason,
         quaternion,
         0 if result.matches is None else len(result.matches),
-        float(chance) if np.isfinite(chance) else None,
+        float(probability) if np.isfinite(probability) else None,
         1e3 * processor_s,
         result.notes,
     )
 
 
 def without_distortion(camera: Camera) -> Camera:
-    """Return the camera with a perfect lens."""
+    """Return the camera without lens distortion."""
     return replace(camera, distortion=Pinhole())
 
 
 class StarListSolver:
-    """Solves lists of one camera, one after the other. ``processor_s`` only measures the time and does not affect results."""
+    """Solves lists of one camera, one after another. ``processor_s``: clock that measures processor time; it does not affect
+    results."""
 
     def __init__(
         self, camera: Camera, faint_limit_mag: float, epoch_jyear: float, cache: SolverCache, processor_s: Monotonic
@@ -286,7 +287,7 @@ class StarListSolver:
     def solve(
         self, lists: StarLists, sigma_px: float = SIGMA_PX, stop: Callable[[], bool] = never
     ) -> Iterator[tuple[SolveResult, float]]:
-        """Yield the result of each list and its processor time, s, until ``stop`` returns True."""
+        """Yield the result of each list and its processor time in seconds, until ``stop`` returns True."""
         for index in range(len(lists)):
             if stop():
                 return

@@ -1,4 +1,4 @@
-"""Epoch of the star positions and velocity of the observer of a stored frame, known only if the time of observation is."""
+"""Epoch of the star positions and velocity of the observer for a stored frame. Both need the time of observation."""
 
 from __future__ import annotations
 
@@ -18,21 +18,24 @@ if TYPE_CHECKING:
     from gss.store.models import Frame
 
 EPOCH_STEP_YR = 0.25
-"""The fastest star moves by 1.3″ in half a step, and frames of a season share their star and pair tables."""
-IMPORT_S = 5.0  # an imported file without a date is dated by its import
+"""Step between epochs, so that frames of a season share their star and pair tables. In half a step the fastest star moves by
+1.3″."""
+IMPORT_S = 5.0
+"""An imported file without a date has the time of its import. If both times differ by more than this, the file has a date."""
 
 
 @dataclass(frozen=True)
 class Observer:
-    """``velocity_c``: (3,) relative to the barycentre, ICRS, in units of c. ``note``: note for the result."""
+    """Motion of the observer. ``velocity_c``: (3,) velocity relative to the barycentre, ICRS, in units of c. ``note``: text for
+    the notes of the result."""
 
     velocity_c: tuple[float, float, float]
     note: str
 
 
 def observer_at(moment: datetime, tle: str | None = None) -> Observer:
-    """Return the Earth's motion at a time with a time zone; with a two-line element set, plus that of the satellite. Raises
-    BadInput."""
+    """Return the Earth's motion at a time with a time zone. ``tle``: two-line element set of a satellite, whose velocity is added.
+    Raises BadInput."""
     if moment.tzinfo is None:
         raise BadInput("the time has no time zone", expected="a UTC time", got=str(moment))
     earth = earth_motion(jyear_of(moment))[1]
@@ -56,9 +59,10 @@ def orbit_velocity_c(moment: datetime, tle: str) -> Array:
 
 
 def observer_of_frame(frame: Frame, override: bool | None = None) -> Observer | None:
-    """Return the observer of a stored frame; None if its time is unknown. ``override`` True or False overrides the choice.
+    """Return the observer of a stored frame for the correction of aberration, None for no correction.
 
-    Frames of the simulator contain no aberration unless it is enabled there, so by default they are not corrected.
+    By default, frames are corrected if their time is known. Frames of the simulator are not corrected, because they contain
+    aberration only if it is enabled there. ``override``: True or False to override this choice.
     """
     if not (_shows_the_sky_of_its_time(frame) if override is None else override):
         return None
@@ -66,12 +70,12 @@ def observer_of_frame(frame: Frame, override: bool | None = None) -> Observer | 
 
 
 def epoch_of_frame(frame: Frame) -> float | None:
-    """Return the Julian year of the star positions for a stored frame; None if its time is unknown or its sky simulated."""
+    """Return the Julian year of the star positions for a stored frame, None if its time is unknown or its sky is simulated."""
     return epoch_at(frame.taken) if _shows_the_sky_of_its_time(frame) else None
 
 
 def epoch_at(moment: datetime) -> float:
-    """Return the Julian year of the star positions for a time, in steps of :data:`EPOCH_STEP_YR`."""
+    """Return the Julian year of the star positions for a time, rounded to steps of :data:`EPOCH_STEP_YR`."""
     return round(jyear_of(moment) / EPOCH_STEP_YR) * EPOCH_STEP_YR
 
 

@@ -1,5 +1,5 @@
-"""The sensor's report of a frame and its starting point, as JSON stored with the result, so that the frame can be replayed
-at any time."""
+"""The sensor's report on a frame and its prior knowledge, as JSON values that are stored with the result. With them the frame can
+be replayed at any time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gss.pipeline.chains.apriori import Apriori, KnownOrbit, PriorState, TimedAt
 from gss.store.models import Frame
 
 OWN = ("number", "profile", "exposure_s", "bank_sha256", "parameters")
-"""Columns of a frame that describe what the sensor used; for an uploaded frame its own row has other values."""
+"""Columns of a frame with the values that the sensor used. The row of an uploaded frame has different values."""
 
 
 def reported_of(record: OnboardRecord, frame: Frame) -> dict[str, object]:
@@ -35,7 +35,7 @@ def reported_of(record: OnboardRecord, frame: Frame) -> dict[str, object]:
 def record_from(
     reported: Mapping[str, Any], hip_of_row: Sequence[int] | None = None, stars: StarTable | None = None
 ) -> OnboardRecord:
-    """Restore the record from those values."""
+    """Restore the record from the values of :func:`reported_of`."""
     return OnboardRecord(
         int(reported["frame"]["number"] or 0),
         reported["centroids"],
@@ -43,7 +43,7 @@ def record_from(
         reported["attitude"],
         hip_of_row,
         stars,
-        _known(reported["prior"]),
+        _prior_from(reported["prior"]),
         reported["detected"],
     )
 
@@ -76,7 +76,7 @@ def _listed(quaternion: Any) -> list[float] | None:
     return None if quaternion is None else [float(v) for v in quaternion]
 
 
-def _known(prior: Mapping[str, Any]) -> PriorState:
+def _prior_from(prior: Mapping[str, Any]) -> PriorState:
     def array(values: Any) -> Any:
         return None if values is None else np.array(values, float)
 
@@ -86,7 +86,7 @@ def _known(prior: Mapping[str, Any]) -> PriorState:
             for a in prior["series"]
         )
     else:
-        # Results stored before attitudes had times: equal steps.
+        # Results of earlier versions have attitudes without times. They are treated as equally spaced.
         listed = [prior["quaternion"], *prior["earlier"]] if prior["quaternion"] is not None else []
         series = tuple(TimedAttitude(array(q), math.nan) for q in listed)
     return PriorState(

@@ -1,4 +1,4 @@
-"""The sensor's own result for one frame, collected from its packets and converted to pipeline types."""
+"""The sensor's result for one frame, collected from its packets and converted to pipeline types."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Rows = Sequence[Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class OnboardRecord:
-    """The packets of one frame received so far. ``hip_of_row``: Hipparcos numbers of the active bank's rows, None if the
-    ground does not have that bank. ``prior``: the sensor's prior knowledge when it calculated the attitude. ``detected``:
-    values sent with the centroid list besides the list."""
+    """The received packets of one frame. ``hip_of_row``: Hipparcos numbers of the active bank's rows, None if the ground does not
+    have the content of that bank. ``icrs_of_hip``: stars with their positions. ``prior``: the sensor's prior knowledge when it
+    calculated the attitude. ``detected``: other values in the packet of the centroid list."""
 
     frame_number: int
     centroids: Rows = ()
@@ -34,7 +34,7 @@ class OnboardRecord:
     detected: Mapping[str, Any] = field(default_factory=dict)
 
     def with_packet(self, packet: str, values: Mapping[str, Any], items: Rows) -> OnboardRecord:
-        """Return the record with one more packet; a new centroid list invalidates earlier matches and attitude."""
+        """Return the record with an additional packet. A new centroid list removes earlier matches and attitude."""
         if packet == "centroids":
             return replace(self, centroids=items, matches=(), attitude=None, detected=values)
         if packet == "matches":
@@ -43,7 +43,7 @@ class OnboardRecord:
 
 
 def onboard_result(record: OnboardRecord, camera: Camera, chain: str) -> SolveResult:
-    """Return a result like that of a chain on the ground; values that the packets do not contain are empty or NaN."""
+    """Convert the record to a result in the form of a ground result. Values that the packets do not contain are empty or NaN."""
     centroids = _centroids(record.centroids)
     attitude = _attitude(record.attitude)
     matches = _matches(record, camera, centroids, attitude)
@@ -52,7 +52,11 @@ def onboard_result(record: OnboardRecord, camera: Camera, chain: str) -> SolveRe
         reason = str(
             (record.attitude or {}).get("reason") or "the sensor has not calculated an attitude for this frame"
         )
-    notes = () if record.hip_of_row is not None or not record.matches else ("the ground does not know the active bank",)
+    notes = (
+        ()
+        if record.hip_of_row is not None or not record.matches
+        else ("the content of the active bank is not available on the ground",)
+    )
     return SolveResult(
         chain=chain,
         outcome=Outcome.NONE if attitude is None else Outcome.SOLVED,

@@ -1,6 +1,6 @@
 """Overlays that the page draws on a frame: regions, stars with their names, predicted positions, coordinate grid.
 
-Everything is in pixels; degrees appear only in the labels of the grid.
+Positions are in pixels. Degrees appear only in the labels of the grid.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import math
 from typing import NotRequired
 
 import numpy as np
-from typing_extensions import TypedDict  # pydantic needs this one before Python 3.12
+from typing_extensions import TypedDict  # pydantic needs this TypedDict before Python 3.12
 
 from gss.domain.aberration import aberrate
 from gss.domain.angles import Array, unit_from_ra_dec
@@ -36,7 +36,7 @@ class RegionOverlay(TypedDict):
 
 
 class StarOverlay(TypedDict):
-    """A measured star; with its identity if it was matched, and the residual that this leaves."""
+    """A measured star. If it was matched, with its catalogue star and the residual."""
 
     index: int
     col_px: float
@@ -55,14 +55,14 @@ class StarOverlay(TypedDict):
 
 
 class MeasuredOverlay(TypedDict):
-    """What was measured in a frame."""
+    """Regions and stars measured in a frame."""
 
     regions: list[RegionOverlay]
     stars: list[StarOverlay]
 
 
 class PredictedStar(TypedDict):
-    """Where a catalogue star should be. ``detected``: a measured star is near."""
+    """Predicted position of a catalogue star. ``detected``: True if a measured star is near it."""
 
     hip: int
     name: str
@@ -73,14 +73,15 @@ class PredictedStar(TypedDict):
 
 
 class GridLine(TypedDict):
-    """Part of a line of constant right ascension or declination, (column, row)."""
+    """Part of a line of constant right ascension or declination. ``points``: (column, row)."""
 
     label: str
     points: list[tuple[float, float]]
 
 
 class AttitudeOverlay(TypedDict):
-    """What follows from an attitude. ``north``: step in the image; ``field``: outline on the sky."""
+    """Overlays derived from an attitude. ``north``: unit step (column, row) towards celestial north. ``field``: outline on the
+    sky, (ra, dec) in radians."""
 
     predicted: list[PredictedStar]
     grid: list[GridLine]
@@ -95,7 +96,7 @@ NOTHING: AttitudeOverlay = {"predicted": [], "grid": [], "north": None, "field":
 def measured(
     camera: Camera, stars: StarTable, regions: tuple[Region, ...], centroids: Centroids, matches: Matches | None
 ) -> MeasuredOverlay:
-    """Return the regions and stars of a result, ready for JSON."""
+    """Return the regions and stars of a result as JSON values."""
     return {"regions": [_region(r) for r in regions], "stars": _stars(stars, camera, centroids, matches)}
 
 
@@ -107,8 +108,8 @@ def describe(
     cam_from_icrs: Array,
     velocity_c: tuple[float, float, float] | None = None,
 ) -> AttitudeOverlay:
-    """Return the overlays that follow from an attitude, ready for JSON. ``velocity_c``: of the observer, if aberration was
-    corrected."""
+    """Return the overlays derived from an attitude as JSON values. ``velocity_c``: velocity of the observer in units of c, None if
+    aberration was not corrected."""
     return {
         "predicted": predicted(camera, cam_from_icrs, stars, faint_limit_mag, centroids, velocity_c),
         "grid": grid(camera, cam_from_icrs),
@@ -173,8 +174,8 @@ def predicted(
     centroids: Centroids,
     velocity_c: tuple[float, float, float] | None = None,
 ) -> list[PredictedStar]:
-    """Return the predicted positions of catalogue stars, brightest first, and whether a centroid is near. ``velocity_c``
-    adds aberration."""
+    """Return the predicted positions of catalogue stars, brightest first, and whether a centroid is near them. ``velocity_c``:
+    velocity of the observer, with which aberration is added."""
     near = stars.icrs @ cam_from_icrs[2] > math.cos(min(camera.half_diagonal_rad * 1.05 + 0.01, math.pi / 2))
     stars = stars.take(np.flatnonzero(near & (stars.v_mag <= faint_limit_mag))).brighter_than(faint_limit_mag)
     icrs = stars.icrs if velocity_c is None else aberrate(stars.icrs, np.array(velocity_c))
@@ -214,7 +215,7 @@ def grid(camera: Camera, cam_from_icrs: Array) -> list[GridLine]:
 
 
 def _pieces(camera: Camera, cam_from_icrs: Array, ra: Array, dec: Array, label: str) -> list[GridLine]:
-    """Return the parts of one line that lie on the detector (with a margin, so that lines continue to the edge)."""
+    """Return the parts of one line that are on the detector, including a margin, so that the lines reach its edge."""
     cam = unit_from_ra_dec(ra, dec) @ cam_from_icrs.T
     ahead = cam[:, 2] > math.cos(min(1.4, camera.half_diagonal_rad * 1.3 + 0.02))
     if not ahead.any():
@@ -231,14 +232,14 @@ def _pieces(camera: Camera, cam_from_icrs: Array, ra: Array, dec: Array, label: 
 
 def north(cam_from_icrs: Array) -> tuple[float, float]:
     """Return the unit step (col, row) in the image towards celestial north at the boresight."""
-    toward = np.array([0.0, 0.0, 1.0]) - cam_from_icrs[2, 2] * cam_from_icrs[2]
-    in_cam = cam_from_icrs @ toward
+    north_icrs = np.array([0.0, 0.0, 1.0]) - cam_from_icrs[2, 2] * cam_from_icrs[2]
+    in_cam = cam_from_icrs @ north_icrs
     length = float(np.hypot(in_cam[0], in_cam[1])) or 1.0
     return float(in_cam[0]) / length, float(in_cam[1]) / length
 
 
 def field_outline(camera: Camera, cam_from_icrs: Array) -> list[tuple[float, float]]:
-    """Return (ra, dec) in radians along the detector's edge, for charts."""
+    """Return (ra, dec) in radians of points along the detector's edge, for charts."""
     v = camera.outline(8) @ cam_from_icrs
     ra, dec = np.arctan2(v[:, 1], v[:, 0]) % (2 * np.pi), np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
     return [(float(a), float(d)) for a, d in zip(ra, dec, strict=True)]

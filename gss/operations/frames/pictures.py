@@ -1,4 +1,4 @@
-"""Display of pixels: stretch, PNG, thumbnails, histograms."""
+"""Images for display: stretch, PNG, thumbnails, histograms."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ HISTOGRAM_BINS = 256
 
 @dataclass(frozen=True)
 class DisplayRange:
-    """Display range from ``low`` (black) to ``high`` (white), linear or with arcsinh, which shows faint and bright detail
-    together."""
+    """Display range from ``low`` (black) to ``high`` (white). ``asinh``: True for an arcsinh scale, which shows faint and bright
+    details; False for a linear scale."""
 
     low: float
     high: float
@@ -25,20 +25,22 @@ class DisplayRange:
 
 
 def auto_stretch(pixels: Pixels) -> DisplayRange:
-    """Return a stretch with black slightly below the sky level and white at the brightest 0.02 %."""
+    """Return a display range with black slightly below the sky level and white at the brightest 0.02 % of the pixels."""
     sample = np.asarray(pixels[::4, ::4], float)
     sample = sample[np.isfinite(sample)]
     if not sample.size:
         return DisplayRange(0.0, 1.0)
     sky, spread = float(np.median(sample)), float(np.subtract(*np.percentile(sample, [84, 16])) / 2)
     low = sky - 0.5 * max(spread, 0.5)
-    least = 10 * max(spread, 1.0, abs(sky) * 1e-6)  # for huge values a step of one is negligible
-    high = max(float(np.percentile(np.asarray(pixels, float), 99.98)), low + least)
+    min_range = 10 * max(
+        spread, 1.0, abs(sky) * 1e-6
+    )  # the last term avoids a range below the precision of large values
+    high = max(float(np.percentile(np.asarray(pixels, float), 99.98)), low + min_range)
     return DisplayRange(low, high)
 
 
 def apply(pixels: Pixels, stretch: DisplayRange, *, invert: bool = False) -> NDArray[np.uint8]:
-    """Return an 8-bit picture of the same shape."""
+    """Return the pixels as an 8-bit image of the same shape. ``invert``: True for dark stars on a bright background."""
     span = max(stretch.high - stretch.low, 1e-9)
     x = np.clip((np.nan_to_num(np.asarray(pixels, np.float32)) - stretch.low) / span, 0, 1)
     if stretch.asinh:
@@ -48,15 +50,15 @@ def apply(pixels: Pixels, stretch: DisplayRange, *, invert: bool = False) -> NDA
 
 
 def png(grey: NDArray[np.uint8] | NDArray[np.uint16], level: int = 1) -> bytes:
-    """Return the PNG file of an 8-bit or 16-bit picture, compressed at that level (1: fast, 9: small)."""
+    """Return an 8-bit or 16-bit image as a PNG file. ``level``: compression level (1: fast, 9: small)."""
     buffer = io.BytesIO()
     Image.fromarray(grey).save(buffer, format="PNG", compress_level=level)
     return buffer.getvalue()
 
 
 def thumbnail(pixels: Pixels) -> bytes:
-    """Return a small PNG that shows the stars: blocks are reduced by their maximum, black is the upper end of what the noise
-    alone gives in a block, and white is reached by the brightest 0.2 % of the blocks."""
+    """Return a small PNG that shows the stars. Each block of pixels is reduced to its maximum. Black is the upper end of the
+    maxima that noise causes. The brightest 0.2 % of the blocks are white."""
     factor = max(1, -(-max(pixels.shape) // THUMBNAIL_PX))
     rows, cols = (n // factor * factor for n in pixels.shape)
     if rows == 0 or cols == 0:
@@ -70,7 +72,7 @@ def thumbnail(pixels: Pixels) -> bytes:
 
 
 def histogram(pixels: Pixels) -> tuple[list[float], list[int]]:
-    """Return (edges, counts) over the range of finite values."""
+    """Return a histogram as (edges, counts) over the range of finite values."""
     values = np.asarray(pixels).ravel()
     values = values[np.isfinite(values)] if values.dtype.kind == "f" else values
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)

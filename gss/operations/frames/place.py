@@ -1,5 +1,5 @@
-"""The camera's position as known on the ground: from the orbit sent to the sensor, else from the imported orbit of the
-spacecraft, else from the catalogue in use."""
+"""Position of the camera. The first available source is used: the orbit sent to the sensor, the imported orbit of the spacecraft,
+the TLE of the active catalogue."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ EARTH_EXCLUSION_RAD = math.radians(25.0)
 
 @dataclass(frozen=True)
 class Place:
-    """``km``: (3,) from the Earth's centre in ICRS axes. ``source``: source of the position."""
+    """Position of the camera. ``km``: (3,) from the Earth's centre in ICRS axes. ``source``: source of the position."""
 
     km: Array
     source: str
@@ -44,13 +44,13 @@ class Place:
 
     @property
     def earth_radius_rad(self) -> float:
-        """Angular radius of the Earth as seen from here."""
+        """Angular radius of the Earth as seen from this position."""
         return math.asin(min(1.0, EARTH_RADIUS_M / 1000 / float(np.linalg.norm(self.km))))
 
 
 class PlaceService:
-    """Returns the camera's position in the past or future. ``clock``: correlation of the device's clock with UTC, None while
-    unknown; ``orbit_at``: name and orbit of the spacecraft, None if no orbit covers the time."""
+    """Calculates the camera's position at past and future times. ``clock``: returns the correlation of the device's clock with
+    UTC, None if unknown. ``orbit_at``: returns name and orbit of the spacecraft, None if no orbit covers the time."""
 
     def __init__(
         self,
@@ -64,11 +64,11 @@ class PlaceService:
         self._orbit_at = orbit_at
 
     def at(self, moment: datetime) -> Place | None:
-        """Return the position at a time with a time zone; None if no orbit is known."""
+        """Return the position at a time with a time zone, None if no orbit is available."""
         return self._from_set_orbit(moment) or self._as_imported(moment) or self._as_built(moment)
 
     def _from_set_orbit(self, moment: datetime) -> Place | None:
-        """Return the position from the newest completed SET_ORBIT; its epoch is in device time, so the clocks must be
+        """Return the position from the latest completed SET_ORBIT. Its epoch is in device time, so the clocks must be
         correlated."""
         operations = self._operations
         if not operations.has(Operation.SET_ORBIT):
@@ -97,12 +97,12 @@ class PlaceService:
             return None
         try:
             return Place(tle_km(str(catalogue.request.get("tle", "")), moment), f"TLE of catalogue {catalogue.name}")
-        except BadInput:  # the element set is too old or too new for that time
+        except BadInput:  # the element set is not valid at this time
             return None
 
 
 def circular_km(arguments: Mapping[str, Any], device_s: float) -> Array:
-    """Return (3,) km, ICRS axes, from the arguments of SET_ORBIT at a device time."""
+    """Return the (3,) position at a device time, km, ICRS axes, from the arguments of SET_ORBIT."""
     raan, inclination, latitude = (
         math.radians(float(arguments[f"{a}_deg"])) for a in ("raan", "inclination", "latitude")
     )
@@ -115,7 +115,8 @@ def circular_km(arguments: Mapping[str, Any], device_s: float) -> Array:
 
 
 def tle_km(text: str, moment: datetime) -> Array:
-    """Return (3,) km, ICRS axes, by SGP4. Raises BadInput if the element set has no orbit at that time."""
+    """Return the (3,) position of a TLE at a time by SGP4, km, ICRS axes. Raises BadInput if the element set has no orbit at that
+    time."""
     utc = moment.astimezone(UTC)
     jd, part = jday(utc.year, utc.month, utc.day, utc.hour, utc.minute, utc.second + utc.microsecond * 1e-6)
     error, place_km, _ = read_tle(text).sgp4(jd, part)

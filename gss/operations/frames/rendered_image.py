@@ -1,4 +1,4 @@
-"""Test images: the sky at a given pointing as a camera would see it, with the positions of its stars (Erlank 2013 app. A)."""
+"""Rendered test images of the sky at a given attitude, with the true positions of their stars (Erlank 2013 app. A)."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ MAX_FALSE_STARS = 500
 
 @dataclass(frozen=True)
 class RenderRequest:
-    """``cam_from_icrs``: (3, 3) attitude at mid-exposure; ``rate_rad_s``: (3,) angular velocity in camera axes;
-    ``false_stars``: spots that no catalogue contains, at random places, as bright as the camera's stars; ``epoch_jyear``:
-    Julian year of the star positions. ``exposure_s`` None: the camera's own."""
+    """Request for a test image. ``cam_from_icrs``: (3, 3) attitude at mid-exposure. ``exposure_s``: None for the default exposure
+    of the camera. ``rate_rad_s``: (3,) angular velocity in camera axes. ``false_stars``: number of spots that are not catalogue
+    stars, at random positions, as bright as the camera's stars. ``epoch_jyear``: Julian year of the star positions."""
 
     cam_from_icrs: Array
     exposure_s: float | None = None
@@ -31,14 +31,15 @@ class RenderRequest:
 
 
 def draw(profile: CameraProfile, request: RenderRequest) -> Rendered:
-    """Return the image and its truth; the same request gives the same image. Raises BadInput if the request is impossible."""
+    """Render the image and return it with its truth. Equal requests give equal images. Raises BadInput if the request is not
+    valid."""
     if not 0 <= request.false_stars <= MAX_FALSE_STARS:
         got = str(request.false_stars)
-        raise BadInput("impossible number of false stars", expected=f"0 – {MAX_FALSE_STARS}", got=got)
+        raise BadInput("the number of false stars is out of range", expected=f"0 – {MAX_FALSE_STARS}", got=got)
     camera, sensor = profile.camera, profile.sensor
     rng = np.random.default_rng(request.seed)
     faintest = min(sensor.faint_limit_mag, FAINTEST_V_MAG)
-    places = rng.uniform((0, 0), (camera.columns - 1, camera.rows - 1), (request.false_stars, 2))
+    positions = rng.uniform((0, 0), (camera.columns - 1, camera.rows - 1), (request.false_stars, 2))
     v_mag = rng.uniform(min(sensor.bright_limit_mag, faintest - 1), faintest, request.false_stars)
     return render(
         propagate(load_stars(), request.epoch_jyear),
@@ -49,5 +50,5 @@ def draw(profile: CameraProfile, request: RenderRequest) -> Rendered:
         rng,
         rate_rad_s=request.rate_rad_s,
         noise=request.noise,
-        false_stars=[FalseStar(float(c), float(r), float(v)) for (c, r), v in zip(places, v_mag, strict=True)],
+        false_stars=[FalseStar(float(c), float(r), float(v)) for (c, r), v in zip(positions, v_mag, strict=True)],
     )

@@ -1,5 +1,5 @@
-"""Replay: reruns the sensor's own chain on the ground with the sensor's frame, bank and parameters, and compares the
-results."""
+"""Replay of frames: the sensor's chain is rerun on the ground with the sensor's frame, bank and parameters, and the results are
+compared."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from gss.store.models import Frame, Solution
 
 
 class ReplayService:
-    """Reruns the sensor's chain on frames of the device, one at a time, on a separate thread."""
+    """Reruns the sensor's chain on frames of the device, one frame at a time, in a separate thread."""
 
     def __init__(
         self,
@@ -48,11 +48,11 @@ class ReplayService:
         self._last_prepared: tuple[tuple[Any, ...], Any] | None = None
 
     def stop(self) -> None:
-        """Stop after the replay in progress."""
+        """Stop after the current replay."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def queue(self, frame: Frame, record: OnboardRecord, on_board: Solution) -> None:
-        """Queue a rerun of this frame; its result is stored and compared with the sensor's."""
+        """Queue a rerun of a frame. Its result is stored and compared with the sensor's result."""
         self._pool.submit(self._run, frame, record, on_board)
 
     def _run(self, frame: Frame, record: OnboardRecord, on_board: Solution) -> None:
@@ -62,15 +62,15 @@ class ReplayService:
         except GssError as error:
             self._frames.set_replay(on_board.id, f"not replayed: {error}")
             return
-        except Exception as error:  # the thread must survive; the defect is shown in place of the comparison
+        except Exception as error:  # the thread must survive, and the defect is displayed instead of the comparison
             self._frames.set_replay(on_board.id, f"not replayed: internal error, {type(error).__name__}: {error}")
             return
         self._frames.set_replay(on_board.id, text)
         self._frames.keep_replay(frame, rerun.result, text)
 
     def again(self, frame_id: int) -> list[ReplayStage]:
-        """Replay a stored frame now, stage by stage. Raises NotFound if the sensor reported nothing about it; GssError if
-        the ground lacks the bank, tables or attitude that it used."""
+        """Replay a stored frame and return the comparison of all stages. Raises NotFound if the sensor reported no result for the
+        frame, GssError if the ground does not have the bank, the tables or the prior attitude that the sensor used."""
         detail = self._frames.detail(frame_id)
         reported = None if detail.on_board is None else detail.on_board.detail.get("told")
         if reported is None:
@@ -78,14 +78,14 @@ class ReplayService:
                 "nothing to replay",
                 expected="a frame whose centroids and attitude were received",
                 got=f"frame {frame_id}",
-                hint="results stored by an earlier version lack the initial state of the sensor",
+                hint="results stored by an earlier version do not contain the initial state of the sensor",
             )
         frame = frame_as_used(detail.frame, reported)
         record = record_from(reported, self._banks.hip_of_row(frame.bank_sha256 or ""))
         return [*self._used(frame), *stages(record, self.rerun(frame, record))]
 
     def _used(self, frame: Frame) -> list[ReplayStage]:
-        """Return which bank and tables the sensor used, as stages."""
+        """Return the bank and the tables that the sensor used as stages of the comparison."""
         bank, tables = frame.bank_sha256 or "", frame.parameters.get("tables", {})
         rows = [("bank", bank)] + [(f"{kind} table", sha256) for kind, sha256 in sorted(tables.items())]
         return [
@@ -96,11 +96,12 @@ class ReplayService:
         ]
 
     def rerun(self, frame: Frame, record: OnboardRecord) -> Rerun:
-        """Run the sensor's chain with the bank and parameters that were active. Raises GssError if they are unknown."""
+        """Run the sensor's chain with the bank, tables and parameters that were active. Raises GssError if they are unknown."""
         bank = self._banks.onboard(frame.bank_sha256 or "")
         if bank is None:
             raise GssError(
-                "the ground does not know the bank that was active", got=(frame.bank_sha256 or "no hash")[:12]
+                "the content of the bank that was active is not available on the ground",
+                got=(frame.bank_sha256 or "no hash")[:12],
             )
         shelf = self._shelf(frame)
         profile, chain, mode = shelf.profile, shelf.chain, _mode(record)
@@ -116,11 +117,11 @@ class ReplayService:
         return Rerun(result, stages["detection"], stages["matching"])
 
     def _shelf(self, frame: Frame) -> Shelf:
-        """Return the tables that were active when the frame was taken, from the store."""
+        """Return the effect of the tables that were active when the frame was taken. The tables are read from the store."""
         used: Mapping[str, str] = frame.parameters.get("tables", {})
         table_bytes = {kind: self._tables.bytes_of(kind, sha256) for kind, sha256 in used.items()}
         if frame.profile is None:
-            raise GssError("the camera of the frame is not known", expected="a frame of a known instrument")
+            raise GssError("the camera of the frame is unknown", expected="a frame of a known instrument")
         uncalibrated = self._instruments.camera(frame.profile)
         values = {
             kind: decode_table(kind, table_bytes[kind])[1]
@@ -134,7 +135,7 @@ class ReplayService:
         return Shelf(camera, chain_of(uncalibrated, parameters), parameters, triplets, key)
 
     def _prepared(self, shelf: Shelf, sha256: str, bank: OnboardCatalogue) -> Any:
-        """Return the bank as prepared by the chain; cached for the last bank only."""
+        """Return the bank in the form that the chain prepares. Only the last prepared bank is cached."""
         key = (shelf.chain.name, shelf.profile.name, sha256, shelf.key)
         if self._last_prepared is None or self._last_prepared[0] != key:
             prepared = shelf.chain.prepare(bank, shelf.profile)
@@ -146,7 +147,7 @@ class ReplayService:
 
 @dataclass(frozen=True)
 class Shelf:
-    """Effect of the sensor's tables: camera, chain, constants that override its own, triplets."""
+    """Effect of the sensor's tables: camera, chain, changed constants of the chain (``parameters``), and triplets."""
 
     profile: CameraProfile
     chain: OnboardChain
@@ -156,8 +157,8 @@ class Shelf:
 
 
 def commanded(frame: Frame, record: OnboardRecord) -> Commanded:
-    """Return the operator's settings, as reported by housekeeping when the frame was taken, with the radius of a hint. A
-    threshold of 0 means the chain's default."""
+    """Return the commanded settings that housekeeping reported when the frame was taken, and the radius of the hint. A reported
+    threshold of 0 means the default of the chain."""
     onboard = frame.parameters
     return Commanded(
         threshold_dn=onboard.get("threshold_dn") or None,

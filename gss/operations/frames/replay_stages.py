@@ -1,4 +1,5 @@
-"""Compares on-board and ground results stage by stage, in processing order: equal, difference, or not sent by the device."""
+"""Comparison of on-board and ground results by stage, in processing order. Each stage is equal, different, not sent by the device,
+or not compared."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from gss.pipeline.chains.onboard import Detection
 # Tolerances: positions, flux, weights and sigmas are sent as 32-bit floats, the quaternion as 64-bit.
 WIRE_PX, WIRE_SHARE, WIRE_QUATERNION = 1e-4, 1e-6, 1e-12
 REASON_BYTES = 200
-"""Maximum length of a reason as sent."""
+"""Maximum length of a reason in a packet."""
 SHOWN = 3
 
 
@@ -35,8 +36,8 @@ class StageVerdict(StrEnum):
 
 @dataclass(frozen=True)
 class ReplayStage:
-    """One row of the comparison. ``difference``: as text, empty if there is none; ``difference_px`` on the detector,
-    ``difference_arcsec`` on the sky, None if not applicable."""
+    """Comparison of one stage. ``difference``: difference as text, empty if there is none. ``difference_px``: difference on the
+    detector. ``difference_arcsec``: difference on the sky. Both are None if not applicable."""
 
     name: str
     verdict: StageVerdict
@@ -49,7 +50,7 @@ class ReplayStage:
 
 @dataclass(frozen=True)
 class Rerun:
-    """The ground's run. ``detection`` and ``matching``: the chain's intermediate results."""
+    """Result of a rerun on the ground. ``detection``, ``matching``: intermediate results of the chain."""
 
     result: SolveResult
     detection: Detection | None = None
@@ -57,7 +58,7 @@ class Rerun:
 
 
 def stages(record: OnboardRecord, rerun: Rerun) -> list[ReplayStage]:
-    """Compare every stage, even after one that differs."""
+    """Compare all stages, including those after a stage that differs."""
     return [
         _regions(record, rerun),
         _black(record, rerun),
@@ -139,11 +140,11 @@ def _places(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     on_ground = rerun.result.centroids.pixels
     n = min(len(device), len(on_ground))
     gap = np.abs(device[:n] - on_ground[:n]).max(axis=1) if n else np.zeros(0)
-    off = np.flatnonzero(gap > WIRE_PX)
-    if not len(off):
+    different = np.flatnonzero(gap > WIRE_PX)
+    if not len(different):
         shown = f"{_counted(n, 'place')}" if n else "none"
         return _judged("places", shown, shown, False, difference_px=float(gap.max()) if n else None)
-    k = int(off[0])
+    k = int(different[0])
     arcsec = float(gap[k]) * rerun.result.camera.pixel_rad / ARCSEC_RAD
     device_text, ground_text = (f"{k}: {p[0]:.4f}, {p[1]:.4f}" for p in (device[k], on_ground[k]))
     text = f"centroid {k} differs by {gap[k]:.4f} px"
@@ -170,7 +171,7 @@ def _light(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
 
 
 def _ground_matched(rerun: Rerun) -> dict[int, tuple[int, float]] | None:
-    """Return row of the bank and weight by centroid, from the chain's matching."""
+    """Return centroid to (row of the bank, weight) from the matching of the ground's chain."""
     matching = rerun.matching
     if matching is None:
         return None
@@ -189,12 +190,14 @@ def _matches(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
             return ReplayStage("matches", StageVerdict.NOT_COMPARED, _counted(len(device), "star"), "–")
         text = f"matches differ: {len(device)} on board, {len(matches)} on the ground"
         return _judged("matches", str(len(device)), str(len(matches)), len(device) != len(matches), text)
-    odd = sorted(i for i in device.keys() | on_ground.keys() if _row(device, i) != _row(on_ground, i))
-    if not odd:
+    different = sorted(i for i in device.keys() | on_ground.keys() if _row(device, i) != _row(on_ground, i))
+    if not different:
         return _judged("matches", _counted(len(device), "star"), _counted(len(on_ground), "star"), False)
-    device_text, ground_text = (", ".join(_name(side, i, record) for i in odd[:SHOWN]) for side in (device, on_ground))
-    first, second = (_star(side, odd[0], record) for side in (device, on_ground))
-    text = f"matches differ: centroid {odd[0]} is {first} on board, {second} on the ground"
+    device_text, ground_text = (
+        ", ".join(_name(side, i, record) for i in different[:SHOWN]) for side in (device, on_ground)
+    )
+    first, second = (_star(side, different[0], record) for side in (device, on_ground))
+    text = f"matches differ: centroid {different[0]} is {first} on board, {second} on the ground"
     return _judged("matches", f"{len(device)}: {device_text}", f"{len(on_ground)}: {ground_text}", True, text)
 
 

@@ -1,7 +1,7 @@
-"""The Rerun viewer's web files, extracted from the installed SDK so that page and recordings always match in version.
+"""Web files of the Rerun viewer, extracted from the installed SDK so that the page and the recordings have the same version.
 
-The SDK's library embeds the viewer and can serve it. We let a separate Python process serve it once on loopback, copy the
-three files, and stop it. The cache is named after the SDK's version.
+The library of the SDK contains the viewer and can serve it. A separate Python process serves it once on loopback. The three files
+are copied, and the process is stopped. The cache folder is named after the version of the SDK.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ POLL_S = 0.1
 
 
 class RerunViewer:
-    """Provides the viewer's files; the first call takes several seconds and caches them on disk."""
+    """Provides the viewer's files. The first call takes several seconds and caches the files on disk."""
 
     def __init__(self, cache: Path) -> None:
         self._cache = cache
         self._lock = threading.Lock()
 
     def file(self, name: str) -> bytes:
-        """Return one of the viewer's files, gzip-compressed. Raises NotFound for any other name."""
+        """Return one of the viewer's files, gzip-compressed. Raises NotFound for other names."""
         if name not in FILES:
             raise NotFound("no such file of the viewer", expected=" | ".join(FILES), got=name)
         with self._lock:
@@ -69,7 +69,7 @@ def _extract(folder: Path) -> None:
 
 
 def _fetch(url: str, process: subprocess.Popen[bytes]) -> bytes:
-    import httpx2  # here, because it takes 0.3 s and the files are usually cached
+    import httpx2  # imported here because it takes 0.3 s and the files are usually cached
 
     deadline_s = time.monotonic() + START_WAIT_S
     while True:

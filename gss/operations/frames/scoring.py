@@ -1,4 +1,4 @@
-"""Scores a result against the true attitude reported by a simulator."""
+"""Comparison of a result with the true attitude that a simulator reported."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from gss.pipeline.score import score
 
 
 def judge(result: SolveResult, truth_quaternion: Array, profile: CameraProfile, stars: StarTable) -> Verdict:
-    """Return correct, imprecise, wrong or none."""
+    """Return the verdict on a result: correct, imprecise, wrong or none."""
     return score(result, truth_on(profile.camera, truth_quaternion, stars), profile.camera)
 
 
 def truth_on(camera: Camera, quaternion: Array, stars: StarTable) -> Truth:
-    """Return the stars that fall on the detector at an attitude."""
+    """Return the truth for an attitude: the stars on the detector with their positions."""
     cam_from_icrs = matrix_from_quaternion(quaternion)
     near = np.flatnonzero(stars.icrs @ cam_from_icrs[2] > np.cos(camera.half_diagonal_rad * 1.05 + 0.01))
     pixels = camera.project(stars.icrs[near] @ cam_from_icrs.T)

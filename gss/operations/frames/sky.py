@@ -1,4 +1,4 @@
-"""Sky positions for charts: Sun and Moon."""
+"""Directions of Sun and Moon for charts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOON_EXCLUSION_RAD = np.radians(20.0)
 
 @dataclass(frozen=True)
 class Body:
-    """A body of the chart: geocentric direction and the minimum angle to the boresight."""
+    """A body in a chart. ``icrs``: geocentric direction. ``exclusion_rad``: minimum angle to the boresight."""
 
     name: str
     icrs: Array
@@ -25,7 +25,8 @@ class Body:
 
 
 def bodies(at: datetime) -> list[Body]:
-    """Return Sun and Moon, accurate to 0.02° and 0.4°: sufficient for a chart only (Astronomical Almanac, low precision)."""
+    """Return Sun and Moon, accurate to 0.02° and 0.4° (Astronomical Almanac, low precision). This is sufficient only for charts
+    and alarms."""
     days = (at - J2000).total_seconds() / 86400
     return [Body("Sun", _sun(days), SUN_EXCLUSION_RAD), Body("Moon", _moon(days), MOON_EXCLUSION_RAD)]
 
@@ -53,7 +54,7 @@ def _moon(days: float) -> Array:
 
 
 def _precession_rad(days: float) -> float:
-    """Return the motion of the equinox of date along the ecliptic since J2000."""
+    """Return the motion of the equinox along the ecliptic since J2000."""
     return float(np.radians(1.3969713) * days / 36525)
 
 

@@ -1,4 +1,4 @@
-"""Exports results on stored frames as a table: one row per solution, CSV or Parquet, units in the column names."""
+"""Export of solutions of stored frames as a CSV or Parquet table, with one row per solution and units in the column names."""
 
 from __future__ import annotations
 
@@ -60,7 +60,8 @@ SCHEMA = pa.schema(
 
 
 def export_solutions(database: Database, file_format: str, chain: str = "") -> bytes:
-    """Return every stored result, oldest first; only of one chain if it is named. Raises BadInput for an unknown format."""
+    """Return all stored solutions as a table, oldest first. ``chain``: export only solutions of this chain. Raises BadInput for an
+    unknown format."""
     if file_format not in FORMATS:
         raise BadInput("unknown format", expected=" | ".join(FORMATS), got=file_format)
     with database.unit_of_work() as session:
@@ -75,7 +76,7 @@ def export_solutions(database: Database, file_format: str, chain: str = "") -> b
 
 
 def as_row(frame: Frame, solution: Solution) -> dict[str, object]:
-    """Return a result's columns as defined by SCHEMA."""
+    """Return the columns of a solution as defined by SCHEMA."""
     values: dict[str, object] = {
         "solution_id": solution.id,
         "frame_id": frame.id,

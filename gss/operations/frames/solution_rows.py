@@ -1,4 +1,4 @@
-"""Converts a chain's result to the row stored for it."""
+"""Conversion of a chain's result to the stored row."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class TurningValues(TypedDict):
-    """Rate from the trails of a frame, in the camera frame."""
+    """Angular rate from the trails of a frame, in the camera frame."""
 
     rad_s: list[float]
     covariance_rad2_s2: list[list[float | None]]
@@ -41,7 +41,7 @@ class SolutionDetail(overlay.MeasuredOverlay):
 
 
 class SolutionValues(TypedDict, total=False):
-    """Columns of a solution. A frame that could not be run has the required ones only."""
+    """Columns of a solution. If a chain could not be run on a frame, only the required columns are set."""
 
     chain: Required[str]
     version: Required[str]
@@ -71,8 +71,9 @@ def solution_values(
     profile: CameraProfile | None,
     truth: list[Any] | None,
 ) -> SolutionValues:
-    """Return the columns of a solution as plain values. ``profile``: the documented camera, if any; ``truth``: quaternion of a
-    simulated frame, against which it is scored. Overlays that follow from the attitude are left to :func:`with_overlays`."""
+    """Return the columns of a solution as plain values. ``profile``: documented camera, None if unknown. ``truth``: true
+    quaternion of a simulated frame, with which the result is compared. :func:`with_overlays` computes the overlays that are
+    derived from the attitude."""
     values: SolutionValues = {
         "chain": result.chain,
         "version": __version__,
@@ -97,8 +98,8 @@ def solution_values(
         attitude = np.array(truth, float)
         values["verdict"] = str(judge(result, attitude, profile, stars))
         if result.attitude is not None:
-            off = pointing_difference_rad(result.attitude.cam_from_icrs, matrix_from_quaternion(attitude))
-            values["error_axis_rad"], values["error_roll_rad"] = off
+            errors_rad = pointing_difference_rad(result.attitude.cam_from_icrs, matrix_from_quaternion(attitude))
+            values["error_axis_rad"], values["error_roll_rad"] = errors_rad
     return values
 
 
@@ -130,7 +131,7 @@ def solution_row(
     created: datetime,
     camera_name: str,
 ) -> Solution:
-    """Return a new row for a frame taken with the documented camera ``profile``, if any."""
+    """Return a new row for the result of a frame. ``profile``: documented camera of the frame, None if unknown."""
     from gss.store.models import Solution
 
     values = solution_values(result, stars, profile, frame.truth)
@@ -138,8 +139,8 @@ def solution_row(
 
 
 def with_overlays(row: Solution, stars: StarTable, profile: CameraProfile | None) -> JsonObject:
-    """Return the overlays of a stored solution. Those that follow from its attitude and camera are computed; rows of older
-    versions hold them."""
+    """Return the overlays of a stored solution. Overlays derived from its attitude and camera are computed. Rows of older versions
+    contain them."""
     if "grid" in row.detail:
         return row.detail
     if row.quaternion is None or not row.camera:
@@ -148,21 +149,22 @@ def with_overlays(row: Solution, stars: StarTable, profile: CameraProfile | None
     cam_from_icrs = matrix_from_quaternion(np.array(row.quaternion, float))
     spots = row.detail["stars"]
     col_px, row_px = (np.array([s[name] for s in spots], float) for name in ("col_px", "row_px"))
-    none = np.zeros(len(spots))
-    centroids = Centroids(col_px, row_px, none, none, none.astype(np.int32), none)
+    zeros = np.zeros(len(spots))
+    centroids = Centroids(col_px, row_px, zeros, zeros, zeros.astype(np.int32), zeros)
     limit = _limit_of(profile, camera)
     velocity_c = row.detail.get("velocity_c")  # a list in the store
-    moving = None if velocity_c is None else (velocity_c[0], velocity_c[1], velocity_c[2])
-    return overlay.describe(camera, stars, limit, centroids, cam_from_icrs, moving) | row.detail
+    velocity = None if velocity_c is None else (velocity_c[0], velocity_c[1], velocity_c[2])
+    return overlay.describe(camera, stars, limit, centroids, cam_from_icrs, velocity) | row.detail
 
 
 def finite(value: float) -> float | None:
-    """Return the number, or None for NaN and infinities, which databases and JSON do not have."""
+    """Return the number, None for NaN and infinity, which databases and JSON cannot represent."""
     return float(value) if np.isfinite(value) else None
 
 
 def _limit_of(profile: CameraProfile | None, camera: Camera) -> float:
-    """Return the magnitude limit for predicted stars: the camera's own, else an estimate from its field of view."""
+    """Return the magnitude limit for predicted stars: the limit of the documented camera, otherwise an estimate from the field of
+    view."""
     if profile is not None:
         return profile.sensor.faint_limit_mag
     return 6.5 if camera.fov_rad[0] < 0.35 else 5.0

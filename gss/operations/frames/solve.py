@@ -1,4 +1,4 @@
-"""Solves a frame with any chain; used by both the command line and the server."""
+"""Solution of a frame with any chain, for the command line and the server."""
 
 from __future__ import annotations
 
@@ -30,16 +30,19 @@ from gss.pipeline.fixed_pattern import clean
 from gss.pipeline.identify import near
 
 CHAINS = (reference.NAME, *SYSTEMS)
-TRACKING_RADIUS_RAD = float(np.radians(0.3))  # Erlank 2013 §4.5; a hint this accurate is treated as an attitude
+TRACKING_RADIUS_RAD = float(np.radians(0.3))
+"""A hint with at most this uncertainty is used for tracking (Erlank 2013 §4.5)."""
 BLIND_FOV_RAD = (float(np.radians(4.0)), float(np.radians(60.0)))
-FOV_SLACK = 1.08  # margin for a field of view "known to 5 %", measured across the sky or as pixels × scale
+FOV_SLACK = 1.08
+"""Margin for a field of view that is "known to 5 %", measured as an angle on the sky or as pixels × scale."""
 DEFAULT_EPOCH_JYEAR = 2026.5
 USUAL_PER_FRAME, MAX_PER_FRAME = 25, 100
-"""Stars in an average frame with which a place is identified: of a camera without photometry, and at most. More take longer and
-identify nothing better; the rest are named afterwards."""
+"""Number of stars per average frame for identification: assumed for a camera without photometry, and maximum. More stars make
+identification slower but not better. Fainter stars are identified after the attitude is known."""
 MAX_PAIRS = 2_000_000
-"""About the largest pair table; larger ones take minutes."""
-DEEPER_MAG = 1.0  # magnitudes that the second catalogue goes deeper if a frame shows more stars than the first
+"""Approximate maximum size of a pair table. Building a larger table takes minutes."""
+DEEPER_MAG = 1.0
+"""If a frame shows more stars than the catalogue contains, a second catalogue that is deeper by this many magnitudes is used."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +56,16 @@ class Started:
 
 @dataclass(frozen=True)
 class SolveRequest:
-    """What to run. The camera is given in exactly one way: ``profile`` (a name), ``camera_profile`` (a complete camera, for
-    example a calibrated one), ``camera`` (geometry only), ``fov_rad`` (horizontal, known to about 5 %), or ``blind``.
+    """Request to solve a frame. Exactly one of these fields specifies the camera: ``profile`` (a name), ``camera_profile`` (a
+    complete camera, for example a calibrated one), ``camera`` (geometry only), ``fov_rad`` (horizontal field of view, known to
+    about 5 %), or ``blind``.
 
-    ``fov_limits_rad``: range of horizontal fields of view of a blind solve, None: 4° to 60°. ``hint``: prior attitude, for a known
-    camera. ``epoch_jyear``: of the star positions, None = the solver's. ``observer``: its
-    velocity when the frame was taken; None: unknown, and aberration is not corrected. ``exposure_s``: gives the rate of trailed
-    frames. ``fast``: compiled loops or not, None = if installed. ``options``: constants that override those of a system's
-    chain, as texts; ``started``: mode and prior knowledge of a system's chain, instead of ``hint``.
+    ``fov_limits_rad``: range of horizontal fields of view of a blind solve; None: 4° to 60°. ``hint``: prior attitude, for a known
+    camera. ``epoch_jyear``: epoch of the star positions; None: default of the solver. ``observer``: velocity of the observer when
+    the frame was taken; None: aberration is not corrected. ``exposure_s``: exposure, needed for the rate of trailed frames.
+    ``fast``: True for compiled loops, False for loops without compilation; None: compiled loops if numba is installed.
+    ``options``: changed constants of a system's chain, as (name, text). ``started``: mode and prior knowledge of a system's
+    chain, instead of ``hint``.
     """
 
     chain: str = reference.NAME
@@ -80,7 +85,7 @@ class SolveRequest:
 
     @property
     def camera_name(self) -> str:
-        """How the camera is known, as stored with solutions: name of the profile, "field of view", "geometry" or "blind"."""
+        """Camera name that is stored with solutions: name of the profile, "field of view", "geometry" or "blind"."""
         if self.profile is not None:
             return self.profile
         if self.camera_profile is not None:
@@ -89,8 +94,8 @@ class SolveRequest:
 
 
 class Solver:
-    """Runs requests. ``profiles`` returns the camera of a name; ``stopwatch_s`` only times the stages and does not affect
-    results."""
+    """Runs solve requests. ``profiles``: returns the camera with a name. ``stopwatch_s``: clock that times the stages; it does not
+    affect results. ``dark``: returns the dark frame with a key."""
 
     def __init__(
         self,
@@ -105,7 +110,8 @@ class Solver:
         self._dark = dark
 
     def solve(self, pixels: NDArray[Any], request: SolveRequest) -> SolveResult:
-        """Solve one (rows, columns) frame. "No solution" is a result; an invalid request raises BadInput or NotFound."""
+        """Solve one (rows, columns) frame. A frame without a solution returns a result with outcome NONE. An invalid request raises
+        BadInput or NotFound."""
         if request.chain not in CHAINS:
             raise NotFound("unknown chain", expected=" | ".join(CHAINS), got=request.chain)
         profile, camera = _camera_of(request, self._profiles)
@@ -135,23 +141,23 @@ class Solver:
                 clock=self._stopwatch_s,
             )
             result = replace(result, notes=(*result.notes, *cleaned))
-        return _noted(_moving(result, request.observer), profile, epoch)
+        return _noted(_with_aberration_note(result, request.observer), profile, epoch)
 
     def cleaned(
         self, pixels: NDArray[Any], profile: CameraProfile | None, exposure_s: float | None
     ) -> tuple[NDArray[Any], tuple[str, ...]]:
-        """Subtract the dark frame if one is active. Return the pixels and notes describing the correction. Chains that
-        emulate a sensor use the uncorrected pixels."""
+        """Subtract the dark frame if one is active. Return the pixels and notes that describe the correction. Chains that emulate a
+        sensor use the uncorrected pixels."""
         key = profile.sources.get(DARK, "") if profile else ""
         if profile is None or not key or self._dark is None:
             return pixels, ()
         dark = self._dark(key)
-        mended = f"{len(dark.bad)} bad pixels replaced by their neighbours"
-        note = f"dark frame subtracted, {mended}"
+        replaced = f"{len(dark.bad)} bad pixels replaced by their neighbours"
+        note = f"dark frame subtracted, {replaced}"
         if not dark.pattern_dn.any():
-            note = mended
+            note = replaced
         elif not dark.fits(exposure_s):
-            note = f"{mended}; the dark frame is of {dark.exposure_s:g} s and was not subtracted"
+            note = f"{replaced}; the dark frame has an exposure of {dark.exposure_s:g} s and was not subtracted"
         return clean(pixels, dark, float(profile.sensor.saturation_dn), exposure_s), (note,)
 
     def _foreign(self, pixels: NDArray[Any], request: SolveRequest, epoch_jyear: float) -> SolveResult:
@@ -171,7 +177,8 @@ class Solver:
         )
 
     def parameters(self, request: SolveRequest) -> Any:
-        """Return the constants with which a system's chain would run a request. Raises BadInput without a calibrated camera."""
+        """Return the constants with which a system's chain would run a request. Raises BadInput if the request has no camera
+        profile."""
         profile, _ = _camera_of(request, self._profiles)
         if profile is None:
             raise BadInput("constants of a system need its camera", expected="a camera profile")
@@ -180,8 +187,8 @@ class Solver:
     def _system(
         self, pixels: NDArray[Any], profile: CameraProfile | None, request: SolveRequest, epoch_jyear: float
     ) -> SolveResult:
-        """Run the chain of one of the sensors, with a bank like the one in its flash. Raises BadInput without a calibrated
-        camera."""
+        """Run the chain of a sensor with a bank like the one in its flash. Raises BadInput if the request has no camera
+        profile."""
         if profile is None:
             raise BadInput(
                 f"the {request.chain} chain needs a calibrated camera",
@@ -198,8 +205,8 @@ class Solver:
 
 
 def options_of(chain: str, profile: CameraProfile, changed: Mapping[str, str] | None = None) -> tuple[ChainOption, ...]:
-    """Return the constants of a chain for a camera, lost in space; none for the reference chain. Raises NotFound for an unknown
-    chain, BadInput for a change that the chain rejects."""
+    """Return the constants of a chain for a camera in lost-in-space mode. The reference chain has none. ``changed``: changed
+    constants. Raises NotFound for an unknown chain, BadInput for a change that the chain rejects."""
     if chain == reference.NAME:
         if changed:
             raise _no_constants()
@@ -213,7 +220,7 @@ def _no_constants() -> BadInput:
 
 
 def _started(hint: near.BoundedPrior | None) -> Started:
-    """Convert a hint for a system's chain: an accurate one is used as an attitude to track from."""
+    """Return the initial state of a system's chain for a hint: tracking mode for an accurate hint, otherwise assisted mode."""
     if hint is None:
         return Started(Mode.LOST_IN_SPACE, None)
     mode = Mode.TRACKING if hint.radius_rad <= TRACKING_RADIUS_RAD else Mode.ASSISTED
@@ -231,8 +238,8 @@ def _velocity_c(request: SolveRequest) -> Array | None:
     return None if request.observer is None else np.array(request.observer.velocity_c)
 
 
-def _moving(result: SolveResult, observer: Observer | None) -> SolveResult:
-    """Add a note on whether aberration was corrected."""
+def _with_aberration_note(result: SolveResult, observer: Observer | None) -> SolveResult:
+    """Add a note that states whether aberration was corrected."""
     if result.attitude is None:
         return result
     note = "aberration was not corrected" if observer is None else observer.note
@@ -242,8 +249,8 @@ def _moving(result: SolveResult, observer: Observer | None) -> SolveResult:
 def _camera_of(
     request: SolveRequest, profiles: Callable[[str], CameraProfile]
 ) -> tuple[CameraProfile | None, Camera | None]:
-    """Return the requested profile and geometry; both None for an unknown camera. Raises BadInput."""
-    ways = [
+    """Return the requested profile and geometry. Both are None for an unknown camera. Raises BadInput."""
+    specified = [
         name
         for name, stated in (
             ("profile", request.profile is not None),
@@ -254,11 +261,11 @@ def _camera_of(
         )
         if stated
     ]
-    if len(ways) != 1:
+    if len(specified) != 1:
         raise BadInput(
             "the camera must be given in exactly one way",
             expected="a profile, a geometry, a field of view, or blind",
-            got=" and ".join(ways) or "none of them",
+            got=" and ".join(specified) or "none of them",
         )
     if request.fov_rad is not None and not np.radians(0.5) <= request.fov_rad <= np.radians(120):
         raise BadInput(
@@ -271,25 +278,25 @@ def _camera_of(
 
 
 def _noted(result: SolveResult, profile: CameraProfile | None, epoch_jyear: float) -> SolveResult:
-    """Add notes on the epoch of the stars and, for a calibrated camera, the calibration."""
+    """Add notes on the epoch of the star positions and, for a calibrated camera, on the calibration."""
     version = profile.sources.get("calibration", "") if profile else ""
-    made_with = (f"star positions of {epoch_jyear:.2f}", *((f"camera: {version}",) if version else ()))
-    return replace(result, notes=(*result.notes, *made_with))
+    notes = (f"star positions of {epoch_jyear:.2f}", *((f"camera: {version}",) if version else ()))
+    return replace(result, notes=(*result.notes, *notes))
 
 
 def _usual_limit(camera: Camera) -> float:
-    """Return the assumed limit of a camera without photometry."""
+    """Return the assumed magnitude limit of a camera without photometry."""
     return float(np.clip(_limit_for(camera, USUAL_PER_FRAME), 2.5, 8.0))
 
 
 def _deepest(camera: Camera) -> float:
-    """Return the magnitude beyond which stars only make the search slower."""
-    # Each of the sky's stars has a pair with about four times as many others as fall on the detector.
+    """Return the magnitude limit above which additional stars only make the search slower."""
+    # Each star of the sky has pairs with about four times the number of stars that fall on the detector.
     return _limit_for(camera, min(MAX_PER_FRAME, float(np.sqrt(MAX_PAIRS / 2 * _share_of_sky(camera)))))
 
 
 def _limit_for(camera: Camera, stars: float) -> float:
-    """Return the magnitude to which about this many stars fall on the detector."""
+    """Return the magnitude limit with which about this number of stars falls on the detector."""
     # Hipparcos contains about 4900 stars to V 6 and 2.9 times as many for each further magnitude.
     return float(6 + np.log(stars / (4900 * _share_of_sky(camera))) / np.log(2.9))
 

@@ -1,4 +1,4 @@
-"""Frames that wait to be solved, in order of arrival, and the thread that solves them."""
+"""Queue of frames that wait to be solved, in order of arrival, and the thread that solves them."""
 
 from __future__ import annotations
 
@@ -15,34 +15,34 @@ from gss.store.models import Frame
 
 MAX_WAITING = 200
 MAX_PIXEL_BYTES = 256 << 20
-"""Maximum size of the pixels of waiting frames that are kept in memory; those of later frames are read back from the store."""
+"""Maximum total size of the pixels of waiting frames in memory. Pixels of further frames are read from the store later."""
 REPORT_EVERY_SKIPPED = 100
 
 
 @dataclass(frozen=True)
 class _Unsolved:
-    """A frame that waits to be solved. ``pixels``: None if they must be read back."""
+    """A frame that waits to be solved. ``pixels``: None if they must be read from the store."""
 
     frame: Frame
     pixels: NDArray[np.generic] | None
 
 
 class SolveQueue:
-    """Calls ``solve`` for each frame on its own thread. ``solve`` gets None for pixels that it must read back, and raises
-    nothing."""
+    """Calls ``solve`` for each frame in a separate thread. ``solve`` receives None if it must read the pixels from the store. It
+    must not raise."""
 
     def __init__(self, solve: Callable[[Frame, NDArray[np.generic] | None], None], bus: EventBus) -> None:
         self._solve, self._bus = solve, bus
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solve")
         self._unsolved: deque[_Unsolved] = deque()
         self.skipped = 0
-        """Number of frames since the server started that were not solved because they arrived too fast."""
+        """Number of frames since the server started that were not solved because frames arrived too fast."""
 
     def __len__(self) -> int:
         return len(self._unsolved)
 
     def add(self, frame: Frame, pixels: NDArray[np.generic]) -> None:
-        """Queue a frame. If too many wait, the oldest is dropped; dropped frames are counted and reported."""
+        """Queue a frame. If too many frames are waiting, the oldest is dropped. Dropped frames are counted and reported."""
         in_memory = sum(unsolved.pixels.nbytes for unsolved in list(self._unsolved) if unsolved.pixels is not None)
         fits = in_memory + pixels.nbytes <= MAX_PIXEL_BYTES
         self._unsolved.append(_Unsolved(frame, pixels if fits else None))
@@ -56,11 +56,11 @@ class SolveQueue:
             self._pool.submit(self._next)
 
     def submit(self, work: Callable[[], None]) -> None:
-        """Run other work of the solver on the same thread, after what waits."""
+        """Run other work in the thread of the solver, after the waiting frames."""
         self._pool.submit(work)
 
     def stop(self) -> None:
-        """Finish the running solution and drop waiting frames."""
+        """Finish the current solution and drop the waiting frames."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def _next(self) -> None:

@@ -1,4 +1,5 @@
-"""Solves a sequence of images as a system's own processor would: with its modes, attitude history and chained attitudes."""
+"""Solution of an image sequence in the same manner as the processor of a system: with its modes, attitude history and chained
+attitudes."""
 
 from __future__ import annotations
 
@@ -19,16 +20,16 @@ from gss.pipeline.chains.systems import system
 from gss.pipeline.identify import near
 
 MAX_CHAINED = 5
-"""Maximum number of successive frames with an attitude chained by relative rotation; errors accumulate and no star is
-identified."""
+"""Maximum number of successive frames whose attitude is chained by relative rotation. It is limited because errors accumulate and
+no star is identified."""
 FRAME_STEP_S = 1.0
-"""Images of a sequence are taken at equal steps, like the images of all five systems."""
+"""Assumed time between the images of a sequence. All five systems take images at equal steps."""
 
 
 class SystemSequencer:
-    """Processes images in the modes of one system (lost in space, assisted, tracking), with up to two attitudes before the
-    last for predictors and averages. FAR-MST chains the attitude of images it cannot identify by the rotation since the
-    previous one (Huffman 2006 §7.2)."""
+    """Processes images in the modes of one system (lost in space, assisted, tracking). Predictors and averages use up to two
+    attitudes before the last one. If FAR-MST cannot identify an image, its attitude is the previous attitude chained with the
+    rotation since the previous image (Huffman 2006 §7.2)."""
 
     def __init__(self, chain: str, hint: near.BoundedPrior | None = None) -> None:
         self._chain = system(chain)
@@ -40,11 +41,11 @@ class SystemSequencer:
                 PriorState(commanded=quaternion, commanded_radius_rad=hint.radius_rad),
             )
         self._before: tuple[Centroids, Attitude] | None = None
-        self._turn: Array | None = None
+        self._last_rotation: Array | None = None
         self._chained = self._frame = 0
 
     def solve(self, solver: Solver, pixels: NDArray[Any], request: SolveRequest) -> SolveResult:
-        """Solve the next image."""
+        """Solve the next image of the sequence."""
         mode = self._prior.usable(self._mode, self._frame * FRAME_STEP_S, self._chain.oldest_attitude_s)
         radius_rad = self._prior.radius_rad(mode) if mode is Mode.ASSISTED else None
         started = Started(mode, self._prior.hint(mode, self._frame * FRAME_STEP_S), radius_rad)
@@ -56,18 +57,20 @@ class SystemSequencer:
         self._prior = self._prior.after(quaternion, self._frame * FRAME_STEP_S)
         self._frame += 1
         if self._chain.name == far_mst_parameters.NAME:
-            result = self._bridged(result, solver, request)
+            result = self._with_chained_attitude(result, solver, request)
         return result
 
-    def _bridged(self, result: SolveResult, solver: Solver, request: SolveRequest) -> SolveResult:
-        """Return FAR-MST's result, or the previous attitude chained with the rotation since. The rotation is also the
-        expected one for the next image."""
-        before, turn = self._before, None
+    def _with_chained_attitude(self, result: SolveResult, solver: Solver, request: SolveRequest) -> SolveResult:
+        """Return the result of FAR-MST. If it has no attitude, return the previous attitude chained with the rotation since the
+        previous image. This rotation is also the expected rotation to the next image."""
+        before, rotation = self._before, None
         if before is not None:
             parameters = solver.parameters(request)
-            relative = relative_attitude(before[0], result.centroids, result.camera, parameters, expected=self._turn)
-            turn = relative.quaternion
-            if result.attitude is None and turn is not None and self._chained < MAX_CHAINED:
+            relative = relative_attitude(
+                before[0], result.centroids, result.camera, parameters, expected=self._last_rotation
+            )
+            rotation = relative.quaternion
+            if result.attitude is None and rotation is not None and self._chained < MAX_CHAINED:
                 self._chained += 1
                 since = f"attitude chained over {self._chained} image{'s' if self._chained > 1 else ''}"
                 result = replace(
@@ -83,6 +86,6 @@ class SystemSequencer:
                 )
             elif result.attitude is not None:
                 self._chained = 0
-        self._turn = turn
+        self._last_rotation = rotation
         self._before = None if result.attitude is None else (result.centroids, result.attitude)
         return result

@@ -1,1 +1,1 @@
-"""Several heads on one spacecraft: mountings, fused attitude, agreement, misalignment and drift."""
+"""Spacecraft with several heads: mountings, fused attitude, agreement, misalignment and drift."""

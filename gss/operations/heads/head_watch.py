@@ -1,4 +1,4 @@
-"""Follows the heads of all spacecraft: attitudes in, comparisons, history and alarms out."""
+"""Monitor of the heads of all spacecraft. It receives attitudes, compares them, stores the results and raises alarms."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from gss.store.models import FusedRow, HeadPairRow
 
 TICK_S = 0.5
 RELOAD_S = 5.0
-"""A spacecraft that another process changed is noticed after this time."""
+"""Interval at which spacecraft are read again from the store, because another process can change them."""
 STORED_EVERY_S = 10.0
 KEPT = timedelta(days=30)
 CLEANED_EVERY_S = 3600.0
@@ -38,7 +38,8 @@ UPPER_3 = np.triu_indices(3)
 
 @dataclass(frozen=True)
 class HeadState:
-    """One head at present. ``problem``: why its attitude is not used, "" if it is; ``age_s`` None: nothing received."""
+    """Current state of one head. ``problem``: reason why its attitude is not used, "" if it is used. ``age_s``: age of its
+    latest attitude, None if no attitude was received."""
 
     unit: str
     fresh: bool
@@ -48,7 +49,7 @@ class HeadState:
 
 @dataclass(frozen=True)
 class SpacecraftState:
-    """One spacecraft at present. ``result``: the newest comparison; None before the first."""
+    """Current state of one spacecraft. ``result``: the latest comparison, None before the first."""
 
     setup: SpacecraftSetup
     verdict: HeadsVerdict
@@ -57,15 +58,15 @@ class SpacecraftState:
 
 
 class _Follower:
-    """One spacecraft that is followed. ``stored_s``: time of the newest stored comparison."""
+    """One monitored spacecraft. ``stored_s``: time of the latest stored comparison."""
 
     def __init__(self, tracker: HeadTracker) -> None:
         self.tracker, self.agreement, self.stored_s = tracker, AgreementWatch(), 0.0
 
 
 class HeadWatch:
-    """Compares heads on a separate thread, so that a slow store delays no link. ``take`` and ``states`` may be called from any
-    thread."""
+    """Compares heads in a separate thread, so that a slow store does not delay a link. ``take`` and ``states`` can be called
+    from any thread."""
 
     def __init__(self, book: SpacecraftBook, database: Database, alarms: AlarmService, now: Now) -> None:
         self._book, self._database, self._alarms, self._now = book, database, alarms, now
@@ -76,7 +77,7 @@ class HeadWatch:
         self._changed, self._stop = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="heads", daemon=True)
         self.problem = ""
-        """Why the store cannot be used at present; "" if it can."""
+        """Reason why the last step failed, "" if it did not fail."""
 
     def start(self) -> None:
         """Start comparing."""
@@ -89,12 +90,12 @@ class HeadWatch:
             self._thread.join(timeout=3)
 
     def take(self, unit: str, samples: Sequence[AttitudeSample]) -> None:
-        """Take the newest attitudes of a unit; those taken before are ignored."""
+        """Queue the latest attitudes of a unit. Attitudes that were already received are ignored."""
         for sample in samples:
             self._arrived.put((unit, sample))
 
     def states(self) -> list[SpacecraftState]:
-        """Return the state of every spacecraft, by name."""
+        """Return the states of all spacecraft, sorted by name."""
         now_s = self._now().timestamp()
         with self._lock:
             followers = list(self._followers.values())
@@ -104,7 +105,7 @@ class HeadWatch:
             ]
 
     def correct(self, spacecraft_id: int, unit: str, *, user: str) -> SpacecraftSetup:
-        """Correct the mounting of a head by its estimated misalignment. Raises Conflict without a current estimate."""
+        """Correct the mounting of a head by its estimated misalignment. Raises Conflict if there is no current estimate."""
         with self._lock:
             follower = self._followers.get(spacecraft_id)
             result = follower.tracker.result if follower else None
@@ -112,7 +113,7 @@ class HeadWatch:
         pair = next((pair_state for pair_state in pairs if pair_state.unit == unit), None)
         if pair is None:
             raise Conflict(
-                "no misalignment of this head is known at present",
+                "there is no current misalignment estimate of this head",
                 expected="a head that is compared with the reference head now",
                 got=unit,
             )
@@ -121,11 +122,11 @@ class HeadWatch:
         return setup
 
     def refresh(self) -> None:
-        """Follow the spacecraft as stored now, from the next step on."""
+        """Read the stored spacecraft again at the next step."""
         self._changed.set()
 
     def step(self) -> None:
-        """Take what has arrived, compare, store, and judge. Called by the thread."""
+        """Process the received attitudes: compare the heads, store the results, and update the alarms. Called by the thread."""
         now = self._now()
         now_s = now.timestamp()
         if self._changed.is_set() or abs(now_s - self._loaded_s) >= RELOAD_S:
@@ -153,7 +154,8 @@ class HeadWatch:
                 store.delete_before(session, now - KEPT)
 
     def _reload(self) -> None:
-        """Follow the spacecraft as stored now. A changed one begins again, and its alarms are cleared until it is compared."""
+        """Read the stored spacecraft. For a changed spacecraft, tracking restarts and its alarms are cleared until the next
+        comparison."""
         before, after = self._followers, {}
         for setup in self._book.every():
             previous = before.get(setup.id)
@@ -195,14 +197,14 @@ class HeadWatch:
                 self._alarms.watch((HEADS, finding.name), finding.state, finding.value, finding.text, finding.limit)
 
     def _resumed(self, setup: SpacecraftSetup) -> dict[str, Misalignment]:
-        """Return the stored estimates since the spacecraft was changed last."""
+        """Return the latest stored estimate of each head since the last change of the spacecraft."""
         with self._database.unit_of_work() as session:
             rows = {h.unit: store.newest_pair(session, setup.id, h.unit, setup.changed) for h in setup.heads[1:]}
         return {unit: estimate_of(row) for unit, row in rows.items() if row is not None}
 
 
 def estimate_of(row: HeadPairRow) -> Misalignment:
-    """Return a stored estimate of misalignment."""
+    """Return the misalignment estimate of a stored row."""
     covariance = np.zeros((6, 6))
     covariance[UPPER] = row.covariance
     covariance = covariance + np.triu(covariance, 1).T

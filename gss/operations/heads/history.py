@@ -1,4 +1,4 @@
-"""Stored comparisons of heads: over a span, and the newest ones."""
+"""Stored comparisons of heads: those of a time span, and the latest ones."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ MAX_POINTS = 600
 
 @dataclass(frozen=True)
 class StoredPair:
-    """One stored comparison of a head with the reference head. ``sigma_rad`` (3,): of the misalignment, with that of
-    clocks and steady errors."""
+    """One stored comparison of a head with the reference head. ``sigma_rad`` (3,): standard deviation of the misalignment,
+    including clock errors and steady errors. ``drift_sigma_rad_s`` (3,): standard deviation of the drift."""
 
     row: HeadPairRow
     misalignment: Misalignment
@@ -39,11 +39,13 @@ class HeadHistory:
         self._database, self._now = database, now
 
     def pairs(self, spacecraft_id: int, hours: float) -> list[StoredPair]:
-        """Return the comparisons of the last hours, oldest first, at most ``MAX_POINTS`` or a little more. Raises BadInput, and
-        NotFound for an unknown spacecraft."""
-        longest = KEPT / timedelta(hours=1)
-        if not 0 < hours <= longest:
-            raise BadInput("the span is out of range", expected=f"above 0, at most {longest:g} hours", got=f"{hours:g}")
+        """Return the comparisons of the last ``hours``, oldest first, approximately ``MAX_POINTS`` at most. Raises BadInput for
+        an invalid time span, NotFound for an unknown spacecraft."""
+        max_hours = KEPT / timedelta(hours=1)
+        if not 0 < hours <= max_hours:
+            raise BadInput(
+                "the span is out of range", expected=f"above 0, at most {max_hours:g} hours", got=f"{hours:g}"
+            )
         end = self._now()
         with self._database.unit_of_work() as session:
             store.get(session, spacecraft_id)
@@ -52,7 +54,8 @@ class HeadHistory:
         return [_stored(row) for row in rows]
 
     def newest(self, setup: SpacecraftSetup) -> tuple[FusedRow | None, list[StoredPair]]:
-        """Return the newest stored fused attitude, and the newest comparison of each head since the spacecraft was changed."""
+        """Return the latest stored fused attitude, and the latest comparison of each head since the last change of the
+        spacecraft."""
         with self._database.unit_of_work() as session:
             fused = store.newest_fused(session, setup.id)
             rows = [store.newest_pair(session, setup.id, head.unit, setup.changed) for head in setup.heads[1:]]

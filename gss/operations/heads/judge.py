@@ -1,4 +1,4 @@
-"""Judgement of the heads of one spacecraft: agreement, misalignment and drift against limits, in words."""
+"""Assessment of the heads of one spacecraft: agreement, misalignment and drift compared with limits, as text."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from gss.operations.heads.mountings import HOUR_S, Source, SpacecraftSetup
 from gss.operations.heads.tracker import HeadTracker, PairResult
 
 UNLIKELY = 1e-5
-"""A difference that is less probable than this does not agree with the stated covariances."""
+"""If the probability of a difference is below this value, the difference is inconsistent with the stated covariances."""
 RAISED_AFTER, CLEARED_AFTER = 3, 10
-"""Comparisons in a row that raise the alarm of agreement, and that clear it."""
+"""Numbers of consecutive comparisons that raise the agreement alarm and that clear it."""
 FROM: Mapping[Source, str] = {"on board": "from its sensor", "ground": "solved on the ground"}
 SIGNIFICANT = 3.0
-"""A misalignment or drift beyond its limit counts when it is this many standard deviations beyond."""
+"""A misalignment or drift violates its limit if it exceeds the limit by this number of standard deviations."""
 
 
 @dataclass(frozen=True)
 class HeadsVerdict:
-    """What is known about the heads. ``state`` None: unknown, nothing can be compared; ``text`` states why."""
+    """Agreement of the heads. ``state`` is None if the heads cannot be compared; ``text`` then states the reason."""
 
     state: State | None
     text: str
@@ -31,7 +31,8 @@ class HeadsVerdict:
 
 @dataclass(frozen=True)
 class HeadsFinding:
-    """One condition of an alarm. ``value``: in ″ or ″/h, of the text; ``limit``: what was exceeded."""
+    """State of one alarm condition. ``value``: the compared value (χ², or an angle in ″ or ″/h). ``limit``: description of the
+    violated limit."""
 
     name: str
     state: State
@@ -41,12 +42,12 @@ class HeadsFinding:
 
 
 def verdict(tracker: HeadTracker, disagreeing: bool, now_s: float) -> HeadsVerdict:
-    """Return the agreement of the heads at present."""
+    """Return the current agreement of the heads."""
     setup, result = tracker.setup, tracker.result
     fresh = [head.unit for head in setup.heads if tracker.is_fresh(head.unit, now_s)]
     if not fresh:
         ages_s = [age_s for head in setup.heads if (age_s := tracker.age_s(head.unit, now_s)) is not None]
-        newest = f"; the newest is {min(ages_s):.0f} s old" if ages_s else ""
+        newest = f"; the latest is {min(ages_s):.0f} s old" if ages_s else ""
         return HeadsVerdict(
             None, f"No head has an attitude {FROM[setup.source]} of the last {setup.stale_s:g} s{newest}."
         )
@@ -56,7 +57,7 @@ def verdict(tracker: HeadTracker, disagreeing: bool, now_s: float) -> HeadsVerdi
         return HeadsVerdict(None, alone if silent else f"{fresh[0]} is the only head.")
     if result is None or now_s - result.time_s > 2 * setup.stale_s:
         lacks = _listed({unit: lack for unit in fresh if (lack := tracker.lacks(unit))})
-        reasons = lacks or "the first attitudes of the heads are awaited"
+        reasons = lacks or "no attitudes of several heads at one time were received"
         return HeadsVerdict(None, f"The attitudes cannot be compared. {reasons}.")
     if result.fused.agreement is None:
         return HeadsVerdict(None, f"Only one head could be used. {_listed(result.missing)}.")
@@ -75,7 +76,7 @@ class AgreementWatch:
         self._against = 0
 
     def take(self, probability: float | None) -> None:
-        """Take the probability of one comparison; None says nothing."""
+        """Add the probability of one comparison. None, a comparison without a probability, is ignored."""
         if probability is None:
             return
         unlikely = probability < UNLIKELY
@@ -85,7 +86,7 @@ class AgreementWatch:
 
 
 def findings(setup: SpacecraftSetup, disagreeing: bool, pairs: Sequence[PairResult], chi2: float) -> list[HeadsFinding]:
-    """Return the conditions of the alarms of a spacecraft after a comparison of at least two heads."""
+    """Return the states of a spacecraft's alarm conditions after a comparison of at least two heads."""
     disagreement = _apart(pairs)
     result = [
         HeadsFinding(
@@ -131,7 +132,7 @@ def _size(vector: Array, sigma: Array) -> tuple[float, float]:
 
 
 def _apart(pairs: Sequence[PairResult]) -> str:
-    """Return the pair that differs most, in words."""
+    """Describe the pair of heads that differs most."""
     if not pairs:
         return "The heads differ"
     worst = max(pairs, key=lambda pair: pair.difference.agreement.chi2)

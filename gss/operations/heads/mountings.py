@@ -1,4 +1,4 @@
-"""Spacecraft with their heads, as a user enters them and as they are used."""
+"""Spacecraft and their heads: requests from users, and the stored setup."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ Source = Literal["on board", "ground"]
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Component = Annotated[float, Field(ge=-1.01, le=1.01)]
 MIN_ARCSEC, MAX_ARCSEC = 1e-3, 648_000.0
-"""Standard deviations of attitudes outside this range are invalid; matrices with them cannot be inverted reliably."""
+"""Valid range of an attitude's standard deviations. Matrices with values outside it cannot be inverted reliably."""
 Sigma = Annotated[float, Field(ge=MIN_ARCSEC, le=36_000)]
 UNIT_LENGTH = 1e-3
 
 
 class HeadRequest(Request):
-    """One head and its mounting. Give ``mounting_deg`` (rotations about x, then y, then z that take the body's axes to the
-    camera's) or ``body_from_cam`` (quaternion, scalar last), not both. ``sigma_arcsec``: uncertainty of the mounting about each
-    axis. ``sigma_cross_arcsec``, ``sigma_roll_arcsec``: of its attitudes, where the sensor reports none."""
+    """One head and its mounting. Set either ``mounting_deg`` (rotations about x, then y, then z from the body axes to the
+    camera axes) or ``body_from_cam`` (quaternion, scalar last). ``sigma_arcsec``: uncertainty of the mounting about each
+    axis. ``sigma_cross_arcsec``, ``sigma_roll_arcsec``: standard deviations of its attitudes, used if the sensor does not
+    report them."""
 
     unit: str = Field(min_length=1, max_length=24)
     mounting_deg: Annotated[list[Angle], Field(min_length=3, max_length=3)] | None = None
@@ -44,19 +45,19 @@ class HeadRequest(Request):
     @model_validator(mode="after")
     def _one_mounting(self) -> Self:
         if (self.mounting_deg is None) == (self.body_from_cam is None):
-            raise ValueError("give mounting_deg or body_from_cam, not both")
+            raise ValueError("set either mounting_deg or body_from_cam")
         if self.body_from_cam is not None and abs(math.hypot(*self.body_from_cam) - 1) > UNIT_LENGTH:
             raise ValueError("body_from_cam must be a quaternion of length 1")
         if (self.sigma_cross_arcsec is None) != (self.sigma_roll_arcsec is None):
-            raise ValueError("give both standard deviations of the attitudes, or neither")
+            raise ValueError("set both standard deviations of the attitudes, or neither")
         return self
 
 
 class SpacecraftRequest(Request):
-    """A spacecraft with its heads; the first one is the reference of misalignments. ``source``: which attitudes are compared.
-    ``tolerance_s``: an attitude is used for a time that is at most this far from its own; ``stale_s``: a head is silent after this
-    time. ``largest_rate_deg_s``: largest rate of the body, for the uncertainty of a head whose rate is not known yet; null: such
-    attitudes are not used. Limits raise alarms; null: no alarm."""
+    """A spacecraft with its heads. Misalignments are relative to the first head. ``source``: source of the compared attitudes.
+    ``tolerance_s``: largest difference between the time of an attitude and the time of comparison. ``stale_s``: a head without
+    attitudes for this time is silent. ``largest_rate_deg_s``: largest rate of the body; it determines the uncertainty of a head
+    whose rate is unknown. If it is null, attitudes of such heads are not used. Exceeded limits raise alarms; null: no alarm."""
 
     name: str = Field(min_length=1, max_length=40)
     heads: list[HeadRequest] = Field(min_length=1, max_length=MAX_HEADS)
@@ -77,8 +78,9 @@ class SpacecraftRequest(Request):
 
 @dataclass(frozen=True)
 class HeadMounting:
-    """One head. ``body_from_cam`` (4,): nominal mounting; ``sigma_rad``: its uncertainty about each axis; ``usual_rad``: standard
-    deviations across and about the boresight where the sensor reports none, None: not stated."""
+    """One head. ``body_from_cam`` (4,): nominal mounting. ``sigma_rad``: uncertainty of the mounting about each axis.
+    ``usual_rad``: standard deviations across and about the boresight, used if the sensor does not report them; None if not
+    stated."""
 
     unit: str
     body_from_cam: Array
@@ -101,8 +103,8 @@ class HeadMounting:
         return turns_of(matrix_from_quaternion(self.body_from_cam))
 
     def covariance(self, cross_arcsec: float | None, roll_arcsec: float | None) -> Array | None:
-        """Return the (3, 3) covariance of an attitude in the camera frame: as reported, else as usual; None if unknown. A reported
-        value that is out of range is treated as not reported."""
+        """Return the (3, 3) covariance of an attitude in the camera frame, from the reported standard deviations if they are
+        valid, otherwise from ``usual_rad``. Return None if both are missing."""
         if cross_arcsec is not None and roll_arcsec is not None and _valid(cross_arcsec) and _valid(roll_arcsec):
             return head_covariance(cross_arcsec * ARCSEC_RAD, roll_arcsec * ARCSEC_RAD)
         return None if self.usual_rad is None else head_covariance(*self.usual_rad)
@@ -110,7 +112,7 @@ class HeadMounting:
 
 @dataclass(frozen=True)
 class SpacecraftSetup:
-    """A stored spacecraft. Limits and rate: see the request; None: not set."""
+    """A stored spacecraft. :class:`SpacecraftRequest` describes limits and rate, which are None if not set."""
 
     id: int
     name: str
@@ -125,16 +127,16 @@ class SpacecraftSetup:
     changed: datetime
 
     def head(self, unit: str) -> HeadMounting | None:
-        """Return the head that is a unit; None if the unit is not on this spacecraft."""
+        """Return the head with this unit name, None if this spacecraft does not have it."""
         return next((head for head in self.heads if head.unit == unit), None)
 
 
 def row_values(request: SpacecraftRequest) -> dict[str, object]:
-    """Return the columns of a request. Raises BadInput for a name that cannot be shown."""
+    """Return the database columns of a request. Raises BadInput for a name with unprintable characters."""
     name = " ".join(request.name.split())
     for text in (name, *(head.unit for head in request.heads)):
         if not text or not text.isprintable():
-            raise BadInput("A name cannot be shown", expected="printable characters", got=repr(text))
+            raise BadInput("A name contains unprintable characters", expected="printable characters", got=repr(text))
     return {
         "name": name,
         "heads": [_head_values(head) for head in request.heads],
@@ -165,7 +167,7 @@ def setup_of(row: Spacecraft) -> SpacecraftSetup:
 
 
 def head_columns(head: HeadMounting) -> dict[str, object]:
-    """Return a head as stored."""
+    """Return the stored JSON values of a head."""
     return {
         "unit": head.unit,
         "body_from_cam": [float(q) for q in head.body_from_cam],
@@ -193,7 +195,7 @@ def _mounted(values: dict[str, object]) -> HeadMounting:
 
 
 class _StoredHead(Request):
-    """A head in the column ``heads``."""
+    """A head as stored in the column ``heads``."""
 
     unit: str
     body_from_cam: Annotated[list[float], Field(min_length=4, max_length=4)]

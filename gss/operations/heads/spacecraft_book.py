@@ -1,4 +1,4 @@
-"""Spacecraft with several heads: stored, checked, changed and deleted."""
+"""Store of spacecraft with several heads: check, add, change and delete them."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ MAX_SPACECRAFT = 16
 
 
 class SpacecraftBook:
-    """Stores spacecraft. A changed mounting starts the estimates of misalignment again."""
+    """Stores spacecraft. A changed spacecraft restarts its misalignment estimates."""
 
     def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
         self._database, self._bus, self._now = database, bus, now
 
     def every(self) -> list[SpacecraftSetup]:
-        """Return all spacecraft, by name."""
+        """Return all spacecraft, sorted by name."""
         with self._database.unit_of_work() as session:
             return [setup_of(row) for row in store.every(session)]
 
@@ -37,16 +37,16 @@ class SpacecraftBook:
             return setup_of(store.get(session, spacecraft_id))
 
     def named(self, name: str) -> SpacecraftSetup:
-        """Return the spacecraft with that name. Raises NotFound naming the others."""
-        every = self.every()
-        setup = next((candidate for candidate in every if candidate.name == name), None)
+        """Return the spacecraft with that name. Raises NotFound that lists the existing names."""
+        setups = self.every()
+        setup = next((candidate for candidate in setups if candidate.name == name), None)
         if setup is None:
-            names = " | ".join(candidate.name for candidate in every)
+            names = " | ".join(candidate.name for candidate in setups)
             raise NotFound("no such spacecraft", expected=names or "a spacecraft; none is stored", got=name)
         return setup
 
     def create(self, request: SpacecraftRequest, *, user: str) -> SpacecraftSetup:
-        """Store a new spacecraft. Raises Conflict if name or a unit is in use."""
+        """Store a new spacecraft. Raises Conflict if its name or one of its units is already used."""
         with self._database.unit_of_work() as session:
             rows = store.every(session)
             if len(rows) >= MAX_SPACECRAFT:
@@ -59,7 +59,7 @@ class SpacecraftBook:
         return setup
 
     def change(self, spacecraft_id: int, request: SpacecraftRequest, *, user: str) -> SpacecraftSetup:
-        """Replace all values of a spacecraft. Raises as ``create``, and NotFound."""
+        """Replace all values of a spacecraft. Raises NotFound, and Conflict as :meth:`create` does."""
         with self._database.unit_of_work() as session:
             row = store.get(session, spacecraft_id)
             others = [row_of_other for row_of_other in store.every(session) if row_of_other.id != spacecraft_id]
@@ -79,8 +79,8 @@ class SpacecraftBook:
         self._bus.record("heads", "ok", f"{user} deleted the spacecraft {name}")
 
     def correct(self, spacecraft_id: int, pair: PairResult, *, user: str) -> SpacecraftSetup:
-        """Correct the mounting of a head by its estimated misalignment, whose uncertainty becomes that of the mounting. Raises
-        NotFound."""
+        """Correct the mounting of a head by its estimated misalignment. The uncertainty of the estimate becomes the uncertainty
+        of the mounting. Raises NotFound."""
         with self._database.unit_of_work() as session:
             row = store.get(session, spacecraft_id)
             setup = setup_of(row)
@@ -88,14 +88,16 @@ class SpacecraftBook:
             if head is None:
                 raise NotFound(f"{setup.name} has no such head", expected=_units(setup), got=pair.unit)
             vector = pair.misalignment.vector_rad
-            better = replace(
+            corrected = replace(
                 head, body_from_cam=turned(head.body_from_cam, vector), sigma_rad=float(np.max(pair.sigma_rad))
             )
-            row.heads = [head_columns(better if stored_head is head else stored_head) for stored_head in setup.heads]
+            row.heads = [head_columns(corrected if other is head else other) for other in setup.heads]
             row.user, row.changed = user, self._now()
             setup = setup_of(row)
-        by = float(np.linalg.norm(vector)) / ARCSEC_RAD
-        self._bus.record("heads", "watch", f"{user} corrected the mounting of {pair.unit} on {setup.name} by {by:.1f}″")
+        angle = float(np.linalg.norm(vector)) / ARCSEC_RAD
+        self._bus.record(
+            "heads", "watch", f"{user} corrected the mounting of {pair.unit} on {setup.name} by {angle:.1f}″"
+        )
         return setup
 
 

@@ -1,7 +1,7 @@
-"""Comparison of the heads of one spacecraft as their attitudes arrive: fused attitude, differences and misalignments.
+"""Comparison of the heads of one spacecraft: fused attitude, differences and misalignments, updated with each new attitude.
 
-Heads measure at different times. Each attitude of the first head that reports is a time of comparison, at which the attitudes of
-the others are calculated when they have reported a later one.
+Heads measure at different times. The heads are compared at the times of the first usable head's attitudes. The attitudes of all
+other heads are calculated for these times after each head has reported a later attitude.
 """
 
 from __future__ import annotations
@@ -24,19 +24,20 @@ from gss.pipeline.track.cameras_together import BodyAttitude
 KEPT = 40
 MAX_WAITING = 200
 PRIOR_RAD = float(np.radians(1.0))
-"""Usual size of a misalignment before the first comparison; a larger one is found, too."""
+"""A-priori standard deviation of a misalignment before the first comparison. Larger misalignments are also estimated."""
 STEADY_SHARE = 0.6
-"""Part of the sigma of one attitude that stays while the same stars are on the same pixels. Measured with simulated CubeStar units:
-at rest the errors of 18 heads with different stars had means of 0.57 sigma (root mean square of all axes). While the body turned
-by 0.02°/s, 16 heads, errors 20 s to 100 s apart had a correlation of 0.1 to 0.05 sigma², which ended after 300 s."""
+"""Fraction of an attitude's sigma that stays constant while the same stars are on the same pixels. Measured with simulated
+CubeStar units: at rest, the mean errors of 18 heads with different stars were 0.57 sigma (root mean square of all axes). With 16
+heads and a body rate of 0.02°/s, errors 20 s to 100 s apart had a correlation of 0.1 to 0.05 sigma², which vanished after
+300 s."""
 CLOCK_BACK_S = 60.0
-"""An attitude this much older than the newest one means that a clock was set back."""
+"""If an attitude is older than the latest one by more than this time, a clock was set back."""
 
 
 @dataclass(frozen=True)
 class PairResult:
-    """One head compared with the reference head. ``lasting_rad2`` (3, 3): what clocks and steady errors add to the covariance of
-    the misalignment."""
+    """One head compared with the reference head. ``lasting_rad2`` (3, 3): contribution of clock errors and steady errors to the
+    covariance of the misalignment."""
 
     reference: str
     unit: str
@@ -46,7 +47,7 @@ class PairResult:
 
     @property
     def sigma_rad(self) -> Array:
-        """(3,) standard deviation of the misalignment, with that of clocks and steady errors."""
+        """(3,) standard deviation of the misalignment, including clock errors and steady errors."""
         return np.sqrt(self.misalignment.sigma_rad**2 + np.diag(self.lasting_rad2))
 
     @property
@@ -56,16 +57,16 @@ class PairResult:
 
 
 def drift_sigma(estimate: Misalignment, lasting_rad2: Array) -> Array:
-    """(3,) standard deviation of the drift, rad/s. What does not average out may have changed by its size since the estimate began.
-    ``lasting_rad2``: (3,) its variances."""
+    """Return the (3,) standard deviation of the drift, rad/s. Errors that do not average out can have changed by their standard
+    deviation since the estimate began. ``lasting_rad2``: (3,) variances of these errors."""
     since_s = max(estimate.time_s - estimate.began_s, 1.0)
     return np.asarray(np.sqrt(estimate.drift_sigma_rad_s**2 + lasting_rad2 / since_s**2))
 
 
 @dataclass(frozen=True)
 class HeadsResult:
-    """All heads at one time. ``attitudes``: of the body by each head that could be used, with mounting and clock uncertainty;
-    ``missing``: why another one could not."""
+    """Comparison of all heads at one time. ``attitudes``: unit to the body attitude from that head, including mounting and clock
+    uncertainty. ``missing``: unit to the reason why that head could not be used."""
 
     time_s: float
     attitudes: Mapping[str, BodyAttitude]
@@ -76,7 +77,7 @@ class HeadsResult:
 
 @dataclass
 class _Series:
-    """Attitudes of one head, oldest first. ``problem``: why its newest attitude could not be used, "" otherwise."""
+    """Attitudes of one head, oldest first. ``problem``: reason why its latest attitude cannot be used, "" otherwise."""
 
     attitudes: deque[MeasuredAttitude] = field(default_factory=lambda: deque(maxlen=KEPT))
     newest_s: float | None = None
@@ -84,19 +85,19 @@ class _Series:
 
 
 class HeadTracker:
-    """Follows one spacecraft. ``resumed``: stored estimates of misalignment by unit. For one thread."""
+    """Compares the heads of one spacecraft. ``resumed``: unit to its stored misalignment estimate. Not thread-safe."""
 
     def __init__(self, setup: SpacecraftSetup, resumed: Mapping[str, Misalignment]) -> None:
         self.setup = setup
         self.result: HeadsResult | None = None
-        """The newest comparison."""
+        """The latest comparison, None before the first."""
         self._missing: Mapping[str, str] = {}
         self._series = {head.unit: _Series() for head in setup.heads}
         self._filters = dict(resumed)
         self._waiting: deque[float] = deque(maxlen=MAX_WAITING)
 
     def add(self, unit: str, sample: AttitudeSample, now_s: float) -> None:
-        """Take an attitude of a unit, unless it is of another source or was taken before."""
+        """Add an attitude of a unit. An attitude from another source, or one that was added before, is ignored."""
         head = self.setup.head(unit)
         if head is None or sample.source != self.setup.source:
             return
@@ -118,25 +119,26 @@ class HeadTracker:
             self._waiting.append(time_s)
 
     def age_s(self, unit: str, now_s: float) -> float | None:
-        """Return the age of a head's newest attitude; None before the first."""
+        """Return the age of a head's latest attitude, None before the first."""
         newest_s = self._series[unit].newest_s
         return None if newest_s is None else max(0.0, now_s - newest_s)
 
     def is_fresh(self, unit: str, now_s: float) -> bool:
-        """True if the head reports at present."""
+        """True if the head's latest attitude is not stale."""
         age_s = self.age_s(unit, now_s)
         return age_s is not None and age_s <= self.setup.stale_s
 
     def problem(self, unit: str) -> str:
-        """Return why the head's newest attitude cannot be used; "" if it can."""
+        """Return the reason why the head's latest attitude cannot be used, "" if it can be used."""
         return self._series[unit].problem
 
     def lacks(self, unit: str) -> str:
-        """Return what the newest comparison lacked of a head, or why there was none; "" if nothing is known to be wrong."""
+        """Return the reason why a head was missing in the latest comparison, "" if no reason is known."""
         return self.problem(unit) or self._missing.get(unit, "")
 
     def advance(self, now_s: float) -> list[HeadsResult]:
-        """Compare the heads at all times for which each of them has reported, or has had enough time to."""
+        """Compare the heads at each waiting time for which all fresh heads have reported or ``stale_s`` has passed. Return the
+        results."""
         results = []
         while self._waiting and self._is_complete(self._waiting[0], now_s):
             result = self._compare(self._waiting.popleft(), now_s)
@@ -161,11 +163,12 @@ class HeadTracker:
         self._missing = missing
         if not usable:
             return None
-        whole = {unit: self._whole(unit, at) for unit, at in usable.items()}
-        return HeadsResult(time_s, whole, missing, fuse(list(whole.values())), self._pairs(time_s, usable, whole))
+        attitudes = {unit: self._with_mounting(unit, at) for unit, at in usable.items()}
+        fused = fuse(list(attitudes.values()))
+        return HeadsResult(time_s, attitudes, missing, fused, self._pairs(time_s, usable, attitudes))
 
     def _at(self, head: HeadMounting, time_s: float, now_s: float) -> tuple[AttitudeAt | None, str]:
-        """Return the head's attitude at a time, or the reason why there is none."""
+        """Return the head's attitude at a time. If there is none, return None and the reason."""
         series = self._series[head.unit]
         if series.problem:
             return None, series.problem
@@ -173,26 +176,26 @@ class HeadTracker:
             return None, "no attitude received" if series.newest_s is None else "silent"
         setup = self.setup
         sample = attitude_at(list(series.attitudes), time_s, setup.tolerance_s, setup.largest_rate_rad_s)
-        off_s = min((abs(one.time_s - time_s) for one in series.attitudes), default=math.inf)
-        if off_s > setup.tolerance_s:
+        offset_s = min((abs(attitude.time_s - time_s) for attitude in series.attitudes), default=math.inf)
+        if offset_s > setup.tolerance_s:
             return (
                 sample,
-                f"its nearest attitude is {off_s:.1f} s from the other's, the tolerance is {setup.tolerance_s:g} s",
+                f"its nearest attitude is {offset_s:.1f} s from the other's, the tolerance is {setup.tolerance_s:g} s",
             )
         return sample, (
             f"its rate is unknown, because it has no two attitudes within {MAX_STEP_S:g} s and no largest rate of the body "
             "is stated"
         )
 
-    def _whole(self, unit: str, at: AttitudeAt) -> BodyAttitude:
+    def _with_mounting(self, unit: str, at: AttitudeAt) -> BodyAttitude:
         head = self.setup.head(unit)
         mounting = np.zeros((3, 3)) if head is None else head.mounting_rad2
         return BodyAttitude(at.attitude.quaternion, at.with_timing.covariance_rad2 + mounting)
 
     def _pairs(
-        self, time_s: float, usable: Mapping[str, AttitudeAt], whole: Mapping[str, BodyAttitude]
+        self, time_s: float, usable: Mapping[str, AttitudeAt], attitudes: Mapping[str, BodyAttitude]
     ) -> tuple[PairResult, ...]:
-        """Compare every head with the reference head, which is the first of the spacecraft."""
+        """Compare all heads with the reference head, which is the first head of the spacecraft."""
         reference = self.setup.heads[0]
         first = usable.get(reference.unit)
         if first is None:
@@ -209,6 +212,6 @@ class HeadTracker:
                 continue
             after = updated(before, time_s, first.attitude, second.attitude, lasting)
             self._filters[head.unit] = after
-            off = difference(whole[reference.unit], whole[head.unit], reference.boresight, head.boresight)
-            pairs.append(PairResult(reference.unit, head.unit, off, after, lasting))
+            measured = difference(attitudes[reference.unit], attitudes[head.unit], reference.boresight, head.boresight)
+            pairs.append(PairResult(reference.unit, head.unit, measured, after, lasting))
         return tuple(pairs)

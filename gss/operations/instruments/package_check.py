@@ -1,4 +1,4 @@
-"""Checks an uploaded package; runs in a child process of :mod:`gss.operations.parsing`."""
+"""Check of an uploaded package. It runs in a child process of :mod:`gss.operations.parsing`."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class CheckedPackage:
 
 
 def check_zip(data: bytes) -> CheckedPackage:
-    """Return the files of a zipped package after a complete check. Raises BadInput with file, line, field and reason of
-    each mistake."""
+    """Check a zipped package completely and return its files. Raises BadInput with file, line, field and reason of each
+    mistake."""
     files = read_zip(data)
     instrument = load_instrument(files)
     return CheckedPackage(instrument.name, instrument.about.title, instrument.version, files)

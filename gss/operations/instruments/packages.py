@@ -1,4 +1,4 @@
-"""Instrument packages: what is installed, what uses it, and how a new one is added."""
+"""Instrument packages: list of installed packages and their use, and installation of new packages."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ from gss.store.instruments import UseCount
 
 @dataclass(frozen=True)
 class Installed:
-    """An instrument with its use. ``configured``: the server's line is set to it; ``connected``: a device that names it is
-    connected. ``in_use``: version that the server loaded at its start; None if it is not the configured one."""
+    """An instrument and its use. ``configured``: True if the server's line uses this instrument. ``connected``: True if the
+    connected device reports this profile. ``in_use``: version that the server loaded at its start, None if the instrument is
+    not configured."""
 
     instrument: Instrument
     uses: Sequence[UseCount]
@@ -32,14 +33,14 @@ class Installed:
 
     @property
     def total(self) -> UseCount:
-        """Use of all versions together."""
+        """Sum of the use counts of all versions."""
         return _sum(self.instrument.name, None, self.uses)
 
 
 @dataclass(frozen=True)
 class PackageReport:
-    """Result of checking a package. ``problems``: file, line, field and reason of each mistake; empty if it can be
-    installed. ``replaces``: the installed version of the same name, ``differences`` from it."""
+    """Result of checking a package. ``problems``: file, line, field and reason of each mistake; empty if the package can be
+    installed. ``replaces``: installed version of the same name. ``differences``: differences from that version."""
 
     checked: CheckedPackage | None
     problems: tuple[str, ...]
@@ -63,26 +64,26 @@ class InstrumentService:
         self._parsing, self._link, self._bus = parsing, link, bus
 
     def all(self) -> list[Installed]:
-        """Return all valid instruments, shipped ones first."""
+        """Return all valid instruments. Instruments shipped with GSS come first."""
         counts = self._counts()
         return [self._installed(i, counts) for i in self._instruments.all()]
 
     def broken(self) -> tuple[BrokenPackage, ...]:
-        """Return own packages that cannot be loaded, with the reason."""
+        """Return the installed packages that cannot be loaded, with the reason."""
         return self._instruments.broken()
 
     def get(self, name: str, version: str = "") -> Installed:
-        """Return an instrument, by default in its current version. Raises NotFound."""
+        """Return an instrument in the given version, by default in its current version. Raises NotFound."""
         instrument = self._instruments.find(name, version)
         return self._installed(instrument, self._counts())
 
     def versions(self, name: str) -> tuple[str, ...]:
-        """Return the known versions, the current one first. Raises NotFound."""
+        """Return the stored versions of an instrument, the current version first. Raises NotFound."""
         return self._instruments.versions(name)
 
     def check(self, data: bytes, filename: str) -> PackageReport:
-        """Check a zipped package in a child process and compare it with the installed version; nothing is changed.
-        Raises TooCostly and Busy."""
+        """Check a zipped package in a child process and compare it with the installed version. Nothing is changed. Mistakes,
+        exceeded limits and a full queue are reported as ``problems``."""
         try:
             checked = self._checked(data, filename)
             self._instruments.check_name(checked.name)
@@ -93,8 +94,8 @@ class InstrumentService:
         return PackageReport(checked, (), old.version if old is not None else None, differences)
 
     def add(self, data: bytes, filename: str, *, user: str) -> Installed:
-        """Check a zipped package in a child process and install it. Raises BadInput with the mistakes, Conflict for the name
-        of a shipped instrument, TooCostly and Busy; then nothing is changed."""
+        """Check a zipped package in a child process and install it. If an exception is raised, nothing was changed. Raises
+        BadInput with the mistakes, Conflict for the name of an instrument shipped with GSS, TooCostly, and Busy."""
         checked = self._checked(data, filename)
         instrument = self._instruments.add(checked.files)
         text = f"Instrument {instrument.name} version {instrument.version[:12]} installed by {user}"
@@ -106,7 +107,7 @@ class InstrumentService:
         return write_zip(name, self._instruments.find(name, version).files)
 
     def compare(self, old: str, new: str) -> tuple[FileDifference, ...]:
-        """Return the differences between two packages, each given as NAME or NAME@VERSION. Raises NotFound."""
+        """Return the differences between two packages. ``old``, ``new``: NAME or NAME@VERSION. Raises NotFound."""
         return compare(self._files(old), self._files(new), old, new)
 
     def _files(self, reference: str) -> Files:

@@ -1,4 +1,4 @@
-"""Flash banks, of catalogues and of tables: their reports, content read back, and the end of an upload."""
+"""Intake of flash bank data (catalogues and tables): bank reports, content that was read back, and completed uploads."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from gss.operations.transfers.transfers import TransferService
 
 
 class BankIntake:
-    """Maintains the ground's view of the banks; an active catalogue whose content the ground lacks is read back."""
+    """Updates the ground's information about the banks. If the ground does not have the content of the active catalogue, it is
+    read back."""
 
     def __init__(
         self,
@@ -38,7 +39,7 @@ class BankIntake:
         self._transfers, self._commands, self._writer, self._bus = transfers, commands, writer, bus
 
     def handle(self, batch: LineBatch) -> None:
-        """Process HELLO reports, bank reports, completed commands and arrived content."""
+        """Process HELLO reports, bank reports, completed commands and received content."""
         roles = self._link.roles
         reports = (family.report(roles.quantities) for family in FAMILIES)
         packets = {report.packet: report for report in reports}
@@ -56,7 +57,7 @@ class BankIntake:
                 self._query(*(family.query for family in FAMILIES if family.may_have_changed(event, roles)))
 
     def _query(self, *queries: Operation) -> None:
-        """Send those queries that the sensor has."""
+        """Send the queries that the sensor supports."""
         operations = self._link.roles.operations
         self._commands.query(*(operations.command(query) for query in queries if operations.has(query)))
 
@@ -65,7 +66,7 @@ class BankIntake:
         if family_of(report.kind) is not CATALOGUES:
             self._bus.publish("tables", self._tables.on_board())
         if report.active and report.holds_data:
-            # The factory table was not uploaded, even if an upload has the same bytes.
+            # The factory table is never an upload, even if an upload has the same content.
             self._transfers.in_use(report.kind, "" if report.bank == FACTORY else report.sha256)
         can_read = self._link.roles.operations.has(Operation.READ_BACK)
         if can_read and self._banks.lacks(report) and not self._transfers.busy(Direction.DOWN):
@@ -88,7 +89,7 @@ class BankIntake:
             self._query(family_of(kind).query)
 
     def _keep(self, event: ContentArrived) -> Links:
-        """Store content that was read back; return the links of the transfer's row to it."""
+        """Store content that was read back. Return the links from the transfer's row to it."""
         if event.done.kind != CATALOGUE:
             return self._tables.keep_read_back(event.transfer, event.done)
         row = self._banks.adopt(event.done.data)

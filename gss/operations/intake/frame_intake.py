@@ -1,4 +1,4 @@
-"""Frames of the device: downloaded when they are taken, and stored with all available data about them."""
+"""Intake of frames from the device. New frames are downloaded and stored with all available data about them."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ SHOWN_IN_PARTS = ("frame", "region")
 
 
 class FrameIntake:
-    """Downloads the newest frame that the device reports, one at a time, and stores received frames.
+    """Downloads the latest frame that the device reports, one frame at a time, and stores received frames.
 
-    ``automatic`` False: frames are downloaded only on request. ``clock`` returns the correlation of the device's clock with the
-    ground's; None before there is one.
+    ``automatic``: False to download frames only on request. ``clock``: returns the correlation of the device's clock with the
+    ground's clock, None if there is none.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class FrameIntake:
         self._refused, self._automatic = "", automatic
 
     def handle(self, batch: LineBatch) -> None:
-        """Process HELLO reports, descriptions of frames, and arrived content."""
+        """Process HELLO reports, descriptions of frames, and received content."""
         quantities = self._link.roles.quantities
         for event in batch.events:
             if isinstance(event, HelloReceived):
@@ -73,7 +73,7 @@ class FrameIntake:
                 self._arrived(event)
             elif isinstance(event, PartArrived) and event.transfer.kind in SHOWN_IN_PARTS:
                 self._part_arrived(event)
-        self._fetch_wanted()
+        self._fetch_requested()
 
     def _described(self, info: Mapping[str, Any]) -> None:
         number = int(info["frame_number"])
@@ -88,8 +88,8 @@ class FrameIntake:
             self._requested = (number, int(info.get("slot", 0)))
 
     def _as_on_board(self, sent: Frame, number: int, info: Mapping[str, Any]) -> Frame:
-        """Return an uploaded frame's row with the camera, exposure and settings that the sensor uses for it. The stored row
-        is unchanged."""
+        """Return a copy of an uploaded frame's row with the camera, exposure and settings that the sensor uses for it. The stored
+        row is not changed."""
         settings, hello = dict(self._records.facts(number).settings), self._link.hello
         values = {column.name: getattr(sent, column.name) for column in Frame.__table__.columns}
         on_board = {
@@ -101,8 +101,9 @@ class FrameIntake:
         }
         return Frame(**(values | on_board))
 
-    def _fetch_wanted(self) -> None:
-        """Download the newest reported frame, one at a time; older frames that were overtaken are not downloaded."""
+    def _fetch_requested(self) -> None:
+        """Start the download of the latest reported frame if no download is in progress. Earlier frames that are still waiting
+        are not downloaded."""
         if self._requested is None or not self._link.connected or self._transfers.busy(Direction.DOWN):
             return
         number, slot = self._requested
@@ -112,7 +113,7 @@ class FrameIntake:
             self._transfers.download("frame", slot, f"frame {number}", facts=facts)
             self._refused = ""
         except GssError as error:
-            # With a full disk the error is the same for every frame, so report it once.
+            # If the disk is full, the error is the same for all frames and is reported once.
             if error.message != self._refused:
                 self._bus.record("transfer", "watch", f"Frame {number} was not fetched: {error}")
             self._refused = error.message
@@ -139,17 +140,18 @@ class FrameIntake:
         return row is not None and row.content == "image_file"
 
     def _part_arrived(self, event: PartArrived) -> None:
-        """Store the received part of an interrupted download, once while it may continue and once when it has ended."""
+        """Store the received part of an interrupted download: once while the download can continue and once when it has
+        ended."""
         transfer, update = event.transfer, event.update
         if self._content_is_file or (transfer.frame_id is not None and update.state is TransferState.LINK_LOST):
-            return  # part of a file cannot be shown
+            return  # a part of a file cannot be displayed
         if (transfer.options.get("stored") or {}).get("sha256") == update.sha256:
-            return  # nothing new: all of it is the stored frame that was offered to the device
+            return  # all received data are from the stored frame that was offered to the device
         held_bytes = [(a * update.chunk_size, (b + 1) * update.chunk_size) for a, b in event.ranges]
         event.answers.accept(lambda: self._store(transfer, event.data, update.frame_number, held_bytes))
 
     def _store(self, transfer: Transfer, data: bytes, number: int, held_bytes: Sequence[tuple[int, int]]) -> Later:
-        """Build the row from the data known now; the writer stores the pixels."""
+        """Prepare the frame's row from the current data, and return the task in which the writer stores the pixels."""
         hello, kind, facts = self._link.hello, transfer.kind, self._records.facts_for(transfer, number)
         shape = shape_of(facts.info, *((hello.columns, hello.rows, hello.bits) if hello else (0, 0, 0)))
         part = Part(**transfer.options["part"]) if transfer.options.get("part") else None
@@ -163,7 +165,8 @@ class FrameIntake:
         return self._later(kind, number, lambda: self._frames.add_from_device(picture.pixels, values))
 
     def _store_file(self, transfer: Transfer, data: bytes, number: int) -> Later:
-        """As ``_store``, of an image file, which the writer reads."""
+        """Prepare the row of a frame that was received as an image file, and return the task in which the writer reads and stores
+        the file."""
         facts = self._records.facts_for(transfer, number)
         values = self._row_values(transfer, number, facts)
 
@@ -199,21 +202,22 @@ class FrameIntake:
         )
 
     def _stored(self, kind: str, number: int, frame: Frame, *, fresh: bool) -> Links:
-        """``fresh``: False if the device has restarted since the frame arrived, so that its number may be reused."""
+        """Record a stored frame, and return the links from the transfer's row to it. ``fresh``: False if the device has restarted
+        since the frame arrived, because it can then reuse the number."""
         if kind == "frame" and frame.complete and fresh:
             self._records.stored(number, frame)
         return {"frame_id": frame.id}
 
     def _taken(self, info: Mapping[str, Any]) -> datetime:
-        """Return the device's mid-exposure time on the ground's clock, from the correlation of the clocks or, without one,
-        from the difference to its newest housekeeping."""
+        """Return the mid-exposure time of a frame on the ground's clock. It is calculated from the correlation of the clocks. If
+        there is no correlation, it is calculated relative to the latest housekeeping packet."""
         now = self._now()
         newest = self._telemetry.latest_packet(self._link.roles.quantities.status.packet)
         if newest is None or "frame_time_s" not in info:
             return now
         correlation = self._clock()
         if correlation is not None:
-            # The same correlation for all frames of a contact preserves their intervals on the device's clock.
+            # Using the correlation for all frames of a contact preserves their intervals on the device's clock.
             return min(now, datetime.fromtimestamp(correlation.utc_of(float(info["frame_time_s"])), UTC))
         return now - timedelta(seconds=max(0.0, newest.device_time_s - float(info["frame_time_s"])))
 
@@ -223,23 +227,23 @@ def _name(kind: str, number: int) -> str:
 
 
 def _number_at_start(transfer: Transfer) -> int:
-    """Return the number of the frame that was newest when the transfer began, 0 if it was not known."""
+    """Return the number of the frame that was stored with the transfer at its start, 0 if there is none."""
     facts = transfer.options.get("facts") or {}
     return int((facts.get("info") or {}).get("frame_number", 0))
 
 
 def _stored_before(transfer: Transfer, sha256: str, frame_number: int) -> int | None:
-    """Return the id of the stored frame that was offered to the device, if the device has the same image; else None."""
+    """Return the id of the stored frame that was offered to the device if the device has the same image, otherwise None."""
     offered = transfer.options.get("stored") or {}
     same = (offered.get("sha256"), offered.get("frame_number")) == (sha256, frame_number)
     return int(offered["frame_id"]) if same else None
 
 
 def _parameters(facts: FrameFacts) -> JsonObject:
-    """Return the settings without the bank, which has its own column."""
+    """Return the settings without the bank, which has a separate column."""
     return {name: value for name, value in facts.settings.items() if name != "bank_sha256"}
 
 
 def _part_of(kind: str, picture: DeviceImage) -> dict[str, object]:
-    """Return the kind of part of an image, and the received rectangles."""
+    """Return the kind of a partial image and its received rectangles, {} for a complete frame."""
     return {} if kind == "frame" else {"part": kind, "held": [list(box) for box in picture.boxes]}

@@ -1,4 +1,4 @@
-"""Data about the device's newest frames, and the results that the device reported for them."""
+"""Data about the device's latest frames, and the results that the device reported for them."""
 
 from __future__ import annotations
 
@@ -21,22 +21,24 @@ SETTINGS = ("threshold_dn", "min_pixels", "max_pixels")
 
 @dataclass(frozen=True)
 class FrameFacts:
-    """``info``: the device's frame_info; ``settings``: detection settings and ``bank_sha256``; ``truth``: quaternion."""
+    """Data about a frame. ``info``: the device's frame_info. ``settings``: detection settings and ``bank_sha256``. ``truth``:
+    true attitude quaternion from a simulator."""
 
     info: Mapping[str, Any] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     truth: list[float] | None = None
 
     def plain(self) -> dict[str, object]:
-        """Return JSON values for the row of a transfer."""
+        """Return the data as JSON values for the row of a transfer."""
         info = {k: v.hex() if isinstance(v, bytes) else v for k, v in self.info.items()}
         return {"info": info, "settings": dict(self.settings), "truth": self.truth}
 
 
 class FrameRecords:
-    """Joins a stored frame with the device's own result, whichever is available first.
+    """Joins stored frames with the results that the device reported for them. Either can arrive first.
 
-    Frame numbers are the device's; everything is discarded when it restarts, because numbers may start again.
+    Frames are identified by the device's frame numbers. All data are discarded when the device restarts, because it can then
+    reuse numbers.
     """
 
     def __init__(
@@ -47,18 +49,19 @@ class FrameRecords:
         self._settings: OrderedDict[int, Mapping[str, Any]] = OrderedDict()
         self._truths: OrderedDict[int, list[float]] = OrderedDict()
         self.device_starts = 0
-        """Number of times that a device sent HELLO since the server started."""
+        """Number of HELLO reports received since the server started."""
         self._records: OrderedDict[int, OnboardRecord] = OrderedDict()
         self._stored: OrderedDict[int, Frame] = OrderedDict()
 
     def forget(self) -> None:
-        """Discard everything, because the device restarted."""
+        """Discard all data, because the device restarted."""
         self.device_starts += 1
         for memory in (self._infos, self._settings, self._truths, self._records, self._stored):
             memory.clear()
 
     def described(self, number: int, info: Mapping[str, Any]) -> bool:
-        """Store the device's description of a frame with the settings in use. Return False if it was already known."""
+        """Store the device's description of a frame with the active settings. Return False if the frame was already described or
+        has no number."""
         if number in self._infos or number == 0:
             return False
         remember(self._infos, number, info)
@@ -70,12 +73,12 @@ class FrameRecords:
         remember(self._truths, number, quaternion)
 
     def facts(self, number: int) -> FrameFacts:
-        """Return the known facts of a frame; empty if there are none."""
+        """Return the stored data about a frame; empty if there are none."""
         return FrameFacts(self._infos.get(number, {}), self._settings.get(number, {}), self._truths.get(number))
 
     def facts_for(self, transfer: Transfer, number: int) -> FrameFacts:
-        """Return the current facts of a frame, completed by those stored when the transfer began, unless these are of
-        another frame."""
+        """Return the data about a frame. Missing data are taken from the data stored at the start of the transfer, unless those
+        are about another frame."""
         stored_facts = transfer.options.get("facts") or {}
         if int(stored_facts.get("info", {}).get("frame_number", number)) != number:
             stored_facts = {}
@@ -87,7 +90,8 @@ class FrameRecords:
         )
 
     def settings(self) -> JsonObject:
-        """Return the detection settings, bank and tables that the device currently uses, as they are stored with a frame."""
+        """Return the active detection settings, bank and tables of the device in the form in which they are stored with a
+        frame."""
         status = self._link.status()
         settings: JsonObject = {name: status[name] for name in SETTINGS if name in status}
         sha256 = status.get("catalogue_sha256")
@@ -97,17 +101,17 @@ class FrameRecords:
         return settings | ({"tables": tables} if tables else {})
 
     def of(self, number: int) -> OnboardRecord:
-        """Return what the device has reported for its frame so far."""
+        """Return the results that the device has reported for a frame up to now."""
         return self._records.get(number) or OnboardRecord(number)
 
     def reported(self, number: int, record: OnboardRecord) -> None:
-        """Store a further report of the device about a frame."""
+        """Store an updated record of the device's results for a frame, and join it with the frame if the frame is stored."""
         remember(self._records, number, record)
         if number in self._stored:
             self._join(self._stored[number], record)
 
     def stored(self, number: int, frame: Frame) -> None:
-        """Remember a stored frame, and join it with the device's report if there is one."""
+        """Register a stored frame, and join it with the device's results if there are any."""
         remember(self._stored, number, frame)
         if number in self._records:
             self._join(frame, self._records[number])
@@ -121,7 +125,7 @@ class FrameRecords:
 
 
 def remember(memory: OrderedDict[int, Any], number: int, value: Any) -> None:
-    """Store a value and drop the oldest beyond ``REMEMBERED_FRAMES``."""
+    """Store a value by frame number. Drop the oldest values if there are more than ``REMEMBERED_FRAMES``."""
     memory[number] = value
     memory.move_to_end(number)
     while len(memory) > REMEMBERED_FRAMES:

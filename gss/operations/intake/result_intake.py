@@ -1,4 +1,5 @@
-"""Results of the device: centroids, matches and attitude of its frames, with its prior knowledge when it computed them."""
+"""Intake of the device's results: centroids, matches and attitude of its frames, with the sensor's prior knowledge when it
+computed them."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from gss.operations.transfers.banks import BankService
 
 
 class ResultIntake:
-    """Collects the packets of one frame's result, and follows the sensor's prior knowledge for its next frame."""
+    """Collects the result packets of a frame, and tracks the sensor's prior knowledge for its next frame."""
 
     def __init__(
         self,
@@ -43,7 +44,7 @@ class ResultIntake:
                 self._packet(event)
 
     def _packet(self, event: Telemetry) -> None:
-        """Take a packet of a result; any other is ignored."""
+        """Process a result packet. Other packets are ignored."""
         roles = self._quantities
         if event.packet == roles.attitude.packet:
             self._reported("attitude", roles.attitude.read(event.values), ())
@@ -53,7 +54,7 @@ class ResultIntake:
 
     def _reported(self, kind: str, values: Mapping[str, Any], items: Any) -> None:
         if "frame_number" not in values:
-            return  # a sensor that does not number its frames: the result is telemetry only
+            return  # the sensor does not number its frames, so the result cannot be joined with a frame
         number = int(values["frame_number"])
         hips = self._banks.hip_of_row(self._records.settings().get("bank_sha256", ""))
         record = self._records.of(number).with_packet(kind, values, items)

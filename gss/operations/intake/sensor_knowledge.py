@@ -1,4 +1,4 @@
-"""The ground's model of the sensor's prior knowledge before its next frame: previous attitudes and commanded hints."""
+"""The ground's model of the sensor's prior knowledge for its next frame: previous attitudes and commanded hints."""
 
 from __future__ import annotations
 
@@ -15,22 +15,24 @@ from gss.instruments.operations import Operation, StandardOperations
 from gss.pipeline.chains.apriori import Apriori, KnownOrbit, PriorState
 
 TAKES_BACK_DEG = 180.0
-"""SET_APRIORI with this uncertainty withdraws the a-priori angles."""
+"""SET_APRIORI with this uncertainty or more withdraws the a-priori angles."""
 
 
 class SensorKnowledge:
-    """Follows completed commands and reported attitudes. ``known`` is the prior knowledge used to match the next frame."""
+    """Tracks completed commands and reported attitudes. ``prior``: prior knowledge that the sensor uses to match its next
+    frame."""
 
     def __init__(self, operations: StandardOperations) -> None:
         self._operations = operations
         self.prior = PriorState()
 
     def forget(self) -> None:
-        """Reset the knowledge, because the device restarted."""
+        """Reset the prior knowledge, because the device restarted."""
         self.prior = PriorState()
 
     def iterated(self, quaternion: Array | None, time_s: float) -> None:
-        """Update after the iteration of the frame at device time ``time_s``; ``quaternion`` is None if it gave no attitude."""
+        """Update after the iteration of the frame at device time ``time_s``. ``quaternion``: attitude of the frame, None if it was
+        not solved."""
         self.prior = self.prior.after(quaternion, time_s)
 
     def completed(self, name: str, arguments: Mapping[str, Any]) -> None:
@@ -55,7 +57,7 @@ class SensorKnowledge:
                 self.prior = replace(self.prior, apriori=_apriori(received))
 
     def _as_received(self, operation: Operation, arguments: Mapping[str, Any]) -> Mapping[str, float]:
-        """Return the standard arguments as the device receives them: with defaults, and rounded to the encoded width."""
+        """Return the standard arguments that the device receives: with default values, and rounded to the encoded precision."""
         command = self._operations.dictionary.command(self._operations.command(operation))
         payload = encode_command(command, arguments).payload
         received = decode(command.arguments, payload).values

@@ -1,5 +1,5 @@
-"""Uploads a stored frame to image memory and, if requested, runs the sensor's own chain on it; results are attached to that
-frame."""
+"""Upload of stored frames to image memory. On request, the sensor's chain is run on the image, and its results are attached to
+the stored frame."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CHAIN = (Operation.FIND_CENTROIDS, Operation.MATCH_STARS, Operation.CALCULATE_AT
 
 
 class UploadedImages:
-    """Uploads frames, sends the commands that solve them, and maps images on board to stored frames."""
+    """Uploads frames, sends the commands that solve them, and maps images on board to the stored frames."""
 
     def __init__(
         self,
@@ -48,11 +48,11 @@ class UploadedImages:
         self._found_in: int | None = None
 
     def upload(self, frame_id: int, slot: int, *, solve: bool) -> TransferView:
-        """Upload a complete frame of the detector's size to an image memory. Raises Conflict or BadInput if that is not
-        possible."""
+        """Start the upload of a complete frame of the detector's size to an image memory. Raises Conflict or BadInput if the
+        upload is not possible."""
         frame, hello = self._frames.get(frame_id), self._link.hello
         if hello is None:
-            raise Conflict("no device has answered", got=self._link.reason or "silence", hint="open the port first")
+            raise Conflict("no device has answered", got=self._link.reason or "no answer", hint="open the port first")
         if not 0 <= slot < hello.image_slots:
             raise BadInput("unknown image memory", expected=f"0 – {hello.image_slots - 1}", got=str(slot))
         if not frame.complete:
@@ -92,7 +92,7 @@ class UploadedImages:
     # --- events -------------------------------------------------------------------------------------------------
 
     def handle(self, batch: LineBatch) -> None:
-        """Follow image uploads and the commands that solve them."""
+        """Process completed image uploads and completed commands of a solution."""
         for event in batch.events:
             if (
                 isinstance(event, ContentArrived)
@@ -104,7 +104,8 @@ class UploadedImages:
                 self._completed(event.name, event.arguments, event.values)
 
     def _sent(self, transfer: Transfer, done: TransferDone) -> None:
-        """Handle an uploaded image: request its number on board, then start the solution if requested."""
+        """Process a completed upload: request the number of the image on board. If a solution was requested, it starts after
+        that."""
         if transfer.frame_id is not None:
             self._remember(done.sha256, transfer.frame_id)
         if transfer.options.get("solve"):
@@ -112,7 +113,7 @@ class UploadedImages:
         self._send(Operation.LIST_FRAMES)
 
     def frame_of(self, info: Mapping[str, Any]) -> Frame | None:
-        """Return the stored frame that an image on board was uploaded from; None for any other image."""
+        """Return the stored frame from which an image on board was uploaded, None for other images."""
         sha256 = info.get("sha256")
         key = sha256.hex() if isinstance(sha256, bytes) else str(sha256)
         if str(info.get("source")) != "uploaded" or key not in self._frame_of:
@@ -120,7 +121,8 @@ class UploadedImages:
         return self._frames.get(self._frame_of[key])
 
     def _completed(self, name: str, arguments: Mapping[str, Any], values: Mapping[str, Any]) -> None:
-        """Send the next command of a solution in progress. A failed command ends the solution."""
+        """Send the next command of a solution in progress. A failed command ends the solution, because no next command is
+        sent."""
         operations = self._link.roles.operations
         operation = operations.of_command(name)
         if operation is Operation.LIST_FRAMES and self._waiting:

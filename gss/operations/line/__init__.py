@@ -1,1 +1,1 @@
-"""The line to the device: the link that owns it, its events and their dispatch, raw captures, contacts and gaps."""
+"""The line to the device: the link that owns the port, its events and their dispatch, raw captures and the contact log."""

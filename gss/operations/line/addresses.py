@@ -1,5 +1,5 @@
-"""Network addresses on which an operator may open a line. They are restricted because the text of a refused connection would
-reveal which ports of another host are open."""
+"""Check of the network addresses on which an operator may open a line. Addresses are restricted because the error text of a
+failed connection would reveal which ports of another host are open."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from gss.domain.errors import NotPermitted
 
 
 def is_allowed(address: LineAddress, allowed: str) -> bool:
-    """True for a device or CAN bus of this host, this host itself, or a host on the ``allowed`` list (names and networks separated
-    by commas). Names are compared as text, because the address a name resolves to may change."""
+    """True if the address is a device or CAN bus of this host, a port of this host, or a host on the ``allowed`` list (names and
+    networks separated by commas). Names are compared as text, because the address that a name resolves to can change."""
     if address.is_local:
         return True
     host = address.host
-    entries = [word.strip().lower() for word in allowed.split(",") if word.strip()]
+    entries = [entry.strip().lower() for entry in allowed.split(",") if entry.strip()]
     return host == "localhost" or host in entries or _is_in(host, ["127.0.0.0/8", "::1", *entries])
 
 
@@ -29,12 +29,12 @@ def _is_in(host: str, networks: list[str]) -> bool:
             if address in ip_network(network, strict=False):
                 return True
         except ValueError:
-            continue  # a host name, not a network
+            continue  # the entry is a host name and not a network
     return False
 
 
 def not_allowed(url: str) -> NotPermitted:
-    """Return the error for an address that the operator may not open."""
+    """Return the error for an address that an operator may not open."""
     return NotPermitted(
         "only an admin may open this address",
         expected="a device of this machine, a port of it, a host of GSS_LINK_ALLOW, or a line that was open before",

@@ -1,7 +1,7 @@
-"""The files of raw captures on disk: their names, sizes and content, plain or compressed.
+"""Files of raw captures on disk: names, sizes and content, plain or compressed.
 
 A file that is no longer written is compressed: ``contact-000012-000.raw`` becomes ``contact-000012-000.raw.zst``, which the
-program ``zstd`` reads, too. Everything outside this module names it without ``.zst``.
+program ``zstd`` can also read. All code outside this module uses the name without ``.zst``.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ class SizedFile(NamedTuple):
 
 
 def capture_files(folder: Path, contact_id: int | None = None) -> list[Path]:
-    """Return the files of a contact (None: of all) in the order in which they were written."""
+    """Return the files of a contact, or of all contacts if ``contact_id`` is None, in the order in which they were written."""
     name_matches = [(NAME.fullmatch(p.name), p) for p in folder.glob("contact-*.raw*")]
     numbered = sorted((int(m[1]), int(m[2]), p) for m, p in name_matches if m and contact_id in (None, int(m[1])))
-    # Where a stop of the program left both forms of a file, the compressed one, which sorts last, is complete.
+    # If the program stopped while it compressed a file, both forms exist. The compressed form sorts last and is complete.
     return list({plain_name(p): p for _, _, p in numbered}.values())
 
 
 def capture_sizes(folder: Path, contact_id: int | None = None) -> list[SizedFile]:
-    """Return the files with their sizes on disk, without those that are removed or compressed meanwhile."""
+    """Return the files with their sizes on disk. Files that are removed or compressed during the call are omitted."""
     sizes = []
     for path in capture_files(folder, contact_id):
         with contextlib.suppress(FileNotFoundError):
@@ -43,17 +43,18 @@ def capture_sizes(folder: Path, contact_id: int | None = None) -> list[SizedFile
 
 
 def plain_name(path: Path) -> str:
-    """Return the name that the file has, or had, before it was compressed."""
+    """Return the name of the file in its plain form."""
     return path.name.removesuffix(PACKED)
 
 
 def packed_path(path: Path) -> Path:
-    """Return the path that a file has after it was compressed."""
+    """Return the path of the file in its compressed form."""
     return path if path.suffix == PACKED else path.with_name(path.name + PACKED)
 
 
 class PackedReader:
-    """Reads a compressed capture like a file. OSError if it is damaged. ``at``: number of plain bytes before the position."""
+    """Reader of a compressed capture, with the interface of a file. Reads raise OSError if the file is damaged. ``at``: current
+    position in plain bytes."""
 
     def __init__(self, path: Path) -> None:
         import pyarrow as pa  # imported here because it takes 0.1 s, and few commands read captures
@@ -62,13 +63,13 @@ class PackedReader:
         self._stream, self.at = pa.CompressedInputStream(self._file, "zstd"), 0
 
     def read(self, size: int = -1) -> bytes:
-        """Return up to ``size`` bytes, fewer only at the end; all that are left if negative."""
+        """Return ``size`` bytes, fewer only at the end of the file. If ``size`` is negative, return all remaining bytes."""
         data = bytes(self._stream.read() if size < 0 else self._stream.read(size))
         self.at += len(data)
         return data
 
     def skip(self, size: int) -> None:
-        """Move forward."""
+        """Skip ``size`` plain bytes."""
         while size > 0 and (data := self.read(min(size, SKIP_BYTES))):
             size -= len(data)
 
@@ -81,8 +82,8 @@ class PackedReader:
 
 
 def open_capture(path: Path) -> BinaryIO | PackedReader:
-    """Open a file of a capture, plain or compressed; also if it was compressed after its name was read. FileNotFoundError if
-    it was removed."""
+    """Open a file of a capture, plain or compressed, even if it was compressed after its name was read. Raises
+    FileNotFoundError if the file was removed or the compressed file cannot be opened."""
     if path.suffix != PACKED:
         try:
             return path.open("rb")
@@ -98,12 +99,12 @@ def open_capture(path: Path) -> BinaryIO | PackedReader:
 
 
 def position(file: BinaryIO | PackedReader) -> int:
-    """Return the number of plain bytes before the position of an open file."""
+    """Return the position in an open file, in plain bytes."""
     return file.at if isinstance(file, PackedReader) else file.tell()
 
 
 def plain_blocks(path: Path, size: int) -> Iterator[bytes]:
-    """Yield the plain bytes of a file of a capture in blocks of ``size``."""
+    """Yield the plain bytes of a capture file in blocks of ``size`` bytes."""
     with open_capture(path) as file:
         while data := file.read(size):
             yield data

@@ -1,4 +1,4 @@
-"""Compresses the files of raw captures that are no longer written, in small steps between other work."""
+"""Compression of raw capture files that are no longer written, in small steps between other work."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from gss.store.compression import zstd, zstd_plain
 from gss.store.durable import sync_path
 
 STEP_BYTES = 1 << 20
-"""Plain bytes of a step, which takes about 5 ms."""
+"""Plain bytes compressed per step. A step takes about 5 ms."""
 LOOK_EVERY_S = 2.0
 RETRY_S = 600.0
-"""Pause after a disk error; what is wrong with the disk is reported by those who must write to it."""
+"""Pause after a disk error. The error is not reported here, because the capture and the store report disk errors."""
 
 
 class CapturePacking:
-    """Compresses one file after another, oldest first, when called between batches of events.
+    """Compresses files one after another, oldest first. The dispatcher calls it between batches of events.
 
-    Each step writes one zstd frame and reads it back; the plain file is removed when the compressed one is whole and on the
-    disk. A stop of the program loses a started file, which is begun again.
+    Each step writes one zstd frame and verifies it. The plain file is removed after the complete compressed file was flushed to
+    the disk. If the program stops during compression, the file is compressed again from its beginning.
     """
 
     def __init__(self, capture: LineCapture, monotonic_s: Monotonic) -> None:
@@ -33,7 +33,7 @@ class CapturePacking:
         self._look_at_s = monotonic_s()
 
     def __call__(self) -> None:
-        """Do one step, if there is anything to compress."""
+        """Compress one step of a file, if there is a file to compress."""
         if self._steps is None:
             now_s = self._monotonic_s()
             if now_s < self._look_at_s:
@@ -50,14 +50,15 @@ class CapturePacking:
             self._steps, self._look_at_s = None, self._monotonic_s() + RETRY_S
 
     def _closed(self) -> Iterator[Path]:
-        """Yield the plain files that are no longer written. An empty file may be about to be."""
+        """Yield the plain files that are no longer written. Empty files are omitted, because they can be new."""
         sized = [file for file in capture_sizes(self._capture.folder) if file.bytes and file.path.suffix == ".raw"]
-        written = self._capture.written_path  # read after the files: one that follows it now is not among them
+        written = self._capture.written_path  # read after the list, so that a file created later is not in the list
         yield from (path for path, _ in sized if path != written)
 
 
 def _packing(path: Path) -> Iterator[None]:
-    """Compress a file, yielding after each step. OSError if the disk does not take it; then the plain file is kept."""
+    """Compress a file and yield after each step. Raises OSError if the compressed file cannot be written; the plain file then
+    remains."""
     target = packed_path(path)
     draft = target.with_name(target.name + ".part")
     try:
@@ -65,11 +66,11 @@ def _packing(path: Path) -> Iterator[None]:
             while data := plain.read(STEP_BYTES):
                 frame = zstd(data)
                 if zstd_plain(frame, len(data)) != data:
-                    raise OSError(f"{path.name} does not read back")
+                    raise OSError(f"the compressed data of {path.name} are not equal to the original")
                 out.write(frame)
                 yield None
         sync_path(draft)
-        with contextlib.suppress(FileNotFoundError):  # retention may have removed it
+        with contextlib.suppress(FileNotFoundError):  # retention can have removed the plain file
             times = path.stat()
             os.utime(draft, ns=(times.st_atime_ns, times.st_mtime_ns))
             draft.rename(target)

@@ -1,8 +1,8 @@
-"""Estimates the relation between UTC and the device's clock, with its uncertainty, from the arrival times of packets.
+"""Estimation of the relation between UTC and the device's clock, with its uncertainty, from the arrival times of packets.
 
-Each packet carries the device's time and arrives a little after it was made: received − device time is the offset of the clocks
-plus a delay that is never negative. So the smallest differences are the best ones (as in NTP's clock filter, RFC 5905 §10);
-their slope is the drift. All times are seconds; UTC as Unix time.
+Each packet contains the device time at which it was created, and arrives shortly afterwards. The difference (received − device
+time) is the clock offset plus a delay that is never negative. Therefore the smallest differences are the most accurate ones (as
+in NTP's clock filter, RFC 5905 §10), and their slope is the drift. All times are in seconds; UTC is Unix time.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ MIN_SAMPLES = 3
 SPAN_FOR_DRIFT_S = 60.0
 JUMP_S = 1.0
 JUMPED_AFTER = 5
-"""This number of late samples in a row means that the clock jumped; fewer mean that the line stalled."""
+"""Number of consecutive late samples after which a clock jump is assumed. Fewer late samples mean that the line stalled."""
 MIN_DELAY_S = 0.05
-"""Constant delay on the line and in the reader, which the differences cannot reveal."""
+"""Constant delay on the line and in the reader. It cannot be determined from the differences."""
 UNKNOWN_DRIFT = 100e-6
 MIN_DRIFT = 1e-6
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """Relation of the two clocks: ``device_s`` is the device's clock at ``utc_s``. ``drift``: seconds that it gains per
-    second, None while unknown. ``uncertainty_s`` applies at ``utc_s`` and grows by ``drift_uncertainty`` per second away
-    from it."""
+    """Relation of the two clocks: the device's clock shows ``device_s`` at ``utc_s``. ``drift``: seconds that the device's clock
+    gains per second, None if unknown. ``uncertainty_s``: uncertainty at ``utc_s``. It grows by ``drift_uncertainty`` per second
+    before and after ``utc_s``."""
 
     utc_s: float
     device_s: float
@@ -51,20 +51,20 @@ class Correlation:
 
 
 class ClockTracker:
-    """Estimates the clock relation from (received, device time) pairs, added in order of arrival. Starts over after a clock
-    jump."""
+    """Estimates the clock relation from (received, device time) pairs, which are added in order of arrival. The estimate restarts
+    after a clock jump."""
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque(maxlen=KEPT)
-        self._least: deque[tuple[float, float]] = deque()
-        """Sliding-window minimum: the sample with the smallest difference, then the smallest among the samples after it, and
-        so on."""
+        self._minima: deque[tuple[float, float]] = deque()
+        """Sliding-window minimum: the sample with the smallest difference, then the smallest of the samples after it, and so
+        on."""
         self._late: list[tuple[float, float]] = []
 
     def restart(self) -> None:
         """Discard all samples, because the device's clock was set or another device is connected."""
         self._samples.clear()
-        self._least.clear()
+        self._minima.clear()
         self._late.clear()
 
     def add(self, received_s: float, device_s: float) -> None:
@@ -75,7 +75,7 @@ class ClockTracker:
             return
         (point_s, point_device_s), slope = self._line()
         expected_s = point_device_s + (received_s - point_s) * (1 - (slope or 0.0))
-        excess_s = expected_s - device_s  # positive: later than expected
+        excess_s = expected_s - device_s  # positive if the packet arrived later than expected
         if excess_s < -JUMP_S:
             self.restart()
         elif excess_s > JUMP_S:
@@ -91,24 +91,24 @@ class ClockTracker:
         self._keep(sample)
 
     def _keep(self, sample: tuple[float, float]) -> None:
-        """Keep the sample. The minimum is updated incrementally, because thousands of packets may arrive in a second."""
-        if len(self._samples) == KEPT and self._least[0] is self._samples[0]:
-            self._least.popleft()
+        """Store the sample. The minimum is updated incrementally, because thousands of packets can arrive in a second."""
+        if len(self._samples) == KEPT and self._minima[0] is self._samples[0]:
+            self._minima.popleft()
         self._samples.append(sample)
-        while self._least and _difference(self._least[-1]) > _difference(sample):
-            self._least.pop()
-        self._least.append(sample)
+        while self._minima and _difference(self._minima[-1]) > _difference(sample):
+            self._minima.pop()
+        self._minima.append(sample)
 
     def estimate(self) -> Correlation | None:
-        """Return the estimate; None with fewer than ``MIN_SAMPLES`` samples."""
+        """Return the estimate, None with fewer than ``MIN_SAMPLES`` samples."""
         return self._fit() if len(self._samples) >= MIN_SAMPLES else None
 
     def _line(self) -> tuple[tuple[float, float], float | None]:
-        """Return the reference sample of the fit and the slope of the differences (None while the span is too short)."""
+        """Return the reference sample of the fit and the slope of the differences (None if the time span is too short)."""
         samples = self._samples
         span_s = samples[-1][0] - samples[0][0]
         if span_s < SPAN_FOR_DRIFT_S:
-            return self._least[0], None
+            return self._minima[0], None
         middle_s = samples[0][0] + span_s / 2
         older = min((s for s in samples if s[0] < middle_s), key=_difference)
         newer = min((s for s in samples if s[0] >= middle_s), key=_difference)
@@ -134,5 +134,5 @@ class ClockTracker:
 
 
 def _difference(sample: tuple[float, float]) -> float:
-    """Return received minus device time: the clocks' offset plus the packet's delay."""
+    """Return received time minus device time, which is the clock offset plus the delay of the packet."""
     return sample[0] - sample[1]

@@ -1,4 +1,5 @@
-"""Stores contacts and the devices that answered, from the link's events. Runs on a thread that may wait for the database."""
+"""Log of contacts and of the devices that answered, from the link's events. It runs in a thread that can wait for the
+database."""
 
 from __future__ import annotations
 
@@ -23,10 +24,11 @@ BYTES_EVERY_S = 5.0
 
 
 class ContactLog:
-    """The state of the open contact as the services see it. It changes in the order of the link's events.
+    """State of the open contact for the services. It changes in the order of the link's events.
 
-    ``version_of`` returns the version of the instrument that a device names; None if it is unknown. ``own_simulator``: address
-    of the simulator that this server started, empty if none; the device there is simulated, also if its protocol cannot say so.
+    ``version_of``: returns the version of the instrument that a device reports, None if the instrument is unknown.
+    ``own_simulator``: address of the simulator that this server started, empty if there is none. The device at this address is
+    marked as simulated, because not every protocol reports this.
     """
 
     def __init__(
@@ -44,11 +46,11 @@ class ContactLog:
         self.is_open = False
         """True between the handling of LineOpened and of LineClosed."""
         self.contact_id: int | None = None
-        """None without a contact, and until the contact's row has been stored."""
+        """Id of the open contact. None without a contact and until the row of the contact is stored."""
         self.hello: HelloReceived | None = None
-        """The device at the other end; None until it has answered in this contact."""
+        """The connected device, None until it has answered in this contact."""
         self.last_hello: HelloReceived | None = None
-        """The device that answered last; kept when the line is lost."""
+        """The last device that answered. It remains set after the line is lost."""
         self.dictionary_acknowledged = False
         self.counted_from = LinkCounters(DirectionCounters(), DirectionCounters(), None)
         self._reserved_id = 0
@@ -56,26 +58,28 @@ class ContactLog:
         self._next_count_s = 0.0
 
     def start(self) -> int:
-        """Close the contacts that a crash left open. Returns the number for the next contact."""
+        """Close the contacts that are still open after a crash. Return the id for the next contact."""
         with self._database.unit_of_work() as session:
             store.close_left_open(session, self._now())
             return store.last_contact_id(session) + 1
 
     def forget_device(self) -> None:
-        """Forget the device that answered last, because another port was chosen."""
+        """Clear ``last_hello``, because another port was selected."""
         self.last_hello = None
 
     def acknowledge_dictionary(self) -> None:
-        """Record that an operator accepted the dictionary mismatch; valid until the next device answers."""
+        """Record that an operator accepted the dictionary mismatch. This is valid until the next device answers."""
         self.dictionary_acknowledged = True
 
     def counters_of(self, now: LinkCounters) -> LinkCounters:
         """Return ``now`` minus the counters at the start of this contact."""
-        then = self.counted_from
-        return LinkCounters(_less(now.sent, then.sent), _less(now.received, then.received), now.last_good_s)
+        start = self.counted_from
+        return LinkCounters(
+            _difference(now.sent, start.sent), _difference(now.received, start.received), now.last_good_s
+        )
 
     def handle(self, batch: LineBatch) -> None:
-        """Keep the contact's row up to date."""
+        """Update the contact and its row from the link's events."""
         for event in batch.events:
             if isinstance(event, LineOpened):
                 self._opened(event, batch.at)
@@ -90,11 +94,11 @@ class ContactLog:
                 self._count(event)
 
     def report(self, severity: str, text: str) -> None:
-        """Record an event of the link; if the store cannot take it, the log has it."""
+        """Record a link event for the open contact. If the store is down, write the event to the log."""
         self.report_of(self.contact_id, severity, text)
 
     def report_of(self, contact_id: int | None, severity: str, text: str) -> None:
-        """The same for a contact."""
+        """Record a link event for a given contact. If the store is down, write the event to the log."""
         try:
             self._bus.record("link", severity, text, contact_id=contact_id)
         except GssError:
@@ -164,7 +168,8 @@ class ContactLog:
             )
 
     def _count(self, counters: LinkCounters) -> None:
-        """Store what an earlier batch could not, and the contact's bytes; these are counted again later if the store is down."""
+        """Run the deferred writes and store the byte counts of the contact. If the store is down, a later call stores the byte
+        counts."""
         self._writes.run()
         if self.contact_id is not None:
             try:
@@ -177,5 +182,5 @@ def _name_of(hello: HelloReceived) -> str:
     return hello.serial or f"{hello.profile} {hello.device_model}"
 
 
-def _less(now: DirectionCounters, then: DirectionCounters) -> DirectionCounters:
-    return replace(now, **{f.name: getattr(now, f.name) - getattr(then, f.name) for f in fields(DirectionCounters)})
+def _difference(now: DirectionCounters, start: DirectionCounters) -> DirectionCounters:
+    return replace(now, **{f.name: getattr(now, f.name) - getattr(start, f.name) for f in fields(DirectionCounters)})

@@ -1,4 +1,4 @@
-"""Queue of writes to the store, kept in order while the store is down."""
+"""Queue of writes to the store. Their order is preserved while the store is down."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ log = logging.getLogger("gss.store")
 
 
 class DeferredWrites:
-    """A queue of writes. Each write must be atomic: one that raises StoreDown is repeated by the next ``run`` before the
-    later ones. Not thread-safe: used on the dispatch thread."""
+    """A queue of writes. Each write must be atomic, because the next ``run`` repeats a write that raised StoreDown before it
+    calls the later writes. Not thread-safe; only the dispatch thread uses it."""
 
     def __init__(self) -> None:
         self._writes: deque[Callable[[], object]] = deque()
@@ -23,8 +23,8 @@ class DeferredWrites:
         self._writes.append(write)
 
     def run(self) -> None:
-        """Call the writes until none is left or the store is down. If a write raises another error, drop it and raise the
-        error; the next ``run`` continues with the later writes."""
+        """Call the writes until the queue is empty or the store is down. If a write raises another error, drop the write and
+        raise the error. The next ``run`` then continues with the later writes."""
         while self._writes:
             try:
                 self._writes[0]()

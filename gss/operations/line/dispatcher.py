@@ -1,7 +1,8 @@
-"""Events from the line to the services: a queue that the line fills and a thread that passes each batch to the services.
+"""Dispatch of line events to the services: the line thread fills a queue, and a dispatch thread passes each batch to the
+services.
 
-The line thread publishes and never waits; the services may wait for the store. A locked or full database therefore delays
-neither the line nor ABORT.
+The line thread never waits. The services can wait for the store. A locked or full database therefore does not delay the line or
+ABORT.
 """
 
 from __future__ import annotations
@@ -24,40 +25,43 @@ log = logging.getLogger("gss.link")
 T = TypeVar("T")
 
 MAX_WAITING = 20_000
-"""Maximum number of waiting events, about five minutes of a busy line; beyond it telemetry is kept only in the raw capture."""
+"""Maximum number of waiting events, about five minutes of a busy line. If it is exceeded, telemetry is dropped and remains only
+in the raw capture."""
 IDLE_S = 0.02
-"""Interval of the periodic calls while no events arrive."""
+"""Interval of the periodic calls if no events arrive."""
 STOP_WITHIN_S = 5.0
 SLOW_AFTER_S = 20.0
-"""A batch that takes longer is reported by the health check."""
+"""The health check reports a batch that takes longer than this."""
 
 Subscriber = Callable[[LineBatch], Sequence[ServiceEvent] | None]
-"""Handles a batch and returns the events that it derives from it for the subscribers after it."""
+"""Function that handles a batch. It returns events for the subscribers that are called after it."""
 
 
 class LineEventQueue:
     """Queue of batches between the line and the services. ``publish`` never blocks."""
 
-    def __init__(self, now: Now, monotonic_s: Monotonic, most: int = MAX_WAITING) -> None:
-        self._now, self._monotonic_s, self._most = now, monotonic_s, most
+    def __init__(self, now: Now, monotonic_s: Monotonic, max_waiting: int = MAX_WAITING) -> None:
+        self._now, self._monotonic_s, self._max_waiting = now, monotonic_s, max_waiting
         self._batches: deque[LineBatch] = deque()
         self._changed = threading.Condition()
         self._in_progress = False
         self.depth = 0
         """Number of waiting events."""
         self.dropped = 0
-        """Telemetry packets dropped since the server started because the queue was full."""
+        """Number of telemetry packets dropped since the server started because the queue was full."""
         self.hold = threading.RLock()
-        """Held by the dispatcher while it passes on a batch. A service that starts something and then stores its row holds
-        it too, so that no report is handled before the row exists. Acquire it before ``LinkService.lock``, never after."""
+        """Lock that the dispatcher holds while it dispatches a batch. A service also holds it while it starts a command or
+        transfer and stores its row, so that no report is handled before the row exists. Acquire it before
+        ``LinkService.lock``, never after."""
 
     def publish(self, events: Sequence[LineEvent]) -> None:
-        """Append a batch. If too many events are waiting, its telemetry is dropped and counted; all other events are kept."""
+        """Append a batch. If too many events are waiting, telemetry of the batch is dropped and counted; its other events are
+        queued."""
         if not events:
             return
         with self._changed:
             batch = tuple(events)
-            if self.depth >= self._most:
+            if self.depth >= self._max_waiting:
                 batch = tuple(event for event in events if not isinstance(event, Telemetry))
                 self.dropped += len(events) - len(batch)
             if not batch:
@@ -79,7 +83,7 @@ class LineEventQueue:
             return batch
 
     def done(self) -> None:
-        """Mark the last batch taken as handled."""
+        """Mark the batch returned by ``take`` as handled."""
         with self._changed:
             self._in_progress = False
             self._changed.notify_all()
@@ -91,11 +95,11 @@ class LineEventQueue:
 
 
 class Dispatcher:
-    """Calls every subscriber with each batch, in the order given. Events derived by one subscriber are passed to those after
-    it.
+    """Calls all subscribers with each batch, in the order of ``subscribers``. Events that a subscriber returns are passed to the
+    subscribers after it.
 
-    ``periodic`` is called between batches, at least every ``IDLE_S``.
-    A subscriber that raises is logged and reported; the others still get the batch.
+    ``periodic``: functions called between batches, at intervals of ``IDLE_S`` or less while idle. If a subscriber raises an
+    exception, the exception is logged and reported, and the other subscribers still receive the batch.
     """
 
     def __init__(
@@ -126,7 +130,7 @@ class Dispatcher:
 
     @property
     def busy_s(self) -> float:
-        """Seconds since the batch in progress was taken; 0 while idle."""
+        """Seconds since the current batch was taken from the queue, 0 while idle."""
         since_s = self._busy_since_s
         return 0.0 if since_s is None else self._monotonic_s() - since_s
 
@@ -136,14 +140,19 @@ class Dispatcher:
         return self._events.dropped
 
     def is_slow(self) -> bool:
-        """True if one batch has been in progress for longer than ``SLOW_AFTER_S``."""
+        """True if the current batch has taken longer than ``SLOW_AFTER_S``."""
         return self.busy_s > SLOW_AFTER_S
 
     def samples(self) -> Iterator[MetricSample]:
         """Yield metrics: depth of the event queue and number of dropped telemetry packets."""
         depth, dropped = float(self._events.depth), float(self._events.dropped)
         yield MetricSample("gss_queue_depth", "Items waiting in a queue.", "gauge", depth, (("queue", "line events"),))
-        yield MetricSample("gss_line_events_dropped_total", "Telemetry left to the raw capture.", "counter", dropped)
+        yield MetricSample(
+            "gss_line_events_dropped_total",
+            "Telemetry packets dropped because the queue was full; they remain in the raw capture.",
+            "counter",
+            dropped,
+        )
 
     def _run(self) -> None:
         while not self._stopping:
@@ -166,7 +175,7 @@ class Dispatcher:
     def _guarded(self, call: Callable[[], T]) -> T | None:
         try:
             return call()
-        except Exception as error:  # one service's defect must not keep the batch from the others
+        except Exception as error:  # a defect of one service must not affect the other services
             log.exception("%r failed", call)
             try:
                 text = f"Received data could not be processed: {type(error).__name__}: {error}"

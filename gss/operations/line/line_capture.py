@@ -1,4 +1,4 @@
-"""The raw captures of successive contacts. A full disk does not end a contact: lost bytes are counted and reported."""
+"""Raw captures of successive contacts. A full disk does not end a contact; lost bytes are counted and reported."""
 
 from __future__ import annotations
 
@@ -15,29 +15,30 @@ from gss.operations.line.raw_capture import RECORD, Retention, capture_name
 from gss.store.durable import sync_path
 
 REMEMBERED = 8
-"""Number of recent captures whose files are remembered."""
+"""Number of recent contacts for which the list of capture files is kept in memory."""
 SYNC_EVERY_S = 1.0
-"""A power failure loses at most the bytes of the line since the last flush."""
+"""Interval of flushes to the disk. A power failure loses at most the bytes since the last flush."""
 
 
 class LineCapture:
-    """Writes the bytes of the line into files of ``folder``. ``complain`` reports a failure and its end; it must not block."""
+    """Writes the bytes of the line to files in ``folder``. ``report``: called with a text when writing fails and when it works
+    again; it must not block."""
 
-    def __init__(self, folder: Path, retention: Retention, now: Now, complain: Callable[[str], None]) -> None:
+    def __init__(self, folder: Path, retention: Retention, now: Now, report: Callable[[str], None]) -> None:
         self.folder, self.retention = folder, retention
-        self._now, self._complain = now, complain
+        self._now, self._report = now, report
         self._capture: RawCapture | None = None
         self._captures: OrderedDict[int, RawCapture] = OrderedDict()
         self.lost_bytes = 0
-        """Bytes of the line that could not be written to the capture since the server started."""
+        """Number of bytes that could not be written to the capture since the server started."""
         self.fails = ""
-        """Why the capture is currently not written; "" if it is."""
+        """Reason why the capture cannot be written at present, "" if it can."""
         self._lost_from = 0
         self._contact_id = 0
 
     def begin(self, contact_id: int) -> str:
-        """Start the capture of a contact and return the prefix of its files. If no file can be created, ``write`` tries
-        again."""
+        """Start the capture of a contact and return the prefix of its file names. If the file cannot be created, ``write``
+        retries."""
         self._capture, self._contact_id = None, contact_id
         try:
             self._open()
@@ -54,7 +55,7 @@ class LineCapture:
         return self._capture
 
     def write(self, direction: int, data: bytes) -> None:
-        """Write bytes of the line, before anything else processes them. After a failure, each later call tries again."""
+        """Write bytes of the line. Call this before the bytes are processed. After a failure, each later call retries."""
         if not data:
             return
         try:
@@ -65,23 +66,23 @@ class LineCapture:
             if self.fails:
                 self.fails = ""
                 lost = self.lost_bytes - self._lost_from
-                self._complain(f"the raw capture continues; {lost} bytes are missing from it")
+                self._report(f"the raw capture continues; {lost} bytes are missing from it")
 
     def _failed(self, error: OSError, lost_bytes: int) -> None:
         if not self.fails:
             self._lost_from = self.lost_bytes
-            self._complain(f"the raw capture cannot be written; data from now on is missing: {error}")
+            self._report(f"the raw capture cannot be written; data from now on is missing: {error}")
         self.fails = str(error)
         self.lost_bytes += lost_bytes
 
     def files_of(self, contact_id: int) -> list[dict[str, object]] | None:
-        """Return name and size of each file of a recent contact; None if no file was written."""
+        """Return name and size of each capture file of a recent contact, None if the contact is not recent or has no file."""
         capture = self._captures.get(contact_id)
         return capture.files if capture else None
 
     @property
     def written_path(self) -> Path | None:
-        """Path of the file that is being written."""
+        """Path of the file that is being written, None if there is none."""
         capture = self._capture
         return None if capture is None else capture.path
 
@@ -91,26 +92,26 @@ class LineCapture:
             self._capture.close()
 
     def sync(self) -> None:
-        """Flush what was written since the last call to the disk. Called on a thread that the line does not wait for."""
+        """Flush the bytes written since the last call to the disk. Call this in a thread that the line does not wait for."""
         for capture in list(self._captures.values()):
             capture.sync()
 
     def keep_at_most(self, keep_bytes: int) -> None:
-        """Set the total size beyond which the oldest files are removed."""
+        """Set the total size of all captures above which the oldest files are removed."""
         self.retention = replace(self.retention, keep_bytes=keep_bytes)
         if self._capture is not None:
             self._capture.keep_at_most(keep_bytes)
 
 
 class CaptureSync:
-    """Flushes the captures to the disk every ``SYNC_EVERY_S`` when called between batches of events."""
+    """Flushes the captures to the disk every ``SYNC_EVERY_S``. The dispatcher calls it between batches of events."""
 
     def __init__(self, capture: LineCapture, monotonic_s: Monotonic) -> None:
         self._capture, self._monotonic_s = capture, monotonic_s
         self._last_s = monotonic_s()
 
     def __call__(self) -> None:
-        """Flush if it is time. OSError if the disk fails; the next call tries again."""
+        """Flush if ``SYNC_EVERY_S`` has passed. Raises OSError if the disk fails; a later call retries."""
         now_s = self._monotonic_s()
         if now_s - self._last_s >= SYNC_EVERY_S:
             self._last_s = now_s
@@ -136,23 +137,24 @@ class RawCapture:
 
     @property
     def path(self) -> Path | None:
-        """Path of the file that is being written; None after the capture was closed."""
+        """Path of the file that is being written, None after the capture was closed."""
         return None if self._file.closed else Path(self._file.name)
 
     @property
     def files(self) -> list[dict[str, object]]:
-        """Name and size of each file that was written, including files that were removed since."""
+        """Name and size of each written file, including files that retention has removed."""
         return [{"file": name, "bytes": size} for name, size in list(self._sizes.items())]
 
     def write(self, unix_s: float, direction: int, data: bytes) -> None:
-        """Append one record, unbuffered: the operating system has it when this returns. Raises OSError if it cannot be
-        written (disk full); then no part of it is in the file, and the next record can be tried."""
+        """Append one record, unbuffered: the record has been passed to the operating system when the call returns. Raises
+        OSError if it cannot be written (disk full). The file then contains no part of the record, and the next record can be
+        written."""
         if not data:
             return
         if self._size >= self._retention.file_bytes:
-            following = self._next()
+            next_file = self._next()
             self._file.close()
-            self._file, self._size = following, 0
+            self._file, self._size = next_file, 0
             self._drop_oldest()
         record = RECORD.pack(unix_s, direction, len(data)) + data
         try:
@@ -169,17 +171,17 @@ class RawCapture:
         self._unsynced.add(path)
 
     def sync(self) -> None:
-        """Flush the files that were written since the last call, and their names, to the disk."""
+        """Flush the files that were written since the last call, and their directory entries, to the disk."""
         waiting = list(self._unsynced)
         for path in waiting:
-            self._unsynced.discard(path)  # first: bytes written from here on are flushed by the next call
+            self._unsynced.discard(path)  # before the flush, so that the next call flushes bytes written meanwhile
             with contextlib.suppress(FileNotFoundError):  # removed by retention
                 sync_path(path)
         if waiting:
             sync_path(self._folder)
 
     def keep_at_most(self, keep_bytes: int) -> None:
-        """Set the total size beyond which the oldest files are removed."""
+        """Set the total size of all captures above which the oldest files are removed."""
         self._retention = replace(self._retention, keep_bytes=keep_bytes)
 
     def close(self) -> None:
@@ -187,7 +189,7 @@ class RawCapture:
         self._file.close()
 
     def _next(self) -> FileIO:
-        """Create the next file. A recreated database numbers its contacts from 1 again, so existing files are skipped."""
+        """Create the next file. Existing files are skipped, because a recreated database numbers its contacts from 1 again."""
         while True:
             self._part += 1
             path = self._folder / f"{self.name}-{self._part:03d}.raw"
@@ -207,5 +209,5 @@ class RawCapture:
             if total <= self._retention.keep_bytes or path == self.path:
                 break
             total -= size
-            for form in (path, packed_path(path)):  # it may be compressed between the two
+            for form in (path, packed_path(path)):  # the file can be compressed between the two calls
                 form.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Events that the link publishes, in batches that carry the time at which their bytes arrived."""
+"""Events that the link publishes in batches, with the time at which they were published."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from gss.device.session_events import CommandUpdate, LinkCounters, SessionEvent
 
 @dataclass(frozen=True)
 class LineOpened:
-    """The port was opened. ``contact_id``: number reserved for the contact; ``capture``: prefix of its raw files; ``counters``: of
-    the session at that time."""
+    """The port was opened. ``contact_id``: id reserved for the contact. ``capture``: prefix of the names of its raw capture
+    files. ``counters``: counters of the session at that time."""
 
     url: str
     contact_id: int
@@ -24,7 +24,7 @@ class LineOpened:
 
 @dataclass(frozen=True)
 class LineClosed:
-    """The port was closed or lost. ``counters``: of the session at its end."""
+    """The port was closed or lost. ``counters``: counters of the session at that time."""
 
     cause: str
     counters: LinkCounters
@@ -32,7 +32,7 @@ class LineClosed:
 
 @dataclass(frozen=True)
 class LinkFault:
-    """A fault on the ground's side of the line, to be recorded."""
+    """A fault on the ground side of the line, which is to be recorded."""
 
     severity: str
     text: str
@@ -40,8 +40,8 @@ class LinkFault:
 
 @dataclass(frozen=True)
 class AbortIssued:
-    """ABORT was put at the head of the line's queue. ``withdrawn``: commands removed from the queue by it; ``recorded``:
-    resolves to the command's row when it is stored."""
+    """ABORT was inserted at the head of the line's queue. ``withdrawn``: commands that were therefore removed from the queue.
+    ``recorded``: resolves to the row of the command when it is stored."""
 
     request_id: int
     user: str
@@ -52,7 +52,7 @@ class AbortIssued:
 
 
 class ServiceEvent:
-    """Base of the events that a service derives from a batch, for the services after it in the dispatch table."""
+    """Base class of events that a service derives from a batch for the services that are called after it."""
 
 
 LineEvent = SessionEvent | LineOpened | LineClosed | LinkFault | AbortIssued | ServiceEvent
@@ -60,12 +60,12 @@ LineEvent = SessionEvent | LineOpened | LineClosed | LinkFault | AbortIssued | S
 
 @dataclass(frozen=True)
 class LineBatch:
-    """Events in their order. ``at`` (UTC) and ``at_s`` (monotonic clock, seconds): when they were published."""
+    """Events in order. ``at`` (UTC) and ``at_s`` (monotonic clock, seconds): time at which they were published."""
 
     events: tuple[LineEvent, ...]
     at: datetime
     at_s: float
 
     def with_derived(self, derived: Sequence[ServiceEvent]) -> LineBatch:
-        """Return the batch with events appended that a service derived from it."""
+        """Return the batch with appended events that a service derived from it."""
         return replace(self, events=(*self.events, *derived))

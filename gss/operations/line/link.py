@@ -1,4 +1,4 @@
-"""Owns the port: a thread reads, decodes and writes, and publishes what it received. It never waits for the store."""
+"""Link to the device. A thread owns the port, reads, decodes and writes, and publishes events. It never waits for the store."""
 
 from __future__ import annotations
 
@@ -41,12 +41,13 @@ OpenLine = Callable[[str, int], ByteStream]
 class LinkService:
     """Opens a port, keeps it open, and feeds the host session.
 
-    Two locks, taken in this order: ``hold_events`` keeps the services from handling events while a row is stored; ``lock``
-    guards the session. The line thread needs only ``lock``: its holder must not wait for the store, a file or the network.
+    There are two locks, which must be acquired in this order. ``hold_events`` prevents the services from handling events while a
+    row is stored. ``lock`` protects the session. The line thread acquires only ``lock``, so a thread that holds ``lock`` must
+    not wait for the store, a file or the network.
 
-    ``session``: with the unit on the line, from its driver; by default that of the driver ``gss``. ``rules``: times of the line;
-    a reader that has not completed a cycle for ``rules.stalled_after_s`` hangs. ``version_of`` and
-    ``own_simulator``: see :class:`ContactLog`. ``open_line``: opens every address instead of the real ports.
+    ``session``: session of the instrument's driver, by default a session of the driver ``gss``. ``rules``: settings of the line.
+    The line thread is considered to hang if it has not completed a cycle for ``rules.stalled_after_s``. ``version_of`` and
+    ``own_simulator``: see :class:`ContactLog`. ``open_line``: replaces the function that opens real ports.
     """
 
     def __init__(
@@ -72,7 +73,7 @@ class LinkService:
         self.lock = threading.RLock()
         self.url = ""
         self.line_is_open = False
-        """True while bytes can be sent. ``connected`` becomes true once the contact was announced to the services."""
+        """True while bytes can be sent. ``connected`` becomes True later, when the services were notified of the contact."""
         self.reason = "no port has been opened"
         self.events = events
         self._bus = bus
@@ -90,7 +91,7 @@ class LinkService:
         self._thread = threading.Thread(target=self._run, name="link", daemon=True)
 
     def start(self) -> None:
-        """Start the thread; contacts that a crash left open are closed first."""
+        """Close the contacts that are still open after a crash, then start the thread."""
         self._next_contact_id = self.contact.start()
         self._thread.start()
 
@@ -103,7 +104,8 @@ class LinkService:
             self._thread.join(timeout=5)
 
     def open(self, url: str) -> None:
-        """Use this port from now on. Raises BadInput, Conflict or LinkDown if it cannot be opened; then nothing changes."""
+        """Switch the link to this port. Raises BadInput, Conflict or LinkDown if the port cannot be opened; the link then
+        remains unchanged."""
         stream = self._opened(url)
         stream.close()
         if url != self.url:
@@ -112,7 +114,7 @@ class LinkService:
         self._wake.set()
 
     def open_later(self, url: str) -> None:
-        """Use this port as soon as it exists."""
+        """Switch the link to this port. If the port does not exist, retry until it does."""
         self.url, self._reopen = url, True
         self._wake.set()
 
@@ -122,8 +124,8 @@ class LinkService:
         self._wake.set()
 
     def acknowledge_dictionary(self, user: str) -> None:
-        """Accept that the device has another dictionary. Commanding is then possible again, at the operator's risk. Raises
-        Conflict if there is no difference."""
+        """Record that the user accepts the device's different dictionary, and enable commanding. Raises Conflict if there is no
+        difference."""
         if self.hello is None or self.hello.dictionary_match:
             raise Conflict(
                 "no dictionary difference to acknowledge", got="dictionary matches" if self.hello else "no device"
@@ -137,37 +139,37 @@ class LinkService:
 
     @contextmanager
     def hold_events(self) -> Iterator[None]:
-        """Keep the services from handling events, so that what is started inside is stored before any report of it is
-        handled."""
+        """Prevent the services from handling events during the block, so that the row of a new command or transfer is stored
+        before a report on it is handled."""
         with self.events.hold:
             yield
 
     def handle(self, batch: LineBatch) -> None:
-        """Keep the contact up to date; the first subscriber of every batch."""
+        """Update the contact. This is the first subscriber of each batch."""
         self.contact.handle(batch)
 
     def status(self) -> dict[str, Value]:
-        """Return the newest status of the sensor by standard quantity; empty before the first."""
+        """Return the latest status of the sensor: standard quantity to value. Empty before the first status."""
         return self.roles.quantities.status.read(self.session.housekeeping or {})
 
     @property
     def connected(self) -> bool:
-        """True while the port is open and its contact was announced."""
+        """True if the port is open and the services were notified of the contact."""
         return self.line_is_open and self.contact.is_open
 
     @property
     def contact_id(self) -> int | None:
-        """Id of the open contact; None without one."""
+        """Id of the open contact, None if there is none."""
         return self.contact.contact_id
 
     @property
     def hello(self) -> HelloReceived | None:
-        """The device at the other end; None until it has answered."""
+        """The connected device, None until it has answered."""
         return self.contact.hello
 
     @property
     def last_hello(self) -> HelloReceived | None:
-        """The device that answered last; kept when the line is lost."""
+        """The last device that answered. It remains set after the line is lost."""
         return self.contact.last_hello
 
     @property
@@ -188,12 +190,12 @@ class LinkService:
     # --- watchdog -------------------------------------------------------------------------------------------------
 
     def alive(self) -> bool:
-        """True while the thread that reads the line makes progress."""
+        """True if the line thread is making progress."""
         return self._thread.is_alive() and self.monotonic_s() - self._round_s < self._rules.stalled_after_s
 
     def watch(self) -> None:
-        """Watchdog, called about once a second. If the reader hangs, its port is closed, which ends the blocked call and
-        reopens the line; if it died, it is restarted. Both are reported."""
+        """Watchdog, called about once a second. If the line thread hangs, close its port, which ends the blocked call and
+        reopens the line. If the thread has died, restart it. Both cases are reported."""
         if self._stopping or self.alive() or self._thread.ident is None:
             return
         if not self._thread.is_alive():
@@ -203,14 +205,14 @@ class LinkService:
             self._thread.start()
             return
         stalled_s, stream = self.monotonic_s() - self._round_s, self._stream
-        self._round_s = self.monotonic_s()  # allow the same time again before the next step
+        self._round_s = self.monotonic_s()  # wait for the same time before the watchdog acts again
         hangs = stream is not None and stream is self._closed_by_watch
-        words = (
+        consequence = (
             "its port is closed, so the driver of the instrument hangs: restart the server"
             if hangs
             else "the port was closed"
         )
-        self._fault(f"the link thread made no progress for {stalled_s:.0f} s; {words}")
+        self._fault(f"the link thread made no progress for {stalled_s:.0f} s; {consequence}")
         self._closed_by_watch = stream
         if stream is not None:
             stream.close()
@@ -244,14 +246,13 @@ class LinkService:
         self._stream = stream
         try:
             self._contact(stream, url)
-        except BaseException:  # close the port whatever the cause, so that the next attempt can open it
+        except BaseException:  # the port must be closed in all cases, so that the next attempt can open it
             stream.close()
             raise
         finally:
             self._stream = None
         if self.url == url and not self._reopen:
-            # The line was lost. Without a pause, a far end that hangs up at once would create contacts in rapid
-            # succession.
+            # The line was lost. Without a pause, a device that closes the connection immediately would create many contacts.
             self._pause(REOPEN_S)
 
     def _opened(self, url: str) -> ByteStream:
@@ -269,7 +270,7 @@ class LinkService:
         self._wake.clear()
 
     def _could_not_open(self, reason: str) -> None:
-        """Report the reason once, not at every attempt."""
+        """Report the reason if it differs from the last reported one."""
         if reason != self.reason:
             self.events.publish([LinkFault("warning", f"{reason}. Retrying every {RETRY_S:g} s")])
         self.reason = reason
@@ -302,7 +303,9 @@ class LinkService:
             with self.lock:
                 events = list(self.session.feed(data, now_s)) if data else []
                 out, polled = self.session.poll(now_s)
-            self.events.publish([*events, *polled])  # first: a write that fails must not lose the reports of this round
+            self.events.publish(
+                [*events, *polled]
+            )  # before the write, because a failed write must not lose these events
             if out:
                 self.capture.write(SENT, out)
                 stream.write(out)

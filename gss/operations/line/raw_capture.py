@@ -1,8 +1,8 @@
-"""Raw capture: every byte of a contact, in both directions, written before it is processed.
+"""Raw capture: all bytes of a contact in both directions, written before they are processed.
 
-A file is a sequence of records: f64 Unix seconds, u8 direction (0 received, 1 sent), u32 length, then the bytes; little endian.
-A contact's capture is one or more files, ``contact-000012-000.raw`` and so on; a record is never split over two files.
-Files that are no longer written are compressed (:mod:`capture_files`).
+A file is a sequence of records: f64 Unix seconds, u8 direction (0 received, 1 sent), u32 length, then the bytes. Numbers are
+little endian. The capture of a contact consists of one or more files, ``contact-000012-000.raw`` and so on. A record is never
+split over two files. Files that are no longer written are compressed (:mod:`capture_files`).
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from gss.operations.line.capture_files import PackedReader, open_capture, plain_
 RECORD = struct.Struct("<dBI")
 RECEIVED, SENT = 0, 1
 MAX_RECORD_LENGTH = 1 << 24
-"""Far longer than any read or write of the line; a longer record means that the file is damaged."""
+"""Maximum length of a record. Reads and writes of the line are much shorter, so a longer record means a damaged file."""
 Record = tuple[float, int, bytes]
 """(Unix seconds, direction, bytes)."""
 
 
 @dataclass(frozen=True)
 class Retention:
-    """Limits: a new file is started at ``file_bytes``; the oldest files are removed when the total exceeds ``keep_bytes``."""
+    """Size limits. ``file_bytes``: size at which a new file is started. ``keep_bytes``: total size above which the oldest files
+    are removed."""
 
     file_bytes: int = 64 << 20
     keep_bytes: int = 1 << 30
@@ -39,7 +40,7 @@ def capture_name(contact_id: int) -> str:
 
 
 def read_capture(file: BinaryIO | PackedReader) -> Iterator[Record]:
-    """Yield each complete record of a file. Ends without an error at a truncated or invalid record, as a crash leaves one."""
+    """Yield all complete records of a file. Stop without an error at a truncated or invalid record, which a crash can cause."""
     while len(head := file.read(RECORD.size)) == RECORD.size:
         unix_s, direction, length = RECORD.unpack(head)
         if direction not in (RECEIVED, SENT) or length > MAX_RECORD_LENGTH:
@@ -51,26 +52,25 @@ def read_capture(file: BinaryIO | PackedReader) -> Iterator[Record]:
 
 
 def read_captures(paths: Iterable[Path], unread: Callable[[Path, int], None] | None = None) -> Iterator[Record]:
-    """Yield the records of several files in order; a truncated file does not hide the next one. ``unread``: called with each
-    file whose end could not be read and the number of bytes skipped, on the disk if it is a damaged compressed file."""
+    """Yield the records of several files in order. After a truncated file, the next file is read. ``unread``: called with each
+    file whose end could not be read and the number of skipped bytes. For a damaged compressed file this is its size on disk."""
     for path in paths:
         with open_capture(path) as file:
-            whole = 0
+            complete_end = 0
             try:
                 for record in read_capture(file):
-                    whole = position(file)
+                    complete_end = position(file)
                     yield record
-                # In a file that is still being written the last complete record ends at the read position; in a damaged
-                # one it does not.
-                torn = position(file) != whole
-                skipped = _rest(file) - whole if torn else 0
+                # In an undamaged file, the last complete record ends at the read position.
+                truncated = position(file) != complete_end
+                skipped = _plain_length(file) - complete_end if truncated else 0
             except OSError:
                 skipped = path.stat().st_size
             if unread is not None and skipped:
                 unread(path.with_name(plain_name(path)), skipped)
 
 
-def _rest(file: BinaryIO | PackedReader) -> int:
+def _plain_length(file: BinaryIO | PackedReader) -> int:
     """Read to the end of a file and return its length in plain bytes."""
     while file.read(1 << 20):
         pass
@@ -78,14 +78,14 @@ def _rest(file: BinaryIO | PackedReader) -> int:
 
 
 def read_received(paths: Iterable[Path]) -> Iterator[Record]:
-    """Yield files of plain received bytes as records at the time 0."""
+    """Yield the content of files of received bytes as records with time 0."""
     for path in paths:
         for data in plain_blocks(path, 1 << 16):
             yield 0.0, RECEIVED, data
 
 
 def capture_span(paths: Iterable[Path]) -> tuple[float, float] | None:
-    """Return Unix seconds of the first and last record, read from the record headers alone; None without records."""
+    """Return the times of the first and last record in Unix seconds, None without records. Only record headers are read."""
     first: float | None = None
     last = 0.0
     for path in paths:

@@ -1,4 +1,4 @@
-"""A simulated sensor in a child process. It starts at once and initializes while the server loads. If it dies, it is
+"""A simulated sensor in a child process. It starts immediately and initializes while the server loads. If it dies, it is
 restarted with its flash content, as a unit restarts after a power cut."""
 
 from __future__ import annotations
@@ -15,26 +15,25 @@ from pathlib import Path
 from gss.domain.errors import GssError
 
 WAIT_S = 60.0
-BUSY_HINT = "the machine may be busy: start the server again later"
+BUSY_HINT = "the machine is probably busy; start the server again later"
 AGAIN_S = (1.0, 2.0, 5.0, 15.0, 30.0)
-"""Pauses before successive restarts. A process that ran for longer than the last of these resets the sequence."""
+"""Pauses before successive restarts. If a process ran for longer than the last of these times, the sequence starts again."""
 log = logging.getLogger("gss.simulator")
 
 
 class SimulatedSensor:
-    """A started simulator; its line can be opened after :meth:`url` has returned."""
+    """A started simulator. Its line can be opened after :meth:`url` has returned."""
 
     def __init__(
         self, package: Path, folder: Path, baud: int, seed: int, framing: str = "cobs", options: str = ""
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        # A stable symlink lets the port vanish and return as a pulled plug does.
+        # With a fixed symlink, the port disappears and returns under the same name, as after pulling a plug.
         self._line = folder / "line"
         command = [sys.executable, "-m", "gss.device.simulator", "--instrument", str(package), "--pty"]
         command += ["--state-dir", str(folder), "--baud", str(baud), "--seed", str(seed)]
         command += ["--symlink", str(self._line), *shlex.split(options)]
-        # However the server ends, the simulator's standard input closes, so no orphaned simulator keeps the flash files
-        # in use.
+        # The simulator's standard input closes in any case when the server ends, so the simulator always ends with it.
         command += ["--exit-with-stdin"]
         if framing:
             command += ["--framing", framing]
@@ -55,11 +54,12 @@ class SimulatedSensor:
         return subprocess.Popen(self._command, stdin=pipe, stdout=pipe, stderr=log, text=True)  # noqa: S603 - our own
 
     def url(self) -> str:
-        """Wait for READY and return the address of the simulator's line; raises GssError if the process ends before."""
+        """Wait for READY and return the address of the simulator's line. Raises GssError if the process ends earlier or does
+        not start in time."""
         return self._ready()
 
     def watch(self, report: Callable[[str], object]) -> None:
-        """Start the thread that restarts the process when it ends. ``report`` is called with a text when the simulator ends and
+        """Start the thread that restarts the process when it ends. ``report``: called with a text when the simulator ends and
         when it runs again."""
         self._watcher = threading.Thread(target=self._keep_running, args=(report,), name="simulator", daemon=True)
         self._watcher.start()
@@ -68,10 +68,10 @@ class SimulatedSensor:
         process = self._process
         if process.stdout is None:
             raise GssError("the simulator has no output")
-        late = threading.Event()
+        timed_out = threading.Event()
 
         def give_up() -> None:
-            late.set()
+            timed_out.set()
             process.kill()
 
         timer = threading.Timer(WAIT_S, give_up)
@@ -82,7 +82,7 @@ class SimulatedSensor:
                     return line.split(maxsplit=1)[1].strip()
         finally:
             timer.cancel()
-        if late.is_set():
+        if timed_out.is_set():
             raise GssError("the simulator did not start in time", expected=f"ready within {WAIT_S:g} s", hint=BUSY_HINT)
         raise GssError("the simulator ended before it was ready", hint=f"see {self._log_path}")
 
@@ -100,7 +100,7 @@ class SimulatedSensor:
                 continue
             code = self._process.returncode
             _close(self._process)
-            # The number of the closed terminal may soon belong to another one, so the old link must not lead to it.
+            # The system can reuse the number of the closed terminal, so the old symlink must be removed.
             self._line.unlink(missing_ok=True)
             pause_s = AGAIN_S[min(tries, len(AGAIN_S)) - 1]
             self._report(report, f"the simulated sensor ended with code {code}; restarting in {pause_s:g} s")
@@ -135,9 +135,9 @@ class SimulatedSensor:
 
 
 def _close(process: subprocess.Popen[str]) -> None:
-    for end in (process.stdin, process.stdout):
-        if end:
-            end.close()
+    for pipe in (process.stdin, process.stdout):
+        if pipe:
+            pipe.close()
 
 
 @contextlib.contextmanager

@@ -1,1 +1,1 @@
-"""Notifications: mail and webhooks about alarms and events, until a person acknowledges them."""
+"""Notifications of alarms and events by mail and webhook. Alarms escalate until a user acknowledges them."""

@@ -1,4 +1,5 @@
-"""Creates notifications of alarms and events by the rules, sends them on threads of their target, and records each one."""
+"""Notification service. It creates notifications of alarms and events by the rules, sends them on one thread per target, and
+records their results."""
 
 from __future__ import annotations
 
@@ -28,14 +29,14 @@ MAX_TRIES = 8
 FIRST_RETRY = timedelta(seconds=30)
 LAST_RETRY = timedelta(minutes=15)
 LINES = 40
-"""Notifications that one message lists; it states the number of the others."""
+"""Maximum number of notifications listed in one message. The message states how many more there are."""
 KEPT = timedelta(days=90)
 Send = Callable[[Target, OutgoingMessage], str]
 
 
 @dataclass(frozen=True)
 class _Notification:
-    """A notification that the rules require; ``key`` is unique, so that it is created once."""
+    """A notification that the rules require. ``key``: unique, so that the notification is created only once."""
 
     key: str
     rule: str
@@ -47,9 +48,9 @@ class _Notification:
 
 
 class NotificationService:
-    """Runs a thread that looks at alarms and events once a second. ``send`` may block until its timeout; each target has a
-    thread, so that a server that hangs delays only its own messages. A message that was under way when the server ended is
-    marked as unknown and is not sent again."""
+    """Runs a thread that checks alarms and events once a second. ``send`` can block until its timeout. Each target has its
+    own thread, so an unresponsive mail server or webhook delays only its own messages. If the server stops while a message is
+    being sent, the message is marked as unknown and is not sent again."""
 
     def __init__(
         self, rules: NotificationRules, alarms: AlarmService, bus: EventBus, database: Database, now: Now, send: Send
@@ -64,14 +65,14 @@ class NotificationService:
         self._thread = threading.Thread(target=self._run, name="notifications", daemon=True)
 
     def start(self) -> None:
-        """Start the thread if there are targets. Events from now on are sent; nothing is written yet, because a locked
-        database must not prevent the start of the server."""
+        """Start the thread if there are targets. Only events after this call are sent. This call does not write to the
+        database, because a locked database must not prevent the start of the server."""
         self._seq = self._bus.newest()
         if self.rules.targets:
             self._thread.start()
 
     def stop(self) -> None:
-        """Stop the thread, and wait a second for messages under way."""
+        """Stop the thread, and wait up to ``STOP_S`` for messages that are being sent."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(timeout=2)
@@ -81,12 +82,12 @@ class NotificationService:
             pool.shutdown(wait=False, cancel_futures=True)
 
     def newest(self, limit: int) -> list[Notification]:
-        """Return the newest notifications, newest first."""
+        """Return the latest notifications, newest first."""
         with self._database.unit_of_work() as session:
             return store.newest(session, limit)
 
     def test(self, target: str, *, user: str) -> Notification:
-        """Queue a test message and return its row. Raises NotFound."""
+        """Queue a test message to a target and return its row. Raises NotFound."""
         if self.rules.target(target) is None:
             raise NotFound("There is no such target", got=target, hint="the page Admin, Notifications lists them")
         now = self._now()
@@ -97,7 +98,8 @@ class NotificationService:
         return row
 
     def tick(self) -> None:
-        """Create the notifications that the rules require now, withdraw those that are no longer needed, and send what is due."""
+        """Create the notifications that the rules require now, withdraw those that are no longer needed, and send those that
+        are due."""
         if not self._began:
             self._begin()
         self._settle()
@@ -113,7 +115,7 @@ class NotificationService:
         self._send_due()
 
     def _begin(self) -> None:
-        """Mark what the last server left under way as unknown, and delete old rows."""
+        """Mark the messages that the previous server was sending as unknown, and delete old rows."""
         with self._database.unit_of_work() as session:
             store.lose_sending(session, self._now())
             store.prune(session, self._now() - KEPT)
@@ -158,23 +160,23 @@ class NotificationService:
             return []
         now = self._now()
         with self._database.unit_of_work() as session:
-            stored_keys = store.known_keys(session, [w.key for w in messages])
+            stored_keys = store.known_keys(session, [message.key for message in messages])
             rows = [
                 Notification(
-                    key=w.key,
-                    rule=w.rule,
-                    target=w.target,
-                    level=w.level,
-                    text=w.text,
-                    alarm_id=w.alarm_id,
+                    key=message.key,
+                    rule=message.rule,
+                    target=message.target,
+                    level=message.level,
+                    text=message.text,
+                    alarm_id=message.alarm_id,
                     created=now,
-                    due=w.due,
+                    due=message.due,
                     state="pending",
                     tries=0,
                     problem="",
                 )
-                for w in {w.key: w for w in messages}.values()
-                if w.key not in stored_keys
+                for message in {message.key: message for message in messages}.values()
+                if message.key not in stored_keys
             ]
             session.add_all(rows)
         return rows
@@ -207,7 +209,7 @@ class NotificationService:
         return OutgoingMessage(key, level, first.replace("\n", " ")[:200], "\n".join(lines))
 
     def _settle(self) -> None:
-        """Record the results of the messages that ended."""
+        """Record the results of finished messages."""
         for target, (job, ids) in list(self._sending.items()):
             if job.done():
                 self._finish(target, job, ids)
@@ -227,13 +229,15 @@ class NotificationService:
             failed = sum(row.state == "failed" for row in rows)
         self._sending.pop(target, None)
         if error is None and job.result():
-            self._bus.record("notification", "warning", f"A notification to {target} did not reach all: {job.result()}")
+            self._bus.record(
+                "notification", "warning", f"A notification to {target} did not reach all recipients: {job.result()}"
+            )
         if failed:
             self._bus.record("notification", "warning", f"{failed} notifications to {target} were not sent: {error}")
 
 
 def _targets(rule: NotificationRule, age: timedelta) -> Iterator[tuple[int, str]]:
-    """Yield (step, target) for an alarm of that age: the rule's targets, then those of each escalation that is due."""
+    """Yield (step, target) for an alarm of this age: the rule's targets at step 0, then the targets of each due escalation."""
     yield from ((0, name) for name in rule.to)
     for step, further in enumerate(rule.escalate, 1):
         if age >= timedelta(minutes=further.after_min):

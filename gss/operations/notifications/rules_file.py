@@ -1,4 +1,5 @@
-"""The file of notification targets and rules (``GSS_NOTIFICATIONS``). Secrets are in environment variables that it names."""
+"""The file of notification targets and rules (``GSS_NOTIFICATIONS``). The file contains names of environment variables instead
+of secrets."""
 
 from __future__ import annotations
 
@@ -43,14 +44,14 @@ class Mail(_Strict):
 
 
 class Webhook(_Strict):
-    """Address that receives JSON by POST. ``secret_env``: name of the environment variable with the key of the signature."""
+    """Address that receives JSON by POST. ``secret_env``: name of the environment variable with the signing key."""
 
     url: HttpUrl
     secret_env: str = ""
 
 
 class Target(_Strict):
-    """One destination: either mail or a webhook."""
+    """One destination of notifications: either mail or a webhook."""
 
     name: Name
     mail: Mail | None = None
@@ -64,7 +65,7 @@ class Target(_Strict):
 
     @property
     def host(self) -> str:
-        """Host that a message is sent to."""
+        """Host that messages are sent to."""
         return self.mail.server if self.mail else str(self.webhook.url.host).strip("[]") if self.webhook else ""
 
     @property
@@ -74,21 +75,21 @@ class Target(_Strict):
 
 
 class Escalation(_Strict):
-    """Further targets of an alarm that is not acknowledged in time."""
+    """Additional targets of an alarm that is not acknowledged in time."""
 
     after_min: Annotated[float, Field(gt=0, le=10_080)]
     to: Annotated[tuple[Name, ...], Field(min_length=1)]
 
 
 class Quiet(_Strict):
-    """Hours of the day (UTC) in which messages wait, except those of the level ``unless`` or above."""
+    """Hours of the day (UTC) during which messages are delayed, except those of the level ``unless`` or above."""
 
     start: time
     end: time
     unless: Level = "critical"
 
     def end_after(self, now: datetime) -> datetime | None:
-        """Return when the quiet hours that ``now`` lies in end; None if it lies outside."""
+        """Return the end of the current quiet hours, None if ``now`` is not in quiet hours."""
         clock = now.time().replace(tzinfo=None)
         overnight = self.start > self.end
         inside = (clock >= self.start or clock < self.end) if overnight else self.start <= clock < self.end
@@ -99,7 +100,7 @@ class Quiet(_Strict):
 
 
 class NotificationRule(_Strict):
-    """Which alarms or events are sent to which targets. ``kinds``: of events, as the page *Events* shows them."""
+    """Rule that sends alarms or events to targets. ``kinds``: kinds of events, as shown on the page *Events*."""
 
     name: Name
     on: Literal["alarm", "event"] = "alarm"
@@ -130,19 +131,19 @@ class NotificationRule(_Strict):
         return "; ".join(parts)
 
     def covers(self, level: str) -> bool:
-        """True if a level is at least that of the rule."""
+        """True if a level is at least the level of the rule."""
         return level in ORDER and ORDER[State(level)] >= ORDER[State(self.level)]
 
     def due(self, level: str, now: datetime) -> datetime:
-        """Return when a message of that level may be sent."""
+        """Return the earliest time at which a message of this level can be sent."""
         if self.quiet is None or (level in ORDER and ORDER[State(level)] >= ORDER[State(self.quiet.unless)]):
             return now
         return self.quiet.end_after(now) or now
 
 
 class NotificationRules(_Strict):
-    """The file. ``console``: address of the console, shown in messages; ``pause_s``: least time between two messages to one
-    target, later ones are combined."""
+    """Content of the file. ``console``: address of the console, shown in messages. ``pause_s``: minimum time between two
+    messages to one target; notifications that arrive earlier are combined into one message."""
 
     console: str = ""
     pause_s: Annotated[float, Field(ge=0, le=86_400)] = 60.0
@@ -155,19 +156,19 @@ class NotificationRules(_Strict):
             if len(set(names)) != len(names):
                 raise ValueError(f"two {section} have the same name")
         target_names = {t.name for t in self.targets}
-        used = {name for r in self.rules for name in (*r.to, *(n for e in r.escalate for n in e.to))}
-        if used - target_names:
-            raise ValueError(f"no such target: {', '.join(sorted(used - target_names))}")
+        used_names = {name for r in self.rules for name in (*r.to, *(n for e in r.escalate for n in e.to))}
+        if used_names - target_names:
+            raise ValueError(f"no such target: {', '.join(sorted(used_names - target_names))}")
         return self
 
     def target(self, name: str) -> Target | None:
-        """Return the target of that name; None if there is none."""
+        """Return the target with this name, None if there is none."""
         return next((t for t in self.targets if t.name == name), None)
 
 
 def read_rules(file: str, environment: Mapping[str, str] = os.environ) -> NotificationRules:
-    """Read and check the file; without a file there are no rules. Raises BadInput with line, field and reason, also for a secret
-    that the environment lacks."""
+    """Read and check the file. Return no rules if ``file`` is empty. Raises BadInput with line, field and reason, also if the
+    environment does not contain a secret."""
     if not file:
         return NotificationRules()
     path = Path(file)
@@ -175,7 +176,7 @@ def read_rules(file: str, environment: Mapping[str, str] = os.environ) -> Notifi
         data = path.read_bytes()
     except OSError as error:
         raise BadInput(
-            "The file of notifications cannot be read", got=str(error), hint="check GSS_NOTIFICATIONS"
+            "The notifications file cannot be read", got=str(error), hint="check GSS_NOTIFICATIONS"
         ) from error
     marked = parse_yaml(path.name, data)
     try:

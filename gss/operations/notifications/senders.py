@@ -1,4 +1,4 @@
-"""Send a message by mail or webhook, with a timeout, and only to public addresses unless private ones are permitted."""
+"""Sends messages by mail or webhook with a timeout. Private addresses must be permitted explicitly."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TRANSLATED = ipaddress.ip_network("64:ff9b::/96")
 
 @dataclass(frozen=True)
 class OutgoingMessage:
-    """``key``: identical for repeated attempts, so that a receiver can drop a duplicate."""
+    """A message to send. ``key``: identical for repeated attempts, so a receiver can drop duplicates."""
 
     key: str
     level: str
@@ -35,14 +35,15 @@ class OutgoingMessage:
 
 
 class Sender:
-    """Sends messages. ``private``: permit loopback, private and link-local addresses. Passwords come from ``environment``."""
+    """Sends messages. ``private``: permit loopback, private and link-local addresses. ``environment``: contains the
+    passwords."""
 
     def __init__(self, private: bool, environment: Mapping[str, str] = os.environ) -> None:
         self._private, self._environment = private, environment
 
     def send(self, target: Target, message: OutgoingMessage) -> str:
-        """Send a message. Returns the recipients that the server refused, as text; "" if none. Raises LinkDown with the reason if
-        it was not accepted, or NotPermitted for a private address."""
+        """Send a message. Return a text that lists the recipients rejected by the server, "" if there are none. Raises LinkDown
+        with the reason if the message was not accepted, NotPermitted for a private address."""
         try:
             self._check_address(target.host)
             if target.mail:
@@ -63,22 +64,22 @@ class Sender:
                 )
 
     def _mail(self, mail: Mail, message: OutgoingMessage) -> str:
-        letter = EmailMessage()
-        letter["Subject"], letter["From"], letter["To"] = message.subject, mail.sender, ", ".join(mail.to)
-        letter["Message-ID"] = f"<{message.key}@gss.invalid>"
-        letter.set_content(message.text)
+        email = EmailMessage()
+        email["Subject"], email["From"], email["To"] = message.subject, mail.sender, ", ".join(mail.to)
+        email["Message-ID"] = f"<{message.key}@gss.invalid>"
+        email.set_content(message.text)
         secure = ssl.create_default_context()
         server = (
             smtplib.SMTP_SSL(mail.server, mail.port, timeout=TIMEOUT_S, context=secure)
             if mail.security == "tls"
             else smtplib.SMTP(mail.server, mail.port, timeout=TIMEOUT_S)
         )
-        with closing(server):  # without QUIT: its answer says nothing about the letter
+        with closing(server):  # QUIT is omitted because its answer contains no result for the message
             if mail.security == "starttls":
                 server.starttls(context=secure)
             if mail.user:
                 server.login(mail.user, self._environment.get(mail.password_env, ""))
-            refused = server.send_message(letter)
+            refused = server.send_message(email)
         return f"refused by the server: {', '.join(sorted(refused))}" if refused else ""
 
     def _post(self, webhook: Webhook, message: OutgoingMessage) -> None:
@@ -92,7 +93,8 @@ class Sender:
 
 
 def is_public(address: str) -> bool:
-    """True for a global unicast address; an IPv6 address that translates an IPv4 one (RFC 6052) counts as that one."""
+    """True if the address is a global unicast address. An IPv6 address that represents an IPv4 address (RFC 6052) is treated as
+    that IPv4 address."""
     ip = ipaddress.ip_address(address)
     if isinstance(ip, ipaddress.IPv6Address) and ip in TRANSLATED:
         ip = ipaddress.IPv4Address(int(ip) & 0xFFFFFFFF)

@@ -1,5 +1,5 @@
-"""Parses untrusted files in child processes with limits on memory, processor time and wall time.
+"""Parsing of untrusted files in child processes with limits on memory, processor time and elapsed time.
 
-:mod:`parse_processes` is the parent's side, :mod:`parse_worker` the child's program, and :mod:`plain_data` the format of
-returned results.
+:mod:`parse_processes` runs in the parent, :mod:`parse_worker` is the program of the child, and :mod:`plain_data` is the
+format of returned results.
 """

@@ -1,13 +1,12 @@
-"""Parses untrusted files outside the server, so that a file that hangs a library, fills the memory or crashes it costs only a
-child process.
+"""Parsing of untrusted files in child processes. A file that hangs or crashes a library or fills the memory ends only the child.
 
-Every upload and every command-line file that a library decodes is parsed here. Short text read by linear code (a TLE, a
-manifest, rows of bench measurements) is limited in length where it is read and parsed in the server itself.
+All uploads and command-line files that a library decodes are parsed here. Short texts (a TLE, a manifest, rows of bench
+measurements) are limited in length and parsed in the server process.
 
-A child is started as a new program (``fork`` would copy locks that other threads hold), which takes 0.1 to 0.6 s, most of it
-the import of astropy. It inherits no files, sockets or settings, ends with the server, and is reused only if it could read its
-last file. This protects the server from files that cost too much; it is not a sandbox against code execution through a defect
-of a library.
+A child is started as a new program, because ``fork`` would copy locks that other threads hold. The start takes 0.1 to 0.6 s,
+mostly for the import of astropy. A child inherits no files, sockets or settings and ends with the server. It is reused only if
+it could read its last file. The limits protect the server from files that are too expensive to read. They are not a sandbox
+against code execution through a defect of a library.
 """
 
 from __future__ import annotations
@@ -31,10 +30,10 @@ from gss.operations.parsing.plain_data import decode
 WORKER = "gss.operations.parsing.parse_worker"
 SECRET_SETTINGS = ("GSS_", "AWS_", "PG")
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
-"""Thread pools reserve address space, which counts towards the memory limit."""
+"""Environment that disables thread pools, because their reserved address space counts towards the memory limit."""
 MAX_REPLY_TEXT = 16 << 20
 EXIT_WITHIN_S = 5.0
-"""Time from the end of the child's output to the end of its process."""
+"""Maximum time from the end of the child's output to the end of its process."""
 EXPECTED_ERRORS: dict[str, type[GssError]] = {"BadInput": BadInput, "CorruptData": CorruptData}
 Result = TypeVar("Result")
 log = logging.getLogger("gss.parsing")
@@ -42,9 +41,10 @@ log = logging.getLogger("gss.parsing")
 
 @dataclass(frozen=True)
 class ParsingQueue:
-    """How many files are parsed concurrently, how many more requests may wait, and for how long.
+    """Limits of the queue. ``at_once``: files parsed concurrently. ``waiting``: additional requests that can wait. ``wait_s``:
+    maximum waiting time.
 
-    A waiting request occupies one of the server's 40 request threads; ABORT has its own.
+    A waiting request occupies one of the server's 40 request threads. ABORT has a separate thread.
     """
 
     at_once: int = 2
@@ -53,7 +53,7 @@ class ParsingQueue:
 
 
 class ParseProcesses:
-    """Starts a child per file, keeps an idle one for reuse, and ends all of them in :meth:`stop`. Thread-safe."""
+    """Starts child processes for files, reuses one idle child, and ends all children in :meth:`stop`. Thread-safe."""
 
     def __init__(self, limits: ParseLimits | None = None, turns: ParsingQueue | None = None) -> None:
         self._limits, self._turns = limits or ParseLimits(), turns or ParsingQueue()
@@ -78,10 +78,11 @@ class ParseProcesses:
         classes: tuple[type, ...] = (),
         subject: str = "the file",
     ) -> Result:
-        """Call ``function(data, *arguments)`` in a child. ``function`` is a module-level function, ``arguments`` are JSON
-        values, the result is plain data or one of the dataclasses ``classes``; ``subject`` names the file in messages.
+        """Call ``function(data, *arguments)`` in a child and return its result. ``function``: a module-level function that
+        returns plain data or one of the dataclasses ``classes``. ``arguments``: JSON values. ``subject``: name of the file in
+        messages.
 
-        Raises the BadInput or CorruptData of the function, TooCostly if a limit was reached, and Busy.
+        Raises the BadInput or CorruptData of the function, TooCostly if a limit was reached, and Busy if the queue is full.
         """
         job: ParseJob = {"function": f"{function.__module__}:{function.__qualname__}", "arguments": arguments}
         with self._turn():
@@ -92,7 +93,7 @@ class ParseProcesses:
         return result
 
     def stop(self) -> None:
-        """End all children; waiting requests raise Busy."""
+        """End all children. Waiting requests raise Busy."""
         with self._lock:
             self._stopped = True
             children, idle, self._idle = list(self._children), self._idle, None
@@ -130,7 +131,7 @@ class ParseProcesses:
             child = self._take()
             answer = child.ask(job, data)
             if answer is not None:
-                self._give_back(child, answer[0])
+                self._release(child, answer[0])
                 return answer
             self._forget(child)
             if self._stopped:
@@ -161,8 +162,9 @@ class ParseProcesses:
                 retry_after_s=self._turns.wait_s,
             ) from error
 
-    def _give_back(self, child: _Child, reply: bytes) -> None:
-        """Keep the child only if it read its file: one that rejected a file may have grown."""
+    def _release(self, child: _Child, reply: bytes) -> None:
+        """Keep the child for reuse if it could read its file. A child that rejected a file can occupy much memory and is
+        ended."""
         with self._lock:
             if self._idle is None and not self._stopped and not reply.startswith(REFUSED):
                 self._idle = child
@@ -231,16 +233,16 @@ class _Child:
 
     @property
     def code(self) -> int:
-        """Exit code, negative for a signal; waits for the end."""
+        """Exit code, negative for a signal. Waits for the end of the process."""
         return self._process.wait()
 
     @property
     def ended_idle(self) -> bool:
-        """True if it ended because it was idle while the next job was being sent."""
+        """True if the child ended because of its idle timeout while the next job was being sent."""
         return self._files > 1 and self.code == 0
 
     def ask(self, job: bytes, data: bytes) -> tuple[bytes, bytearray] | None:
-        """Send a job and return text and data of the answer; None if the process ended, which is then certain."""
+        """Send a job and return text and data of the answer. Return None if there is no answer; the process has then ended."""
         self._files += 1
         timer = threading.Timer(self._limits.wall_s, self._time_out)
         timer.start()
@@ -252,41 +254,41 @@ class _Child:
         finally:
             timer.cancel()
             if answer is None:
-                self._let_it_end()
+                self._await_end()
         return answer
 
-    def _let_it_end(self) -> None:
-        """Wait for the exit code, which shows why there is no answer."""
+    def _await_end(self) -> None:
+        """Wait for the exit code, which shows why there is no answer, then close the pipes."""
         if not self.reply_too_large:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(timeout=EXIT_WITHIN_S)
         self.end()
 
     def _talk(self, job: bytes, data: bytes) -> tuple[bytes, bytearray] | None:
-        to, back = self._pipes()
-        write_message(to, job, [data])
-        head = read_into(back, HEAD.size)
+        requests, answers = self._pipes()
+        write_message(requests, job, [data])
+        head = read_into(answers, HEAD.size)
         if head is None:
             return None
         text_bytes, data_bytes = HEAD.unpack(head)
         if text_bytes > MAX_REPLY_TEXT or data_bytes > self._limits.result_bytes:
             self.reply_too_large = True
             return None
-        text, body = read_into(back, text_bytes), read_into(back, data_bytes)
+        text, body = read_into(answers, text_bytes), read_into(answers, data_bytes)
         return None if text is None or body is None else (bytes(text), body)
 
     def _pipes(self) -> tuple[BinaryIO, BinaryIO]:
-        to, back = self._process.stdin, self._process.stdout
-        if to is None or back is None:
+        requests, answers = self._process.stdin, self._process.stdout
+        if requests is None or answers is None:
             raise OSError("a child process without pipes")
-        return to, back  # type: ignore[return-value]
+        return requests, answers  # type: ignore[return-value]
 
     def _time_out(self) -> None:
         self.timed_out = True
         self.kill()
 
     def kill(self) -> None:
-        """Kill the process; pending requests get no answer."""
+        """Kill the process. Pending requests receive no answer."""
         self._process.kill()
 
     def end(self) -> None:

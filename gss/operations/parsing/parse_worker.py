@@ -1,8 +1,8 @@
 """Program of the child process that parses untrusted files: ``python -m gss.operations.parsing.parse_worker LIMITS``.
 
 It reads jobs one at a time from standard input and answers on standard output. It ends after a file that it could not read,
-after an idle time, and when its parent ends. The kernel enforces the limits, so that they also apply inside a library that
-never returns to the interpreter.
+after an idle time, and when its parent ends. The kernel enforces the limits, so they also apply inside a library that does not
+return to the interpreter.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from gss.domain.errors import BadInput, CorruptData
 from gss.operations.parsing.plain_data import encode, padding
 
 HEAD = struct.Struct("<QQ")
-"""Header of each message: sizes of its JSON text and of the data after it."""
+"""Header of a message: sizes of its JSON text and of the data that follows."""
 READ, REFUSED = b"+", b"-"
-"""First byte of an answer: a result in plain data, or an error as JSON."""
+"""First byte of an answer. READ: a result as plain data follows. REFUSED: an error as JSON follows."""
 MAX_TEXT_LENGTH = 4000
 NICE = 5
-"""Lower priority, so that the line and ABORT get the processor first; not so low that a busy machine lets a small file
-reach the limit of wall time."""
+"""Niceness of the child. The line and ABORT have a higher priority. A still lower priority could let a small file reach the
+limit of elapsed time on a busy machine."""
 MAX_FILES = 64
 
 
@@ -41,7 +41,7 @@ class ParseLimits:
     """Limits for one file.
 
     ``memory_bytes``: address space of the child, including libraries. ``result_bytes``: size of the returned content.
-    ``idle_s``: how long a child waits for its next file.
+    ``idle_s``: maximum time that a child waits for its next file.
     """
 
     memory_bytes: int = 3 << 30
@@ -52,14 +52,15 @@ class ParseLimits:
 
 
 class ParseJob(TypedDict):
-    """What a child is to do with a file. ``function``: ``module:name``, called with the content and ``arguments``."""
+    """A job for a child. ``function``: ``module:name`` of the function to call with the content of the file and
+    ``arguments``."""
 
     function: str
     arguments: Sequence[Any]
 
 
 def write_message(to: BinaryIO, text: bytes, data: Iterable[bytes | memoryview]) -> None:
-    """Write one message; padding is inserted between the pieces of data, none after the last."""
+    """Write one message. Padding is inserted between the pieces of data, but not after the last piece."""
     parts: list[bytes | memoryview] = []
     size = 0
     for part in data:
@@ -72,7 +73,7 @@ def write_message(to: BinaryIO, text: bytes, data: Iterable[bytes | memoryview])
 
 
 def read_into(source: BinaryIO, size: int) -> bytearray | None:
-    """Read exactly ``size`` bytes; None if the stream ends before."""
+    """Read exactly ``size`` bytes. Return None if the stream ends earlier."""
     data = bytearray(size)
     view = memoryview(data)
     done = 0
@@ -85,7 +86,7 @@ def read_into(source: BinaryIO, size: int) -> bytearray | None:
 
 
 def main() -> None:
-    """Answer jobs until none arrives for ``idle_s``."""
+    """Answer up to ``MAX_FILES`` jobs. End if no job arrives for ``idle_s``, or after a file that could not be read."""
     limits = ParseLimits(**json.loads(sys.argv[1]))
     source, answers = _own_streams()
     _limit(limits)
@@ -107,11 +108,11 @@ def main() -> None:
 
 
 def _own_streams() -> tuple[BinaryIO, BinaryIO]:
-    """Return the two pipes; output printed by a library is discarded, so that it cannot corrupt the answers."""
+    """Return the two pipes. Text that a library prints is discarded, because it would corrupt the answers."""
     answers = os.fdopen(os.dup(1), "wb")
-    nothing = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nothing, 1)
-    os.close(nothing)
+    null_device = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null_device, 1)
+    os.close(null_device)
     return os.fdopen(os.dup(0), "rb", buffering=0), answers
 
 
@@ -126,12 +127,12 @@ def _limit(limits: ParseLimits) -> None:
 
 
 def _begin(source: BinaryIO, limits: ParseLimits) -> None:
-    """Start the limits: from here the process is killed if it takes too long or its parent ends."""
+    """Start the time limits. From this call on, the kernel kills the process if it exceeds a limit or its parent ends."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     soft = math.ceil(used.ru_utime + used.ru_stime + limits.cpu_s)
     resource.setrlimit(resource.RLIMIT_CPU, (soft, resource.RLIM_INFINITY))
     signal.setitimer(signal.ITIMER_REAL, limits.wall_s)
-    # Nothing more is sent before the answer, so SIGIO can only mean that the other end was closed.
+    # The parent sends no further bytes before the answer, so SIGIO means that the parent closed the pipe.
     _signal_on_close(source, True)
 
 
@@ -146,8 +147,7 @@ def _signal_on_close(source: BinaryIO, on: bool) -> None:
 
 
 def _answer(job: ParseJob, data: bytearray) -> tuple[bytes, list[memoryview]]:
-    """Return the result, or the reason why there is none: an expected error, too little memory, or a defect with its
-    traceback."""
+    """Return the result, or the reason for a failure: an expected error, too little memory, or a defect with its traceback."""
     try:
         module, _, name = job["function"].partition(":")
         content = bytes(data)
@@ -159,7 +159,7 @@ def _answer(job: ParseJob, data: bytearray) -> tuple[bytes, list[memoryview]]:
         return _refusal(type(error).__name__, **texts), []
     except MemoryError:
         return _refusal("MemoryError"), []
-    except Exception as error:  # a defect of ours, or of a library, triggered by a file
+    except Exception as error:  # a file can trigger a defect of GSS or of a library
         return _refusal("defect", got=f"{type(error).__name__}: {error}", log=traceback.format_exc()), []
 
 

@@ -1,7 +1,7 @@
-"""Serialization of a child process's results: JSON with separate arrays. Unlike a pickle, it cannot name code.
+"""Serialization of a child process's results: JSON and separate arrays. Unlike a pickle, it cannot refer to code.
 
-Supported: None, booleans, numbers, text, bytes, arrays of plain numbers, times, tuples, lists, dictionaries, and dataclasses
-that the reader allows by name.
+Supported types: None, booleans, numbers, text, bytes, arrays of plain numbers, times, tuples, lists, dictionaries, and
+dataclasses that the reader permits by name.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ DTYPES = {np.dtype(code).str for code in "?bBhHiIqQefd"}
 
 
 def encode(value: object) -> tuple[bytes, list[memoryview]]:
-    """Return JSON text and the buffers that follow it, each at a multiple of ``ALIGN_BYTES``. Raises TypeError for other
-    types."""
+    """Return JSON text and the buffers that follow it, each aligned to a multiple of ``ALIGN_BYTES``. Raises TypeError for an
+    unsupported type."""
     buffers: list[memoryview] = []
     return json.dumps(_plain(value, buffers, [0])).encode(), buffers
 
 
 def decode(text: bytes, body: bytearray, classes: Mapping[str, type]) -> Any:
-    """Return the value encoded by :func:`encode`. Arrays are views of ``body``. Raises CorruptData if the text or a range is
-    invalid."""
+    """Return the value that :func:`encode` encoded. Arrays are views of ``body``. Raises CorruptData if the text or a byte range
+    is not valid."""
     try:
         return _value(json.loads(text), memoryview(body), classes)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, RecursionError) as error:
@@ -83,7 +83,8 @@ def _plain(value: object, buffers: list[memoryview], end: list[int]) -> Any:
 
 
 def _texts(value: Mapping[int, str], inner: Any) -> list[Any]:
-    """Encode numbered names as three arrays, because millions of them as JSON would block the interpreter for seconds."""
+    """Encode a mapping of numbers to texts as three arrays, because millions of texts as JSON would block the interpreter for
+    seconds."""
     parts = [text.encode("utf-8", "replace") for text in value.values()]
     lengths = np.array([len(part) for part in parts], np.int64)
     return [inner(np.array(list(value), np.int64)), inner(lengths), inner(b"".join(parts))]

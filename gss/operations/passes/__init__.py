@@ -1,1 +1,1 @@
-"""Passes over ground stations: the orbit in use, the stations, coming passes and pass plans."""
+"""Passes over ground stations: the active orbit, the stations, coming passes and pass plans."""

@@ -1,4 +1,5 @@
-"""Bytes that a pass can bring down: the line's rate, less the share that is measured to go to headers, telemetry and repeats."""
+"""Amount of data that can be downloaded in a pass: the line rate multiplied by the measured fraction of download content. The
+remaining fraction is used by headers, telemetry and repeated chunks."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from gss.store.engine import Database
 from gss.store.models import Station
 
 BITS_PER_BYTE = 10
-"""Start and stop bit included."""
+"""Bits on the line per byte, including start and stop bit."""
 MEASURED_OVER = 20
 MIN_BYTES = 4096
 ASSUMED_SHARE = 0.8
@@ -19,20 +20,20 @@ ASSUMED_SHARE = 0.8
 
 @dataclass(frozen=True)
 class LineBudget:
-    """``bytes_s``: bytes on the line per second, None while the rate is not known. ``share``: of them, content of downloads;
-    ``downloads``: number that it was measured from, 0: assumed."""
+    """Data rate of a line. ``bytes_s``: bytes per second on the line, None if the rate is unknown. ``share``: fraction of these
+    bytes that is download content. ``downloads``: number of downloads from which ``share`` was measured; 0 if it is assumed."""
 
     bytes_s: float | None
     share: float
     downloads: int
 
     def content_bytes(self, seconds: float) -> int | None:
-        """Content that fits in a time; None while the rate is not known."""
+        """Return the number of content bytes that can be downloaded in a time, None if the rate is unknown."""
         return None if self.bytes_s is None else int(self.bytes_s * self.share * seconds)
 
 
 class LineBudgetService:
-    """Measures the share from the newest complete downloads."""
+    """Measures the fraction of download content from the latest complete downloads."""
 
     def __init__(self, link: LinkService, database: Database) -> None:
         self._link, self._database = link, database

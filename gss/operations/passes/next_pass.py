@@ -14,13 +14,13 @@ from gss.orbit.passes import NextPass
 
 AHEAD_DAYS = 1.0
 CHECKED_EVERY = timedelta(seconds=20)
-"""A changed orbit or station is noticed after this time."""
+"""Interval at which the orbit and the stations are checked for changes."""
 SEARCHED_EVERY = timedelta(minutes=10)
-"""A search takes some tens of milliseconds for each station."""
+"""Interval between two searches. A search takes some tens of milliseconds per station."""
 
 
 class NextPassWatch:
-    """Keeps the next pass. Thread-safe."""
+    """Calculates and caches the next pass. Thread-safe."""
 
     def __init__(self, spacecraft: SpacecraftService, stations: StationService, table: PassService, now: Now) -> None:
         self._spacecraft, self._stations, self._table, self._now = spacecraft, stations, table, now
@@ -30,7 +30,8 @@ class NextPassWatch:
         self._lock = threading.Lock()
 
     def report(self) -> NextPass:
-        """Return the pass under way or the next one, calculated again if orbit, stations or time require it."""
+        """Return the current or next pass. It is calculated again if the orbit or a station changed, the pass is over, or
+        ``SEARCHED_EVERY`` has passed."""
         now = self._now()
         with self._lock:
             over = self._next.at is not None and self._next.at.set <= now

@@ -1,4 +1,4 @@
-"""The orbit in use as CCSDS files: OMM of a TLE, OEM of any orbit."""
+"""Export of the active orbit as CCSDS files: OMM for a TLE, OEM for any orbit."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ STEP_S = 60.0
 
 
 def omm_fields(current: CurrentOrbit) -> dict[str, object]:
-    """Return the elements in use as the fields of an OMM. Raises Conflict if an ephemeris is in use."""
+    """Return the active mean elements as the fields of an OMM. Raises Conflict if the active orbit is an ephemeris."""
     if current.row.kind != "tle":
-        raise Conflict("the orbit in use has no mean elements", got=current.row.source_format, hint="Export an OEM.")
+        raise Conflict("the active orbit has no mean elements", got=current.row.source_format, hint="Export an OEM.")
     return omm_of_tle(current.row.spacecraft, current.row.text)
 
 
 def oem_file(current: CurrentOrbit, start: datetime, days: float) -> Iterator[str]:
-    """Yield the lines of an OEM from ``start`` on, shortened to the orbit's validity. Raises BadInput if that has ended."""
+    """Yield the lines of an OEM that begins at ``start`` and covers ``days``, limited to the validity of the orbit. Raises
+    BadInput if the validity has ended."""
     first = max(start, current.orbit.start + timedelta(seconds=1))
     last = min(first + timedelta(days=days), current.orbit.end - timedelta(seconds=1))
     return oem_of(current.row.spacecraft, current.orbit, first, max(first, last), STEP_S, start)

@@ -9,11 +9,11 @@ from datetime import UTC, datetime
 from gss.operations.passes.pass_table import ComingPass, PassTable
 
 MAX_LINE_LENGTH = 75
-"""Bytes of a content line (RFC 5545 §3.1)."""
+"""Maximum length of a content line in bytes (RFC 5545 §3.1)."""
 
 
 def calendar(table: PassTable) -> str:
-    """Return the calendar of a table of passes."""
+    """Return the passes of a table as the text of an iCalendar file."""
     lines = ["BEGIN:VCALENDAR", "VERSION:2.0", "PRODID:-//GSS//Passes//EN", "CALSCALE:GREGORIAN"]
     name = table.current.row.spacecraft if table.current else "Spacecraft"
     for coming in table.passes:
@@ -49,13 +49,13 @@ def _utc(moment: datetime) -> str:
 
 
 def _text(text: str) -> str:
-    """Escape a text value (RFC 5545 §3.3.11); control characters are left out."""
+    """Escape a text value (RFC 5545 §3.3.11). Unprintable characters are replaced by spaces."""
     plain = "".join(c if c.isprintable() else " " for c in text)
     return plain.replace("\\", "\\\\").replace(";", "\\;").replace(",", "\\,")
 
 
 def _folded(line: str) -> Iterator[str]:
-    """Yield a line in parts of at most 75 bytes, without cutting a character; every further part begins with a space."""
+    """Yield a line in parts of at most 75 bytes without splitting a character. Each part after the first begins with a space."""
     part, size = "", 0
     for character in line:
         width = len(character.encode())

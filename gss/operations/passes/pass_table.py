@@ -1,4 +1,4 @@
-"""Passes of the coming days over all ground stations, with their line budget, and as a calendar."""
+"""Passes of the coming days over the ground stations, with their line budgets."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from gss.store.models import Station
 
 MAX_DAYS = 14.0
 UNDER_WAY = timedelta(minutes=30)
-"""Passes that began this long ago are still searched for, so that one under way has its true rise."""
+"""The search begins this long ago, so that the rise of a pass in progress is correct."""
 
 
 @dataclass(frozen=True)
 class ComingPass:
-    """A pass, its station, and what the line can bring in it."""
+    """A pass, its station, and the data rate of the station's line."""
 
     at: OrbitPass
     station: Station
@@ -30,7 +30,7 @@ class ComingPass:
 
 @dataclass(frozen=True)
 class PassTable:
-    """Passes by rise. ``problem``: why there are none, "" otherwise."""
+    """Passes in order of rise. ``problem``: reason why they cannot be calculated, "" otherwise."""
 
     current: CurrentOrbit | None
     stations: Sequence[Station]
@@ -49,8 +49,8 @@ class PassService:
         self._spacecraft, self._stations, self._budgets, self._now = spacecraft, stations, budgets, now
 
     def coming(self, days: float, station_id: int | None = None) -> PassTable:
-        """Return the passes under way or beginning within ``days``. Raises BadInput for other days than 0 to 14, NotFound for an
-        unknown station. A missing or outdated orbit is a problem of the table, not an error."""
+        """Return the passes that are in progress or begin within ``days``. Raises BadInput unless 0 < ``days`` ≤ 14, NotFound
+        for an unknown station. A missing or outdated orbit is reported in ``problem`` and does not raise."""
         if not 0 < days <= MAX_DAYS:
             raise BadInput("days are out of range", expected=f"above 0, at most {MAX_DAYS:g}", got=f"{days:g}")
         now = self._now()
@@ -66,13 +66,13 @@ class PassService:
         return PassTable(current, stations, sorted(passes, key=lambda coming_pass: coming_pass.at.rise), "", now, days)
 
     def at(self, station_id: int, moment: datetime) -> ComingPass:
-        """Return the pass over a station at a time. Raises BadInput if the spacecraft is not in view then, Conflict without an
-        orbit."""
+        """Return the pass over a station at a time. Raises BadInput if the spacecraft is not in view at that time, Conflict if
+        there is no orbit."""
         current, row = self._spacecraft.require(), self._stations.get(station_id)
         start = moment - UNDER_WAY
-        for found_pass in find_passes(current.orbit, ground_station(row), start, moment + UNDER_WAY):
-            if found_pass.rise <= moment + timedelta(seconds=1) and found_pass.set >= moment:
-                return ComingPass(found_pass, row, self._budgets.of(row))
+        for orbit_pass in find_passes(current.orbit, ground_station(row), start, moment + UNDER_WAY):
+            if orbit_pass.rise <= moment + timedelta(seconds=1) and orbit_pass.set >= moment:
+                return ComingPass(orbit_pass, row, self._budgets.of(row))
         raise BadInput(
             f"{current.row.spacecraft} is not in view of {row.name} at that time",
             expected="a time within a pass",
@@ -82,5 +82,5 @@ class PassService:
 
     def _over(self, current: CurrentOrbit, row: Station, now: datetime, days: float) -> list[ComingPass]:
         budget = self._budgets.of(row)
-        station_passes = find_passes(current.orbit, ground_station(row), now - UNDER_WAY, now + timedelta(days=days))
-        return [ComingPass(station_pass, row, budget) for station_pass in station_passes if station_pass.set > now]
+        orbit_passes = find_passes(current.orbit, ground_station(row), now - UNDER_WAY, now + timedelta(days=days))
+        return [ComingPass(orbit_pass, row, budget) for orbit_pass in orbit_passes if orbit_pass.set > now]

@@ -1,5 +1,5 @@
-"""Items of a pass plan: a procedure, a stack, a download or an upload. Each is started once, followed, paused and stopped
-through the service that owns it."""
+"""Items of a pass plan: a procedure, a stack, a download or an upload. Each item is started once. The service of its kind
+starts, pauses and stops it and reports its state."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ ItemKind = Literal["procedure", "stack", "download", "upload"]
 ItemState = Literal["waiting", "starting", "running", "done", "failed", "stopped", "unknown"]
 MAX_ITEMS = 50
 MAX_ITEM_S = 86_400.0
-BROUGHT = ("committed", "active", "done")
-BROKEN = ("failed", "aborted")
+TRANSFER_COMPLETE = ("committed", "active", "done")
+TRANSFER_FAILED = ("failed", "aborted")
 
 
 @dataclass(frozen=True)
 class PlanItem:
-    """``content``: kind of a download, with its ``slot`` or ``bank``; ``catalogue_id`` and ``bank``: of an upload.
-    ``reviewed_sha256``: of the procedure or stack as it was when the plan was armed. ``started_id``: number of the run or
-    transfer. Times are ISO 8601."""
+    """An item of a pass plan. ``content``: kind of a download, with its ``slot`` or ``bank``. ``catalogue_id`` and ``bank``:
+    catalogue and destination of an upload. ``reviewed_sha256``: hash of the procedure or stack when the plan was armed.
+    ``started_id``: id of the run or transfer. ``started``, ``finished``: ISO 8601."""
 
     kind: ItemKind
     title: str
@@ -51,14 +51,14 @@ class PlanItem:
     finished: str = ""
 
     def at(self, state: ItemState, now: datetime, detail: str = "") -> PlanItem:
-        """Return the item in another state, with the time of its start or end."""
+        """Return the item with another state and the time of its start or end."""
         began = now.isoformat() if state == "starting" else self.started
         ended = now.isoformat() if state in ("done", "failed", "stopped", "unknown") else ""
         return replace(self, state=state, detail=detail, started=began, finished=ended)
 
 
 class ItemControl:
-    """Checks and controls items. ``permits``: raises NotPermitted unless the user has a permission."""
+    """Checks and controls items. ``permits``: raises NotPermitted if a user does not have a permission."""
 
     def __init__(
         self,
@@ -76,7 +76,8 @@ class ItemControl:
         self._transfers, self._catalogues, self._permits = transfers, catalogues, permits
 
     def checked(self, item: PlanItem) -> PlanItem:
-        """Return the item with its title. Raises BadInput or NotFound if it names nothing that exists."""
+        """Return the item with its title. Raises BadInput if the item is not valid, NotFound if its procedure, stack or
+        catalogue does not exist."""
         if not 0 < item.estimated_s <= MAX_ITEM_S:
             raise BadInput(
                 "the estimated duration is out of range",
@@ -92,8 +93,8 @@ class ItemControl:
         if item.kind == "upload" and item.catalogue_id is not None and item.bank:
             return replace(item, title=f"Upload {self._catalogues.get(item.catalogue_id).name} to bank {item.bank}")
         if item.kind == "download" and item.content and (item.slot is None) != (item.bank is None):
-            place = f"slot {item.slot}" if item.bank is None else f"bank {item.bank}"
-            return replace(item, title=f"Download {item.content.replace('_', ' ')} of {place}")
+            source = f"slot {item.slot}" if item.bank is None else f"bank {item.bank}"
+            return replace(item, title=f"Download {item.content.replace('_', ' ')} of {source}")
         raise BadInput(
             f"an item of kind {item.kind} is not complete",
             expected="procedure_id; or stack_id; or content with slot or bank; or catalogue_id with bank",
@@ -101,8 +102,8 @@ class ItemControl:
         )
 
     def confirm(self, items: Sequence[PlanItem], *, user: str) -> list[str]:
-        """Return the names to type before a plan is armed. Raises NotPermitted if the user may not do one of the items, NotFound
-        if one no longer exists."""
+        """Return the names that the user must type before a plan is armed. Raises NotPermitted if the user does not have the
+        permission for an item, NotFound if an item's procedure or stack no longer exists."""
         names: dict[str, None] = {}
         for item in items:
             self.require(item, user)
@@ -114,11 +115,13 @@ class ItemControl:
         return list(names)
 
     def reviewed(self, item: PlanItem) -> PlanItem:
-        """Return the item with the hash of what the user reviews by arming the plan; only this is run."""
+        """Return the item with the hash of its procedure or stack, which the user reviews before arming the plan. An item with a
+        different hash is not started."""
         return replace(item, reviewed_sha256=self._hash(item))
 
     def _hash(self, item: PlanItem) -> str:
-        """Return the SHA-256 of the procedure's text or the stack's steps; "" for a transfer, whose content has its own."""
+        """Return the SHA-256 of the procedure's text or the stack's steps. Return "" for a transfer, because its content has a
+        hash already."""
         if item.procedure_id is not None:
             content = self._procedures.get(item.procedure_id).text
         elif item.stack_id is not None:
@@ -128,7 +131,7 @@ class ItemControl:
         return hashlib.sha256(content.encode()).hexdigest()
 
     def require(self, item: PlanItem, user: str) -> None:
-        """Raise NotPermitted unless the user may do the item."""
+        """Raise NotPermitted if the user does not have the permissions for the item."""
         self._permits(user, "passes")
         if item.procedure_id is not None:
             self._permits(user, "procedures")
@@ -140,13 +143,13 @@ class ItemControl:
             self._permits(user, permission_of(item.content) if item.kind == "download" else "catalogues.upload")
 
     def start(self, item: PlanItem, confirm: Sequence[str], *, user: str) -> int:
-        """Start an item and return the number of its run or transfer. Raises Conflict if its procedure or stack is not the one
-        that was armed, and GssError if it cannot start."""
+        """Start an item and return the id of its run or transfer. Raises Conflict if its procedure or stack was changed after
+        the plan was armed, GssError if the item cannot start."""
         self.require(item, user)
         if item.reviewed_sha256 != self._hash(item):
             raise Conflict(
                 f"{item.title} was changed after the plan was armed",
-                hint="Review it, then make and arm a new plan.",
+                hint="Review it, then create and arm a new plan.",
             )
         if item.procedure_id is not None:
             return self._procedure_runs.begin(item.procedure_id, user=user, automatic=True, confirmed=confirm).id
@@ -157,7 +160,7 @@ class ItemControl:
         return self._downloads.start(item.content, slot=item.slot, bank=item.bank).row.id
 
     def state(self, item: PlanItem) -> tuple[ItemState, str]:
-        """Return the state of a started item, and why it failed or what it waits for."""
+        """Return the state of a started item, and the reason for its failure or the action that it waits for."""
         if item.started_id is None:
             return "unknown", "its start was not recorded"
         if item.kind == "procedure":
@@ -168,18 +171,18 @@ class ItemControl:
                 return "running", ""
             return ("done", "") if run.state == "completed" else ("failed", run.reason or run.state)
         row = self._transfers.get(item.started_id).row
-        if row.state in BROUGHT or (row.state == "verified" and row.direction == "down"):
+        if row.state in TRANSFER_COMPLETE or (row.state == "verified" and row.direction == "down"):
             return "done", ""
-        return ("failed", row.reason or row.state) if row.state in BROKEN else ("running", "")
+        return ("failed", row.reason or row.state) if row.state in TRANSFER_FAILED else ("running", "")
 
     def _state_of_procedure(self, run_id: int) -> tuple[ItemState, str]:
         row, waiting = self._procedure_runs.state(run_id)
         if row.state == "running":
-            return "running", f"step {waiting} waits for a person on the page Procedures" if waiting else ""
+            return "running", f"step {waiting} waits for an operator on the page Procedures" if waiting else ""
         return ("done", "") if row.state == "completed" else ("failed", row.reason or row.state)
 
     def pause(self, item: PlanItem, *, user: str) -> None:
-        """Send nothing more for the item; what has ended meanwhile stays as it ended."""
+        """Pause a started item. An item that has already ended is not changed."""
         if item.started_id is not None:
             with contextlib.suppress(GssError):
                 if item.kind == "procedure":
@@ -201,15 +204,15 @@ class ItemControl:
             self._transfers.resume(item.started_id)
 
     def interrupt(self, item: PlanItem, reason: str) -> str:
-        """End the procedure run that a restart of the server found in progress, so that a person can resume it and another
-        procedure can start. Return what to do about the item."""
+        """Mark a procedure run that was in progress when the server restarted as interrupted. An operator can then resume the
+        run, and another procedure can start. Return an instruction for the operator, "" for items of other kinds."""
         if item.kind != "procedure" or item.started_id is None:
             return ""
         self._procedure_runs.interrupt(item.started_id, reason)
         return f"run {item.started_id} was interrupted; resume it on the page Procedures"
 
     def stop(self, item: PlanItem, *, user: str) -> None:
-        """End a run; pause a transfer, whose stored chunks are kept."""
+        """Stop a run. A transfer is paused instead, because its stored chunks remain usable."""
         if item.started_id is None:
             return
         with contextlib.suppress(GssError):

@@ -1,8 +1,8 @@
-"""Carries out armed pass plans: starts at acquisition of signal, pauses at loss of signal, continues in the next pass if the plan
-says so, and ends at ABORT, at an item that fails, or when a user stops it.
+"""Execution of armed pass plans. A plan starts at acquisition of signal and pauses at loss of signal. If ``resume`` is set, it
+continues in the next pass. It ends at ABORT, when an item fails, or when a user stops it.
 
-Each item is stored as *starting* before it is started. An item that a restart of the server finds in that state, or running, is
-*unknown*: the plan stops, and nothing is sent again.
+Each item is stored as *starting* before it is started. If the server restarts while an item is *starting* or *running*, the item
+becomes *unknown* and the plan stops. Nothing is sent again.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from gss.operations.passes.plans import ACTIVE, PlanService, items_of
 from gss.store.models import PassPlan
 
 SIGNAL_S = 5.0
-"""A signal is present while the last good packet is younger; units report every second."""
+"""A signal is present if the last good packet is not older than this. Units send a packet every second."""
 EARLY = timedelta(minutes=2)
-"""A signal this long before the predicted rise belongs to the pass: predictions and horizons are not exact."""
+"""A signal up to this long before the predicted rise belongs to the pass, because predictions and horizons are not exact."""
 NEXT_DAYS = 7.0
 IN_PROGRESS = ("starting", "running")
-RESTARTED = "the server restarted while an item was in progress; check the unit and make a new plan"
+RESTARTED = "the server restarted while an item was in progress; check the unit and create a new plan"
 
 
 class PlanRunner:
-    """``tick`` runs once a second on the status thread; requests stop plans from their own threads."""
+    """Runs pass plans. The status thread calls ``tick`` once a second. Request threads call ``stop``."""
 
     def __init__(
         self,
@@ -49,21 +49,22 @@ class PlanRunner:
         self._aborts = commands.aborts
 
     def start(self) -> None:
-        """Stop plans with an item in progress when the last server ended; armed and waiting plans remain."""
+        """Stop the plans that had an item in progress when the previous server ended. Armed and waiting plans remain
+        active."""
         for row in self._plans.active():
             items = items_of(row)
             if any(item.state in IN_PROGRESS for item in items):
-                items = [self._left(item) if item.state in IN_PROGRESS else item for item in items]
+                items = [self._interrupted(item) if item.state in IN_PROGRESS else item for item in items]
                 self._end(row, items, "stopped", RESTARTED)
 
-    def _left(self, item: PlanItem) -> PlanItem:
-        """Return an item that the last server left in progress."""
+    def _interrupted(self, item: PlanItem) -> PlanItem:
+        """Interrupt an item that was in progress when the previous server ended, and return it as unknown."""
         return item.at(
             "unknown", self._now(), self._control.interrupt(item, "the server restarted during its pass plan")
         )
 
     def stop(self, plan_id: int, *, user: str, reason: str = "") -> PassPlan:
-        """Stop a plan: nothing more of it is sent. Raises Conflict if it is not active."""
+        """Stop a plan. No further item is started. Raises Conflict if the plan is not active."""
         with self._lock:
             row = self._plans.get(plan_id)
             if row.state not in ACTIVE:
@@ -71,7 +72,7 @@ class PlanRunner:
             return self._halt(row, "stopped", reason or f"stopped by {user}")
 
     def tick(self) -> None:
-        """Advance every active plan."""
+        """Advance all active plans."""
         with self._lock:
             aborts = self._commands.aborts
             for row in self._plans.active():
@@ -105,7 +106,7 @@ class PlanRunner:
         return self._link.connected and last_s is not None and self._link.monotonic_s() - last_s < SIGNAL_S
 
     def _begin(self, row: PassPlan) -> None:
-        """Start or continue a plan with the signal present."""
+        """Start or continue a plan after acquisition of signal."""
         first = row.started is None
         try:
             self._commands.check_user(row.armed_by)
@@ -120,7 +121,7 @@ class PlanRunner:
         self._follow(row)
 
     def _follow(self, row: PassPlan) -> None:
-        """Look at the item in progress, and start the next one when it is done."""
+        """Check the running item, and start the next item when it is done."""
         items = items_of(row)
         for k, item in enumerate(items):
             if item.state == "running":
@@ -141,7 +142,7 @@ class PlanRunner:
         self._end(row, items, "completed", "")
 
     def _start(self, row: PassPlan, items: list[PlanItem], index: int) -> None:
-        """Start an item. Its state is stored first, so that a restart never starts it twice."""
+        """Start an item. The state *starting* is stored first, so that a restart of the server does not start the item twice."""
         items[index] = items[index].at("starting", self._now())
         self._plans.change(row.id, items)
         try:
@@ -153,7 +154,7 @@ class PlanRunner:
             return
         items[index] = PlanItem(**{**vars(items[index]), "state": "running", "started_id": started_id})
         row = self._plans.change(row.id, items)
-        if self._commands.aborts != self._aborts:  # ABORT came between the check and the start
+        if self._commands.aborts != self._aborts:  # ABORT was sent between the check in tick and the start
             self._halt(row, "stopped", "ABORT was sent")
 
     def _pause(self, row: PassPlan, state: str, reason: str) -> None:
@@ -164,7 +165,7 @@ class PlanRunner:
         self._record(row, "watch", f"{state}: {reason}")
 
     def _over(self, row: PassPlan, reason: str) -> None:
-        """Continue in the next pass over the same station if the plan says so; else end."""
+        """Let the plan wait for the next pass over the same station if ``resume`` is set; otherwise end it."""
         if row.resume:
             try:
                 coming = self._table.coming(NEXT_DAYS, row.station_id).passes
@@ -179,7 +180,7 @@ class PlanRunner:
         self._halt(row, "missed" if row.started is None else "stopped", reason)
 
     def _halt(self, row: PassPlan, state: str, reason: str) -> PassPlan:
-        """End a plan and what it has in progress."""
+        """Stop the running item of a plan, then end the plan."""
         items = items_of(row)
         for k, item in enumerate(items):
             if item.state == "running":

@@ -1,4 +1,5 @@
-"""Pass plans: made for a pass, checked, armed by a user with authority, stopped by anyone. ``plan_runner`` carries them out."""
+"""Pass plans. A plan is created for a pass, checked, and armed by a user with command authority. Any user can stop it.
+``plan_runner`` executes plans."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ ACTIVE = store.ACTIVE
 
 
 class PlanService:
-    """Stores plans, and changes their state durably before anything is sent."""
+    """Stores plans. Each change of state is stored before a command is sent."""
 
     def __init__(
         self,
@@ -38,12 +39,12 @@ class PlanService:
         self._database, self._bus, self._now = database, bus, now
 
     def newest(self, limit: int) -> list[PassPlan]:
-        """Return the newest plans first."""
+        """Return the latest plans, newest first."""
         with self._database.unit_of_work() as session:
             return store.newest_plans(session, limit)
 
     def active(self) -> list[PassPlan]:
-        """Return the plans that are armed or in progress, by rise."""
+        """Return the plans that are armed or in progress, in order of rise."""
         with self._database.unit_of_work() as session:
             return store.active_plans(session)
 
@@ -55,7 +56,7 @@ class PlanService:
     def create(
         self, name: str, station_id: int, at: datetime, items: Sequence[PlanItem], *, resume: bool, user: str
     ) -> PassPlan:
-        """Store a plan for the pass over a station at a time. Raises BadInput, NotFound or Conflict."""
+        """Store a plan for the pass over a station at time ``at``. Raises BadInput, NotFound or Conflict."""
         if not 1 <= len(items) <= MAX_ITEMS:
             raise BadInput("invalid number of items", expected=f"1 – {MAX_ITEMS}", got=str(len(items)))
         planned_pass, checked = self._table.at(station_id, at), [self._control.checked(item) for item in items]
@@ -80,7 +81,7 @@ class PlanService:
         return row
 
     def delete(self, plan_id: int) -> None:
-        """Delete a plan that was never armed. Raises Conflict for any other: it is part of the record."""
+        """Delete a plan that was never armed. Raises Conflict for other plans, because they are part of the record."""
         row = self.get(plan_id)
         if row.state != "draft":
             raise Conflict("only a draft can be deleted", expected="draft", got=row.state)
@@ -88,7 +89,7 @@ class PlanService:
             store.delete_plan(session, row)
 
     def problems(self, row: PassPlan) -> list[str]:
-        """Return every reason why a plan cannot be armed now."""
+        """Return all reasons why a plan cannot be armed now."""
         needed_s, length_s = sum(item.estimated_s for item in items_of(row)), (row.set - row.rise).total_seconds()
         problem_texts = []
         if needed_s > length_s and not row.resume:
@@ -96,7 +97,7 @@ class PlanService:
                 f"The items need {needed_s:.0f} s, the pass has {length_s:.0f} s. Remove items, or continue in the next pass."
             )
         if row.set <= self._now():
-            problem_texts.append("The pass is over. Make a plan for a coming pass.")
+            problem_texts.append("The pass is over. Create a plan for a coming pass.")
         current = self._spacecraft.current()
         if current is None or not current.plannable:
             problem_texts.append(current.advice if current else "No orbit was imported.")
@@ -108,15 +109,17 @@ class PlanService:
         return problem_texts
 
     def to_confirm(self, row: PassPlan, *, user: str) -> list[str]:
-        """Return the names to type before the plan is armed. Raises NotPermitted if the user may not do one of the items."""
+        """Return the names that the user must type before the plan is armed. Raises NotPermitted if the user does not have the
+        permission for an item."""
         return self._control.confirm(items_of(row), user=user)
 
     def arm(self, plan_id: int, confirm: Sequence[str], *, user: str) -> PassPlan:
-        """Arm a draft: it starts with the first good packet of its pass. The user takes or needs command authority. Raises
-        Conflict with the first problem, BadInput with the names that must still be typed, NotPermitted."""
+        """Arm a draft. It starts at the first good packet of its pass. If no user has command authority, the user takes it.
+        Raises Conflict with the first problem or if another user has command authority, BadInput with the names that must still
+        be typed, NotPermitted."""
         row = self.get(plan_id)
         if row.state != "draft":
-            raise Conflict("only a draft can be armed", expected="draft", got=row.state, hint="Make a new plan.")
+            raise Conflict("only a draft can be armed", expected="draft", got=row.state, hint="Create a new plan.")
         items = [self._control.reviewed(item) for item in items_of(row)]
         missing = [name for name in self.to_confirm(row, user=user) if name not in confirm]
         problems = self.problems(row)
@@ -130,7 +133,7 @@ class PlanService:
         return row
 
     def change(self, plan_id: int, items: Sequence[PlanItem] | None = None, **values: Any) -> PassPlan:
-        """Store columns of a plan, and its items."""
+        """Change columns of a plan, and its items if given. Return the row."""
         with self._database.unit_of_work() as session:
             row = store.get_plan(session, plan_id)
             for name, value in values.items():

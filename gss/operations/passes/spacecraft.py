@@ -1,4 +1,4 @@
-"""The spacecraft that carries the unit: its orbit in use, with source and age, and the orbits before."""
+"""The spacecraft that carries the unit: its active orbit, with source and age, and its earlier orbits."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from gss.store.models import OrbitSet
 
 HISTORY = 20
 NEAREST = 5
-"""Imported orbits that are read for a time in the past."""
+"""Maximum number of imported orbits that are tried for a time in the past."""
 DAY = timedelta(days=1)
 WATCH_DAYS, WARNING_DAYS, REFUSED_DAYS = 3.0, 7.0, 14.0
-"""Age of a TLE in a low orbit: after three days times are off by about a second, after two weeks by up to a minute."""
+"""Ages of a TLE in days. In a low orbit the error of predicted times is about a second after three days and up to a minute
+after two weeks."""
 OrbitState = Literal["ok", "watch", "warning", "critical"]
 
 
 @dataclass(frozen=True)
 class CurrentOrbit:
-    """The orbit in use. ``state`` and ``advice``: whether it is recent enough, in words; ``plannable``: recent enough for arming
-    pass plans."""
+    """The active orbit. ``state`` and ``advice``: whether the orbit is recent enough, as a level and as a sentence."""
 
     row: OrbitSet
     orbit: Trajectory
@@ -38,12 +38,12 @@ class CurrentOrbit:
 
     @property
     def plannable(self) -> bool:
-        """True if pass plans may rely on it."""
+        """True if the orbit is recent enough for arming pass plans."""
         return self.state != "critical"
 
 
 class SpacecraftService:
-    """Stores orbits and returns the one in use."""
+    """Stores orbits and returns the active orbit, which is the one imported last."""
 
     def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
         self._database, self._bus, self._now = database, bus, now
@@ -51,12 +51,12 @@ class SpacecraftService:
         self._read: tuple[int, Trajectory] | None = None
 
     def name(self, otherwise: str) -> str:
-        """Return the name of the spacecraft of the orbit in use; another name if no orbit was imported."""
+        """Return the name of the spacecraft, or ``otherwise`` if no orbit was imported."""
         rows = self.history(1)
         return rows[0].spacecraft if rows else otherwise
 
     def current(self) -> CurrentOrbit | None:
-        """Return the orbit in use, with its age now; None if no orbit was imported."""
+        """Return the active orbit and its age, None if no orbit was imported."""
         rows = self.history(1)
         if not rows:
             return None
@@ -64,19 +64,19 @@ class SpacecraftService:
         return _judged(rows[0], orbit, self._now())
 
     def require(self) -> CurrentOrbit:
-        """As ``current``. Raises Conflict if no orbit was imported."""
+        """Return the active orbit. Raises Conflict if no orbit was imported."""
         orbit = self.current()
         if orbit is None:
             raise Conflict(
-                "the orbit of the spacecraft is not known",
+                "the orbit of the spacecraft is unknown",
                 expected="a TLE, an OMM or an OEM",
                 hint="Import one on the page Passes, or with gss passes orbit.",
             )
         return orbit
 
     def orbit_at(self, moment: datetime) -> tuple[str, Trajectory] | None:
-        """Return name and orbit of the spacecraft if an imported orbit is defined at that time, for the place of a frame; else
-        None. The one in use comes first, then those of the same spacecraft with the nearest epoch."""
+        """Return the name of the spacecraft and an imported orbit that is valid at a time, None if there is none. The active
+        orbit is preferred, then the orbit of the same spacecraft with the nearest epoch."""
         rows = self.history(1)
         if not rows:
             return None
@@ -92,13 +92,13 @@ class SpacecraftService:
         return None
 
     def history(self, limit: int = HISTORY) -> list[OrbitSet]:
-        """Return the newest orbits first."""
+        """Return the latest imported orbits, newest first."""
         with self._database.unit_of_work() as session:
             return store.newest_orbits(session, limit)
 
     def set(self, text: str, *, name: str, source: str, user: str) -> tuple[CurrentOrbit, ReadOrbit]:
-        """Read an orbit file and use it from now on. ``name``: of the spacecraft, "" for that in the file, else the name before.
-        Raises BadInput if the file is not valid or has no orbit near now."""
+        """Read an orbit file and make its orbit the active one. ``name``: name of the spacecraft; if it is "", the name in the
+        file or the previous name is used. Raises BadInput if the file is not valid or its orbit has expired."""
         read, now = read_orbit(text), self._now()
         if read.orbit.end <= now:
             raise BadInput(
@@ -133,7 +133,7 @@ class SpacecraftService:
 
 
 def _judged(row: OrbitSet, orbit: Trajectory, now: datetime) -> CurrentOrbit:
-    """Return the orbit with its age and what to do about it."""
+    """Return the orbit with its age and an advice."""
     age_days = (now - row.epoch) / DAY
     if row.kind == "oem":
         left_days = (orbit.end - now) / DAY

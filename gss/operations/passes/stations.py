@@ -1,4 +1,4 @@
-"""Ground stations: stored, checked, changed and deleted."""
+"""Store of ground stations: check, add, change and delete them."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ MAX_STATIONS = 50
 
 
 class StationService:
-    """Stores ground stations. ``line_url`` and ``line_baud``: see the row."""
+    """Stores ground stations. :class:`Station` describes ``line_url`` and ``line_baud``."""
 
     def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
         self._database, self._bus, self._now = database, bus, now
 
     def every(self) -> list[Station]:
-        """Return all stations by name."""
+        """Return all stations, sorted by name."""
         with self._database.unit_of_work() as session:
             return store.every_station(session)
 
@@ -33,7 +33,7 @@ class StationService:
             return store.get_station(session, station_id)
 
     def create(self, station: GroundStation, line_url: str, line_baud: int, note: str, *, user: str) -> Station:
-        """Store a new station. Raises BadInput naming the invalid number, Conflict if the name is in use."""
+        """Store a new station. Raises BadInput that names the invalid value, Conflict if the name is already used."""
         checked, url = _named(checked_station(station)), checked_url(line_url)
         with self._database.unit_of_work() as session:
             self._check_name(store.station_named(session, checked.name), None)
@@ -42,7 +42,7 @@ class StationService:
             row = Station(
                 name=checked.name, line_url=url, line_baud=line_baud, note=note, user=user, changed=self._now()
             )
-            _place(row, checked)
+            _set_position(row, checked)
             store.add(session, row)
         self._bus.record("pass", "ok", f"{user} added the ground station {row.name}")
         return row
@@ -50,14 +50,14 @@ class StationService:
     def change(
         self, station_id: int, station: GroundStation, line_url: str, line_baud: int, note: str, *, user: str
     ) -> Station:
-        """Replace all values of a station. Raises as ``create``, and NotFound."""
+        """Replace all values of a station. Raises NotFound, and BadInput and Conflict as :meth:`create` does."""
         checked, url = _named(checked_station(station)), checked_url(line_url)
         with self._database.unit_of_work() as session:
             row = store.get_station(session, station_id)
             self._check_name(store.station_named(session, checked.name), row)
             row.name, row.line_url, row.line_baud, row.note = checked.name, url, line_baud, note
             row.user, row.changed = user, self._now()
-            _place(row, checked)
+            _set_position(row, checked)
         self._bus.record("pass", "ok", f"{user} changed the ground station {row.name}")
         return row
 
@@ -79,13 +79,13 @@ class StationService:
 
 
 def ground_station(row: Station) -> GroundStation:
-    """Return a stored station for calculations."""
+    """Return a stored station as a GroundStation for calculations."""
     mask = tuple((float(azimuth), float(elevation)) for azimuth, elevation in row.mask)
     return GroundStation(row.name, row.latitude_rad, row.longitude_rad, row.height_m, row.min_elevation_rad, mask)
 
 
 def checked_url(url: str) -> str:
-    """Return the address of a line, "" if none is given. Raises BadInput."""
+    """Return the address of a line without spaces around it, "" if it is empty. Raises BadInput if it is not valid."""
     address = url.strip()
     if address:
         parse_line_address(address)
@@ -95,10 +95,10 @@ def checked_url(url: str) -> str:
 def _named(station: GroundStation) -> GroundStation:
     name = " ".join(station.name.split())
     if not 0 < len(name) <= 60:
-        raise BadInput("the ground station has no name", expected="1 – 60 characters", got=str(len(name)))
+        raise BadInput("the name of the ground station is not valid", expected="1 – 60 characters", got=str(len(name)))
     return replace(station, name=name)
 
 
-def _place(row: Station, station: GroundStation) -> None:
+def _set_position(row: Station, station: GroundStation) -> None:
     row.latitude_rad, row.longitude_rad, row.height_m = station.latitude_rad, station.longitude_rad, station.height_m
     row.min_elevation_rad, row.mask = station.min_elevation_rad, [list(point) for point in station.mask]

@@ -1,1 +1,1 @@
-"""Procedures: Markdown files of steps that are checked, run by people, and recorded."""
+"""Procedures: Markdown files with steps. They are checked, run by operators, and recorded."""

@@ -1,4 +1,4 @@
-"""Evaluates the conditions of procedures with the newest telemetry."""
+"""Evaluation of the conditions of procedures with the latest telemetry."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ Values = dict[str, float | bool | str | None]
 
 
 class Conditions:
-    """Telemetry as conditions see it: the newest packet of each kind, missing where it is stale."""
+    """Evaluates conditions with the latest packet of each kind. Values of stale packets are missing."""
 
     def __init__(self, telemetry: TelemetryService) -> None:
         self._telemetry = telemetry
 
     def evaluate(self, text: str, at: datetime) -> tuple[Evaluation, Values]:
-        """Return the result of a condition, and the values that it used. Raises BadInput."""
+        """Return the result of a condition at a time, and the values that it used. Raises BadInput if the text is not valid."""
         expression = parse(text)
         definitions = self._telemetry.derived
         fresh_s = {r.packet: definitions.packet(r.packet).stale_after_s for r in expression.references}

@@ -1,4 +1,5 @@
-"""The file of a procedure: Markdown whose headings of level 2 are steps, each with at most one fenced block of an action.
+"""Reader of procedure files. A procedure is a Markdown file. Each heading of level 2 is a step, which has at most one fenced block
+with an action.
 
     ## cool: Cool the detector
     Text for the operator.
@@ -8,10 +9,10 @@
     else: stop
     ```
 
-Blocks: ``check`` (an expression; ``within:`` waits for it, ``else:`` names the step to continue at if it is false), ``command``
-(NAME argument=value …), ``wait`` (a duration), ``question`` (the question, then ``answer: step`` lines), ``hold`` (what a second
-person confirms), ``sign`` (what is signed) and ``branch`` (``if expression: step`` lines, then ``else: step``). A target is a step,
-``next`` or ``end``.
+Blocks: ``check`` (an expression; ``within:`` is the time to wait until it is true, ``else:`` the next step if it is false),
+``command`` (NAME argument=value …), ``wait`` (a duration), ``question`` (the question, then ``answer: step`` lines), ``hold`` (a
+statement that a second person confirms), ``sign`` (a statement that is signed) and ``branch`` (``if expression: step`` lines, then
+``else: step``). A target is the name of a step, ``next`` or ``end``.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ _MARKDOWN = MarkdownIt("commonmark", {"html": False})
 
 @dataclass(frozen=True)
 class Mistake:
-    """A mistake of a procedure. ``line``: 1 for the first."""
+    """A mistake in a procedure. ``line``: line number, starting at 1."""
 
     line: int
     text: str
@@ -48,7 +49,7 @@ class Mistake:
 
 @dataclass(frozen=True)
 class Branch:
-    """A target of a step. ``when``: the expression, answer or "else" that leads there."""
+    """A target of a step. ``when``: expression, answer or "else" that selects the target."""
 
     when: str
     target: str
@@ -56,8 +57,9 @@ class Branch:
 
 @dataclass(frozen=True)
 class ProcedureStep:
-    """One step. ``words``: expression, command line, question or statement of its action; ``seconds``: of a wait, or how long a
-    check waits; ``branches``: where it leads other than to the next step. ``line``: of its heading; ``at``: of its action."""
+    """One step. ``words``: expression, command line, question or statement of its action. ``seconds``: duration of a wait, or the
+    time for which a check waits. ``branches``: targets other than the next step. ``line``: line of its heading. ``at``: line of
+    its action."""
 
     id: str
     title: str
@@ -70,18 +72,18 @@ class ProcedureStep:
     at: int = 0
 
     def targets(self) -> tuple[str, ...]:
-        """Every place that the step can lead to."""
-        named = tuple(branch.target for branch in self.branches)
-        return named if self.kind in ("question", "branch") else (NEXT, *named)
+        """Return all possible targets of the step."""
+        branch_targets = tuple(branch.target for branch in self.branches)
+        return branch_targets if self.kind in ("question", "branch") else (NEXT, *branch_targets)
 
     def target(self, when: str) -> str:
-        """Return the target of an expression or answer; ``next`` if the step does not name it."""
+        """Return the target of an expression or answer. Return ``next`` if the step has no branch for it."""
         return next((branch.target for branch in self.branches if branch.when == when), NEXT)
 
 
 @dataclass(frozen=True)
 class ProcedureDocument:
-    """A procedure as it was read. ``mistakes``: what cannot be read; its steps may then be incomplete."""
+    """Content of a procedure file. ``mistakes``: parts that cannot be read. If there are any, the steps can be incomplete."""
 
     title: str
     introduction: str
@@ -89,14 +91,14 @@ class ProcedureDocument:
     mistakes: tuple[Mistake, ...]
 
     def step(self, step_id: str) -> ProcedureStep:
-        """Return the step of that name. Raises BadInput."""
+        """Return the step with this id. Raises BadInput if there is none."""
         for step in self.steps:
             if step.id == step_id:
                 return step
         raise BadInput("The procedure has no such step", got=step_id)
 
     def after(self, step: ProcedureStep, target: str) -> str | None:
-        """Return the id of the step that a target of a step means; None at the end."""
+        """Return the id of the step that a target of ``step`` refers to, None for the end of the procedure."""
         if target == END:
             return None
         if target != NEXT:
@@ -107,17 +109,17 @@ class ProcedureDocument:
 
 @dataclass
 class _Section:
-    """A heading with the text and the blocks below it."""
+    """A heading with the action blocks below it. ``line``, ``end``: index of its first line, and of the line after its last."""
 
     heading: str
     line: int
     end: int = 0
     blocks: list[tuple[str, str, int, int]] = field(default_factory=list)
-    """(kind, content, first line, line behind it) of each action."""
+    """(kind, content, index of the first line, index of the line after the last) of each action."""
 
 
 def read_procedure(text: str) -> ProcedureDocument:
-    """Read a procedure; every mistake is reported with its line. Raises BadInput for a text that is too long."""
+    """Read a procedure. The result contains all mistakes with their lines. Raises BadInput if the text is too long."""
     if len(text) > MAX_CHARACTERS:
         raise BadInput("The procedure is too long", expected=f"at most {MAX_CHARACTERS} characters", got=str(len(text)))
     lines = text.splitlines()
@@ -134,7 +136,7 @@ def read_procedure(text: str) -> ProcedureDocument:
 
 
 def _sections(text: str, count: int) -> tuple[str, tuple[int, int], list[_Section]]:
-    """Return the title, the lines of the introduction, and the sections of level 2."""
+    """Return the title, the range of lines of the introduction, and the sections of level 2."""
     title, title_end = "", 0
     sections: list[_Section] = []
     tokens = _MARKDOWN.parse(text)
@@ -152,8 +154,8 @@ def _sections(text: str, count: int) -> tuple[str, tuple[int, int], list[_Sectio
     return title, (title_end, sections[0].line if sections else count), sections
 
 
-def _prose(lines: Sequence[str], start: int, end: int, leave: tuple[int, int] = (0, 0)) -> str:
-    prose_lines = [line for k, line in enumerate(lines[start:end], start) if not leave[0] <= k < leave[1]]
+def _prose(lines: Sequence[str], start: int, end: int, skip: tuple[int, int] = (0, 0)) -> str:
+    prose_lines = [line for k, line in enumerate(lines[start:end], start) if not skip[0] <= k < skip[1]]
     return "\n".join(prose_lines).strip()
 
 
@@ -168,7 +170,7 @@ def _step(section: _Section, lines: Sequence[str], mistakes: list[Mistake]) -> P
     if step_id in (NEXT, END):
         mistakes.append(Mistake(section.line + 1, f"A step cannot be named {step_id}: it is a target."))
     if len(section.blocks) > 1:
-        mistakes.append(Mistake(section.blocks[1][2] + 1, "A step has one action: begin a new step for this one."))
+        mistakes.append(Mistake(section.blocks[1][2] + 1, "A step has one action: begin a new step for this action."))
     if not section.blocks:
         return ProcedureStep(step_id, title, _prose(lines, section.line + 1, section.end), "text", section.line + 1)
     kind, content, start, end = section.blocks[0]
@@ -182,7 +184,7 @@ def _step(section: _Section, lines: Sequence[str], mistakes: list[Mistake]) -> P
 
 
 def _with_action(bare: ProcedureStep, lines: Sequence[str]) -> ProcedureStep:
-    """Return the step with its action. Raises BadInput."""
+    """Return the step with its action. Raises BadInput if a line of the block cannot be read."""
     if not lines:
         raise BadInput(f"The {bare.kind} block is empty")
     action, seconds, branches = lines[0], 0.0, [*_branches(bare, lines)]
@@ -216,7 +218,7 @@ def _branches(step: ProcedureStep, lines: Sequence[str]) -> list[Branch]:
     if step.kind == "question" and not branches:
         raise BadInput("The question has no answers", expected="answer: step lines below it")
     if step.kind == "branch" and (branches[-1].when != "else" or any(b.when == "else" for b in branches[:-1])):
-        raise BadInput("The branch does not end with its else", expected="else: step as the last line")
+        raise BadInput("The branch does not end with an else line", expected="else: step as the last line")
     if step.kind == "branch" and not all(b.when.startswith("if ") for b in branches[:-1]):
         raise BadInput("The branch has a line that cannot be read", expected="if expression: step")
     if len({b.when for b in branches}) != len(branches):
@@ -225,13 +227,11 @@ def _branches(step: ProcedureStep, lines: Sequence[str]) -> list[Branch]:
 
 
 def seconds_of(text: str) -> float:
-    """Return a duration such as ``90 s``, ``1.5 min`` or ``1 h`` in seconds. Raises BadInput."""
+    """Parse a duration such as ``90 s``, ``1.5 min`` or ``1 h`` and return it in seconds. Raises BadInput."""
     duration_match = DURATION.fullmatch(text.strip())
     seconds = float(duration_match["number"]) * SECONDS[duration_match["unit"]] if duration_match else 0.0
     if not 0 < seconds <= MAX_S:
-        raise BadInput(
-            "The duration cannot be used", expected="for example 90 s, 1.5 min or 1 h, at most 24 h", got=text
-        )
+        raise BadInput("The duration is not valid", expected="for example 90 s, 1.5 min or 1 h, at most 24 h", got=text)
     return seconds
 
 

@@ -1,4 +1,4 @@
-"""Stores procedures and checks them; those of the unit's instrument package are offered too."""
+"""Store of procedures, and checks of their texts. The procedures of the unit's instrument package are also available."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from gss.store.models import Procedure
 
 @dataclass(frozen=True)
 class ProcedureCheck:
-    """A procedure as it was read, and its mistakes; it can start if it has none."""
+    """Content of a procedure and its mistakes. A procedure without mistakes can start."""
 
     document: ProcedureDocument
     mistakes: Sequence[Mistake]
 
 
 class ProcedureService:
-    """Stores procedures. ``definitions``: telemetry that conditions may refer to."""
+    """Stores procedures. ``definitions``: telemetry fields that conditions can refer to."""
 
     def __init__(
         self, link: LinkService, unit: Instrument, definitions: TelemetryDefinitions, database: Database, now: Now
@@ -35,12 +35,12 @@ class ProcedureService:
         self._database, self._now = database, now
 
     def every(self) -> list[Procedure]:
-        """Return all stored procedures by name."""
+        """Return all stored procedures, sorted by name."""
         with self._database.unit_of_work() as session:
             return store.every(session)
 
     def of_package(self) -> dict[str, str]:
-        """Return the texts of the procedures in the package of the unit on the line, by file name."""
+        """Return the procedures in the unit's instrument package: file name to text."""
         return dict(self._unit.procedures)
 
     def get(self, procedure_id: int) -> Procedure:
@@ -49,12 +49,12 @@ class ProcedureService:
             return store.get(session, procedure_id)
 
     def check(self, text: str) -> ProcedureCheck:
-        """Return what a text contains and its mistakes. Raises BadInput if it is too long."""
+        """Read and check the text of a procedure. Raises BadInput if it is too long."""
         document = read_procedure(text)
         return ProcedureCheck(document, mistakes_of(document, self._link.roles.operations, self._definitions))
 
     def valid(self, procedure: Procedure) -> ProcedureDocument:
-        """Return a stored procedure for a run. Raises BadInput with its first mistake."""
+        """Return the content of a stored procedure for a run. Raises BadInput with the first mistake."""
         checked = self.check(procedure.text)
         if checked.mistakes:
             first = checked.mistakes[0]
@@ -66,7 +66,8 @@ class ProcedureService:
         return checked.document
 
     def create(self, text: str, *, user: str) -> Procedure:
-        """Store a procedure under its title; mistakes are allowed until it starts. Raises BadInput, Conflict."""
+        """Store a procedure with its title as the name. The text can have mistakes, but must be correct before it starts. Raises
+        BadInput, Conflict."""
         row = Procedure(name=self._name(text), text=text, author=user, changed=self._now())
         with self._database.unit_of_work() as session:
             self._check_free(store.named(session, row.name), None)
@@ -74,7 +75,7 @@ class ProcedureService:
         return row
 
     def change(self, procedure_id: int, text: str, *, user: str) -> Procedure:
-        """Replace the text of a procedure; runs keep theirs. Raises NotFound, BadInput, Conflict."""
+        """Replace the text of a procedure. Existing runs keep their copies of the text. Raises NotFound, BadInput, Conflict."""
         with self._database.unit_of_work() as session:
             row = store.get(session, procedure_id)
             name = self._name(text)
@@ -83,7 +84,7 @@ class ProcedureService:
         return row
 
     def delete(self, procedure_id: int) -> None:
-        """Delete a procedure; the records of its runs are kept. Raises NotFound."""
+        """Delete a procedure. The records of its runs remain stored. Raises NotFound."""
         with self._database.unit_of_work() as session:
             store.delete(session, procedure_id)
 
@@ -92,7 +93,7 @@ class ProcedureService:
         title = read_procedure(text).title
         if not 1 <= len(title) <= 80:
             raise BadInput(
-                "The procedure has no title that can be its name",
+                "The title of the procedure is missing or too long",
                 expected="a first line “# Title” of 1 – 80 characters",
                 got=f"{len(title)} characters",
             )

@@ -1,4 +1,4 @@
-"""The rows of procedure runs: every change is stored and published, and a run that ended is frozen under its hash."""
+"""Records of procedure runs. Each change is stored and published. At the end of a run, the hash of its record is stored."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from gss.store.models import Procedure, ProcedureRun
 
 EntryState = Literal["sending", "running", "done", "failed", "skipped"]
 INTERRUPTED = "interrupted"
-"""State of a run that ended without a person's decision and can be resumed in its current step."""
+"""State of a run that ended without a decision of an operator. It can be resumed at its current step."""
 FORMAT, VERSION = "gss-procedure-record", 1
 
 
 @dataclass(frozen=True)
 class StepEntry:
-    """A step as it was run. ``by``: who ran it; ``detail``: result or reason; ``values``: the telemetry that a condition used;
-    ``due``: when a wait ends at the latest. Times are ISO 8601, UTC."""
+    """Record of a step that was run. ``by``: user who ran it. ``detail``: result or reason. ``values``: telemetry values that a
+    condition used. ``due``: time at which a wait or a check ends at the latest. Times are ISO 8601, UTC."""
 
     step: str
     title: str
@@ -50,7 +50,7 @@ def entries_of(row: ProcedureRun) -> list[StepEntry]:
 
 
 def open_entry(row: ProcedureRun) -> StepEntry | None:
-    """Return the entry that is under way; None if the run waits for a person."""
+    """Return the entry of the step in progress, None if no step is in progress."""
     entries = entries_of(row)
     return entries[-1] if entries and entries[-1].state in ("sending", "running") else None
 
@@ -77,7 +77,7 @@ def record_bytes(row: ProcedureRun) -> bytes:
 
 
 def is_intact(row: ProcedureRun) -> bool:
-    """True if an ended run's record still has the hash under which it was frozen."""
+    """True if the record of an ended run still has the hash that was stored at its end."""
     return row.sha256 == hashlib.sha256(record_bytes(row)).hexdigest()
 
 
@@ -90,7 +90,7 @@ class ProcedureRecorder:
     def begin(
         self, procedure: Procedure, first: str, instrument: str, contact_id: int | None, user: str, automatic: bool
     ) -> ProcedureRun:
-        """Store a new run."""
+        """Store a new run and return its row."""
         row = ProcedureRun(
             procedure_id=procedure.id,
             name=procedure.name,
@@ -117,11 +117,11 @@ class ProcedureRecorder:
             return store.get_run(session, run_id)
 
     def add(self, run_id: int, entry: StepEntry) -> ProcedureRun:
-        """Append an entry."""
+        """Append an entry and return the run's row."""
         return self._write(run_id, entry, replaces=False)
 
     def update(self, run_id: int, entry: StepEntry) -> ProcedureRun:
-        """Replace the last entry."""
+        """Replace the last entry and return the run's row."""
         return self._write(run_id, entry, replaces=True)
 
     def _write(self, run_id: int, entry: StepEntry, *, replaces: bool) -> ProcedureRun:
@@ -133,16 +133,16 @@ class ProcedureRecorder:
         return row
 
     def close(self, run_id: int, state: EntryState, detail: str, **changes: Any) -> ProcedureRun:
-        """End the last entry."""
+        """End the last entry with a state and a detail, and return the run's row."""
         entry = entries_of(self.get(run_id))[-1]
         return self.update(run_id, replace(entry, state=state, detail=detail, ended=iso_z(self._now()), **changes))
 
     def move(self, run_id: int, current: str) -> ProcedureRun:
-        """Make another step the next one."""
+        """Set the current step and return the run's row."""
         return self.change(run_id, current=current)
 
     def change(self, run_id: int, **values: Any) -> ProcedureRun:
-        """Change columns of the run itself."""
+        """Change columns of the run's row and return it."""
         with self._database.unit_of_work() as session:
             row = store.get_run(session, run_id)
             for name, value in values.items():
@@ -151,7 +151,7 @@ class ProcedureRecorder:
         return row
 
     def freeze(self, run_id: int, state: str, reason: str) -> ProcedureRun:
-        """End a run: its record gets a hash and is not changed any more."""
+        """End a run and store the hash of its record, which is not changed afterwards."""
         with self._database.unit_of_work() as session:
             row = store.get_run(session, run_id)
             at = self._now()
@@ -168,12 +168,12 @@ class ProcedureRecorder:
         return row
 
     def reopen(self, run_id: int) -> ProcedureRun:
-        """Continue an interrupted run; its record is frozen again at its end."""
+        """Set an interrupted run to running again. Its record is frozen again at its end."""
         return self.change(run_id, state=store.RUNNING, reason="", finished=None, sha256="")
 
     @staticmethod
     def _ended(entry: dict[str, object], at: datetime, reason: str) -> dict[str, object]:
-        """Return an entry as it is at the end of the run."""
+        """Return an entry for the end of the run: an entry in progress becomes failed."""
         if entry["state"] not in ("sending", "running"):
             return entry
         detail = f"{entry['detail']}; {reason}".removeprefix("; ")

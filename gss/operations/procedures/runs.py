@@ -1,8 +1,9 @@
-"""Runs procedures: one at a time, a step when a person runs it, or step after step until a person is needed.
+"""Execution of procedures. One procedure runs at a time. An operator runs each step, or the server runs steps automatically until
+it needs an operator.
 
-Every entry is stored before its step acts, so that a restart of the server continues the run: a wait continues, and a command is
-looked up in the record of commands and never sent twice. The run of a pass plan is interrupted instead, because its plan has
-ended; a person resumes it. ABORT ends the run.
+An entry is stored before its step is executed, so the run continues after a restart of the server: a wait continues, and a command
+is looked up in the record of commands and never sent twice. The run of a pass plan is interrupted instead, because its plan has
+ended; an operator can resume it. ABORT ends the run.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ LOOK_EVERY_S = 0.5
 
 
 class ProcedureRunner:
-    """Runs procedures. ``handle`` follows ABORT and the results of commands."""
+    """Runs procedures. ``handle`` receives ABORT and the results of commands."""
 
     def __init__(
         self,
@@ -59,7 +60,8 @@ class ProcedureRunner:
     # --- life ---------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Continue the run that the last server left: a person starts its next step."""
+        """Resume the run that was active when the previous server ended, and start the thread. An operator must start the next
+        step of the run."""
         with self._database.unit_of_work() as session:
             row = store.running(session)
         if row is not None:
@@ -72,8 +74,8 @@ class ProcedureRunner:
         self._thread.start()
 
     def _recover(self, row: ProcedureRun, entry: StepEntry) -> None:
-        """Find out whether the command was queued before the server stopped."""
-        step = self._under_way(row.id).document.step(entry.step)
+        """Determine whether the command of an entry was queued before the server stopped, and update the entry."""
+        step = self._active_run(row.id).document.step(entry.step)
         command, _ = command_of(step, self._link.roles.operations)
         with self._database.unit_of_work() as session:
             command_row = store.first_command(session, SOURCE, command.name, datetime.fromisoformat(entry.began))
@@ -83,14 +85,14 @@ class ProcedureRunner:
             self._record.update(row.id, with_command(entry, command_row))
 
     def shut_down(self) -> None:
-        """Stop following; the run continues after the next start."""
+        """Stop the thread. The run continues after the next start of the server."""
         self._stopping = True
         self._wake.set()
         if self._thread is not None:
             self._thread.join(timeout=5)
 
     def handle(self, batch: LineBatch) -> None:
-        """Take ABORT and the results of commands; the work is done on the thread."""
+        """Receive ABORT and the results of commands, and wake the thread that processes them."""
         for event in batch.events:
             if isinstance(event, AbortIssued):
                 self._aborted_by = event.user
@@ -103,8 +105,9 @@ class ProcedureRunner:
     def begin(
         self, procedure_id: int, *, user: str, automatic: bool = False, confirmed: Sequence[str] = ()
     ) -> ProcedureRun:
-        """Start a run of a valid procedure; nothing is sent yet. ``confirmed``: names of hazardous commands that an automatic run
-        sends without another confirmation. Raises BadInput with its first mistake, Conflict while another one runs."""
+        """Start a run of a procedure. No command is sent by this call. ``confirmed``: names of hazardous commands that an
+        automatic run sends without another confirmation. Raises BadInput with the first mistake, Conflict if another procedure
+        is running."""
         procedure = self._procedures.get(procedure_id)
         document = self._procedures.valid(procedure)
         with self._lock:
@@ -120,8 +123,8 @@ class ProcedureRunner:
         return row
 
     def confirmations(self, procedure_id: int, *, user: str) -> list[str]:
-        """Return the names that confirm the hazardous commands of a procedure. Raises NotPermitted if the user may not send one
-        of its commands, BadInput with its first mistake."""
+        """Return the names that confirm the hazardous commands of a procedure. Raises NotPermitted if the user does not have the
+        permission for one of its commands, BadInput with the first mistake."""
         operations = self._link.roles.operations
         names: dict[str, None] = {}
         for step in self._procedures.valid(self._procedures.get(procedure_id)).steps:
@@ -134,8 +137,9 @@ class ProcedureRunner:
     def run_step(
         self, run_id: int, step_id: str, *, user: str, answer: str = "", confirm: str = "", note: str = ""
     ) -> ProcedureRun:
-        """Run the current step. ``step_id`` must name it, so that a late click does not run another one. Raises Conflict, BadInput,
-        NotPermitted; a condition that is not met and a command that cannot be sent become entries of the record."""
+        """Run the current step. ``step_id``: id of the current step, so that a late click does not run another step. Raises
+        Conflict, BadInput, NotPermitted. A condition that is not met and a command that cannot be sent are recorded as
+        entries."""
         with self._lock:
             run = self._check_current(run_id, step_id)
             request = StepRequest(user, answer, confirm, note.strip())
@@ -144,7 +148,8 @@ class ProcedureRunner:
         return row
 
     def skip(self, run_id: int, step_id: str, reason: str, *, user: str) -> ProcedureRun:
-        """Continue behind the current step without running it. Raises BadInput without a reason."""
+        """Continue after the current step without running it. Raises BadInput without a reason, Conflict if the step cannot be
+        skipped."""
         if not reason.strip():
             raise BadInput("Skipping a step needs a reason", expected="1 – 500 characters")
         with self._lock:
@@ -161,9 +166,9 @@ class ProcedureRunner:
         return row
 
     def set_automatic(self, run_id: int, automatic: bool, *, user: str) -> ProcedureRun:
-        """Run the following steps without a person, on behalf of this user, until one is needed; or stop doing so."""
+        """Switch automatic execution on or off. If it is on, steps run on behalf of this user until an operator is needed."""
         with self._lock:
-            self._under_way(run_id)
+            self._active_run(run_id)
             if automatic:
                 self._commands.check_user(user)
             row = self._record.change(run_id, automatic=automatic, **({"user": user} if automatic else {}))
@@ -171,48 +176,49 @@ class ProcedureRunner:
         return row
 
     def hold(self, run_id: int) -> None:
-        """Run no further step and judge no check until ``release``, because the signal is lost. A command that was sent is
-        followed. Without effect on a run that is not active."""
+        """Suspend a run until ``release``, because the signal is lost. No further step is run and no check is evaluated. A command
+        that was sent is still monitored. Has no effect on a run that is not active."""
         with self._lock:
             active = self._active
             if active is not None and active.id == run_id and active.held_since is None:
                 self._active = replace(active, held_since=self._now())
 
     def release(self, run_id: int) -> None:
-        """Continue a run that was held; a check under way gets the time back that it was held."""
+        """Continue a suspended run. The time limit of a check in progress is extended by the time of the suspension."""
         with self._lock:
             active = self._active
             if active is not None and active.id == run_id and active.held_since is not None:
-                self._actions.give_back(active)
+                self._actions.extend_check(active)
                 self._active = replace(active, held_since=None)
         self._wake.set()
 
     def stop(self, run_id: int, reason: str, *, user: str) -> ProcedureRun:
-        """End the run; a command that was sent is still followed on its own."""
+        """End the run. A command that was sent is not cancelled."""
         with self._lock:
-            self._under_way(run_id)
+            self._active_run(run_id)
             message = f"stopped by {user}" + (f": {reason.strip()}" if reason.strip() else "")
             return self._finish(run_id, "stopped", message)
 
     def interrupt(self, run_id: int, reason: str) -> None:
-        """End a run in its current step, so that another can start; ``resume`` continues it. No effect on a run that has
-        ended."""
+        """End a run at its current step, so that another procedure can start. ``resume`` continues the run. Has no effect on a run
+        that has ended."""
         with self._lock:
             if self._active is not None and self._active.id == run_id:
                 self._finish(run_id, INTERRUPTED, reason)
 
     def resume(self, run_id: int, *, user: str) -> ProcedureRun:
-        """Continue an interrupted run: this user runs its current step. A command that was sent before and of which no result
-        is known is sent again with its id, so that the unit does not execute it twice. Raises Conflict."""
+        """Make an interrupted run active again. An operator then runs its current step. If a command of this step was sent before
+        and its result is unknown, it is sent again with the same request id, so the unit does not execute it twice. Raises
+        Conflict."""
         with self._lock:
             row = self.get(run_id)
             if row.state != INTERRUPTED:
                 raise Conflict("Only an interrupted run can be resumed", expected=INTERRUPTED, got=row.state)
             self._require_none_active()
             self._aborted_by, aborts = "", self._commands.aborts
-            earlier, row = row.sha256, self._record.reopen(run_id)
+            previous_sha256, row = row.sha256, self._record.reopen(run_id)
             self._active = ActiveRun(run_id, read_procedure(row.text), aborts)
-        message = f"{user} resumed the procedure {row.name}; record until then {earlier[:12]}"
+        message = f"{user} resumed the procedure {row.name}; record before resuming {previous_sha256[:12]}"
         self._bus.record("procedure", "ok", message, procedure_run_id=run_id)
         return row
 
@@ -221,21 +227,21 @@ class ProcedureRunner:
         return self._record.get(run_id)
 
     def newest(self, limit: int) -> list[ProcedureRun]:
-        """Return the newest runs first."""
+        """Return the latest runs, newest first."""
         with self._database.unit_of_work() as session:
             return store.newest_runs(session, limit)
 
     def state(self, run_id: int) -> tuple[ProcedureRun, str]:
-        """Return a run, and the name of its step that starts only when a person runs it; "" if none waits. Raises NotFound."""
+        """Return a run and the id of the step that waits for an operator, "" if no step waits. Raises NotFound."""
         with self._lock:
             row, active = self.get(run_id), self._active
             if active is None or active.id != run_id or open_entry(row) is not None:
                 return row, ""
-            alone = row.automatic and self._actions.needs_no_one(active, active.document.step(row.current))
-            return row, "" if alone else row.current
+            unattended = row.automatic and self._actions.is_unattended(active, active.document.step(row.current))
+            return row, "" if unattended else row.current
 
     def between(self, start: datetime, end: datetime) -> list[ProcedureRun]:
-        """Return the runs that were under way in a span, oldest first."""
+        """Return the runs that were in progress in a time span, oldest first."""
         with self._database.unit_of_work() as session:
             return store.between(session, start, end)
 
@@ -245,29 +251,30 @@ class ProcedureRunner:
                 "Another procedure is running", got=f"run {self._active.id}", hint="finish it or stop it first"
             )
 
-    def _under_way(self, run_id: int) -> ActiveRun:
+    def _active_run(self, run_id: int) -> ActiveRun:
+        """Return the active run. Raises Conflict if the run with this id is not active."""
         active = self._active
         if active is None or active.id != run_id:
             raise Conflict("This run has ended", got=self.get(run_id).state)
         return active
 
     def _check_current(self, run_id: int, step_id: str) -> ActiveRun:
-        self._under_way(run_id)
+        self._active_run(run_id)
         self._end_if_aborted()
-        active = self._under_way(run_id)
+        active = self._active_run(run_id)
         row = self.get(run_id)
         if row.current != step_id:
             raise Conflict("This is not the current step", expected=row.current, got=step_id[:40])
         entry = open_entry(row)
         if entry is not None:
-            raise Conflict("The step is under way", got=f"{entry.state}, begun {entry.began}")
+            raise Conflict("The step is already in progress", got=f"{entry.state}, started {entry.began}")
         return active
 
     def _finish(self, run_id: int, state: str, reason: str) -> ProcedureRun:
         return self._settled(self._record.freeze(run_id, state, reason))
 
     def _settled(self, row: ProcedureRun) -> ProcedureRun:
-        """Forget the active run if it has ended."""
+        """Clear the active run if it has ended. Return the row."""
         if row.state != store.RUNNING:
             self._active = None
         return row
@@ -280,11 +287,12 @@ class ProcedureRunner:
             self._wake.clear()
             try:
                 self.tick()
-            except GssError as error:  # the store is down, or a command was refused, which is on the record
+            except GssError as error:  # the store is down, or a command was rejected, which is recorded
                 log.warning("procedure: %s", error)
 
     def tick(self) -> None:
-        """Do what does not need a person: end on ABORT, follow what is under way, run the next steps of an automatic run."""
+        """Perform all work that needs no operator: end the run after ABORT, update the step in progress, and run the next steps
+        of an automatic run."""
         with self._lock:
             self._end_if_aborted()
             while self._active is not None and not self._stopping:
@@ -293,7 +301,7 @@ class ProcedureRunner:
                 entry = open_entry(row)
                 if entry is not None:
                     row = self._settled(self._actions.continue_step(run, row, entry))
-                elif row.automatic and run.held_since is None and self._actions.needs_no_one(run, step):
+                elif row.automatic and run.held_since is None and self._actions.is_unattended(run, step):
                     request = StepRequest(row.user, confirm=self._actions.confirmation(step))
                     row = self._settled(self._actions.perform(run, step, request))
                 if (row.current, len(row.entries), row.entries[-1:]) == before:

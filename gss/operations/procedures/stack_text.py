@@ -1,4 +1,4 @@
-"""Stacks as procedures: a stack is a procedure whose steps are waits, checks and commands."""
+"""Conversion of a stack to the text of a procedure, with waits, checks and commands as steps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SIGNS = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
 
 
 def procedure_of_stack(name: str, note: str, steps: Sequence[Step]) -> str:
-    """Return a stack as the text of a procedure: for each step a wait and a check, where it has them, and its command.
+    """Return a stack as the text of a procedure. Each step becomes a wait and a check, if it has them, and a command.
 
     Raises BadInput for an argument with a line break or a control character.
     """
@@ -37,16 +37,16 @@ def _parts(number: int, step: Step) -> Iterator[str]:
         )
         within = f"within: {_seconds(condition['wait_s'])}"
         yield _section(f"check-{number}", f"Check before {command}", "check", expression, within)
-    words = shlex.join([command, *(f"{key}={_word(value)}" for key, value in _arguments(step).items())])
-    if not words.isprintable():
+    command_line = shlex.join([command, *(f"{key}={_value_text(value)}" for key, value in _arguments(step).items())])
+    if not command_line.isprintable():
         raise BadInput(
-            f"Step {number} cannot be written as a procedure", expected="printable arguments", got=repr(words)
+            f"Step {number} cannot be written as a procedure", expected="printable arguments", got=repr(command_line)
         )
-    yield _section(f"send-{number}", f"Send {command}", "command", words, note=step["note"])
+    yield _section(f"send-{number}", f"Send {command}", "command", command_line, note=step["note"])
 
 
 def _seconds(value: float) -> str:
-    """Return a time as the reader of procedures accepts it, without an exponent."""
+    """Return a duration in the format of procedures, without an exponent."""
     return f"{value:.6f}".rstrip("0").rstrip(".") + " s"
 
 
@@ -61,9 +61,9 @@ def _section(name: str, title: str, kind: str, *lines: str, note: str = "") -> s
 
 
 def _quoted(text: str) -> str:
-    """Return text as a quotation, in which nothing is a heading or an action."""
+    """Return text as a Markdown quotation, in which lines are never headings or actions."""
     return "\n".join(f"> {line}" for line in text.splitlines()) + "\n"
 
 
-def _word(value: object) -> str:
+def _value_text(value: object) -> str:
     return json.dumps(value) if isinstance(value, bool) else str(value)

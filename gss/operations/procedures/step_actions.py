@@ -1,4 +1,4 @@
-"""Performs the steps of a run: each entry is stored before its step acts, and a condition that cannot be evaluated fails."""
+"""Execution of the steps of a run. An entry is stored before its step is executed. A condition that cannot be evaluated fails."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from gss.store.models import Command, ProcedureRun
 SOURCE = "procedure"
 ENDED = ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
 UNATTENDED = ("text", "check", "command", "wait", "branch")
-"""Kinds of steps that need no person."""
+"""Kinds of steps that need no operator."""
 
 
 @dataclass(frozen=True)
 class ActiveRun:
-    """The run that has not ended. ``confirmed``: names of hazardous commands that a user confirmed before the start. ``aborts``:
-    number of ABORTs when it started; it sends nothing after a later one. ``held_since``: since when it waits for a signal."""
+    """The active run. ``confirmed``: names of hazardous commands that a user confirmed before the start. ``aborts``: number of
+    ABORTs when the run started; after a further ABORT the run sends no command. ``held_since``: time since which the run has been
+    waiting for a signal, None if it is not waiting."""
 
     id: int
     document: ProcedureDocument
@@ -36,7 +37,7 @@ class ActiveRun:
 
 @dataclass(frozen=True)
 class StepRequest:
-    """Who runs a step, and what the person entered."""
+    """Request to run a step: the user and the user's input."""
 
     user: str
     answer: str = ""
@@ -45,7 +46,8 @@ class StepRequest:
 
 
 class StepActions:
-    """Performs steps of the active run. Each method returns the run's row, which has ended if there is no further step."""
+    """Executes steps of the active run. Methods that execute a step return the run's row. The run has ended if there is no
+    further step."""
 
     def __init__(
         self,
@@ -59,19 +61,19 @@ class StepActions:
         self._conditions, self._link, self._commands = conditions, link, commands
         self._record, self._bus, self._now = record, bus, now
 
-    def needs_no_one(self, run: ActiveRun, step: ProcedureStep) -> bool:
-        """True if the step can run without a person."""
+    def is_unattended(self, run: ActiveRun, step: ProcedureStep) -> bool:
+        """True if the step can run without an operator."""
         if step.kind == "command":
             name = self.confirmation(step)
             return not name or name in run.confirmed
         return step.kind in UNATTENDED
 
     def confirmation(self, step: ProcedureStep) -> str:
-        """Return the name that confirms a step's command; "" for any other step."""
+        """Return the name that confirms a step's command, "" for other steps and if no confirmation is needed."""
         return confirmation_of(step, self._link.roles.operations) if step.kind == "command" else ""
 
     def perform(self, run: ActiveRun, step: ProcedureStep, request: StepRequest) -> ProcedureRun:
-        """Run a step. Raises Conflict, BadInput, NotPermitted."""
+        """Execute a step. Raises Conflict, BadInput, NotPermitted."""
         began = iso_z(self._now())
         entry = StepEntry(step.id, step.title, step.kind, "running", request.user, began, note=request.note)
         if step.kind == "command":
@@ -93,7 +95,8 @@ class StepActions:
         return self.advance(run, step, step.target(request.answer) if step.kind == "question" else "next")
 
     def _first_person(self, run_id: int) -> str:
-        """Return who ran the last step other than a hold point; the person who started the run if there is none."""
+        """Return the user who ran the last step that was not a hold point. If there is none, return the user who started the
+        run."""
         row = self._record.get(run_id)
         return next((e.by for e in reversed(entries_of(row)) if e.kind != "hold"), row.user)
 
@@ -104,7 +107,7 @@ class StepActions:
         return self._look(run, step, entry)
 
     def _look(self, run: ActiveRun, step: ProcedureStep, entry: StepEntry) -> ProcedureRun:
-        """Evaluate a check that is under way; end it if it is met or its time is over."""
+        """Evaluate a check in progress. End it if its condition is met or its time limit has passed."""
         result, values = self._conditions.evaluate(step.words, self._now())
         if result.value is True:
             self._record.close(run.id, "done", "met", values=values)
@@ -112,12 +115,12 @@ class StepActions:
         if entry.due and self._now() < datetime.fromisoformat(entry.due):
             return self._record.get(run.id)
         within = f" within {step.seconds:g} s" if step.seconds else ""
-        other = any(branch.when == "else" for branch in step.branches)
-        if result.value is False and other:
+        has_else = any(branch.when == "else" for branch in step.branches)
+        if result.value is False and has_else:
             self._record.close(run.id, "done", f"not met{within}: continued at {step.target('else')}", values=values)
             return self.advance(run, step, step.target("else"))
-        why = f"not met{within}" if result.value is False else f"unknown{within}: {result.reason}"
-        return self._fail(run.id, f"The check is {why}.", values)
+        outcome = f"not met{within}" if result.value is False else f"unknown{within}: {result.reason}"
+        return self._fail(run.id, f"The check is {outcome}.", values)
 
     def _branch(self, run: ActiveRun, step: ProcedureStep, entry: StepEntry) -> ProcedureRun:
         self._record.add(run.id, entry)
@@ -134,7 +137,7 @@ class StepActions:
         return self.advance(run, step, step.branches[-1].target)
 
     def _send(self, run: ActiveRun, step: ProcedureStep, entry: StepEntry, confirm: str) -> ProcedureRun:
-        """Send a step's command. The entry is stored first: a server that dies now looks the command up after its start."""
+        """Send a step's command. The entry is stored first, so that after a crash the next server can look up the command."""
         command, arguments = command_of(step, self._link.roles.operations)
         earlier = self._earlier(run.id, step)
         if earlier is not None and earlier.result == "completed":
@@ -154,7 +157,8 @@ class StepActions:
         return self._record.update(run.id, with_command(entry, row))
 
     def _earlier(self, run_id: int, step: ProcedureStep) -> Command | None:
-        """Return the step's command of the failed attempt just before, if it may have run: unknown, or completed late."""
+        """Return the command of the preceding failed attempt of this step if the unit can have executed it (its result is unknown,
+        or it completed late), otherwise None."""
         entries = entries_of(self._record.get(run_id))
         if not entries or entries[-1].step != step.id or entries[-1].command_id is None:
             return None
@@ -162,7 +166,7 @@ class StepActions:
         return row if row.result in ("unknown", "completed") else None
 
     def _follow(self, run: ActiveRun, step: ProcedureStep) -> ProcedureRun:
-        """End a command's step when the command has ended."""
+        """End the step of a command if the command has ended."""
         entry = open_entry(self._record.get(run.id))
         if entry is None or entry.command_id is None:
             return self._record.get(run.id)
@@ -176,7 +180,8 @@ class StepActions:
         return self._fail(run.id, f"The command ended {row.result}{detail}")
 
     def _fail(self, run_id: int, detail: str, values: Values | None = None) -> ProcedureRun:
-        """End the step as failed and wait for a person, who runs it again, skips it, or stops the run."""
+        """End the step as failed and switch off automatic execution. An operator then runs the step again, skips it, or stops the
+        run."""
         self._record.close(run_id, "failed", detail, values=values)
         row = self._record.change(run_id, automatic=False)
         self._bus.record(
@@ -185,14 +190,14 @@ class StepActions:
         return row
 
     def advance(self, run: ActiveRun, step: ProcedureStep, target: str) -> ProcedureRun:
-        """Continue at the target of a step; the run is completed behind the last one."""
+        """Continue at the target of a step. After the last step, complete the run."""
         following = run.document.after(step, target)
         return (
             self._record.freeze(run.id, "completed", "") if following is None else self._record.move(run.id, following)
         )
 
     def continue_step(self, run: ActiveRun, row: ProcedureRun, entry: StepEntry) -> ProcedureRun:
-        """Follow the step under way; end it if it is done."""
+        """Update the step in progress, and end it if it is done."""
         step = run.document.step(row.current)
         if entry.kind == "command":
             return self._follow(run, step)
@@ -203,12 +208,12 @@ class StepActions:
             return self.advance(run, step, "next")
         return row
 
-    def give_back(self, run: ActiveRun) -> None:
-        """Extend a check under way by the time for which the run was held."""
+    def extend_check(self, run: ActiveRun) -> None:
+        """Extend the time limit of a check in progress by the time for which the run was suspended."""
         entry = open_entry(self._record.get(run.id))
         if run.held_since is not None and entry is not None and entry.kind == "check" and entry.due:
-            lost = self._now() - max(run.held_since, datetime.fromisoformat(entry.began))
-            self._record.update(run.id, _due(entry, datetime.fromisoformat(entry.due) + lost))
+            suspended = self._now() - max(run.held_since, datetime.fromisoformat(entry.began))
+            self._record.update(run.id, _due(entry, datetime.fromisoformat(entry.due) + suspended))
 
 
 def _due(entry: StepEntry, at: datetime) -> StepEntry:
@@ -220,5 +225,5 @@ def _sending(entry: StepEntry) -> StepEntry:
 
 
 def with_command(entry: StepEntry, row: Command) -> StepEntry:
-    """Return the entry of a step whose command was queued."""
+    """Return the entry with its queued command."""
     return replace(entry, state="running", command_id=row.id)

@@ -1,4 +1,4 @@
-"""Checks a procedure against the dictionary before it can start."""
+"""Validation of a procedure against the dictionary."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 def mistakes_of(
     document: ProcedureDocument, operations: StandardOperations, definitions: TelemetryDefinitions
 ) -> list[Mistake]:
-    """Return every mistake, by line: what cannot be read, unknown commands and fields, arguments out of range, unknown targets,
-    names used twice and steps that cannot be reached."""
+    """Return all mistakes in order of lines: unreadable parts, unknown commands and fields, arguments out of range, unknown
+    targets, duplicate names, and steps that cannot be reached."""
     mistakes = [*document.mistakes]
     kinds = kinds_of(definitions)
     for step in document.steps:
@@ -35,7 +35,7 @@ def mistakes_of(
 
 
 def expressions_of(step: ProcedureStep) -> Sequence[str]:
-    """Return the conditions of a step."""
+    """Return the condition expressions of a step."""
     if step.kind == "check":
         return [step.words] if step.words else []
     if step.kind == "branch":
@@ -53,14 +53,14 @@ def command_of(step: ProcedureStep, operations: StandardOperations) -> tuple[Com
 
 
 def confirmation_of(step: ProcedureStep, operations: StandardOperations) -> str:
-    """Return the name that confirms a step's command; "" if it needs no confirmation. Raises BadInput, NotFound."""
+    """Return the name that confirms a step's command, "" if it needs no confirmation. Raises BadInput, NotFound."""
     command, arguments = command_of(step, operations)
     risk = risk_of(operations, command, arguments)
     return risk.name if risk.needs_confirmation else ""
 
 
 def _typed(command: CommandDefinition, name: str, text: str) -> Value:
-    """Return an argument's text as a value of its type. Raises BadInput, NotFound."""
+    """Convert the text of an argument to a value of its type. Raises BadInput, NotFound."""
     argument = command.argument(name)
     try:
         if argument.type in INTEGER_RANGES:
@@ -99,12 +99,12 @@ def _graph(document: ProcedureDocument) -> list[Mistake]:
 
 def _reached(document: ProcedureDocument) -> set[str]:
     reached: set[str] = set()
-    waiting = [document.steps[0].id] if document.steps else []
+    pending = [document.steps[0].id] if document.steps else []
     steps = {step.id: step for step in document.steps}
-    while waiting:
-        step = steps.get(waiting.pop())
+    while pending:
+        step = steps.get(pending.pop())
         if step is None or step.id in reached:
             continue
         reached.add(step.id)
-        waiting += [following for target in step.targets() if (following := document.after(step, target)) is not None]
+        pending += [following for target in step.targets() if (following := document.after(step, target)) is not None]
     return reached

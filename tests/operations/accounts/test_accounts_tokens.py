@@ -44,7 +44,7 @@ def test_scopes_narrow_a_token_and_never_widen_it(accounts):
 
 
 def test_a_revoked_token_is_rejected_at_once(accounts):
-    """So is a token whose creator was disabled or is not an admin any more."""
+    """So is a token whose creator was disabled or is no longer an admin."""
     made = accounts.tokens.add("t", "operator", 1, by="ann")
     assert accounts.token_caller(made.key, "a") is not None
     accounts.require("token:t", "command.link")

@@ -42,7 +42,7 @@ def test_a_revoked_token_takes_its_links_and_users_with_it(accounts, clock):
     other = accounts.users.password_link(accounts.users.named("eve").id, by="ann")
     revoked = accounts.tokens.revoke(token.row.id)
     assert (revoked.voided.users, revoked.voided.links) == (("mallory", "backdoor"), 1)
-    assert str(revoked.voided) == "also disabled: mallory, backdoor; links made invalid: 1"
+    assert str(revoked.voided) == "also disabled: mallory, backdoor; links invalidated: 1"
     assert refused(accounts, link.key)
     assert not refused(accounts, other.key)
     assert accounts.session_caller(opened.key) is None
@@ -72,7 +72,7 @@ def test_an_admin_who_is_none_any_more_takes_links_and_users_along(accounts, cha
     assert changed.voided.users == ("by hand", "by token")
     assert refused(accounts, link.key)
     assert refused(accounts, anns.key)
-    reason = "is not an admin any more" if "role" in change else "was disabled"
+    reason = "is no longer an admin" if "role" in change else "was disabled"
     assert accounts.users.named("by token").disabled_reason == f"created by eve, who {reason}"
     assert accounts.users.named("caller").enabled
     again = accounts.users.change(by_hand.id, enabled=True).user
