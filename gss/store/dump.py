@@ -2,7 +2,6 @@
 
 SQLite: ``VACUUM INTO`` copies a snapshot while other connections continue to read and write. PostgreSQL: ``pg_dump``
 and ``psql`` must be installed. The password is passed in the environment, never on the command line.
-
 """
 
 from __future__ import annotations

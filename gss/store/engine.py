@@ -32,7 +32,7 @@ CHECKOUT = Path(__file__).parent.parent.parent / "migrations"
 
 
 def open_engine(url: str) -> Engine:
-    """Return an engine for an SQLite or PostgreSQL URL. SQLite uses write-wal_path logging, so that readers never wait
+    """Return an engine for an SQLite or PostgreSQL URL. SQLite uses write-ahead logging, so that readers never wait
     for the writer. Raises BadInput if the URL cannot be used."""
     try:
         if not url.startswith("sqlite"):
@@ -53,14 +53,14 @@ def open_engine(url: str) -> Engine:
 
 def open_to_check(url: str) -> Engine:
     """Return a read-only engine, which also works in a read-only folder. Raises BadInput if the database in a read-only
-    folder needs its write-wal_path log."""
+    folder needs its write-ahead log."""
     path = Path(url.removeprefix("sqlite:///"))
     if not url.startswith("sqlite:///") or os.access(path.parent, os.W_OK, effective_ids=True) or not path.exists():
         return open_engine(url)
     wal_path = path.with_name(f"{path.name}-wal")
     if wal_path.exists() and wal_path.stat().st_size:
         raise BadInput(
-            "the newest changes of this database are in its write-wal_path log, which cannot be read in a read-only folder",
+            "the newest changes of this database are in its write-ahead log, which cannot be read in a read-only folder",
             got=str(wal_path),
             hint="copy the folder to a writable disk, and check the copy",
         )

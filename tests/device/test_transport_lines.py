@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from gss.device.transport import MAX_UNFINISHED, ByteStream, open_stream
+from gss.device.transport import UNFINISHED_MOST, ByteStream, open_stream
 from gss.domain.errors import Conflict, LinkDown, NotFound
 
 Serve = Callable[[Callable[[socket.socket], None]], str]
@@ -107,7 +107,7 @@ def test_hanging_openings_are_limited(serve: Serve) -> None:
     """A peer that never negotiates uses a bounded number of threads; afterwards lines open again."""
     peers: list[socket.socket] = []
     silent = serve(peers.append)
-    for _ in range(MAX_UNFINISHED):
+    for _ in range(UNFINISHED_MOST):
         with pytest.raises(LinkDown):
             open_stream(silent.replace("socket", "rfc2217"), within_s=0.01)
     with pytest.raises(Conflict, match="too many openings of lines"):
@@ -124,7 +124,7 @@ def test_an_opening_whose_thread_cannot_start_frees_its_place(serve: Serve) -> N
     url = serve(kept.append)
     before = threading.stack_size(1 << 47)  # more than a process can address
     try:
-        for _ in range(MAX_UNFINISHED + 1):
+        for _ in range(UNFINISHED_MOST + 1):
             with pytest.raises(LinkDown, match="cannot open"):
                 open_stream(url)
     finally:

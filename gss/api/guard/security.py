@@ -72,7 +72,7 @@ class Guard:
                 await self._record.put(scope, response_writer.status or 499)
 
     async def _admit(self, scope: Scope, headers: Headers) -> Response | None:
-        """Return the refusal, or None if the route may response_writer."""
+        """Return the refusal, or None if the route can handle the request."""
         foreign = self._foreign(scope, headers)
         if foreign is not None:
             scope["state"]["detail"] = f"{foreign.message}: {foreign.got}"

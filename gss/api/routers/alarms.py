@@ -18,7 +18,7 @@ router = api_router("alarms", "/alarms")
 
 @router.get("")
 def list_alarms(app: App, open: bool = True, limit: Annotated[int, Query(ge=1, le=1000)] = 200) -> list[AlarmRow]:
-    """Open alarms, worst first; with ``open=false`` all alarms, latest first."""
+    """Open alarms, worst first; with ``open=false`` all alarms, newest first."""
     views = app.telemetry.alarms.opened()[:limit] if open else app.telemetry.alarms.newest(limit)
     return [present.alarms.alarm(view) for view in views]
 

@@ -11,7 +11,7 @@ from starlette.datastructures import Headers
 from starlette.types import Message, Receive, Scope, Send
 
 from gss.api.errors import problem
-from gss.api.guard.bodies import SMALL_BODY_BYTES
+from gss.api.guard.bodies import MAX_OPEN_BODY_BYTES
 from gss.api.guard.route_table import is_change
 from gss.api.stream.broadcast import Wire, received
 from gss.api.workers.private_app import PEER, STREAM
@@ -107,7 +107,7 @@ class _Body:
     connection to it."""
 
     def __init__(self, scope: Scope, receive: Receive) -> None:
-        self.is_long = int(Headers(scope=scope).get("content-length", "0")) > SMALL_BODY_BYTES
+        self.is_long = int(Headers(scope=scope).get("content-length", "0")) > MAX_OPEN_BODY_BYTES
         self._receive = receive
         self._complete = anyio.Event()
 

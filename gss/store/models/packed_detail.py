@@ -3,7 +3,6 @@ text.
 
 Positions are stored to 1e-5 px, magnitudes to 1e-4, fluxes, residuals and weights to seven digits. Lists without the
 expected fields are stored unchanged. Rows with plain lists, which older versions wrote, are read unchanged.
-
 """
 
 from __future__ import annotations
