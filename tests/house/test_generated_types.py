@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from gss.api.app import create_app
-from gss.api.stream.topics import STREAM_TOPICS, PRESENT
+from gss.api.stream.topics import PRESENT, STREAM_TOPICS
 from gss.operations.accounts.permissions import ROLES
 from gss.settings import Settings
 from gss.wiring.build import build
