@@ -40,7 +40,7 @@ LIVE = "[data-testid=link-state]"
 
 
 @dataclass
-class Disturbance:
+class HourDisturbance:
     """One disturbance. ``recovered_s``: seconds from its end until the server reports new telemetry."""
 
     kind: str
@@ -56,7 +56,7 @@ class HourRecord:
     rate: float
     load: list[float] = field(default_factory=list)
     resident_mib: list[float] = field(default_factory=list)
-    troubles: list[Disturbance] = field(default_factory=list)
+    troubles: list[HourDisturbance] = field(default_factory=list)
     images_taken: int = 0
     images_refused: int = 0
     frames_stored: int = 0
@@ -197,14 +197,14 @@ async def rough_hour(server: RoughServer, data: Path, token: str, session: str, 
             if now_s >= kill_at_s:
                 kill_at_s += KILL_EVERY_S
                 await asyncio.to_thread(server.kill)
-                record.troubles.append(Disturbance("kill -9", now_s - start_s, await _until_new_telemetry(http)))
+                record.troubles.append(HourDisturbance("kill -9", now_s - start_s, await _until_new_telemetry(http)))
             if now_s >= fill_at_s:
                 fill_at_s = float("inf")
                 filler = await asyncio.to_thread(_fill, data)
                 await asyncio.sleep(FILLED_S)
                 filler.unlink()
                 record.troubles.append(
-                    Disturbance("disk full for 60 s", now_s - start_s, await _until_new_telemetry(http))
+                    HourDisturbance("disk full for 60 s", now_s - start_s, await _until_new_telemetry(http))
                 )
             if now_s >= next_line_s:
                 next_line_s += MINUTE_S
