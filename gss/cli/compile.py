@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     began_s = stopwatch_s()
 
     def report(done: int, total: int, case: str) -> None:
-        text = f"compiling for: {case}" if case else f"compiled in {stopwatch_s() - start_s:.0f} s"
+        text = f"compiling for: {case}" if case else f"compiled in {stopwatch_s() - began_s:.0f} s"
         print(f"{done} of {total}, {text}", flush=True)
 
     cameras, mark = registry(), compiled_mark()

@@ -46,8 +46,8 @@ def change_view(app: App, view_id: RowId, body: ViewChangeIn, caller: CurrentUse
 def delete_view(app: App, view_id: RowId, caller: CurrentUser, audit_note: AuditNote) -> None:
     """Delete a view with its versions."""
     audit_note(app.accounts.views.get(view_id).row.name)
-    app.accounts.views.remove(view_id, user=caller.name, manages=_can_manage(caller))
+    app.accounts.views.remove(view_id, user=caller.name, manages=_manages(caller))
 
 
 def _manages(caller: CallerIdentity) -> bool:
-    return caller.may(MANAGES)
+    return caller.may(MANAGE_PERMISSION)
