@@ -1,4 +1,5 @@
-"""Alembic's entry point: online migrations, all in one transaction; SQLite alters tables by copying them (batch)."""
+"""Alembic's entry point. All migrations run online in one transaction. In SQLite, tables are altered by copying them
+(batch)."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from gss.store.models import Base, UtcDateTime
 
 
 def render_item(kind: str, item: Any, _context: Any) -> str | bool:
-    """Render a column type of GSS as its underlying SQLAlchemy type, because a migration must not depend on current code."""
+    """Render a column type of GSS as its underlying SQLAlchemy type, because a migration must not depend on current
+    code."""
     return "sa.DateTime()" if kind == "type" and isinstance(item, UtcDateTime) else False
 
 

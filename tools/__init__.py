@@ -1,1 +1,1 @@
-"""Development tools; nothing here is shipped to users."""
+"""Development tools, which are not shipped to users."""

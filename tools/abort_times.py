@@ -1,7 +1,7 @@
 """Measure the time from a click on ABORT to its first byte on the wire, under load and with faults.
 
 ``python -m tools.abort_times [--times 5] [--only CONDITION ...] [--json]`` starts a simulated sensor, a tap on its line
-and a server for each condition, sends ABORT over a new connection each time, and prints the times. The condition "disk
+and a server for each condition. It sends each ABORT over a new connection and prints the times. The condition "disk
 full" mounts a small tmpfs, which needs root.
 """
 
@@ -36,7 +36,7 @@ from tools.served import Served, served
 
 LIMIT_S = 0.5
 SMALL_DISK_MB = 64
-GIVE_UP_S = 30.0
+ABORT_TIMEOUT_S = 30.0
 
 
 class AbortTap:
@@ -48,12 +48,12 @@ class AbortTap:
         self.port = int(self._server.getsockname()[1])
         self.aborts: queue.Queue[float] = queue.Queue()
         self.silent = threading.Event()
-        """While set, data from the sensor do not reach the ground, so commands wait for their reports."""
+        """While set, data from the sensor do not reach the ground, so that commands stay queued."""
         self._code = load_dictionary().command("ABORT").code
         threading.Thread(target=self._accept, daemon=True).start()
 
     def close(self) -> None:
-        """Accept no further connection."""
+        """Stop accepting connections."""
         self._server.close()
 
     def _accept(self) -> None:
@@ -64,26 +64,26 @@ class AbortTap:
                 threading.Thread(target=self._relay, args=(ground, sensor, True), daemon=True).start()
                 threading.Thread(target=self._relay, args=(sensor, ground, False), daemon=True).start()
 
-    def _relay(self, source: socket.socket, target: socket.socket, upwards: bool) -> None:
+    def _relay(self, source: socket.socket, target: socket.socket, is_uplink: bool) -> None:
         receiver = LineReceiver(from_device=False)
         with contextlib.suppress(OSError):
             while data := source.recv(65536):
                 at_s = time.monotonic()
-                if upwards or not self.silent.is_set():
+                if is_uplink or not self.silent.is_set():
                     target.sendall(data)
-                if upwards:
+                if is_uplink:
                     for packet in receiver.feed(data):
                         if packet.type is PacketType.COMMAND and packet.code == self._code:
                             self.aborts.put(at_s)
-        for end in (source, target):
+        for connection in (source, target):
             with contextlib.suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
+                connection.shutdown(socket.SHUT_RDWR)
 
 
 @dataclass(frozen=True)
 class Times:
-    """Times of one condition in seconds; ``None`` if ABORT did not pass within ``GIVE_UP_S``. ``answers``: HTTP status
-    and seconds."""
+    """Times of one condition in seconds; ``None`` if ABORT did not pass within ``ABORT_TIMEOUT_S``. ``answers``: HTTP
+    status and response time in seconds."""
 
     condition: str
     wire_s: list[float | None]
@@ -94,35 +94,35 @@ class Times:
 
     @property
     def worst_s(self) -> float:
-        """Longest time to the wire."""
-        return max(GIVE_UP_S if s is None else s for s in self.wire_s)
+        """Longest time from the request to the wire."""
+        return max(ABORT_TIMEOUT_S if s is None else s for s in self.wire_s)
 
 
 def measure(condition: str, server: Served, tap: AbortTap, times: int) -> Times:
     """Send ABORT ``times`` times, each over a new connection."""
-    wire: list[float | None] = []
+    wire_times_s: list[float | None] = []
     answers: list[tuple[int, float]] = []
     for _ in range(times):
         while not tap.aborts.empty():
             tap.aborts.get()
         start_s = time.monotonic()
-        answered: list[tuple[int, float]] = []
-        thread = threading.Thread(target=_press, args=(server, start_s, answered), daemon=True)
+        response: list[tuple[int, float]] = []
+        thread = threading.Thread(target=_send_abort, args=(server, start_s, response), daemon=True)
         thread.start()
         try:
-            wire.append(tap.aborts.get(timeout=GIVE_UP_S) - start_s)
+            wire_times_s.append(tap.aborts.get(timeout=ABORT_TIMEOUT_S) - start_s)
         except queue.Empty:
-            wire.append(None)
-        thread.join(GIVE_UP_S)
-        answers += answered or [(0, GIVE_UP_S)]
+            wire_times_s.append(None)
+        thread.join(ABORT_TIMEOUT_S)
+        answers += response or [(0, ABORT_TIMEOUT_S)]
         time.sleep(0.3)
-    return Times(condition, wire, answers)
+    return Times(condition, wire_times_s, answers)
 
 
-def _press(server: Served, start_s: float, answered: list[tuple[int, float]]) -> None:
+def _send_abort(server: Served, start_s: float, answers: list[tuple[int, float]]) -> None:
     with contextlib.suppress(httpx2.HTTPError):
-        reply = httpx2.post(f"{server.address}/api/commands/abort", headers=server.headers, timeout=GIVE_UP_S)
-        answered.append((reply.status_code, time.monotonic() - start_s))
+        reply = httpx2.post(f"{server.address}/api/commands/abort", headers=server.headers, timeout=ABORT_TIMEOUT_S)
+        answers.append((reply.status_code, time.monotonic() - start_s))
 
 
 # --- conditions ---------------------------------------------------------------------------------------------------------------
@@ -130,13 +130,13 @@ def _press(server: Served, start_s: float, answered: list[tuple[int, float]]) ->
 
 @contextlib.contextmanager
 def idle(_server: Served, _tap: AbortTap) -> Iterator[None]:
-    """No other load."""
+    """Apply no other load."""
     yield
 
 
 @contextlib.contextmanager
 def database_locked(server: Served, _tap: AbortTap) -> Iterator[None]:
-    """Another process holds SQLite's write lock."""
+    """Hold SQLite's write lock from another connection."""
     connection = sqlite3.connect(server.folder / "gss.db", isolation_level=None, timeout=30)
     connection.execute("BEGIN IMMEDIATE")
     time.sleep(1.0)
@@ -147,7 +147,7 @@ def database_locked(server: Served, _tap: AbortTap) -> Iterator[None]:
 
 @contextlib.contextmanager
 def disk_full(server: Served, _tap: AbortTap) -> Iterator[None]:
-    """The disk of the data folder is full."""
+    """Fill the disk of the data folder."""
     filler = server.folder / "filler"
     with filler.open("wb", buffering=0) as file, contextlib.suppress(OSError):
         while True:
@@ -159,7 +159,7 @@ def disk_full(server: Served, _tap: AbortTap) -> Iterator[None]:
 
 @contextlib.contextmanager
 def many_queued(server: Served, tap: AbortTap) -> Iterator[None]:
-    """Five hundred commands are queued because the sensor does not respond; the queue is refilled for each ABORT."""
+    """Queue five hundred commands while the sensor does not respond. The queue is refilled for each ABORT."""
     tap.silent.set()
     body = {"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 100}}
     with httpx2.Client(headers=server.headers, base_url=f"{server.address}/api", timeout=30) as client:
@@ -175,7 +175,7 @@ def many_queued(server: Served, tap: AbortTap) -> Iterator[None]:
 
 @contextlib.contextmanager
 def importing(server: Served, _tap: AbortTap) -> Iterator[None]:
-    """Photographs of 16 megapixels are imported continuously."""
+    """Import photographs of 16 megapixels continuously."""
     from astropy.io import fits
 
     pixels = np.random.default_rng(1).integers(0, 4000, (4000, 4000), dtype=np.uint16)
@@ -193,7 +193,7 @@ def _import(server: Served, content: bytes) -> None:
 
 @contextlib.contextmanager
 def slow_clients(server: Served, _tap: AbortTap) -> Iterator[None]:
-    """Two hundred clients without an account send one byte of a sign-in request per second."""
+    """Send sign-in requests from two hundred clients without an account, one byte per second."""
     head = b"POST /api/session HTTP/1.1\r\nHost: localhost\r\nX-GSS: 1\r\n"
     head += b"Content-Type: application/json\r\nContent-Length: 60000\r\n\r\n"
     clients: list[socket.socket] = []
@@ -222,7 +222,7 @@ def slow_clients(server: Served, _tap: AbortTap) -> Iterator[None]:
 
 @contextlib.contextmanager
 def workers_dead(server: Served, _tap: AbortTap) -> Iterator[None]:
-    """Every API worker is killed repeatedly."""
+    """Kill every API worker repeatedly."""
     stop = threading.Event()
 
     def kill() -> None:
@@ -296,7 +296,7 @@ def run(condition: str, times: int) -> Times:
     """Measure one condition on a fresh server and sensor."""
     context, arguments = CONDITIONS[condition]
     limits = {"GSS_DISK_WATCH_MB": "2", "GSS_DISK_STOP_MB": "1"}
-    # The first ABORT empties the queue, so each ABORT needs its own round.
+    # The first ABORT empties the queue, so each ABORT needs a separate round.
     rounds = times if context is many_queued else 1
     result = Times(condition, [], [])
     with contextlib.ExitStack() as stack:
@@ -320,23 +320,23 @@ def _wait_for_sensor(server: Served) -> None:
         if reply.status_code == 200 and reply.json()["dictionary_match"]:
             return
         time.sleep(0.2)
-    raise RuntimeError("the sensor did not answer")
+    raise RuntimeError("the sensor did not respond")
 
 
 def main() -> int:
-    """Print a table; exit status 1 if ABORT took longer than ``LIMIT_S`` anywhere."""
+    """Print a table. Exit status 1 if ABORT took longer than ``LIMIT_S`` under any condition."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--times", type=int, default=5, help="how often ABORT is sent under each condition")
+    parser.add_argument("--times", type=int, default=5, help="number of ABORTs under each condition")
     parser.add_argument("--only", nargs="*", choices=list(CONDITIONS), default=list(CONDITIONS))
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-    chosen = parser.parse_args()
-    measured = [run(condition, chosen.times) for condition in chosen.only]
-    if chosen.json:
+    options = parser.parse_args()
+    measured = [run(condition, options.times) for condition in options.only]
+    if options.json:
         print(json.dumps([vars(times) for times in measured]))
     else:
         print(f"{'condition':<22}{'wire median':>13}{'wire worst':>13}{'answer worst':>14}  status")
         for times in measured:
-            median = statistics.median(GIVE_UP_S if s is None else s for s in times.wire_s)
+            median = statistics.median(ABORT_TIMEOUT_S if s is None else s for s in times.wire_s)
             codes = " ".join(str(code) for code, _ in times.answers)
             answer_s = max(s for _, s in times.answers)
             print(f"{times.condition:<22}{median:>11.3f} s{times.worst_s:>11.3f} s{answer_s:>12.3f} s  {codes}")

@@ -1,9 +1,9 @@
 """Measure the performance of GSS: one thread, fixed seeds, processor time.
 
-``python -m tools.bench [--quick] [--json | --markdown] [section …]``, or ``make bench`` for all of it. Tables go to the
-terminal. With ``--json`` standard output is one JSON document and the tables go to standard error. Not part of the
-tests, because results depend on the machine. Peers (sep, tetra3rs) are measured in the same run if installed (``pip
-install -e .[dev,bench]``), and listed as skipped otherwise.
+``python -m tools.bench [--quick] [--json | --markdown] [section …]``, or ``make bench`` for all of it. Tables are
+printed to the terminal. With ``--json`` standard output is one JSON document and the tables are printed to standard
+error. The benchmarks are not part of the tests, because results depend on the machine. Peers (sep, tetra3rs) are
+measured in the same run if installed (``pip install -e .[dev,bench]``), and listed as skipped otherwise.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from typing import Any  # noqa: E402
 from tools.bench_api import api  # noqa: E402
 from tools.bench_browser import page_load  # noqa: E402
 from tools.bench_catalogue import catalogues  # noqa: E402
-from tools.bench_frames import chains, drawing, finding  # noqa: E402
+from tools.bench_frames import chains, detection, rendering  # noqa: E402
 from tools.bench_identify import lost_in_space, near_attitude  # noqa: E402
 from tools.bench_ingest import ingest  # noqa: E402
 from tools.bench_line import packets, transfers  # noqa: E402
@@ -38,8 +38,8 @@ from tools.bench_tables import BenchTable, machine  # noqa: E402
 from tools.bench_tasks import page_tasks  # noqa: E402
 
 SECTIONS: dict[str, Callable[[bool], list[BenchTable]]] = {
-    "render": drawing,
-    "centroid": finding,
+    "render": rendering,
+    "centroid": detection,
     "chain": chains,
     "lost_in_space": lost_in_space,
     "near_attitude": near_attitude,
@@ -61,12 +61,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if unknown:
         parser.error(f"unknown section {', '.join(unknown)}; there are {', '.join(SECTIONS)}")
     at_start = machine()
-    show = sys.stderr if options.json else sys.stdout
+    output = sys.stderr if options.json else sys.stdout
     tables: list[BenchTable] = []
     for name in options.sections or SECTIONS:
         for table in SECTIONS[name](options.quick):
             tables.append(table)
-            print(table.markdown() if options.markdown else table.text(), file=show, flush=True)
+            print(table.markdown() if options.markdown else table.text(), file=output, flush=True)
     if options.update:
         options.update.write_text(updated(options.update.read_text(), tables))
     report = _report(at_start, options.quick, tables)
@@ -74,21 +74,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
         json.dump(report, sys.stdout, indent=1)
         print()
     else:
-        print(json.dumps(report["machine"]), file=show)
+        print(json.dumps(report["machine"]), file=output)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tools.bench", description=__doc__)
     parser.add_argument(
-        "sections", nargs="*", metavar="section", help=f"one or more of {', '.join(SECTIONS)}; all without"
+        "sections", nargs="*", metavar="section", help=f"one or more of {', '.join(SECTIONS)}; default: all"
     )
-    parser.add_argument("--quick", action="store_true", help="a few repetitions only: shows that it runs, not how fast")
+    parser.add_argument("--quick", action="store_true", help="a few repetitions only: checks that the benchmarks run")
     parser.add_argument(
-        "--update", type=Path, metavar="PAGE", help="put the tables into this page, for example docs/benchmarks.md"
+        "--update", type=Path, metavar="PAGE", help="replace the tables in this page, for example docs/benchmarks.md"
     )
-    shape = parser.add_mutually_exclusive_group()
-    shape.add_argument("--json", action="store_true", help="one JSON document on standard output")
-    shape.add_argument("--markdown", action="store_true", help="tables for docs/benchmarks.md")
+    output_format = parser.add_mutually_exclusive_group()
+    output_format.add_argument("--json", action="store_true", help="one JSON document on standard output")
+    output_format.add_argument("--markdown", action="store_true", help="tables for docs/benchmarks.md")
     return parser
 
 

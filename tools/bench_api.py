@@ -1,4 +1,5 @@
-"""API throughput and latency, with one process and with two API workers; load by httpx2 on keep-alive connections."""
+"""Measure API throughput and latency with one process and with two API workers. httpx2 generates the load on keep-alive
+connections."""
 
 from __future__ import annotations
 
@@ -54,22 +55,22 @@ def _paths() -> dict[str, str]:
 
 
 async def _measured(server: Served, path: str, seconds: float) -> dict[str, Value]:
-    took_s: list[float] = []
+    durations_s: list[float] = []
     sizes: list[int] = []
     end_s = time.perf_counter() + seconds
     start_s = time.perf_counter()
-    await asyncio.gather(*(_ask(server, path, end_s, took_s, sizes) for _ in range(CONNECTIONS)))
+    await asyncio.gather(*(_request_until(server, path, end_s, durations_s, sizes) for _ in range(CONNECTIONS)))
     span_s = time.perf_counter() - start_s
-    p50_ms, p95_ms, p99_ms = map(float, 1e3 * np.percentile(took_s, (50, 95, 99)))
-    rate = round(len(took_s) / span_s, 1)
+    p50_ms, p95_ms, p99_ms = map(float, 1e3 * np.percentile(durations_s, (50, 95, 99)))
+    rate = round(len(durations_s) / span_s, 1)
     return {"per_s": rate, "p50_ms": p50_ms, "p95_ms": p95_ms, "p99_ms": p99_ms, "bytes": sizes[-1]}
 
 
-async def _ask(server: Served, path: str, end_s: float, took_s: list[float], sizes: list[int]) -> None:
+async def _request_until(server: Served, path: str, end_s: float, durations_s: list[float], sizes: list[int]) -> None:
     headers = server.headers | {"Accept-Encoding": "identity"}
     async with httpx2.AsyncClient(base_url=server.address, headers=headers, trust_env=False, timeout=60) as client:
         while time.perf_counter() < end_s:
             requested_s = time.perf_counter()
             reply = await client.get(path)
-            took_s.append(time.perf_counter() - requested_s)
+            durations_s.append(time.perf_counter() - requested_s)
             sizes.append(len(reply.raise_for_status().content))

@@ -1,4 +1,4 @@
-"""Waiting times in the browser: first view, its bytes, and the age of the latest state in ten browsers."""
+"""Measure waiting times in the browser: first view, its size, and the age of the latest state in ten browsers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PIXELS = """() => {
 
 
 def page_load(quick: bool) -> list[BenchTable]:
-    """Return the first view, and the delay from the server's clock to a painted frame."""
+    """Return the time to the first view, and the delay from a state of the server to its painted frame."""
     if chromium() is None:
         return [BenchTable("page_load", "Pages in a browser", "Skipped: chromium is not installed.", SEED, [])]
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "data", "--simulator", "cubestar") as server:
@@ -66,8 +66,8 @@ async def _watch(server: Served, times: int, seconds: float) -> list[tuple[str, 
 
         views = []
         for _ in range(times):
-            page, took_s = await opened()
-            views.append((took_s, await page.evaluate(FIRST_VIEW)))
+            page, duration_s = await opened()
+            views.append((duration_s, await page.evaluate(FIRST_VIEW)))
             await page.context.close()
         rows: list[tuple[str, dict[str, Value]]] = [("first view, one browser", _view(views))]
         pages = []
@@ -92,10 +92,10 @@ async def _watch(server: Served, times: int, seconds: float) -> list[tuple[str, 
 
 
 def _view(views: list[tuple[float, dict[str, Any]]]) -> dict[str, Value]:
-    took_ms = [1e3 * took_s for took_s, _ in views]
+    durations_ms = [1e3 * duration_s for duration_s, _ in views]
     return {
-        "median_ms": float(np.median(took_ms)),
-        "p95_ms": float(np.quantile(took_ms, 0.95)),
+        "median_ms": float(np.median(durations_ms)),
+        "p95_ms": float(np.quantile(durations_ms, 0.95)),
         "first_paint_ms": float(np.median([facts["paint"] or 0.0 for _, facts in views])),
         "kB": round(views[-1][1]["bytes"] / 1000, 1),
         "files": views[-1][1]["files"],

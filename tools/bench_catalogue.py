@@ -1,4 +1,4 @@
-"""Catalogue building: distance table, envelope, complete builds, pointing statistics."""
+"""Measure catalogue building: distance table, envelope, complete builds, pointing statistics."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ def catalogues(quick: bool) -> list[BenchTable]:
     pairs = len(distance_table(bright, 0.0, far_rad))
     durations = repeated_ms(lambda: distance_table(bright, 0.0, far_rad), times)
     rows.append(("distance table, V < 6 within 13.9°", spread(durations) | {"stars": len(bright), "pairs": pairs}))
-    seen = preview(SUNSAT_YEAR, stars)
+    preview_result = preview(SUNSAT_YEAR, stars)
     durations = repeated_ms(lambda: preview(SUNSAT_YEAR, stars), times)
     rows.append(
         (
             "Sunsat, a year: envelope, selection, map",
-            spread(durations) | {"stars": len(seen.selection.kept), "pairs": seen.pairs},
+            spread(durations) | {"stars": len(preview_result.selection.kept), "pairs": preview_result.pairs},
         )
     )
     for label, request in (

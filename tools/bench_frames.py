@@ -1,4 +1,5 @@
-"""Image processing: rendering, detection and centroids compared with the Cramér–Rao bound and with peers, complete chains."""
+"""Measure image processing: rendering, complete chains, and detection and centroids compared with the Cramér–Rao bound
+and with peers."""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ DEEPER_MAG = 2.5
 Finder = Callable[[NDArray[np.uint8]], Array]
 
 
-def drawing(quick: bool) -> list[BenchTable]:
+def rendering(quick: bool) -> list[BenchTable]:
     """Return the time to render one frame."""
     rows: list[tuple[str, dict[str, Value]]] = []
     for name in ("cubestar", "sunsat"):
@@ -53,17 +54,17 @@ def drawing(quick: bool) -> list[BenchTable]:
     return [BenchTable("render", "Drawing a frame", conditions, DRAW_SEED, rows)]
 
 
-def finding(quick: bool) -> list[BenchTable]:
-    """Return detection and centroid results of all finders on the same frames, interleaved so that machine load affects
-    all equally."""
+def detection(quick: bool) -> list[BenchTable]:
+    """Return detection and centroid results of all finders on the same frames. The finders alternate, so that machine
+    load affects all equally."""
     frames = star_frames(3 if quick else 60, STARS, FIND_SEED)
     finders: dict[str, Finder] = {
-        "reference, known camera": _ours(SIGMA_PX, fast=False),
-        "reference, unknown width": _ours(None, fast=False),
+        "reference, known camera": _reference_finder(SIGMA_PX, fast=False),
+        "reference, unknown width": _reference_finder(None, fast=False),
     }
     skipped: list[str] = []
     if kernels.AVAILABLE:
-        finders["reference [fast], known camera"] = _ours(SIGMA_PX, fast=True)
+        finders["reference [fast], known camera"] = _reference_finder(SIGMA_PX, fast=True)
     else:
         skipped.append("the extra [fast] is not installed")
     for peer in (_sep_finders, _tetra3rs_finders):
@@ -71,22 +72,22 @@ def finding(quick: bool) -> list[BenchTable]:
             finders |= peer()
         except ImportError as error:
             skipped.append(f"{error.name} is not installed")
-    spent: dict[str, list[float]] = {name: [] for name in finders}
+    durations_ms: dict[str, list[float]] = {name: [] for name in finders}
     centroids: dict[str, list[Array]] = {name: [] for name in finders}
     for finder in finders.values():
         finder(frames[0].pixels)
     for frame in frames:
         for name, finder in finders.items():
-            duration_ms, places = timed_ms(partial(finder, frame.pixels))
-            spent[name].append(duration_ms)
-            centroids[name].append(places)
-    ours_ms = float(np.median(spent["reference, known camera"]))
+            duration_ms, positions = timed_ms(partial(finder, frame.pixels))
+            durations_ms[name].append(duration_ms)
+            centroids[name].append(positions)
+    ours_ms = float(np.median(durations_ms["reference, known camera"]))
     rows = [
         (
             name,
-            spread(spent[name])
-            | {"time_of_ours": float(np.median(spent[name])) / ours_ms}
-            | _judged(frames, centroids[name]),
+            spread(durations_ms[name])
+            | {"time_of_ours": float(np.median(durations_ms[name])) / ours_ms}
+            | _accuracy(frames, centroids[name]),
         )
         for name in finders
     ]
@@ -99,7 +100,7 @@ def finding(quick: bool) -> list[BenchTable]:
     return [BenchTable("centroid", "Detection and centroids", conditions, FIND_SEED, rows, skipped)]
 
 
-def _ours(sigma_px: float | None, *, fast: bool) -> Finder:
+def _reference_finder(sigma_px: float | None, *, fast: bool) -> Finder:
     def find(pixels: NDArray[np.uint8]) -> Array:
         if sigma_px is None:
             return find_stars(pixels, fast=fast).centroids.pixels
@@ -110,7 +111,7 @@ def _ours(sigma_px: float | None, *, fast: bool) -> Finder:
 
 
 def _sep_finders() -> dict[str, Finder]:
-    import sep  # type: ignore[import-not-found, unused-ignore]  # a peer that need not be installed
+    import sep  # type: ignore[import-not-found, unused-ignore]  # an optional peer
 
     def extract(pixels: NDArray[np.uint8]) -> tuple[Any, Any]:
         image = pixels.astype(np.float32)
@@ -133,29 +134,29 @@ def _sep_finders() -> dict[str, Finder]:
 def _tetra3rs_finders() -> dict[str, Finder]:
     import tetra3rs
 
-    def places(pixels: NDArray[np.uint8], detections: Any) -> Array:
+    def positions(pixels: NDArray[np.uint8], detections: Any) -> Array:
         rows, columns = pixels.shape
         middle = columns / 2 - 0.5, rows / 2 - 0.5
         return np.array([(c.x + middle[0], c.y + middle[1]) for c in detections.centroids], float).reshape(-1, 2)
 
     return {
-        "tetra3rs": lambda pixels: places(pixels, tetra3rs.extract_centroids(pixels, threads=1)),
-        "tetra3rs, fast": lambda pixels: places(pixels, tetra3rs.extract_centroids_fast(pixels, threads=1)),
+        "tetra3rs": lambda pixels: positions(pixels, tetra3rs.extract_centroids(pixels, threads=1)),
+        "tetra3rs, fast": lambda pixels: positions(pixels, tetra3rs.extract_centroids_fast(pixels, threads=1)),
     }
 
 
-def _judged(frames: list[StarFrame], centroids: list[Array]) -> dict[str, Value]:
+def _accuracy(frames: list[StarFrame], centroids: list[Array]) -> dict[str, Value]:
     errors, bounds, false = [], [], 0
-    for frame, places in zip(frames, centroids, strict=True):
+    for frame, positions in zip(frames, centroids, strict=True):
         used: set[int] = set()
-        for place, bound_px in zip(frame.places, frame.bound_px, strict=True):
-            offsets = places - place
-            nearest = int(np.argmin(np.hypot(*offsets.T))) if len(places) else -1
+        for position, bound_px in zip(frame.positions, frame.bound_px, strict=True):
+            offsets = positions - position
+            nearest = int(np.argmin(np.hypot(*offsets.T))) if len(positions) else -1
             if nearest >= 0 and np.hypot(*offsets[nearest]) < FOUND_WITHIN_PX:
                 used.add(nearest)
                 errors.append(offsets[nearest])
                 bounds.append(bound_px)
-        false += len(places) - len(used)
+        false += len(positions) - len(used)
     rms_px = float(np.sqrt(np.mean(np.square(errors)))) if errors else float("nan")
     bound_rms_px = float(np.sqrt(np.mean(np.square(bounds)))) if bounds else float("nan")
     return {

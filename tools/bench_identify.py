@@ -1,4 +1,4 @@
-"""Lost-in-space identification from centroid lists: ours and peers on the same lists."""
+"""Compare lost-in-space identification of GSS and its peers on the same centroid lists."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from tools.bench_tables import BenchTable, Value, spread, timed_ms
 SEED = 2025
 NOISE_PX = 0.2
 FALSE_STARS = (0, 1, 5, 10)
-FEWEST = 4
+MIN_STARS = 4
 PRIOR_OFF_RAD = float(np.radians(0.5))
 Solver = Callable[[CentroidList], tuple[float, Array | None]]
-"""Takes a list, returns duration in ms and the (3,) boresight in ICRS, or None without a solution."""
+"""Solver of a centroid list. Returns the duration in ms and the (3,) boresight in ICRS, or None without a solution."""
 
 
 def lost_in_space(quick: bool) -> list[BenchTable]:
@@ -50,16 +50,16 @@ def _near_table(optics: Optics, count: int) -> BenchTable:
         answers: list[tuple[float, Array | None]] = []
         for scene in scenes:
             centroids = _centroids(scene, optics)
-            turn = rng.normal(size=3)
+            axis = rng.normal(size=3)
             prior = (
-                rotation_from_vector(turn / np.linalg.norm(turn) * PRIOR_OFF_RAD * rng.uniform()) @ scene.cam_from_icrs
+                rotation_from_vector(axis / np.linalg.norm(axis) * PRIOR_OFF_RAD * rng.uniform()) @ scene.cam_from_icrs
             )
             hint = BoundedPrior(prior, PRIOR_OFF_RAD)
             duration_ms, result = timed_ms(partial(reference.solve_centroids, centroids, camera, known_sky, hint=hint))
             answers.append((duration_ms, None if result.attitude is None else result.attitude.cam_from_icrs[2]))
-        few = sum(scene.true_stars < FEWEST for scene in scenes)
-        spent = spread([ms for ms, _ in answers[1:]])
-        rows.append((f"{false_stars} false, reference", spent | _judged(answers, scenes, optics) | {"few": few}))
+        few = sum(scene.true_stars < MIN_STARS for scene in scenes)
+        durations = spread([ms for ms, _ in answers[1:]])
+        rows.append((f"{false_stars} false, reference", durations | _accuracy(answers, scenes, optics) | {"few": few}))
     conditions = (
         f"{count} lists as lost in space; the prior attitude is off by up to {np.degrees(PRIOR_OFF_RAD):g}° about any axis; "
         "identification, attitude and covariance together. If the prior gives no solution, the whole sky is searched."
@@ -84,9 +84,9 @@ def _table(optics: Optics, count: int) -> BenchTable:
         rows += _rows(f"{false_stars} false", scenes, solvers, optics)
     conditions = (
         f"{count} random attitudes for each number of false stars; {optics.columns} x {optics.rows} px, no distortion, "
-        f"{len(sky)} stars to V {optics.faint_mag}, places ±{NOISE_PX} px, magnitudes ±0.15; "
+        f"{len(sky)} stars to V {optics.faint_mag}, positions ±{NOISE_PX} px, magnitudes ±0.15; "
         f"right within {np.degrees(optics.tolerance_rad):.2f}°; one thread. "
-        f"'few' counts lists with fewer than {FEWEST} stars."
+        f"'few' counts lists with fewer than {MIN_STARS} stars."
     )
     return BenchTable("lost_in_space", f"Lost in space, {optics.name}", conditions, SEED, rows, skipped)
 
@@ -101,35 +101,37 @@ def _rows(
         for name, solve in solvers.items():
             results[name].append(solve(scene))
     ours_ms = float(np.median([ms for ms, _ in results["reference"]]))
-    few = sum(scene.true_stars < FEWEST for scene in scenes)
+    few = sum(scene.true_stars < MIN_STARS for scene in scenes)
     rows = []
     for name, answers in results.items():
         durations = spread([ms for ms, _ in answers])
         ratio: dict[str, Value] = {"time_of_ours": float(durations["median_ms"] or 0) / ours_ms}
-        rows.append((f"{label}, {name}", durations | ratio | _judged(answers, scenes, optics) | {"few": few}))
+        rows.append((f"{label}, {name}", durations | ratio | _accuracy(answers, scenes, optics) | {"few": few}))
     return rows
 
 
-def _judged(answers: list[tuple[float, Array | None]], scenes: list[CentroidList], optics: Optics) -> dict[str, Value]:
-    off_rad: list[float] = []
+def _accuracy(
+    answers: list[tuple[float, Array | None]], scenes: list[CentroidList], optics: Optics
+) -> dict[str, Value]:
+    errors_rad: list[float] = []
     for (_, boresight), scene in zip(answers, scenes, strict=True):
         if boresight is not None:
             half_chord = float(np.linalg.norm(boresight - scene.cam_from_icrs[2])) / 2
-            off_rad.append(2 * float(np.arcsin(min(1.0, half_chord))))
+            errors_rad.append(2 * float(np.arcsin(min(1.0, half_chord))))
     n = len(scenes)
-    good = [off for off in off_rad if off <= optics.tolerance_rad]
-    right = len(good)
+    correct_errors_rad = [error_rad for error_rad in errors_rad if error_rad <= optics.tolerance_rad]
+    correct = len(correct_errors_rad)
     return {
-        "right_percent": 100 * right / n,
-        "wrong_percent": 100 * (len(off_rad) - right) / n,
-        "none_percent": 100 * (n - len(off_rad)) / n,
-        "error_arcsec": float(np.degrees(np.median(good)) * 3600) if good else None,
+        "right_percent": 100 * correct / n,
+        "wrong_percent": 100 * (len(errors_rad) - correct) / n,
+        "none_percent": 100 * (n - len(errors_rad)) / n,
+        "error_arcsec": float(np.degrees(np.median(correct_errors_rad)) * 3600) if correct_errors_rad else None,
     }
 
 
 def _centroids(scene: CentroidList, optics: Optics) -> Centroids:
-    middle = np.array([(optics.columns - 1) / 2, (optics.rows - 1) / 2])
-    return Centroids.from_pixels(scene.offset_px + middle, 10 ** (-0.4 * scene.magnitude), NOISE_PX)
+    centre = np.array([(optics.columns - 1) / 2, (optics.rows - 1) / 2])
+    return Centroids.from_pixels(scene.offset_px + centre, 10 ** (-0.4 * scene.magnitude), NOISE_PX)
 
 
 def _reference(sky: SkyCatalogue, optics: Optics) -> Solver:
@@ -159,17 +161,17 @@ def _replica(sky: SkyCatalogue, optics: Optics) -> Solver:
 
 
 def _tetra3rs(sky: SkyCatalogue, optics: Optics) -> Solver:
-    """Return a solver of tetra3rs. It supports square pixels only, so rows are stretched for it."""
+    """Return a tetra3rs solver with the same stars. It supports only square pixels, so the rows are stretched."""
     import tetra3rs
 
-    wide_deg, high_deg = np.degrees(optics.fov_rad)
+    width_deg, height_deg = np.degrees(optics.fov_rad)
     with tempfile.TemporaryDirectory() as folder:
         catalogue = Path(folder) / "stars.bin"
         catalogue.write_bytes(_gaia_records(sky))
         database = tetra3rs.SolverDatabase.generate_from_gaia(
             str(catalogue),
-            max_fov_deg=wide_deg,
-            min_fov_deg=high_deg,
+            max_fov_deg=width_deg,
+            min_fov_deg=height_deg,
             star_max_magnitude=optics.faint_mag + 0.01,
             epoch_proper_motion_year=None,
         )
@@ -180,7 +182,7 @@ def _tetra3rs(sky: SkyCatalogue, optics: Optics) -> Solver:
         stars = np.column_stack([scene.offset_px * [1.0, stretch], 10 ** (-0.4 * scene.magnitude)])
         duration_ms, result = timed_ms(
             lambda: database.solve_from_centroids(
-                stars, camera_model=camera, fov_max_error_deg=0.02 * wide_deg, solve_timeout_ms=1000
+                stars, camera_model=camera, fov_max_error_deg=0.02 * width_deg, solve_timeout_ms=1000
             )
         )
         if not result:
@@ -193,11 +195,11 @@ def _tetra3rs(sky: SkyCatalogue, optics: Optics) -> Solver:
 
 
 def _cedar(sky: SkyCatalogue, optics: Optics) -> Solver:
-    """Return a solver of cedar. It supports square pixels only, so rows are stretched for it. Its database holds the same stars."""
-    import tetra3  # type: ignore[import-not-found, unused-ignore]  # a peer that need not be installed
+    """Return a cedar-solve solver with the same stars. It supports only square pixels, so the rows are stretched."""
+    import tetra3  # type: ignore[import-not-found, unused-ignore]  # an optional peer
 
     logging.getLogger("tetra3.Tetra3").setLevel(logging.ERROR)
-    wide_deg, high_deg = (float(a) for a in np.degrees(optics.fov_rad))
+    width_deg, height_deg = (float(a) for a in np.degrees(optics.fov_rad))
     peer = tetra3.Tetra3(load_database=None)
     with tempfile.TemporaryDirectory() as folder:
         catalogue, database = Path(folder) / "hip_main.dat", Path(folder) / "stars.npz"
@@ -205,8 +207,8 @@ def _cedar(sky: SkyCatalogue, optics: Optics) -> Solver:
         peer.generate_database(
             star_catalog=str(catalogue),
             save_as=str(database),
-            max_fov=wide_deg,
-            min_fov=high_deg,
+            max_fov=width_deg,
+            min_fov=height_deg,
             star_max_magnitude=optics.faint_mag + 0.01,
             epoch_proper_motion=None,
         )
@@ -214,14 +216,14 @@ def _cedar(sky: SkyCatalogue, optics: Optics) -> Solver:
         peer.load_database(str(database))
     stretch = optics.pitch_row_mm / optics.pitch_col_mm
     size = optics.rows * stretch, optics.columns
-    middle = np.array([size[0] / 2, size[1] / 2])
+    centre = np.array([size[0] / 2, size[1] / 2])
 
     def solve(scene: CentroidList) -> tuple[float, Array | None]:
         brightest = np.argsort(scene.magnitude, kind="stable")
-        places = scene.offset_px[brightest][:, ::-1] * [stretch, 1.0] + middle
+        positions = scene.offset_px[brightest][:, ::-1] * [stretch, 1.0] + centre
         duration_ms, result = timed_ms(
             lambda: peer.solve_from_centroids(
-                places, size, fov_estimate=wide_deg, fov_max_error=0.02 * wide_deg, solve_timeout=1000
+                positions, size, fov_estimate=width_deg, fov_max_error=0.02 * width_deg, solve_timeout=1000
             )
         )
         if result.get("RA") is None:
@@ -234,8 +236,8 @@ def _cedar(sky: SkyCatalogue, optics: Optics) -> Solver:
 
 
 def _hipparcos_lines(sky: SkyCatalogue) -> str:
-    """Return the columns of the catalogue's main file that the peer reads; positions are already at the epoch, so
-    without motion."""
+    """Return the stars in the format of the Hipparcos main catalogue, with the columns that the peer reads. Proper
+    motion is zero, because positions are already at the epoch."""
     x, y, z = sky.icrs.T
     ra_deg, dec_deg = np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arcsin(z))
     lines = []
@@ -248,7 +250,8 @@ def _hipparcos_lines(sky: SkyCatalogue) -> str:
 
 
 def _gaia_records(sky: SkyCatalogue) -> bytes:
-    """Return the file format that the peer reads; positions are already at the epoch, so without motion."""
+    """Return the stars in the file format that the peer reads. Proper motion is zero, because positions are already at
+    the epoch."""
     fields = [("id", "<i8"), ("ra", "<f8"), ("dec", "<f8"), ("mag", "<f4"), ("pm_ra", "<f4"), ("pm_dec", "<f4")]
     records = np.zeros(len(sky), np.dtype(fields))
     x, y, z = sky.icrs.T

@@ -1,4 +1,5 @@
-"""Packets per second from the line into the database: the complete link service, over a socket, at full speed."""
+"""Measure packets per second from the line into the database: the complete link service, over a socket, at full
+speed."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ from tools.bench_tables import BenchTable, Value
 
 SEED = 1
 STEP_S = 0.001
-PATIENCE_S = 40.0
+TIMEOUT_S = 40.0
 
 
 def ingest(quick: bool) -> list[BenchTable]:
@@ -42,7 +43,7 @@ def ingest(quick: bool) -> list[BenchTable]:
 
 
 def recorded_line(count: int) -> list[bytes]:
-    """Return frames of a simulated sensor that sends housekeeping a thousand times a second."""
+    """Return line frames of a simulated sensor that sends housekeeping a thousand times per second."""
     camera, memory = shipped_camera("cubestar"), Memory.in_ram()
     burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
     tracker = StarTracker(camera, SimulatedSky(camera, Inertial.pointing(1.5, 0.1, 0.3), 2026.0, SEED), memory)
@@ -63,25 +64,25 @@ def _measured(frames: list[bytes], count: int, per_s: float) -> dict[str, Value]
     from gss.settings import Settings
     from gss.wiring.build import build
 
-    with tempfile.TemporaryDirectory() as folder, socket.create_server(("127.0.0.1", 0)) as door:
-        services = build(Settings(data=Path(folder), device=f"socket://127.0.0.1:{door.getsockname()[1]}"))
+    with tempfile.TemporaryDirectory() as folder, socket.create_server(("127.0.0.1", 0)) as listener:
+        services = build(Settings(data=Path(folder), device=f"socket://127.0.0.1:{listener.getsockname()[1]}"))
         services.start()
         try:
-            line, _ = door.accept()
-            while not services.line.link.connected:  # data received earlier belongs to no contact and is discarded
+            line, _ = listener.accept()
+            while not services.line.link.connected:  # data received before the contact starts are discarded
                 time.sleep(0.01)
             time.sleep(0.5)
             sender = threading.Thread(target=_send, args=(line, frames, per_s), daemon=True)
             before_s, before_cpu_s = time.perf_counter(), time.process_time()
             sender.start()
             stored = _wait(services, count)
-            took_s, cpu_s = time.perf_counter() - before_s, time.process_time() - before_cpu_s
+            elapsed_s, cpu_s = time.perf_counter() - before_s, time.process_time() - before_cpu_s
             line.close()
         finally:
             services.stop()
     return {
         "stored": stored,
-        "packets_per_s": round(stored / took_s),
+        "packets_per_s": round(stored / elapsed_s),
         "processor_ms_per_packet": 1e3 * cpu_s / max(1, stored),
         "bytes": sum(map(len, frames)) // len(frames),
         "lost": count - stored,
@@ -97,10 +98,11 @@ def _send(line: socket.socket, frames: list[bytes], per_s: float) -> None:
 
 
 def _wait(services: Any, count: int) -> int:
-    """Return the number of telemetry rows received from the line; wait until all have arrived or no more arrive."""
+    """Wait until ``count`` rows are stored or ``TIMEOUT_S`` has passed. Return the number of telemetry rows received
+    from the line."""
     from sqlalchemy import text
 
-    deadline_s = time.perf_counter() + PATIENCE_S
+    deadline_s = time.perf_counter() + TIMEOUT_S
     stored = 0
     while stored < count and time.perf_counter() < deadline_s:
         time.sleep(0.02)

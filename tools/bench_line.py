@@ -1,4 +1,4 @@
-"""Benchmarks of the line: packet encoding and decoding rates, and transfer efficiency."""
+"""Measure packet encoding and decoding rates, and transfer efficiency on the line."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ ERROR_RATES = (0.0, 1e-6, 1e-5, 1e-4)
 
 @dataclass(frozen=True)
 class Kind:
-    """A packet type to send repeatedly."""
+    """Packet type with its content, sent repeatedly."""
 
     type: PacketType
     code: int
@@ -96,8 +96,8 @@ def _packet_rates(kind: Kind, prefix: int, count: int) -> dict[str, Value]:
 
 
 class SimulatedLine:
-    """A ground session and a simulated device on a line of a given baud rate, in simulated time, with bit errors in both
-    directions."""
+    """Ground session and simulated device on a line with a given baud rate and bit errors in both directions, in
+    simulated time."""
 
     def __init__(self, dictionary: Dictionary, golden: Golden, baud: int, faults: FaultRates) -> None:
         profile = shipped_camera("cubestar")
@@ -135,7 +135,8 @@ class SimulatedLine:
             self.step()
 
     def take_image(self) -> bool:
-        """Take an image into slot 0, resending the command until the device reports completion. Returns False on timeout."""
+        """Take an image into slot 0. Resend the command until the device reports completion. Return False on
+        timeout."""
         request_id = self.host.submit(self.host.encode("TAKE_IMAGE", {}))
         while self.now_s < TIMEOUT_S:
             self.step()
@@ -149,11 +150,11 @@ class SimulatedLine:
         return False
 
     def download(self) -> tuple[float, TransferUpdate]:
-        """Download slot 0. Returns simulated seconds and the final update."""
+        """Download slot 0. Return simulated seconds and the final update."""
         return self._finish(self.host.transfers.start_download("frame", 0), "verified")
 
     def upload(self, image: bytes) -> tuple[float, TransferUpdate]:
-        """Upload a catalogue to bank B, including the commit."""
+        """Upload a catalogue to bank B and commit it. Return simulated seconds and the final update."""
         header, hello = read_header(image), self.host.hello
         device_model = hello.device_model if hello else ""
         facts = (
@@ -167,9 +168,12 @@ class SimulatedLine:
         )
         return self._finish(self.host.transfers.start_upload("catalogue", 1, image, Compatibility(*facts)), "committed")
 
-    def _finish(self, transfer_id: int, end: str) -> tuple[float, TransferUpdate]:
+    def _finish(self, transfer_id: int, end_state: str) -> tuple[float, TransferUpdate]:
         start_s = self.now_s
-        while self.host.transfer(transfer_id).state.value not in (end, "failed") and self.now_s < start_s + TIMEOUT_S:
+        while (
+            self.host.transfer(transfer_id).state.value not in (end_state, "failed")
+            and self.now_s < start_s + TIMEOUT_S
+        ):
             self.step()
         return self.now_s - start_s, self.host.transfer(transfer_id)
 
@@ -200,13 +204,13 @@ def transfers(quick: bool) -> list[BenchTable]:
 
 
 def _transfer(line: SimulatedLine, image: bytes | None) -> dict[str, Value]:
-    spent_ms, (took_s, update) = timed_ms(line.download if image is None else lambda: line.upload(image))
+    processor_ms, (line_s, update) = timed_ms(line.download if image is None else lambda: line.upload(image))
     return {
         "state": update.state.value,
         "bytes": update.size,
-        "line_s": took_s,
-        "share_percent": 100 * update.stored_bytes * BITS_PER_BYTE / line.baud / took_s,
+        "line_s": line_s,
+        "share_percent": 100 * update.stored_bytes * BITS_PER_BYTE / line.baud / line_s,
         "chunk_bytes": update.chunk_size,
         "resent": update.resent,
-        "processor_ms": spent_ms,
+        "processor_ms": processor_ms,
     }

@@ -8,7 +8,8 @@ from tools.bench_tables import BenchTable
 
 
 def updated(page: str, tables: Sequence[BenchTable]) -> str:
-    """Return the page with each table's section, from its title to the next heading, replaced; new tables are appended."""
+    """Return the page with the section of each table replaced, from its title to the next heading. New tables are
+    appended."""
     for table in tables:
         head, new = f"## {table.title}\n", table.markdown().rstrip("\n") + "\n"
         start = 0 if page.startswith(head) else page.find("\n" + head) + 1
@@ -17,6 +18,6 @@ def updated(page: str, tables: Sequence[BenchTable]) -> str:
             continue
         lines = page[start + len(head) :].splitlines(keepends=True)
         length = next((k for k, line in enumerate(lines) if line.startswith(("#", "**"))), len(lines))
-        after = "".join(lines[length:])
-        page = page[:start] + new + ("\n" + after if after else "")
+        remainder = "".join(lines[length:])
+        page = page[:start] + new + ("\n" + remainder if remainder else "")
     return page

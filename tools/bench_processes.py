@@ -1,8 +1,9 @@
-"""Transport between an API worker and the link process: HTTP over a Unix socket (httpx2, uvicorn) against ZeroMQ (pyzmq).
+"""Compare two transports between an API worker and the link process: HTTP over a Unix socket (httpx2, uvicorn) and
+ZeroMQ (pyzmq).
 
 ``python -m tools.bench_processes``; needs pyzmq (``pip install -e .[bench]``). The results and the choice are in
-docs/decisions/0031-http-to-the-link-process.md. Both ends are asyncio, one process each; the messages have the sizes of
-an ABORT, of the telemetry of a page, and of the pixels of a frame.
+docs/decisions/0031-http-to-the-link-process.md. Both ends use asyncio in separate processes. The messages have the
+sizes of an ABORT, the telemetry of a page, and the pixels of a frame.
 """
 
 from __future__ import annotations
@@ -80,14 +81,14 @@ async def _timed(name: str, call: Call, number: int, size: int) -> None:
         await call()
     times_s, cpu_s = [], time.process_time()
     for _ in range(number):
-        begun_s = time.perf_counter()
+        start_s = time.perf_counter()
         assert len(await call()) == size  # noqa: S101
-        times_s.append(time.perf_counter() - begun_s)
+        times_s.append(time.perf_counter() - start_s)
     cpu_s = time.process_time() - cpu_s
-    _say(name, times_s, cpu_s / number)
+    _print_row(name, times_s, cpu_s / number)
 
 
-def _say(name: str, times_s: list[float], cpu_s: float) -> None:
+def _print_row(name: str, times_s: list[float], cpu_s: float) -> None:
     cuts = statistics.quantiles(times_s, n=100)
     print(f"{name:52s} {1e3 * cuts[49]:8.3f} {1e3 * cuts[94]:8.3f} {1e3 * cpu_s:8.3f}")
 
@@ -95,7 +96,7 @@ def _say(name: str, times_s: list[float], cpu_s: float) -> None:
 async def _delays(name: str, events: AsyncIterator[bytes]) -> None:
     cpu_s = time.process_time()
     delays_s = [time.monotonic() - float(data.split(b" ", 1)[0]) async for data in events]
-    _say(name, delays_s, (time.process_time() - cpu_s) / EVENTS)
+    _print_row(name, delays_s, (time.process_time() - cpu_s) / EVENTS)
 
 
 async def _measure_http(folder: str, keep: int) -> None:
@@ -146,7 +147,7 @@ async def _measure_zmq(folder: str) -> None:
 
 
 def main() -> None:
-    """Measure both and print milliseconds."""
+    """Measure both transports and print milliseconds."""
     print(f"{'':52s} {'median':>8s} {'p95':>8s} {'CPU':>8s}  ms; CPU of the caller for each")
     spawn = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory(prefix="gss-") as folder, contextlib.ExitStack() as stack:

@@ -1,4 +1,4 @@
-"""Ground truth for comparing GSS with other programs, generated without GSS's own renderer and chains."""
+"""Generate ground truth for comparing GSS with other programs, without the renderer and chains of GSS."""
 
 from __future__ import annotations
 
@@ -18,34 +18,36 @@ Array = NDArray[np.float64]
 EPOCH_JYEAR = 2025.0
 MERGE_PX = 3.0
 
-# Frames: sensor with a visible noise floor, so that photon and read-out noise set the bound on centroids.
+# The sensor of the frames has a visible noise floor, so that photon and read-out noise limit the centroids.
 SIGMA_PX, E_PER_DN, BIAS_DN, DARK_E, READ_E = 1.0, 40.0, 8.0, 80.0, 40.0
 PEAK_DN, RANGE_MAG, APART_PX, BORDER_PX, HALF_PX = 240.0, 3.0, 16.0, 12.0, 7
 
 
 @dataclass(frozen=True)
 class StarFrame:
-    """(rows, columns) counts, (n, 2) true col and row, (n,) electrons, and the Cramér–Rao bound per axis, px."""
+    """Frame with its truth: (rows, columns) counts, (n, 2) true col and row, (n,) electrons, and the (n,) Cramér–Rao
+    bound per axis in px."""
 
     pixels: NDArray[np.uint8]
-    places: Array
+    positions: Array
     flux_e: Array
     bound_px: Array
 
 
 def star_frames(count: int, stars: int, seed: int, columns: int = 1024, rows: int = 512) -> list[StarFrame]:
-    """Return frames of pixel-integrated Gaussian stars with Poisson photon noise, normal read-out noise and eight bits."""
+    """Return frames of pixel-integrated Gaussian stars with Poisson photon noise, normal read-out noise and eight
+    bits."""
     rng = np.random.default_rng(seed)
     return [_star_frame(rng, stars, columns, rows) for _ in range(count)]
 
 
 def _star_frame(rng: np.random.Generator, stars: int, columns: int, rows: int) -> StarFrame:
-    places = _apart(rng, stars, columns, rows)
+    positions = _separated_positions(rng, stars, columns, rows)
     brightest_e = PEAK_DN * E_PER_DN / erf(0.5 / (SIGMA_PX * np.sqrt(2))) ** 2
     flux_e = brightest_e * 10 ** (-0.4 * rng.uniform(0, RANGE_MAG, stars))
     expected_e = np.full((rows, columns), DARK_E)
     bound_px = np.empty(stars)
-    for i, ((col, row), light_e) in enumerate(zip(places, flux_e, strict=True)):
+    for i, ((col, row), light_e) in enumerate(zip(positions, flux_e, strict=True)):
         left, top = round(col) - HALF_PX, round(row) - HALF_PX
         across, slope = _profile(left, col)
         down, _ = _profile(top, row)
@@ -55,16 +57,16 @@ def _star_frame(rng: np.random.Generator, stars: int, columns: int, rows: int) -
         expected_e[top : top + 2 * HALF_PX + 1, left : left + 2 * HALF_PX + 1] += spot_e
     signal_e = rng.poisson(expected_e) + rng.normal(0, READ_E, expected_e.shape)
     pixels = np.clip(np.rint(signal_e / E_PER_DN + BIAS_DN), 0, 255).astype(np.uint8)
-    return StarFrame(pixels, places, flux_e, bound_px)
+    return StarFrame(pixels, positions, flux_e, bound_px)
 
 
-def _apart(rng: np.random.Generator, stars: int, columns: int, rows: int) -> Array:
-    places = np.empty((0, 2))
-    while len(places) < stars:
-        place = rng.uniform([BORDER_PX, BORDER_PX], [columns - 1 - BORDER_PX, rows - 1 - BORDER_PX])
-        if np.all(np.hypot(*(places - place).T) > APART_PX):
-            places = np.vstack([places, place])
-    return places
+def _separated_positions(rng: np.random.Generator, stars: int, columns: int, rows: int) -> Array:
+    positions = np.empty((0, 2))
+    while len(positions) < stars:
+        position = rng.uniform([BORDER_PX, BORDER_PX], [columns - 1 - BORDER_PX, rows - 1 - BORDER_PX])
+        if np.all(np.hypot(*(positions - position).T) > APART_PX):
+            positions = np.vstack([positions, position])
+    return positions
 
 
 def _profile(first_px: int, centre_px: float) -> tuple[Array, Array]:
@@ -90,16 +92,16 @@ class Optics:
 
     @property
     def camera(self) -> Camera:
-        """Return the camera model that the chains use."""
+        """Camera model that the chains use."""
         return Camera.from_optics(
             self.columns, self.rows, self.pitch_col_mm, self.pitch_row_mm, self.focal_mm, Pinhole()
         )
 
     @property
     def fov_rad(self) -> tuple[float, float]:
-        """Field of view, horizontal and vertical."""
-        wide, high = self.columns * self.pitch_col_mm, self.rows * self.pitch_row_mm
-        return 2 * np.arctan(wide / 2 / self.focal_mm), 2 * np.arctan(high / 2 / self.focal_mm)
+        """Horizontal and vertical field of view."""
+        width_mm, height_mm = self.columns * self.pitch_col_mm, self.rows * self.pitch_row_mm
+        return 2 * np.arctan(width_mm / 2 / self.focal_mm), 2 * np.arctan(height_mm / 2 / self.focal_mm)
 
 
 CAMERAS = (
@@ -110,8 +112,8 @@ CAMERAS = (
 
 @dataclass(frozen=True)
 class CentroidList:
-    """A list of centroids, brightest first. ``offset_px``: (n, 2) col and row from the detector's centre;
-    ``true_stars``: number of real stars in it."""
+    """List of centroids, brightest first. ``offset_px``: (n, 2) col and row from the detector's centre; ``true_stars``:
+    number of real stars in the list."""
 
     cam_from_icrs: Array
     offset_px: Array
@@ -120,8 +122,8 @@ class CentroidList:
 
 
 def visible_stars(optics: Optics) -> SkyCatalogue:
-    """Return stars to the magnitude limit at the epoch. Of pairs closer than three pixels the fainter star is dropped,
-    because no camera resolves them."""
+    """Return the stars up to the magnitude limit at the epoch. In pairs closer than three pixels the fainter star is
+    dropped, because the camera does not resolve the pair."""
     table = propagate(load_stars(optics.faint_mag), EPOCH_JYEAR).brighter_than(optics.faint_mag)
     reach_rad = MERGE_PX * max(optics.pitch_col_mm, optics.pitch_row_mm) / optics.focal_mm
     close = cKDTree(table.icrs).query_pairs(2 * np.sin(reach_rad / 2), output_type="ndarray")
@@ -133,7 +135,8 @@ def visible_stars(optics: Optics) -> SkyCatalogue:
 def star_lists(
     sky: SkyCatalogue, optics: Optics, count: int, false_stars: int, noise_px: float, seed: int
 ) -> list[CentroidList]:
-    """Return scenes at random attitudes: noisy positions, 0.15 mag of photometric noise, false stars across the frame."""
+    """Return scenes at random attitudes: noisy positions, 0.15 mag of photometric noise, false stars across the
+    frame."""
     rng = np.random.default_rng(seed)
     return [_star_list(rng, sky, optics, false_stars, noise_px) for _ in range(count)]
 
@@ -142,13 +145,13 @@ def _star_list(
     rng: np.random.Generator, sky: SkyCatalogue, optics: Optics, false_stars: int, noise_px: float
 ) -> CentroidList:
     matrix = Rotation.from_quat(rng.normal(size=4)).as_matrix()
-    seen = sky.icrs @ matrix.T
+    camera_vectors = sky.icrs @ matrix.T
     focal = optics.focal_mm / np.array([optics.pitch_col_mm, optics.pitch_row_mm])
     half = np.array([optics.columns, optics.rows]) / 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        places = focal * seen[:, :2] / seen[:, 2:]
-    inside = np.flatnonzero((seen[:, 2] > 0) & np.all(np.abs(places) < half, axis=1))
-    stars = places[inside] + rng.normal(0, noise_px, (len(inside), 2))
+        positions = focal * camera_vectors[:, :2] / camera_vectors[:, 2:]
+    inside = np.flatnonzero((camera_vectors[:, 2] > 0) & np.all(np.abs(positions) < half, axis=1))
+    stars = positions[inside] + rng.normal(0, noise_px, (len(inside), 2))
     star_mag = sky.v_mag[inside] + rng.normal(0, 0.15, len(inside))
     others = rng.uniform(-half, half, (false_stars, 2))
     other_mag = rng.uniform(optics.faint_mag - 3, optics.faint_mag, false_stars)

@@ -18,8 +18,8 @@ Value = float | int | str | None
 
 @dataclass(frozen=True)
 class BenchTable:
-    """Results measured under the same conditions. ``rows``: what was measured and its values; the unit is in the column
-    name. ``skipped``: what could not be measured, and why."""
+    """Results measured under the same conditions. ``rows``: label and values of each measurement; column names contain
+    the units. ``skipped``: texts that state which measurement was skipped and why."""
 
     section: str
     title: str
@@ -78,8 +78,8 @@ def _text(value: Value) -> str:
 
 
 def timed_ms(work: Callable[[], T]) -> tuple[float, T]:
-    """Return the processor time of a call, and its result. With one thread it equals the duration on an idle machine,
-    and other programs affect it less than the wall clock."""
+    """Return the processor time of a call in ms, and its result. With one thread, processor time equals the duration on
+    an idle machine, and other programs affect it less than the wall clock."""
     start_s = process_time()
     result = work()
     return 1e3 * (process_time() - start_s), result

@@ -1,5 +1,8 @@
-"""How long tasks block the Live page's main thread while the sensor cycles at 1 Hz: every task of the browser's own
-trace, in processor time (what the page needs) and in wall time (including the load of the machine)."""
+"""Measure how long tasks block the main thread of the Live page while the sensor cycles at 1 Hz.
+
+The tasks are read from the browser's trace, in processor time (time of the page) and in wall time (including the load
+of the machine).
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from tools.soak import wait_for_rest
 SEED = 1
 LONG_MS = 50.0
 SECONDS = 20.0
-WARM_S = 8.0
+WARM_UP_S = 8.0
 CATEGORIES = ["toplevel", "devtools.timeline", "disabled-by-default-devtools.timeline", "v8", "blink.user_timing"]
 TASK = "ThreadControllerImpl::RunTask"
 Event = dict[str, Any]
@@ -31,7 +34,7 @@ Event = dict[str, Any]
 
 @dataclass(frozen=True)
 class PageTask:
-    """One task of a page's main thread. ``parts``: processor milliseconds by function called in it, without nested calls."""
+    """One task of a page's main thread. ``parts``: processor milliseconds by called function, without nested calls."""
 
     at_ms: float
     processor_ms: float
@@ -57,7 +60,7 @@ def page_tasks(quick: bool) -> list[BenchTable]:
 
 
 def traced(width: int, height: int, seconds: float) -> tuple[list[PageTask], int]:
-    """Return the page's tasks while it follows a cycling sensor, and the number of frames received meanwhile."""
+    """Return the tasks of the page while the sensor cycles, and the number of frames received in that time."""
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "data", "--simulator", "cubestar") as server:
         wait_for_rest(server)
         events, frames = asyncio.run(_trace(server, width, height, seconds))
@@ -79,7 +82,7 @@ async def _trace(server: Served, width: int, height: int, seconds: float) -> tup
         httpx2.post(f"{server.address}/api/commands", headers=server.headers, json=body, timeout=30).raise_for_status()
         image = page.locator("[data-testid=sky-image]")
         await page.locator("[data-testid=sky-image][data-ready=true]").wait_for()
-        await asyncio.sleep(WARM_S)
+        await asyncio.sleep(WARM_UP_S)
         before = int(await image.get_attribute("data-frame") or 0)
         await browser.start_tracing(page=page, categories=CATEGORIES)
         await asyncio.sleep(seconds)
@@ -90,15 +93,17 @@ async def _trace(server: Served, width: int, height: int, seconds: float) -> tup
 
 
 def tasks(events: Sequence[Event]) -> list[PageTask]:
-    """Return the tasks of every renderer's main thread, in order, from a trace's events."""
-    mains = {
+    """Return the tasks of every renderer's main thread from the events of a trace, sorted by time."""
+    main_threads = {
         (e["pid"], e["tid"]) for e in events if e["name"] == "thread_name" and e["args"]["name"] == "CrRendererMain"
     }
-    whole = [e for e in events if e.get("ph") == "X" and (e["pid"], e["tid"]) in mains and "tdur" in e]
+    complete_events = [e for e in events if e.get("ph") == "X" and (e["pid"], e["tid"]) in main_threads and "tdur" in e]
     long_tasks = []
-    for main in mains:
-        ours = sorted((e for e in whole if (e["pid"], e["tid"]) == main), key=lambda e: (e["ts"], -e["dur"]))
-        for outer, inner in _nested(ours):
+    for main in main_threads:
+        thread_events = sorted(
+            (e for e in complete_events if (e["pid"], e["tid"]) == main), key=lambda e: (e["ts"], -e["dur"])
+        )
+        for outer, inner in _nested(thread_events):
             long_tasks.append(PageTask(outer["ts"] / 1e3, outer["tdur"] / 1e3, outer["dur"] / 1e3, _parts(inner)))
     return sorted(long_tasks, key=lambda task: task.at_ms)
 
@@ -118,16 +123,16 @@ def _nested(events: Sequence[Event]) -> Iterable[tuple[Event, list[Event]]]:
 
 
 def _parts(inner: Sequence[Event]) -> dict[str, float]:
-    own: Counter[str] = Counter()
+    durations_ms: Counter[str] = Counter()
     stack: list[Event] = []
     for event in inner:
         while stack and event["ts"] >= stack[-1]["ts"] + stack[-1]["dur"]:
             stack.pop()
-        own[_name(event)] += event["tdur"] / 1e3
+        durations_ms[_name(event)] += event["tdur"] / 1e3
         if stack:
-            own[_name(stack[-1])] -= event["tdur"] / 1e3
+            durations_ms[_name(stack[-1])] -= event["tdur"] / 1e3
         stack.append(event)
-    return {name: ms for name, ms in own.most_common() if ms >= 0.05}
+    return {name: ms for name, ms in durations_ms.most_common() if ms >= 0.05}
 
 
 def _name(event: Event) -> str:
@@ -137,7 +142,7 @@ def _name(event: Event) -> str:
 
 
 def summary(tasks: Sequence[PageTask]) -> dict[str, Value]:
-    """Return the row of the table."""
+    """Return the values of a table row."""
     processor, wall = np.array([t.processor_ms for t in tasks]), np.array([t.wall_ms for t in tasks])
     span_ms = tasks[-1].at_ms - tasks[0].at_ms
     return {

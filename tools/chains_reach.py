@@ -1,4 +1,4 @@
-"""Show that the command line reaches every stage of docs/chains.md, by running ``gss`` and recording what it calls."""
+"""Check that the command line reaches every stage of docs/chains.md: run ``gss`` and record the called functions."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parent.parent
 ORION_DEG = (84.0, 0.0, 20.0)
-"""Right ascension, declination and roll of the first image; every camera sees enough bright stars there."""
-TURN_DEG = 0.05
+"""Right ascension, declination and roll of the first image, at which every camera sees enough bright stars."""
+ROTATION_DEG = 0.05
 """Rotation between two images of a sequence."""
 SEQUENCE = 4
 FEW_STARS_S = "0.02"
-"""Exposure in which far_mst sees 11 stars."""
+"""Exposure with which far_mst detects 11 stars."""
 FALSE_STARS = "60"
-"""Number of false stars among which the vote of oersted fails."""
+"""Number of false stars with which the vote of oersted fails."""
 OPTION = re.compile(r"`(--[^`]*)`")
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Images of one system's camera: ``plain`` is a sequence, ``few`` the same with few stars in its third image,
-    ``crowded`` an image with false stars, ``dark`` images without stars."""
+    """Images of one system's camera: ``plain``: sequence; ``few``: the same sequence with few stars in the third image;
+    ``crowded``: image with false stars; ``dark``: images without stars."""
 
     system: str
     plain: tuple[Path, ...]
@@ -45,12 +45,12 @@ class Scene:
 
 
 def render_scene(system: str, folder: Path) -> Scene:
-    """Render the images with ``gss render``. RuntimeError if that fails."""
+    """Render the images with ``gss render``. Raises RuntimeError if that fails."""
 
     def image(name: str, k: int, *options: str) -> Path:
         ra, dec, roll = ORION_DEG
         out = folder / f"{system}-{name}-{k}.png"
-        at = f"{ra + k * TURN_DEG},{dec},{roll}"
+        at = f"{ra + k * ROTATION_DEG},{dec},{roll}"
         with contextlib.redirect_stdout(io.StringIO()):
             code = main(["render", "--camera", system, "--at", at, "--out", str(out), "--seed", str(k + 1), *options])
         if code != 0:
@@ -64,29 +64,29 @@ def render_scene(system: str, folder: Path) -> Scene:
 
 
 def unreached(stages: Mapping[str, Sequence[ChainStage]]) -> list[str]:
-    """Run every stage that a command selects; return a line for each that its command does not call, or calls although
-    an option leaves it out. Stages of the simulated unit are tested with the unit."""
+    """Run the command of every stage. Return a line for each stage that its command does not call, or that is called
+    although an option disables it. Stages that only the simulated unit runs are tested elsewhere."""
     missing: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         for system, rows in stages.items():
-            scene, known = render_scene(system, Path(folder)), {}
+            scene, calls_by_command = render_scene(system, Path(folder)), {}
             for stage in rows:
                 if stage.by_unit:
                     continue
                 arguments = command(scene, stage)
-                if arguments not in known:
-                    known[arguments] = called(arguments)
-                if not _is_in(stage.full_name, known[arguments]):
+                if arguments not in calls_by_command:
+                    calls_by_command[arguments] = called(arguments)
+                if not _is_in(stage.full_name, calls_by_command[arguments]):
                     missing.append(f"{system}: {stage.where} is not called by gss {' '.join(arguments)}")
                 if stage.left_out_by:
-                    without = called(_solve(scene, stage.left_out_by, scene.plain[:1]))
-                    if _is_in(stage.full_name, without):
+                    calls_without = called(_solve(scene, stage.left_out_by, scene.plain[:1]))
+                    if _is_in(stage.full_name, calls_without):
                         missing.append(f"{system}: {stage.where} is called with {stage.left_out_by}")
     return missing
 
 
 def command(scene: Scene, stage: ChainStage) -> tuple[str, ...]:
-    """Return the arguments of ``gss`` that reach a stage; its scene can also be an experiment."""
+    """Return the arguments of ``gss`` that reach a stage."""
     if stage.scene == "dark":
         return ("calibrate", *map(str, scene.dark), "--camera", scene.system, "--darks")
     if stage.scene == "experiment":
@@ -103,8 +103,8 @@ def command(scene: Scene, stage: ChainStage) -> tuple[str, ...]:
 
 def _solve(scene: Scene, options: str, images: Sequence[Path]) -> tuple[str, ...]:
     ra, dec, roll = ORION_DEG
-    given = options.replace("RA,DEC,ROLL", f"{ra},{dec},{roll}").replace("--interval S", "--interval 1").split()
-    return ("solve", *map(str, images), "--camera", scene.system, "--chain", scene.system, *given)
+    arguments = options.replace("RA,DEC,ROLL", f"{ra},{dec},{roll}").replace("--interval S", "--interval 1").split()
+    return ("solve", *map(str, images), "--camera", scene.system, "--chain", scene.system, *arguments)
 
 
 def called(arguments: Sequence[str]) -> frozenset[str]:
@@ -120,7 +120,7 @@ def called(arguments: Sequence[str]) -> frozenset[str]:
 
 @contextlib.contextmanager
 def recorded() -> Iterator[set[str]]:
-    """Provide a set that, after the block, holds the functions of GSS that were called in it."""
+    """Yield a set that, after the block, contains the functions of GSS called in the block."""
     codes: set[CodeType] = set()
     names: set[str] = set()
 
@@ -143,4 +143,4 @@ def recorded() -> Iterator[set[str]]:
 
 
 def _is_in(name: str, calls: frozenset[str] | set[str]) -> bool:
-    return name in calls or any(one.startswith(f"{name}.") for one in calls)
+    return name in calls or any(call.startswith(f"{name}.") for call in calls)

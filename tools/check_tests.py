@@ -1,8 +1,8 @@
-"""Run the fast tests of what changed: ``python -m tools.check_tests [--base REV]``.
+"""Run the fast tests of the changed files: ``python -m tools.check_tests [--base REV]``.
 
-A file has changed if it differs from the base (the last commit) or is not tracked by Git yet. Run are: changed test files, tests
-that name a changed module, and tests of the interface if the description of an instrument changed. Tests that drive processes
-or browsers (``SLOW``) are left to ``make test``.
+A file has changed if it differs from the base (the last commit) or is not tracked by Git. The selected tests are
+changed test files, tests that name a changed module, and tests of the interface if the description of an instrument has
+changed. Tests that start processes or browsers (``SLOW``) are not selected; ``make test`` runs them.
 """
 
 from __future__ import annotations
@@ -21,25 +21,26 @@ DESCRIBED = (
     "tests/device/test_other_unit",
     "tests/device/test_packet_bytes",
 )
-"""Tests that read the descriptions of instruments: run when a YAML file of ``gss/instruments`` changes."""
+"""Tests that read the descriptions of instruments. They run if a YAML file of ``gss/instruments`` has changed."""
 MAX_FILES = 25
-"""More changed tests than this do not fit into a minute: those nearest to the change run first."""
+"""Maximum number of test files that run within a minute. Tests that name the most changed modules run first."""
 
 
 def changed_files(base: str) -> list[str]:
-    """Paths that differ from ``base``, and untracked ones."""
+    """Return the paths that differ from ``base`` or are untracked."""
     listings = (["git", "diff", "--name-only", base], ["git", "ls-files", "--others", "--exclude-standard"])
     outputs = [subprocess.run(command, capture_output=True, text=True, check=True).stdout for command in listings]
     return sorted({line for text in outputs for line in text.splitlines()})
 
 
 def module_of(path: str) -> str:
-    """``gss/a/b.py`` as ``gss.a.b``."""
+    """Return the module name of a path, for example gss.a.b for gss/a/b.py."""
     return path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
 
 
 def tests_of(changed: Iterable[str], tests: Iterable[Path]) -> list[str]:
-    """Test files that changed or name a changed module, those with the most names first."""
+    """Return the test files that have changed or name a changed module; changed files first, then by number of named
+    modules."""
     changed = list(changed)
     modules = [
         module_of(path)
@@ -47,15 +48,15 @@ def tests_of(changed: Iterable[str], tests: Iterable[Path]) -> list[str]:
         if path.startswith(("gss/", "validation/", "tools/")) and path.endswith(".py")
     ]
     pattern = re.compile("|".join(rf"\b{re.escape(module)}\b" for module in modules)) if modules else None
-    described = any(path.startswith("gss/instruments/") and path.endswith(".yaml") for path in changed)
+    has_changed_description = any(path.startswith("gss/instruments/") and path.endswith(".yaml") for path in changed)
     ranked = []
     for test in tests:
         name = test.as_posix()
         if name.startswith(SLOW):
             continue
-        named = len(set(pattern.findall(test.read_text()))) if pattern else 0
-        if name in changed or named or (described and name.startswith(DESCRIBED)):
-            ranked.append((name not in changed, -named, name))
+        named_modules = len(set(pattern.findall(test.read_text()))) if pattern else 0
+        if name in changed or named_modules or (has_changed_description and name.startswith(DESCRIBED)):
+            ranked.append((name not in changed, -named_modules, name))
     return [name for *_, name in sorted(ranked)]
 
 
@@ -63,13 +64,13 @@ def main() -> int:
     """Run the tests. Returns pytest's exit status; 0 if there is nothing to test."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--base", default="HEAD", help="compare with this revision (default HEAD)")
-    chosen = tests_of(changed_files(parser.parse_args().base), sorted(Path("tests").rglob("test_*.py")))
-    if not chosen:
-        print("no fast test names what changed")
+    selected = tests_of(changed_files(parser.parse_args().base), sorted(Path("tests").rglob("test_*.py")))
+    if not selected:
+        print("no fast test names a changed module")
         return 0
-    for left_out in chosen[MAX_FILES:]:
-        print(f"left to make test: {left_out}")
-    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", *chosen[:MAX_FILES]]
+    for skipped in selected[MAX_FILES:]:
+        print(f"not run here, see make test: {skipped}")
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", *selected[:MAX_FILES]]
     return subprocess.run(command, check=False).returncode
 
 

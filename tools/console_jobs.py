@@ -1,7 +1,7 @@
-"""Clicks and seconds of an operator's usual jobs, measured in a browser on a real server with a simulated sensor.
+"""Measure clicks and seconds of an operator's usual tasks in a browser, on a server with a simulated sensor.
 
-``python -m tools.console_jobs --photograph FILE`` prints a table in Markdown. Clicks are mouse clicks or their keys; a field
-that is filled counts as a field. The seconds contain no time of thinking or reading.
+``python -m tools.console_jobs --photograph FILE`` prints a table in Markdown. A key press that replaces a mouse click
+counts as a click. The seconds do not include time for thinking or reading.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from tools.browser import launch_options
 from tools.screenshots import two_line_elements
 
 PASSWORD = "orion over the sea"  # noqa: S105 - of a server that lives for minutes
-PATIENCE_MS = 180_000
+TIMEOUT_MS = 180_000
 
 
 @dataclass
 class Server:
-    """``gss serve`` that can be killed and started again. ``link``: what it printed at its start."""
+    """Process of ``gss serve`` that can be killed and restarted. ``link``: URL printed at its start."""
 
     folder: Path
     port: str = "0"
@@ -64,12 +64,12 @@ class Server:
 
 @dataclass
 class Job:
-    """One job in progress: counts what the operator does."""
+    """One task in progress, with counters of the operator's actions."""
 
     page: Page
     clicks: int = 0
     fields: int = 0
-    begun_s: float = field(default_factory=time.monotonic)
+    start_s: float = field(default_factory=time.monotonic)
 
     def click(self, testid: str) -> None:
         """Click a control."""
@@ -81,31 +81,31 @@ class Job:
         self.page.get_by_test_id(testid).fill(text)
         self.fields += 1
 
-    def sees(self, testid: str, words: str) -> None:
+    def wait_for_text(self, testid: str, pattern: str) -> None:
         """Wait until a part of the page matches a regular expression."""
-        expect(self.page.get_by_test_id(testid).first).to_contain_text(re.compile(words))
+        expect(self.page.get_by_test_id(testid).first).to_contain_text(re.compile(pattern))
 
     def row(self, name: str) -> str:
-        """Return the row of the table."""
-        return f"| {name} | {self.clicks} | {self.fields} | {time.monotonic() - self.begun_s:.1f} |"
+        """Return the table row of this task in Markdown."""
+        return f"| {name} | {self.clicks} | {self.fields} | {time.monotonic() - self.start_s:.1f} |"
 
 
 def set_up(page: Page, server: Server) -> str:
-    """From the printed link to an attitude."""
+    """Measure the task from the printed link to an attitude."""
     job = Job(page)
     page.goto(server.link)
     job.fill("set-up-name", "ann")
     job.fill("new-password", PASSWORD)
     job.fill("new-password-again", PASSWORD)
     job.click("set-up-go")
-    job.sees("link-state", "up")
+    job.wait_for_text("link-state", "up")
     job.click("cmd-RUN_ITERATION")
-    job.sees("ground-ra", "°")
+    job.wait_for_text("ground-ra", "°")
     return job.row("set-up link to attitude")
 
 
 def catalogue(page: Page, server: Server) -> str:
-    """From a TLE to a confirmed catalogue on board."""
+    """Measure the task from a TLE to a confirmed catalogue on board."""
     job = Job(page)
     page.goto(f"{server.address}/catalogues/new")
     job.click("step-1")
@@ -116,28 +116,28 @@ def catalogue(page: Page, server: Server) -> str:
     job.click("build")
     expect(page).to_have_url(re.compile(r"/catalogues/\d+"))
     job.click("upload-start")
-    job.sees("upload", "committed")
+    job.wait_for_text("upload", "committed")
     job.click("activate")
     job.fill("hazard-name", "ACTIVATE_BANK")
     job.click("hazard-queue")
     job.click("confirm-bank")
-    job.sees("upload", "active and confirmed")
+    job.wait_for_text("upload", "active and confirmed")
     return job.row("TLE to catalogue active on board")
 
 
 def photograph(page: Page, server: Server, file: Path) -> str:
-    """From a file without a known camera to its attitude."""
+    """Measure the task from an image of an unknown camera to its attitude."""
     page.goto(f"{server.address}/frames")
     job = Job(page)
     page.get_by_test_id("import-file").set_input_files(file)
     job.clicks += 2  # the button, and the file in the dialog of the browser
-    job.sees("made-with", "Ground result")  # a single file opens its page
-    job.sees("solved-field", "field of view")
+    job.wait_for_text("made-with", "Ground result")  # a single file opens its page
+    job.wait_for_text("solved-field", "field of view")
     return job.row("photograph of an unknown camera to attitude, field of view and scale")
 
 
 def alarm(page: Page, server: Server) -> str:
-    """From an alarm in the header to its plot and what to do."""
+    """Measure the task from an alarm in the header to its plot and its remedy."""
     page.goto(f"{server.address}/commands?side=training")
     page.get_by_test_id("training-fault").select_option("overheat")
     page.get_by_test_id("training-SIM_INJECT-value").fill("60")
@@ -146,19 +146,19 @@ def alarm(page: Page, server: Server) -> str:
     expect(page.get_by_test_id("alarm")).to_contain_text("Sensor temperature")
     job = Job(page)
     job.click("alarm")
-    job.sees("alarm-detail", "Stop the cycle")
-    job.sees("alarm-detail", "SIM_INJECT")
+    job.wait_for_text("alarm-detail", "Stop the cycle")
+    job.wait_for_text("alarm-detail", "SIM_INJECT")
     return job.row("alarm to cause and remedy")
 
 
 def hand_over(browser: Browser, page: Page, server: Server) -> str:
-    """Request of another user, answered by the holder."""
+    """Measure a request for command authority by another user and its acceptance by the holder."""
     command = [sys.executable, "-m", "gss", "user", "add", "bea", "--role", "operator", "--password-stdin"]
     subprocess.run(
         [*command, "--data", str(server.folder)], input=f"{PASSWORD}\n", text=True, check=True, capture_output=True
     )
     other = browser.new_page(base_url=server.address)
-    other.set_default_timeout(PATIENCE_MS)
+    other.set_default_timeout(TIMEOUT_MS)
     other.goto("/live")
     other.get_by_test_id("sign-in-name").fill("bea")
     other.get_by_test_id("sign-in-password").fill(PASSWORD)
@@ -169,26 +169,27 @@ def hand_over(browser: Browser, page: Page, server: Server) -> str:
     job.fill("authority-reason", "next shift")
     job.click("authority-request")
     answer.click("authority-accept")
-    job.sees("authority", "you hold it")
+    job.wait_for_text("authority", "you hold it")
     job.clicks += answer.clicks
     other.close()
     return job.row("hand-over of command authority, both users")
 
 
 def abort_without_server(page: Page, server: Server) -> str:
-    """ABORT while the server is dead, until it is said that it was not sent; then again with the server back."""
+    """Measure ABORT while the server is dead, until the page reports that it was not sent; then ABORT again after the
+    restart."""
     page.goto(f"{server.address}/live")
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
     server.end(signal.SIGKILL)
     job = Job(page)
     job.click("abort")
-    job.sees("abort-strip", "NOT SENT")
+    job.wait_for_text("abort-strip", "NOT SENT")
     first = job.row("ABORT with the server killed, until NOT SENT")
     server.start()
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
     again = Job(page)
     again.click("abort-again")
-    again.sees("abort-strip", "completed")
+    again.wait_for_text("abort-strip", "completed")
     return f"{first}\n{again.row('ABORT again with the server back, until completed')}"
 
 
@@ -199,16 +200,16 @@ def _browser() -> Iterator[Browser]:
 
 
 def main() -> None:
-    """Command line."""
+    """Run all tasks and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--photograph", type=Path, help="an image of the night sky")
     options = parser.parse_args()
-    expect.set_options(timeout=PATIENCE_MS)
+    expect.set_options(timeout=TIMEOUT_MS)
     with tempfile.TemporaryDirectory() as folder, _browser() as browser:
         server = Server(Path(folder) / "data")
         server.start()
         page = browser.new_page(viewport={"width": 1440, "height": 900})
-        page.set_default_timeout(PATIENCE_MS)
+        page.set_default_timeout(TIMEOUT_MS)
         jobs: list[Callable[[], str]] = [
             lambda: set_up(page, server),
             lambda: catalogue(page, server),

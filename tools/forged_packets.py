@@ -1,4 +1,4 @@
-"""Offer forged and replayed packets to a receiver with link keys and count the accepted ones, which must be none.
+"""Send forged and replayed packets to a receiver with link keys and count the accepted packets. None must be accepted.
 
 ``python -m tools.forged_packets 1000000``
 """
@@ -20,8 +20,8 @@ OLD = 1_000
 
 
 def forged(keys: LinkKeys, number: int, rng: np.random.Generator) -> Iterator[bytes]:
-    """Yield frames with a valid CRC that no key holder sent, or sent before: bits changed in body, counter or code,
-    trailers of other packets, random trailers, unsigned packets, and valid packets with an old counter."""
+    """Yield forged or replayed frames with a valid CRC: changed bits in body, counter or code, trailers of other
+    packets, random trailers, unsigned packets, and valid packets with an old counter."""
     counters = iter(range(1, OLD))
     signer = PacketSigner(keys, lambda: next(counters))
     packets = [
@@ -33,7 +33,7 @@ def forged(keys: LinkKeys, number: int, rng: np.random.Generator) -> Iterator[by
     for n in range(number):
         data = bytearray(packets[int(rng.integers(len(packets)))])
         kind = n % 6
-        if kind == 0:  # one bit anywhere, with a counter that would be new
+        if kind == 0:  # one changed bit at a random position, with a new counter
             data[-TRAILER_BYTES + 1 : -TRAILER_BYTES + 9] = (10**9 + n).to_bytes(8, "big")
             data[int(rng.integers(6, len(data)))] ^= 1 << int(rng.integers(8))
         elif kind == 1:
@@ -46,18 +46,18 @@ def forged(keys: LinkKeys, number: int, rng: np.random.Generator) -> Iterator[by
         elif kind == 4:
             packet = Packet(PacketType.COMMAND, int(rng.integers(256)), n + 1, rng.bytes(8), 0x1234, True)
             data = bytearray(encode_packet(packet)[:-CRC_BYTES])
-        yield encode_frame(with_crc(bytes(data)))  # the sixth kind is a replay, unchanged
+        yield encode_frame(with_crc(bytes(data)))  # the sixth kind is an unchanged replay
 
 
 def main(number: int) -> int:
-    """Run and print the result. Returns 1 if a packet was accepted."""
+    """Run the test and print the result. Return 1 if a packet was accepted."""
     keys = LinkKeys({0: bytes(range(32)), 1: bytes(range(32, 64))}, 0)
-    end = LineReceiver(from_device=False, verifier=PacketVerifier(keys, OLD))
+    receiver = LineReceiver(from_device=False, verifier=PacketVerifier(keys, OLD))
     started = time.process_time()
-    accepted = sum(len(end.feed(frame)) for frame in forged(keys, number, np.random.default_rng(1)))
+    accepted = sum(len(receiver.feed(frame)) for frame in forged(keys, number, np.random.default_rng(1)))
     print(
-        f"{number} forged or replayed packets: {accepted} accepted, {end.unauthenticated} unauthenticated, "
-        f"{end.unknown + end.too_short} malformed; {time.process_time() - started:.0f} s of processor time"
+        f"{number} forged or replayed packets: {accepted} accepted, {receiver.unauthenticated} unauthenticated, "
+        f"{receiver.unknown + receiver.too_short} malformed; {time.process_time() - started:.0f} s of processor time"
     )
     return 1 if accepted else 0
 

@@ -1,8 +1,8 @@
-"""``python -m tools.fuzz TARGET --minutes N``: search for input that violates a parser's contract, starting from the corpus.
+"""``python -m tools.fuzz TARGET --minutes N``: search for input that violates a parser's contract, starting from the
+corpus.
 
 With atheris (``pip install atheris``) the search is guided by coverage; otherwise a seeded generator mutates bytes. A
-failing input is written as ``regression-…`` beside the corpus, and the tests replay it from then on. ``all`` runs every
-target in turn.
+failing input is written to the corpus as ``regression-…``, and the tests then replay it. ``all`` runs every target.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ WORDS = (
 
 
 def seeds_of(target: str) -> list[bytes]:
-    """Return the stored inputs of a target, in order."""
+    """Return the stored inputs of a target, sorted by file name."""
     return [path.read_bytes() for path in sorted((CORPUS / target).iterdir()) if path.is_file()]
 
 
-def mutated(rng: random.Random, pool: list[bytes], most_bytes: int, text: bool) -> bytes:
+def mutated(rng: random.Random, pool: list[bytes], max_bytes: int, text: bool) -> bytes:
     """Return an input of the pool with a few random changes."""
     data = bytearray(rng.choice(pool))
     for _ in range(1 << rng.randrange(4)):
         _change(rng, data, pool, text)
-    return bytes(data[:most_bytes])
+    return bytes(data[:max_bytes])
 
 
 def _change(rng: random.Random, data: bytearray, pool: list[bytes], text: bool) -> None:
@@ -92,7 +92,7 @@ def _swap_line(rng: random.Random, data: bytearray) -> None:
 
 
 def _swap_token(rng: random.Random, data: bytearray) -> None:
-    """Replace one value with a word that has broken parsers before."""
+    """Replace one value with a word that has caused parser defects before."""
     marks = [i for i, c in enumerate(data) if c in b' ,:[]{}<>"=\n\t;']
     if len(marks) > 1:
         i = rng.randrange(len(marks) - 1)
@@ -100,28 +100,28 @@ def _swap_token(rng: random.Random, data: bytearray) -> None:
 
 
 def search(name: str, seconds: float, seed: int, keep: Callable[[bytes, BaseException], None]) -> tuple[int, float]:
-    """Run mutated inputs until the time is over; ``keep`` receives each that failed. Returns the number run, and the
-    slowest in seconds."""
+    """Run mutated inputs for ``seconds``. ``keep`` is called with each failing input. Return the number of inputs and
+    the longest duration in seconds."""
     from tools.fuzz_targets import TARGETS
 
     target, pool, rng = TARGETS[name], seeds_of(name), random.Random(seed)  # not a secret
-    signal.signal(signal.SIGALRM, _too_long)
+    signal.signal(signal.SIGALRM, _raise_timeout)
     end_s, count, slowest_s = time.monotonic() + seconds, 0, 0.0
     while time.monotonic() < end_s:
-        data = mutated(rng, pool, target.most_bytes, target.text)
-        began_s = time.monotonic()
+        data = mutated(rng, pool, target.max_bytes, target.text)
+        start_s = time.monotonic()
         signal.alarm(MAX_S)
         try:
             target.fuzz_one(data)
-        except Exception as error:  # any exception other than our own errors is a finding
+        except Exception as error:  # any exception other than GssError is a defect
             keep(data, error)
         finally:
             signal.alarm(0)
-        count, slowest_s = count + 1, max(slowest_s, time.monotonic() - began_s)
+        count, slowest_s = count + 1, max(slowest_s, time.monotonic() - start_s)
     return count, slowest_s
 
 
-def _too_long(_signal: int, _frame: FrameType | None) -> None:
+def _raise_timeout(_signal: int, _frame: FrameType | None) -> None:
     raise TimeoutError(f"more than {MAX_S} s for one input")
 
 
@@ -130,14 +130,16 @@ def keep_in_corpus(name: str, seen: set[str]) -> Callable[[bytes, BaseException]
 
     def keep(data: bytes, error: BaseException) -> None:
         frame = traceback.extract_tb(error.__traceback__)[-1]
-        ours = next((f for f in reversed(traceback.extract_tb(error.__traceback__)) if "/gss/" in f.filename), frame)
-        place = f"{type(error).__name__} in {Path(ours.filename).name}:{ours.lineno} {ours.name}"
-        if place in seen:
+        innermost = next(
+            (f for f in reversed(traceback.extract_tb(error.__traceback__)) if "/gss/" in f.filename), frame
+        )
+        location = f"{type(error).__name__} in {Path(innermost.filename).name}:{innermost.lineno} {innermost.name}"
+        if location in seen:
             return
-        seen.add(place)
+        seen.add(location)
         path = CORPUS / name / f"regression-{hashlib.sha256(data).hexdigest()[:10]}"
         path.write_bytes(data)
-        print(f"{name}: {place}: {str(error)[:200]}\n  kept as {path.name}", flush=True)
+        print(f"{name}: {location}: {str(error)[:200]}\n  stored as {path.name}", flush=True)
 
     return keep
 
@@ -160,7 +162,7 @@ def _with_atheris(name: str, seconds: int) -> int:
 
 
 def atheris_main(name: str) -> None:
-    """Run in the process that libFuzzer drives."""
+    """Run the target in the process that libFuzzer controls."""
     import atheris
 
     with atheris.instrument_imports(include=["gss"]):
@@ -171,13 +173,13 @@ def atheris_main(name: str) -> None:
 
 
 def main() -> int:
-    """Search all chosen targets. Returns 1 if a failure was found."""
+    """Search all selected targets. Return 1 if a defect was detected."""
     from tools.fuzz_targets import TARGETS
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("target", choices=[*TARGETS, "all"])
-    parser.add_argument("--minutes", type=float, default=1.0, help="for each target")
-    parser.add_argument("--seed", type=int, default=int(time.time()), help="of our own mutation")
+    parser.add_argument("--minutes", type=float, default=1.0, help="minutes for each target")
+    parser.add_argument("--seed", type=int, default=int(time.time()), help="seed of the mutations without atheris")
     parser.add_argument("--engine", choices=("auto", "atheris", "own"), default="auto")
     arguments = parser.parse_args()
     names = list(TARGETS) if arguments.target == "all" else [arguments.target]

@@ -1,8 +1,8 @@
-"""Valid examples that fuzzing starts from: ``python -m tools.fuzz_seeds`` rewrites the seeds in tests/fuzz/corpus;
-regressions stay.
+"""Write the seeds of fuzzing: ``python -m tools.fuzz_seeds`` rewrites the seeds in tests/fuzz/corpus and keeps the
+regressions.
 
-The bytes are written by our own writers, as small as possible; inputs found by fuzzing are stored beside them as
-``regression-*``.
+The seeds are small valid examples created by the writers of GSS. Failing inputs from fuzzing are stored in the same
+folder as ``regression-*``.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ def small_bank(format_name: str = "cubestar") -> bytes:
 
 @lru_cache(maxsize=1)
 def _contact() -> tuple[list[tuple[float, int, bytes]], list[Packet]]:
-    """Return a minute of traffic between a simulated sensor and the ground, as capture records and as downlink packets."""
+    """Return a minute of traffic between a simulated sensor and the ground, as capture records and as downlink
+    packets."""
     camera, memory = shipped_camera("cubestar"), Memory.in_ram()
     burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
     motion = Inertial.pointing(1.4661, 0.0873, 0.3)
@@ -152,7 +153,7 @@ def _request() -> BuildRequest:
     )
 
 
-def _paper() -> str:
+def _manifest() -> str:
     texts = ("n", "a", "t", "cubestar", "cubestar", "0" * 64, "s", "0" * 64, "icrs", 2026.0, "2026-01-01T00:00:00Z", "")
     request = json.loads(json.dumps(parameters_of(_request())))
     counted = ({"k": 1.5}, {"stars": 2}, {"header": 64}, {"q": None}, {"p": None}, (1, 2), "0" * 64)
@@ -164,7 +165,7 @@ def _paper() -> str:
 
 
 def seeds() -> Iterator[tuple[str, str, bytes]]:
-    """Yield (target, name, bytes)."""
+    """Yield (target, name, bytes) of each seed."""
     stream, packets = _contact()
     line = b"".join(data for _, direction, data in stream if direction == 0)[:6000]
     yield "frames", "contact-cobs", line
@@ -196,7 +197,7 @@ def seeds() -> Iterator[tuple[str, str, bytes]]:
     yield "tle", "satellite", TLE.encode()
     yield "tle", "named", b"ISS\n" + TLE.encode()
     yield "dictionary", "small", DICTIONARY.encode()
-    yield "manifest", "version-2", _paper().encode()
+    yield "manifest", "version-2", _manifest().encode()
     for name in FORMATS:
         yield "bank", name, small_bank(name)
     values = {"distortion": "brown", "focal_length_px": 1000.0, "k1": -0.1}

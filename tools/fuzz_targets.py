@@ -1,8 +1,8 @@
 """Fuzz targets: one function for each parser of untrusted bytes. ``fuzz_one(data)`` raises only on a defect.
 
-Contract of every parser here: it returns a result or raises a GssError that says what is wrong; never another
-exception, never much time or memory. Parsers of the line promise more and never raise. Formats with checksums are tried
-twice: as given, and with corrected checksums, because an attacker can compute them too.
+Contract of every parser in this module: it returns a result or raises a GssError that states the problem. It never
+raises another exception and never needs much time or memory. Parsers of the line never raise. Formats with checksums
+are tested twice, unchanged and with corrected checksums, because an attacker can also compute checksums.
 """
 
 from __future__ import annotations
@@ -50,42 +50,48 @@ RECORD = struct.Struct(">BBHH")
 
 @dataclass(frozen=True)
 class Target:
-    """One parser. ``text``: mutate its input as text too. ``most_bytes``: maximum input length; longer inputs find nothing new."""
+    """One parser. ``text``: True if the input is also mutated as text. ``max_bytes``: maximum input length; longer
+    inputs reach no additional code."""
 
     fuzz_one: Callable[[bytes], None]
     text: bool = False
-    most_bytes: int = 1 << 16
+    max_bytes: int = 1 << 16
 
 
 # --- the line -------------------------------------------------------------------------------------------------------
 
 
 def frames(data: bytes) -> None:
-    """Both framings: no exception, bounded memory, the same packets however the stream is split, and every packet round-trips."""
+    """Test both framings: no exception, bounded memory, the same packets for every split of the stream, and equal
+    packets after a round trip."""
     step = 1 + (data[0] if data else 0)
     for name in FRAMINGS:
-        whole, pieces = Deframer(framing=name), Deframer(framing=name)
-        expected = whole.feed(data)
+        unsplit, split = Deframer(framing=name), Deframer(framing=name)
+        expected = unsplit.feed(data)
         received: list[bytes] = []
         for at in range(0, len(data), step):
-            received += pieces.feed(data[at : at + step])
-            _require(pieces.held_bytes <= FRAMINGS[name].limit(MAX_PACKET_BYTES), "a frame outgrew its bound")
-        _require(received == expected, "the cut of the stream decided what was read")
+            received += split.feed(data[at : at + step])
+            _require(split.held_bytes <= FRAMINGS[name].limit(MAX_PACKET_BYTES), "a frame exceeds its size limit")
+        _require(received == expected, "the packets depend on the split of the stream")
         for packet in expected:
-            _require(Deframer(framing=name).feed(encode_frame(packet, name)) == [packet], "a packet did not come back")
+            _require(
+                Deframer(framing=name).feed(encode_frame(packet, name)) == [packet], "the round trip changed a packet"
+            )
 
 
 def packets(data: bytes) -> None:
-    """A packet, and its payload by every layout of the dictionary; everything decoded must encode to the same."""
+    """Test a packet, and its payload with every layout of the dictionary. Decoded data must be equal after a round
+    trip."""
     for candidate in (data, with_crc(data)):
         packet = decode_packet(candidate)
         if hasattr(packet, "payload"):
-            _require(decode_packet(encode_packet(packet)) == packet, "a packet did not come back")
+            _require(decode_packet(encode_packet(packet)) == packet, "the round trip changed a packet")
     for layout in _layouts():
         with suppress(GssError):
             decoded = codec.decode(layout, data)
             _require(
-                codec.decode(layout, codec.encode(layout, decoded.raw, decoded.lists)).lists is not None, "no way back"
+                codec.decode(layout, codec.encode(layout, decoded.raw, decoded.lists)).lists is not None,
+                "no lists decoded",
             )
 
 
@@ -101,7 +107,8 @@ def _converted(packet: Any) -> bool:
 
 
 def _records(data: bytes) -> list[tuple[int, int, int, bytes]]:
-    """Return packets before framing, so that checksums are valid: u8 type, u8 code, u16 request id, u16 length, payload."""
+    """Return packets before framing, so that checksums are valid: u8 type, u8 code, u16 request id, u16 length,
+    payload."""
     records, at = [], 0
     while at + RECORD.size <= len(data) and len(records) < MAX_RECORDS:
         kind, code, request_id, length = RECORD.unpack_from(data, at)
@@ -113,7 +120,7 @@ def _records(data: bytes) -> list[tuple[int, int, int, bytes]]:
 
 
 def session(data: bytes) -> None:
-    """The ground session, connected and with a command and a transfer in progress, receives arbitrary packets."""
+    """Test the ground session with arbitrary packets while a command and a transfer are in progress."""
     dictionary = load_dictionary()
     host, now_s = HostSession(dictionary), 100.0
     host.link_up(now_s)
@@ -131,7 +138,7 @@ def session(data: bytes) -> None:
 
 
 def capture(data: bytes) -> None:
-    """A raw capture file, and arbitrary line data as one record."""
+    """Test a raw capture file, and arbitrary line data as one record."""
     for file in (data, struct.pack("<dBI", 1.7e9, 0, len(data)) + data):
         decoder = CaptureDecoder(load_dictionary())
         for at_s, direction, piece in read_capture(io.BytesIO(file)):
@@ -147,10 +154,10 @@ def capture(data: bytes) -> None:
 
 
 def image(data: bytes) -> None:
-    """A frame from a file: FITS, PNG, TIFF, JPEG by content."""
+    """Test an image file: FITS, PNG, TIFF or JPEG, identified by its content."""
     with suppress(GssError):
         frame = read_frame(data, "fuzzed")
-        _require(frame.pixels.ndim == 2 and frame.pixels.dtype.kind in "uf", "no plain frame")
+        _require(frame.pixels.ndim == 2 and frame.pixels.dtype.kind in "uf", "not a two-dimensional image")
 
 
 def _star_list(kind: str) -> Callable[[bytes], None]:
@@ -163,7 +170,7 @@ def _star_list(kind: str) -> Callable[[bytes], None]:
 
 
 def tle(data: bytes) -> None:
-    """A two-line element set, as given and with corrected checksums."""
+    """Test a two-line element set, unchanged and with corrected checksums."""
     text = data.decode("utf-8", "replace")
     for candidate in (text, "\n".join(map(_with_tle_sum, text.splitlines()[:4]))):
         with suppress(GssError):
@@ -179,24 +186,24 @@ def _with_tle_sum(line: str) -> str:
 
 
 def dictionary(data: bytes) -> None:
-    """A dictionary."""
+    """Test a dictionary."""
     with suppress(GssError):
         parse_dictionary(data.decode("utf-8", "replace"))
 
 
 def manifest(data: bytes) -> None:
-    """A catalogue manifest, as given and with corrected hash; a manifest that was read must be usable."""
+    """Test a catalogue manifest, unchanged and with corrected hash. A parsed manifest must be usable."""
     text = data.decode("utf-8", "replace")
     for candidate in (text, _with_manifest_sum(text)):
         with suppress(GssError):
-            paper = read_manifest(candidate)
-            _require(read_manifest(paper.as_json()) == paper, "a manifest did not come back")
+            parsed_manifest = read_manifest(candidate)
+            _require(read_manifest(parsed_manifest.as_json()) == parsed_manifest, "the round trip changed a manifest")
             with suppress(GssError):
-                check_image(paper, b"")
+                check_image(parsed_manifest, b"")
             with suppress(GssError):
-                manifest_of(paper.as_dict())
+                manifest_of(parsed_manifest.as_dict())
             with suppress(GssError):
-                request_from(paper.parameters, shipped_camera("cubestar"))
+                request_from(parsed_manifest.parameters, shipped_camera("cubestar"))
 
 
 def _with_manifest_sum(text: str) -> str:
@@ -210,13 +217,13 @@ def _with_manifest_sum(text: str) -> str:
 
 
 def bank(data: bytes) -> None:
-    """A bank image, as given and with corrected checksums; an image that was read can be written in every format."""
+    """Test a bank image, unchanged and with corrected checksums. A parsed image must be writable in every format."""
     for candidate in (data, _with_bank_sums(data)):
         with suppress(GssError):
             decode(candidate)
             part_bytes(candidate)
-            whole = b"".join(piece for _, piece in blocks_of(candidate))
-            _require(candidate.startswith(whole), "the blocks are not the image")
+            image_bytes = b"".join(piece for _, piece in blocks_of(candidate))
+            _require(candidate.startswith(image_bytes), "the blocks are not the image")
             with suppress(GssError):
                 encoded_again(candidate)
             with suppress(GssError):
@@ -226,7 +233,7 @@ def bank(data: bytes) -> None:
 
 
 def _with_bank_sums(data: bytes) -> bytes:
-    """Correct the body CRC at 56 and the header CRC at 60. The body ends where the image says, or at the end of the data."""
+    """Return the data with correct body CRC at 56 and header CRC at 60. The body extends to the end of the data."""
     if len(data) < 64:
         return data
     fixed = bytearray(data)
@@ -236,13 +243,16 @@ def _with_bank_sums(data: bytes) -> bytes:
 
 
 def device_table(data: bytes) -> None:
-    """Calibration, parameter and triplet tables, as given and with corrected checksums."""
+    """Test calibration, parameter and triplet tables, unchanged and with corrected checksums."""
     for candidate in (data, _with_table_sums(data)):
         for kind in ("calibration", "parameters"):
             with suppress(GssError):
                 profile, values = decode_table(kind, candidate)
-                with suppress(GssError):  # the wire format allows names that ours does not
-                    _require(decode_table(kind, encode_table(kind, profile, values))[0] == profile, "no way back")
+                with suppress(GssError):  # the wire format allows names that the encoder rejects
+                    _require(
+                        decode_table(kind, encode_table(kind, profile, values))[0] == profile,
+                        "the round trip changed data",
+                    )
         with suppress(GssError):
             decode_triplets(candidate)
 
@@ -271,12 +281,12 @@ def _table_file(kind: str) -> Callable[[bytes], None]:
 
 
 def _inside_zip(kind: str) -> Callable[[bytes], None]:
-    """Fuzz a member inside a ZIP file: the first line is its name, the rest its content; damage to compressed bytes
-    would find nothing."""
+    """Return a target that tests a member of a ZIP file. The first line of the input is the name of the member, the
+    remainder its content. Mutated compressed bytes would detect no defects."""
 
     def fuzz_one(data: bytes) -> None:
         name, _, content = data.partition(b"\n")
-        members = dict(_good_members(kind))
+        members = dict(_valid_members(kind))
         members[name.decode("ascii", "replace")[:60] or "x"] = content
         file = io.BytesIO()
         with zipfile.ZipFile(file, "w") as archive:
@@ -289,7 +299,7 @@ def _inside_zip(kind: str) -> Callable[[bytes], None]:
 
 
 @lru_cache(maxsize=3)
-def _good_members(kind: str) -> tuple[tuple[str, bytes], ...]:
+def _valid_members(kind: str) -> tuple[tuple[str, bytes], ...]:
     from tools.fuzz_seeds import small_bank
 
     with zipfile.ZipFile(io.BytesIO(export_table(small_bank(), kind))) as archive:
@@ -297,37 +307,37 @@ def _good_members(kind: str) -> tuple[tuple[str, bytes], ...]:
 
 
 def c_sources(data: bytes) -> None:
-    """A catalogue as C source."""
+    """Test a catalogue as C source."""
     with suppress(GssError):
         read_c_source(data.decode("utf-8", "replace"))
 
 
 def dark_frame(data: bytes) -> None:
-    """A stored dark frame."""
+    """Test a stored dark frame."""
     with suppress(GssError):
         from_bytes(data)
 
 
-def _require(holds: bool, problem: str) -> None:
-    if not holds:
+def _require(condition: bool, problem: str) -> None:
+    if not condition:
         raise AssertionError(problem)
 
 
 TARGETS: dict[str, Target] = {
-    "frames": Target(frames, most_bytes=8192),
-    "packets": Target(packets, most_bytes=4096),
-    "session": Target(session, most_bytes=8192),
+    "frames": Target(frames, max_bytes=8192),
+    "packets": Target(packets, max_bytes=4096),
+    "session": Target(session, max_bytes=8192),
     "capture": Target(capture),
     "image": Target(image),
     "star-list-csv": Target(_star_list("csv"), text=True),
     "star-list-ecsv": Target(_star_list("ecsv"), text=True),
     "star-list-votable": Target(_star_list("votable"), text=True),
     "star-list-fits": Target(_star_list("fits")),
-    "tle": Target(tle, text=True, most_bytes=1024),
+    "tle": Target(tle, text=True, max_bytes=1024),
     "dictionary": Target(dictionary, text=True),
     "manifest": Target(manifest, text=True),
-    "bank": Target(bank, most_bytes=1 << 14),
-    "device-table": Target(device_table, most_bytes=8192),
+    "bank": Target(bank, max_bytes=1 << 14),
+    "device-table": Target(device_table, max_bytes=8192),
     "table-fits": Target(_table_file("fits")),
     "table-zip": Target(_table_file("csv")),
     "table-csv": Target(_inside_zip("csv"), text=True),

@@ -1,4 +1,5 @@
-"""``python -m tools.licences``: write docs/licences.md, the licences of all dependencies; ``--sbom FILE``: write them as CycloneDX.
+"""``python -m tools.licences``: write docs/licences.md, the licences of all dependencies; ``--sbom FILE``: write them
+as CycloneDX.
 
 Names and versions come from the lock files, licences from each package's metadata.
 """
@@ -25,7 +26,7 @@ console are built into its pages.
 The star data are Hipparcos, the new reduction (van Leeuwen 2007, CDS I/311), with names from d3-celestial (BSD-3-Clause).
 """
 # Licence names in package metadata, mapped to SPDX.
-WORDS = {
+SPDX_NAMES = {
     "apache software license": "Apache-2.0",
     "apache 2.0": "Apache-2.0",
     "apache license 2.0": "Apache-2.0",
@@ -47,7 +48,7 @@ WORDS = {
 
 
 def locked() -> list[tuple[str, str, list[str]]]:
-    """(name, version, SHA-256 hashes) of every package in constraints-dev.txt."""
+    """Return (name, version, SHA-256 hashes) of every package in constraints-dev.txt."""
     text = (ROOT / "constraints-dev.txt").read_text()
     entries = re.split(r"^(?=[A-Za-z0-9])", text, flags=re.MULTILINE)[1:]
     heads = [re.match(r"([A-Za-z0-9_.-]+)(?:\[[^\]]*\])?==([^\s;]+)", entry) for entry in entries]
@@ -59,7 +60,8 @@ def locked() -> list[tuple[str, str, list[str]]]:
 
 
 def licence_of(name: str) -> str | None:
-    """Return the SPDX name or the package's own text; None if it is not installed here."""
+    """Return the SPDX name of a package's licence, or the text in its metadata; None if the package is not
+    installed."""
     try:
         package = metadata.metadata(name)
     except metadata.PackageNotFoundError:
@@ -70,10 +72,10 @@ def licence_of(name: str) -> str | None:
     plain = [c for c in classified if c != "OSI Approved"] or [
         (package.get("License") or "").strip().split("\n")[0][:60]
     ]
-    return " AND ".join(WORDS.get(word.lower(), word) for word in plain) or "not stated"
+    return " AND ".join(SPDX_NAMES.get(word.lower(), word) for word in plain) or "not stated"
 
 
-def of_the_pages() -> list[tuple[str, str, str]]:
+def page_packages() -> list[tuple[str, str, str]]:
     """Return (name, version, licence) of each package in the built pages."""
     packages = json.loads((ROOT / "web" / "package-lock.json").read_text())["packages"]
     rows = [
@@ -85,9 +87,9 @@ def of_the_pages() -> list[tuple[str, str, str]]:
 
 
 def page(licences: dict[str, str]) -> str:
-    """Return the page. ``licences``: licences of packages needed on other platforms and not installed here."""
+    """Return the page. ``licences``: licences of packages that only other platforms install."""
     rows = [(n, v, licence_of(n) or licences.get(n, "not installed here")) for n, v, _ in locked()]
-    tables = [("Python", rows), ("In the pages", of_the_pages())]
+    tables = [("Python", rows), ("In the pages", page_packages())]
     parts = [HEAD]
     for title, table in tables:
         parts.append(f"\n## {title}\n\n| package | version | licence |\n|---|---|---|\n")
@@ -101,7 +103,7 @@ def rows_of(text: str) -> dict[str, str]:
 
 
 def sbom() -> dict[str, Any]:
-    """Return CycloneDX 1.6 without a timestamp, so that the same source gives the same document."""
+    """Return the CycloneDX 1.6 document. It has no timestamp, so that the same source gives the same document."""
     components = [
         {
             "type": "library",
@@ -114,14 +116,14 @@ def sbom() -> dict[str, Any]:
     ]
     components += [
         {"type": "library", "name": n, "version": v, "purl": f"pkg:npm/{n.replace('@', '%40')}@{v}"}
-        for n, v, _ in of_the_pages()
+        for n, v, _ in page_packages()
     ]
-    own = {"type": "application", "name": "gss-startracker", "version": gss.__version__}
+    application = {"type": "application", "name": "gss-startracker", "version": gss.__version__}
     return {
         "bomFormat": "CycloneDX",
         "specVersion": "1.6",
         "version": 1,
-        "metadata": {"component": own},
+        "metadata": {"component": application},
         "components": components,
     }
 

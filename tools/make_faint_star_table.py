@@ -1,6 +1,6 @@
-"""Create the package's table of the Hipparcos stars missing from the main one: all of hip2 beyond V 8.
+"""Create the package's table of Hipparcos stars that are not in the main table: all stars of hip2 fainter than V 8.
 
-Usage: ``python -m tools.make_faint_star_table``, after make_star_table. hip2 has no V: it is Hp − g(V−I), as in
+Usage: ``python -m tools.make_faint_star_table``, after make_star_table. hip2 does not contain V. V is Hp − g(V−I) as in
 gss/catalogue_tools/sources/hipparcos.py, accurate to 0.02 mag for non-variable stars. Provenance: docs/star-table.md.
 """
 
@@ -15,11 +15,11 @@ FAINT_TARGET = TARGET.with_name("stars_faint.npz")
 
 
 def main() -> None:
-    """Select the stars that are not in the main table, sort by V, then HIP, and write."""
+    """Select the stars that are not in the main table, sort them by V, then HIP, and write the table."""
     hip2 = read_hip2()
     with np.load(TARGET) as main_table:
         h = hip2[~np.isin(hip2[:, HIP], main_table["hip"])]
-    # The fit of V is valid up to V−I 4. These stars are not in the list to V 8, so none of them is brighter.
+    # The fit of V is valid up to V−I 4. These stars are not in the list up to V 8, so they are fainter than V 8.
     v_mag = np.maximum(v_from_hp(h[:, HP], np.clip(h[:, V_I], -0.5, 4.0)), 8.01)
     order = np.lexsort((h[:, HIP], np.round(v_mag * 100)))
     h, v_mag = h[order], v_mag[order]

@@ -43,7 +43,8 @@ def read_d3(folder: Path) -> tuple[NDArray[np.float64], dict[str, dict[str, str]
 
 
 def display_name(entry: dict[str, str]) -> str:
-    """Return the proper name, else the Bayer, Flamsteed or variable-star designation with its constellation, else ""."""
+    """Return the proper name, else the Bayer, Flamsteed or variable-star designation with its constellation, else
+    ""."""
     if entry.get("name"):
         return entry["name"].strip()
     constellation = entry.get("c", "")
@@ -73,7 +74,7 @@ def flags_of(h: NDArray[np.float64], has_entry: NDArray[np.bool_]) -> NDArray[np
 
 
 def main(folder: Path) -> None:
-    """Join, sort by V, then HIP, and write."""
+    """Join the sources, sort by V, then HIP, and write the table."""
     hip2 = read_hip2()
     d3, names = read_d3(folder)
     d3 = d3[np.lexsort((d3[:, 0], d3[:, 1]))]
@@ -85,8 +86,8 @@ def main(folder: Path) -> None:
     def pick(column: int, otherwise: NDArray[np.float64] | float) -> NDArray[np.float64]:
         return np.where(has_entry, h[:, column], otherwise)
 
-    named = {str(i): display_name(names.get(str(i), {})) for i in hip}
-    listed = "\n".join(f"{i}\t{name}" for i, name in named.items() if name)
+    names_by_hip = {str(i): display_name(names.get(str(i), {})) for i in hip}
+    names_text = "\n".join(f"{i}\t{name}" for i, name in names_by_hip.items() if name)
     columns = {
         "hip": hip,
         "ra_rad": pick(RA, np.mod(np.radians(d3[:, 3]), 2 * np.pi)),
@@ -99,7 +100,7 @@ def main(folder: Path) -> None:
         "hp_mag": pick(HP, np.nan).astype(np.float32),
         "v_i": pick(V_I, np.nan).astype(np.float32),
         "flags": flags_of(h, has_entry),
-        "names": np.frombuffer(listed.encode(), np.uint8),
+        "names": np.frombuffer(names_text.encode(), np.uint8),
         "epoch_jyear": np.array(1991.25),
     }
     TARGET.parent.mkdir(exist_ok=True)

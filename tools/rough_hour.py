@@ -1,9 +1,10 @@
-"""An hour with trouble: 50 packets/s, a frame every six seconds, ten listeners, browsers, a ``kill -9`` of the server every ten
-minutes and a disk that fills once.
+"""Test an hour with disturbances: ``kill -9`` of the server every ten minutes and a full disk once.
 
-``python -m tools.rough_hour DATA [--minutes 60] [--rate 50] [--browsers 10]`` prints one JSON document. ``DATA`` must be on a
-small file system that nothing else uses (``mount -t tmpfs -o size=3g none DATA``), because its disk is filled to the last byte.
-Afterwards every gap of the record needs a cause and the store must be whole.
+The load is 50 packets/s, a frame every six seconds, ten listeners and browsers.
+
+``python -m tools.rough_hour DATA [--minutes 60] [--rate 50] [--browsers 10]`` prints one JSON document. ``DATA`` must
+be on a small, otherwise unused file system (``mount -t tmpfs -o size=3g none DATA``), because the tool fills it
+completely. At the end every gap of the record must have a cause and the store must be intact.
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ KILL_EVERY_S = 600.0
 FRAME_EVERY_S = 6.0
 FILLED_S = 60.0
 MAX_FILLED_BYTES = 8 << 30
-"""A larger file system is not filled: it is hardly one that nothing else uses."""
+"""A larger file system is not filled, because it is probably used for other data."""
 MINUTE_S = 60.0
 LIVE = "[data-testid=link-state]"
 
 
 @dataclass
-class Trouble:
-    """One disturbance. ``recovered_s``: from its end until the server reports new telemetry."""
+class HourDisturbance:
+    """One disturbance. ``recovered_s``: seconds from its end until the server reports new telemetry."""
 
     kind: str
     at_s: float
@@ -49,13 +50,13 @@ class Trouble:
 
 @dataclass
 class HourRecord:
-    """What was observed. ``resident_mib``: of the server, once a minute."""
+    """Results of the test. ``resident_mib``: resident memory of the server, once per minute."""
 
     minutes: float
     rate: float
     load: list[float] = field(default_factory=list)
     resident_mib: list[float] = field(default_factory=list)
-    troubles: list[Trouble] = field(default_factory=list)
+    troubles: list[HourDisturbance] = field(default_factory=list)
     images_taken: int = 0
     images_refused: int = 0
     frames_stored: int = 0
@@ -66,7 +67,7 @@ class HourRecord:
 
 
 class RoughServer:
-    """A server on a fixed port that can be killed and started again over the same data."""
+    """Server on a fixed port that can be killed and restarted with the same data."""
 
     def __init__(self, data: Path, port: int, device: str, log: IO[bytes]) -> None:
         self._command = [*_gss(), "serve", "--port", str(port), "--data", str(data), "--device", device]
@@ -88,13 +89,13 @@ class RoughServer:
         raise RuntimeError("the server did not start; see its log")
 
     def kill(self) -> None:
-        """End the server without warning and start it again."""
+        """Kill the server with SIGKILL and restart it."""
         self.process.send_signal(signal.SIGKILL)
         self.process.wait()
         self.process = self._start()
 
     def stop(self) -> None:
-        """End the server as an operator does."""
+        """Stop the server with SIGINT, as an operator does."""
         self.process.send_signal(signal.SIGINT)
         self.process.wait(timeout=30)
 
@@ -104,7 +105,7 @@ def _gss() -> list[str]:
 
 
 def _fill(data: Path) -> Path:
-    """Fill the file system of ``data``; returns the file to remove."""
+    """Fill the file system of ``data``. Return the file to remove afterwards."""
     space = os.statvfs(data)
     if space.f_blocks * space.f_frsize > MAX_FILLED_BYTES:
         raise SystemExit(f"{data} is on a file system of more than 8 GiB. Mount a small one there first.")
@@ -119,7 +120,7 @@ def _fill(data: Path) -> Path:
 
 
 async def _until_new_telemetry(http: httpx2.AsyncClient) -> float:
-    """Seconds until the newest stored housekeeping is newer than this call."""
+    """Return the seconds until a housekeeping packet is stored that is newer than this call."""
     begin_s = time.monotonic()
     newest: int | None = None
     while True:
@@ -136,7 +137,8 @@ async def _until_new_telemetry(http: httpx2.AsyncClient) -> float:
 
 @asynccontextmanager
 async def browsers(address: str, session: str, pages: int) -> AsyncIterator[dict[str, object]]:
-    """Keep ``pages`` Live pages open; afterwards the result has each page's lamp, script errors and heap."""
+    """Keep ``pages`` Live pages open. After the block the result contains each page's link state, script errors and
+    heap."""
     from playwright.async_api import async_playwright
 
     result: dict[str, object] = {"pages": pages}
@@ -164,14 +166,14 @@ async def browsers(address: str, session: str, pages: int) -> AsyncIterator[dict
 
 
 def _take_images(address: str, token: str, end_s: float, record: HourRecord) -> None:
-    """Command an image every ``FRAME_EVERY_S`` until ``end_s``; the server downloads each."""
+    """Command an image every ``FRAME_EVERY_S`` until ``end_s``. The server downloads the images."""
     while time.monotonic() < end_s:
         try:
             with Client(address, token) as client, client.authority():
                 client.wait_connected(60)
                 client.send("TAKE_IMAGE", timeout_s=30)
                 record.images_taken += 1
-        except ClientError:  # killed, or the disk is full
+        except ClientError:  # the server was killed, or the disk is full
             record.images_refused += 1
         time.sleep(FRAME_EVERY_S)
 
@@ -195,13 +197,15 @@ async def rough_hour(server: RoughServer, data: Path, token: str, session: str, 
             if now_s >= kill_at_s:
                 kill_at_s += KILL_EVERY_S
                 await asyncio.to_thread(server.kill)
-                record.troubles.append(Trouble("kill -9", now_s - start_s, await _until_new_telemetry(http)))
+                record.troubles.append(HourDisturbance("kill -9", now_s - start_s, await _until_new_telemetry(http)))
             if now_s >= fill_at_s:
                 fill_at_s = float("inf")
                 filler = await asyncio.to_thread(_fill, data)
                 await asyncio.sleep(FILLED_S)
                 filler.unlink()
-                record.troubles.append(Trouble("disk full for 60 s", now_s - start_s, await _until_new_telemetry(http)))
+                record.troubles.append(
+                    HourDisturbance("disk full for 60 s", now_s - start_s, await _until_new_telemetry(http))
+                )
             if now_s >= next_line_s:
                 next_line_s += MINUTE_S
                 record.load.append(round(os.getloadavg()[0], 2))
@@ -232,7 +236,7 @@ def _summary(log: StreamLog) -> dict[str, float]:
 
 @contextmanager
 def _simulator(port: int, rate: float, log: IO[bytes]):  # type: ignore[no-untyped-def]  # a generator of None
-    # Not paced: at the instrument's 115 200 Bd, fifty packets a second leave no room for frames.
+    # The line is not paced, because fifty packets per second at 115 200 Bd leave no capacity for frames.
     options = ["--instrument", "cubestar", "--tcp", str(port), "--housekeeping-hz", f"{rate:g}", "--baud", "0"]
     process = subprocess.Popen([*_gss(), "simulate", *options], stdout=log, stderr=log)
     try:
@@ -247,7 +251,7 @@ def _output(*arguments: str) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the hour and print its record. Exit status 1: a gap without a cause, or a store that is not whole."""
+    """Run the test and print its record as JSON."""
     parser = argparse.ArgumentParser(prog="python -m tools.rough_hour", description=__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--minutes", type=float, default=60.0)
@@ -276,7 +280,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _session(server: RoughServer, data: Path) -> str:
-    """Session cookie of a new user, for the browsers."""
+    """Return the session cookie of a new user for the browsers."""
     secret = os.urandom(12).hex()
     command = [*_gss(), "user", "add", "hour-watch", "--role", "operator", "--password-stdin", "--data", str(data)]
     subprocess.run(command, input=secret + "\n", text=True, check=True, capture_output=True)

@@ -1,8 +1,8 @@
-"""Screenshots of every page of the console at four sizes in both themes.
+"""Take screenshots of every console page at four sizes in both themes.
 
-``python -m tools.screenshots --out FOLDER`` starts a server with a simulated sensor, gives the pages something to show,
-and writes one picture for each page, size and theme, a contact sheet for each page, and ``faults.txt``: text that is cut off,
-pages that scroll sideways, and what axe finds.
+``python -m tools.screenshots --out FOLDER`` starts a server with a simulated sensor and fills it with example data. It
+writes one picture for each page, size and theme, a contact sheet for each page, and ``faults.txt`` with text that is
+cut off, pages that scroll sideways, and problems reported by axe.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parent.parent
 AXE = ROOT / "web" / "node_modules" / "axe-core" / "axe.min.js"
 SIZES = {"1920x1080": (1920, 1080), "1440x900": (1440, 900), "820x1180": (820, 1180), "390x844": (390, 844)}
 THEMES = ("dark", "light")
-# Address of each page and, as its name, that of the picture.
+# Address of each page, by the name of its picture.
 PAGES = {
     "live": "/live",
     "commands": "/commands?command=ACTIVATE_BANK",
@@ -58,12 +58,12 @@ STATION = {
     "name": "Stellenbosch", "latitude_deg": -33.9275, "longitude_deg": 18.865, "height_m": 136.0, "line_baud": 115_200,
     "mask": [{"azimuth_deg": 0.0, "elevation_deg": 4.0}],
 }  # fmt: skip
-# Everything that axe calls serious or critical.
+# Problems that axe classifies as serious or critical.
 RUN_AXE = """axe.run(document, {resultTypes: ['violations']}).then((r) => r.violations
   .filter((v) => v.impact === 'serious' || v.impact === 'critical')
   .map((v) => `${v.impact} ${v.id}: ${v.help} (${v.nodes.length}) `
     + v.nodes.slice(0, 3).map((n) => n.html.slice(0, 120)).join(' | ')))"""
-# Text that no scrolling shows: cut at the right edge of the screen, or by an ancestor that hides it without an ellipsis.
+# Text that is invisible even after scrolling: cut at the edge of the screen, or hidden by an ancestor without an ellipsis.
 FIND_CUT = """() => {
   const found = [];
   for (const e of document.querySelectorAll('body *')) {
@@ -83,29 +83,31 @@ FIND_CUT = """() => {
   }
   return [...new Set(found)];
 }"""
-# Parts that must be scrolled sideways to be read.
+# Elements that need horizontal scrolling.
 FIND_SIDEWAYS = """() => [...document.querySelectorAll('body, body *')]
   .filter((e) => e.checkVisibility() && /auto|scroll/.test(getComputedStyle(e).overflowX) && e.scrollWidth > e.clientWidth + 2)
   .map((e) => `${e.tagName.toLowerCase()}.${[...e.classList].filter((c) => !c.startsWith('svelte')).join('.')} `
     + `${e.scrollWidth} px in ${e.clientWidth} px`)"""
-STILL = """() => document.fonts.ready.then(() => new Promise((r) => requestAnimationFrame(() => requestAnimationFrame(r))))"""
+WAIT_UNTIL_PAINTED = """() => document.fonts.ready.then(
+  () => new Promise((r) => requestAnimationFrame(() => requestAnimationFrame(r))))"""
 
 
 @dataclass(frozen=True)
 class Seed:
-    """What a server needs before its pages show something."""
+    """Writer of the example data that the pages show."""
 
     server: Served
 
     def request(self, method: str, path: str, body: Any = None) -> Any:
-        """Return the answer of the API."""
+        """Return the JSON response of the API."""
         reply = httpx2.request(
             method, f"{self.server.address}/api{path}", headers=self.server.headers, json=body, timeout=60
         )
         return reply.raise_for_status().json()
 
     def until(self, path: str, done: Callable[[Any], Any], seconds: float = 120) -> Any:
-        """Request ``path`` until ``done`` finds something in its answer, and return that."""
+        """Request ``path`` until ``done`` returns a true value for the response, and return that value. Raises
+        TimeoutError."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             if result := done(self.request("GET", path)):
@@ -114,23 +116,24 @@ class Seed:
         raise TimeoutError(f"{path} did not show the expected state within {seconds} s")
 
     def fill(self, frames: int = 2) -> dict[str, int]:
-        """Take frames, build a catalogue, run an experiment, import an orbit. Returns the ids in the addresses of pages."""
+        """Take frames, build a catalogue, run an experiment and import an orbit. Return the ids for the addresses of
+        the pages."""
         self.until("/link", lambda link: link["connected"] and link["dictionary_match"])
-        before = max((f["id"] for f in self.request("GET", "/frames?limit=1&source=device")["frames"]), default=0)
+        last_id = max((f["id"] for f in self.request("GET", "/frames?limit=1&source=device")["frames"]), default=0)
         self.request("POST", "/commands", {"name": "SET_MODE", "arguments": {"mode": "lost_in_space"}})
         self.request("POST", "/catalogues", SWEEP)
         self.request("PUT", "/spacecraft", {"text": two_line_elements(datetime.now(UTC)), "source": "tools"})
         self.request("POST", "/stations", STATION)
         job = self.request("POST", "/campaigns/experiments", {"names": ["moniteq-4-2"], "trials": None, "seed": 1})
-        frame = before
+        frame = last_id
         for _ in range(frames):
             self.request("POST", "/commands", {"name": "RUN_ITERATION", "arguments": {}})
             frame = self.until(
                 "/frames?limit=5",
-                lambda found, last=frame: [f["id"] for f in found["frames"] if f["matched"] and f["id"] > last],
+                lambda response, last=frame: [f["id"] for f in response["frames"] if f["matched"] and f["id"] > last],
             )[0]
-        catalogue = self.until("/catalogues", lambda found: [c["id"] for c in found if c["name"] == "sweep"])[0]
-        self.until("/jobs", lambda found: [j for j in found if j["id"] == job["id"] and j["state"] == "done"])
+        catalogue = self.until("/catalogues", lambda rows: [c["id"] for c in rows if c["name"] == "sweep"])[0]
+        self.until("/jobs", lambda rows: [j for j in rows if j["id"] == job["id"] and j["state"] == "done"])
         contact = self.request("GET", "/contacts")[0]["id"]
         return {"frame": frame, "catalogue": catalogue, "job": job["id"], "contact": contact}
 
@@ -147,7 +150,7 @@ def two_line_elements(epoch: datetime) -> str:
 
 @contextmanager
 def signed_in(server: Served) -> Iterator[Page]:
-    """Open a browser on which an administrator is signed in."""
+    """Open a browser page with a signed-in administrator."""
     cookie = server.sign_in("picture-admin")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(**launch_options())
@@ -158,7 +161,7 @@ def signed_in(server: Served) -> Iterator[Page]:
 
 
 def take(page: Page, out: Path, ids: dict[str, int], pages: list[str], sizes: list[str]) -> list[str]:
-    """Write the pictures of some pages. Returns the faults that were seen."""
+    """Write the pictures of the pages. Return the detected faults."""
     faults: list[str] = []
     for name in pages:
         files = []
@@ -172,11 +175,11 @@ def take(page: Page, out: Path, ids: dict[str, int], pages: list[str], sizes: li
                 width, height = SIZES[size]
                 page.set_viewport_size({"width": width, "height": height})
                 page.wait_for_timeout(900)
-                page.evaluate(STILL)
+                page.evaluate(WAIT_UNTIL_PAINTED)
                 files.append(out / f"{name}-{theme}-{size}.png")
                 page.screenshot(path=files[-1])
                 where = f"{name} {theme} {size}"
-                faults += [f"{where}: {finding}" for finding in page.evaluate(RUN_AXE)]
+                faults += [f"{where}: {violation}" for violation in page.evaluate(RUN_AXE)]
                 if theme == "dark":
                     faults += [f"{where}: cut off: {text}" for text in page.evaluate(FIND_CUT)]
                     faults += [f"{where}: sideways: {part}" for part in page.evaluate(FIND_SIDEWAYS)]
@@ -186,7 +189,7 @@ def take(page: Page, out: Path, ids: dict[str, int], pages: list[str], sizes: li
 
 
 def contact_sheet(files: list[Path], out: Path, height: int = 700) -> None:
-    """Write pictures side by side, each ``height`` pixels high, a row for each theme."""
+    """Write the pictures side by side, each ``height`` pixels high, with one row for each theme."""
     rows = [files[: len(files) // 2], files[len(files) // 2 :]]
     pictures = [[_scaled(file, height) for file in row] for row in rows]
     width = max(sum(picture.width + 8 for picture in row) for row in pictures)
@@ -205,7 +208,7 @@ def _scaled(file: Path, height: int) -> Image.Image:
 
 
 def main() -> None:
-    """Command line."""
+    """Write the pictures and the list of faults."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder for the pictures")
     parser.add_argument("--pages", nargs="*", choices=list(PAGES), default=list(PAGES))

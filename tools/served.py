@@ -1,4 +1,4 @@
-"""Server process for measurements: start it, sign in, inspect it from outside and stop it."""
+"""Run a server process for measurements: start it, sign in, inspect it from outside and stop it."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ class Served:
 
     def listeners(self) -> int:
         """Return the number of handles of the public listening socket in the link process. With API workers, a second
-        one means that the link process accepts connections itself."""
+        handle means that the link process accepts connections."""
         return self._handles(self.process.pid)
 
     def _handles(self, pid: int) -> int:
-        """Return the number of handles of the public listening socket in a process; only the link process and the
-        workers have any."""
+        """Return the number of handles of the public listening socket in a process. Only the link process and the
+        workers have such handles."""
         rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
         (inode,) = (row[9] for row in rows if row[3] == "0A" and row[1].endswith(f":{self.host_and_port[1]:04X}"))
         count = 0
@@ -63,7 +63,7 @@ class Served:
         return count
 
     def sign_in(self, name: str = "soak-admin") -> str:
-        """Sign in as a browser does. Returns the value of the session cookie."""
+        """Create a user and sign in. Return the value of the session cookie."""
         import httpx2
 
         password = secrets.token_urlsafe(16)
@@ -99,19 +99,19 @@ def _children(pid: int) -> list[int]:
 
 @contextlib.contextmanager
 def served(folder: Path, *arguments: str, **environment: str) -> Iterator[Served]:
-    """Run ``gss serve`` on a free port over ``folder`` until the block ends."""
+    """Run ``gss serve`` on a free port with the data folder ``folder`` until the end of the block."""
     command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), *arguments]
     log = (folder.parent / f"{folder.name}.log").open("ab")
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=log, text=True, env={**os.environ, **environment}
     )
     assert process.stdout is not None  # noqa: S101 - a pipe was requested
-    patience = threading.Timer(START_S, process.kill)
-    patience.start()
+    start_timeout = threading.Timer(START_S, process.kill)
+    start_timeout.start()
     try:
         lines = (line for line in process.stdout if "http://" in line)
         address = next((line[line.index("http://") :].split("/setup")[0].strip() for line in lines), "")
-        patience.cancel()
+        start_timeout.cancel()
         if not address:
             raise RuntimeError(f"the server did not start: {Path(log.name).read_text()[-2000:]}")
         server = Served(address, folder, process)

@@ -1,7 +1,7 @@
-"""Soak test: a line at 50 packets/s and ten listeners for a given time; no data may be late or lost, and no process may grow.
+"""Soak test with 50 packets/s and ten listeners for a given time. No data may be late or lost, and no process may grow.
 
 ``python -m tools.soak HOURS [--workers N] [--clients 10] [--rate 50] [--browsers N] [--data FOLDER]`` prints a line per
-minute and one JSON document at the end; its exit status says whether every limit held. ``make soak`` runs it for a day.
+minute and one JSON document at the end. The exit status is 0 if no limit was exceeded. ``make soak`` runs it for a day.
 """
 
 from __future__ import annotations
@@ -27,20 +27,21 @@ from tools.soak_pages import LATEST_S, watch
 from tools.stream_client import StreamLog, listen
 
 MIN_SHARE = 0.5
-"""Minimum share of the rate: on a loaded machine the simulated sensor itself skips packets, which are then not lost."""
-OWN_ROW_EVERY_S = 10.0
-"""The ground's own line counters are stored as telemetry too, once in this interval."""
+"""Minimum share of the packet rate. On a loaded machine the simulated sensor skips packets; skipped packets do not
+count as lost."""
+COUNTERS_EVERY_S = 10.0
+"""Interval at which the line counters of the ground are stored as telemetry."""
 GROWTH_BYTES, GROWTH_SHARE = 24 << 20, 0.10
-WARM_SHARE, WARM_LEAST_S = 0.25, 20.0
-LOOK_S = 5.0
+WARM_UP_SHARE, MIN_WARM_UP_S = 0.25, 20.0
+SAMPLE_EVERY_S = 5.0
 START_S = 180.0
 Say = Callable[[str], None]
 
 
 @dataclass
-class Look:
-    """One sample taken from outside. ``good``: packets received; ``store_late_s``: age of the newest stored packet;
-    ``line_late_s``: delay of the line relative to its best."""
+class SoakSample:
+    """One sample of the server state. ``good``: packets received; ``store_late_s``: age of the latest stored packet;
+    ``line_late_s``: delay of the line relative to its minimum."""
 
     at_s: float
     good: int
@@ -60,7 +61,7 @@ class SoakReport:
     seconds: float
     rate: float
     workers: int
-    looks: list[Look] = field(default_factory=list)
+    samples: list[SoakSample] = field(default_factory=list)
     logs: list[StreamLog] = field(default_factory=list)
     browser: dict[str, Any] = field(default_factory=dict)
 
@@ -70,27 +71,27 @@ class SoakReport:
         return 1e3 * late[min(len(late) - 1, int(share * len(late)))] if late else float("nan")
 
     def growth(self) -> dict[str, tuple[float, float]]:
-        """Return (MiB after warming up, MiB at the end) of each process that lived throughout."""
-        warm = [sample for sample in self.looks if sample.at_s >= max(WARM_LEAST_S, WARM_SHARE * self.seconds)]
+        """Return (MiB after warm-up, MiB at the end) of each process that ran for the whole time."""
+        warm = [sample for sample in self.samples if sample.at_s >= max(MIN_WARM_UP_S, WARM_UP_SHARE * self.seconds)]
         third = max(1, len(warm) // 3)
         names = set.intersection(*(set(sample.resident) for sample in warm)) if warm else set()
         return {n: (_mib(warm[:third], n), _mib(warm[-third:], n)) for n in sorted(names)}
 
     def problems(self) -> list[str]:
-        """Return every limit that did not hold."""
-        first, last = self.looks[0], self.looks[-1]
+        """Return a text for each exceeded limit."""
+        first, last = self.samples[0], self.samples[-1]
         packets = (last.good - first.good) / (last.at_s - first.at_s)
         problems = []
         if packets < MIN_SHARE * self.rate:
-            problems.append(f"only {packets:.1f} packets/s of {self.rate:g} came")
+            problems.append(f"only {packets:.1f} packets/s of {self.rate:g} were received")
         bad, gaps = last.bad - first.bad, last.gaps - first.gaps
         if bad or gaps:
             problems.append(f"{bad} damaged packets and {gaps} gaps on a line without faults")
         received, stored = last.good - first.good, last.stored - first.stored
-        own = (last.at_s - first.at_s) / OWN_ROW_EVERY_S
+        counter_rows = (last.at_s - first.at_s) / COUNTERS_EVERY_S
         if (
-            abs(received + own - stored) > self.rate + 20
-        ):  # the two counts are not taken at the same time, and not every packet is telemetry
+            abs(received + counter_rows - stored) > self.rate + 20
+        ):  # the counts are read at different times, and not every packet is telemetry
             problems.append(f"{received} packets received, {stored} stored")
         if max(last.store_late_s, last.line_late_s) >= LATEST_S:
             problems.append(f"late at the end: stored {last.store_late_s:.2f} s, line {last.line_late_s:.2f} s")
@@ -102,7 +103,7 @@ class SoakReport:
 
     def plain(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        first, last = self.looks[0], self.looks[-1]
+        first, last = self.samples[0], self.samples[-1]
         span_s = last.at_s - first.at_s
         return {
             "seconds": self.seconds,
@@ -134,13 +135,13 @@ def _faults(log: StreamLog) -> list[str]:
     if log.jumps or log.dropped:
         faults.append(f"{log.jumps} jumps in the numbers, {log.dropped} dropped")
     if not log.late_s or log.late_s[-1] >= LATEST_S:
-        faults.append(f"the last header bar came late: {log.late_s[-1:]} s")
+        faults.append(f"the last header bar was late: {log.late_s[-1:]} s")
     if log.ended:
         faults.append(f"the stream ended {log.ended} times")
     return faults
 
 
-def _mib(samples: Sequence[Look], name: str) -> float:
+def _mib(samples: Sequence[SoakSample], name: str) -> float:
     return statistics.median(sample.resident[name] for sample in samples) / 2**20
 
 
@@ -155,8 +156,8 @@ async def soak(
     pages: int = 1,
     say: Say = lambda _: None,
 ) -> SoakReport:
-    """Listen and sample for ``seconds`` while the sensor sends. ``session``: session cookie for ``pages`` real browsers
-    that also watch; empty: none."""
+    """Listen to the stream and sample the server for ``seconds``. ``session``: session cookie for ``pages`` browsers
+    that also show the Live page; empty: no browsers."""
     report = SoakReport(seconds, rate, workers, logs=[StreamLog() for _ in range(clients)])
     start_s = time.monotonic()
     end_s = start_s + seconds
@@ -164,32 +165,33 @@ async def soak(
     listeners = [asyncio.create_task(listen(host, port, server.headers, h, end_s)) for h in report.logs]
     watching = asyncio.create_task(watch(server, session, end_s, pages)) if session else None
     async with httpx2.AsyncClient(base_url=f"{server.address}/api", headers=server.headers, timeout=30) as http:
-        least_late_s, next_word_s = float("inf"), 60.0
+        min_offset_s, next_line_s = float("inf"), 60.0
         while True:
-            sample, offset_s = await _look(http, server, start_s)
-            least_late_s = min(least_late_s, offset_s)
-            sample.line_late_s = offset_s - least_late_s
-            report.looks.append(sample)
-            if sample.at_s >= next_word_s:
-                next_word_s += 60.0
+            sample, offset_s = await _sample(http, server, start_s)
+            min_offset_s = min(min_offset_s, offset_s)
+            sample.line_late_s = offset_s - min_offset_s
+            report.samples.append(sample)
+            if sample.at_s >= next_line_s:
+                next_line_s += 60.0
                 say(_line(report))
-            if time.monotonic() + LOOK_S >= end_s:
+            if time.monotonic() + SAMPLE_EVERY_S >= end_s:
                 break
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(SAMPLE_EVERY_S)
         await asyncio.gather(*listeners)
     if watching is not None:
         report.browser = await watching
     return report
 
 
-async def _look(http: httpx2.AsyncClient, server: Served, start_s: float) -> tuple[Look, float]:
-    """Return the sample, and the difference between device clock and ours in seconds, of which only changes are meaningful."""
+async def _sample(http: httpx2.AsyncClient, server: Served, start_s: float) -> tuple[SoakSample, float]:
+    """Return the sample, and the difference between ground clock and device clock in seconds. Only changes of the
+    difference are meaningful."""
     counters = (await http.get("/link/counters")).json()["received"]
     newest = (await http.get("/telemetry/packets", params={"packet": "housekeeping", "limit": 1})).json()[0]
     received_s, requested_s = datetime.fromisoformat(newest["received"]).timestamp(), time.time()
     pids = server.processes()
     bad = sum(int(counters[name]) for name in ("bad_crc", "too_long", "too_short", "undecodable"))
-    sample = Look(
+    sample = SoakSample(
         time.monotonic() - start_s,
         int(counters["good"]),
         bad,
@@ -204,7 +206,7 @@ async def _look(http: httpx2.AsyncClient, server: Served, start_s: float) -> tup
 
 
 def _line(report: SoakReport) -> str:
-    sample = report.looks[-1]
+    sample = report.samples[-1]
     memory = ", ".join(f"{name} {size / 2**20:.0f}" for name, size in sample.resident.items())
     jumps, dropped = sum(h.jumps for h in report.logs), sum(h.dropped for h in report.logs)
     return (
@@ -217,7 +219,7 @@ def _line(report: SoakReport) -> str:
 
 @contextlib.contextmanager
 def loaded_server(folder: Path, rate: float, workers: int) -> Any:
-    """Start a server whose simulated sensor sends ``rate`` housekeeping packets a second."""
+    """Start a server with a simulated sensor that sends ``rate`` housekeeping packets per second."""
     arguments = ["--simulator", "cubestar", *(["--workers", str(workers)] if workers else [])]
     options = {"GSS_SIMULATOR_OPTIONS": f"--housekeeping-hz {rate:g}", "GSS_STREAMS_EACH": "500"}
     with served(folder, *arguments, **options) as server:
@@ -226,7 +228,8 @@ def loaded_server(folder: Path, rate: float, workers: int) -> Any:
 
 
 def wait_for_rest(server: Served) -> None:
-    """Wait until the device has been identified and its content read; from then on it sends housekeeping only."""
+    """Wait until the device is identified and its banks are read. After that it sends only housekeeping. Raises
+    RuntimeError."""
     deadline_s = time.monotonic() + START_S
     with httpx2.Client(base_url=f"{server.address}/api", headers=server.headers, timeout=30) as http:
         while time.monotonic() < deadline_s:
@@ -235,7 +238,7 @@ def wait_for_rest(server: Served) -> None:
                 if catalogue_id and all(transfer["finished"] for transfer in http.get("/transfers").json()):
                     return
             time.sleep(0.2)
-    raise RuntimeError("the sensor was not met")
+    raise RuntimeError("the sensor was not identified in time")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -245,8 +248,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=0)
     parser.add_argument("--clients", type=int, default=10)
     parser.add_argument("--rate", type=float, default=50.0, help="packets per second")
-    parser.add_argument("--browsers", type=int, default=0, help="real browsers on the Live page too")
-    parser.add_argument("--data", type=Path, help="keep the data folder here")
+    parser.add_argument("--browsers", type=int, default=0, help="number of browsers on the Live page")
+    parser.add_argument("--data", type=Path, help="data folder, which is kept")
     options = parser.parse_args(arguments)
 
     def say(line: str) -> None:
@@ -268,7 +271,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             )
             report = asyncio.run(run)
         size = sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
-    print(json.dumps(report.plain() | {"data_folder_bytes": size, "last_look": asdict(report.looks[-1])}, indent=1))
+    print(json.dumps(report.plain() | {"data_folder_bytes": size, "last_look": asdict(report.samples[-1])}, indent=1))
     return 1 if report.problems() else 0
 
 

@@ -1,4 +1,4 @@
-"""Real browsers on the Live page for the soak test: checks each page's own event stream, console and memory."""
+"""Open browsers on the Live page for the soak test, and check the event stream, console and memory of each page."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from tools.browser import launch_options
 from tools.served import Served
 
 LATEST_S = 1.0
-"""Product requirement; a hundred times the usual delay on an idle machine."""
-WARM_SHARE = 0.25
+"""Maximum delay, a product requirement; a hundred times the typical delay on an idle machine."""
+WARM_UP_SHARE = 0.25
 GROWTH_MB, GROWTH_SHARE = 8.0, 0.25
-"""Maximum growth after the warm-up: a page keeps bounded lists that fill up in the first minutes."""
-# Wraps the page's EventSource: every message still reaches the page, and its numbers are checked as the page checks
-# them.
+"""Maximum growth after the warm-up, during which the bounded lists of a page fill up."""
+# This script wraps the page's EventSource to check the numbers of all messages, which are still passed to the page.
 LISTEN = """(() => {
   const counts = (window.streamCounts = { messages: 0, dropped: 0, jumps: 0, breaks: 0, late_s: 0, latest_s: 0 });
   const Own = window.EventSource;
@@ -44,17 +43,17 @@ LISTEN = """(() => {
 
 
 @dataclass
-class Seen:
-    """One page. ``heap_mb``: memory held by its scripts after a full collection, once warm and at the end."""
+class WatchedPage:
+    """One watched page. ``heap_mb``: script memory after a full garbage collection, after warm-up and at the end."""
 
     page: Any
-    complaints: list[str] = field(default_factory=list)
+    script_errors: list[str] = field(default_factory=list)
     heap_mb: list[float] = field(default_factory=list)
     stream: dict[str, float] = field(default_factory=dict)
 
     def problems(self) -> list[str]:
-        """Return every limit that did not hold."""
-        problems, stream = list(self.complaints), self.stream
+        """Return a text for each exceeded limit."""
+        problems, stream = list(self.script_errors), self.stream
         if stream["dropped"] or stream["breaks"] or stream["jumps"]:
             counts = f"{stream['dropped']} dropped, {stream['jumps']} jumps in the numbers"
             problems.append(f"{counts}, the stream broke {stream['breaks']} times")
@@ -67,47 +66,53 @@ class Seen:
 
 
 async def watch(server: Served, session: str, until_s: float, pages: int = 1) -> dict[str, Any]:
-    """Open the Live page in ``pages`` separate browsers until a time of ``time.monotonic``. Returns statistics and problems."""
+    """Keep the Live page open in ``pages`` browser contexts until ``until_s`` of ``time.monotonic``. Return statistics
+    and problems."""
     from playwright.async_api import async_playwright
 
     start_s = time.monotonic()
     async with async_playwright() as playwright:
         browser = await playwright.chromium.launch(**launch_options())
-        seen = [await _opened(browser, server, session) for _ in range(pages)]
-        await asyncio.sleep(max(0.0, WARM_SHARE * (until_s - start_s) - (time.monotonic() - start_s)))
-        await _weigh(seen)
+        watched = [await _opened(browser, server, session) for _ in range(pages)]
+        await asyncio.sleep(max(0.0, WARM_UP_SHARE * (until_s - start_s) - (time.monotonic() - start_s)))
+        await _measure_heap(watched)
         await asyncio.sleep(max(0.0, until_s - time.monotonic()))
-        for each in seen:
-            each.stream = await each.page.evaluate("() => window.streamCounts")
-        await _weigh(seen)
+        for page_state in watched:
+            page_state.stream = await page_state.page.evaluate("() => window.streamCounts")
+        await _measure_heap(watched)
         await browser.close()
-    total = {name: sum(each.stream[name] for each in seen) for name in ("messages", "dropped", "jumps", "breaks")}
+    total = {
+        name: sum(page_state.stream[name] for page_state in watched)
+        for name in ("messages", "dropped", "jumps", "breaks")
+    }
     return {
         "pages": pages,
         **total,
-        "late": max(each.stream["late_s"] for each in seen),
-        "latest": max(each.stream["latest_s"] for each in seen),
-        "heap_mb": [each.heap_mb for each in seen],
-        "problems": [f"page {k}: {text}" for k, each in enumerate(seen) for text in each.problems()],
+        "late": max(page_state.stream["late_s"] for page_state in watched),
+        "latest": max(page_state.stream["latest_s"] for page_state in watched),
+        "heap_mb": [page_state.heap_mb for page_state in watched],
+        "problems": [f"page {k}: {text}" for k, page_state in enumerate(watched) for text in page_state.problems()],
     }
 
 
-async def _opened(browser: Any, server: Served, session: str) -> Seen:
+async def _opened(browser: Any, server: Served, session: str) -> WatchedPage:
     context = await browser.new_context()
     await context.add_cookies([{"name": "gss_session", "value": session, "url": server.address}])
     await context.add_init_script(LISTEN)
-    seen = Seen(await context.new_page())
-    seen.page.on("pageerror", lambda error: seen.complaints.append(f"script: {error}"))
-    seen.page.on("console", lambda m: seen.complaints.append(f"console: {m.text}") if m.type == "error" else None)
-    await seen.page.goto(f"{server.address}/live")
-    await seen.page.locator("[data-testid=link-state]").wait_for()
-    return seen
+    watched = WatchedPage(await context.new_page())
+    watched.page.on("pageerror", lambda error: watched.script_errors.append(f"script: {error}"))
+    watched.page.on(
+        "console", lambda m: watched.script_errors.append(f"console: {m.text}") if m.type == "error" else None
+    )
+    await watched.page.goto(f"{server.address}/live")
+    await watched.page.locator("[data-testid=link-state]").wait_for()
+    return watched
 
 
-async def _weigh(seen: list[Seen]) -> None:
-    for each in seen:
-        probe = await each.page.context.new_cdp_session(each.page)
+async def _measure_heap(watched: list[WatchedPage]) -> None:
+    for page_state in watched:
+        probe = await page_state.page.context.new_cdp_session(page_state.page)
         await probe.send("HeapProfiler.collectGarbage")
         usage = await probe.send("Runtime.getHeapUsage")
-        each.heap_mb.append(round(usage["usedSize"] / 1e6, 2))
+        page_state.heap_mb.append(round(usage["usedSize"] / 1e6, 2))
         await probe.detach()

@@ -1,4 +1,4 @@
-"""Event-stream client that checks what it receives: consecutive numbers, no dropped messages, delay."""
+"""Event-stream client that checks for consecutive numbers, dropped messages and delay."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from datetime import datetime
 
 import httpx2
 
-LIMIT = 64 << 20
+MAX_EVENT_BYTES = 64 << 20
 RECONNECT_S = 0.2
 
 
 @dataclass
 class StreamLog:
-    """Statistics of one client. ``late_s``: age in seconds of each header bar on arrival; server and client use the same clock."""
+    """Statistics of one client. ``late_s``: age of each header bar on reception, in seconds; server and client use the
+    same clock."""
 
     messages: int = 0
     bytes: int = 0
@@ -36,7 +37,7 @@ class StreamLog:
         self.topics[topic] = self.topics.get(topic, 0) + 1
         if topic == "dropped":
             self.dropped += int(json.loads(data)["dropped"])
-            return  # it has no number; the parser repeats that of the message before
+            return  # it has no number; the parser repeats the number of the previous message
         if topic == "link":
             self.late_s.append(time.time() - datetime.fromisoformat(json.loads(data)["utc"]).timestamp())
         seq, _, count = number.partition(".")
@@ -48,15 +49,15 @@ class StreamLog:
             self.count = int(count)
             self.seq = self.seq or int(
                 seq
-            )  # a state carries the newest event's number too, so that events missed after it are detected
+            )  # other messages carry the number of the newest event, so that later missed events are detected
 
     def new_connection(self) -> None:
-        """Reset the count of states; event numbers continue."""
+        """Reset the counter of messages without an event number. Event numbers are kept."""
         self.count = 0
 
 
 async def listen(host: str, port: int, headers: dict[str, str], log: StreamLog, until_s: float) -> None:
-    """Follow the stream until a time of ``time.monotonic``; reconnect when it ends, as a browser does."""
+    """Read the stream until ``until_s`` of ``time.monotonic``. Reconnect when it ends, as a browser does."""
     while time.monotonic() < until_s:
         with contextlib.suppress(TimeoutError, httpx2.HTTPError):
             async with asyncio.timeout(max(0.1, until_s - time.monotonic())):
@@ -70,7 +71,7 @@ async def _connection(url: str, headers: dict[str, str], log: StreamLog) -> None
     sent = headers | ({"Last-Event-ID": str(log.seq)} if log.seq else {})
     async with (
         httpx2.AsyncClient(timeout=None, trust_env=False) as client,
-        client.sse(url, headers=sent, max_event_size=LIMIT) as source,
+        client.sse(url, headers=sent, max_event_size=MAX_EVENT_BYTES) as source,
     ):
         source.response.raise_for_status()
         async for event in source:

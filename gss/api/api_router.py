@@ -1,4 +1,4 @@
-"""Routers whose routes the application uses as they are."""
+"""Create routers whose routes the application adds without preparing them again."""
 
 from __future__ import annotations
 

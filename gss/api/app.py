@@ -71,7 +71,7 @@ if TYPE_CHECKING:
 
 PAGES = Path(__file__).parent.parent / "web"
 WITHOUT_PAGES = (
-    "<h1>GSS</h1><p>The pages have not been built. Try: make web. "
+    "<h1>GSS</h1><p>The pages have not been built. Run make web. "
     "The API is described in <a href='/api/openapi.json'>/api/openapi.json</a>.</p>"
 )
 
@@ -82,9 +82,9 @@ def create_app(
     behind: LinkProcessClient | None = None,
     fleet: Fleet | None = None,
 ) -> FastAPI:
-    """Return the application for connected services; its lifespan starts and stops them. ``behind``: build the
-    application of an API worker of that link process; its services only read. ``fleet``: build
-    the application of the front process of these units."""
+    """Return the HTTP application. Its lifespan starts and stops ``services``. ``behind``: client of the link process,
+    if this is the application of an API worker, whose services only read. ``fleet``: the units, if this is the
+    application of the front process."""
     state = None if behind else lambda: first_state(services.upkeep.status)
     broadcaster = Broadcaster(
         services.upkeep.streams, state, services.base.settings.streams_each, services.base.settings.streams_most
@@ -177,7 +177,7 @@ def create_app(
 
 def _serve_pages(app: FastAPI, pages: Path) -> None:
     if (pages / "index.html").exists():
-        app.router.default = Pages(pages)  # after every route; also serves paths that the pages' script routes itself
+        app.router.default = Pages(pages)  # used if no route matches; it also serves paths that the script routes
         return
 
     @app.get("/", include_in_schema=False)

@@ -64,7 +64,8 @@ async def _audit_note(request: Request) -> Callable[..., None]:
 
 
 AuditNote = Annotated[Callable[..., None], Depends(_audit_note)]
-"""Function that sets the audit detail of this request before it is carried out. Never pass it a password, key or link."""
+"""Function that sets the audit detail of this request before it is carried out. Never pass it a password, key or
+link."""
 
 
 # --- permissions --------------------------------------------------------------------------------------------------
@@ -72,7 +73,8 @@ AuditNote = Annotated[Callable[..., None], Depends(_audit_note)]
 
 class Need:
     """Permission that a route declares: one permission, alternatives joined by |, ``command`` for any command
-    permission, or ``NO_SIGN_IN`` for routes open without sign-in. ``changes``: requests are written to the audit log."""
+    permission, or ``NO_SIGN_IN`` for routes that need no sign-in. ``changes``: True if requests are written to the
+    audit log."""
 
     def __init__(self, permission: str, changes: bool) -> None:
         self.permission, self.changes = permission, changes
@@ -84,10 +86,10 @@ class Need:
 
 
 class Export:
-    """Marks a GET that exports a file; every such request is written to the audit log."""
+    """Mark of a GET route that exports a file. Every request to such a route is written to the audit log."""
 
     async def __call__(self) -> None:
-        """Check nothing: the view permission also covers exports."""
+        """Check nothing, because the view permission also covers exports."""
 
 
 NO_SIGN_IN = "no_sign_in"
@@ -138,5 +140,5 @@ def _with_zone(value: datetime) -> datetime:
         raise ValueError("the time cannot be converted to UTC") from None
 
 
-Moment = Annotated[datetime, AfterValidator(_with_zone)]
+QueryTime = Annotated[datetime, AfterValidator(_with_zone)]
 """A time in a query."""

@@ -1,5 +1,5 @@
-"""Convert exceptions to error responses: what was expected, what was received, what to do next, and an id that is also
-in the server's log."""
+"""Convert exceptions to error responses. A response states what was expected, what was received, what to do next, and
+an id that is also in the server's log."""
 
 from __future__ import annotations
 
@@ -58,31 +58,31 @@ model of each code for each route."""
 
 
 def describe(app: FastAPI) -> None:
-    """Describe every error response as JSON in the OpenAPI document, which the framework would describe as HTML for HTML routes,
-    and add each role's permissions as ``x-roles`` for the pages."""
+    """Describe every error response as JSON in the OpenAPI document; the framework would describe the errors of HTML
+    routes as HTML. Also add each role's permissions as ``x-roles`` for the pages."""
     schema = app.openapi
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
             body = {"application/json": {"schema": {"$ref": "#/components/schemas/ProblemOut"}}}
-            operations = (o for path in schema()["paths"].values() for o in path.values())
-            for answers in (operation["responses"] for operation in operations):
-                answers.update(
-                    {code: {**response, "content": body} for code, response in answers.items() if int(code) >= 400}
+            operations = (operation for path in schema()["paths"].values() for operation in path.values())
+            for responses in (operation["responses"] for operation in operations):
+                responses.update(
+                    {code: {**response, "content": body} for code, response in responses.items() if int(code) >= 400}
                 )
             schemas = schema()["components"]["schemas"]
             schemas["ProblemOut"] = ProblemOut.model_json_schema(mode="serialization")
             schema()["x-roles"] = {role: sorted(granted) for role, granted in ROLES.items()}
         return schema()
 
-    app.openapi = openapi  # type: ignore[method-assign]  # the framework's own way
+    app.openapi = openapi  # type: ignore[method-assign]  # FastAPI documents this assignment
 
 
 def install(app: FastAPI) -> None:
-    """Install handlers that answer every error with a ProblemOut."""
+    """Install the exception handlers. Every error response has a ProblemOut body."""
 
     @app.exception_handler(GssError)
-    async def known(request: Request, error: GssError) -> JSONResponse:
+    async def gss_error(request: Request, error: GssError) -> JSONResponse:
         status = next((code for kind, code in STATUS if isinstance(error, kind)), 500)
         audit_note = getattr(request.state, "detail", "")
         request.state.detail = f"{audit_note}: {error.message}" if audit_note else error.message  # for the audit record
@@ -111,7 +111,7 @@ def problem(
     cause: Exception | None = None,
     retry_after_s: float = 0.0,
 ) -> JSONResponse:
-    """Return the error response and write it to the log. Message and hint become sentences."""
+    """Return the error response and write it to the log. The message and the hint are formatted as sentences."""
     texts = {"message": as_sentence(message), "expected": expected, "got": got, "hint": as_sentence(hint)}
     body = ProblemOut(id=uuid.uuid4().hex[:8], **{name: _printable(text) for name, text in texts.items()})
     log.log(logging.ERROR if status >= 500 else logging.INFO, "%s %s %s", body.id, status, message, exc_info=cause)

@@ -14,14 +14,16 @@ T = TypeVar("T")
 
 
 class OneAtATime:
-    """Runs one call at a time on a new thread. A second call is refused, not queued. ``busy``: the reason in words."""
+    """Runs one call at a time on a new thread. A second call is rejected, not queued. ``busy``: message of the
+    error."""
 
     def __init__(self, name: str, busy: str, hint: str) -> None:
         self._name, self._busy, self._hint = name, busy, hint
         self._lock = threading.Lock()
 
     async def run(self, call: Callable[[], T]) -> T:
-        """Run the call and return its result. Conflict while another call runs, even if that call's client has disconnected."""
+        """Run the call and return its result. Raises Conflict while another call runs, even if that call's client has
+        disconnected."""
         if not self._lock.acquire(blocking=False):
             raise Conflict(self._busy, hint=self._hint)
         result: Future[T] = Future()

@@ -1,4 +1,5 @@
-"""Count requests by route kind and status class, and measure time to first byte. Plain ASGI, so streams have no extra cost."""
+"""Count requests by route kind and status class, and measure the time to the first byte. Plain ASGI, so streams cost
+nothing extra."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ from gss.operations.metrics import Metrics
 
 
 def kinds_of(app: FastAPI) -> frozenset[str]:
-    """Return the first path segments below /api. Unknown paths must not add values to the metrics' labels, so this set is fixed."""
+    """Return the first path segments below /api. The set is fixed so that unknown paths cannot add label values to the
+    metrics."""
     paths = ((context.path or "").split("/") for context in iter_route_contexts(app.routes))
     return frozenset(parts[2] for parts in paths if parts[1:2] == ["api"])
 
@@ -33,9 +35,9 @@ class Counting:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                if kind != "stream":  # to the first byte: a stream does not end
-                    taken_s = time.perf_counter() - begun_s
-                    self._metrics.observe_response(kind, taken_s)
+                if kind != "stream":  # streams are not measured, because they do not end
+                    elapsed_s = time.perf_counter() - begun_s
+                    self._metrics.observe_response(kind, elapsed_s)
             await send(message)
 
         try:

@@ -1,4 +1,4 @@
-"""How the server is reached: uvicorn's options, the connection limits, and the address printed at startup."""
+"""uvicorn's options, the connection limits, and the address printed at startup."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gss.settings import Settings
 
 TIMEOUTS = HttpTimeouts()
 BACKLOG = 1024
-"""Length of the accept queue. A client that finds it full retries a second later, which is too late for ABORT in a burst."""
+"""Length of the accept queue. If the queue is full, a client retries after one second, which is too late for ABORT."""
 
 
 def open_connections(settings: Settings) -> Connections:
@@ -28,10 +28,10 @@ def open_connections(settings: Settings) -> Connections:
 
 def uvicorn_options(settings: Settings, connections: Connections, timeouts: HttpTimeouts = TIMEOUTS) -> dict[str, Any]:
     """Return uvicorn's options: limited connections, TLS, no WebSocket. X-Forwarded-* is disabled because uvicorn would
-    trust any local program; the perimeter checks which proxy to trust."""
+    trust any local program. The perimeter checks for trusted proxies."""
     options: dict[str, Any] = {
         "http": functools.partial(TimedHttp, connections=connections, timeouts=timeouts),
-        "loop": "asyncio",  # the loop accepts through our listener
+        "loop": "asyncio",  # this event loop calls accept of the LimitedListener
         "ws": "none",
         "backlog": BACKLOG,
         "proxy_headers": False,
@@ -53,7 +53,7 @@ def address_of(settings: Settings, port: int) -> str:
 
 
 def greeting(settings: Settings, port: int, link: Link | None) -> str:
-    """Return the startup line: the server's URL, or the setup link while there is no user."""
+    """Return the startup message: the server's URL, or the setup link if no user exists."""
     address = address_of(settings, port)
     if link is None:
         return f"GSS is at {address}"

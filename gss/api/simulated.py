@@ -1,4 +1,4 @@
-"""The simulated sensor that a server's or a unit's process starts for its own line."""
+"""Start the simulated sensor of a server process or unit process."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gss.settings import Settings
 
 
 def start_simulator(settings: Settings) -> AbstractContextManager[SimulatedSensor]:
-    """Start the simulated sensor of the settings; it ends with the block."""
+    """Start the simulated sensor that the settings describe. It stops at the end of the ``with`` block."""
     options = settings.simulator_options
     if settings.link_keys:
         options += f" --keys {shlex.quote(settings.link_keys)}"

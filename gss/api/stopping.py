@@ -1,4 +1,4 @@
-"""Server shutdown: orderly if the work in progress allows it, forced after a time limit."""
+"""Server shutdown: graceful if work in progress ends in time, forced after a time limit."""
 
 from __future__ import annotations
 
@@ -15,17 +15,19 @@ import uvicorn
 
 log = logging.getLogger("gss.server")
 STOP_WITHIN_S = 4.5
-"""Seconds from the signal. Stored data survives kill -9, so ending during a computation loses nothing acknowledged."""
+"""Seconds from the signal to the forced end. Stored data survive kill -9, so a forced end loses no acknowledged
+data."""
 
 
-def say_stopping() -> None:
-    """Print at once that the signal was received. Writes to the descriptor, because the signal may have interrupted
-    Python's own streams."""
+def print_stopping() -> None:
+    """Print immediately that the signal was received. Writes to the file descriptor, because the signal can interrupt a
+    write to Python's streams."""
     _print("\nstopping …\n")
 
 
 def end_in_time(seconds: float = STOP_WITHIN_S) -> None:
-    """End the process after ``seconds`` even if threads are still computing; print their names and kill child processes."""
+    """End the process after ``seconds`` even if threads are still computing; log the names of these threads and kill
+    child processes."""
     timer = threading.Timer(seconds, _end)
     timer.daemon = True
     timer.start()
@@ -33,14 +35,14 @@ def end_in_time(seconds: float = STOP_WITHIN_S) -> None:
 
 def begin_stop(announce: Callable[[], None]) -> None:
     """Print that the server stops, start the time limit, and call ``announce``. Runs in a signal handler."""
-    say_stopping()
+    print_stopping()
     end_in_time()
     announce()
 
 
 class StoppableServer(uvicorn.Server):
-    """Server that calls ``on_stop`` as soon as a signal arrives, to end the event streams: uvicorn alone would wait for them and
-    then cut them off."""
+    """Server that calls ``on_stop`` immediately after a signal, so that the event streams end. uvicorn alone would wait
+    for the streams and then abort them."""
 
     def __init__(self, config: uvicorn.Config, on_stop: Callable[[], None]) -> None:
         super().__init__(config)
@@ -53,8 +55,8 @@ class StoppableServer(uvicorn.Server):
 
 
 class StopSignals:
-    """Receives SIGINT and SIGTERM from the moment the address is printed. uvicorn handles them only once it runs: one that arrives
-    before would be lost in the start of the event loop."""
+    """Handler of SIGINT and SIGTERM from the time when the address is printed. uvicorn handles signals only after its
+    start, so an earlier signal would be lost."""
 
     def __init__(self) -> None:
         self._server: uvicorn.Server | None = None
@@ -63,7 +65,7 @@ class StopSignals:
             signal.signal(number, self._received)
 
     def attach(self, server: uvicorn.Server) -> None:
-        """Hand signals to this server from now on, also one that was received before."""
+        """Pass signals to this server from now on, including a signal that was received earlier."""
         self._server = server
         if self._early is not None:
             server.handle_exit(self._early, None)
@@ -73,16 +75,16 @@ class StopSignals:
             self._server.handle_exit(sig, frame)
             return
         self._early = sig
-        say_stopping()
+        print_stopping()
         end_in_time()
 
 
 def _end() -> None:
     busy = sorted({thread.name for thread in threading.enumerate() if not thread.daemon} - {"MainThread"})
     _print(
-        "stopped while work was in progress: jobs that can be resumed continue with the next start, other work is discarded\n"
+        "stopped while work was in progress: resumable jobs continue after the next start, other work is discarded\n"
     )
-    log.info("threads still running: %s", ", ".join(busy) or "none but daemons")
+    log.info("threads still running: %s", ", ".join(busy) or "only daemon threads")
     for child in multiprocessing.active_children():
         child.kill()
     os._exit(0)

@@ -1,4 +1,4 @@
-"""Threads reserved for ABORT: hundreds of other requests may fill the shared thread pool."""
+"""Threads reserved for ABORT, because other requests can fill the shared thread pool."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ T = TypeVar("T")
 _THREADS = ThreadPoolExecutor(max_workers=4, thread_name_prefix="abort")
 
 
-async def at_once(call: Callable[[], T]) -> T:
+async def run_urgent(call: Callable[[], T]) -> T:
     """Run the call on one of the reserved threads."""
     return await asyncio.get_running_loop().run_in_executor(_THREADS, call)

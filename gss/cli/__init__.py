@@ -1,6 +1,7 @@
-"""The command line: parse, call, print. One file per group of commands, each with ``register(subparsers)``.
+"""Command line. Each module contains one group of commands and a function ``register(subparsers)``.
 
-A command's function takes the parsed arguments and returns the exit code: 0 done, 1 failed, 2 bad input, 3 no solution.
+The function of a command receives the parsed arguments and returns the exit code: 0 success, 1 failure, 2 bad input,
+3 no solution.
 """
 
 from __future__ import annotations
@@ -19,20 +20,20 @@ if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
 COMMANDS = {
-    "serve": ("serve", "start the server; prints one address"),
+    "serve": ("serve", "start the server and print its address"),
     "simulate": ("simulate", "start a simulated star tracker on a pseudo-terminal or TCP port"),
     "catalogue": ("catalogue", "build star catalogues for a sensor's flash banks"),
     "design": ("design", "calculate limits, stars in view, accuracy, baffle and lens trade-off of a camera"),
     "instrument": ("instrument", "list, check, add and compare instrument packages"),
     "solve": ("solve", "find the attitude of images of the sky"),
-    "compile": ("compile", "compile the solver's loops once, instead of at the first frame"),
+    "compile": ("compile", "compile the solver's loops in advance, so that the first frame is not delayed"),
     "render": ("render", "render a test image of the sky at a pointing"),
     "solve-lists": ("solve_lists", "find the attitudes of lists of measured stars"),
     "calibrate": ("night", "calibrate a camera's geometry, photometry and detector from its frames"),
     "analyse": ("night", "measure accuracy, rates, sensitivity and noise from the frames of a night"),
-    "sheet": ("sheet", "make the performance sheet of a unit from its frames, or of a simulated one"),
-    "moving": ("moving", "find satellites, debris and planets in a sequence of frames"),
-    "health": ("health", "follow lens, focus, sensitivity, warm pixels and radiation over the frames of a mission"),
+    "sheet": ("sheet", "create the performance sheet of a unit from its frames, or of a simulated unit"),
+    "moving": ("moving", "detect satellites, debris and planets in a sequence of frames"),
+    "health": ("health", "monitor lens, focus, sensitivity, warm pixels and radiation over the frames of a mission"),
     "bench": ("bench", "measure optical centre, tilt, focal length, distortion, dark current or focus on the bench"),
     "export": ("export", "write recordings and documents"),
     "check": ("check", "test a device against the interface document, or a record for gaps"),
@@ -40,15 +41,15 @@ COMMANDS = {
     "passes": ("passes", "list coming passes; import the orbit of the spacecraft; manage ground stations"),
     "attitude": ("attitude", "export attitudes of frames as CCSDS AEM or ACM; compare them with another system"),
     "heads": ("heads", "compare the heads of one spacecraft: mountings, fused attitude, misalignment and drift"),
-    "rehearse": ("rehearse", "carry out a pass plan on a simulated unit, faster than real time"),
-    "notify": ("notify", "check the file of notifications, or send a test message"),
-    "backup": ("upkeep", "make a backup; the server may run"),
+    "rehearse": ("rehearse", "execute a pass plan on a simulated unit, faster than real time"),
+    "notify": ("notify", "check the notification file, or send a test message"),
+    "backup": ("upkeep", "create a backup; the server can be running"),
     "restore": ("upkeep", "restore a backup into a new data folder"),
-    "retention": ("upkeep", "list data that retention would delete; the server deletes once a day"),
-    "experiments": ("experiments", "rerun published tables"),
+    "retention": ("upkeep", "list data that retention would delete; the server deletes it once a day"),
+    "experiments": ("experiments", "reproduce published tables"),
     "replay": ("replay", "decode and print a raw capture, or rerun the sensor's chain on a stored frame"),
-    "user": ("user", "manage the users who may sign in"),
-    "token": ("token", "manage keys for programs"),
+    "user": ("user", "manage users"),
+    "token": ("token", "manage API tokens for programs"),
     "audit": ("audit", "export or verify the audit log"),
 }
 """Module and summary of each command. A module is imported only when its command is used."""
@@ -57,7 +58,7 @@ FAILED_EXIT = 1
 
 
 class Commands:
-    """Subparsers of the commands; each is added with its summary."""
+    """Subparsers of the commands. Each command is added with its summary."""
 
     def __init__(self, parser: argparse.ArgumentParser) -> None:
         self._subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -68,7 +69,8 @@ class Commands:
 
 
 def parser_of(*modules: str) -> argparse.ArgumentParser:
-    """Return a parser for the commands of these modules; without any, for all names and summaries but no arguments."""
+    """Return a parser for the commands of these modules. Without modules, return a parser with all command names and
+    summaries but no arguments."""
     parser = argparse.ArgumentParser(prog="gss", description="Ground software for star trackers.")
     parser.add_argument("--version", action="version", version=f"gss {__version__}")
     commands = Commands(parser)
@@ -80,7 +82,7 @@ def parser_of(*modules: str) -> argparse.ArgumentParser:
     return parser
 
 
-def whole_parser() -> argparse.ArgumentParser:
+def full_parser() -> argparse.ArgumentParser:
     """Return the parser of all commands, in the order of ``COMMANDS``."""
     return parser_of(*dict.fromkeys(module for module, _ in COMMANDS.values()))
 
@@ -107,8 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"gss: A setting cannot be used: {words}. See docs/settings.md or gss serve --help.", file=sys.stderr)
         return BAD_INPUT_EXIT
     except BrokenPipeError:
-        # The reader has closed the pipe, as `| head` does. Redirect the output, so that the flush at exit does not
-        # fail.
+        # The reader has closed the pipe, as `| head` does. The output is redirected so that the flush at exit does not fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED_EXIT
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Database access for commands that manage accounts. The server may run at the same time."""
+"""Database access for commands that manage accounts. The server can run at the same time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class AccountAdministration:
-    """Accounts and audit log of a store. ``who``: name of the shell's user in the audit log."""
+    """Accounts and audit log of a store. ``user``: name of the shell's user in the audit log."""
 
     accounts: AccountService
     audit: AuditService
@@ -27,7 +27,7 @@ class AccountAdministration:
     user: str
 
     def record(self, action: str, target: str, detail: str = "") -> None:
-        """Write an audit row, as for changes over the network."""
+        """Write an audit row, as the server does for its requests."""
         self.audit.record(self.user, f"shell.{action}", target, "done", detail, role="shell")
 
 
@@ -38,8 +38,9 @@ def with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
 
 
 @contextlib.contextmanager
-def desk(arguments: argparse.Namespace) -> Iterator[AccountAdministration]:
-    """Open the store, creating it if needed: the first user may be created before the first start of the server."""
+def account_store(arguments: argparse.Namespace) -> Iterator[AccountAdministration]:
+    """Open the store, and create it if needed, because the first user can be created before the first start of the
+    server."""
     from gss.operations.accounts.accounts import open_account_service
     from gss.operations.accounts.audit import AuditService
     from gss.operations.accounts.audit_anchor import AnchorFile
@@ -48,7 +49,7 @@ def desk(arguments: argparse.Namespace) -> Iterator[AccountAdministration]:
     from gss.settings import Settings
     from gss.store.engine import Database, migrate, open_engine
 
-    before = os.umask(0o077)
+    previous_umask = os.umask(0o077)
     settings = Settings() if arguments.data is None else Settings(data=arguments.data)
     own_folder(settings.data)
     migrate(settings.database_url)
@@ -60,7 +61,7 @@ def desk(arguments: argparse.Namespace) -> Iterator[AccountAdministration]:
         yield AccountAdministration(accounts, audit, settings, f"shell:{_user()}"[:60])
     finally:
         database.close()
-        os.umask(before)
+        os.umask(previous_umask)
 
 
 def _user() -> str:

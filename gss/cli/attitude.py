@@ -13,15 +13,15 @@ if TYPE_CHECKING:
 
 def register(subparsers: Commands) -> None:
     """Add the commands."""
-    kinds = subparsers.add_parser("attitude").add_subparsers(dest="kind", required=True, metavar="WHAT")
-    parser = kinds.add_parser("export", help="write the attitudes of stored frames as a CCSDS AEM or ACM")
+    subcommands = subparsers.add_parser("attitude").add_subparsers(dest="kind", required=True, metavar="WHAT")
+    parser = subcommands.add_parser("export", help="write the attitudes of stored frames as a CCSDS AEM or ACM")
     parser.add_argument("--from", dest="start", metavar="TIME", required=True, help="start, ISO 8601, UTC by default")
     parser.add_argument("--to", dest="end", metavar="TIME", required=True, help="end, ISO 8601")
     parser.add_argument("--format", default="aem", choices=("aem", "acm"), help="default aem; acm includes variances")
     _with_origin(parser)
     parser.add_argument("--out", type=Path, help="file to write; standard output without it")
     parser.set_defaults(run=export_attitudes)
-    parser = kinds.add_parser("compare", help="compare stored frames with the attitudes of a CCSDS AEM or ACM")
+    parser = subcommands.add_parser("compare", help="compare stored frames with the attitudes of a CCSDS AEM or ACM")
     parser.add_argument("file", type=Path, help="attitude message in KVN")
     _with_origin(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object with every frame")
@@ -34,11 +34,11 @@ def _with_origin(parser: argparse.ArgumentParser) -> None:
 
 
 def export_attitudes(arguments: argparse.Namespace) -> int:
-    """Write the message."""
-    from gss.cli.records import moment, services_of
+    """Write the attitudes of stored frames as a CCSDS message."""
+    from gss.cli.records import parse_time, services_of
 
     exchange = services_of(arguments).passes.attitudes
-    start, end = moment(arguments.start), moment(arguments.end)
+    start, end = parse_time(arguments.start), parse_time(arguments.end)
     text = "".join(exchange.message(arguments.format, arguments.origin, start, end))
     if arguments.out is None:
         print(text, end="")
@@ -49,7 +49,7 @@ def export_attitudes(arguments: argparse.Namespace) -> int:
 
 
 def compare_attitudes(arguments: argparse.Namespace) -> int:
-    """Print the mean rotation and the residuals."""
+    """Compare stored frames with a message. Print the mean rotation and the residuals."""
     from gss.api.present.attitudes import comparison
     from gss.cli.records import services_of
 

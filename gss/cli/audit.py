@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gss.cli.accounts_store import desk, with_data
+from gss.cli.accounts_store import account_store, with_data
 
 if TYPE_CHECKING:
     from gss.cli import Commands
@@ -16,27 +16,29 @@ if TYPE_CHECKING:
 def register(subparsers: Commands) -> None:
     """Add the commands."""
     parser = subparsers.add_parser("audit")
-    kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
-    p = with_data(kinds.add_parser("export", help="export all rows, oldest first"))
+    subcommands = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
+    p = with_data(subcommands.add_parser("export", help="export all rows, oldest first"))
     p.add_argument("--format", default="jsonl", choices=("jsonl", "csv"), help="default jsonl")
     p.add_argument("--out", type=Path, help="file to write; standard output without it")
     p.set_defaults(run=export)
     p = with_data(
-        kinds.add_parser(
+        subcommands.add_parser(
             "verify",
             help="check the hash chain of the audit log",
             description="Recompute every hash and compare the log with its anchor file. "
             "Exit code 0: intact; 1: a row was changed or removed, or the end was truncated.",
         )
     )
-    p.add_argument("--last-hash", default="", metavar="HASH", help="a hash noted earlier, which must still exist")
+    p.add_argument(
+        "--last-hash", default="", metavar="HASH", help="hash recorded earlier, which must still be in the log"
+    )
     p.set_defaults(run=verify)
     p = with_data(
-        kinds.add_parser(
+        subcommands.add_parser(
             "accept",
-            help="accept the audit log as it is after the database was replaced",
-            description="Compare only later rows with the anchor file. The acceptance stays in the file. Use this command only if "
-            "you know why log and file differ, for example because you put back an older copy of the database.",
+            help="accept the current audit log after the database was replaced",
+            description="From now on compare only later rows with the anchor file. The file records the acceptance. Use this "
+            "command only if you know why they differ, for example because you restored an older copy of the database.",
         )
     )
     p.add_argument("--reason", required=True, metavar="TEXT", help="why the log and the anchor file differ")
@@ -45,7 +47,7 @@ def register(subparsers: Commands) -> None:
 
 def export(arguments: argparse.Namespace) -> int:
     """Write the audit log to a file or standard output."""
-    with desk(arguments) as store:
+    with account_store(arguments) as store:
         pieces = store.audit.export(arguments.format)
         if arguments.out:
             with arguments.out.open("w", encoding="utf-8") as file:
@@ -58,7 +60,7 @@ def export(arguments: argparse.Namespace) -> int:
 
 def verify(arguments: argparse.Namespace) -> int:
     """Verify the audit log and print the result."""
-    with desk(arguments) as store:
+    with account_store(arguments) as store:
         verdict = store.audit.verify(arguments.last_hash)
     if verdict.problem:
         print(f"the audit log is not intact: {verdict.problem}", file=sys.stderr)
@@ -69,7 +71,7 @@ def verify(arguments: argparse.Namespace) -> int:
 
 
 def accept(arguments: argparse.Namespace) -> int:
-    """Accept the log as it is and verify it."""
-    with desk(arguments) as store:
+    """Accept the current audit log and verify it."""
+    with account_store(arguments) as store:
         store.audit.accept(store.user, arguments.reason)
     return verify(argparse.Namespace(data=arguments.data, last_hash=""))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from gss.cli import Commands
     from gss.operations.studies.calibration_requests import BenchCalibration
 
-TABLE = "CSV file of numbers; lines that do not begin with a number are ignored"
+TABLE = "CSV file of numbers; lines that do not start with a number are ignored"
 
 
 def register(subparsers: Commands) -> None:
@@ -36,24 +36,24 @@ def register(subparsers: Commands) -> None:
         parser.set_defaults(run=run_bench_command)
         return parser
 
-    q = method("dots", "optical centre from places of one dot while the camera turns about its axis", camera=False)
+    q = method("dots", "optical centre from positions of one dot while the camera rotates about its axis", camera=False)
     q.add_argument("file", metavar="FILE.csv", help=f"col,row at each rotation. {TABLE}")
-    q = method("tilt", "tilt of the detector from places of two dots while the camera turns")
+    q = method("tilt", "tilt of the detector from positions of two dots while the camera rotates")
     q.add_argument("file", metavar="FILE.csv", help=f"inner col,row, outer col,row at each rotation. {TABLE}")
     q = method("focal-pairs", "focal length from pairs of stars near the optical centre")
     q.add_argument("files", nargs="+", metavar="FRAME", help="frames of stars")
     q.add_argument("--radius", type=float, metavar="PX", help="distance from the centre (default: half of the field)")
-    _seen(q)
-    q = method("radial", "polynomial of lens aberration from stars round one near the optical centre")
+    _add_observer_option(q)
+    q = method("radial", "polynomial of lens aberration from stars around a star near the optical centre")
     q.add_argument("files", nargs="+", metavar="FRAME", help="frames of stars")
     q.add_argument("--order", type=int, default=3, help="order of the polynomial, 1 to 4 (default 3)")
-    _seen(q)
+    _add_observer_option(q)
     q = method("checkerboard", "focal length, centre and distortion from pictures of a checkerboard", camera=False)
     q.add_argument("files", nargs="+", metavar="IMAGE", help="pictures of the board, three or more")
     q.add_argument("--corners", required=True, metavar="9x6", help="inner corners across and down")
     q.add_argument("--square-mm", type=float, required=True, metavar="MM", help="side of a square")
     q.add_argument("--k3", action="store_true", help="also fit the third radial coefficient")
-    q = method("dark-law", "dark current against temperature", camera=False)
+    q = method("dark-law", "dark current as a function of temperature", camera=False)
     q.add_argument("file", metavar="FILE.csv", help=f"temperature in °C, electrons per second. {TABLE}")
     q = method("focus", "best setting of the lens from pictures of stars at several settings, or from their widths")
     q.add_argument("files", nargs="*", metavar="FRAME", help="pictures of stars, one or more at each setting")
@@ -62,7 +62,7 @@ def register(subparsers: Commands) -> None:
     q.add_argument("--wished-sigma", type=float, default=0.45, metavar="PX", help="required width (default 0.45)")
 
 
-def _seen(parser: argparse.ArgumentParser) -> None:
+def _add_observer_option(parser: argparse.ArgumentParser) -> None:
     from gss.cli.night import add_observer
 
     add_observer(parser)
@@ -70,22 +70,22 @@ def _seen(parser: argparse.ArgumentParser) -> None:
 
 def run_bench_command(arguments: argparse.Namespace) -> int:
     """Run the method, write the result and print it."""
-    from gss.cli.night import give_calibration, shots_of, show_progress
+    from gss.cli.night import output_calibration, shots_of, show_progress
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.bench_run import run_bench
 
     profile = camera_of(arguments.camera) if arguments.camera else None
     files: Sequence[str] = getattr(arguments, "files", [])
-    bench_request = _wanted(arguments, profile.name if profile else "", len(files))
+    bench_request = _request(arguments, profile.name if profile else "", len(files))
     shots = shots_of(files, None, None, getattr(arguments, "keep_aberration", True))
     result = run_bench(Solver(registry().camera), bench_request, profile, shots, show_progress)
     name = Path(files[0] if files else getattr(arguments, "file", None) or arguments.widths).name
-    give_calibration(arguments, result, profile, name)
+    output_calibration(arguments, result, profile, name)
     return 0
 
 
-def _wanted(arguments: argparse.Namespace, camera: str, pictures: int) -> BenchCalibration:
-    """Return the request. Files have no frame ids, so they are numbered from 1. Raises BadInput."""
+def _request(arguments: argparse.Namespace, camera: str, pictures: int) -> BenchCalibration:
+    """Return the request. The files are numbered from 1, because they have no frame ids. Raises BadInput."""
     from gss.operations.requests import request_from
     from gss.operations.studies import calibration_requests as requests
 
@@ -127,7 +127,7 @@ def _corners(text: str) -> list[int]:
 
 
 def read_rows(name: str) -> list[list[float]]:
-    """Return the rows of numbers of a CSV file; BadInput names a line that is not valid."""
+    """Return the rows of numbers of a CSV file. Raises BadInput, which names the invalid line."""
     try:
         text = read_limited(Path(name), TEXT_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

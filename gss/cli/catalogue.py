@@ -1,4 +1,5 @@
-"""``gss catalogue``: build a sub-catalogue and its bank image from the real sky. Angles on the command line are in degrees."""
+"""``gss catalogue``: build a sub-catalogue and its bank image from a star catalogue. Angles on the command line are in
+degrees."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ from gss.operations.requests import request_from
 if TYPE_CHECKING:
     from gss.cli import Commands, Subparsers
 
-# Makes argparse accept values such as -10:10 as numbers instead of unknown options.
+# With this pattern argparse accepts values such as -10:10 as numbers instead of unknown options.
 NEGATIVE_RANGE = re.compile(r"^-[\d.][\d.eE+:,-]*$")
 
 
@@ -49,11 +50,11 @@ def _register_build(commands: Subparsers) -> None:
     parser = commands.add_parser(
         "build",
         help="select the stars for an orbit and attitude limits; write the distance table and bank image",
-        description="Ranges are MIN:MAX in degrees, or one number. Without an orbit the catalogue is the whole sky.",
+        description="Ranges are MIN:MAX in degrees, or one number. Without an orbit the catalogue covers the whole sky.",
     )
     parser._negative_number_matcher = NEGATIVE_RANGE
     parser.add_argument("--profile", metavar="INSTRUMENT", help=f"{CAMERA_HELP} (default: GSS_INSTRUMENT)")
-    parser.add_argument("--format", help=f"{' | '.join(FORMATS)} (default: the instrument's own)")
+    parser.add_argument("--format", help=f"{' | '.join(FORMATS)} (default: format of the instrument)")
     parser.add_argument("--inclination-deg", type=_range, help="orbit by elements: inclination, ICRS")
     parser.add_argument(
         "--raan-deg", type=_range, help="orbit by elements: right ascension of the ascending node, ICRS"
@@ -66,25 +67,29 @@ def _register_build(commands: Subparsers) -> None:
     parser.add_argument("--days", type=float, help="days of use (default 14)")
     parser.add_argument("--pointing", help=f"{' | '.join(ORBIT_LAWS + FREE_LAWS)} (default: zenith)")
     for name in ("roll", "pitch", "yaw"):
-        parser.add_argument(f"--{name}-deg", type=_range, help=f"limits of {name} (default: usual limits of the law)")
+        parser.add_argument(
+            f"--{name}-deg", type=_range, help=f"limits of {name} (default: limits of the pointing law)"
+        )
     for name in ("ra", "dec", "field-roll"):
         parser.add_argument(f"--{name}-deg", type=float, help="inertial pointing")
     parser.add_argument("--off-nadir-deg", type=float, help="off-nadir angle of a target law")
     parser.add_argument(
         "--body-from-cam",
-        type=_nine,
+        type=_nine_numbers,
         metavar="R",
-        help="mounting matrix: nine numbers by rows, separated by commas (default: that of the pointing law)",
+        help="mounting matrix: nine numbers by rows, separated by commas (default: matrix of the pointing law)",
     )
     parser.add_argument(
-        "--mounting-deg", type=_three, metavar="X,Y,Z", help="alternative: rotations from body to camera axes"
+        "--mounting-deg", type=_three_numbers, metavar="X,Y,Z", help="alternative: rotations from body to camera axes"
     )
     parser.add_argument("--method", help=" | ".join(METHODS) + " (Jacobs' steps of 1°; default exact)")
     parser.add_argument("--margin-deg", type=float, help="widen the field on every side (default 0.5)")
-    parser.add_argument("--mag-limit", type=float, help="faint limit in V (default: the camera's)")
+    parser.add_argument("--mag-limit", type=float, help="faint limit in V (default: limit of the camera)")
     parser.add_argument("--bright-limit", type=float, help="bright limit in V (default -2)")
     parser.add_argument("--min-separation-deg", type=float, help="reject stars with closer neighbours")
-    parser.add_argument("--brightest-per-field", type=int, help="keep the N brightest of each field (default 0: all)")
+    parser.add_argument(
+        "--brightest-per-field", type=int, help="keep the N brightest stars of each field (default 0: all)"
+    )
     parser.add_argument("--thinning", help=f"shape of the fields: {' | '.join(THINNINGS)} of the camera's shape")
     parser.add_argument("--drop-variables", action="store_true", help="reject variable stars")
     parser.add_argument("--pair-min-deg", type=float, help="smallest tabulated distance (default 0.25)")
@@ -97,18 +102,20 @@ def _register_build(commands: Subparsers) -> None:
         "--reduced-frame",
         type=_frame,
         metavar="WxH[,N[,STEP]]",
-        help="the N (8) brightest of every frame of W by H degrees, STEP (1) degrees apart, as a reduced catalogue",
+        help="add a reduced catalogue: the N (8) brightest stars of frames of W by H degrees, STEP (1) degrees apart",
     )
     parser.add_argument("--name", help="name in the manifest")
     parser.add_argument("--author", default="", help="author in the manifest")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the image here and the manifest to FILE.json")
-    parser.add_argument("--report", type=Path, metavar="FILE", help="write the quality report here, .html or .pdf")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="write the image to FILE and the manifest to FILE.json"
+    )
+    parser.add_argument("--report", type=Path, metavar="FILE", help="write the quality report to FILE, .html or .pdf")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run_build)
 
 
 def run_build(arguments: argparse.Namespace, now: Callable[[], datetime] = utc_now) -> int:
-    """Build, write and print."""
+    """Build a catalogue, write its files and print its properties."""
     begin, today = perf_counter(), now()
     spec = request_of(arguments, today)
     request = build_request(spec, camera_named(spec.profile or None), arguments.author, today)
@@ -163,7 +170,7 @@ def request_of(arguments: argparse.Namespace, today: datetime) -> CatalogueReque
 
 
 def facts_of(built: BuiltCatalogue) -> Mapping[str, object]:
-    """Return the values that a build prints."""
+    """Return the printed values of a build."""
     manifest, quality = built.manifest, built.quality
     return {
         "name": manifest.name,
@@ -207,21 +214,21 @@ def _range(text: str) -> list[float]:
     return [values[0], values[-1]]
 
 
-def _nine(text: str) -> list[float]:
+def _nine_numbers(text: str) -> list[float]:
     return _numbers(text, 9, "nine")
 
 
-def _three(text: str) -> list[float]:
+def _three_numbers(text: str) -> list[float]:
     return _numbers(text, 3, "three")
 
 
-def _numbers(text: str, count: int, word: str) -> list[float]:
+def _numbers(text: str, count: int, count_text: str) -> list[float]:
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
         values = []
     if len(values) != count:
-        raise argparse.ArgumentTypeError(f"expected {word} numbers with commas, got {text!r}")
+        raise argparse.ArgumentTypeError(f"expected {count_text} numbers separated by commas, got {text!r}")
     return values
 
 

@@ -1,4 +1,5 @@
-"""``gss catalogue show | diff | export | import | report | timeline``: existing catalogues, as files or in the store."""
+"""``gss catalogue show | diff | export | import | report | timeline``: existing catalogues, as files or in the
+store."""
 
 from __future__ import annotations
 
@@ -27,36 +28,38 @@ if TYPE_CHECKING:
     from gss.operations.report.parts import Report
     from gss.wiring.services import Services
 
-NEED = 3
+NEEDED_STARS = 3
 SPAN = timedelta(days=60)
 MAX_DAYS = 36525
-WHICH = "bank image with its manifest in IMAGE.json, or the number of a stored catalogue"
+CATALOGUE_HELP = "bank image with its manifest in IMAGE.json, or the number of a stored catalogue"
 
 
 def register(commands: Subparsers) -> None:
     """Add the commands to the catalogue group."""
     show = _parser(commands, "show", "check a catalogue with its manifest and list its content", run_show)
-    show.add_argument("image", help=WHICH)
+    show.add_argument("image", help=CATALOGUE_HELP)
     diff = _parser(commands, "diff", "compare two catalogues", run_diff)
-    diff.add_argument("old", help=WHICH)
-    diff.add_argument("new", help=WHICH)
+    diff.add_argument("old", help=CATALOGUE_HELP)
+    diff.add_argument("new", help=CATALOGUE_HELP)
     export = _parser(commands, "export", "write a catalogue as a file for other programs", run_export)
-    export.add_argument("image", help=WHICH)
+    export.add_argument("image", help=CATALOGUE_HELP)
     export.add_argument(
         "--kind",
         default="csv",
         help="image | manifest | c | csv | ecsv | fits | parquet | tables-fits | tables-csv | tables-ecsv | tables-parquet",
     )
     export.add_argument("--out", type=Path, required=True, metavar="FILE")
-    back = _parser(commands, "import", "create the bank image from a file of export --kind tables-…", run_import)
+    back = _parser(
+        commands, "import", "create the bank image from a file written by export --kind tables-…", run_import
+    )
     back.add_argument("file", type=Path)
     back.add_argument("--out", type=Path, required=True, metavar="FILE")
     report = _parser(commands, "report", "write the quality report of a catalogue as one HTML page", run_report)
-    report.add_argument("image", help=WHICH)
+    report.add_argument("image", help=CATALOGUE_HELP)
     report.add_argument(
         "--out", type=Path, metavar="FILE", help="file to write, .html or .pdf; without it and --json: standard output"
     )
-    timeline = _parser(commands, "timeline", "list past, present and planned catalogues of each bank", run_timeline)
+    timeline = _parser(commands, "timeline", "list past, current and planned catalogues of each bank", run_timeline)
     timeline.add_argument("--device", type=int, metavar="N", help="number of the device (default: the latest device)")
     timeline.add_argument("--days", type=float, default=60.0, help="number of past days (default 60)")
 
@@ -95,10 +98,12 @@ def run_show(arguments: argparse.Namespace) -> int:
 
 def run_diff(arguments: argparse.Namespace) -> int:
     """Compare two catalogues and print the differences."""
-    (old_image, old_paper, _), (new_image, new_paper, _) = (_read(arguments, a) for a in (arguments.old, arguments.new))
-    old, new = _decoded(old_image, old_paper), _decoded(new_image, new_paper)
+    (old_image, old_manifest, _), (new_image, new_manifest, _) = (
+        _read(arguments, a) for a in (arguments.old, arguments.new)
+    )
+    old, new = _decoded(old_image, old_manifest), _decoded(new_image, new_manifest)
     difference = compare(old, new)
-    cover = coverage_change(old, new, FieldShape(camera(new_paper.profile_name).camera).equal_circle_rad)
+    cover = coverage_change(old, new, FieldShape(camera(new_manifest.profile_name).camera).equal_circle_rad)
     lists = {
         "added": difference.added,
         "dropped": difference.dropped,
@@ -109,20 +114,20 @@ def run_diff(arguments: argparse.Namespace) -> int:
         "same": len(difference.same),
         "pairs_old": difference.pairs[0],
         "pairs_new": difference.pairs[1],
-        "same_camera": old_paper.profile_name == new_paper.profile_name,
+        "same_camera": old_manifest.profile_name == new_manifest.profile_name,
         "circles": len(cover.old),
-        "circles_poorer": cover.poorer(NEED),
+        "circles_poorer": cover.poorer(NEEDED_STARS),
         "fewest_in_circle_old": int(cover.old.min()),
         "fewest_in_circle_new": int(cover.new.min()),
     }
     if arguments.json:
-        whole = {name: hip.tolist() for name, hip in lists.items()}
+        hip_lists = {name: hip.tolist() for name, hip in lists.items()}
         amounts = {
             "moved_arcsec": (difference.moved_rad / ARCSEC_RAD).round(3).tolist(),
             "magnitude_change_mag": difference.magnitude_change_mag.round(3).tolist(),
             "coverage": {"nside": cover.nside, "old": cover.old.tolist(), "new": cover.new.tolist()},
         }
-        print_facts(whole | amounts | facts, True)
+        print_facts(hip_lists | amounts | facts, True)
     else:
         print_facts({name: len(hip) for name, hip in lists.items()} | facts, False)
     return 0
@@ -157,7 +162,8 @@ def run_import(arguments: argparse.Namespace) -> int:
 
 
 def run_report(arguments: argparse.Namespace) -> int:
-    """Write the stored report, or rebuild the catalogue from the manifest's request; the rebuild must give the same bytes."""
+    """Write the stored report. If there is none, rebuild the catalogue from the manifest's request; the rebuild must
+    give the same bytes."""
     from gss.api.present.catalogue_sheet import catalogue_sheet
     from gss.catalogue_tools.request import request_from
     from gss.catalogue_tools.sources.hipparcos import load_stars
@@ -176,8 +182,8 @@ def run_report(arguments: argparse.Namespace) -> int:
                 expected="a stored catalogue, or build --list … --report FILE",
                 got=arguments.image,
             )
-        whole = load_stars() if request.source == "hipparcos" else load_source(request.source, request.depth_mag)
-        report = report_again(manifest, profile, whole)
+        source = load_stars() if request.source == "hipparcos" else load_source(request.source, request.depth_mag)
+        report = report_again(manifest, profile, source)
     sheet = catalogue_sheet(manifest.as_dict(), report)
     if arguments.out is not None:
         _write_sheet(arguments.out, sheet)
@@ -232,19 +238,20 @@ def _write_sheet(path: Path, sheet: Report) -> None:
     write_file(path, as_pdf(sheet, utc_now()) if path.suffix == ".pdf" else as_html(sheet).encode())
 
 
-def _read(arguments: argparse.Namespace, which: str) -> tuple[bytes, BuildManifest, dict[str, object] | None]:
-    """Return image, manifest and, from the store, the report. Image and manifest are checked against each other."""
-    if which.isdigit() and not Path(which).exists():
+def _read(arguments: argparse.Namespace, catalogue: str) -> tuple[bytes, BuildManifest, dict[str, object] | None]:
+    """Return the image, the manifest and, for a stored catalogue, the report. Raises BadInput if image and manifest do
+    not match."""
+    if catalogue.isdigit() and not Path(catalogue).exists():
         services = _services(arguments)
-        row = services.catalogues.catalogues.get(int(which))
+        row = services.catalogues.catalogues.get(int(catalogue))
         return services.catalogues.catalogues.image(row.id), manifest_of(row.manifest), row.report
-    path = Path(which)
-    paper = path.with_name(path.name + ".json")
+    path = Path(catalogue)
+    manifest_path = path.with_name(path.name + ".json")
     image = _bytes(path)
     try:
-        manifest = read_manifest(read_limited(paper, TEXT_BYTES).decode("utf-8"))
+        manifest = read_manifest(read_limited(manifest_path, TEXT_BYTES).decode("utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        raise BadInput("the catalogue cannot be read", expected=f"{path} and {paper}", got=str(error)) from None
+        raise BadInput("the catalogue cannot be read", expected=f"{path} and {manifest_path}", got=str(error)) from None
     check_image(manifest, image)
     return image, manifest, None
 
@@ -259,9 +266,9 @@ def _services(arguments: argparse.Namespace) -> Services:
     return services_of(arguments)
 
 
-def _bytes(path: Path, most_bytes: int = IMAGE_BYTES) -> bytes:
+def _bytes(path: Path, max_bytes: int = IMAGE_BYTES) -> bytes:
     try:
-        return read_limited(path, most_bytes)
+        return read_limited(path, max_bytes)
     except OSError as error:
         raise BadInput("the catalogue cannot be read", expected=f"{path} with its manifest", got=str(error)) from None
 
@@ -276,7 +283,7 @@ def print_facts(facts: Mapping[str, object], as_json: bool) -> None:
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file; BadInput if that fails."""
+    """Write a file. Raises BadInput if that fails."""
     try:
         path.write_bytes(content)
     except OSError as error:

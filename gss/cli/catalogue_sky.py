@@ -28,7 +28,7 @@ SWITCHES = (
     "variables_at_date",
 )
 MARKS = ("doubles", "variables", "fast")
-OWN = -1.0
+DEFAULT_LIMIT = -1.0
 SHOWN_ROWS = 10
 
 
@@ -56,8 +56,12 @@ def register(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frame", help=f"reference frame of positions: {' | '.join(FRAMES)} (default icrs)")
     parser.add_argument("--roll-off", help="vignetting of the lens: off | average | worst (default off)")
     parser.add_argument("--doubles", help=f"stars that the camera cannot separate: {' | '.join(POLICIES)}")
-    parser.add_argument("--doubles-separation-deg", type=float, help="default: what the camera can separate")
-    parser.add_argument("--screen", choices=ACTIONS, help="screening list: drop its stars, or only list them")
+    parser.add_argument(
+        "--doubles-separation-deg", type=float, help="default: smallest separation that the camera resolves"
+    )
+    parser.add_argument(
+        "--screen", choices=ACTIONS, help="screen the stars: drop the screened stars, or only list them"
+    )
     parser.add_argument(
         "--screen-marks",
         default="doubles,variables,fast",
@@ -65,10 +69,10 @@ def register(parser: argparse.ArgumentParser) -> None:
         help="marks that put a star on the screening list",
     )
     parser.add_argument(
-        "--screen-companions", type=int, metavar="N", help="screen stars with more stars than this in the ring"
+        "--screen-companions", type=int, metavar="N", help="screen stars with more than N other stars in their ring"
     )
     parser.add_argument(
-        "--screen-false", type=float, metavar="X", help="screen stars with more expected false triples than this"
+        "--screen-false", type=float, metavar="X", help="screen stars with more than X expected false triples"
     )
     parser.add_argument(
         "--screen-ring-deg",
@@ -77,7 +81,7 @@ def register(parser: argparse.ArgumentParser) -> None:
         help="radius and tolerance of the ring (default 8:0.01)",
     )
     parser.add_argument(
-        "--earth", action="store_true", help="exclude sky hidden by the Earth; needs --altitude-km or --tle"
+        "--earth", action="store_true", help="exclude the sky behind the Earth; needs --altitude-km or --tle"
     )
     parser.add_argument("--earth-margin-deg", type=float, help="margin beyond the Earth's limb")
     for name in ("sun", "moon"):
@@ -85,14 +89,14 @@ def register(parser: argparse.ArgumentParser) -> None:
             f"--{name}-deg",
             nargs="?",
             type=float,
-            const=OWN,
+            const=DEFAULT_LIMIT,
             metavar="DEG",
             help=f"minimum angle to the {name.capitalize()} (default: limit of the baffle)",
         )
 
 
 def source_of(arguments: argparse.Namespace, request: BuildRequest) -> StarSource | StarTable:
-    """Return the stars to build from."""
+    """Return the stars from which the catalogue is built. Raises BadInput."""
     if request.source == "hipparcos":
         return load_stars()
     if request.source != "list":
@@ -112,19 +116,19 @@ def source_of(arguments: argparse.Namespace, request: BuildRequest) -> StarSourc
     except OSError as error:
         raise BadInput("the star list cannot be read", got=str(error)) from None
     with ParseProcesses() as parsing:
-        read = parse_star_list(parsing, data, kind_of(arguments.list), mapping)
-    read = for_known_cameras(read, registry().names())
-    require_camera(read.camera, request.profile_name)
-    _print_dropped(read)
-    return of_list(read.stars, arguments.list)
+        star_list = parse_star_list(parsing, data, kind_of(arguments.list), mapping)
+    star_list = for_known_cameras(star_list, registry().names())
+    require_camera(star_list.camera, request.profile_name)
+    _print_dropped(star_list)
+    return of_list(star_list.stars, arguments.list)
 
 
-def _print_dropped(read: ImportedList) -> None:
-    """Report every dropped row, because the user expects that star in the catalogue."""
-    for row in read.dropped[:SHOWN_ROWS]:
+def _print_dropped(star_list: ImportedList) -> None:
+    """Report the dropped rows, because the user expects these stars in the catalogue."""
+    for row in star_list.dropped[:SHOWN_ROWS]:
         print(f"gss: row {row.row} was excluded: {row.column}: {row.reason} ({row.value})", file=sys.stderr)
-    if read.dropped_count > SHOWN_ROWS:
-        print(f"gss: {read.dropped_count} rows were excluded in total", file=sys.stderr)
+    if star_list.dropped_count > SHOWN_ROWS:
+        print(f"gss: {star_list.dropped_count} rows were excluded in total", file=sys.stderr)
 
 
 def values_of(arguments: argparse.Namespace) -> dict[str, object]:
@@ -139,18 +143,18 @@ def values_of(arguments: argparse.Namespace) -> dict[str, object]:
         "doubles": arguments.doubles,
         "doubles_separation_deg": arguments.doubles_separation_deg,
     }
-    hidden = {
+    occultation = {
         "earth": arguments.earth,
         "earth_margin_deg": arguments.earth_margin_deg,
         "sun": arguments.sun_deg is not None,
-        "sun_deg": None if arguments.sun_deg == OWN else arguments.sun_deg,
+        "sun_deg": None if arguments.sun_deg == DEFAULT_LIMIT else arguments.sun_deg,
         "moon": arguments.moon_deg is not None,
-        "moon_deg": None if arguments.moon_deg == OWN else arguments.moon_deg,
+        "moon_deg": None if arguments.moon_deg == DEFAULT_LIMIT else arguments.moon_deg,
     }
     return {
         "source": "list" if arguments.list is not None else arguments.source,
-        "corrections": _given(corrections),
-        "occultation": _given(hidden),
+        "corrections": _without_none(corrections),
+        "occultation": _without_none(occultation),
         "screening": _screening(arguments),
     }
 
@@ -177,7 +181,7 @@ def _screening(arguments: argparse.Namespace) -> dict[str, object] | None:
     }
 
 
-def _given(values: dict[str, object]) -> dict[str, object]:
+def _without_none(values: dict[str, object]) -> dict[str, object]:
     return {name: value for name, value in values.items() if value is not None}
 
 

@@ -24,8 +24,8 @@ commands are not executed. Exit code 0: no clause failed; 1: a clause failed."""
 def register(subparsers: Commands) -> None:
     """Add the ``check`` commands."""
     parser = subparsers.add_parser("check")
-    kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
-    p = kinds.add_parser("device", help="test a simulator or a unit on a port", description=DESCRIPTION)
+    subcommands = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
+    p = subcommands.add_parser("device", help="test a simulator or a unit on a port", description=DESCRIPTION)
     p.add_argument(
         "--device",
         required=True,
@@ -42,8 +42,8 @@ def register(subparsers: Commands) -> None:
     p.add_argument("--keys", type=Path, metavar="FILE", help="sign packets with these link keys")
     p.add_argument("--json", action="store_true", help="print one JSON object with every check")
     p.set_defaults(run=run)
-    records.register_checks(kinds)
-    upkeep.register_check(kinds)
+    records.register_checks(subcommands)
+    upkeep.register_check(subcommands)
 
 
 def run(arguments: argparse.Namespace) -> int:

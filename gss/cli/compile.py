@@ -28,7 +28,7 @@ def register(subparsers: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compile, and print a line for each case."""
+    """Compile the loops, and print a line for each case."""
     from gss.operations.clock import stopwatch_s
     from gss.operations.folder_lock import named_lock
     from gss.operations.frames.compile_ahead import compile_ahead

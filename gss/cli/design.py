@@ -1,4 +1,4 @@
-"""``gss design``: what a documented or edited camera would see, and how accurate its attitude would be. Angles are in degrees."""
+"""``gss design``: stars in view and attitude accuracy of a documented or edited camera. Angles are in degrees."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def register(subparsers: Commands) -> None:
     )
     parser.add_argument("--profile", metavar="INSTRUMENT", help=f"{CAMERA_HELP} (default: GSS_INSTRUMENT)")
     for name in EDITABLE:
-        unit = LIMITS[name][2] if name in LIMITS else "V; default: what the radiometry allows"
+        unit = LIMITS[name][2] if name in LIMITS else "V; default: limit from the radiometry"
         kind = int if name in WHOLE else float
         parser.add_argument(f"--{name.replace('_', '-')}", type=kind, metavar="N", help=unit or None)
     parser.add_argument(
@@ -55,7 +55,7 @@ def register(subparsers: Commands) -> None:
         "--pointings", type=int, default=1_000_000, metavar="N", help="number of pointings (default a million)"
     )
     parser.add_argument(
-        "--quick", action="store_true", help="two thousand pointings instead of a million, no lens trade"
+        "--quick", action="store_true", help="two thousand pointings instead of a million, without the lens trade"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with figures and drawings")
@@ -97,7 +97,7 @@ def question_of(arguments: argparse.Namespace) -> DesignQuestion:
 
 
 def as_text(record: DesignValues) -> str:
-    """Return the figures as text: value, unit, the value in the camera's document, and the source."""
+    """Return the figures as text: value, unit, source, and the value in the camera's document."""
     changes = ", ".join(f"{k} {record['camera'][k]:g}" for k in record["changed"]) or "as in the document"
     lines = [f"{record['profile']}: {changes}; {record['sky']}, elapsed {record['elapsed_ms'] / 1000:.1f} s"]
     group = ""

@@ -1,4 +1,4 @@
-"""``gss experiments``: commands of the package ``validation``; without it, how to install it."""
+"""``gss experiments``: commands of the package ``validation``, or a message how to install it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``gss export``: data for other programs: Rerun recordings, interface document, XTCE, OpenAPI and tables."""
+"""``gss export``: write Rerun recordings, the interface document, XTCE, OpenAPI and tables."""
 
 from __future__ import annotations
 
@@ -16,47 +16,49 @@ if TYPE_CHECKING:
 def register(subparsers: Commands) -> None:
     """Add the commands."""
     parser = subparsers.add_parser("export")
-    kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
-    export_rerun.register(kinds)
-    fits = kinds.add_parser("fits", help="export stored frames as FITS files with the WCS of their solution")
+    subcommands = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
+    export_rerun.register(subcommands)
+    fits = subcommands.add_parser("fits", help="export stored frames as FITS files with the WCS of their solution")
     fits.add_argument("--frames", required=True, help="ids of frames, for example 3,5-9")
     fits.add_argument("--out", required=True, type=Path, metavar="FOLDER", help="folder for frame-N.fits")
     fits.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     fits.set_defaults(run=export_fits)
-    solutions = kinds.add_parser("solutions", help="export results of stored frames as a table")
+    solutions = subcommands.add_parser("solutions", help="export results of stored frames as a table")
     solutions.add_argument("--out", required=True, type=Path, help="file to write")
     solutions.add_argument("--format", default="parquet", choices=("csv", "parquet"), help="default parquet")
     solutions.add_argument("--chain", default="", help="only results of this chain")
     solutions.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     solutions.set_defaults(run=export_solutions)
-    icd = kinds.add_parser("icd", help="write the interface control document")
+    icd = subcommands.add_parser("icd", help="write the interface control document")
     instruments.add_option(icd)
     icd.add_argument("--out", type=Path, help="file to write; standard output without it")
     icd.set_defaults(run=export_icd)
-    xtce = kinds.add_parser("xtce", help="write commands, telemetry and limits as XTCE 1.2, for other ground software")
+    xtce = subcommands.add_parser(
+        "xtce", help="write commands, telemetry and limits as XTCE 1.2, for other ground software"
+    )
     instruments.add_option(xtce)
     xtce.add_argument("--out", type=Path, help="file to write; standard output without it")
     xtce.add_argument(
         "--repeat-lists", action="store_true", help="write lists as repeated containers, if the reader supports them"
     )
     xtce.set_defaults(run=export_xtce)
-    openapi = kinds.add_parser("openapi", help="write the OpenAPI document of the HTTP interface")
+    openapi = subcommands.add_parser("openapi", help="write the OpenAPI document of the HTTP interface")
     openapi.add_argument("--out", type=Path, help="file to write; standard output without it")
     openapi.set_defaults(run=export_openapi)
-    shell = kinds.add_parser("shell", help="write the command-line reference")
+    shell = subcommands.add_parser("shell", help="write the command-line reference")
     shell.add_argument("--out", type=Path, help="file to write; standard output without it")
     shell.set_defaults(run=export_shell)
-    export_commands.register(kinds)
-    records.register_exports(kinds)
-    export_tables.register(kinds)
+    export_commands.register(subcommands)
+    records.register_exports(subcommands)
+    export_tables.register(subcommands)
 
 
 def export_shell(arguments: argparse.Namespace) -> int:
     """Write the command reference."""
-    from gss.cli import whole_parser
+    from gss.cli import full_parser
     from gss.cli.shell_page import shell_page
 
-    return _write(shell_page(whole_parser()), arguments.out)
+    return _write(shell_page(full_parser()), arguments.out)
 
 
 def export_solutions(arguments: argparse.Namespace) -> int:
@@ -73,7 +75,7 @@ def export_solutions(arguments: argparse.Namespace) -> int:
 
 
 def export_fits(arguments: argparse.Namespace) -> int:
-    """Write one FITS file per frame; frames with missing rows are skipped and listed."""
+    """Write one FITS file per frame. Frames with missing rows are skipped and reported."""
     from gss.cli.records import services_of
     from gss.operations.frames.fits_export import fits_file
     from gss.operations.recordings.ranges import ids_of

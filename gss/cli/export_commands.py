@@ -1,4 +1,4 @@
-"""``gss export commands``: command history, with the same filters as the page."""
+"""``gss export commands``: export the command history with the filters of the console page."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from gss.operations.commanding.command_history import Filter
 
 DESCRIPTION = """Export the commands that match all conditions, oldest first, with arguments, result and every stage.
-Times are ISO 8601, UTC by default. --name and --result may be repeated."""
+Times are ISO 8601, UTC by default. --name and --result can be repeated."""
 
 
 def register(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -55,7 +55,7 @@ def export_commands(arguments: argparse.Namespace) -> int:
 
 
 def filter_of(arguments: argparse.Namespace) -> Filter:
-    """Return the filter of parsed arguments; BadInput if a time is not valid."""
+    """Return the filter of parsed arguments. Raises BadInput if a time is not valid."""
     from gss.operations.commanding.command_history import Filter
 
     return Filter(
@@ -75,9 +75,9 @@ def _moment(option: str, text: str | None) -> datetime | None:
     if text is None:
         return None
     try:
-        moment = datetime.fromisoformat(text)
+        time = datetime.fromisoformat(text)
     except ValueError:
         raise BadInput(
-            f"{option} is not a valid time", expected="ISO 8601, as 2026-12-01T18:00:00Z", got=text
+            f"{option} is not a valid time", expected="ISO 8601, for example 2026-12-01T18:00:00Z", got=text
         ) from None
-    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    return time if time.tzinfo else time.replace(tzinfo=UTC)

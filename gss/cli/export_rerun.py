@@ -1,4 +1,4 @@
-"""``gss export rerun``: frames, a contact, a calibration, an analysis or a campaign as one Rerun recording."""
+"""``gss export rerun``: write frames, a contact, a calibration, an analysis or a campaign as one Rerun recording."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 def register(kinds: Subparsers) -> None:
     """Add the command."""
     parser = kinds.add_parser("rerun", help="write stored data as a Rerun recording")
-    of = parser.add_mutually_exclusive_group(required=True)
-    of.add_argument("--frames", help="ids of frames, for example 3,5-9")
-    of.add_argument(
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--frames", help="ids of frames, for example 3,5-9")
+    source.add_argument(
         "--contact", type=int, metavar="N", help="all data of a contact: frames, telemetry, commands, events"
     )
-    of.add_argument("--calibration", type=int, metavar="N", help="the frames used for a calibration")
-    of.add_argument("--analysis", type=int, metavar="N", help="the frames of an analysis")
-    of.add_argument("--campaign", type=int, metavar="N", help="the frames of a campaign")
+    source.add_argument("--calibration", type=int, metavar="N", help="frames used for a calibration")
+    source.add_argument("--analysis", type=int, metavar="N", help="frames of an analysis")
+    source.add_argument("--campaign", type=int, metavar="N", help="frames of a campaign")
     parser.add_argument("--out", required=True, type=Path, help="file to write (.rrd)")
     parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     parser.set_defaults(run=run)

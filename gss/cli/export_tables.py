@@ -1,4 +1,4 @@
-"""``gss export parquet``: the whole store as partitioned tables."""
+"""``gss export parquet``: write the store as partitioned tables."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def register(kinds: Kinds) -> None:
         "parquet", help="export telemetry, solutions, stars, commands and events as partitioned Parquet tables"
     )
     parser.add_argument(
-        "--out", required=True, type=Path, metavar="FOLDER", help="a new folder, or that of an earlier export"
+        "--out", required=True, type=Path, metavar="FOLDER", help="new folder, or folder of an earlier export"
     )
     parser.add_argument(
         "--from", dest="first", type=date.fromisoformat, metavar="DAY", help="first UTC day, 2026-12-01"

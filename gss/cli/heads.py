@@ -1,4 +1,4 @@
-"""``gss heads``: spacecraft with several heads, on the terminal. The server may run and notices changes."""
+"""``gss heads``: manage and list spacecraft with several heads. A running server applies the changes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LIMITS = ("largest_rate_deg_s", "misalignment_limit_arcsec", "drift_limit_arcsec
 def register(subparsers: Commands) -> None:
     """Add the commands."""
     kinds = subparsers.add_parser("heads").add_subparsers(dest="kind", required=True, metavar="WHAT")
-    parser = kinds.add_parser("list", help="list the spacecraft with their newest comparison of heads")
+    parser = kinds.add_parser("list", help="list the spacecraft with their latest comparison of heads")
     parser.add_argument("--json", action="store_true", help="print JSON")
     _with_data(parser).set_defaults(run=list_spacecraft)
     parser = kinds.add_parser("set", help="store a spacecraft with the mountings of its heads, or replace it")
@@ -28,17 +28,24 @@ def register(subparsers: Commands) -> None:
         action="append",
         required=True,
         metavar="UNIT=X,Y,Z[@SIGMA]",
-        help="unit and its mounting: rotations in degrees about x, then y, then z that take the body's axes to the camera's, and "
+        help="unit and its mounting: rotations in degrees about x, then y, then z from the body's axes to the camera's axes, and "
         "the uncertainty of the mounting in arcseconds; the first head is the reference",
     )
     parser.add_argument("--source", choices=("on-board", "ground"), default="on-board", help="attitudes to compare")
     parser.add_argument(
-        "--tolerance-s", type=float, default=1.0, help="largest distance of an attitude in time (default 1)"
+        "--tolerance-s", type=float, default=1.0, help="largest time difference of compared attitudes (default 1)"
     )
-    parser.add_argument("--stale-s", type=float, default=30.0, help="a head is silent after this time (default 30)")
+    parser.add_argument(
+        "--stale-s",
+        type=float,
+        default=30.0,
+        help="time without attitudes after which a head counts as silent (default 30)",
+    )
     parser.add_argument("--largest-rate-deg-s", type=float, help="largest rate of the body (default: not stated)")
-    parser.add_argument("--misalignment-limit-arcsec", type=float, help="raise an alarm above this (default: none)")
-    parser.add_argument("--drift-limit-arcsec-h", type=float, help="raise an alarm above this (default: none)")
+    parser.add_argument(
+        "--misalignment-limit-arcsec", type=float, help="raise an alarm above this value (default: none)"
+    )
+    parser.add_argument("--drift-limit-arcsec-h", type=float, help="raise an alarm above this value (default: none)")
     _with_data(parser).set_defaults(run=set_spacecraft)
     parser = kinds.add_parser("remove", help="delete a spacecraft with the history of its heads")
     parser.add_argument("name")
@@ -51,7 +58,7 @@ def _with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
 
 
 def list_spacecraft(arguments: argparse.Namespace) -> int:
-    """Print the spacecraft with what is stored of them."""
+    """Print the spacecraft with their stored comparisons."""
     from pydantic import TypeAdapter
 
     from gss.api.schemas.heads import HeadsOut
@@ -102,20 +109,20 @@ def _head(text: str) -> dict[str, object]:
     unit, _, mounting = text.partition("=")
     angles, _, sigma = mounting.partition("@")
     try:
-        turns, sigma_arcsec = [float(part) for part in angles.split(",")], float(sigma or 0)
+        rotations_deg, sigma_arcsec = [float(part) for part in angles.split(",")], float(sigma or 0)
     except ValueError:
         raise BadInput("unreadable head", expected="UNIT=X,Y,Z or UNIT=X,Y,Z@SIGMA", got=text[:80]) from None
-    return {"unit": unit, "mounting_deg": turns, "sigma_arcsec": sigma_arcsec}
+    return {"unit": unit, "mounting_deg": rotations_deg, "sigma_arcsec": sigma_arcsec}
 
 
 def _stored(services: Services, setup: SpacecraftSetup) -> HeadsOut:
-    """Return a spacecraft with its newest stored comparison."""
+    """Return a spacecraft with its latest stored comparison."""
     from gss.api.present.heads import heads, stored_fused, stored_pair
 
     alarms = [view for view in services.telemetry.alarms.newest(1000) if view.row.closed is None]
     fused, pairs = services.heads.history.newest(setup)
     text = (
-        "No comparison is stored." if fused is None else f"Newest stored comparison: {fused.at:%Y-%m-%d %H:%M:%S} UTC."
+        "No comparison is stored." if fused is None else f"Latest stored comparison: {fused.at:%Y-%m-%d %H:%M:%S} UTC."
     )
     return heads(setup, None, [head.unit for head in setup.heads], alarms).model_copy(
         update={

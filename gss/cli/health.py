@@ -1,4 +1,4 @@
-"""``gss health``: health of a sensor from ordinary frames of a mission."""
+"""``gss health``: analyse the health of a sensor from frames of a mission."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def register(subparsers: Commands) -> None:
     parser = subparsers.add_parser(
         "health",
         description="Trends of focal length, centre, distortion, focus and sensitivity with jumps and a forecast, warm pixels with "
-        "onset and annealing, dark level and radiation hits. Takes 30 frames or more, of any attitude, weeks to years apart. Exit "
+        "onset and annealing, dark level and radiation hits. Needs 30 frames or more, of any attitude, weeks to years apart. Exit "
         "code 0: done, 2: bad input.",
     )
-    parser.add_argument("files", nargs="+", metavar="FRAME", help="frames of one camera; each file states its time")
+    parser.add_argument("files", nargs="+", metavar="FRAME", help="frames of one camera with their times in the files")
     parser.add_argument("--camera", metavar="INSTRUMENT", required=True, help=CAMERA_HELP)
     parser.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
     parser.add_argument(
-        "--orbit", metavar="FILE", help="orbit of the spacecraft for the map of radiation: TLEs, OMM or OEM"
+        "--orbit", metavar="FILE", help="orbit of the spacecraft for the radiation map: TLEs, OMM or OEM"
     )
     parser.add_argument(
         "--temperatures", metavar="FILE", help="CSV: time in ISO 8601 (UTC), temperature of the unit in °C"
@@ -44,7 +44,7 @@ def register(subparsers: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Analyse the frames, write and print."""
+    """Analyse the frames, then write and print the report."""
     from gss.operations.frames.solve import Solver
     from gss.operations.requests import request_from
     from gss.operations.studies.analyse import run_frames
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.orbit is None
         else read_file(arguments.orbit, "an orbit file", TEXT_BYTES).decode("utf-8", "replace")
     )
-    # Files have no ids yet; the numbers only let the request check itself.
+    # Files have no ids, but the request requires ids.
     request = request_from(
         HealthRequest,
         {
@@ -73,19 +73,19 @@ def run(arguments: argparse.Namespace) -> int:
             "orbit": orbit,
         },
     )
-    warmth = None if arguments.temperatures is None else _temperatures(arguments.temperatures)
+    temperatures = None if arguments.temperatures is None else _temperatures(arguments.temperatures)
     profile, solver = camera(arguments.camera), Solver(registry().camera)
     shots = shots_of(arguments.files, None, arguments.exposure, arguments.keep_aberration)
     solved = run_frames(solver, shots, profile, arguments.chain, lambda share, text: show_progress(share / 2, text))
-    beside = Surroundings(warmth, places_below(orbit_within(request.trajectories)))
-    outcome = sensor_health(solver, solved, beside, lambda share, text: show_progress(0.5 + share / 2, text))
-    whole = json.dumps(outcome.figures, ensure_ascii=False, allow_nan=False)
-    write_report(arguments, outcome.report, whole, {".csv": lambda: bad_pixel_table(outcome.figures)})
+    surroundings = Surroundings(temperatures, places_below(orbit_within(request.trajectories)))
+    outcome = sensor_health(solver, solved, surroundings, lambda share, text: show_progress(0.5 + share / 2, text))
+    content = json.dumps(outcome.figures, ensure_ascii=False, allow_nan=False)
+    write_report(arguments, outcome.report, content, {".csv": lambda: bad_pixel_table(outcome.figures)})
     return 0
 
 
 def _temperatures(name: str) -> tuple[Array, Array]:
-    """Return Unix seconds and °C in order of time. Raises BadInput."""
+    """Return Unix seconds and °C, sorted by time. Raises BadInput."""
     import numpy as np
 
     text = read_file(name, "temperatures", TEXT_BYTES).decode("utf-8", "replace")
@@ -94,13 +94,13 @@ def _temperatures(name: str) -> tuple[Array, Array]:
         if not cells or (number == 1 and not cells[0][:1].isdigit()):
             continue
         try:
-            moment, celsius = datetime.fromisoformat(cells[0].strip()), float(cells[1])
+            time, celsius = datetime.fromisoformat(cells[0].strip()), float(cells[1])
         except (ValueError, IndexError):
             raise BadInput(
                 "temperatures cannot be read",
                 expected="time,°C in each line",
                 got=f"line {number}: {','.join(cells)[:40]}",
             ) from None
-        rows.append((moment.replace(tzinfo=moment.tzinfo or UTC).timestamp(), celsius))
+        rows.append((time.replace(tzinfo=time.tzinfo or UTC).timestamp(), celsius))
     table = np.array(sorted(rows), float).reshape(-1, 2)
     return table[:, 0], table[:, 1]

@@ -19,30 +19,30 @@ if TYPE_CHECKING:
 def register(subparsers: Commands) -> None:
     """Add the command."""
     parser = subparsers.add_parser("instrument", description="A package is a folder or a .zip of YAML files.")
-    kinds = parser.add_subparsers(dest="kind", required=True, metavar="COMMAND")
-    listed = kinds.add_parser("list", help="list the instruments of the program and of the data folder")
+    subcommands = parser.add_subparsers(dest="kind", required=True, metavar="COMMAND")
+    listed = subcommands.add_parser("list", help="list the shipped instruments and those in the data folder")
     listed.add_argument("--json", action="store_true", help="print one JSON array")
     listed.set_defaults(run=run_list)
-    show = kinds.add_parser("show", help="print one instrument as JSON")
+    show = subcommands.add_parser("show", help="print one instrument as JSON")
     show.add_argument("name", metavar="NAME")
     show.set_defaults(run=run_show)
-    check = kinds.add_parser("check", help="check a package; exit code 2 if it has mistakes")
+    check = subcommands.add_parser("check", help="check a package; exit code 2 if it has mistakes")
     check.add_argument("path", type=Path, metavar="PATH")
     check.set_defaults(run=run_check)
-    new = kinds.add_parser(
-        "new", help="write a package folder, copied from another instrument or made from photographs"
+    new = subcommands.add_parser(
+        "new", help="write a package folder, copied from another instrument or created from photographs"
     )
     new_instrument.add_arguments(new)
     new.set_defaults(run=run_new)
-    add = kinds.add_parser("add", help="install a package in the data folder")
+    add = subcommands.add_parser("add", help="install a package in the data folder")
     add.add_argument("path", type=Path, metavar="PATH")
     add.set_defaults(run=run_add)
-    export = kinds.add_parser("export", help="write a package as a .zip file")
+    export = subcommands.add_parser("export", help="write a package as a .zip file")
     export.add_argument("name", metavar="NAME")
     export.add_argument("--out", type=Path, metavar="FILE", help="default: NAME.zip")
-    export.add_argument("--xtce", action="store_true", help="with the dictionary as XTCE (dictionary.xml)")
+    export.add_argument("--xtce", action="store_true", help="write the dictionary as XTCE (dictionary.xml)")
     export.set_defaults(run=run_export)
-    diff = kinds.add_parser("diff", help="compare the files of two instruments or packages")
+    diff = subcommands.add_parser("diff", help="compare the files of two instruments or packages")
     diff.add_argument("old", metavar="A")
     diff.add_argument("new", metavar="B")
     diff.set_defaults(run=run_diff)
@@ -68,7 +68,7 @@ def facts_of(instrument: Instrument) -> dict[str, object]:
 
 
 def run_list(arguments: argparse.Namespace) -> int:
-    """Print the instruments; packages with mistakes are listed with their errors."""
+    """Print the instruments. Invalid packages are listed with their errors."""
     instruments = registry(arguments.data)
     rows, broken = [facts_of(i) for i in instruments.all()], instruments.broken()
     if arguments.json:
@@ -93,7 +93,7 @@ def run_show(arguments: argparse.Namespace) -> int:
 
 
 def run_check(arguments: argparse.Namespace) -> int:
-    """Load a package; mistakes end the command with their file, line and field."""
+    """Load a package. A mistake ends the command with its file, line and field."""
     from gss.instruments.package import load_instrument
     from gss.instruments.package_source import read_package_files
 
@@ -103,11 +103,12 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 
 def run_new(arguments: argparse.Namespace) -> int:
-    """Copy an instrument under another name, or make one from photographs; checked before it is written."""
+    """Copy an instrument under another name, or create one from photographs. The package is checked before it is
+    written."""
     if arguments.photographs is not None:
         return new_instrument.run_photographs(arguments)
     if arguments.model is None:
-        raise BadInput("nothing to make the package from", expected="--from INSTRUMENT or --from-frames FOLDER")
+        raise BadInput("no source of the package given", expected="--from INSTRUMENT or --from-frames FOLDER")
     from gss.instruments.package import load_instrument
 
     files = dict(registry(arguments.data).get(arguments.model).files)
@@ -145,7 +146,8 @@ def run_export(arguments: argparse.Namespace) -> int:
 
 
 def _with_xtce(instrument: Instrument) -> dict[str, bytes]:
-    """Return the files of a package with its dictionary, own or shared, as ``dictionary.xml``. The package is checked."""
+    """Return the files of a package with its own or shared dictionary as ``dictionary.xml``. The new package is
+    checked."""
     from gss.device.xtce import xtce_of
     from gss.instruments.package import OWN_DICTIONARY, XTCE_DICTIONARY, load_instrument
 
@@ -158,7 +160,7 @@ def _with_xtce(instrument: Instrument) -> dict[str, bytes]:
 
 
 def run_diff(arguments: argparse.Namespace) -> int:
-    """Print the differences of the files; exit code 0 if there are none, 1 otherwise."""
+    """Print the differences of the files. Exit code 0 if there are none, otherwise 1."""
     from gss.instruments.compare import compare
 
     old, new = (_files(name, arguments.data) for name in (arguments.old, arguments.new))
@@ -168,7 +170,7 @@ def run_diff(arguments: argparse.Namespace) -> int:
 
 
 def _files(name: str, data: Path | None) -> dict[str, bytes]:
-    """Return the files of an instrument, of NAME@VERSION, or of a folder or .zip."""
+    """Return the files of an instrument (NAME or NAME@VERSION), a folder or a .zip file."""
     from gss.instruments.package_source import read_package_files
 
     instruments, (plain, _, version) = registry(data), name.partition("@")

@@ -1,4 +1,4 @@
-"""The registry of instruments for commands: shipped packages and those in the data folder."""
+"""Registry of instruments for commands: shipped packages and packages in the data folder."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from gss.instruments.package import Instrument
     from gss.instruments.registry import Registry
 
-CAMERA_HELP = "an instrument; gss instrument list"
+CAMERA_HELP = "instrument name; see gss instrument list"
 
 
 def registry(data: Path | None = None) -> Registry:
-    """Return the registry of a data folder; by default of GSS_DATA."""
+    """Return the registry of a data folder. None: folder of GSS_DATA."""
     from gss.instruments.registry import Registry
     from gss.settings import Settings
 
@@ -24,7 +24,7 @@ def registry(data: Path | None = None) -> Registry:
 
 
 def camera(name: str | None) -> CameraProfile:
-    """Return a camera by the name of its instrument; None: that of GSS_INSTRUMENT. Raises NotFound."""
+    """Return the camera of an instrument. ``name`` None: instrument of GSS_INSTRUMENT. Raises NotFound."""
     from gss.settings import Settings
 
     return registry().camera(Settings().instrument if name is None else name)
@@ -33,12 +33,12 @@ def camera(name: str | None) -> CameraProfile:
 def add_option(parser: argparse.ArgumentParser) -> None:
     """Add ``--instrument``; :func:`chosen` returns the instrument."""
     parser.add_argument(
-        "--instrument", metavar="NAME", help="an instrument; gss instrument list (default: GSS_INSTRUMENT)"
+        "--instrument", metavar="NAME", help="instrument name; see gss instrument list (default: GSS_INSTRUMENT)"
     )
 
 
 def chosen(arguments: argparse.Namespace) -> Instrument:
-    """Return the instrument of ``--instrument``, by default the configured one. Raises NotFound."""
+    """Return the instrument of ``--instrument``, by default the configured instrument. Raises NotFound."""
     from gss.settings import Settings
 
     data: Path | None = getattr(arguments, "data", None)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from gss.cli import Commands
 
-DESCRIPTION = """Keys of link authentication. To replace a key in use: add a new one (--add), install the file on the sensor,
+DESCRIPTION = """Keys of link authentication. To replace the active key: add a new key (--add), install the file on the sensor,
 then sign with the new key (--activate). The keys are never printed."""
 
 
@@ -19,13 +19,13 @@ def register(subparsers: Commands) -> None:
     parser.add_argument("file", type=Path, help="key file; only its owner may read it")
     change = parser.add_mutually_exclusive_group()
     change.add_argument("--new", action="store_true", help="create the file with one random key, in slot 0")
-    change.add_argument("--add", action="store_true", help="put a new random key into the slot that is not active")
+    change.add_argument("--add", action="store_true", help="store a new random key in the inactive slot")
     change.add_argument("--activate", type=int, choices=(0, 1), help="sign with the key of this slot from now on")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Change the file and print which slots hold a key."""
+    """Change the key file and print the state of its slots."""
     from gss.device.link_keys import new_link_keys, read_link_keys, with_new_key, write_link_keys
     from gss.device.protocol.authentication import LinkKeys
     from gss.domain.errors import Conflict

@@ -1,4 +1,4 @@
-"""``gss moving``: objects that move against the stars in a sequence of frames."""
+"""``gss moving``: detect objects that move relative to the stars in a sequence of frames."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ def register(subparsers: Commands) -> None:
     parser = subparsers.add_parser(
         "moving",
         description="Links light sources without a star over the frames and prints positions with their errors, magnitudes and "
-        "rates. Two-line elements and the planets give the names. Exit code 0: done, 2: bad input.",
+        "rates. Objects are identified with two-line elements and planet positions. Exit code 0: done, 2: bad input.",
     )
     parser.add_argument("files", nargs="+", metavar="FRAME", help="frames of one sequence")
     parser.add_argument("--camera", metavar="INSTRUMENT", required=True, help=CAMERA_HELP)
     parser.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
-    parser.add_argument("--objects", metavar="FILE", help="two-line elements of the objects that may be in view")
+    parser.add_argument("--objects", metavar="FILE", help="two-line elements of objects that can be in view")
     parser.add_argument("--orbit", metavar="FILE", help="orbit of the spacecraft with the camera: TLE, OMM or OEM")
-    parser.add_argument("--site", metavar="LAT,LON,M", help="place of a camera on the ground: degrees and metres")
+    parser.add_argument("--site", metavar="LAT,LON,M", help="position of a camera on the ground: degrees and metres")
     parser.add_argument(
-        "--rate", type=float, default=2.0, metavar="DEG_S", help="largest rate searched for (default: 2)"
+        "--rate", type=float, default=2.0, metavar="DEG_S", help="largest rate of the search (default: 2)"
     )
     parser.add_argument("--interval", type=float, metavar="S", help="seconds between images without a time stamp")
     parser.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
@@ -41,14 +41,14 @@ def register(subparsers: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Find the objects, write and print them."""
+    """Detect the objects, then write and print the report."""
     from gss.operations.frames.solve import Solver
     from gss.operations.requests import request_from
     from gss.operations.studies.analyse import run_frames
     from gss.operations.studies.analysis_requests import MovingRequest
     from gss.operations.studies.moving_objects import moving_objects
 
-    # Files have no ids yet; the numbers only let the request check itself.
+    # Files have no ids, but the request requires ids.
     request = request_from(
         MovingRequest,
         {
@@ -73,13 +73,13 @@ def run(arguments: argparse.Namespace) -> int:
         created=utc_now(),
         progress=show_progress,
     )
-    whole = json.dumps(outcome.figures, ensure_ascii=False, allow_nan=False)
-    write_report(arguments, outcome.report, whole, {".tdm": str(outcome.figures["tdm"]).encode})
+    content = json.dumps(outcome.figures, ensure_ascii=False, allow_nan=False)
+    write_report(arguments, outcome.report, content, {".tdm": str(outcome.figures["tdm"]).encode})
     return 0
 
 
 def _text(name: str | None, kind: str) -> str:
-    """Return the content of a file, "" without one."""
+    """Return the content of a file; "" if no file is given."""
     return "" if name is None else read_file(name, kind, TEXT_BYTES).decode("utf-8", "replace")
 
 

@@ -1,4 +1,4 @@
-"""``gss instrument new --from-frames``: an instrument package from photographs of the night."""
+"""``gss instrument new --from-frames``: create an instrument package from photographs of the night sky."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def add_arguments(new: argparse.ArgumentParser) -> None:
         "--from",
         dest="model",
         metavar="INSTRUMENT",
-        help="instrument to copy; with --from-frames everything but its camera",
+        help="instrument to copy; with --from-frames everything except its camera",
     )
     new.add_argument(
         "--from-frames",
@@ -48,16 +48,18 @@ def add_arguments(new: argparse.ArgumentParser) -> None:
     new.add_argument("--pixel-um", type=float, metavar="UM", help="size of a pixel (default: as the files state)")
     new.add_argument("--focal-mm", type=float, metavar="MM", help="nominal focal length (default: as the files state)")
     new.add_argument("--f-number", type=float, metavar="N", help="aperture (default: as the files state)")
-    new.add_argument("--exposure", type=float, metavar="S", help="exposure of files that do not state theirs")
-    new.add_argument("--date", metavar="YYYY-MM-DD", help="date of files that do not state theirs (default: now)")
+    new.add_argument("--exposure", type=float, metavar="S", help="exposure of files that do not state it")
+    new.add_argument("--date", metavar="YYYY-MM-DD", help="date of files that do not state it (default: now)")
     new.add_argument(
-        "--no-atmosphere", action="store_true", help="taken in space or simulated: no uncertainty for refraction"
+        "--no-atmosphere",
+        action="store_true",
+        help="photographs from space or simulated: no uncertainty for refraction",
     )
     new.add_argument("--json", action="store_true", help="print the result of --from-frames as one JSON object")
 
 
 def run_photographs(arguments: argparse.Namespace) -> int:
-    """Solve, calibrate, and write the package."""
+    """Solve the photographs, calibrate the camera, and write the package."""
     from gss.cli.night import show_progress
     from gss.operations.clock import stopwatch_s, utc_now
     from gss.operations.frames.figure_files import users_folder
@@ -118,27 +120,28 @@ def _check_free(folder: Path) -> None:
 
 
 def write_new(folder: Path, files: Files) -> Path:
-    """Write a package into a folder that must not exist, completely or not at all, and return the folder. Raises Conflict,
-    BadInput."""
+    """Write a package to a new folder and return the folder. On an error nothing is written. Raises Conflict if the
+    folder exists, BadInput if it cannot be written."""
     from gss.instruments.package_source import write_folder
 
     _check_free(folder)
-    part: Path | None = None
+    temporary: Path | None = None
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(prefix=".new-", dir=folder.parent))
-        write_folder(part / "package", files)
-        (part / "package").rename(folder)
+        temporary = Path(tempfile.mkdtemp(prefix=".new-", dir=folder.parent))
+        write_folder(temporary / "package", files)
+        (temporary / "package").rename(folder)
     except OSError as error:
         raise BadInput("the package cannot be written", got=f"{folder}: {error.strerror}") from None
     finally:
-        if part is not None:
-            shutil.rmtree(part, ignore_errors=True)
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
     return folder
 
 
 def _files(paths: list[Path]) -> list[Path]:
-    """Return the files of folders, and files, without hidden ones, each once."""
+    """Return the given files and the files in the given folders, without hidden files and duplicates. Raises NotFound,
+    BadInput."""
     files: list[Path] = []
     for path in paths:
         if path.is_dir():
@@ -154,23 +157,23 @@ def _files(paths: list[Path]) -> list[Path]:
 
 
 def _photographs(files: list[Path]) -> tuple[list[Any], list[PhotographRow]]:
-    """Return the readable photographs, and a row with the reason for each other file."""
+    """Return the readable photographs, and a row with the reason for each unreadable file."""
     from gss.cli.night import UNTIMED_EPOCH
     from gss.operations.frames.observer import observer_at
     from gss.operations.studies.night_frames import Shot
     from gss.operations.studies.photographs import Photograph, PhotographRow
 
     photographs, unreadable = [], []
-    for name, read in _read(files):
-        if isinstance(read, BadInput):
+    for name, frame in _read(files):
+        if isinstance(frame, BadInput):
             unreadable.append(
-                PhotographRow(name, False, f"{read.message}; got {read.got}" if read.got else read.message)
+                PhotographRow(name, False, f"{frame.message}; got {frame.got}" if frame.got else frame.message)
             )
             continue
-        observer = None if read.seen_at is None else observer_at(read.seen_at)
-        taken = read.taken_at or UNTIMED_EPOCH
-        shot = Shot(name, taken, read.exposure_s, read.bits, read.pixels.view, observer=observer)
-        photographs.append(Photograph(shot, read.source))
+        observer = None if frame.seen_at is None else observer_at(frame.seen_at)
+        taken = frame.taken_at or UNTIMED_EPOCH
+        shot = Shot(name, taken, frame.exposure_s, frame.bits, frame.pixels.view, observer=observer)
+        photographs.append(Photograph(shot, frame.source))
     return photographs, unreadable
 
 
@@ -192,7 +195,7 @@ def _read(files: list[Path]) -> Iterator[tuple[str, ImportedFrame | BadInput]]:
 
 
 def as_text(package: PhotographPackage, folder: Path) -> str:
-    """Return the result as text: photographs, measured numbers, warnings, and what to do next."""
+    """Return the result as text: photographs, measured numbers, warnings and the next step."""
     width = max(len(row.name) for row in package.rows)
     lines = []
     for row in package.rows:

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from gss.operations.studies.night_frames import Shot
 
 UNTIMED_EPOCH = datetime(2026, 7, 1, tzinfo=UTC)
-"""Epoch for images without a time: only the intervals between images matter, and stars move little."""
+"""Epoch for images without a time. An arbitrary epoch is sufficient, because only the intervals between images matter
+and proper motion is small."""
 
 REPORT_KINDS = (".pdf", ".html", ".json")
 
@@ -42,7 +43,11 @@ def register(subparsers: Commands) -> None:
     parser.add_argument("--camera", metavar="INSTRUMENT", help=f"{CAMERA_HELP}; without it frames are solved blind")
     parser.add_argument("--fov-deg", type=float, metavar="X", help="width of the field of a camera without a profile")
     parser.add_argument(
-        "--model", action="append", default=[], metavar="NAME", help="lens model; several are compared (default: all)"
+        "--model",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="lens model, repeatable; several models are compared (default: all)",
     )
     parser.add_argument("--darks", action="store_true", help="the files are dark frames of one exposure")
     parser.add_argument(
@@ -78,25 +83,26 @@ def register(subparsers: Commands) -> None:
 
 def add_observer(parser: argparse.ArgumentParser) -> None:
     """Add the option for the observer's motion."""
-    help_text = "do not correct aberration even if the time is known (frames that were rendered without it)"
+    help_text = "do not correct aberration even if the time is known (for frames rendered without aberration)"
     parser.add_argument("--keep-aberration", action="store_true", help=help_text)
 
 
 def add_report_file(p: argparse.ArgumentParser, *more: str, text: str = "") -> None:
-    """Add the option ``--out``. ``more``: further suffixes, described by ``text``. Another suffix is refused before the work."""
+    """Add the option ``--out``. ``more``: additional suffixes, described by ``text``. An unknown suffix is rejected
+    before the work starts."""
     kinds = (*REPORT_KINDS, *more)
 
     def report_file(name: str) -> Path:
         path = Path(name)
         if path.suffix not in kinds:
-            raise argparse.ArgumentTypeError(f"unknown kind of report: {name}; expected {' | '.join(kinds)}")
+            raise argparse.ArgumentTypeError(f"unknown report format: {name}; expected {' | '.join(kinds)}")
         return path
 
     p.add_argument("--out", type=report_file, metavar="FILE", help=f"write the report: .pdf, .html or .json{text}")
 
 
 def run_calibrate(arguments: argparse.Namespace) -> int:
-    """Calibrate, write and print."""
+    """Calibrate, then write and print the result."""
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.calibrate import check_models, from_darks, from_stars
 
@@ -115,11 +121,11 @@ def run_calibrate(arguments: argparse.Namespace) -> int:
         result = from_stars(
             Solver(registry().camera), shots, profile, show_progress, models=arguments.model, fov_rad=fov
         )
-    give_calibration(arguments, result, profile, Path(arguments.files[0]).name)
+    output_calibration(arguments, result, profile, Path(arguments.files[0]).name)
     return 0
 
 
-def give_calibration(
+def output_calibration(
     arguments: argparse.Namespace, calibration: CalibrationInput, profile: CameraProfile | None, name: str
 ) -> None:
     """Write and print the result of a calibration."""
@@ -139,7 +145,7 @@ def give_calibration(
         result=calibration.result,
         note="",
     )
-    give_report(
+    output_report(
         arguments,
         calibration_sheet(row),
         {"kind": calibration.kind, "values": calibration.values, "result": calibration.result},
@@ -147,7 +153,7 @@ def give_calibration(
 
 
 def run_analyse(arguments: argparse.Namespace) -> int:
-    """Analyse, write and print."""
+    """Analyse the frames, then write and print the report."""
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.analyse import FRAME_KINDS, analyse, check_kind, run_frames
 
@@ -173,14 +179,14 @@ def run_analyse(arguments: argparse.Namespace) -> int:
         else None
     )
     outcome = analyse(arguments.kind, solver, run(arguments.files, profile), second=second, commanded_rad_s=commanded)
-    give_report(arguments, outcome.report, {"kind": outcome.kind, "figures": outcome.figures})
+    output_report(arguments, outcome.report, {"kind": outcome.kind, "figures": outcome.figures})
     return 0
 
 
 def shots_of(
     files: Sequence[str], interval_s: float | None, exposure_s: float | None, keep_aberration: bool = False
 ) -> list[Shot]:
-    """Return image files as shots; BadInput names a file that cannot be read."""
+    """Return image files as shots. Raises BadInput, which names the file that cannot be read."""
     from gss.operations.frames.observer import observer_at
     from gss.operations.studies.night_frames import Shot
 
@@ -191,7 +197,7 @@ def shots_of(
         if taken is None or interval_s is not None:
             taken = UNTIMED_EPOCH + timedelta(seconds=(interval_s or 0.0) * k)
         exposure = frame.exposure_s if frame.exposure_s is not None else exposure_s
-        pixels = partial(_given, frame.pixels)
+        pixels = partial(_identity, frame.pixels)
         shots.append(Shot(Path(name).name, taken, exposure, frame.bits, pixels, observer=observer))
     return shots
 
@@ -210,7 +216,7 @@ def _frames(files: Sequence[str]) -> Iterator[ImportedFrame]:
             yield parsing.parse(read_frame, data, name, classes=(ImportedFrame,), subject=name)
 
 
-def _given(pixels: Any) -> Any:
+def _identity(pixels: Any) -> Any:
     return pixels
 
 
@@ -220,21 +226,21 @@ def show_progress(share: float, text: str) -> None:
         print(f"\r{100 * share:3.0f} % {text:<60}", end="" if share < 1 else "\n", file=sys.stderr, flush=True)
 
 
-def give_report(arguments: argparse.Namespace, report: Report, content: dict[str, object]) -> None:
+def output_report(arguments: argparse.Namespace, report: Report, content: dict[str, object]) -> None:
     """Write a report and its content to the file of ``--out``, and print it."""
-    whole = json.dumps({**content, "report": report.as_dict()}, ensure_ascii=False, allow_nan=False)
-    write_report(arguments, report, whole)
+    content_json = json.dumps({**content, "report": report.as_dict()}, ensure_ascii=False, allow_nan=False)
+    write_report(arguments, report, content_json)
 
 
 def write_report(
     arguments: argparse.Namespace,
     report: Report,
-    whole: str,
+    content_json: str,
     extra_files: Mapping[str, Callable[[], bytes]] | None = None,
 ) -> None:
     """Write a report to the file of ``--out`` and print it.
 
-    ``whole``: its content as JSON; ``extra_files``: further kinds of file, by suffix.
+    ``content_json``: content of the report as JSON; ``extra_files``: functions for additional file formats, by suffix.
     """
     from gss.operations.report.html import as_html
     from gss.operations.report.pdf import as_pdf
@@ -242,17 +248,17 @@ def write_report(
     if sys.stderr.isatty():
         print(file=sys.stderr)
     if arguments.out is not None:
-        makers: dict[str, Callable[[], bytes]] = {
-            ".json": whole.encode,
+        writers: dict[str, Callable[[], bytes]] = {
+            ".json": content_json.encode,
             ".html": lambda: as_html(report).encode(),
             ".pdf": lambda: as_pdf(report, utc_now()),
             **(extra_files or {}),
         }
         try:
-            arguments.out.write_bytes(makers[arguments.out.suffix]())
+            arguments.out.write_bytes(writers[arguments.out.suffix]())
         except OSError as error:
             raise BadInput("the file cannot be written", got=f"{arguments.out}: {error.strerror}") from None
-    print(whole if arguments.json else as_text(report))
+    print(content_json if arguments.json else as_text(report))
 
 
 def as_text(report: Report) -> str:
@@ -264,7 +270,7 @@ def as_text(report: Report) -> str:
         width = max((len(f.label) for f in section.facts), default=0)
         lines += [f"  {f.label:<{width}}  {f.value} {f.unit} {f.note}".rstrip() for f in section.facts]
         for table in section.tables:
-            wide = [max(len(r[k]) for r in [table.columns, *table.rows]) for k in range(len(table.columns))]
+            widths = [max(len(r[k]) for r in [table.columns, *table.rows]) for k in range(len(table.columns))]
             rows = [table.columns, *table.rows]
-            lines += ["  " + "  ".join(f"{c:<{w}}" for c, w in zip(r, wide, strict=True)).rstrip() for r in rows]
+            lines += ["  " + "  ".join(f"{c:<{w}}" for c, w in zip(r, widths, strict=True)).rstrip() for r in rows]
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""``gss notify``: check the file of notifications, and send a test message without a server."""
+"""``gss notify``: check the notification file, and send a test message without a server."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ if TYPE_CHECKING:
 
 def register(subparsers: Commands) -> None:
     """Add the commands."""
-    kinds = subparsers.add_parser("notify").add_subparsers(dest="kind", required=True, metavar="WHAT")
-    parser = kinds.add_parser("check", help="read the file and list its targets and rules; nothing is sent")
-    parser.add_argument("file", help="file of targets and rules, as in GSS_NOTIFICATIONS")
+    subcommands = subparsers.add_parser("notify").add_subparsers(dest="kind", required=True, metavar="WHAT")
+    parser = subcommands.add_parser("check", help="read the file and list its targets and rules; nothing is sent")
+    parser.add_argument("file", help="file of targets and rules, in the format of GSS_NOTIFICATIONS")
     parser.set_defaults(run=check)
-    parser = kinds.add_parser("test", help="send a test message to one target")
-    parser.add_argument("file", help="file of targets and rules, as in GSS_NOTIFICATIONS")
+    parser = subcommands.add_parser("test", help="send a test message to one target")
+    parser.add_argument("file", help="file of targets and rules, in the format of GSS_NOTIFICATIONS")
     parser.add_argument("target", help="name of the target")
     parser.add_argument("--private", action="store_true", help="permit a loopback or private address")
     parser.set_defaults(run=test)
@@ -35,7 +35,7 @@ def check(arguments: argparse.Namespace) -> int:
 
 
 def test(arguments: argparse.Namespace) -> int:
-    """Send a message at once and print the result."""
+    """Send a test message immediately and print the result."""
     import secrets
 
     from gss.domain.errors import NotFound
@@ -49,6 +49,6 @@ def test(arguments: argparse.Namespace) -> int:
             "There is no such target", expected=", ".join(t.name for t in rules.targets), got=arguments.target
         )
     message = OutgoingMessage(secrets.token_hex(16), "ok", "[GSS] ok: test message", "Test message by gss notify test.")
-    refused = Sender(arguments.private).send(target, message)
-    print(f"sent to {target.name}" + (f"; {refused}" if refused else ""))
+    rejected = Sender(arguments.private).send(target, message)
+    print(f"sent to {target.name}" + (f"; {rejected}" if rejected else ""))
     return 0

@@ -1,4 +1,4 @@
-"""``gss passes``: coming passes, the orbit of the spacecraft and ground stations, on the terminal. The server may run."""
+"""``gss passes``: list coming passes, and manage the orbit and ground stations. The server can be running."""
 
 from __future__ import annotations
 
@@ -18,36 +18,38 @@ if TYPE_CHECKING:
 
 def register(subparsers: Commands) -> None:
     """Add the commands."""
-    kinds = subparsers.add_parser("passes").add_subparsers(dest="kind", required=True, metavar="WHAT")
-    parser = kinds.add_parser("list", help="list the passes of the coming days")
+    subcommands = subparsers.add_parser("passes").add_subparsers(dest="kind", required=True, metavar="WHAT")
+    parser = subcommands.add_parser("list", help="list the passes of the coming days")
     _with_span(parser, 3.0)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     _with_data(parser).set_defaults(run=list_passes)
-    parser = kinds.add_parser("calendar", help="write the coming passes as an iCalendar file")
+    parser = subcommands.add_parser("calendar", help="write the coming passes as an iCalendar file")
     _with_span(parser, 7.0)
     parser.add_argument("--out", type=Path, help="file to write; standard output without it")
     _with_data(parser).set_defaults(run=write_calendar)
-    parser = kinds.add_parser("orbit", help="print the orbit in use, or import another: TLE, OMM or OEM")
+    parser = subcommands.add_parser("orbit", help="print the active orbit, or import another orbit: TLE, OMM or OEM")
     parser.add_argument("file", type=Path, nargs="?", help="orbit file to import; - for standard input")
     parser.add_argument("--name", default="", help="name of the spacecraft (default: the name in the file)")
-    parser.add_argument("--source", default="", help="where the orbit was obtained")
+    parser.add_argument("--source", default="", help="origin of the orbit data")
     _with_data(parser).set_defaults(run=orbit)
-    parser = kinds.add_parser("stations", help="list the ground stations")
+    parser = subcommands.add_parser("stations", help="list the ground stations")
     _with_data(parser).set_defaults(run=list_stations)
-    parser = kinds.add_parser("add-station", help="add a ground station")
+    parser = subcommands.add_parser("add-station", help="add a ground station")
     parser.add_argument("name")
     parser.add_argument("--latitude-deg", type=float, required=True, help="geodetic, WGS-84, north positive")
     parser.add_argument("--longitude-deg", type=float, required=True, help="east positive")
     parser.add_argument("--height-m", type=float, default=0.0, help="above the ellipsoid (default 0)")
     parser.add_argument("--min-elevation-deg", type=float, default=5.0, help="default 5")
     parser.add_argument(
-        "--mask", type=Path, metavar="FILE", help="horizon mask: a line 'azimuth, elevation' in degrees each"
+        "--mask", type=Path, metavar="FILE", help="horizon mask: one line 'azimuth, elevation' in degrees per point"
     )
     parser.add_argument("--line-url", default="", help="address of the line at this station")
-    parser.add_argument("--line-baud", type=int, default=0, help="rate of the line (default 0: as the unit reports)")
+    parser.add_argument(
+        "--line-baud", type=int, default=0, help="rate of the line (default 0: rate reported by the unit)"
+    )
     parser.add_argument("--note", default="")
     _with_data(parser).set_defaults(run=add_station)
-    parser = kinds.add_parser("delete-station", help="delete a ground station")
+    parser = subcommands.add_parser("delete-station", help="delete a ground station")
     parser.add_argument("name")
     _with_data(parser).set_defaults(run=delete_station)
 
@@ -63,7 +65,7 @@ def _with_span(parser: argparse.ArgumentParser, days: float) -> None:
 
 
 def list_passes(arguments: argparse.Namespace) -> int:
-    """Print the passes; exit code 1 if there can be none."""
+    """Print the passes. Exit code 1 if passes cannot be calculated."""
     from gss.api.present.passes import passes
 
     services = _services(arguments)
@@ -116,9 +118,14 @@ def orbit(arguments: argparse.Namespace) -> int:
     data = sys.stdin.buffer.read() if str(arguments.file) == "-" else arguments.file.read_bytes()
     values = {"text": data.decode("utf-8", "replace"), "name": arguments.name, "source": arguments.source}
     request = request_from(OrbitIn, values)
-    current, read = services.passes.spacecraft.set(request.text, name=request.name, source=request.source, user=_user())
+    current, parsed = services.passes.spacecraft.set(
+        request.text, name=request.name, source=request.source, user=_user()
+    )
     _record(
-        services, "orbit_import", current.row.spacecraft, f"{read.source_format} of {current.row.epoch:%Y-%m-%dT%H:%M}"
+        services,
+        "orbit_import",
+        current.row.spacecraft,
+        f"{parsed.source_format} of {current.row.epoch:%Y-%m-%dT%H:%M}",
     )
     _print_orbit(spacecraft(current))
     return 0
@@ -127,13 +134,13 @@ def orbit(arguments: argparse.Namespace) -> int:
 def list_stations(arguments: argparse.Namespace) -> int:
     """Print the ground stations."""
     for row in _services(arguments).passes.stations.every():
-        place = (
+        position = (
             f"{math.degrees(row.latitude_rad):+9.4f}° {math.degrees(row.longitude_rad):+10.4f}° {row.height_m:6.0f} m"
         )
-        low = f"above {math.degrees(row.min_elevation_rad):g}°, " + (
+        visibility = f"above {math.degrees(row.min_elevation_rad):g}°, " + (
             f"mask of {len(row.mask)} points" if row.mask else "no mask"
         )
-        print(f"{row.name:<24} {place}  {low}  {row.line_url}".rstrip())
+        print(f"{row.name:<24} {position}  {visibility}  {row.line_url}".rstrip())
     return 0
 
 
@@ -157,7 +164,7 @@ def add_station(arguments: argparse.Namespace) -> int:
 def delete_station(arguments: argparse.Namespace) -> int:
     """Delete a ground station."""
     services = _services(arguments)
-    services.passes.stations.delete(_named(services, arguments.name).id, user=_user())
+    services.passes.stations.delete(_station(services, arguments.name).id, user=_user())
     _record(services, "station_delete", arguments.name)
     print(f"{arguments.name} is deleted")
     return 0
@@ -178,10 +185,10 @@ def _user() -> str:
 
 
 def _station_id(services: Services, name: str | None) -> int | None:
-    return None if name is None else _named(services, name).id
+    return None if name is None else _station(services, name).id
 
 
-def _named(services: Services, name: str) -> Station:
+def _station(services: Services, name: str) -> Station:
     from gss.domain.errors import NotFound
 
     row = next((row for row in services.passes.stations.every() if row.name == name), None)
@@ -191,18 +198,18 @@ def _named(services: Services, name: str) -> Station:
 
 
 def _mask(file: Path) -> list[MaskPoint]:
-    """Read a mask, sorted by azimuth. Raises BadInput naming the line."""
+    """Return the points of a mask file, sorted by azimuth. Raises BadInput, which names the invalid line."""
     from gss.api.schemas.passes import MaskPoint
     from gss.domain.errors import BadInput
     from gss.operations.requests import request_from
 
     points = []
     for number, line in enumerate(file.read_text("utf-8", "replace").splitlines(), 1):
-        words = line.partition("#")[0].replace(",", " ").replace(";", " ").split()
-        if not words:
+        fields = line.partition("#")[0].replace(",", " ").replace(";", " ").split()
+        if not fields:
             continue
         try:
-            azimuth_deg, elevation_deg = (float(word) for word in words)
+            azimuth_deg, elevation_deg = (float(field) for field in fields)
         except ValueError:
             raise BadInput(
                 f"line {number} of the mask is not valid", expected="azimuth, elevation", got=line[:60]

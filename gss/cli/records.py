@@ -1,4 +1,4 @@
-"""Recorded data on the terminal: ``gss export telemetry``, ``gss export contact-report``, ``gss check record``."""
+"""Commands for recorded data: ``gss export telemetry``, ``gss export contact-report``, ``gss check record``."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 def register_exports(kinds: Kinds) -> None:
     """Add the commands to ``gss export``."""
-    parser = kinds.add_parser("telemetry", help="export telemetry fields over a time span as CSV, Parquet or HDF5")
+    parser = kinds.add_parser("telemetry", help="export telemetry fields over a time range as CSV, Parquet or HDF5")
     parser.add_argument(
         "--fields", required=True, help="names, for example mode,attitude.ra_deg; packet.name if the name is ambiguous"
     )
     parser.add_argument("--from", dest="start", metavar="TIME", help="start, ISO 8601, UTC by default")
     parser.add_argument("--to", dest="end", metavar="TIME", help="end, ISO 8601")
-    parser.add_argument("--contact", type=int, metavar="N", help="use the time span of this contact")
+    parser.add_argument("--contact", type=int, metavar="N", help="use the time range of this contact")
     parser.add_argument("--format", default="csv", choices=("csv", "parquet", "hdf5"))
     parser.add_argument(
         "--form", default="converted", choices=("converted", "raw", "formatted"), help="default converted"
@@ -45,10 +45,10 @@ def register_checks(kinds: Kinds) -> None:
         "record",
         help="list gaps of the stored housekeeping",
         description="List every gap of the stored housekeeping with its cause. "
-        "Exit code 0: every gap has a cause; 1: a gap has none.",
+        "Exit code 0: every gap has a known cause; 1: a gap has no known cause.",
     )
     parser.add_argument("--contact", type=int, metavar="N", help="number of the contact (default: the newest)")
-    parser.add_argument("--all", action="store_true", help="every contact")
+    parser.add_argument("--all", action="store_true", help="check every contact")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     _with_data(parser).set_defaults(run=check_record)
 
@@ -59,8 +59,8 @@ def _with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
 
 
 def services_of(arguments: argparse.Namespace, backups: Path | None = None) -> Services:
-    """Return the store's services without starting them, so that a running server is not disturbed. ``backups``: their folder,
-    if it is not as set."""
+    """Return the store's services without starting them, so that a running server is not disturbed. ``backups``: folder
+    of the backups, if it differs from the settings."""
     from gss.domain.errors import NotFound
     from gss.settings import Settings
     from gss.wiring.build import build
@@ -73,15 +73,15 @@ def services_of(arguments: argparse.Namespace, backups: Path | None = None) -> S
     return build(settings)
 
 
-def moment(text: str) -> datetime:
-    """Parse a time from the command line; BadInput shows the format."""
+def parse_time(text: str) -> datetime:
+    """Parse a time from the command line. Raises BadInput."""
     from gss.domain.errors import BadInput
 
     try:
-        at = datetime.fromisoformat(text)
+        time = datetime.fromisoformat(text)
     except ValueError:
         raise BadInput("not a time", expected="2026-12-01T18:00:00Z", got=text) from None
-    return at if at.tzinfo else at.replace(tzinfo=UTC)
+    return time if time.tzinfo else time.replace(tzinfo=UTC)
 
 
 def export_telemetry(arguments: argparse.Namespace) -> int:
@@ -94,9 +94,9 @@ def export_telemetry(arguments: argparse.Namespace) -> int:
         detail = services.contacts.contacts.detail(arguments.contact)
         start, end = detail.row.started, detail.end
     elif arguments.start and arguments.end:
-        start, end = moment(arguments.start), moment(arguments.end)
+        start, end = parse_time(arguments.start), parse_time(arguments.end)
     else:
-        raise BadInput("no time span given", expected="--from and --to, or --contact")
+        raise BadInput("no time range given", expected="--from and --to, or --contact")
     keys = [key.strip() for key in arguments.fields.split(",") if key.strip()]
     pieces = export(
         services.telemetry.telemetry.archive, keys, start, end, form=arguments.form, file_format=arguments.format

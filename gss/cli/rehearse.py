@@ -1,4 +1,5 @@
-"""``gss rehearse``: a pass plan on a simulated unit, faster than real time. The server may run; nothing is sent to its unit."""
+"""``gss rehearse``: execute a pass plan on a simulated unit, faster than real time. The server can be running; nothing
+is sent to its unit."""
 
 from __future__ import annotations
 
@@ -17,27 +18,29 @@ def register(subparsers: Commands) -> None:
     """Add the command."""
     parser = subparsers.add_parser(
         "rehearse",
-        description="Carry out a pass plan on a simulated unit with the rise and set times and the horizon mask of its real "
+        description="Execute a pass plan on a simulated unit with the rise and set times and the horizon mask of its real "
         "passes. It runs in a separate process and a temporary store and cannot reach a real line. Exit code 0: the plan "
         "was completed; 1: it was not.",
     )
     parser.add_argument("plan", type=int, nargs="?", help="number of the plan")
-    parser.add_argument("--answer", action="append", default=[], metavar="STEP=ANSWER", help="answer of a question")
+    parser.add_argument("--answer", action="append", default=[], metavar="STEP=ANSWER", help="answer to a question")
     parser.add_argument(
-        "--person", type=float, default=10.0, metavar="S", help="time of a person for a step (default 10)"
+        "--person", type=float, default=10.0, metavar="S", help="time that a person needs for a step (default 10)"
     )
     parser.add_argument(
         "--loss",
         action="append",
         default=[],
         metavar="PASS:AFTER:FOR",
-        help="lose the signal in a pass (1: the first), seconds after its rise, for that many seconds",
+        help="lose the signal in pass number PASS, AFTER seconds after its rise, for FOR seconds",
     )
     parser.add_argument(
-        "--drop-rate", type=float, default=0.0, metavar="X", help="share of 64-byte pieces lost (default 0)"
+        "--drop-rate", type=float, default=0.0, metavar="X", help="share of 64-byte blocks lost (default 0)"
     )
-    parser.add_argument("--bit-error-rate", type=float, default=0.0, metavar="X", help="both directions (default 0)")
-    parser.add_argument("--seed", type=int, default=1, help="of noise and faults (default 1)")
+    parser.add_argument(
+        "--bit-error-rate", type=float, default=0.0, metavar="X", help="bit error rate in both directions (default 0)"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="seed of noise and faults (default 1)")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
     parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     parser.add_argument("--prepared", type=Path, help="prepared folder; used by the server's own process")
@@ -45,7 +48,7 @@ def register(subparsers: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Rehearse, and print the report."""
+    """Rehearse the plan and print the report."""
     from gss.cli.records import services_of
     from gss.domain.errors import BadInput
     from gss.operations.rehearsals.rehearsal_report import REPORT, RehearsalOptions
@@ -54,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.prepared is not None:
         return run_prepared(arguments.prepared)
     if arguments.plan is None:
-        raise BadInput("no plan is named", expected="gss rehearse NUMBER")
+        raise BadInput("no plan given", expected="gss rehearse NUMBER")
     options = request_from(
         RehearsalOptions,
         {
@@ -78,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def run_prepared(folder: Path) -> int:
-    """Rehearse the order in a prepared folder; progress and report are lines of JSON."""
+    """Rehearse the plan in a prepared folder. Print progress and report as lines of JSON."""
     from gss.domain.errors import GssError
     from gss.operations.rehearsals.rehearsal_report import REPORT
     from gss.rehearsing import rehearse
@@ -115,16 +118,16 @@ def _outage(text: str) -> dict[str, float | int]:
     from gss.domain.errors import BadInput
 
     try:
-        number, after, lasts = text.split(":")
-        return {"pass_number": int(number), "after_s": float(after), "for_s": float(lasts)}
+        number, after, duration = text.split(":")
+        return {"pass_number": int(number), "after_s": float(after), "for_s": float(duration)}
     except ValueError:
         raise BadInput("the loss cannot be read", expected="PASS:AFTER:FOR, such as 1:120:60", got=text[:80]) from None
 
 
 def _print(report: RehearsalReport) -> None:
-    faster = report.simulated_s / report.real_s if report.real_s else 0.0
+    speed = report.simulated_s / report.real_s if report.real_s else 0.0
     print(f"{report.plan}: {report.state}" + (f", {report.reason}" if report.reason else ""))
-    print(f"{report.simulated_s:.0f} s rehearsed in {report.real_s:.0f} s ({faster:.0f} times real time)")
+    print(f"{report.simulated_s:.0f} s rehearsed in {report.real_s:.0f} s ({speed:.0f} times real time)")
     print(f"\n{'pass, UTC':<31} {'window':>8} {'used':>8} {'up':>9} {'down':>9}")
     for rehearsed in report.passes:
         print(

@@ -1,4 +1,4 @@
-"""``gss render``: a test image for a pointing, with its truth."""
+"""``gss render``: render a test image of a pointing, with its truth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def register(subparsers: Commands) -> None:
     parser = subparsers.add_parser(
         "render",
         description="Render the sky at a pointing as a camera sees it (PNG). Upload the file on the page Frames; from "
-        "there it can be sent to the image memory of a unit. gss solve FILE --truth checks a chain's answer.",
+        "there it can be sent to the image memory of a unit. gss solve FILE --truth checks the result of a chain.",
     )
     parser.add_argument("--camera", required=True, metavar="INSTRUMENT", help=CAMERA_HELP)
     parser.add_argument("--at", required=True, metavar="RA,DEC,ROLL", help="pointing in degrees (ICRS)")
@@ -30,13 +30,15 @@ def register(subparsers: Commands) -> None:
     parser.add_argument(
         "--truth", type=Path, metavar="FILE.json", help="also write the attitude, for gss solve --truth"
     )
-    parser.add_argument("--exposure", type=float, metavar="S", help="exposure time (default: the camera's)")
+    parser.add_argument("--exposure", type=float, metavar="S", help="exposure time (default: exposure of the camera)")
     parser.add_argument(
         "--rate", default="0,0,0", metavar="X,Y,Z", help="angular rate about the camera's axes, °/s (default: 0,0,0)"
     )
-    parser.add_argument("--false-stars", type=int, default=0, metavar="N", help="spots that no catalogue contains")
+    parser.add_argument(
+        "--false-stars", type=int, default=0, metavar="N", help="number of spots that are not catalogue stars"
+    )
     parser.add_argument("--no-noise", action="store_true", help="render the expected values")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of noise and false stars (default: 1)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of noise and false stars (default: 1)")
     parser.add_argument("--epoch", type=float, metavar="YEAR", help="Julian year of the star positions (default: now)")
     parser.set_defaults(run=run)
 
@@ -47,9 +49,9 @@ def run(arguments: argparse.Namespace) -> int:
     from gss.operations.frames.rendered_image import RenderRequest, draw
 
     if arguments.out.suffix.lower() != ".png":
-        raise BadInput("unknown kind of image", expected="a file that ends in .png", got=arguments.out.name)
+        raise BadInput("unknown image format", expected="a file that ends in .png", got=arguments.out.name)
     if arguments.seed < 0:
-        raise BadInput("impossible seed", expected="0 or more", got=str(arguments.seed))
+        raise BadInput("seed is out of range", expected="0 or more", got=str(arguments.seed))
     pointing = angles(arguments.at, (3,), "RA,DEC,ROLL in degrees")
     x, y, z = (math.radians(v) for v in angles(arguments.rate, (3,), "X,Y,Z in °/s"))
     profile = registry().camera(arguments.camera)

@@ -1,5 +1,5 @@
-"""``gss replay``: decode a raw capture with the decoder of the live line, at any speed, onto the terminal; or run the
-sensor's own chain on a stored frame, stage by stage."""
+"""``gss replay``: decode a raw capture at any speed with the decoder of the live line and print it, or run the
+sensor's own chain on a stored frame and compare each stage."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from gss.cli import Commands
     from gss.operations.contacts.capture_decoder import Replayed
 
-DESCRIPTION = """Decode the raw capture of a contact and print telemetry, events, commands and reports. Give all files of the
+DESCRIPTION = """Decode the raw capture of a contact and print telemetry, events, commands and reports. Name all files of the
 contact in order. Nothing is stored and no port is opened. Exit code 0: packets were decoded; 3: no packets.
 
 With --frame: run the sensor's own chain on a stored frame, with the bank and the parameters that were active, and compare
 each stage on board and on the ground. Exit code 0: equal; 3: a stage differs."""
-NOTHING_EXIT = DIFFERENT_EXIT = 3
+NO_PACKETS_EXIT = DIFFERENT_EXIT = 3
 
 
 def register(subparsers: Commands) -> None:
@@ -50,7 +50,7 @@ def register(subparsers: Commands) -> None:
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object per line, with all values")
     parser.add_argument(
-        "--frame", type=int, metavar="ID", help="a stored frame instead of files; the number is in the URL of its page"
+        "--frame", type=int, metavar="ID", help="stored frame instead of files; the number is in the URL of its page"
     )
     parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     parser.set_defaults(run=run)
@@ -105,11 +105,11 @@ def replay_captures(arguments: argparse.Namespace) -> int:
     unit = instruments.chosen(arguments)
     decoder = CaptureDecoder(unit.dictionary, arguments.framing or unit.link.framing)
     item_count = 0
-    unread: list[Path] = []
+    unreadable: list[Path] = []
     records = (
         read_received(arguments.files)
         if arguments.received
-        else read_captures(arguments.files, lambda path, _: unread.append(path))
+        else read_captures(arguments.files, lambda path, _: unreadable.append(path))
     )
     items = decoded(records, decoder)
     for replayed in paced(items, arguments.speed, monotonic_s, time.sleep):
@@ -117,11 +117,11 @@ def replay_captures(arguments: argparse.Namespace) -> int:
         facts = plain_item(replayed)
         print(json.dumps(facts, ensure_ascii=False) if arguments.json else _line(facts), flush=bool(arguments.speed))
     counters = decoder.received
-    if not counters.bytes and unread:
+    if not counters.bytes and unreadable:
         raise BadInput(
-            f"{unread[0]} is not a capture",
-            expected="records with times, as GSS writes them",
-            hint="for bytes as another program received them use --received",
+            f"{unreadable[0]} is not a capture",
+            expected="records with times in the format of GSS",
+            hint="use --received for plain bytes that another program received",
         )
     print(
         f"{item_count} messages; {counters.bytes} bytes received, {counters.good} good packets, {counters.bad} damaged, "
@@ -129,11 +129,11 @@ def replay_captures(arguments: argparse.Namespace) -> int:
         f"{decoder.undecodable} unreadable",
         file=sys.stderr,
     )
-    return 0 if item_count else NOTHING_EXIT
+    return 0 if item_count else NO_PACKETS_EXIT
 
 
 class ReplayedMessage(TypedDict, total=False):
-    """A message as JSON values."""
+    """Replayed message as JSON values."""
 
     at: Required[str]
     kind: Required[str]

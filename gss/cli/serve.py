@@ -37,7 +37,7 @@ def register(subparsers: Commands) -> None:
         "--unit",
         action="append",
         metavar="NAME=INSTRUMENT@ADDRESS",
-        help="serve several units, one process each; once for each unit; the address simulator starts a simulated sensor "
+        help="serve several units, one process each; repeat it for each unit; the address simulator starts a simulated sensor "
         "(GSS_UNITS)",
     )
     parser.set_defaults(run=run)
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     units = _units(settings)
     workers = f" with API workers ({settings.workers})" if settings.workers else ""
     print(f"starting{workers} …", file=sys.stderr, flush=True)
-    os.umask(0o077)  # files of the server are accessible to its user only
+    os.umask(0o077)  # only the user of the server can access its files
     with contextlib.ExitStack() as stack:
         stack.enter_context(folder_lock(settings.data))
         stack.enter_context(sole_server(settings.database_url))
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _units(settings: Settings) -> tuple[UnitSpec, ...]:
-    """Return the units of the settings; () for a server of a single one."""
+    """Return the units of the settings; () for a server with a single unnamed unit."""
     if not settings.units:
         return ()
     from gss.api.units.unit_spec import check_combination, parse_units
@@ -86,7 +86,8 @@ def _units(settings: Settings) -> tuple[UnitSpec, ...]:
 def _serve(
     listener: socket.socket, settings: Settings, sensor: SimulatedSensor | None, units: tuple[UnitSpec, ...]
 ) -> None:
-    """Load and run the server; the imports are here because they take seconds, while the simulator starts."""
+    """Load and run the server. The imports are inside the function, because they take seconds during which the
+    simulator starts."""
     import uvicorn
 
     from gss.api.app import create_app
@@ -132,7 +133,7 @@ def _listen(host: str, port: int) -> socket.socket:
     try:
         listener.bind((host, port))
         prefer_requests(listener)
-        listener.listen(128)  # from now on connections wait instead of being refused
+        listener.listen(128)  # from now on connections are queued instead of refused
     except OSError as error:
         listener.close()
         raise Conflict(

@@ -1,4 +1,4 @@
-"""``gss sheet``: performance sheet of a unit from its frames, or of a simulated unit."""
+"""``gss sheet``: create the performance sheet of a unit from its frames, or of a simulated unit."""
 
 from __future__ import annotations
 
@@ -20,21 +20,23 @@ def register(subparsers: Commands) -> None:
     parser = subparsers.add_parser(
         "sheet",
         description="Accuracy in the terms of ECSS-E-ST-60-20C: bias, spatial errors, noise, acquisition and more, each with "
-        "interval, method and conditions. A row without data states what it needs. Exit code 0: done, 2: bad input.",
+        "interval, method and conditions. A row without data states which data it needs. Exit code 0: done, 2: bad input.",
     )
-    parser.add_argument("files", nargs="*", metavar="FRAME", help="frames of the unit, in order of time")
+    parser.add_argument("files", nargs="*", metavar="FRAME", help="frames of the unit in order of time")
     parser.add_argument("--camera", metavar="INSTRUMENT", help=CAMERA_HELP)
     parser.add_argument("--simulate", action="store_true", help="render the frames of a simulated unit instead")
     parser.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
-    parser.add_argument("--second", nargs="+", default=[], metavar="FRAME", help="frames of a second head, same times")
+    parser.add_argument(
+        "--second", nargs="+", default=[], metavar="FRAME", help="frames of a second head, taken at the same times"
+    )
     parser.add_argument("--second-camera", metavar="INSTRUMENT", help="camera of the second head (default: the same)")
     parser.add_argument(
-        "--mounting", metavar="X,Y,Z,W", help="quaternion camera from second head, from ground alignment"
+        "--mounting", metavar="X,Y,Z,W", help="quaternion from the second head to the camera, from ground alignment"
     )
     parser.add_argument("--interval", type=float, metavar="S", help="seconds between images without a time stamp")
     parser.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
     parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="of intervals and simulated frames (default: 1)"
+        "--seed", type=int, default=1, metavar="N", help="seed of intervals and simulated frames (default: 1)"
     )
     add_observer(parser)
     add_report_file(parser)
@@ -44,7 +46,7 @@ def register(subparsers: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make the sheet, write and print it."""
+    """Create the sheet, then write and print it."""
     if arguments.schema:
         from pydantic import TypeAdapter
 
@@ -61,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.camera:
         raise BadInput("no camera given", expected="--camera INSTRUMENT")
     mounting = None if arguments.mounting is None else _numbers(arguments.mounting)
-    # Files have no ids yet; the numbers only let the request check itself.
+    # Files have no ids, but the request requires ids.
     request = request_from(
         SheetRequest,
         {

@@ -1,4 +1,4 @@
-"""Command reference as one Markdown page, generated from the parsers."""
+"""Generate the command reference as one Markdown page from the parsers."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Exit codes: 0 done, 1 failed, 2 invalid input, 3 no solution. Environment variab
 
 
 def shell_page(parser: argparse.ArgumentParser) -> str:
-    """Return Markdown with a heading and a table of options for each command, in the order of ``gss --help``."""
+    """Return the Markdown page: a heading and a table of options for each command, in the order of ``gss --help``."""
     return "\n".join([HEAD, *(_section(command, help_text, leaf) for command, help_text, leaf in _commands(parser))])
 
 
 def _commands(
     parser: argparse.ArgumentParser, command: str = "gss", help_text: str = ""
 ) -> Iterator[tuple[str, str, argparse.ArgumentParser]]:
-    """Yield (words, help, parser) of all commands that can be run."""
+    """Yield (command, help text, parser) of all commands without subcommands."""
     groups = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
     if not groups:
         yield command, help_text, parser
@@ -44,10 +44,10 @@ def _section(command: str, help_text: str, parser: argparse.ArgumentParser) -> s
 
 def _name(action: argparse.Action) -> str:
     if not action.option_strings:
-        shown = action.metavar if isinstance(action.metavar, str) else action.dest
-        return f"`{shown}`"
-    takes = "" if action.nargs == 0 else f" {_value(action)}"
-    return f"`{action.option_strings[-1]}{takes}`"
+        name = action.metavar if isinstance(action.metavar, str) else action.dest
+        return f"`{name}`"
+    value_text = "" if action.nargs == 0 else f" {_value(action)}"
+    return f"`{action.option_strings[-1]}{value_text}`"
 
 
 def _value(action: argparse.Action) -> str:

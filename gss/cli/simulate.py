@@ -16,7 +16,7 @@ NAMES = ("--instrument", "--profile")
 
 
 def register(subparsers: Commands) -> None:
-    """Add the command. The simulator parses its own options: ``gss simulate --help`` shows them."""
+    """Add the command. The simulator parses the options; ``gss simulate --help`` shows them."""
     parser = subparsers.add_parser(
         "simulate",
         add_help=False,
@@ -27,16 +27,18 @@ def register(subparsers: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replace this process with the simulator: signals, output and exit code pass directly, and no orphan can remain."""
+    """Replace this process with the simulator, so that it receives signals directly, sets the exit code and cannot
+    become an orphan."""
     options = with_instrument(arguments.options)
     sys.stdout.flush()
-    os.execv(sys.executable, [sys.executable, "-m", MODULE, *options])  # noqa: S606 - our own program
+    os.execv(sys.executable, [sys.executable, "-m", MODULE, *options])  # noqa: S606 - a module of this package
 
 
 def with_instrument(options: Sequence[str]) -> list[str]:
-    """Return the simulator's options with the folder of the instrument that they name; without a name, of GSS_INSTRUMENT.
+    """Return the simulator's options with the instrument replaced by its folder, by default the instrument of
+    GSS_INSTRUMENT.
 
-    The simulator itself knows shipped instruments and folders only; those of the data folder are looked up here.
+    The simulator accepts only shipped instruments and folders, so instruments in the data folder are resolved here.
     """
     from gss.cli.instruments import registry
     from gss.settings import Settings

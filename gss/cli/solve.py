@@ -1,4 +1,4 @@
-"""``gss solve``: attitudes of image files, as text or JSON."""
+"""``gss solve``: print the attitudes of image files as text or JSON."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def register(subparsers: Commands) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="image of the sky")
     camera = parser.add_mutually_exclusive_group(required=True)
     camera.add_argument("--camera", metavar="INSTRUMENT", help=f"calibrated camera: {CAMERA_HELP}")
-    camera.add_argument("--fov-deg", type=float, metavar="X", help="horizontal field of view, known to about 5 %%")
-    camera.add_argument("--blind", action="store_true", help="field of view unknown, between 4° and 60°")
+    camera.add_argument("--fov-deg", type=float, metavar="X", help="horizontal field of view, accurate to about 5 %%")
+    camera.add_argument("--blind", action="store_true", help="the field of view is unknown, between 4° and 60°")
     parser.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
     parser.add_argument(
         "--epoch",
@@ -63,7 +63,7 @@ def register(subparsers: Commands) -> None:
     parser.add_argument(
         "--truth",
         metavar="RA,DEC,ROLL|FILE",
-        help="true attitude in degrees, or a JSON file {file name: [RA, DEC, ROLL]}; a wrong answer gives exit code 1",
+        help="true attitude in degrees, or a JSON file {file name: [RA, DEC, ROLL]}; a wrong result gives exit code 1",
     )
     parser.add_argument(
         "--utc",
@@ -83,14 +83,14 @@ def register(subparsers: Commands) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="a constant of a system's chain, such as matcher=star_vectors or attitude_method=foam; see docs/chains.md",
+        help="change a constant of a chain, for example matcher=star_vectors or attitude_method=foam; see docs/chains.md",
     )
     parser.add_argument("--json", action="store_true", help="print JSON, one object per file and line")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Solve each file; the worst outcome determines the exit code."""
+    """Solve each file. The worst outcome determines the exit code."""
     from gss.operations.clock import stopwatch_s
     from gss.operations.frames.figure_files import users_folder
     from gss.operations.frames.image_sequence import Sequencer
@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
     with ParseProcesses() as parsing:
         for name in arguments.files:
             try:
-                codes.append(_one(name, arguments, parsing, solver, sequencer, truths.get(Path(name).name)))
+                codes.append(_solve_file(name, arguments, parsing, solver, sequencer, truths.get(Path(name).name)))
             except GssError as error:
                 print(f"gss: {error.sentences()}", file=sys.stderr)
                 codes.append(BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound) else FAILED_EXIT)
@@ -118,7 +118,7 @@ def _worst(codes: Sequence[int]) -> int:
     return next((c for c in (FAILED_EXIT, BAD_INPUT_EXIT, NO_SOLUTION_EXIT) if c in codes), SOLVED_EXIT)
 
 
-def _one(
+def _solve_file(
     name: str, arguments: argparse.Namespace, parsing: ParseProcesses, solver: Any, sequencer: Any, truth: Any
 ) -> int:
     from gss.operations.clock import utc_now
@@ -155,17 +155,17 @@ def _one(
     record = as_record(name, result)
     if arguments.sequence:
         record["rate"] = rate
-    judged = None if truth is None else truth_record(result, truth, solver.cache.stars(request.epoch_jyear))
+    truth_result = None if truth is None else truth_record(result, truth, solver.cache.stars(request.epoch_jyear))
     if truth is not None:
-        record["truth"] = judged
+        record["truth"] = truth_result
     print(json.dumps(record, allow_nan=False, ensure_ascii=False) if arguments.json else as_text(record))
-    if judged is not None and judged["verdict"] == "wrong":
+    if truth_result is not None and truth_result["verdict"] == "wrong":
         return FAILED_EXIT
     return SOLVED_EXIT if result.outcome is Outcome.SOLVED else NO_SOLUTION_EXIT
 
 
 def prior(text: str | None) -> Any:
-    """Return the prior attitude of ``--hint``, None without one."""
+    """Return the prior attitude of ``--hint``; None if there is no hint. Raises BadInput."""
     from gss.pipeline.identify.near import BoundedPrior
 
     if text is None:
@@ -178,7 +178,7 @@ def prior(text: str | None) -> Any:
 
 
 def read_truths(text: str | None, files: Sequence[str]) -> dict[str, Array]:
-    """Return true attitudes by file name."""
+    """Return the true attitudes by file name. Raises BadInput."""
     if text is None:
         return {}
     if not Path(text).is_file():
@@ -216,14 +216,14 @@ def attitude(angles_deg: Sequence[float]) -> Array:
 
 def _moment(text: str) -> datetime:
     try:
-        moment = datetime.fromisoformat(text)
+        time = datetime.fromisoformat(text)
     except ValueError:
         raise BadInput("unreadable time", expected="ISO 8601, such as 2026-11-21T18:05:00Z", got=text) from None
     low, high = EPOCH_RANGE_JYEAR
-    # Outside this range neither the Earth's motion nor proper motions are known, and the calendar overflows.
-    if not low <= moment.year < high:
+    # Outside this range the Earth's motion and proper motions are unknown, and the calendar overflows.
+    if not low <= time.year < high:
         raise BadInput("time is out of range", expected=f"the years {low:g} to {high:g}", got=text[:40])
-    return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
+    return time if time.tzinfo is not None else time.replace(tzinfo=UTC)
 
 
 def _tle(name: str | None) -> str | None:
@@ -232,7 +232,7 @@ def _tle(name: str | None) -> str | None:
     return read_file(name, "a two-line element set", TLE_BYTES).decode("ascii", "replace")
 
 
-def julian_year(moment: datetime) -> float:
-    """Return the Julian epoch of a time. Leap seconds and TT − UTC are neglected: they are far too small to affect
-    proper motion."""
-    return 2000.0 + (moment.timestamp() - J2000_UNIX_S) / JULIAN_YEAR_S
+def julian_year(time: datetime) -> float:
+    """Return the Julian epoch of a time. Leap seconds and TT − UTC are neglected, because their effect on proper motion
+    is negligible."""
+    return 2000.0 + (time.timestamp() - J2000_UNIX_S) / JULIAN_YEAR_S

@@ -1,4 +1,4 @@
-"""``gss solve-lists``: attitudes of lists of measured stars, as text or JSON."""
+"""``gss solve-lists``: print the attitudes of lists of measured stars as text or JSON."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def register(subparsers: Commands) -> None:
     """Add the command to the parser."""
     parser = subparsers.add_parser(
         "solve-lists",
-        description="Find the attitude of each list of measured stars in a file, without any prior knowledge of it. "
+        description="Find the attitude of each list of measured stars in a file, without a prior attitude. "
         "Exit code 0: all solved, 2: bad input, 3: no solution for at least one.",
     )
     parser.add_argument(
@@ -40,13 +40,15 @@ def register(subparsers: Commands) -> None:
         "--camera",
         metavar="NAME|FILE",
         required=True,
-        help="an instrument (gss instrument list) or a camera file of an instrument package (camera.yaml)",
+        help="instrument name (gss instrument list) or a camera file of an instrument package (camera.yaml)",
     )
+    parser.add_argument("--no-distortion", action="store_true", help="the positions are already free of distortion")
     parser.add_argument(
-        "--no-distortion", action="store_true", help="the positions are those of a lens without distortion"
-    )
-    parser.add_argument(
-        "--sigma-px", type=float, metavar="PX", default=0.2, help="error of a position per axis (default: 0.2)"
+        "--sigma-px",
+        type=float,
+        metavar="PX",
+        default=0.2,
+        help="standard deviation of a position per axis (default: 0.2)",
     )
     parser.add_argument("--epoch", type=float, metavar="YEAR", help="Julian year of the star positions (default: now)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -83,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
     with ParseProcesses() as parsing:
         lists = parsing.parse(read_star_lists, data, name, classes=(StarLists,), subject=name)
     solver = StarListSolver(camera, faint_limit_mag, epoch, SolverCache(), processor_s)
-    results = [list_result(*answer) for answer in solver.solve(lists, arguments.sigma_px)]
+    results = [list_result(*solution) for solution in solver.solve(lists, arguments.sigma_px)]
     if arguments.json:
         record = {"file": arguments.file, "camera": arguments.camera, "epoch_jyear": epoch}
         print(json.dumps(record | {"results": [r.as_json() for r in results]}, allow_nan=False, ensure_ascii=False))
@@ -113,6 +115,6 @@ def _as_text(results: list[ListResult]) -> str:
         lines.append(f"{number}: RA {ra:.5f}°  Dec {dec:+.5f}°  roll {roll:.4f}°, {result.matched} stars identified")
         lines += [f"  {note}" for note in result.notes]
     solved = sum(r.outcome is Outcome.SOLVED for r in results)
-    middle_ms = sorted(r.processor_ms for r in results)[len(results) // 2]
-    lines.append(f"{solved} of {len(results)} lists solved, median {middle_ms:.2f} ms of processor time")
+    median_ms = sorted(r.processor_ms for r in results)[len(results) // 2]
+    lines.append(f"{solved} of {len(results)} lists solved, median {median_ms:.2f} ms of processor time")
     return "\n".join(lines)

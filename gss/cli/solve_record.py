@@ -1,4 +1,4 @@
-"""Result of an image as ``gss solve`` prints it: a JSON object, or lines of text."""
+"""Output of ``gss solve`` for an image: a JSON object, or lines of text."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class TurningRecord(TypedDict):
-    """Rate from the trails of a frame about camera x, y, z."""
+    """Angular rate about camera x, y, z, measured from star trails of a frame."""
 
     deg_s: list[float]
     sigma_deg_s: list[float]
@@ -25,8 +25,8 @@ class TurningRecord(TypedDict):
 
 
 class SolveRecord(TypedDict):
-    """Result of an image as a JSON object; missing values are null. ``rate``: since the previous image of a sequence;
-    ``truth``: against the true attitude."""
+    """Result of an image as a JSON object. Missing values are null. ``rate``: angular rate since the previous image of
+    a sequence; ``truth``: comparison with the true attitude."""
 
     file: str
     chain: str
@@ -53,7 +53,7 @@ class SolveRecord(TypedDict):
 
 
 def as_record(name: str, result: SolveResult) -> SolveRecord:
-    """Return one result as a JSON object; missing values are null."""
+    """Return the result of an image as a JSON object. Missing values are null."""
     record: SolveRecord = {
         "file": name,
         "chain": result.chain,
@@ -92,7 +92,7 @@ def as_record(name: str, result: SolveResult) -> SolveRecord:
 
 
 def turning_record(turning: Turning) -> TurningRecord:
-    """Return the rate of a trailed frame in degrees per second about camera x, y, z."""
+    """Return the angular rate of a frame with trails, in degrees per second about camera x, y, z."""
     return {
         "deg_s": [math.degrees(v) for v in turning.vector_rad_s],
         "sigma_deg_s": [math.degrees(v) for v in turning.sigma_rad_s],

@@ -1,4 +1,4 @@
-"""Maintenance on the terminal: ``gss backup``, ``gss restore``, ``gss retention``, ``gss check store``."""
+"""Maintenance commands: ``gss backup``, ``gss restore``, ``gss retention``, ``gss check store``."""
 
 from __future__ import annotations
 
@@ -39,19 +39,23 @@ def _count(value: float) -> str:
 
 def _full(value: float | None) -> str:
     if value is None:
-        return "not foreseeable"
+        return "cannot be predicted"
     return f"in {value:.{1 if value < 10 else 0}f} days" if value < 3650 else "in more than ten years"
 
 
 _POLICY_ROWS: Rows = (
     ("frames_days", "pixels are deleted at the age of", _age),
-    ("frames_gb", "pixels together at most", lambda v: f"{v:g} GB" if v else "any size"),
-    ("keep_frames", "newest frames that keep their pixels", _count),
+    ("frames_gb", "maximum total size of pixels", lambda v: f"{v:g} GB" if v else "any size"),
+    ("keep_frames", "number of newest frames that keep pixels", _count),
     ("telemetry_thin_days", "packets are thinned at the age of", _age),
     ("telemetry_days", "packets are deleted at the age of", _age),
     ("events_days", "events are deleted at the age of", _age),
-    ("captures_mb", "raw captures together at most", lambda v: f"{v:g} MB" if v else "as GSS_CAPTURE_KEEP_MB says"),
-    ("backups_keep", "newest backups to keep", lambda v: f"{v:g}" if v else "all"),
+    (
+        "captures_mb",
+        "maximum total size of raw captures",
+        lambda v: f"{v:g} MB" if v else "value of GSS_CAPTURE_KEEP_MB",
+    ),
+    ("backups_keep", "number of newest backups to keep", lambda v: f"{v:g}" if v else "all"),
 )
 _FORECAST_ROWS: Rows = (
     ("database_bytes", "database", _bytes),
@@ -66,7 +70,7 @@ _FORECAST_ROWS: Rows = (
     ("removable_bytes", "expired pixels", _bytes),
 )
 _REMOVED_ROWS: Rows = (
-    ("frames", "removed frames' pixels", _count),
+    ("frames", "frames with removed pixels", _count),
     ("bytes", "removed from the disk", _bytes),
     ("packets", "removed packets", _count),
     ("thinned", "removed by thinning", _count),
@@ -78,7 +82,7 @@ def register(subparsers: Commands) -> None:
     """Add the commands."""
     parser = subparsers.add_parser(
         "backup",
-        description="Copy the database at one point in time and all files it refers to. "
+        description="Copy a snapshot of the database and all files that it refers to. "
         "Files of earlier backups are not copied again.",
     )
     parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
@@ -86,17 +90,17 @@ def register(subparsers: Commands) -> None:
         "--to", type=Path, metavar="FOLDER", help="folder of the backups (GSS_BACKUPS; default: in the data folder)"
     )
     parser.add_argument(
-        "--keep", type=int, default=0, metavar="N", help="keep only the N newest backups afterwards; 0: all"
+        "--keep", type=int, default=0, metavar="N", help="then delete all but the N newest backups; 0: keep all"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=backup)
     parser = subparsers.add_parser(
         "restore",
-        description="Verify everything first; overwrite nothing. A PostgreSQL backup goes into the empty database "
-        "that GSS_DATABASE names.",
+        description="Verify the backup before the restore. Existing data are never overwritten. A PostgreSQL backup is "
+        "restored into the empty database of GSS_DATABASE.",
     )
     parser.add_argument("backup", type=Path, help="folder or tar file of a backup")
-    parser.add_argument("--into", type=Path, required=True, metavar="FOLDER", help="a new or empty data folder")
+    parser.add_argument("--into", type=Path, required=True, metavar="FOLDER", help="new or empty data folder")
     parser.set_defaults(run=restore)
     parser = subparsers.add_parser("retention")
     parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
@@ -115,7 +119,7 @@ def register_check(kinds: Kinds) -> None:
         "store",
         help="check the data folder for missing and damaged data",
         description="Check database, files, captures and audit log. "
-        "Exit code 0: intact, possibly with notes; 1: something is missing or damaged.",
+        "Exit code 0: intact, possibly with notes; 1: data are missing or damaged.",
     )
     parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -123,7 +127,7 @@ def register_check(kinds: Kinds) -> None:
 
 
 def backup(arguments: argparse.Namespace) -> int:
-    """Make a backup and print its location."""
+    """Create a backup and print its location."""
     from gss.cli.records import services_of
 
     services = services_of(arguments, arguments.to)
@@ -152,12 +156,12 @@ def restore(arguments: argparse.Namespace) -> int:
     from gss.domain.errors import BadInput, CorruptData
     from gss.operations.clock import utc_now
     from gss.operations.upkeep.restore import KEYS_ENDED
-    from gss.operations.upkeep.restore import restore as put_back
+    from gss.operations.upkeep.restore import restore as restore_backup
     from gss.settings import Settings
 
     settings = Settings()
     try:
-        done = put_back(
+        restored = restore_backup(
             arguments.backup.resolve(),
             arguments.into,
             utc_now,
@@ -166,16 +170,18 @@ def restore(arguments: argparse.Namespace) -> int:
             audit_anchor=Path(settings.audit_anchor) if settings.audit_anchor else None,
             on_step=lambda text: print(f"… {text}", file=sys.stderr, flush=True) if sys.stderr.isatty() else None,
         )
-    except CorruptData as error:  # the given backup is not usable, so this is bad input
+    except CorruptData as error:  # a damaged backup is bad input of this command
         raise BadInput(error.message, expected=error.expected, got=error.got, hint=error.hint) from error
-    print(f"{done.folder}: backup {done.manifest.name} of GSS {done.manifest.version}, {done.files} files")
+    print(
+        f"{restored.folder}: backup {restored.manifest.name} of GSS {restored.manifest.version}, {restored.files} files"
+    )
     print(KEYS_ENDED)
-    print(f"Start it with: gss serve --data {done.folder}")
+    print(f"Start it with: gss serve --data {restored.folder}")
     return 0
 
 
 def retention(arguments: argparse.Namespace) -> int:
-    """Print the forecast; delete expired data if requested."""
+    """Print the retention policy and the forecast. Delete expired data if requested."""
     from dataclasses import asdict
 
     from gss.cli.records import services_of
@@ -211,14 +217,17 @@ def retention(arguments: argparse.Namespace) -> int:
             f"The clock is {clock.doubt}: nothing is deleted. Check date and time, then run: gss retention --confirm-clock"
         )
     if removal.unusual or waiting:
-        print(f"Waits for confirmation: would remove {removal.unusual or waiting}. Check it, then use --run --confirm.")
+        print(
+            f"A removal needs confirmation. It would delete {removal.unusual or waiting}. Check it, then use --run --confirm."
+        )
     if arguments.now:
         _print_rows(_REMOVED_ROWS, facts["removed"])
     return 0
 
 
 def check_store(arguments: argparse.Namespace) -> int:
-    """Check the store and print the findings. Never migrates the database: a damaged one must be read as it is."""
+    """Check the store and print the findings. The database is never migrated, because a damaged database must stay
+    unchanged."""
     from gss.domain.errors import NotFound
     from gss.operations.accounts.audit import AuditService
     from gss.operations.accounts.audit_anchor import AnchorFile

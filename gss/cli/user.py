@@ -1,4 +1,4 @@
-"""``gss user``: manage users, for the first user without a browser, a forgotten password, or an admin who has left."""
+"""``gss user``: manage users, for example create the first user without a browser or reset a forgotten password."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import getpass
 import sys
 from typing import TYPE_CHECKING
 
-from gss.cli.accounts_store import AccountAdministration, desk, with_data
+from gss.cli.accounts_store import AccountAdministration, account_store, with_data
 from gss.operations.accounts.permissions import ROLES
 
 if TYPE_CHECKING:
@@ -18,37 +18,39 @@ if TYPE_CHECKING:
 def register(subparsers: Commands) -> None:
     """Add the commands."""
     parser = subparsers.add_parser("user")
-    kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
-    with_data(kinds.add_parser("list", help="list all users")).set_defaults(run=list_users)
-    p = with_data(kinds.add_parser("add", help="create a user; without a password a link is printed"))
+    subcommands = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
+    with_data(subcommands.add_parser("list", help="list all users")).set_defaults(run=list_users)
+    p = with_data(subcommands.add_parser("add", help="create a user; without a password a link is printed"))
     p.add_argument("name")
     p.add_argument("--role", required=True, choices=ROLES)
     _with_password(p)
     p.set_defaults(run=add_user)
-    p = with_data(kinds.add_parser("password", help="set a new password; ends all sessions of the user"))
+    p = with_data(subcommands.add_parser("password", help="set a new password; ends all sessions of the user"))
     p.add_argument("name")
     _with_password(p)
     p.set_defaults(run=set_password)
-    p = with_data(kinds.add_parser("link", help="print a one-time link for a new password"))
+    p = with_data(subcommands.add_parser("link", help="print a one-time link for a new password"))
     p.add_argument("name")
     p.set_defaults(run=print_link)
-    p = with_data(kinds.add_parser("role", help="change the role of a user"))
+    p = with_data(subcommands.add_parser("role", help="change the role of a user"))
     p.add_argument("name")
     p.add_argument("role", choices=ROLES)
     _with_keep(p)
     p.set_defaults(run=change_role)
-    p = with_data(kinds.add_parser("disable", help="disable a user and end all sessions"))
+    p = with_data(subcommands.add_parser("disable", help="disable a user and end all sessions"))
     p.add_argument("name")
     _with_keep(p)
     p.set_defaults(run=switch, enabled=False)
-    p = with_data(kinds.add_parser("enable", help="activate a user"))
+    p = with_data(subcommands.add_parser("enable", help="activate a user"))
     p.add_argument("name")
     p.set_defaults(run=switch, enabled=True, keep_created=False)
 
 
 def _with_keep(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--keep-created", action="store_true", help="leave the users and links of an admin who is demoted or disabled"
+        "--keep-created",
+        action="store_true",
+        help="keep users and links created by an admin who is demoted or disabled",
     )
 
 
@@ -60,7 +62,7 @@ def _with_password(parser: argparse.ArgumentParser) -> None:
 
 def list_users(arguments: argparse.Namespace) -> int:
     """Print name, role and state of each user."""
-    with desk(arguments) as store:
+    with account_store(arguments) as store:
         for row in store.accounts.users.every():
             state = "on" if row.enabled else "off"
             last_sign_in = f"{row.last_sign_in:%Y-%m-%d %H:%MZ}" if row.last_sign_in else "never"
@@ -73,7 +75,7 @@ def list_users(arguments: argparse.Namespace) -> int:
 def add_user(arguments: argparse.Namespace) -> int:
     """Create a user."""
     password = _password(arguments)
-    with desk(arguments) as store:
+    with account_store(arguments) as store:
         row = store.accounts.users.add(arguments.name, arguments.role, by=store.user, password=password)
         store.record("user_add", f"{row.name} as {row.role}")
         print(f"{row.name} is {row.role}")
@@ -83,10 +85,10 @@ def add_user(arguments: argparse.Namespace) -> int:
 
 
 def set_password(arguments: argparse.Namespace) -> int:
-    """Change a password; without one, print a one-time link."""
+    """Change the password of a user. Without a new password, print a one-time link."""
     password = _password(arguments)
-    with desk(arguments) as store:
-        row = _named(store, arguments.name)
+    with account_store(arguments) as store:
+        row = _find_user(store, arguments.name)
         if not password:
             return _print_link(store, row)
         store.accounts.users.set_password(row.id, password)
@@ -97,14 +99,14 @@ def set_password(arguments: argparse.Namespace) -> int:
 
 def print_link(arguments: argparse.Namespace) -> int:
     """Print a one-time password link."""
-    with desk(arguments) as store:
-        return _print_link(store, _named(store, arguments.name))
+    with account_store(arguments) as store:
+        return _print_link(store, _find_user(store, arguments.name))
 
 
 def change_role(arguments: argparse.Namespace) -> int:
-    """Change a user's role, from the next request on."""
-    with desk(arguments) as store:
-        user_id, keep = _named(store, arguments.name).id, arguments.keep_created
+    """Change a user's role. The change applies from the next request."""
+    with account_store(arguments) as store:
+        user_id, keep = _find_user(store, arguments.name).id, arguments.keep_created
         changed = store.accounts.users.change(user_id, role=arguments.role, keep_created=keep)
         store.record("user_role", f"{changed.user.name} as {changed.user.role}", str(changed.voided))
         print("; ".join(filter(None, (f"{changed.user.name} is {changed.user.role}", str(changed.voided)))))
@@ -113,12 +115,12 @@ def change_role(arguments: argparse.Namespace) -> int:
 
 def switch(arguments: argparse.Namespace) -> int:
     """Enable or disable a user."""
-    with desk(arguments) as store:
-        user_id, keep = _named(store, arguments.name).id, arguments.keep_created
+    with account_store(arguments) as store:
+        user_id, keep = _find_user(store, arguments.name).id, arguments.keep_created
         changed = store.accounts.users.change(user_id, enabled=arguments.enabled, keep_created=keep)
-        row, also = changed.user, str(changed.voided)
-        store.record("user_enable" if row.enabled else "user_disable", row.name, also)
-        print("; ".join(filter(None, (f"{row.name} is {'active' if row.enabled else 'disabled'}", also))))
+        row, voided_text = changed.user, str(changed.voided)
+        store.record("user_enable" if row.enabled else "user_disable", row.name, voided_text)
+        print("; ".join(filter(None, (f"{row.name} is {'active' if row.enabled else 'disabled'}", voided_text))))
     return 0
 
 
@@ -132,7 +134,7 @@ def _print_link(store: AccountAdministration, row: User) -> int:
     return 0
 
 
-def _named(store: AccountAdministration, name: str) -> User:
+def _find_user(store: AccountAdministration, name: str) -> User:
     from gss.domain.errors import NotFound
 
     row = store.accounts.users.named(name)
@@ -142,8 +144,8 @@ def _named(store: AccountAdministration, name: str) -> User:
 
 
 def _password(arguments: argparse.Namespace) -> str:
-    """Read the password from standard input or the terminal, never from the command line, which every user of the
-    machine can read."""
+    """Read the password from standard input or the terminal. It is never an argument, because every user of the machine
+    can read the command line."""
     from gss.domain.errors import BadInput
 
     if arguments.password_stdin:

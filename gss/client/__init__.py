@@ -1,6 +1,6 @@
 """Python client of a GSS server: commands, telemetry, transfers, frames, catalogues, procedures and events.
 
-It needs httpx2 and NumPy only, and imports nothing else of GSS. Create an API token on the page *Admin*, or with
+It needs only httpx2 and NumPy and imports no other part of GSS. Create an API token on the page *Admin*, or with
 ``gss token create``, and keep it in the environment variable ``GSS_TOKEN``::
 
     from gss.client import Client

@@ -32,19 +32,19 @@ from gss.client.records import (
 POLL_S = 0.25
 PAGE = 500
 EARLIEST, LATEST = "1970-01-01T00:00:00Z", "2200-01-01T00:00:00Z"
-"""A time range that contains every event; used to request the newest event."""
+"""Time range that contains every event, used to request the newest event."""
 Value = float | int | str | bool
 T = TypeVar("T")
 Ended = TypeVar("Ended", Command, Transfer, Job)
 
 
 class Client:
-    """A signed-in user of one GSS server.
+    """Client of one GSS server, signed in with an API token.
 
-    ``address``: for example ``http://localhost:8181``; default: the environment variable GSS_ADDRESS. ``token``: an API token;
-    default: GSS_TOKEN. ``reconnect_s``: seconds for which read requests are retried while the server is unreachable. Requests
-    that change something are sent only once, because the server may already have executed a request whose response was lost;
-    they raise ServerAway.
+    ``address``: for example ``http://localhost:8181``; default: the environment variable GSS_ADDRESS. ``token``: an API
+    token; default: GSS_TOKEN. ``reconnect_s``: seconds for which read requests are retried while the server is
+    unreachable. Requests that change something are sent only once, because the server may already have executed a
+    request whose response was lost; they raise ServerAway.
     """
 
     def __init__(
@@ -78,21 +78,23 @@ class Client:
 
     @contextmanager
     def authority(self) -> Iterator[None]:
-        """Hold command authority inside the ``with`` block. Release it afterwards unless it was already held before."""
-        before = self._server.get("/authority")["mine"]
-        if not before:
+        """Hold command authority inside the ``with`` block. Release it afterwards, unless it was already held before
+        the block."""
+        was_held = self._server.get("/authority")["mine"]
+        if not was_held:
             self._server.post("/authority/take")
         try:
             yield
         finally:
-            if not before:
+            if not was_held:
                 self._server.post("/authority/release")
 
     # -- commands
 
     def send(self, name: str, *, confirm: str = "", timeout_s: float = 60.0, **arguments: Value) -> Command:
-        """Send a command and wait until it is completed. ``confirm``: "yes" for a hazardous command, its name for a critical one.
-        Raises CommandFailed if it ends with another result, TimedOut if it does not end in time."""
+        """Send a command and wait until it is completed. ``confirm``: "yes" for a hazardous command, the name of the
+        command for a critical command. Raises CommandFailed if it ends with another result, TimedOut if it does not end
+        in time."""
         return self.wait_command(self.submit(name, confirm=confirm, **arguments), timeout_s)
 
     def submit(self, name: str, *, confirm: str = "", **arguments: Value) -> Command:
@@ -101,7 +103,7 @@ class Client:
         return Command.of(self._server.post("/commands", body))
 
     def command(self, command_id: int) -> Command:
-        """Return one command."""
+        """Return the command with that id."""
         return Command.of(self._server.get(f"/commands/{command_id}"))
 
     def wait_command(self, command: Command, timeout_s: float = 60.0) -> Command:
@@ -122,15 +124,15 @@ class Client:
     # -- telemetry and events
 
     def telemetry(self) -> dict[str, TelemetryValue]:
-        """Return the newest value of every field, by ``packet.field``."""
+        """Return the latest value of every field, by ``packet.field``."""
         values = map(TelemetryValue.of, self._server.get("/telemetry/latest")["values"])
         return {f"{value.packet}.{value.name}": value for value in values}
 
     def wait_telemetry(
         self, field: str, accept: Callable[[TelemetryValue], bool], timeout_s: float = 30.0
     ) -> TelemetryValue:
-        """Wait until ``accept`` returns True for the newest value of ``packet.field``. Raises TimedOut, which states the last
-        value, or KeyError if the instrument has no such field."""
+        """Wait until ``accept`` returns True for the latest value of ``packet.field``. Raises TimedOut, which states
+        the last value, or KeyError if the instrument does not have this field."""
         last = self.telemetry()[field]
 
         def accepted() -> TelemetryValue | None:
@@ -146,11 +148,11 @@ class Client:
             ) from None
 
     def follow(self, packet: str = "", *, after_id: int | None = None, poll_s: float = POLL_S) -> Iterator[Packet]:
-        """Yield stored packets, oldest first, without end. ``packet``: only this kind. ``after_id``: start after this packet; None:
-        yield only new packets.
+        """Yield stored packets continuously, oldest first. ``packet``: kind to include; "": all. ``after_id``: id after
+        which to start; None: yield only new packets.
 
-        Packets are read from the store in the order of their ids. No packet is lost or repeated, even if the server restarts. To
-        continue in another process, keep the ``id`` of the last packet.
+        Packets are read from the store in the order of their ids. No packet is lost or repeated, even if the server
+        restarts. To continue in another process, store the ``id`` of the last packet.
         """
         path, query = "/telemetry/packets", {"packet": packet} if packet else {}
         if after_id is None:
@@ -165,8 +167,8 @@ class Client:
                 time.sleep(poll_s)
 
     def follow_events(self, *, after_seq: int | None = None, poll_s: float = POLL_S) -> Iterator[Event]:
-        """Yield recorded events, oldest first, without end; no event is lost or repeated. ``after_seq``: start after this event;
-        None: yield only new events."""
+        """Yield recorded events continuously, oldest first. No event is lost or repeated. ``after_seq``: number after
+        which to start; None: yield only new events."""
         if after_seq is None:
             newest = self._server.get("/events", start=EARLIEST, end=LATEST, limit=1)
             after_seq = newest[-1]["seq"] if newest else 0
@@ -189,7 +191,7 @@ class Client:
         return self.frame(frame_id)
 
     def transfer(self, transfer_id: int) -> Transfer:
-        """Return one transfer."""
+        """Return the transfer with that id."""
         return Transfer.of(self._server.get(f"/transfers/{transfer_id}"))
 
     def wait_transfer(self, transfer: Transfer, timeout_s: float = 600.0) -> Transfer:
@@ -205,22 +207,22 @@ class Client:
         return [Frame.of(row) for row in self._server.get("/frames", limit=limit, **filters)["frames"]]
 
     def frame(self, frame_id: int) -> Frame:
-        """Return one frame."""
+        """Return the frame with that id."""
         return Frame.of(self._server.get(f"/frames/{frame_id}"))
 
     def pixels(self, frame: Frame | int) -> NDArray[np.generic]:
         """Return the stored pixels, shape (rows, columns), in the stored integer or float type."""
-        reply = self._server.download(f"/frames/{_id_of(frame)}/raw")
-        shape = int(reply.headers["X-Rows"]), int(reply.headers["X-Columns"])
-        return np.frombuffer(reply.content, np.dtype(reply.headers["X-Dtype"])).reshape(shape)
+        response = self._server.download(f"/frames/{_id_of(frame)}/raw")
+        shape = int(response.headers["X-Rows"]), int(response.headers["X-Columns"])
+        return np.frombuffer(response.content, np.dtype(response.headers["X-Dtype"])).reshape(shape)
 
     def import_frame(self, file: Path, instrument: str = "") -> Frame:
-        """Import a FITS, PNG, TIFF or JPEG file. Without ``instrument`` it is solved in blind mode."""
+        """Import a FITS, PNG, TIFF or JPEG file. Without ``instrument`` the frame is solved in blind mode."""
         return Frame.of(self._server.upload("/frames/import", file, {"profile": instrument}))
 
     def solve(self, frame: Frame | int, **options: Value) -> Solution:
-        """Run a chain on a stored frame and store the result. ``options``: chain, profile, fov_deg, blind, aberration, as in
-        ``POST /api/frames/{id}/solve``."""
+        """Run a chain on a stored frame and store the result. ``options``: fields of ``POST /api/frames/{id}/solve``:
+        chain, profile, fov_deg, blind, aberration."""
         return Solution.of(self._server.post(f"/frames/{_id_of(frame)}/solve", options))
 
     def stars(self, solution: Solution | int) -> list[Star]:
@@ -252,21 +254,21 @@ class Client:
         confirm: Collection[str] = (),
         timeout_s: float = 600.0,
     ) -> ProcedureRun:
-        """Run a stored procedure to its end. ``answers``: responses to questions, by step name; ``confirm``: names of the steps
-        whose hazardous command may be sent. If a step fails or needs an operator, as every hold point does, the run is stopped
-        and ProcedureFailed is raised. Raises KeyError if there is no such procedure."""
+        """Run a stored procedure to its end. ``answers``: responses to questions, by step name; ``confirm``: names of
+        the steps whose hazardous command is confirmed. If a step fails or needs an operator (every hold point does),
+        the run is stopped and ProcedureFailed is raised. Raises KeyError if the procedure does not exist."""
         procedure = {stored.name: stored for stored in self.procedures()}[name]
         run = ProcedureRun.of(self._server.post(f"/procedures/{procedure.id}/start", {"automatic": True}))
         deadline_s = time.monotonic() + timeout_s
         while not run.ended:
             if time.monotonic() > deadline_s:
-                raise self._stopped(run, f"not completed within {timeout_s:g} s")
+                raise self._stop_run(run, f"not completed within {timeout_s:g} s")
             if run.entries and run.entries[-1]["state"] == "failed":
-                raise self._stopped(run, run.entries[-1]["detail"])
+                raise self._stop_run(run, run.entries[-1]["detail"])
             step = next(step for step in run.steps if step["id"] == run.current)
             body = self._step_request(step, answers or {}, confirm)
             if body is None:
-                raise self._stopped(run, f"a person must do this step ({step['kind']})")
+                raise self._stop_run(run, f"a person must do this step ({step['kind']})")
             if body and not run.under_way:
                 self._server.post(f"/procedure-runs/{run.id}/step", body)
             time.sleep(POLL_S)
@@ -279,7 +281,8 @@ class Client:
     def _step_request(
         step: Mapping[str, Json], answers: Mapping[str, str], confirm: Collection[str]
     ) -> dict[str, Json] | None:
-        """Return the body of the request that runs a step; empty if the server runs it, None if it needs an operator."""
+        """Return the request body that runs a step; {} if the server runs the step automatically, None if the step
+        needs an operator."""
         name = step["id"]
         if step["kind"] == "question":
             return {"step": name, "answer": answers[name]} if name in answers else None
@@ -289,10 +292,10 @@ class Client:
             return {"step": name, "confirm": step["confirm_name"]} if name in confirm else None
         return {}
 
-    def _stopped(self, run: ProcedureRun, reason: str) -> ProcedureFailed:
+    def _stop_run(self, run: ProcedureRun, reason: str) -> ProcedureFailed:
         """Stop a run and return the error for it."""
-        stopped = self._server.post(f"/procedure-runs/{run.id}/stop", {"reason": reason[:500]})
-        return ProcedureFailed(ProcedureRun.of({**stopped, "current": run.current}), reason)
+        stopped_run = self._server.post(f"/procedure-runs/{run.id}/stop", {"reason": reason[:500]})
+        return ProcedureFailed(ProcedureRun.of({**stopped_run, "current": run.current}), reason)
 
     # -- catalogues and jobs
 
@@ -303,13 +306,13 @@ class Client:
         return int(job.result["catalogue_id"])
 
     def upload_catalogue(self, catalogue_id: int, bank: str, timeout_s: float = 600.0) -> Transfer:
-        """Upload a catalogue to an inactive bank and wait until it is read back and committed. To activate the bank, send the
-        command for it."""
+        """Upload a catalogue to an inactive bank and wait until it is read back and committed. To activate the bank,
+        send its activation command."""
         started = Transfer.of(self._server.post(f"/catalogues/{catalogue_id}/upload", {"bank": bank}))
         return self.wait_transfer(started, timeout_s)
 
     def job(self, job_id: int) -> Job:
-        """Return one job."""
+        """Return the job with that id."""
         return Job.of(self._server.get(f"/jobs/{job_id}"))
 
     def wait_job(self, job: Job, timeout_s: float = 600.0) -> Job:

@@ -1,4 +1,5 @@
-"""Errors of the client. All are ``ClientError``; the text says what happened and, where the server knows it, what to do."""
+"""Errors of the client, all subclasses of ``ClientError``. The text states what happened and, if the server knows it,
+what to do."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class ClientError(Exception):
-    """The server rejected a request. ``status``: HTTP status; 0 if there was no response."""
+    """Raised when the server rejects a request. ``status``: HTTP status; 0 if there was no response."""
 
     def __init__(self, message: str, status: int = 0) -> None:
         super().__init__(message)
@@ -17,19 +18,19 @@ class ClientError(Exception):
 
 
 class NotAllowed(ClientError):
-    """The token is missing, expired, or lacks the permission."""
+    """Raised when the token is missing, expired, or lacks the permission."""
 
 
 class ServerAway(ClientError):
-    """The server did not answer in time. A request that changes something may have been executed."""
+    """Raised when the server does not respond in time. A request that changes something may have been executed."""
 
 
 class TimedOut(ClientError):
-    """A wait reached its timeout."""
+    """Raised when a wait reaches its timeout."""
 
 
 class CommandFailed(ClientError):
-    """A command did not complete."""
+    """Raised when a command does not complete."""
 
     def __init__(self, command: Command) -> None:
         super().__init__(f"{command.text}: {command.result}. {command.detail}".rstrip(". ") + ".")
@@ -37,7 +38,7 @@ class CommandFailed(ClientError):
 
 
 class TransferFailed(ClientError):
-    """A transfer ended before it was complete."""
+    """Raised when a transfer ends before it is complete."""
 
     def __init__(self, transfer: Transfer) -> None:
         super().__init__(f"Transfer {transfer.id} ({transfer.subject}): {transfer.state}. {transfer.reason}".rstrip())
@@ -45,7 +46,7 @@ class TransferFailed(ClientError):
 
 
 class JobFailed(ClientError):
-    """A job failed or was cancelled."""
+    """Raised when a job fails or is cancelled."""
 
     def __init__(self, job: Job) -> None:
         super().__init__(f"Job {job.id} ({job.title}): {job.state}. {job.text}".rstrip())
@@ -53,8 +54,8 @@ class JobFailed(ClientError):
 
 
 class ProcedureFailed(ClientError):
-    """A procedure ended before its last step, or needs a person. ``run``: the run as it is then."""
+    """Raised when a procedure ends before its last step, or needs a person. ``run``: state of the run."""
 
-    def __init__(self, run: ProcedureRun, why: str) -> None:
-        super().__init__(f"Procedure {run.name}, step {run.current or 'none'}: {why}".rstrip(". ") + ".")
+    def __init__(self, run: ProcedureRun, reason: str) -> None:
+        super().__init__(f"Procedure {run.name}, step {run.current or 'none'}: {reason}".rstrip(". ") + ".")
         self.run = run

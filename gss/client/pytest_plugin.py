@@ -6,7 +6,8 @@
         unit.send("TAKE_IMAGE", exposure_ms=200)
         assert_telemetry("housekeeping.exposure_ms", 200, within_s=5)
 
-``pytest --gss http://localhost:8181`` names the server; the token is in GSS_TOKEN. Without the option the tests are skipped.
+``pytest --gss http://localhost:8181`` sets the server; the token is in GSS_TOKEN. Without the option the tests are
+skipped.
 """
 
 from __future__ import annotations
@@ -22,23 +23,25 @@ Expected = float | int | str | bool | Callable[[TelemetryValue], bool]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add ``--gss``."""
-    parser.getgroup("gss").addoption("--gss", metavar="ADDRESS", default="", help="GSS server of the tests with a unit")
+    """Add the option ``--gss``."""
+    parser.getgroup("gss").addoption(
+        "--gss", metavar="ADDRESS", default="", help="address of the GSS server for tests with a sensor"
+    )
 
 
 @pytest.fixture(scope="session")
 def gss_client(request: pytest.FixtureRequest) -> Iterator[Client]:
-    """The signed-in client of the server that ``--gss`` names."""
+    """Client of the server that ``--gss`` names. Skips the test without the option."""
     address = request.config.getoption("--gss")
     if not address:
-        pytest.skip("no GSS server: give one with --gss ADDRESS")
+        pytest.skip("no GSS server: set one with --gss ADDRESS")
     with Client(address) as client:
         yield client
 
 
 @pytest.fixture
 def unit(gss_client: Client) -> Iterator[Client]:
-    """A client whose sensor answers, with command authority during the test."""
+    """Client whose sensor responds, with command authority during the test."""
     gss_client.wait_connected()
     with gss_client.authority():
         yield gss_client
@@ -46,8 +49,8 @@ def unit(gss_client: Client) -> Iterator[Client]:
 
 @pytest.fixture
 def wait_for(unit: Client) -> Callable[..., TelemetryValue]:
-    """``wait_for(field, expected, within_s=10)``: wait for a value of ``packet.field``. Raises TimedOut if it is not received.
-    ``expected``: the value, or a function that accepts a TelemetryValue."""
+    """``wait_for(field, expected, within_s=10)``: wait for a value of ``packet.field``. Raises TimedOut if it is not
+    received. ``expected``: the value, or a function that returns True for an accepted TelemetryValue."""
 
     def wait(field: str, expected: Expected, within_s: float = 10.0) -> TelemetryValue:
         return unit.wait_telemetry(field, _accepts(expected), within_s)
@@ -57,8 +60,8 @@ def wait_for(unit: Client) -> Callable[..., TelemetryValue]:
 
 @pytest.fixture
 def assert_telemetry(unit: Client) -> Callable[..., None]:
-    """``assert_telemetry(field, expected, within_s=10, tolerance=0)``: fail the test with the last value if the expected
-    one is not received."""
+    """``assert_telemetry(field, expected, within_s=10, tolerance=0)``: fail the test with the last value if the
+    expected value is not received."""
 
     def check(field: str, expected: Expected, within_s: float = 10.0, tolerance: float = 0.0) -> None:
         from gss.client.errors import TimedOut

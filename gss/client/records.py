@@ -1,4 +1,4 @@
-"""What the server sends, as frozen dataclasses. Fields of a newer server that this client does not know are ignored."""
+"""Data of the server as frozen dataclasses. Unknown fields of a newer server are ignored."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 Json = Any
-"""A decoded JSON value: the server's schema is checked here, field by field, and nowhere else."""
+"""Decoded JSON value. Only this module checks the fields of the server's schema."""
 
 
 class ClientRecord:
-    """Base class: built from the JSON object of the same field names. Times are aware datetimes in UTC."""
+    """Base class of records, created from JSON objects with the same field names. Times are aware datetimes in UTC."""
 
     @classmethod
     def of(cls, values: Mapping[str, Json]) -> Self:
-        """Build the record. KeyError if a field is missing."""
+        """Create the record from a JSON object. Raises KeyError if a field is missing."""
         fields = dataclasses.fields(cls)  # type: ignore[arg-type]  # every subclass is a dataclass
         return cls(**{f.name: _converted(values[f.name], str(f.type)) for f in fields})
 
@@ -47,14 +47,14 @@ class Command(ClientRecord):
 
     @property
     def ended(self) -> bool:
-        """True if only a user can change the state."""
+        """True if only a user can still change the result."""
         return self.result in ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
 
 
 @dataclass(frozen=True)
 class TelemetryValue(ClientRecord):
-    """Newest value of one field. ``value``: in ``unit``; None if never received. ``state``: ok, watch, warning, critical,
-    stale or never. ``age_s``: seconds since it was received."""
+    """Latest value of one field. ``value``: value in ``unit``; None if never received. ``state``: ok, watch, warning,
+    critical, stale or never. ``age_s``: seconds since it was received."""
 
     packet: str
     name: str
@@ -67,7 +67,7 @@ class TelemetryValue(ClientRecord):
 
 @dataclass(frozen=True)
 class Packet(ClientRecord):
-    """One stored telemetry packet. ``values``: by field name, in the units of the instrument's dictionary."""
+    """One stored telemetry packet. ``values``: values by field name, in the units of the instrument's dictionary."""
 
     id: int
     packet: str
@@ -79,7 +79,7 @@ class Packet(ClientRecord):
 
 @dataclass(frozen=True)
 class Event(ClientRecord):
-    """One recorded event. ``seq`` increases by one for each."""
+    """One recorded event. ``seq`` increases by one with each event."""
 
     seq: int
     at: datetime
@@ -117,7 +117,7 @@ class Transfer(ClientRecord):
 
 @dataclass(frozen=True)
 class Job(ClientRecord):
-    """One background job of the server. ``done`` of ``total`` steps."""
+    """One background job of the server. ``done``, ``total``: completed steps and all steps."""
 
     id: int
     kind: str
@@ -136,7 +136,8 @@ class Job(ClientRecord):
 
 @dataclass(frozen=True)
 class Frame(ClientRecord):
-    """One stored image. ``outcome`` and ``matched`` are of the operational ground result, None before it exists."""
+    """One stored image. ``outcome`` and ``matched``: values of the operational ground result; None if it does not
+    exist."""
 
     id: int
     number: int | None
@@ -154,7 +155,8 @@ class Frame(ClientRecord):
 
 @dataclass(frozen=True)
 class Solution(ClientRecord):
-    """Result of one chain for one frame. ``attitude``: the server's description, None without a solution."""
+    """Result of one chain for one frame. ``attitude``: attitude in the format of the server; None without a
+    solution."""
 
     id: int
     frame_id: int
@@ -169,7 +171,7 @@ class Solution(ClientRecord):
 
     @property
     def quaternion(self) -> NDArray[np.float64] | None:
-        """cam_from_icrs, scalar last, shape (4,)."""
+        """Attitude quaternion cam_from_icrs, scalar-last, shape (4,); None without a solution."""
         return None if self.attitude is None else np.array(self.attitude["quaternion"], dtype=float)
 
 
@@ -190,7 +192,7 @@ class Star(ClientRecord):
 
 @dataclass(frozen=True)
 class Procedure(ClientRecord):
-    """A stored procedure. ``mistakes``: it can start if there are none."""
+    """Stored procedure. ``mistakes``: number of mistakes; the procedure can start only if it is 0."""
 
     id: int
     name: str
@@ -201,8 +203,8 @@ class Procedure(ClientRecord):
 
 @dataclass(frozen=True)
 class ProcedureRun(ClientRecord):
-    """Run of a procedure. ``current``: step that is next or under way, "" at the end; ``entries``: record of each step that was
-    begun; ``sha256``: of the frozen record of an ended run."""
+    """Run of a procedure. ``current``: next step or step in progress, "" at the end; ``entries``: records of the
+    started steps; ``sha256``: hash of the frozen record of an ended run."""
 
     id: int
     name: str
@@ -215,10 +217,10 @@ class ProcedureRun(ClientRecord):
 
     @property
     def ended(self) -> bool:
-        """True if no further step runs."""
+        """True if the run has ended."""
         return self.state != "running"
 
     @property
     def under_way(self) -> bool:
-        """True if a step was begun and has not ended."""
+        """True if a step has started and not ended."""
         return bool(self.entries) and not self.entries[-1]["ended"]

@@ -1,1 +1,1 @@
-"""SQLAlchemy models and one repository per aggregate. All SQL is here."""
+"""SQLAlchemy models and one module of queries per subject. All SQL is in this package."""

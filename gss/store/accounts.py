@@ -16,17 +16,17 @@ from gss.store.models import ApiToken, OneTimeLink, SignIn, User
 
 
 def any_user(session: Session) -> bool:
-    """True if there is any user, with or without a password."""
+    """True if at least one user exists, with or without a password."""
     return bool(session.scalar(select(exists().where(User.id > 0))))
 
 
 def users(session: Session) -> list[User]:
-    """Return all users, by name."""
+    """Return all users, sorted by name."""
     return list(session.scalars(select(User).order_by(User.name)))
 
 
 def user(session: Session, user_id: int) -> User:
-    """Return the user with that id; NotFound if there is none."""
+    """Return the user with that id. Raises NotFound if it does not exist."""
     row = session.get(User, user_id)
     if row is None:
         raise NotFound("no such user", got=str(user_id))
@@ -34,19 +34,20 @@ def user(session: Session, user_id: int) -> User:
 
 
 def user_named(session: Session, name: str) -> User | None:
-    """Return the user with that name, ignoring case. Compared in Python, because SQLite ignores the case of ASCII letters only."""
+    """Return the user with that name, ignoring case. The names are compared in Python, because SQLite ignores case for
+    ASCII letters only."""
     key = name_key(name)
-    alike = [row for row in users(session) if name_key(row.name) == key]
-    return next((row for row in alike if row.name == name), alike[0] if alike else None)
+    matches = [row for row in users(session) if name_key(row.name) == key]
+    return next((row for row in matches if row.name == name), matches[0] if matches else None)
 
 
 def name_key(name: str) -> str:
-    """Return the normalized form under which two names count as the same."""
+    """Return the normalized form of a name. Names with equal normalized forms count as equal."""
     return unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
 
 
 def add_user(session: Session, row: User) -> User:
-    """Store a new user; Conflict if the name is taken, also by a user created concurrently."""
+    """Store a new user. Raises Conflict if the name exists, even if that user was created concurrently."""
     if user_named(session, row.name) is None:
         session.add(row)
         try:
@@ -57,9 +58,9 @@ def add_user(session: Session, row: User) -> User:
     raise Conflict("a user with this name exists", got=row.name, hint="choose another name")
 
 
-def users_made_by(session: Session, maker: str, since: datetime, until: datetime) -> list[User]:
-    """Return enabled users created by a user name in a time range."""
-    conditions = (User.created_by == maker, User.created.between(since, until), User.enabled.is_(True))
+def users_made_by(session: Session, creator: str, since: datetime, until: datetime) -> list[User]:
+    """Return the enabled users that the user ``creator`` created in a time range."""
+    conditions = (User.created_by == creator, User.created.between(since, until), User.enabled.is_(True))
     return list(session.scalars(select(User).where(*conditions).order_by(User.id)))
 
 
@@ -78,7 +79,7 @@ def sign_in_of(session: Session, key_hash: str) -> tuple[SignIn, User] | None:
 
 
 def sign_in(session: Session, sign_in_id: int) -> tuple[SignIn, User]:
-    """Return the session with that id and its user; NotFound if there is none."""
+    """Return the session with that id and its user. Raises NotFound if it does not exist."""
     row = session.execute(select(SignIn, User).join(User).where(SignIn.id == sign_in_id)).first()
     if row is None:
         raise NotFound("no such session", got=str(sign_in_id))
@@ -86,7 +87,7 @@ def sign_in(session: Session, sign_in_id: int) -> tuple[SignIn, User]:
 
 
 def open_sign_ins(session: Session, now: datetime) -> list[tuple[SignIn, User]]:
-    """Return the open sessions and their users, last seen first."""
+    """Return the open sessions and their users, most recently used first."""
     query = select(SignIn, User).join(User).where(SignIn.ended.is_(None), SignIn.expires > now)
     return [(row[0], row[1]) for row in session.execute(query.order_by(SignIn.last_seen.desc()))]
 
@@ -108,7 +109,7 @@ def used(session: Session, token_id: int, at: datetime) -> None:
 
 
 def user_of_device(session: Session, device_hash: str, since: datetime) -> int | None:
-    """Return the id of the user who signed in with that device cookie since ``since``; None if it is unknown."""
+    """Return the id of the user who signed in with that device cookie at or after ``since``; None if there is none."""
     criteria = (SignIn.device_hash == device_hash, SignIn.created >= since)
     return session.scalar(select(SignIn.user_id).where(*criteria).limit(1))
 
@@ -124,7 +125,7 @@ def token_of(session: Session, key_hash: str) -> tuple[ApiToken, User | None] | 
 
 
 def token(session: Session, token_id: int) -> tuple[ApiToken, User | None]:
-    """Return the token with that id, and its creator; NotFound if there is none."""
+    """Return the token with that id, and its creator. Raises NotFound if it does not exist."""
     query = select(ApiToken, User).outerjoin(User, ApiToken.owner_id == User.id)
     row = session.execute(query.where(ApiToken.id == token_id)).first()
     if row is None:
@@ -137,22 +138,22 @@ def tokens(session: Session) -> list[ApiToken]:
     return list(session.scalars(select(ApiToken).order_by(ApiToken.id.desc())))
 
 
-def tokens_made_by(session: Session, maker: str, since: datetime, until: datetime) -> list[ApiToken]:
-    """Return unrevoked tokens created by a user name in a time range."""
-    conditions = (ApiToken.created_by == maker, ApiToken.created.between(since, until), ApiToken.revoked.is_(None))
+def tokens_made_by(session: Session, creator: str, since: datetime, until: datetime) -> list[ApiToken]:
+    """Return the unrevoked tokens that the user ``creator`` created in a time range."""
+    conditions = (ApiToken.created_by == creator, ApiToken.created.between(since, until), ApiToken.revoked.is_(None))
     return list(session.scalars(select(ApiToken).where(*conditions)))
 
 
 def tokens_owned_by(session: Session, user_id: int) -> list[ApiToken]:
-    """Return all tokens that a user created, including expired and revoked ones."""
+    """Return all tokens that a user created, including expired and revoked tokens."""
     return list(session.scalars(select(ApiToken).where(ApiToken.owner_id == user_id)))
 
 
 def living_token(session: Session, name: str, now: datetime) -> tuple[ApiToken, User | None] | None:
     """Return the valid token with that name, and its creator; None if there is none."""
     query = select(ApiToken, User).outerjoin(User, ApiToken.owner_id == User.id)
-    living = (ApiToken.name == name, ApiToken.revoked.is_(None), ApiToken.expires > now)
-    row = session.execute(query.where(*living).order_by(ApiToken.id.desc())).first()
+    criteria = (ApiToken.name == name, ApiToken.revoked.is_(None), ApiToken.expires > now)
+    row = session.execute(query.where(*criteria).order_by(ApiToken.id.desc())).first()
     return None if row is None else (row[0], row[1])
 
 
@@ -165,10 +166,10 @@ def add_link(session: Session, row: OneTimeLink) -> None:
     session.flush()
 
 
-def void_links_made_by(session: Session, maker: str, since: datetime, until: datetime) -> int:
-    """Invalidate the unused links that a user name created in a time range. Returns their number."""
+def void_links_made_by(session: Session, creator: str, since: datetime, until: datetime) -> int:
+    """Invalidate the unused links that the user ``creator`` created in a time range. Return their number."""
     conditions = (
-        OneTimeLink.created_by == maker,
+        OneTimeLink.created_by == creator,
         OneTimeLink.created.between(since, until),
         OneTimeLink.used.is_(None),
     )
@@ -185,16 +186,17 @@ def void_links(session: Session, kind: str, user_id: int | None, now: datetime) 
 
 def fresh_link(session: Session, kind: str, key_hash: str, now: datetime) -> OneTimeLink | None:
     """Return the link with that key if it is still valid, else None."""
-    return session.scalar(select(OneTimeLink).where(*_fresh(kind, key_hash, now)))
+    return session.scalar(select(OneTimeLink).where(*_valid_link(kind, key_hash, now)))
 
 
 def take_link(session: Session, kind: str, key_hash: str, now: datetime) -> OneTimeLink | None:
-    """Use up a link atomically: of two concurrent requests only one gets it. None if it is used, expired or unknown."""
-    fresh = update(OneTimeLink).where(*_fresh(kind, key_hash, now)).values(used=now).returning(OneTimeLink.id)
-    link_user = session.execute(fresh).scalar()
-    return None if link_user is None else session.get(OneTimeLink, link_user)
+    """Mark a link as used and return it. The update is atomic, so only one of two concurrent requests receives the
+    link. None if the link is used, expired or unknown."""
+    mark_used = update(OneTimeLink).where(*_valid_link(kind, key_hash, now)).values(used=now).returning(OneTimeLink.id)
+    link_id = session.execute(mark_used).scalar()
+    return None if link_id is None else session.get(OneTimeLink, link_id)
 
 
-def _fresh(kind: str, key_hash: str, now: datetime) -> tuple[ColumnElement[bool], ...]:
+def _valid_link(kind: str, key_hash: str, now: datetime) -> tuple[ColumnElement[bool], ...]:
     criteria = (OneTimeLink.kind == kind, OneTimeLink.key_hash == key_hash)
     return (*criteria, OneTimeLink.used.is_(None), OneTimeLink.expires > now)

@@ -12,14 +12,14 @@ from gss.store.models import Alarm
 
 
 def add(session: Session, alarm: Alarm) -> Alarm:
-    """Store an alarm and give it its id."""
+    """Store an alarm and assign its id."""
     session.add(alarm)
     session.flush()
     return alarm
 
 
 def get(session: Session, alarm_id: int) -> Alarm:
-    """Return the alarm with that id; NotFound if there is none."""
+    """Return the alarm with that id. Raises NotFound if it does not exist."""
     row = session.get(Alarm, alarm_id)
     if row is None:
         raise NotFound("no such alarm", got=str(alarm_id))
@@ -27,7 +27,7 @@ def get(session: Session, alarm_id: int) -> Alarm:
 
 
 def set_value(session: Session, alarm_id: int, value: float) -> Alarm:
-    """Store another value of an alarm."""
+    """Replace the value of an alarm."""
     row = get(session, alarm_id)
     row.value = value
     return row
@@ -39,12 +39,12 @@ def still_open(session: Session) -> list[Alarm]:
 
 
 def newest(session: Session, limit: int) -> list[Alarm]:
-    """Return the newest alarms first, including closed ones."""
+    """Return the newest alarms, including closed alarms, newest first."""
     return list(session.scalars(select(Alarm).order_by(Alarm.id.desc()).limit(limit)))
 
 
 def between(session: Session, start: datetime, end: datetime) -> list[Alarm]:
-    """Return alarms that were open at any time in a range, oldest first."""
+    """Return the alarms that were open at any time in a time range, oldest first."""
     query = (
         select(Alarm).where(Alarm.raised <= end, Alarm.closed.is_(None) | (Alarm.closed >= start)).order_by(Alarm.id)
     )

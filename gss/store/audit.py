@@ -1,4 +1,4 @@
-"""The audit log: rows are added and read, never changed."""
+"""Audit log. Rows are added and read, never changed."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ SQLITE_TRIGGERS = {
     "WHEN EXISTS (SELECT 1 FROM audit WHERE seq = NEW.seq OR previous = NEW.previous) "
     "BEGIN SELECT RAISE(ABORT, 'the audit record is append-only'); END",
 }
-"""Text of the triggers as migration 0004 creates them; any other text may be weaker."""
-POSTGRES_IN_FORCE = (
+"""Text of the triggers that migration 0004 creates. A trigger with another text does not count as protection."""
+POSTGRES_ACTIVE_TRIGGERS = (
     "SELECT tgname FROM pg_trigger JOIN pg_proc ON pg_proc.oid = tgfoid WHERE tgrelid = 'audit'::regclass"
     " AND tgenabled IN ('O', 'A') AND tgqual IS NULL"
     " AND trim(prosrc) = 'BEGIN RAISE EXCEPTION ''the audit record is append-only''; END'"
@@ -38,7 +38,8 @@ POSTGRES_IN_FORCE = (
 
 @dataclass(frozen=True)
 class AuditFilter:
-    """Filter for audit rows by user, action prefix and result; "" matches all. ``since`` is inclusive, ``until`` exclusive."""
+    """Filter for audit rows by user, action prefix and result; "" matches all. ``since`` is inclusive, ``until``
+    exclusive."""
 
     who: str = ""
     action: str = ""
@@ -67,11 +68,12 @@ def last(session: Session) -> AuditRow | None:
 
 
 class PlaceTaken(Exception):
-    """Another row took this position in the hash chain concurrently; this row is not stored."""
+    """Raised when another row was stored concurrently at the same position of the hash chain. The new row is not
+    stored."""
 
 
 def add(session: Session, row: AuditRow) -> None:
-    """Append a row; PlaceTaken if its position in the chain is taken."""
+    """Append a row. Raises PlaceTaken if its position in the hash chain is occupied."""
     session.add(row)
     try:
         session.flush()
@@ -90,7 +92,7 @@ def every(session: Session, filters: AuditFilter) -> Iterator[AuditRow]:
 
 
 def hashes(session: Session, numbers: Iterable[int]) -> dict[int, str]:
-    """Return the stored hashes of the rows with these numbers; missing rows are left out."""
+    """Return the stored hashes of the rows with these numbers; missing rows are omitted."""
     query = select(AuditRow.seq, AuditRow.hash).where(AuditRow.seq.in_(list(numbers)))
     return {row.seq: row.hash for row in session.execute(query)}
 
@@ -107,5 +109,5 @@ def missing_guards(session: Session) -> list[str]:
         rows = session.execute(text("SELECT name, sql FROM sqlite_master WHERE type = 'trigger'")).all()
         intact = {name for name, sql in rows if SQLITE_TRIGGERS.get(name) == sql}
     else:
-        intact = set(session.scalars(text(POSTGRES_IN_FORCE)))
+        intact = set(session.scalars(text(POSTGRES_ACTIVE_TRIGGERS)))
     return [name for name in GUARDS[kind] if name not in intact]

@@ -24,7 +24,7 @@ def take(session: Session, user: str, at: datetime) -> Authority:
 
 
 def end(session: Session, row: Authority, at: datetime, by: str, reason: str) -> None:
-    """Close a row. A transfer that waited for an answer ends with it."""
+    """Close a row. A pending transfer of authority is removed."""
     row.ended, row.ended_by, row.reason = at, by, reason
     put_transfer(session, row, "", "", "", None)
     session.add(row)
@@ -37,5 +37,5 @@ def put_transfer(session: Session, row: Authority, kind: str, user: str, note: s
 
 
 def newest(session: Session, limit: int) -> list[Authority]:
-    """Return the newest rows first."""
+    """Return the newest rows, newest first."""
     return list(session.scalars(select(Authority).order_by(Authority.id.desc()).limit(limit)))

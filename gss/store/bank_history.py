@@ -11,20 +11,20 @@ from gss.store.models import BankHistory, Contact, Device
 
 
 def add(session: Session, row: BankHistory) -> BankHistory:
-    """Store a row and give it its id."""
+    """Store a row and assign its id."""
     session.add(row)
     session.flush()
     return row
 
 
 def still_so(session: Session, device_id: int) -> list[BankHistory]:
-    """Return the current content of each bank of a device, as far as known on the ground; by bank."""
+    """Return the last known content of each bank of a device, sorted by bank."""
     query = select(BankHistory).where(BankHistory.device_id == device_id, BankHistory.ended.is_(None))
     return list(session.scalars(query.order_by(BankHistory.bank, BankHistory.id)))
 
 
 def between(session: Session, device_id: int, start: datetime, end: datetime) -> list[BankHistory]:
-    """Return bank contents at any time in a range, by bank, then by time."""
+    """Return the contents of all banks during a time range, sorted by bank and time."""
     query = select(BankHistory).where(
         BankHistory.device_id == device_id,
         BankHistory.began <= end,
@@ -34,7 +34,7 @@ def between(session: Session, device_id: int, start: datetime, end: datetime) ->
 
 
 def contacts_between(session: Session, device_id: int, start: datetime, end: datetime) -> list[Contact]:
-    """Return contacts with a device at any time in a range, in order."""
+    """Return the contacts with a device that overlap a time range, oldest first."""
     query = select(Contact).where(
         Contact.device_id == device_id, Contact.started <= end, Contact.ended.is_(None) | (Contact.ended >= start)
     )
@@ -42,7 +42,7 @@ def contacts_between(session: Session, device_id: int, start: datetime, end: dat
 
 
 def devices(session: Session) -> list[Device]:
-    """Return devices with recorded banks, the one that responded last first."""
+    """Return the devices with recorded banks, most recent response first."""
     device_ids = select(BankHistory.device_id).distinct()
     return list(session.scalars(select(Device).where(Device.id.in_(device_ids)).order_by(Device.last_seen.desc())))
 

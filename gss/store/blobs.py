@@ -1,8 +1,9 @@
-"""Content-addressed storage of pixels and flash images: bytes are stored under their hash, so equal content is stored
-once and no user-chosen name reaches the disk. In a folder, or in an object store by URL (``s3://bucket/prefix``).
+"""Content-addressed storage of pixels and flash images in a folder or an object store (``s3://bucket/prefix``).
 
-The hash is of the plain bytes; the file holds them compressed where that saves space, or plain, as all files of versions before
-0.5 do."""
+The bytes are stored under their hash, so equal content is stored once and no user-chosen name reaches the disk. The
+hash is calculated from the plain bytes. The file contains them compressed if that saves space, otherwise plain; all
+files of versions before 0.5 are plain.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +24,12 @@ from gss.store.deadline import DeadlineCalls
 from gss.store.durable import sync_path
 
 TIMEOUT_S = 20.0
-"""An object store that does not respond within this time counts as down. A whole request may take twice as long and ``MARGIN_S``
-more, and one second for each megabyte."""
+"""An object store that does not respond within this time counts as down. The limit of a complete request is twice this
+time plus ``MARGIN_S`` and one second per megabyte."""
 SLOWEST_BYTES_S = 1e6
 MARGIN_S = 5.0
 MAX_READ_S = 40.0
-"""Additional time of a read, whose size is not known beforehand."""
+"""Additional time limit of a read, because the size of its result is unknown in advance."""
 ATTEMPTS = 2
 T = TypeVar("T")
 
@@ -37,13 +38,16 @@ class BlobStore:
     """Content-addressed bytes under an fsspec URL (a folder by default).
 
     An object store's credentials, region and endpoint come from the environment (``AWS_ACCESS_KEY_ID``,
-    ``AWS_SECRET_ACCESS_KEY``, ``AWS_DEFAULT_REGION``, ``AWS_ENDPOINT_URL_S3``), never from the URL, which is shown and logged.
+    ``AWS_SECRET_ACCESS_KEY``, ``AWS_DEFAULT_REGION``, ``AWS_ENDPOINT_URL_S3``), never from the URL, because the URL is
+    displayed and logged.
     """
 
     def __init__(self, url: str, timeout_s: float = TIMEOUT_S) -> None:
         if "@" in url.partition("://")[2].partition("/")[0]:
             raise BadInput(
-                "the URL of the blobs holds credentials", expected="s3://bucket/prefix", hint="AWS_* in the environment"
+                "the URL of the blob store contains credentials",
+                expected="s3://bucket/prefix",
+                hint="AWS_* in the environment",
             )
         try:
             self._fs, root = fsspec.core.url_to_fs(url, **_options(url, timeout_s))
@@ -57,17 +61,18 @@ class BlobStore:
         self._is_folder = isinstance(self._fs, LocalFileSystem)
         self._calls = DeadlineCalls(2 * timeout_s + MARGIN_S)
         if hasattr(self._fs, "retries"):
-            self._fs.retries = ATTEMPTS  # s3fs retries each request; its default of five would block a page for minutes
+            self._fs.retries = ATTEMPTS  # the default of s3fs, five retries, would block a page for minutes
         if self._is_folder:
-            if not self._fs.exists(self._root):  # a copy to be checked may be read-only
+            if not self._fs.exists(self._root):  # a copied folder can be read-only
                 self._fs.makedirs(self._root, exist_ok=True)
         else:
             self._reach_bucket()
 
     def _reach_bucket(self) -> None:
-        """Check the bucket at startup, so that a wrong address is reported before the first frame. Buckets are never created."""
+        """Check at startup that the bucket exists, so that a wrong address is reported before the first frame. Buckets
+        are never created."""
         bucket = self._root.partition("/")[0]
-        with self._reached():
+        with self._storage_errors():
             exists = self._call(lambda: bool(self._fs.exists(bucket)))
         if not exists and self._fs.protocol != "memory":
             raise StoreDown(
@@ -77,22 +82,21 @@ class BlobStore:
             )
 
     def put(self, data: bytes | memoryview, item_bytes: int = 1) -> str:
-        """Store ``data`` and return its key, the SHA-256 in hex. ``item_bytes``: size of a number in ``data``, which helps to
-        compress it."""
+        """Store ``data`` and return its key, the SHA-256 in hex. ``item_bytes``: size of a number in ``data``, used for
+        better compression."""
         key = hashlib.sha256(data).hexdigest()
         path = self._path(key)
-        with self._reached():
+        with self._storage_errors():
             if not self._is_folder:
-                # Writing an object is atomic, and writing the same bytes again costs no more than reading them to
-                # compare.
+                # An existing object is written again: the write is atomic and costs no more than a read for comparison.
                 content = compressed(data, item_bytes) or bytes(data)
                 self._call(lambda: self._fs.pipe_file(path, content), len(content) / SLOWEST_BYTES_S)
-            elif not self._holds(path, data):
+            elif not self._has_intact(path, data):
                 self._write(path, compressed(data, item_bytes) or data)
         return key
 
-    def _holds(self, path: str, data: bytes | memoryview) -> bool:
-        """True if the file exists and is intact. A damaged file is replaced by the next copy of its content."""
+    def _has_intact(self, path: str, data: bytes | memoryview) -> bool:
+        """True if the file exists and is intact. Storing the same content again replaces a damaged file."""
         if not self._fs.exists(path):
             return False
         with self._fs.open(path, "rb") as file:
@@ -100,8 +104,9 @@ class BlobStore:
         return bool(content == data or decompressed(content) == data)
 
     def _write(self, path: str, data: bytes | memoryview) -> None:
-        """Write to a temporary name, then rename: two requests may write the same bytes at once, and a crash must not
-        leave a partial file. Bytes and name are on the disk when this returns, before a row names them."""
+        """Write to a temporary file, then rename it, because two requests can write the same bytes at the same time and
+        a crash must not leave a partial file. The file and its folder entry are flushed to the disk before the function
+        returns, so that no row refers to a missing file."""
         folder = path.rsplit("/", 1)[0]
         is_new = not self._fs.exists(folder)
         self._fs.makedirs(folder, exist_ok=True)
@@ -115,16 +120,17 @@ class BlobStore:
             sync_path(changed)
 
     def get(self, key: str) -> bytes:
-        """Return the bytes of a key, verified against it. NotFound if missing, CorruptData if damaged."""
+        """Return the bytes of a key after verification of their hash. Raises NotFound if they are missing, CorruptData
+        if damaged."""
         try:
-            with self._reached():
+            with self._storage_errors():
                 data: bytes = self._call(lambda: self._fs.cat_file(self._path(key)), MAX_READ_S)
         except FileNotFoundError:
             raise _missing(key) from None
         plain = decompressed(data)
         if plain is not None and hashlib.sha256(plain).hexdigest() == key:
             return plain
-        if hashlib.sha256(data).hexdigest() != key:  # plain content may begin like compressed content
+        if hashlib.sha256(data).hexdigest() != key:  # plain content can start with the same bytes as compressed content
             raise CorruptData(
                 "stored bytes are damaged", expected=f"SHA-256 {key[:12]}…", hint="restore the file from a backup"
             )
@@ -132,35 +138,36 @@ class BlobStore:
 
     def exists(self, key: str) -> bool:
         """True if the key exists. Its content is not read."""
-        with self._reached():
+        with self._storage_errors():
             return self._call(lambda: bool(self._fs.exists(self._path(key))))
 
     def size(self, key: str) -> int:
-        """Return the bytes that a key takes in the store, from its metadata. NotFound if missing."""
+        """Return the size in the store in bytes, from the metadata. Raises NotFound if the key is missing."""
         try:
-            with self._reached():
+            with self._storage_errors():
                 return self._call(lambda: int(self._fs.size(self._path(key))))
         except FileNotFoundError:
             raise _missing(key) from None
 
     def delete(self, key: str) -> None:
-        """Delete a key; no error if it does not exist."""
+        """Delete a key. A missing key is not an error."""
         try:
-            with self._reached():
+            with self._storage_errors():
                 self._call(lambda: self._fs.rm_file(self._path(key)))
         except FileNotFoundError:
             return
 
     def keys(self) -> Iterator[str]:
-        """Yield every key, in order; only 1/256 of the names are in memory at a time. Partially written files have no key."""
+        """Yield all keys in ascending order. Only 1/256 of the names are in memory at a time. Partially written files
+        are omitted."""
         try:
-            with self._reached():
+            with self._storage_errors():
                 folders = self._call(lambda: self._fs.ls(self._root, detail=False))
                 parts = [str(name).rstrip("/").rsplit("/", 1)[1] for name in folders]
         except FileNotFoundError:  # a prefix without objects
             return
         for part in sorted(part for part in parts if len(part) == 2):
-            with self._reached():
+            with self._storage_errors():
                 names = self._call(partial(self._fs.find, f"{self._root}/{part}"))
             for name in sorted(names):
                 base_name = name.rsplit("/", 1)[1]
@@ -168,19 +175,19 @@ class BlobStore:
                     yield part + base_name
 
     def check(self) -> str:
-        """Return in words that the store responds. Raises StoreDown."""
+        """Return a text which confirms that the store responds. Raises StoreDown if it does not."""
         if self._is_folder:
             return "a folder"
         self._reach_bucket()
         return "the object store responds"
 
     def _call(self, work: Callable[[], T], extra_s: float = 0.0) -> T:
-        """Run a request to the store; one to an object store with a deadline."""
+        """Run a request to the store. Requests to an object store have a deadline."""
         return work() if self._is_folder else self._calls.run(work, extra_s)
 
     @contextmanager
-    def _reached(self) -> Iterator[None]:
-        """Convert storage errors to StoreDown; a missing object stays FileNotFoundError."""
+    def _storage_errors(self) -> Iterator[None]:
+        """Convert storage errors to StoreDown. FileNotFoundError for a missing object is not converted."""
         try:
             yield
         except (FileNotFoundError, GssError):
@@ -209,9 +216,9 @@ def _missing(key: str) -> NotFound:
 
 
 def _options(url: str, timeout_s: float) -> dict[str, object]:
-    """Return the fsspec options: no listing cache, because other processes write too; short timeouts, so that an
-    unresponsive store does not block a request for minutes."""
+    """Return the fsspec options. The listing cache is off, because other processes also write. Timeouts are short, so
+    that an unresponsive store does not block a request for minutes."""
     if not url.startswith(("s3://", "s3a://")):
         return {}
-    waits = {"connect_timeout": min(5.0, timeout_s), "read_timeout": timeout_s, "retries": {"total_max_attempts": 1}}
-    return {"use_listings_cache": False, "config_kwargs": waits}
+    timeouts = {"connect_timeout": min(5.0, timeout_s), "read_timeout": timeout_s, "retries": {"total_max_attempts": 1}}
+    return {"use_listings_cache": False, "config_kwargs": timeouts}

@@ -10,14 +10,14 @@ from gss.store.models import Catalogue
 
 
 def add(session: Session, catalogue: Catalogue) -> Catalogue:
-    """Store a catalogue's row and give it its id."""
+    """Store a catalogue's row and assign its id."""
     session.add(catalogue)
     session.flush()
     return catalogue
 
 
 def get(session: Session, catalogue_id: int) -> Catalogue:
-    """Return the catalogue with that id; NotFound if there is none."""
+    """Return the catalogue with that id. Raises NotFound if it does not exist."""
     row = session.get(Catalogue, catalogue_id)
     if row is None:
         raise NotFound("no such catalogue", got=str(catalogue_id))
@@ -32,5 +32,5 @@ def by_sha256(session: Session, sha256: str) -> Catalogue | None:
 
 
 def newest(session: Session, limit: int) -> list[Catalogue]:
-    """Return the newest catalogues first."""
+    """Return the newest catalogues, newest first."""
     return list(session.scalars(select(Catalogue).order_by(Catalogue.id.desc()).limit(limit)))

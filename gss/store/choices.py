@@ -1,4 +1,4 @@
-"""Settings that operators change at run time, by name."""
+"""Settings that operators change at run time, stored by name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.store.models import Choice
 
 TRUSTED_TIME = "upkeep.trusted-time"
 AUDIT_ANCHOR = "audit.anchor"
-"""Exists once the audit log has had a file of anchors."""
+"""Name of the choice that exists if the audit log has ever had an anchor file."""
 
 
 def trusted_time(session: Session) -> datetime | None:
@@ -27,7 +27,7 @@ def has(session: Session, name: str) -> bool:
 
 
 def read(session: Session, prefix: str) -> list[Choice]:
-    """Return all choices whose name starts with ``prefix``, by name."""
+    """Return all choices whose name starts with ``prefix``, sorted by name."""
     return list(
         session.scalars(select(Choice).where(Choice.name.startswith(prefix, autoescape=True)).order_by(Choice.name))
     )
@@ -39,7 +39,7 @@ def write(session: Session, name: str, value: JsonObject, now: datetime, user: s
 
 
 def forget(session: Session, name: str) -> bool:
-    """Delete a choice; False if there was none."""
+    """Delete a choice. Return False if it was not stored."""
     row = session.get(Choice, name)
     if row is None:
         return False

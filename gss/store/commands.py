@@ -22,8 +22,8 @@ OPEN_RESULTS = ("queued", "released", "sent", "accepted", "started", "progress")
 
 @dataclass(frozen=True)
 class Filter:
-    """Filter for commands. ``start`` ≤ created < ``end``; ``text`` anywhere in name, arguments, detail, note or values;
-    None, "" and () match all."""
+    """Filter for commands. ``start`` ≤ created < ``end``; ``text``: substring of name, arguments, detail, note or
+    values. None, "" and () match all commands."""
 
     start: datetime | None = None
     end: datetime | None = None
@@ -97,7 +97,7 @@ def add(
 
 
 def get(session: Session, command_id: int) -> Command:
-    """Return the command with that id; NotFound if there is none."""
+    """Return the command with that id. Raises NotFound if it does not exist."""
     row = session.get(Command, command_id)
     if row is None:
         raise NotFound("no such command", got=str(command_id))
@@ -120,7 +120,7 @@ def every(session: Session, filters: Filter) -> Iterator[Command]:
 
 
 def facets(session: Session) -> dict[str, list[str]]:
-    """Return the names, users, results and sources that occur, each sorted."""
+    """Return the sorted names, users, results and sources that occur in the history."""
     columns = {"names": Command.name, "users": Command.user, "results": Command.result, "sources": Command.source}
     return {key: sorted(session.scalars(select(column).distinct())) for key, column in columns.items()}
 
@@ -131,15 +131,15 @@ def of_unknown_fate(session: Session, limit: int) -> list[Command]:
 
 
 def last_request_id(session: Session) -> int:
-    """Return the largest request id that may have been used; 0 if none."""
-    floor = session.get(Choice, USED_IDS)
+    """Return the largest request id that can have been used; 0 if none."""
+    skipped = session.get(Choice, USED_IDS)
     used = session.scalar(select(func.max(Command.request_id))) or 0
-    return max(used, int(floor.value["upto"]) if floor else 0)
+    return max(used, int(skipped.value["upto"]) if skipped else 0)
 
 
 def skip_request_ids(session: Session, number: int, now: datetime) -> None:
-    """Mark the next ``number`` request ids as used. A restored database does not know what was sent after the backup,
-    and the device answers an id it remembers with the old result."""
+    """Mark the next ``number`` request ids as used. A restored database does not contain the ids used after the backup,
+    and the device would answer a repeated id with the old result."""
     upto = min(last_request_id(session) + number, MAX_ID)
     session.merge(Choice(name=USED_IDS, value={"upto": upto}, changed=now, user="gss restore"))
 

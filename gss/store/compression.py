@@ -1,8 +1,10 @@
-"""Lossless compression of stored bytes: zstd level 1 of the bytes, those of multi-byte items separated into planes.
+"""Lossless compression of stored bytes with zstd level 1. The bytes of multi-byte items are first separated into
+planes.
 
-Star frames are mostly noise, so their size is bounded by its entropy. On rendered frames of all shipped cameras zstd reaches
-1.0 to 1.2 times the entropy of single pixels in 1 to 3 ms per 512 KiB. Differences of neighbouring pixels add half a bit of
-noise to every pixel and were larger on every frame; zlib takes 5 to 8 ms.
+Star frames are mostly noise, so the entropy of the noise limits their compressed size. On rendered frames of all
+shipped cameras zstd reaches 1.0 to 1.2 times the entropy of single pixels in 1 to 3 ms per 512 KiB. Compression of
+differences between neighbouring pixels adds half a bit of noise to every pixel and gave larger files for every frame;
+zlib takes 5 to 8 ms.
 """
 
 from __future__ import annotations
@@ -16,8 +18,8 @@ _HEADER = struct.Struct("<8sBQ")
 """Magic, bytes of an item, bytes before compression."""
 LEVEL = 1
 MIN_BYTES = 512
-"""Shorter content is stored as it is."""
-WORTHWHILE = 0.95
+"""Shorter content is stored without compression."""
+MAX_RATIO = 0.95
 """Maximum ratio of compressed to plain size at which the compressed form is stored."""
 MAX_UNPACKED_BYTES = 1 << 32
 MAX_ITEM_BYTES = 16
@@ -25,21 +27,25 @@ MAX_ITEM_BYTES = 16
 
 def compressed(data: bytes | memoryview, item_bytes: int = 1) -> bytes | None:
     """Return the compressed form, or None if it is not clearly smaller. ``item_bytes``: size of a number in ``data``.
-    Content that begins like a compressed form is always compressed, so that the two are never confused."""
+    Content that starts with ``MAGIC`` is always compressed, so that plain content is never mistaken for compressed
+    content."""
     size = len(data)
-    is_alike = bytes(data[: len(MAGIC)]) == MAGIC
-    if size < MIN_BYTES and not is_alike:
+    starts_with_magic = bytes(data[: len(MAGIC)]) == MAGIC
+    if size < MIN_BYTES and not starts_with_magic:
         return None
     if 1 < item_bytes <= MAX_ITEM_BYTES and size % item_bytes == 0:
         planes: bytes | memoryview = np.frombuffer(data, np.uint8).reshape(-1, item_bytes).T.tobytes()
     else:
         item_bytes, planes = 1, data
     packed = zstd(planes)
-    return _HEADER.pack(MAGIC, item_bytes, size) + packed if is_alike or len(packed) < WORTHWHILE * size else None
+    return (
+        _HEADER.pack(MAGIC, item_bytes, size) + packed if starts_with_magic or len(packed) < MAX_RATIO * size else None
+    )
 
 
 def decompressed(data: bytes) -> bytes | None:
-    """Return the plain bytes of a compressed form; None if ``data`` is plain or damaged, which its hash shows."""
+    """Return the plain bytes of a compressed form; None if ``data`` is plain or damaged. The hash distinguishes these
+    cases."""
     if len(data) < _HEADER.size or not data.startswith(MAGIC):
         return None
     _, item_bytes, size = _HEADER.unpack_from(data)
@@ -53,7 +59,7 @@ def decompressed(data: bytes) -> bytes | None:
 
 def zstd(data: bytes | memoryview) -> bytes:
     """Return one zstd frame."""
-    import pyarrow as pa  # imported here because it takes 0.1 s and 30 MB, which commands that store nothing do not need
+    import pyarrow as pa  # imported here because the import takes 0.1 s and 30 MB and many commands store nothing
 
     return bytes(pa.Codec("zstd", compression_level=LEVEL).compress(data, asbytes=True))
 

@@ -1,7 +1,7 @@
-"""Calls of a remote store with an overall deadline.
+"""Calls to a remote store with an overall deadline.
 
-The client libraries limit each step of a request, but not the whole: resolving a name, connecting, retries and a response that
-trickles add up to minutes.
+The client libraries limit the duration of each step of a request but not the total: name resolution, connection,
+retries and a slow response can add up to minutes.
 """
 
 from __future__ import annotations
@@ -15,29 +15,30 @@ from typing import TypeVar
 from gss.domain.errors import StoreDown
 
 T = TypeVar("T")
-UNFINISHED_MOST = 16
+MAX_UNFINISHED = 16
 PAUSE_S = 5.0
-"""After a call that reached its deadline, further calls fail at once for this time."""
+"""After a call reaches its deadline, further calls fail immediately for this time."""
 
 
 class DeadlineCalls:
-    """Runs each call on a thread and stops waiting for it after ``limit_s``.
+    """Runs each call on a separate thread and stops waiting for it after ``limit_s``.
 
-    A thread cannot be stopped: it ends when its library gives up. At most ``UNFINISHED_MOST`` of them run at a time.
+    A thread cannot be stopped; it ends when its library reports an error. At most ``MAX_UNFINISHED`` of these threads
+    run at the same time.
     """
 
     def __init__(self, limit_s: float, monotonic_s: Callable[[], float] = time.monotonic) -> None:
         self._limit_s, self._monotonic_s = limit_s, monotonic_s
-        self._free = threading.BoundedSemaphore(UNFINISHED_MOST)
+        self._free = threading.BoundedSemaphore(MAX_UNFINISHED)
         self._down_until_s = float("-inf")
 
     def run(self, work: Callable[[], T], extra_s: float = 0.0) -> T:
-        """Return what ``work`` returns. Raises its error, or StoreDown after ``limit_s`` + ``extra_s``."""
+        """Return the result of ``work``. Raises the error of ``work``, or StoreDown after ``limit_s`` + ``extra_s``."""
         limit_s = self._limit_s + extra_s
         if self._monotonic_s() < self._down_until_s or not self._free.acquire(blocking=False):
             raise self._down("it did not respond to an earlier request", limit_s)
         call: Future[T] = Future()
-        threading.Thread(target=self._into, args=(call, work), name="store call", daemon=True).start()
+        threading.Thread(target=self._complete, args=(call, work), name="store call", daemon=True).start()
         try:
             result = call.result(limit_s)
         except TimeoutError:
@@ -48,7 +49,7 @@ class DeadlineCalls:
         self._down_until_s = float("-inf")
         return result
 
-    def _into(self, call: Future[T], work: Callable[[], T]) -> None:
+    def _complete(self, call: Future[T], work: Callable[[], T]) -> None:
         try:
             call.set_result(work())
         except BaseException as error:  # raised again by call.result()

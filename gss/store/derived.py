@@ -16,12 +16,12 @@ from gss.store.models import DerivedParameter, TelemetryPacket
 
 
 def every(session: Session) -> list[DerivedParameter]:
-    """Return all definitions, by name."""
+    """Return all definitions, sorted by name."""
     return list(session.scalars(select(DerivedParameter).order_by(DerivedParameter.name)))
 
 
 def named(session: Session, name: str) -> DerivedParameter:
-    """Return the definition of that name; NotFound if there is none."""
+    """Return the definition of that name. Raises NotFound if it does not exist."""
     row = session.scalar(select(DerivedParameter).where(DerivedParameter.name == name))
     if row is None:
         raise NotFound("There is no such derived parameter", got=name)
@@ -29,18 +29,19 @@ def named(session: Session, name: str) -> DerivedParameter:
 
 
 def add(session: Session, row: DerivedParameter) -> None:
-    """Store a new definition and give it its id."""
+    """Store a new definition and assign its id."""
     session.add(row)
     session.flush()
 
 
 def delete(session: Session, row: DerivedParameter) -> None:
-    """Delete a definition; its history stays."""
+    """Delete a definition. Its history is kept."""
     session.delete(row)
 
 
 def first_received(session: Session, packets: Sequence[str], start: datetime, end: datetime) -> datetime | None:
-    """Return when the first packet of these kinds was received in a span, its end excluded; None if there is none."""
+    """Return the reception time of the first packet of these kinds in a time range, excluding its end; None if there is
+    none."""
     row = TelemetryPacket
     return session.scalar(
         select(func.min(row.received)).where(row.packet.in_(packets), row.received >= start, row.received < end)
@@ -48,10 +49,11 @@ def first_received(session: Session, packets: Sequence[str], start: datetime, en
 
 
 def replace(session: Session, packet: str, start: datetime, end: datetime, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Replace the packets of one kind in a span, its end excluded, and mark its rollups as incomplete."""
+    """Replace the packets of one kind in a time range, excluding its end, and mark the rollups of the range as
+    incomplete."""
     row = TelemetryPacket
     session.execute(delete_rows(row).where(row.packet == packet, row.received >= start, row.received < end))
     if rows:
-        session.execute(insert(row.__table__), rows)  # type: ignore[arg-type]  # a FromClause by its type
+        session.execute(insert(row.__table__), rows)  # type: ignore[arg-type]  # declared as FromClause
     for hour in range(rollups.hour_of(start), rollups.hour_of(end - timedelta(microseconds=1)) + 1):
         rollups.undo(session, [packet], hour)

@@ -35,12 +35,12 @@ def remember(
 
 
 def open_contact(session: Session, url: str, now: datetime, capture: str, *, contact_id: int | None = None) -> Contact:
-    """Store a contact on that address, with a reserved id or the next one."""
+    """Store a new contact on that address with the given id or the next free id."""
     contact = Contact(id=contact_id, url=url, started=now, capture=capture)
     session.add(contact)
     session.flush()
     if contact_id is not None and session.get_bind().dialect.name == "postgresql":
-        # PostgreSQL's sequence is not advanced by explicit ids.
+        # Explicit ids do not advance PostgreSQL's sequence.
         session.execute(select(func.setval(func.pg_get_serial_sequence("contacts", "id"), contact_id)))
     return contact
 
@@ -68,19 +68,19 @@ def update_contact(
     instrument: str | None = None,
     instrument_version: str | None = None,
 ) -> None:
-    """Update the given columns of a contact."""
+    """Update the columns of a contact whose values are not None."""
     contact = session.get_one(Contact, contact_id)
     values = {"device_id": device_id, "rx_bytes": rx_bytes, "tx_bytes": tx_bytes, "captures": captures, "note": note}
     values |= {"instrument": instrument, "instrument_version": instrument_version}
     for name, value in values.items():
         if value is not None:
             setattr(contact, name, value)
-    if ended is not None:  # the clock may have been set back: a contact must not end before its start
+    if ended is not None:  # the clock can be set back, but a contact must not end before its start
         contact.ended = max(ended, contact.started)
 
 
 def close_left_open(session: Session, now: datetime) -> None:
-    """End contacts that a crash left open, at their last stored packet."""
+    """End contacts that a crash left open, at the time of their last stored packet."""
     for contact in session.scalars(select(Contact).where(Contact.ended.is_(None))):
         last = session.scalar(
             select(func.max(TelemetryPacket.received)).where(TelemetryPacket.contact_id == contact.id)
@@ -89,7 +89,7 @@ def close_left_open(session: Session, now: datetime) -> None:
 
 
 def list_contacts(session: Session, limit: int, offset: int = 0) -> list[tuple[Contact, Device | None, int, int]]:
-    """Return the newest contacts first, with their device and the numbers of frames and commands."""
+    """Return the newest contacts, newest first, each with its device and its numbers of frames and commands."""
     frames = select(func.count(Frame.id)).where(Frame.contact_id == Contact.id).scalar_subquery()
     commands = select(func.count(Command.id)).where(Command.contact_id == Contact.id).scalar_subquery()
     query = (
@@ -108,7 +108,7 @@ def count_contacts(session: Session) -> int:
 
 
 def get_contact(session: Session, contact_id: int) -> tuple[Contact, Device | None]:
-    """Return a contact and its device; NotFound if there is none."""
+    """Return a contact and its device. Raises NotFound if the contact does not exist."""
     row = session.get(Contact, contact_id)
     if row is None:
         raise NotFound("no such contact", got=str(contact_id))
@@ -118,10 +118,11 @@ def get_contact(session: Session, contact_id: int) -> tuple[Contact, Device | No
 Recorded = TypeVar("Recorded", Frame, Command, Transfer)
 
 
-def recorded(session: Session, kind: type[Recorded], contact_id: int, most: int) -> tuple[list[Recorded], int]:
-    """Return the newest rows of a contact, oldest first, and their total number. ``kind``: Frame, Command or Transfer."""
+def recorded(session: Session, kind: type[Recorded], contact_id: int, limit: int) -> tuple[list[Recorded], int]:
+    """Return the newest rows of a contact, oldest first, and their total number. ``kind``: Frame, Command or
+    Transfer."""
     of_contact = select(kind).where(kind.contact_id == contact_id)
-    newest = session.scalars(of_contact.order_by(kind.id.desc()).limit(most)).all()
+    newest = session.scalars(of_contact.order_by(kind.id.desc()).limit(limit)).all()
     total = session.scalar(select(func.count()).select_from(of_contact.with_only_columns(kind.id).subquery())) or 0
     return list(reversed(newest)), total
 
@@ -138,13 +139,13 @@ def count_events(session: Session, start: datetime, end: datetime) -> int:
 
 
 def events_between(session: Session, start: datetime, end: datetime, kinds: Sequence[str] = ()) -> list[Event]:
-    """Return events in a time range, oldest first. ``kinds``: only these; empty for all."""
+    """Return events in a time range, oldest first. ``kinds``: kinds to include; empty: all."""
     query = select(Event).where(Event.at >= start, Event.at <= end).order_by(Event.seq)
     return list(session.scalars(query.where(Event.kind.in_(kinds)) if kinds else query))
 
 
 def clock_jumps(session: Session, start: datetime, end: datetime) -> list[Event]:
-    """Return jumps of the server clock in a time range, oldest first."""
+    """Return the events about jumps of the server clock in a time range, oldest first."""
     query = select(Event).where(Event.kind == "clock", Event.at >= start, Event.at <= end)
     return list(session.scalars(query.order_by(Event.seq)))
 

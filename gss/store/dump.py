@@ -1,7 +1,7 @@
-"""Consistent copy of a database in use, and its restore.
+"""Create and restore a consistent copy of a database in use.
 
-SQLite: ``VACUUM INTO`` copies a snapshot while others continue to read and write. PostgreSQL: its own ``pg_dump`` and
-``psql``, with an error if they are not installed; the password is passed in the environment, never on the command line.
+SQLite: ``VACUUM INTO`` copies a snapshot while other connections continue to read and write. PostgreSQL: ``pg_dump``
+and ``psql`` must be installed. The password is passed in the environment, never on the command line.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from gss.domain.callbacks import never
 from gss.domain.errors import Conflict, CorruptData, NotFound, StoreDown
 from gss.store.engine import open_engine
 
-LOOK_EVERY = 10_000
-"""Steps of SQLite's virtual machine between two checks for cancellation."""
+CANCEL_CHECK_STEPS = 10_000
+"""Number of SQLite virtual-machine steps between two checks for cancellation."""
 SQLITE, POSTGRES = "sqlite", "postgresql"
-FROM_QUERY = (
+QUERY_VARIABLES = (
     "PGHOST",
     "PGPORT",
     "PGUSER",
@@ -36,18 +36,19 @@ FROM_QUERY = (
 
 
 def kind_of(url: str) -> str:
-    """Return the kind of database that a URL names."""
+    """Return the database type of a URL: sqlite or postgresql."""
     return SQLITE if url.startswith("sqlite") else POSTGRES
 
 
 def dump(url: str, file: Path, cancelled: Callable[[], bool] = never) -> None:
-    """Copy the database to a new file. StoreDown if the database or the disk fails; the partial file is then deleted."""
+    """Copy the database to a new file. Raises StoreDown if the database or the disk fails, and deletes the partial
+    file."""
     try:
         if kind_of(url) == SQLITE:
             _copy_sqlite(Path(make_url(url).database or ""), file, cancelled)
         else:
             _run("pg_dump", url, ["--no-owner", "--no-privileges", "--file", str(file)])
-    except BaseException:  # includes Ctrl-C: no partial copy may be left
+    except BaseException:  # includes KeyboardInterrupt, which must not leave a partial copy
         file.unlink(missing_ok=True)
         raise
 
@@ -57,14 +58,14 @@ def _copy_sqlite(source: Path, file: Path, cancelled: Callable[[], bool]) -> Non
         raise NotFound("there is no database", got=str(source))
     connection = sqlite3.connect(source, timeout=30)
     try:
-        connection.set_progress_handler(lambda: int(cancelled()), LOOK_EVERY)
+        connection.set_progress_handler(lambda: int(cancelled()), CANCEL_CHECK_STEPS)
         connection.execute("VACUUM INTO ?", (str(file),))
     except sqlite3.DatabaseError as error:
         if "interrupted" in str(error):
             return
-        bad = isinstance(error, sqlite3.OperationalError)
+        is_operational = isinstance(error, sqlite3.OperationalError)
         text, hint = "the database cannot be copied", "run gss check store for details"
-        raise (StoreDown if bad else CorruptData)(text, got=str(error), hint=hint) from error
+        raise (StoreDown if is_operational else CorruptData)(text, got=str(error), hint=hint) from error
     finally:
         connection.close()
     with file.open("r+b") as copy:
@@ -72,7 +73,7 @@ def _copy_sqlite(source: Path, file: Path, cancelled: Callable[[], bool]) -> Non
 
 
 def load(url: str, file: Path) -> None:
-    """Restore a dump into an empty PostgreSQL database; Conflict if it has tables."""
+    """Restore a dump into an empty PostgreSQL database. Raises Conflict if the database has tables."""
     engine = open_engine(url)
     try:
         tables = inspect(engine).get_table_names()
@@ -87,22 +88,22 @@ def _run(program: str, url: str, arguments: list[str]) -> None:
     path = shutil.which(program)
     if path is None:
         raise StoreDown(
-            f"{program} is not installed here: it copies a PostgreSQL database",
+            f"{program}, which copies a PostgreSQL database, is not installed",
             expected=program,
             hint="run apt install postgresql-client, or use the database server's own backup",
         )
     parsed = make_url(url)
-    done = subprocess.run(  # noqa: S603 - a found program, no shell
+    result = subprocess.run(  # noqa: S603 - absolute path of the program, no shell
         [path, *arguments], env={**os.environ, **_environment(parsed)}, capture_output=True, text=True, check=False
     )
-    if done.returncode:
-        cause = (done.stderr.strip().splitlines() or ["no words"])[-1]
+    if result.returncode:
+        cause = (result.stderr.strip().splitlines() or ["no error message"])[-1]
         raise StoreDown(f"{program} failed", got=cause, hint="check the database server")
 
 
 def _environment(url: URL) -> dict[str, str]:
     """Return the libpq environment variables, including socket and encryption options from the URL's query."""
-    parts: dict[str, object] = {name: url.query.get(name.removeprefix("PG").lower()) for name in FROM_QUERY}
+    parts: dict[str, object] = {name: url.query.get(name.removeprefix("PG").lower()) for name in QUERY_VARIABLES}
     connection_variables = {
         "PGHOST": url.host,
         "PGPORT": url.port,

@@ -1,4 +1,4 @@
-"""The database: connection, schema migration and transactions."""
+"""Connection, schema migration and transactions of the database."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ MAX_WAL_BYTES = 64 << 20
 """A write-ahead log that a long read made larger is cut to this size once it has been merged into the database."""
 DAMAGED_HINT = (
     "stop the server and keep the folder unchanged; run `gss check store` for details and `gss restore` to restore a backup; "
-    "the raw captures hold data received since"
+    "the raw captures contain data received after the backup"
 )
 SHIPPED = Path(__file__).parent.parent / "migrations"
 CHECKOUT = Path(__file__).parent.parent.parent / "migrations"
 
 
 def open_engine(url: str) -> Engine:
-    """Return an engine for an SQLite or PostgreSQL URL. SQLite uses write-ahead logging, so that readers never wait for
-    the writer. BadInput if the URL cannot be used."""
+    """Return an engine for an SQLite or PostgreSQL URL. SQLite uses write-ahead logging, so that readers never wait
+    for the writer. Raises BadInput if the URL cannot be used."""
     try:
         if not url.startswith("sqlite"):
             return create_engine(url, pool_pre_ping=True)
     except (ArgumentError, NoSuchModuleError, ImportError) as error:
-        # The error text may contain the URL, and thereby a password.
+        # The error text can contain the URL with a password.
         raise BadInput(
             "the database's URL cannot be used",
             expected="postgresql+psycopg://user:password@host/database, or sqlite:///file",
@@ -54,17 +54,17 @@ def open_engine(url: str) -> Engine:
 
 
 def open_to_check(url: str) -> Engine:
-    """Return an engine for reading only, also from a folder that cannot be written. BadInput if a file there needs its
-    write-ahead log."""
+    """Return a read-only engine, which also works in a read-only folder. Raises BadInput if the database in a read-only
+    folder needs its write-ahead log."""
     path = Path(url.removeprefix("sqlite:///"))
     if not url.startswith("sqlite:///") or os.access(path.parent, os.W_OK, effective_ids=True) or not path.exists():
         return open_engine(url)
-    ahead = path.with_name(f"{path.name}-wal")
-    if ahead.exists() and ahead.stat().st_size:
+    wal_path = path.with_name(f"{path.name}-wal")
+    if wal_path.exists() and wal_path.stat().st_size:
         raise BadInput(
             "the newest changes of this database are in its write-ahead log, which cannot be read in a read-only folder",
-            got=str(ahead),
-            hint="copy the folder to a disk that can be written, and check the copy",
+            got=str(wal_path),
+            hint="copy the folder to a writable disk, and check the copy",
         )
     return create_engine(f"sqlite:///file:{quote(str(path))}?immutable=1&uri=true")
 
@@ -82,16 +82,17 @@ def _sync_each_commit(connection: Any, _record: Any, _proxy: Any) -> None:
 
 
 def open_for_migration(url: str) -> Engine:
-    """Return an engine whose transactions include schema changes: if the server is killed midway, the old schema stays
-    intact. SQLite alters a table by copying it, which its foreign key checks would treat as deletions, so they are off."""
+    """Return an engine whose transactions include schema changes, so that the old schema stays intact if the server is
+    killed during a migration. In SQLite, foreign key checks are off, because they would treat the copy that alters a
+    table as deletions."""
     engine = open_engine(url)
     if url.startswith("sqlite"):
-        event.listen(engine, "connect", _hold_schema)
+        event.listen(engine, "connect", _enable_schema_transactions)
         event.listen(engine, "begin", _begin)
     return engine
 
 
-def _hold_schema(connection: Any, _record: Any) -> None:
+def _enable_schema_transactions(connection: Any, _record: Any) -> None:
     connection.isolation_level = None  # otherwise the driver commits before each schema change
     connection.execute("PRAGMA foreign_keys=OFF")
 
@@ -109,14 +110,15 @@ def migration_config(url: str) -> Config:
 
 
 def known_schemas() -> list[str]:
-    """Return the revisions of all schemas that this version knows, oldest first."""
+    """Return the revisions of all schemas that this version supports, oldest first."""
     return [step.revision for step in ScriptDirectory.from_config(migration_config("")).walk_revisions()][::-1]
 
 
 def migrate(url: str) -> None:
-    """Upgrade the database to the newest schema, if needed. An empty database gets it directly, in one transaction.
+    """Upgrade the database to the newest schema if needed. In an empty database the newest schema is created directly.
 
-    Raises CorruptData if its file is damaged or its schema is newer, StoreDown if PostgreSQL cannot be used.
+    Raises CorruptData if the file is damaged or the schema is newer than this version, StoreDown if PostgreSQL is not
+    available.
     """
     config = migration_config(url)
     _check_pages(url)
@@ -140,7 +142,7 @@ def migrate(url: str) -> None:
 
 
 def _create_if_empty(url: str, config: Config) -> bool:
-    """Create the newest schema from the models if the database has no tables. True if it was created."""
+    """Create the newest schema from the models if the database has no tables. Return True if it was created."""
     engine = open_for_migration(url)
     try:
         with engine.begin() as connection:
@@ -154,7 +156,8 @@ def _create_if_empty(url: str, config: Config) -> bool:
 
 
 def _check_pages(url: str) -> None:
-    """Check an SQLite file's pages before anything is written, if the file is small enough to take only a second or two."""
+    """Check the pages of an SQLite file before the first write, if the file is small enough for a check of at most two
+    seconds."""
     path = Path(make_url(url).database or "")
     if not url.startswith("sqlite") or not path.is_file() or path.stat().st_size > QUICK_CHECK_BYTES:
         return
@@ -168,13 +171,14 @@ def _check_pages(url: str) -> None:
 
 
 def is_large(engine: Engine) -> bool:
-    """True if this is an SQLite file too large for the check at startup."""
+    """True if the database is an SQLite file that is too large for the check at startup."""
     path = Path(engine.url.database or "")
     return engine.dialect.name == "sqlite" and path.is_file() and path.stat().st_size > QUICK_CHECK_BYTES
 
 
 def damaged_pages(engine: Engine) -> str:
-    """Return what is wrong with the pages of an SQLite file; "" if nothing is. StoreDown if it cannot be read now."""
+    """Return the problems of the pages of an SQLite file; "" if there are none. Raises StoreDown if the file cannot be
+    read."""
     try:
         with engine.connect() as connection:
             problems = [str(row[0]) for row in connection.exec_driver_sql("PRAGMA quick_check(3)")]
@@ -188,13 +192,13 @@ def damaged_pages(engine: Engine) -> str:
 
 
 SERVER_LOCK = 0x6773_7301
-"""Key of the PostgreSQL advisory lock that a server holds while it runs."""
+"""Key of the PostgreSQL advisory lock that a running server holds."""
 
 
 @contextmanager
 def sole_server(url: str) -> Iterator[None]:
-    """Hold an exclusive lock on this database, whatever the data folder; Conflict if another server holds it. The lock
-    is released if the server dies."""
+    """Hold an exclusive lock on the database, independent of the data folder. Raises Conflict if another server holds
+    the lock. The lock is released if the server dies."""
     if url.startswith("sqlite"):
         with _sole_file(make_url(url).database or ""):
             yield
@@ -216,7 +220,8 @@ def sole_server(url: str) -> Iterator[None]:
 
 @contextmanager
 def _sole_file(name: str) -> Iterator[None]:
-    """Hold the lock for an SQLite file, as a lock on a separate file beside it: SQLite uses its own locks on the database file."""
+    """Hold the lock for an SQLite database. It is a lock on a separate file, because SQLite uses locks on the database
+    file."""
     if not name or name == ":memory:":
         yield
         return
@@ -240,18 +245,18 @@ def _second_server(got: str = "") -> Conflict:
 
 
 def _is_damage(error: DatabaseError) -> bool:
-    """True if SQLite reports a damaged page; its other errors have their own classes."""
+    """True if SQLite reports a damaged page. Other SQLite errors have other classes."""
     return type(error.orig).__name__ == "DatabaseError" and any(
         phrase in str(error.orig) for phrase in ("malformed", "not a database")
     )
 
 
 Transaction = Session
-"""Type of an open unit of work, for code outside the store that passes it on."""
+"""Type of an open unit of work, for code outside the store."""
 
 
 class Database:
-    """Sessions on one engine. Rows stay readable after their transaction has ended."""
+    """Database sessions on one engine. Rows remain readable after the end of their transaction."""
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
@@ -260,13 +265,14 @@ class Database:
         self._sessions = sessionmaker(engine, expire_on_commit=False)
 
     def report_damage(self, damage: str) -> None:
-        """Remember a damaged page for :attr:`damage`."""
+        """Set :attr:`damage` to the error about a damaged page."""
         self.damage = damage
 
     @contextmanager
     def unit_of_work(self, *, durable: bool = True) -> Iterator[Session]:
-        """Open a session that commits at the end, or rolls back on an exception. StoreDown or CorruptData if the database fails.
-        A ``durable`` commit has reached the disk when it returns; others reach it with the next durable one."""
+        """Open a session that commits at the end, or rolls back on an exception. Raises StoreDown or CorruptData if the
+        database fails. A ``durable`` commit is flushed to the disk before the block ends; other commits are flushed
+        with the next durable commit."""
         try:
             with self._sessions.begin() as session:
                 if not durable and self.engine.dialect.name == "sqlite":

@@ -31,5 +31,5 @@ def between(session: Session, start: datetime, end: datetime, limit: int) -> lis
 
 
 def last_seq(session: Session) -> int:
-    """Return the newest event's number; 0 if there is none."""
+    """Return the number of the newest event; 0 if there is none."""
     return session.scalar(select(func.max(Event.seq))) or 0

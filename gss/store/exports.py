@@ -1,4 +1,4 @@
-"""All rows of a time range, in blocks, for exports larger than memory."""
+"""Read all rows of a time range in blocks, for exports larger than memory."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gss.store.models import Command, Event, Frame, Solution, TelemetryPacket
 
 BLOCK_ROWS = 4000
 SOLUTION_ROWS = 500
-"""Fewer than for other rows, because solutions include overlay data."""
+"""Block size of solutions, smaller because they include overlay data."""
 
 
 def packet_names(database: Database) -> list[str]:
@@ -56,17 +56,18 @@ def events(database: Database, start: datetime, end: datetime) -> Iterator[list[
 def _blocks(
     database: Database,
     query: Select[*tuple[Any, ...]],
-    moment: InstrumentedAttribute[datetime],
+    time_column: InstrumentedAttribute[datetime],
     key: InstrumentedAttribute[int],
     start: datetime,
     end: datetime,
     block: int,
 ) -> Iterator[list[Any]]:
-    """Yield blocks of rows from ``start`` (inclusive) to ``end`` (exclusive). No transaction stays open between blocks."""
+    """Yield blocks of rows from ``start`` (inclusive) to ``end`` (exclusive). No transaction stays open between
+    blocks."""
     at, last = start, -1
     while True:
-        later = or_(moment > at, (moment == at) & (key > last))
-        page = query.where(moment >= at, moment < end, later).order_by(moment, key).limit(block)
+        later = or_(time_column > at, (time_column == at) & (key > last))
+        page = query.where(time_column >= at, time_column < end, later).order_by(time_column, key).limit(block)
         with database.unit_of_work() as session:
             rows = list(session.execute(page))
         if rows:

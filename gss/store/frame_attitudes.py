@@ -1,4 +1,4 @@
-"""Attitudes of frames over a span."""
+"""Attitudes of the frames of a time range."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from gss.store.models import Frame, Solution
 
 @dataclass(frozen=True)
 class FrameAttitude:
-    """Attitude of a frame. ``id``: of the frame; ``quaternion``: cam_from_icrs, scalar-last; ``sigma_rad``: across and about the
-    boresight, None if the chain states none."""
+    """Attitude of a frame. ``id``: id of the frame; ``quaternion``: cam_from_icrs, scalar-last; ``sigma_rad``: across
+    and about the boresight, None if the chain does not state them."""
 
     id: int
     at: datetime
@@ -22,9 +22,9 @@ class FrameAttitude:
     sigma_rad: list[float] | None
 
 
-def attitudes_between(session: Session, origin: str, start: datetime, end: datetime, most: int) -> list[FrameAttitude]:
-    """Return up to ``most`` attitudes of frames exposed in a span, oldest first: the operational one of each frame for ``ground``,
-    its newest one for another origin."""
+def attitudes_between(session: Session, origin: str, start: datetime, end: datetime, limit: int) -> list[FrameAttitude]:
+    """Return up to ``limit`` attitudes of frames exposed in a time range, oldest first. For the origin ``ground``, use
+    the operational attitude of each frame; for another origin, its newest attitude."""
     newest_id = (
         select(func.max(Solution.id))
         .where(Solution.frame_id == Frame.id, Solution.origin == origin, Solution.outcome == "solved")
@@ -37,6 +37,6 @@ def attitudes_between(session: Session, origin: str, start: datetime, end: datet
         .where(Frame.taken.between(start, end), Solution.outcome == "solved", Solution.quaternion.is_not(None))
         .where(Solution.operational if origin == "ground" else Solution.id == newest_id)
         .order_by(Frame.taken, Frame.id)
-        .limit(most)
+        .limit(limit)
     )
     return [FrameAttitude(*row) for row in session.execute(query)]

@@ -15,24 +15,26 @@ from gss.store.models import Frame, Solution
 
 
 def add(session: Session, frame: Frame) -> Frame:
-    """Store a frame's row and give it its id."""
+    """Store a frame's row and assign its id."""
     session.add(frame)
     session.flush()
     return frame
 
 
 def get(session: Session, frame_id: int) -> Frame:
-    """Return the frame with that id; NotFound if there is none."""
+    """Return the frame with that id. Raises NotFound if it does not exist."""
     row = session.get(Frame, frame_id)
     if row is None:
         raise NotFound(
-            "no such frame", got=str(frame_id), hint="the number in the page's address, not the sensor's own"
+            "no such frame",
+            got=str(frame_id),
+            hint="use the number in the page's address, not the number assigned by the sensor",
         )
     return row
 
 
 def latest(session: Session) -> Frame | None:
-    """Return the frame received last."""
+    """Return the most recently received frame."""
     return session.scalar(select(Frame).order_by(Frame.id.desc()).limit(1))
 
 
@@ -50,9 +52,9 @@ def page(
     least_stars: int | None = None,
     most_stars: int | None = None,
 ) -> tuple[int, list[Frame]]:
-    """Return the total and one page of frames, newest first; ``start`` ≤ taken < ``end``. ``outcome`` and stars refer
-    to the operational ground solution: solved, none, a verdict (correct, imprecise, wrong), or unsolved if there is
-    no such solution yet."""
+    """Return the total number and one page of frames with ``start`` ≤ taken < ``end``, newest first. ``outcome`` and
+    star counts refer to the operational ground solution. ``outcome``: solved, none, a verdict (correct, imprecise,
+    wrong), or unsolved for frames without this solution."""
     query = select(Frame)
     for column, value in ((Frame.source, source or None), (Frame.mode, mode or None), (Frame.contact_id, contact_id)):
         if value is not None:
@@ -61,11 +63,11 @@ def page(
         query = query.where(Frame.taken >= start)
     if end is not None:
         query = query.where(Frame.taken < end)
-    shown = (Solution.frame_id == Frame.id) & Solution.operational
+    is_operational = (Solution.frame_id == Frame.id) & Solution.operational
     if outcome == "unsolved":
-        query = query.where(~select(Solution.id).where(shown).exists())
+        query = query.where(~select(Solution.id).where(is_operational).exists())
     elif outcome or least_stars is not None or most_stars is not None:
-        query = query.join(Solution, shown)
+        query = query.join(Solution, is_operational)
         if outcome in ("solved", "none"):
             query = query.where(Solution.outcome == outcome)
         elif outcome:
@@ -87,34 +89,34 @@ def newest_in_slot(session: Session, slot: int, bits: int) -> Frame | None:
 
 
 def has_number(session: Session, number: int, start: datetime, end: datetime) -> bool:
-    """True if a downloaded frame that was taken in this span has that number on board."""
+    """True if a downloaded frame taken in this time range has that on-board number."""
     query = select(Frame.id).where(Frame.source == "device", Frame.number == number, Frame.taken.between(start, end))
     return session.scalar(query.limit(1)) is not None
 
 
 def ids_around(session: Session, frame_id: int, each_side: int) -> list[int]:
-    """Return a frame's id with up to ``each_side`` ids before and after it."""
+    """Return the id of a frame and up to ``each_side`` ids before and after it."""
     before = select(Frame.id).where(Frame.id <= frame_id).order_by(Frame.id.desc()).limit(each_side + 1)
     after = select(Frame.id).where(Frame.id > frame_id).order_by(Frame.id).limit(each_side)
     return sorted([*session.scalars(before), *session.scalars(after)])
 
 
-def ids_of_contact(session: Session, contact_id: int, most: int) -> list[int]:
+def ids_of_contact(session: Session, contact_id: int, limit: int) -> list[int]:
     """Return the ids of the newest frames of a contact, in ascending order."""
-    newest = select(Frame.id).where(Frame.contact_id == contact_id).order_by(Frame.id.desc()).limit(most)
+    newest = select(Frame.id).where(Frame.contact_id == contact_id).order_by(Frame.id.desc()).limit(limit)
     return sorted(session.scalars(newest))
 
 
-def ids_solved(session: Session, chain: str, start: datetime, end: datetime, most: int) -> list[int]:
+def ids_solved(session: Session, chain: str, start: datetime, end: datetime, limit: int) -> list[int]:
     """Return the ids of frames that a chain processed on the ground in a time range, in ascending order."""
     solved = select(Solution.frame_id).where(Solution.created >= start, Solution.created <= end)
     return sorted(
-        session.scalars(solved.where(Solution.origin == "ground", Solution.chain == chain).distinct().limit(most))
+        session.scalars(solved.where(Solution.origin == "ground", Solution.chain == chain).distinct().limit(limit))
     )
 
 
-def ids_there(session: Session, ids: Sequence[int]) -> list[int]:
-    """Return those of the ids that exist, in ascending order."""
+def existing_ids(session: Session, ids: Sequence[int]) -> list[int]:
+    """Return the ids that belong to stored frames, in ascending order."""
     return sorted(session.scalars(select(Frame.id).where(Frame.id.in_(ids))))
 
 
@@ -124,19 +126,19 @@ def modes(session: Session) -> list[str]:
 
 
 def add_solution(session: Session, solution: Solution) -> Solution:
-    """Store a solution and give it its id."""
+    """Store a solution and assign its id."""
     session.add(solution)
     session.flush()
     return solution
 
 
 def add_solutions(session: Session, rows: list[dict[str, object]]) -> None:
-    """Store many solutions, given as column values."""
+    """Store many solutions. ``rows``: column values of each solution."""
     session.execute(insert(Solution), rows)
 
 
 def get_solution(session: Session, solution_id: int) -> Solution:
-    """Return the solution with that id; NotFound if there is none."""
+    """Return the solution with that id. Raises NotFound if it does not exist."""
     row = session.get(Solution, solution_id)
     if row is None:
         raise NotFound("no such solution", got=str(solution_id))
@@ -161,8 +163,9 @@ def operational_solutions(session: Session, frame_ids: Sequence[int]) -> dict[in
 
 
 def attitude_pairs(session: Session, limit: int) -> list[tuple[Frame, Solution, Solution]]:
-    """Return up to ``limit`` of the newest frames of the device that have an on-board and an operational ground attitude, newest
-    first, each with its newest on-board solution and its ground solution. Their regions and stars are not loaded."""
+    """Return up to ``limit`` device frames with an on-board and an operational ground attitude, newest first. Each
+    frame is returned with its newest on-board solution and its operational ground solution, without regions and
+    stars."""
     on_board, ground = aliased(Solution), aliased(Solution)
     newest_id = (
         select(func.max(Solution.id))
@@ -185,7 +188,8 @@ def attitude_pairs(session: Session, limit: int) -> list[tuple[Frame, Solution, 
 
 
 def newest_ground_attitude(session: Session) -> tuple[Frame, Solution] | None:
-    """Return the newest frame of the device with an operational ground attitude, and that solution without its stars."""
+    """Return the newest frame of the device with an operational ground attitude, and that solution without its
+    stars."""
     query = (
         select(Frame, Solution)
         .join(Solution, Solution.frame_id == Frame.id)
@@ -199,8 +203,9 @@ def newest_ground_attitude(session: Session) -> tuple[Frame, Solution] | None:
 
 
 def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:
-    """For frames without an operational solution, make the oldest solution of ``chain`` with its own constants and the frame's
-    camera operational. Call it after the rows were added: an SQLite transaction that begins with a write excludes other writers."""
+    """Make the oldest solution of ``chain`` operational for each frame without an operational solution. Only solutions
+    with the default constants and the frame's camera are considered. Call this after the rows were added, because an
+    SQLite transaction that begins with a write excludes other writers."""
     _lock(session, frame_ids)
     pinned = select(Solution.frame_id).where(Solution.operational)
     oldest = (
@@ -217,7 +222,7 @@ def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:
 
 
 def pin(session: Session, frame_id: int, solution_id: int) -> None:
-    """Make a solution the operational one of its frame, replacing any other."""
+    """Make a solution the operational solution of its frame, replacing the previous one."""
     _lock(session, [frame_id])
     of_frame = update(Solution).where(Solution.frame_id == frame_id)
     session.execute(of_frame.where(Solution.operational).values(operational=False))
@@ -225,13 +230,14 @@ def pin(session: Session, frame_id: int, solution_id: int) -> None:
 
 
 def _lock(session: Session, frame_ids: Sequence[int]) -> None:
-    """On PostgreSQL, wait for other transactions that pin solutions of these frames. SQLite has a single writer."""
+    """Wait on PostgreSQL for other transactions that pin solutions of these frames. SQLite has a single writer."""
     if session.get_bind().dialect.name != "sqlite":
         session.execute(select(Frame.id).where(Frame.id.in_(frame_ids)).order_by(Frame.id).with_for_update())
 
 
 def solved_by(session: Session, chain: str, version: str, options: str) -> set[int]:
-    """Return the frames that this version of a chain has processed on the ground with these changed constants."""
+    """Return the ids of the frames that this version of a chain has processed on the ground with these changed
+    constants."""
     criteria = (Solution.chain == chain, Solution.version == version, Solution.options == options)
     query = select(Solution.frame_id).where(Solution.origin == "ground", Solution.replay.is_(None), *criteria)
     return set(session.scalars(query.distinct()))
@@ -271,7 +277,7 @@ class ChainKey(NamedTuple):
 
 
 class FrameRun(NamedTuple):
-    """Columns of a frame and of one solution of it, without its overlays."""
+    """Columns of a frame and of one of its solutions, without overlays."""
 
     frame_id: int
     taken: datetime
@@ -285,12 +291,12 @@ class FrameRun(NamedTuple):
 
     @property
     def solved(self) -> bool:
-        """True if there is an attitude."""
+        """True if the solution has an attitude."""
         return self.outcome == "solved" and self.quaternion is not None
 
 
 def _runs(session: Session, ids: Any) -> list[FrameRun]:
-    """Return the solutions whose ids a query selects, by the time of their frames."""
+    """Return the solutions whose ids the query selects, sorted by the time of their frames."""
     columns = [getattr(Solution, name) for name in FrameRun._fields if name != "taken"]
     query = select(columns[0], Frame.taken, *columns[1:]).join(Frame, Frame.id == Solution.frame_id)
     return [
@@ -298,24 +304,25 @@ def _runs(session: Session, ids: Any) -> list[FrameRun]:
     ]
 
 
-def runs_of(session: Session, key: ChainKey, most: int) -> list[FrameRun]:
-    """Return the newest result of a chain for each of the ``most`` newest frames it ran on, oldest frame first."""
+def runs_of(session: Session, key: ChainKey, limit: int) -> list[FrameRun]:
+    """Return the newest result of a chain for each of the ``limit`` newest frames that it processed, oldest frame
+    first."""
     criteria = (Solution.chain == key.chain, Solution.version == key.version, Solution.options == key.options)
     newest = (
         select(func.max(Solution.id))
         .where(Solution.origin == "ground", Solution.replay.is_(None), *criteria)
         .group_by(Solution.frame_id)
         .order_by(Solution.frame_id.desc())
-        .limit(most)
+        .limit(limit)
     )
     return _runs(session, newest)
 
 
 def operational_runs(session: Session, frame_ids: Sequence[int]) -> list[FrameRun]:
     """Return the operational solutions of frames, oldest frame first."""
-    most = max(frame_ids, default=0)
-    least = min(frame_ids, default=0)
-    return _runs(session, select(Solution.id).where(Solution.operational, Solution.frame_id.between(least, most)))
+    last_id = max(frame_ids, default=0)
+    first_id = min(frame_ids, default=0)
+    return _runs(session, select(Solution.id).where(Solution.operational, Solution.frame_id.between(first_id, last_id)))
 
 
 def results(session: Session, chain: str = "") -> list[tuple[Frame, Solution]]:

@@ -13,12 +13,12 @@ from gss.store.models import FusedRow, HeadPairRow, Spacecraft
 
 
 def every(session: Session) -> list[Spacecraft]:
-    """Return all spacecraft, by name."""
+    """Return all spacecraft, sorted by name."""
     return list(session.scalars(select(Spacecraft).order_by(Spacecraft.name)))
 
 
 def get(session: Session, spacecraft_id: int) -> Spacecraft:
-    """Return the spacecraft with that id; NotFound if there is none."""
+    """Return the spacecraft with that id. Raises NotFound if it does not exist."""
     row = session.get(Spacecraft, spacecraft_id)
     if row is None:
         raise NotFound("no such spacecraft", got=str(spacecraft_id))
@@ -31,7 +31,7 @@ def exists(session: Session, spacecraft_id: int) -> bool:
 
 
 def add(session: Session, row: Spacecraft) -> None:
-    """Store a new spacecraft and give it its id."""
+    """Store a new spacecraft and assign its id."""
     session.add(row)
     session.flush()
 
@@ -45,18 +45,18 @@ def remove(session: Session, spacecraft_id: int) -> None:
 
 
 def add_results(session: Session, rows: Iterable[FusedRow | HeadPairRow]) -> None:
-    """Store results."""
+    """Store fused attitudes and comparisons of heads."""
     session.add_all(rows)
 
 
-def delete_before(session: Session, moment: datetime) -> None:
-    """Delete results older than ``moment``."""
+def delete_before(session: Session, time: datetime) -> None:
+    """Delete results older than ``time``."""
     for table in (FusedRow, HeadPairRow):
-        session.execute(delete(table).where(table.at < moment))
+        session.execute(delete(table).where(table.at < time))
 
 
 def newest_pair(session: Session, spacecraft_id: int, unit: str, since: datetime) -> HeadPairRow | None:
-    """Return the newest comparison of a unit not before ``since``."""
+    """Return the newest comparison of a unit at or after ``since``."""
     query = (
         select(HeadPairRow)
         .where(HeadPairRow.spacecraft_id == spacecraft_id, HeadPairRow.unit == unit, HeadPairRow.at >= since)
@@ -72,12 +72,15 @@ def newest_fused(session: Session, spacecraft_id: int) -> FusedRow | None:
     return session.scalar(query)
 
 
-def pairs_between(session: Session, spacecraft_id: int, start: datetime, end: datetime, most: int) -> list[HeadPairRow]:
-    """Return comparisons of a span, oldest first; every n-th of each unit where there are more than ``most``."""
+def pairs_between(
+    session: Session, spacecraft_id: int, start: datetime, end: datetime, limit: int
+) -> list[HeadPairRow]:
+    """Return the comparisons of a time range, oldest first. If there are more than ``limit``, return every n-th
+    comparison of each unit."""
     row = HeadPairRow
     within = (row.spacecraft_id == spacecraft_id, row.at.between(start, end))
     count = session.scalar(select(func.count()).select_from(row).where(*within)) or 0
     number = func.row_number().over(partition_by=row.unit, order_by=row.at)
     numbered = select(row.id, number.label("n")).where(*within).subquery()
     query = select(row).join(numbered, numbered.c.id == row.id)
-    return list(session.scalars(query.where(numbered.c.n % max(1, -(-count // most)) == 0).order_by(row.at)))
+    return list(session.scalars(query.where(numbered.c.n % max(1, -(-count // limit)) == 0).order_by(row.at)))

@@ -11,14 +11,14 @@ from gss.store.models import Job
 
 
 def add(session: Session, job: Job) -> Job:
-    """Store a job's row and give it its id."""
+    """Store a job's row and assign its id."""
     session.add(job)
     session.flush()
     return job
 
 
 def get(session: Session, job_id: int) -> Job:
-    """Return the job with that id; NotFound if there is none."""
+    """Return the job with that id. Raises NotFound if it does not exist."""
     row = session.get(Job, job_id)
     if row is None:
         raise NotFound("no such job", got=str(job_id))
@@ -26,21 +26,21 @@ def get(session: Session, job_id: int) -> Job:
 
 
 def newest(session: Session, limit: int) -> list[Job]:
-    """Return the newest jobs first."""
+    """Return the newest jobs, newest first."""
     return list(session.scalars(select(Job).order_by(Job.id.desc()).limit(limit)))
 
 
 def keep(session: Session, job_id: int, checkpoint: JsonObject) -> None:
-    """Store a job's checkpoint. It has made progress, so earlier crashes no longer count."""
+    """Store a job's checkpoint and reset its crash count, because a checkpoint is progress."""
     row = get(session, job_id)
     row.checkpoint, row.attempts = checkpoint, 0
 
 
 def unfinished(session: Session) -> list[Job]:
-    """Return jobs that the last server run left unfinished."""
+    """Return jobs that the previous run of the server left unfinished."""
     return list(session.scalars(select(Job).where(Job.state.in_(("queued", "running")))))
 
 
 def newest_of_kind(session: Session, kind: str, limit: int) -> list[Job]:
-    """Return the newest jobs of a kind first."""
+    """Return the newest jobs of a kind, newest first."""
     return list(session.scalars(select(Job).where(Job.kind == kind).order_by(Job.id.desc()).limit(limit)))

@@ -36,7 +36,7 @@ def newest(session: Session, limit: int) -> list[ListRun]:
 
 
 def remove(session: Session, run_id: int) -> list[str]:
-    """Delete a run and return the keys of its blobs, which other rows may need, too. Raises NotFound."""
+    """Delete a run and return the keys of its blobs. Other rows can refer to the same blobs. Raises NotFound."""
     row = get(session, run_id)
     session.delete(row)
     session.flush()

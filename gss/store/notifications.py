@@ -1,4 +1,4 @@
-"""Notifications: created once by their key, sent, and kept as a record."""
+"""Notifications, which are created once per key, sent, and kept as a record."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def newest(session: Session, limit: int) -> list[Notification]:
 
 
 def known_keys(session: Session, keys: Sequence[str]) -> set[str]:
-    """Return those of the keys that exist."""
+    """Return the keys that are already stored."""
     stored: set[str] = set()
     for k in range(0, len(keys), 500):
         stored.update(session.scalars(select(Notification.key).where(Notification.key.in_(keys[k : k + 500]))))
@@ -25,12 +25,12 @@ def known_keys(session: Session, keys: Sequence[str]) -> set[str]:
 
 
 def of_ids(session: Session, ids: Sequence[int]) -> list[Notification]:
-    """Return the rows of these ids."""
+    """Return the notifications with these ids."""
     return list(session.scalars(select(Notification).where(Notification.id.in_(ids))))
 
 
 def take_due(session: Session, target: str, now: datetime) -> list[Notification]:
-    """Return the rows of a target that may be sent now, at most 500, marked as sending with one more try."""
+    """Return up to 500 notifications of a target that are due, mark them as sending, and count the attempt."""
     due = (Notification.target == target, Notification.state == "pending", Notification.due <= now)
     rows = list(session.scalars(select(Notification).where(*due).order_by(Notification.id).limit(500)))
     for row in rows:
@@ -39,7 +39,7 @@ def take_due(session: Session, target: str, now: datetime) -> list[Notification]
 
 
 def withdraw_others(session: Session, alarm_ids: Sequence[int], now: datetime) -> None:
-    """Withdraw the waiting notifications of every alarm that is not one of these."""
+    """Withdraw the pending notifications of all alarms except ``alarm_ids``."""
     session.execute(
         update(Notification)
         .where(Notification.state == "pending", Notification.alarm_id.is_not(None))
@@ -49,7 +49,7 @@ def withdraw_others(session: Session, alarm_ids: Sequence[int], now: datetime) -
 
 
 def lose_sending(session: Session, now: datetime) -> None:
-    """Mark the rows that were being sent when the server ended as unknown."""
+    """Mark notifications as unknown whose sending was interrupted by the end of the server."""
     session.execute(
         update(Notification)
         .where(Notification.state == "sending")
@@ -58,5 +58,5 @@ def lose_sending(session: Session, now: datetime) -> None:
 
 
 def prune(session: Session, before: datetime) -> None:
-    """Delete rows that ended before a time."""
+    """Delete notifications that were finished before a time."""
     session.execute(delete(Notification).where(Notification.finished < before))

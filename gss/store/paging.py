@@ -1,4 +1,4 @@
-"""Read a long table in pages; ``number`` is the column that orders it and never changes."""
+"""Read a long table in pages. ``number``: constant column that orders the rows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BATCH = 500
 def newest(
     session: Session, query: Select[Row], number: InstrumentedAttribute[int], limit: int, before: int | None
 ) -> list[Row]:
-    """Return the newest rows first, with numbers below ``before``."""
+    """Return the newest rows with numbers below ``before``, newest first."""
     query = query.order_by(number.desc()).limit(limit)
     return list(session.scalars(query if before is None else query.where(number < before)))
 

@@ -15,31 +15,31 @@ ACTIVE = ("armed", "running", "paused", "waiting")
 
 
 def newest_orbits(session: Session, limit: int) -> list[OrbitSet]:
-    """Return the newest orbits first; the first one is in use."""
+    """Return the newest orbits, newest first. The first is the active orbit."""
     return list(session.scalars(select(OrbitSet).order_by(OrbitSet.id.desc()).limit(limit)))
 
 
-def nearest_orbits(session: Session, spacecraft: str, moment: datetime, limit: int) -> list[OrbitSet]:
-    """Return up to ``limit`` orbits of a spacecraft, those with the nearest epoch first."""
+def nearest_orbits(session: Session, spacecraft: str, time: datetime, limit: int) -> list[OrbitSet]:
+    """Return up to ``limit`` orbits of a spacecraft, sorted by the distance of their epoch from ``time``."""
     query = select(OrbitSet).where(OrbitSet.spacecraft == spacecraft).limit(limit)
-    before = session.scalars(query.where(OrbitSet.epoch <= moment).order_by(OrbitSet.epoch.desc()))
-    after = session.scalars(query.where(OrbitSet.epoch > moment).order_by(OrbitSet.epoch))
-    return sorted([*before, *after], key=lambda row: abs(row.epoch - moment))[:limit]
+    before = session.scalars(query.where(OrbitSet.epoch <= time).order_by(OrbitSet.epoch.desc()))
+    after = session.scalars(query.where(OrbitSet.epoch > time).order_by(OrbitSet.epoch))
+    return sorted([*before, *after], key=lambda row: abs(row.epoch - time))[:limit]
 
 
 def add(session: Session, row: OrbitSet | Station | PassPlan) -> None:
-    """Store a new row and give it its id."""
+    """Store a new row and assign its id."""
     session.add(row)
     session.flush()
 
 
 def every_station(session: Session) -> list[Station]:
-    """Return all stations, by name."""
+    """Return all stations, sorted by name."""
     return list(session.scalars(select(Station).order_by(Station.name)))
 
 
 def get_station(session: Session, station_id: int) -> Station:
-    """Return the station with that id; NotFound if there is none."""
+    """Return the station with that id. Raises NotFound if it does not exist."""
     row = session.get(Station, station_id)
     if row is None:
         raise NotFound("no such ground station", got=str(station_id))
@@ -56,11 +56,11 @@ def delete_station(session: Session, station_id: int) -> None:
     session.delete(get_station(session, station_id))
 
 
-def newest_downloads(session: Session, least_bytes: int, limit: int) -> list[tuple[int, datetime, datetime]]:
-    """Return (size, created, finished) of the newest complete downloads that are not small and were not resumed."""
+def newest_downloads(session: Session, min_bytes: int, limit: int) -> list[tuple[int, datetime, datetime]]:
+    """Return (size, created, finished) of the newest complete downloads of at least ``min_bytes``."""
     query = (
         select(Transfer.size, Transfer.created, Transfer.finished)
-        .where(Transfer.direction == "down", Transfer.state.in_(COMPLETE), Transfer.size >= least_bytes)
+        .where(Transfer.direction == "down", Transfer.state.in_(COMPLETE), Transfer.size >= min_bytes)
         .where(Transfer.finished.is_not(None))
         .order_by(Transfer.id.desc())
         .limit(limit)
@@ -69,7 +69,7 @@ def newest_downloads(session: Session, least_bytes: int, limit: int) -> list[tup
 
 
 def get_plan(session: Session, plan_id: int) -> PassPlan:
-    """Return the plan with that id; NotFound if there is none."""
+    """Return the plan with that id. Raises NotFound if it does not exist."""
     row = session.get(PassPlan, plan_id)
     if row is None:
         raise NotFound("no such pass plan", got=str(plan_id))
@@ -77,12 +77,12 @@ def get_plan(session: Session, plan_id: int) -> PassPlan:
 
 
 def newest_plans(session: Session, limit: int) -> list[PassPlan]:
-    """Return the newest plans first."""
+    """Return the newest plans, newest first."""
     return list(session.scalars(select(PassPlan).order_by(PassPlan.id.desc()).limit(limit)))
 
 
 def active_plans(session: Session) -> list[PassPlan]:
-    """Return the plans that are armed or in progress, by rise."""
+    """Return the plans that are armed or in progress, sorted by rise."""
     return list(session.scalars(select(PassPlan).where(PassPlan.state.in_(ACTIVE)).order_by(PassPlan.rise)))
 
 

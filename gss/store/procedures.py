@@ -14,12 +14,12 @@ RUNNING = "running"
 
 
 def every(session: Session) -> list[Procedure]:
-    """Return all procedures, by name."""
+    """Return all procedures, sorted by name."""
     return list(session.scalars(select(Procedure).order_by(Procedure.name)))
 
 
 def get(session: Session, procedure_id: int) -> Procedure:
-    """Return the procedure with that id; NotFound if there is none."""
+    """Return the procedure with that id. Raises NotFound if it does not exist."""
     row = session.get(Procedure, procedure_id)
     if row is None:
         raise NotFound("There is no such procedure", got=str(procedure_id))
@@ -32,20 +32,20 @@ def named(session: Session, name: str) -> Procedure | None:
 
 
 def add(session: Session, row: Procedure | ProcedureRun) -> None:
-    """Store a new row and give it its id."""
+    """Store a new row and assign its id."""
     session.add(row)
     session.flush()
 
 
 def delete(session: Session, procedure_id: int) -> None:
-    """Delete a procedure; its runs stay on record."""
+    """Delete a procedure. The records of its runs are kept."""
     row = get(session, procedure_id)
     session.execute(update(ProcedureRun).where(ProcedureRun.procedure_id == procedure_id).values(procedure_id=None))
     session.delete(row)
 
 
 def get_run(session: Session, run_id: int) -> ProcedureRun:
-    """Return the run with that id; NotFound if there is none."""
+    """Return the run with that id. Raises NotFound if it does not exist."""
     row = session.get(ProcedureRun, run_id)
     if row is None:
         raise NotFound("There is no such run of a procedure", got=str(run_id))
@@ -53,23 +53,23 @@ def get_run(session: Session, run_id: int) -> ProcedureRun:
 
 
 def newest_runs(session: Session, limit: int) -> list[ProcedureRun]:
-    """Return the newest runs first."""
+    """Return the newest runs, newest first."""
     return list(session.scalars(select(ProcedureRun).order_by(ProcedureRun.id.desc()).limit(limit)))
 
 
 def running(session: Session) -> ProcedureRun | None:
-    """Return the run that has not ended."""
+    """Return the active run; None if there is none."""
     return session.scalar(select(ProcedureRun).where(ProcedureRun.state == RUNNING).order_by(ProcedureRun.id))
 
 
 def between(session: Session, start: datetime, end: datetime) -> list[ProcedureRun]:
-    """Return the runs that were under way in a span, oldest first."""
+    """Return the runs that overlap a time range, oldest first."""
     row = ProcedureRun
     query = select(row).where(row.started <= end, (row.finished.is_(None)) | (row.finished >= start))
     return list(session.scalars(query.order_by(row.id)))
 
 
 def first_command(session: Session, source: str, name: str, since: datetime) -> Command | None:
-    """Return the first command of a source and name that was stored at or after a time."""
+    """Return the first command with a source and name that was stored at or after ``since``."""
     query = select(Command).where(Command.source == source, Command.name == name, Command.created >= since)
     return session.scalar(query.order_by(Command.id).limit(1))

@@ -1,4 +1,4 @@
-"""Copies a pass plan, with everything that it refers to, into the store of a rehearsal."""
+"""Copy a pass plan and all data that it refers to into the store of a rehearsal."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Row = TypeVar("Row", bound=Base)
 
 
 def copy_plan(source: Session, target: Session, plan_id: int) -> list[str]:
-    """Copy a plan as a draft, with its station, orbit, procedures, stacks, catalogues and the derived parameters. Return the keys
-    of the blobs that it needs. Raises NotFound if the plan or a part of it no longer exists."""
+    """Copy a plan as a draft, with its station, orbit, procedures, stacks, catalogues and the derived parameters.
+    Return the keys of the blobs that it needs. Raises NotFound if the plan or an item of it no longer exists."""
     plan = passes.get_plan(source, plan_id)
     rows: list[Base] = [passes.get_station(source, plan.station_id), *passes.newest_orbits(source, 1)]
     rows += source.scalars(select(DerivedParameter))
@@ -39,7 +39,7 @@ def copy_plan(source: Session, target: Session, plan_id: int) -> list[str]:
 
 
 def add_users(target: Session, names: list[str], now: datetime) -> None:
-    """Add the people of a rehearsal, who may do everything and cannot sign in."""
+    """Add the users of a rehearsal. They have all permissions and cannot sign in."""
     for name in names:
         target.add(User(name=name, role="admin", enabled=True, password_hash="", created=now, created_by="rehearsal"))
 
@@ -50,9 +50,16 @@ def _copied(row: Row) -> Row:
 
 
 def _draft(plan: PassPlan) -> PassPlan:
-    """Return a copy of a plan of which nothing was done yet."""
+    """Return a copy of a plan as a draft without progress."""
     row = _copied(plan)
-    new = {"state": "waiting", "started_id": None, "detail": "", "started": "", "finished": "", "reviewed_sha256": ""}
-    row.items, row.state, row.reason, row.confirm = [dict(item) | new for item in plan.items], "draft", "", []
+    initial = {
+        "state": "waiting",
+        "started_id": None,
+        "detail": "",
+        "started": "",
+        "finished": "",
+        "reviewed_sha256": "",
+    }
+    row.items, row.state, row.reason, row.confirm = [dict(item) | initial for item in plan.items], "draft", "", []
     row.armed_by, row.armed, row.started, row.finished = "", None, None, None
     return row

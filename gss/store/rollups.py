@@ -1,4 +1,4 @@
-"""Telemetry rollups: one row per field and hour, and one row without a field that marks the hour as complete."""
+"""Telemetry rollups. Each field has one row per hour; a row without a field marks the hour as complete."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ def start_of(hour: int) -> datetime:
     return datetime.fromtimestamp(hour * HOUR_S, UTC)
 
 
-def hour_of(moment: datetime) -> int:
+def hour_of(time: datetime) -> int:
     """Return the hour of a time, counted from 1970."""
-    return int(moment.timestamp() // HOUR_S)
+    return int(time.timestamp() // HOUR_S)
 
 
 def done_hours(session: Session, packet: str, first: int, last: int) -> list[int]:
-    """Return the completed hours of a range, both ends included, in order."""
+    """Return the complete hours from ``first`` to ``last`` inclusive, in ascending order."""
     key = TelemetryRollup
     query = select(key.hour).where(key.packet == packet, key.field == DONE, key.hour.between(first, last))
     return list(session.scalars(query.order_by(key.hour)))
 
 
 def newest_hour(session: Session, packet: str) -> int | None:
-    """Return the newest completed hour of a packet."""
+    """Return the newest complete hour of a packet."""
     key = TelemetryRollup
     return session.scalar(select(func.max(key.hour)).where(key.packet == packet, key.field == DONE))
 
@@ -42,7 +42,7 @@ def newest_hour(session: Session, packet: str) -> int | None:
 def of_fields(
     session: Session, packet: str, fields: Sequence[str], first: int, last: int
 ) -> Iterator[tuple[int, str, bytes]]:
-    """Yield (hour, field, data) of some fields in a range of hours, hour by hour."""
+    """Yield (hour, field, data) of the fields from hour ``first`` to ``last``, sorted by hour."""
     key = TelemetryRollup
     query = select(key.hour, key.field, key.data).where(key.packet == packet, key.field.in_(fields))
     for hour, field, data in session.execute(query.where(key.hour.between(first, last)).order_by(key.hour)):
@@ -50,7 +50,7 @@ def of_fields(
 
 
 def next_received(session: Session, packet: str, at: datetime) -> datetime | None:
-    """Return when the first packet of a kind was received at or after a time."""
+    """Return the reception time of the first packet of a kind at or after a time."""
     row = TelemetryPacket
     return session.scalar(select(func.min(row.received)).where(row.packet == packet, row.received >= at))
 
@@ -67,8 +67,8 @@ def packets_of(session: Session, packet: str, hour: int) -> list[tuple[datetime,
 
 
 def keep(session: Session, packet: str, hour: int, data: Mapping[str, bytes], read: int) -> bool:
-    """Store an hour, replacing earlier data. If more packets arrived since ``read`` packets were read, roll back and
-    return False."""
+    """Store the rollup of an hour, replacing earlier data. ``read``: number of packets used. If the number of stored
+    packets has changed, roll back and return False."""
     key, row = TelemetryRollup, TelemetryPacket
     session.execute(delete(key).where(key.packet == packet, key.field.in_([DONE, *data]), key.hour == hour))
     rows = [{"packet": packet, "field": field, "hour": hour, "data": packed} for field, packed in data.items()]
@@ -82,6 +82,6 @@ def keep(session: Session, packet: str, hour: int, data: Mapping[str, bytes], re
 
 
 def undo(session: Session, packets: Iterable[str], hour: int) -> None:
-    """Mark an hour as incomplete again, because packets arrived late."""
+    """Mark an hour as incomplete, because packets were added later."""
     key = TelemetryRollup
     session.execute(delete(key).where(key.packet.in_(list(packets)), key.field == DONE, key.hour == hour))

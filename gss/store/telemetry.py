@@ -1,4 +1,4 @@
-"""Telemetry packets: stored in batches, read in blocks of a time range."""
+"""Telemetry packets, which are stored in batches and read in blocks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BLOCK_ROWS = 4000
 
 
 class Row(NamedTuple):
-    """One packet. ``values``: of the requested names, in their order."""
+    """One packet. ``values``: values of the requested fields in the requested order."""
 
     received: datetime
     id: int
@@ -33,8 +33,8 @@ def add_batch(session: Session, packets: Sequence[TelemetryPacket]) -> None:
 
 
 def add_many(session: Session, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Store packets given as column values, in one statement, without creating objects."""
-    session.execute(insert(TelemetryPacket.__table__), rows)  # type: ignore[arg-type]  # a FromClause by its type
+    """Store packets in one statement without creating objects. ``rows``: column values of each packet."""
+    session.execute(insert(TelemetryPacket.__table__), rows)  # type: ignore[arg-type]  # declared as FromClause
 
 
 def rows(
@@ -48,8 +48,8 @@ def rows(
     unsolicited: bool = False,
     block: int = BLOCK_ROWS,
 ) -> Iterator[Row]:
-    """Yield the packets of a time range, oldest first, both ends included. At most ``block`` of them are in memory, and
-    no transaction stays open between blocks."""
+    """Yield the packets of a time range, oldest first, including both ends. At most ``block`` packets are in memory,
+    and no transaction stays open between blocks."""
     columns = [_value(name) for name in names]
     query = (
         select(
@@ -81,15 +81,15 @@ def rows(
 
 
 def _value(name: str) -> ColumnElement[Any]:
-    """Return the column expression for a field of a packet's values. Both databases have the operator, which keeps all
-    digits of a number; the function that SQLAlchemy uses on SQLite keeps only fifteen."""
+    """Return the column expression for a field of a packet's values. The operator -> exists in both databases and keeps
+    all digits of a number; SQLAlchemy's function for SQLite keeps only fifteen."""
     if sqlite3.sqlite_version_info < (3, 38):
         return TelemetryPacket.values[name]
     return TelemetryPacket.values.op("->", return_type=JSON())(literal(name, String()))
 
 
 def newest(session: Session, packet: str, limit: int) -> list[TelemetryPacket]:
-    """Return the newest packets of one kind first."""
+    """Return the newest packets of one kind, newest first."""
     query = (
         select(TelemetryPacket)
         .where(TelemetryPacket.packet == packet)
@@ -109,8 +109,8 @@ def page(
     contact_id: int | None = None,
     after_id: int | None = None,
 ) -> list[TelemetryPacket]:
-    """Return a page of packets, newest first; ``before_id`` is the last id of the previous page. With ``after_id`` they are those
-    behind it, oldest first."""
+    """Return a page of packets, newest first; ``before_id`` is the last id of the previous page. With ``after_id``,
+    return the packets with larger ids, oldest first."""
     order = TelemetryPacket.id.desc() if after_id is None else TelemetryPacket.id
     query = select(TelemetryPacket).order_by(order).limit(limit)
     columns = (

@@ -12,14 +12,14 @@ ENDED = ("verified", "committed", "active", "failed", "aborted", "done")
 
 
 def add(session: Session, transfer: Transfer) -> Transfer:
-    """Store a transfer's row and give it its id."""
+    """Store a transfer's row and assign its id."""
     session.add(transfer)
     session.flush()
     return transfer
 
 
 def get(session: Session, transfer_id: int) -> Transfer:
-    """Return the transfer with that id; NotFound if there is none."""
+    """Return the transfer with that id. Raises NotFound if it does not exist."""
     row = session.get(Transfer, transfer_id)
     if row is None:
         raise NotFound("no such transfer", got=str(transfer_id))
@@ -27,20 +27,21 @@ def get(session: Session, transfer_id: int) -> Transfer:
 
 
 def newest(session: Session, limit: int) -> list[Transfer]:
-    """Return the newest transfers first."""
+    """Return the newest transfers, newest first."""
     return list(session.scalars(select(Transfer).order_by(Transfer.id.desc()).limit(limit)))
 
 
 def unfinished(session: Session) -> list[Transfer]:
-    """Return transfers that the last server run left unfinished, oldest first."""
+    """Return transfers that the previous run of the server left unfinished, oldest first."""
     return list(session.scalars(select(Transfer).where(Transfer.state.not_in(ENDED)).order_by(Transfer.id)))
 
 
 def mark_active(session: Session, kind: str, sha256: str) -> list[Transfer]:
-    """Mark the newest upload with this content as active and all others of its kind as committed. Returns the changed rows."""
+    """Mark the newest upload with this content as active and other active uploads of its kind as committed. Return the
+    changed rows."""
     of_kind = select(Transfer).where(Transfer.direction == "up", Transfer.kind == kind)
-    brought = of_kind.where(Transfer.state.in_(("committed", "active")), Transfer.sha256 == sha256)
-    newest = session.scalar(brought.order_by(Transfer.id.desc()).limit(1))
+    uploads = of_kind.where(Transfer.state.in_(("committed", "active")), Transfer.sha256 == sha256)
+    newest = session.scalar(uploads.order_by(Transfer.id.desc()).limit(1))
     changed = [row for row in session.scalars(of_kind.where(Transfer.state == "active")) if row is not newest]
     for row in changed:
         row.state = "committed"

@@ -1,4 +1,4 @@
-"""Queries for maintenance: referenced blobs, stored amounts, and rows old enough to be deleted."""
+"""Queries for maintenance: referenced blobs, stored amounts, and deletion of expired rows."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ PIXEL_BYTES = {"|u1": 1, "|i1": 1, "<u2": 2, "<i2": 2, "<f4": 4, "<f8": 8}
 
 @dataclass(frozen=True)
 class Reference:
-    """Reference to a blob. ``size``: its expected size, None if unknown."""
+    """Reference to a blob. ``by``: text that names the referring row; ``size``: expected size in bytes, None if
+    unknown."""
 
     sha256: str
     by: str
@@ -52,14 +53,14 @@ def references(session: Session) -> Iterator[Reference]:
     frames = select(Frame.id, Frame.sha256, Frame.dtype, Frame.columns * Frame.rows)
     for row_id, sha256, dtype, pixels in session.execute(frames.where(Frame.pixels_removed.is_(None))):
         yield Reference(sha256, f"frame {row_id}", pixels * PIXEL_BYTES[dtype] if dtype in PIXEL_BYTES else None)
-    for model, word in (
+    for model, label in (
         (Catalogue, "catalogue"),
         (DeviceTable, "table"),
         (StarList, "star list"),
         (ListRun, "uploaded lists"),
     ):
         for row_id, sha256, size in session.execute(select(model.id, model.sha256, model.size)):
-            yield Reference(sha256, f"{word} {row_id}", size)
+            yield Reference(sha256, f"{label} {row_id}", size)
     results = select(ListRun.id, ListRun.results_sha256, ListRun.results_size).where(ListRun.results_sha256 != "")
     for row_id, sha256, size in session.execute(results):
         yield Reference(sha256, f"results of uploaded lists {row_id}", size)
@@ -75,14 +76,14 @@ def references(session: Session) -> Iterator[Reference]:
 
 
 def still_needed(session: Session, keys: Sequence[str]) -> set[str]:
-    """Return those blobs of deleted frames that another row still references."""
+    """Return the keys of deleted frames' blobs that another row still refers to."""
     needed: set[str] = set()
     for model in (Catalogue, DeviceTable, StarList, ListRun):
         needed |= set(session.scalars(select(model.sha256).where(model.sha256.in_(keys))))
     results = select(ListRun.results_sha256).where(ListRun.results_sha256.in_(keys))
     needed |= set(session.scalars(results))
-    living = select(Frame.sha256).where(Frame.sha256.in_(keys), Frame.pixels_removed.is_(None))
-    needed |= set(session.scalars(living))
+    kept_frames = select(Frame.sha256).where(Frame.sha256.in_(keys), Frame.pixels_removed.is_(None))
+    needed |= set(session.scalars(kept_frames))
     for options in session.scalars(select(Transfer.options).where(Transfer.state.not_in(ENDED))):
         needed |= {options.get("content", "")} & set(keys)
     return needed
@@ -110,7 +111,8 @@ def pixels_held(session: Session) -> Iterator[Pixels]:
 
 
 def pixel_bytes(session: Session, since: datetime | None = None) -> tuple[int, int]:
-    """Return (frames with pixels, the size of these in the store in bytes), for those received since ``since``."""
+    """Return (number of frames with pixels, size of the pixels in the store in bytes) for frames received at or after
+    ``since``."""
     query = select(func.count(), func.sum(_stored_bytes())).where(Frame.pixels_removed.is_(None))
     if since is not None:
         query = query.where(Frame.received >= since)
@@ -119,13 +121,14 @@ def pixel_bytes(session: Session, since: datetime | None = None) -> tuple[int, i
 
 
 def _stored_bytes() -> ColumnElement[int]:
-    """Size of a frame's pixels in the store, bytes."""
+    """Return the column expression for the size of a frame's pixels in the store, in bytes."""
     plain = Frame.columns * Frame.rows * case(PIXEL_BYTES, value=Frame.dtype, else_=2)
     return func.coalesce(Frame.stored_bytes, plain)
 
 
 def used_by_studies(session: Session) -> set[int]:
-    """Return frames used by a calibration or an analysis, which can be verified only while the pixels exist."""
+    """Return the ids of frames used by calibrations and analyses, whose results can be verified only while the pixels
+    exist."""
     used: set[int] = set()
     for model in (Calibration, Analysis):
         for request in session.scalars(select(model.request)):
@@ -143,21 +146,21 @@ def _numbers(values: Iterable[Any]) -> Iterator[int]:
 
 
 def remove_pixels(session: Session, frame_ids: Sequence[int], at: datetime) -> None:
-    """Mark the pixels of these frames as deleted; all other data of the frames stays."""
+    """Mark the pixels of these frames as deleted. All other data of the frames are kept."""
     session.execute(update(Frame).where(Frame.id.in_(frame_ids)).values(pixels_removed=at))
 
 
 @dataclass(frozen=True)
 class Amounts:
-    """Stored amounts of frames (with pixels), frames_bytes, packets and events. ``arrived``: the part stored since the
-    last removal."""
+    """Numbers of stored frames (with pixels), frames_bytes, packets and events. ``arrived``: the part that was stored
+    after the last removal."""
 
     stored: dict[str, int]
     arrived: dict[str, int]
 
 
 def amounts(session: Session, last: datetime | None) -> Amounts:
-    """Return the stored amounts. ``last``: time of the last removal; None: nothing counts as arrived since."""
+    """Return the stored amounts. ``last``: time of the last removal; None: ``arrived`` is zero."""
     return Amounts(_amounts(session, None), _amounts(session, last) if last else dict.fromkeys(AMOUNTS, 0))
 
 
@@ -173,7 +176,7 @@ def _amounts(session: Session, since: datetime | None) -> dict[str, int]:
 
 
 def newest_row(session: Session) -> datetime | None:
-    """Newest timestamp over all recorded tables, from the last row of each; None in an empty store."""
+    """Return the latest timestamp in the last rows of all recorded tables; None for an empty store."""
     columns = (
         (Event.at, Event.seq),
         (TelemetryPacket.received, TelemetryPacket.id),
@@ -183,12 +186,12 @@ def newest_row(session: Session) -> datetime | None:
         (Contact.started, Contact.id),
         (Job.created, Job.id),
     )
-    moments = [session.scalar(select(moment).order_by(key.desc()).limit(1)) for moment, key in columns]
-    return max((moment for moment in moments if moment is not None), default=None)
+    times = [session.scalar(select(time).order_by(key.desc()).limit(1)) for time, key in columns]
+    return max((time for time in times if time is not None), default=None)
 
 
 def set_favourite(session: Session, frame_id: int, favourite: bool) -> None:
-    """Mark a frame as favourite or not; retention never deletes a favourite's pixels."""
+    """Set or remove the favourite mark of a frame. Retention never deletes a favourite's pixels."""
     session.execute(update(Frame).where(Frame.id == frame_id).values(favourite=favourite))
 
 
@@ -221,8 +224,8 @@ def remove_packets(session: Session, packet: str, before: datetime, limit: int =
 def thin_packets(
     session: Session, packet: str, after: datetime | None, before: datetime, every_s: float, limit: int = BATCH
 ) -> tuple[int, datetime | None]:
-    """Of unsolicited packets keep the first in each ``every_s``. Returns the number deleted and the time to continue
-    from, None at the end of the range."""
+    """Keep only the first unsolicited packet in each interval of ``every_s``. Return the number of deleted packets and
+    the time from which to continue, None at the end of the range."""
     rows = select(TelemetryPacket.id, TelemetryPacket.received).where(
         TelemetryPacket.packet == packet, TelemetryPacket.request_id == 0, TelemetryPacket.received < before
     )
@@ -238,7 +241,7 @@ def thin_packets(
         else:
             last, last_kept = bucket, received
     _remove(session, removed)
-    # The next call starts at the packet that was kept, so that later ones in the same interval are deleted too.
+    # The next call starts at the kept packet, so that later packets in the same interval are also deleted.
     return len(removed), last_kept if len(packets) == limit else None
 
 
@@ -287,18 +290,19 @@ def schema_version(session: Session) -> str:
     return str(session.scalar(text("SELECT version_num FROM alembic_version")) or "")
 
 
-def integrity_problems(session: Session, most: int = 20) -> list[str]:
-    """Return problems that SQLite's integrity check finds. Empty for PostgreSQL, which monitors its own files."""
+def integrity_problems(session: Session, limit: int = 20) -> list[str]:
+    """Return the problems that SQLite's integrity check reports. Empty for PostgreSQL, which checks its files
+    itself."""
     if session.get_bind().dialect.name != "sqlite":
         return []
-    problems = [str(row[0]) for row in session.execute(text(f"PRAGMA integrity_check({most})"))]
+    problems = [str(row[0]) for row in session.execute(text(f"PRAGMA integrity_check({limit})"))]
     return [] if problems == ["ok"] else problems
 
 
-def broken_links(session: Session, most: int = 20) -> list[str]:
+def broken_links(session: Session, limit: int = 20) -> list[str]:
     """Return rows that reference a missing row of another table."""
     if session.get_bind().dialect.name == "sqlite":
-        rows = session.execute(text("PRAGMA foreign_key_check")).fetchmany(most)
+        rows = session.execute(text("PRAGMA foreign_key_check")).fetchmany(limit)
         return [f"{row[0]} row {row[1]} refers to a missing row of {row[2]}" for row in rows]
     broken = []
     for table in Base.metadata.sorted_tables:
@@ -307,8 +311,8 @@ def broken_links(session: Session, most: int = 20) -> list[str]:
             query = select(func.count()).select_from(table.outerjoin(other, key.parent == other.c[key.column.name]))
             number = session.scalar(query.where(key.parent.is_not(None), other.c[key.column.name].is_(None)))
             if number:
-                broken.append(f"{number} rows of {table.name} name a missing row of {key.column.table.name}")
-    return broken[:most]
+                broken.append(f"{number} rows of {table.name} refer to a missing row of {key.column.table.name}")
+    return broken[:limit]
 
 
 def states(session: Session) -> Iterator[tuple[str, str, int]]:
@@ -339,7 +343,7 @@ def frame_count(session: Session) -> int:
 
 
 def close_keys(session: Session, now: datetime, reason: str) -> None:
-    """Invalidate every session, one-time link and token; users and passwords stay."""
+    """Invalidate every session, one-time link and token. Users and passwords are kept."""
     session.execute(update(SignIn).where(SignIn.ended.is_(None)).values(ended=now, end_reason=reason))
     session.execute(update(OneTimeLink).where(OneTimeLink.used.is_(None)).values(used=now))
     session.execute(update(ApiToken).where(ApiToken.revoked.is_(None)).values(revoked=now))

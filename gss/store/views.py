@@ -10,7 +10,7 @@ from gss.store.models import SharedView, SharedViewVersion
 
 
 def every(session: Session) -> list[SharedView]:
-    """Return all views, by name."""
+    """Return all views, sorted by name."""
     return list(session.scalars(select(SharedView).order_by(SharedView.name)))
 
 
@@ -20,8 +20,8 @@ def count(session: Session) -> int:
 
 
 def get(session: Session, view_id: int, *, lock: bool = False) -> SharedView:
-    """Return the view with that id; NotFound if there is none. ``lock``: keep others from changing it until the end of the
-    transaction, where the database can do that."""
+    """Return the view with that id. Raises NotFound if it does not exist. ``lock``: prevent changes by other
+    transactions until the end of this transaction, if the database supports it."""
     row = session.get(SharedView, view_id, with_for_update=lock)
     if row is None:
         raise NotFound("There is no such view", got=str(view_id))
@@ -34,7 +34,7 @@ def named(session: Session, name: str) -> SharedView | None:
 
 
 def add(session: Session, row: SharedView | SharedViewVersion) -> None:
-    """Store a new row and give it its id."""
+    """Store a new row and assign its id."""
     session.add(row)
     session.flush()
 
@@ -46,7 +46,7 @@ def versions(session: Session, view_id: int) -> list[SharedViewVersion]:
 
 
 def forget_versions(session: Session, view_id: int, before: int) -> None:
-    """Delete the versions of a view before one."""
+    """Delete the versions of a view before version ``before``."""
     row = SharedViewVersion
     session.execute(delete(row).where(row.view_id == view_id, row.version < before))
 

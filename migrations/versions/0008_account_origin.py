@@ -1,4 +1,4 @@
-"""Who made a one-time link, why a user was disabled, and the cookie that recognizes a browser at sign-in"""
+"""Creator of a one-time link, reason why a user was disabled, and the cookie that identifies a browser at sign-in"""
 
 from __future__ import annotations
 

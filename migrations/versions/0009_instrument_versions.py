@@ -1,6 +1,6 @@
-"""Instrument versions: frames, contacts and catalogues store the version of the instrument package that made them
+"""Instrument versions: frames, contacts and catalogues store the version of their instrument package
 
-The columns stay null in older rows: their version is unknown.
+The columns are null in older rows, whose version is unknown.
 """
 
 from __future__ import annotations

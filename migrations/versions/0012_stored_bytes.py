@@ -1,6 +1,6 @@
-"""Frames: what their pixels take in the store, since pixels are compressed
+"""Frames: size of the compressed pixels in the store
 
-The column stays null in older rows: their pixels are not compressed.
+The column is null in older rows, whose pixels are not compressed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Authority transfers: the row of the present holder stores the request or offer that waits for an answer
+"""Authority transfers: the row of the current holder stores the pending request or offer
 
 The columns are empty in older rows.
 """

@@ -1,4 +1,4 @@
-"""Changed constants of the chain that made a solution"""
+"""Changed constants of the chain of a solution"""
 
 from __future__ import annotations
 

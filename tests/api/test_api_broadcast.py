@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from gss.api.stream import route as stream
-from gss.api.stream.broadcast import MAILBOX, Broadcaster, Listener, Presenter, Wire, unnumbered, wire
+from gss.api.stream.broadcast import MAX_QUEUED, Broadcaster, Listener, Presenter, Wire, unnumbered, wire
 from gss.api.stream.route import EventStream, resumed_after
 from gss.operations.clock import utc_now
 from gss.operations.events import EventBus
@@ -103,11 +103,11 @@ def test_only_the_slow_subscriber_loses_the_oldest_messages():
     """A queue is limited in messages and bytes; the loss is counted for this subscriber alone."""
     broadcaster = Broadcaster(StreamCounts())
     slow, quick = broadcaster.join(), broadcaster.join()
-    for k in range(MAILBOX + 5):
+    for k in range(MAX_QUEUED + 5):
         broadcaster.spread([Wire("x", b"%d" % k)])
         quick.take()
     messages, dropped = slow.take()
-    assert (len(messages), dropped, messages[0].data) == (MAILBOX, 5, b"5")
+    assert (len(messages), dropped, messages[0].data) == (MAX_QUEUED, 5, b"5")
     assert slow.take() == ([], 0)
     large = Listener()
     large.put(Wire("x", bytes(10 << 20)) for _ in range(3))
@@ -121,15 +121,15 @@ def test_a_dropped_message_is_announced_on_its_connection(bus):
         broadcaster, connection = Broadcaster(StreamCounts()), Connection(deaf=True)
         task = follow(bus, broadcaster, connection)
         await until(lambda: len(broadcaster) == 1)
-        for k in range(MAILBOX + 7):
+        for k in range(MAX_QUEUED + 7):
             broadcaster.spread([wire("limits", k, f"0.{k}")])
         connection.accepts.set()
-        await until(lambda: len(connection.messages()) > MAILBOX)
+        await until(lambda: len(connection.messages()) > MAX_QUEUED)
         connection.gone.set()
         await task
         received = connection.messages()
         assert received[:2] == [("link", {"n": 0}, ""), ("dropped", {"dropped": 7}, "")]
-        assert [payload for topic, payload, _ in received if topic == "limits"] == list(range(7, MAILBOX + 7))
+        assert [payload for topic, payload, _ in received if topic == "limits"] == list(range(7, MAX_QUEUED + 7))
         assert broadcaster.counts.dropped == 7
 
     asyncio.run(run())

@@ -42,7 +42,8 @@ def test_without_orbit_or_station_the_table_says_what_to_do(fresh: TestClient, t
 
 
 def test_passes_of_three_days_are_in_order_and_consistent(fresh: TestClient, tle_of: TleOf) -> None:
-    """Rise before culmination before set, above the minimum elevation; the budget is the line's rate; overlaps are named."""
+    """Rise before culmination before set, above the minimum elevation; the budget is the line's rate; overlaps are
+    named."""
     reply = fresh.put("/api/spacecraft", json={"text": tle_of(1), "source": "tracking service"}).json()
     assert (reply["name"], reply["state"], reply["plannable"]) == ("ZA-1", "ok", True)
     assert reply["orbit"]["source"] == "tracking service"
@@ -53,7 +54,7 @@ def test_passes_of_three_days_are_in_order_and_consistent(fresh: TestClient, tle
     assert made["mask"] == hill
     table = fresh.get("/api/passes?days=3").json()
     assert len(table["passes"]) >= 12
-    assert table["warnings"] == ["No horizon mask is set for Stellenbosch: the horizon is taken as flat."]
+    assert table["warnings"] == ["No horizon mask is set for Stellenbosch: the horizon is assumed to be flat."]
     rises = [p["rise"] for p in table["passes"]]
     assert rises == sorted(rises)
     for one in table["passes"]:
@@ -67,7 +68,8 @@ def test_passes_of_three_days_are_in_order_and_consistent(fresh: TestClient, tle
 
 
 def test_the_calendar_and_the_ephemeris_can_be_read_by_others(fresh: TestClient, tle_of: TleOf) -> None:
-    """One event for each pass with lines of at most 75 bytes; the exported OEM, imported again, gives the same passes."""
+    """One event for each pass with lines of at most 75 bytes; the exported OEM, imported again, gives the same
+    passes."""
     fresh.put("/api/spacecraft", json={"text": tle_of(0)})
     fresh.post("/api/stations", json=STATION | {"name": "Cape Town; north, \\ ä" + "ö" * 30})
     passes = fresh.get("/api/passes?days=2").json()["passes"]

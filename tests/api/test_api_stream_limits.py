@@ -18,10 +18,10 @@ def test_each_user_and_all_together_have_a_limit():
     """A closed stream frees its place; anonymous streams, as a worker's, do not count against a user."""
     broadcaster = Broadcaster(StreamCounts(), each=2, most=3)
     first, _ = broadcaster.join("ann"), broadcaster.join("ann")
-    with pytest.raises(RateLimited, match="at most 2 of one user"):
+    with pytest.raises(RateLimited, match="at most 2 for one user"):
         broadcaster.join("ann")
     broadcaster.join("bob")
-    with pytest.raises(RateLimited, match="at most 3 of everybody"):
+    with pytest.raises(RateLimited, match="at most 3 for all users"):
         broadcaster.join("eve")
     broadcaster.join()
     assert broadcaster.counts.refused == 2
@@ -95,7 +95,8 @@ def test_rejected_streams_are_counted_and_logged_once_a_minute(client):
 
 @pytest.mark.parametrize("path", ["/api/frames/", "/api/link/", "/api/session/", "/help/"])
 def test_a_double_slash_does_not_redirect(client, path):
-    """A redirect would reveal the address behind the proxy; the response is 404, or the page for routes of the console."""
+    """A redirect would reveal the address behind the proxy; the response is 404, or the page for routes of the
+    console."""
     reply = client.get(path, headers={"Host": "localhost"}, follow_redirects=False)
     assert reply.status_code in (200, 404)
     assert "location" not in reply.headers

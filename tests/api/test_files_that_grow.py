@@ -8,7 +8,7 @@ from fastapi import FastAPI
 from fastapi.responses import StreamingResponse
 from fastapi.testclient import TestClient
 
-from gss.api.files.cached import BLOCK_BYTES, file_of_now
+from gss.api.files.cached import BLOCK_BYTES, file_download
 
 
 def test_a_file_that_grows_while_it_is_sent_has_its_length_at_the_start(tmp_path: Path) -> None:
@@ -20,7 +20,7 @@ def test_a_file_that_grows_while_it_is_sent_has_its_length_at_the_start(tmp_path
 
     @app.get("/file")
     def download() -> StreamingResponse:
-        response = file_of_now(path)
+        response = file_download(path)
         with path.open("ab") as file:
             file.write(b"x" * 100_000)
         return response

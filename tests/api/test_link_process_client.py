@@ -14,7 +14,7 @@ import httpx2
 import pytest
 import uvicorn
 
-from gss.api.guard.bodies import SMALL_BODY_BYTES
+from gss.api.guard.bodies import MAX_OPEN_BODY_BYTES
 from gss.api.stream.broadcast import Wire, wire
 from gss.api.workers.link_client import LinkProcessClient
 from gss.api.workers.private_app import peer_of
@@ -118,7 +118,7 @@ def test_a_large_body_is_streamed_and_a_small_one_is_read_first():
             return b"2" * size
 
         async with link_process(app) as link:
-            large = SMALL_BODY_BYTES * 2
+            large = MAX_OPEN_BODY_BYTES * 2
             caller = Caller("POST", "/api/x", {"content-length": str(large)}, [b"1" * (large - 5), second(5)])
             forwarding = asyncio.create_task(link.forward(caller.scope, caller.receive, caller.send))
             await first.wait()

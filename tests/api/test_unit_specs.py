@@ -1,4 +1,5 @@
-"""Units as the command line and GSS_UNITS name them: what is accepted, what is refused, and the settings of their processes."""
+"""Units as the command line and GSS_UNITS name them: what is accepted, what is refused, and the settings of their
+processes."""
 
 from __future__ import annotations
 
@@ -32,9 +33,9 @@ def test_a_list_of_units_is_read_in_its_order(registry: Registry) -> None:
         ("FM1", "a unit needs a name, an instrument and an address"),
         ("FM1=cubestar", "a unit needs a name, an instrument and an address"),
         ("FM1=@simulator", "a unit needs a name, an instrument and an address"),
-        ("=cubestar@simulator", "invalid name of a unit"),
-        ("../x=cubestar@simulator", "invalid name of a unit"),
-        (f"{'a' * 25}=cubestar@simulator", "invalid name of a unit"),
+        ("=cubestar@simulator", "invalid unit name"),
+        ("../x=cubestar@simulator", "invalid unit name"),
+        (f"{'a' * 25}=cubestar@simulator", "invalid unit name"),
         ("FM1=cubestar@ftp://host:1", "invalid line address"),
         ("FM1=cubestar@simulator,fm1=nos3@simulator", "two units have the same name"),
         ("A=cubestar@/dev/tty1,B=nos3@/dev/tty1", "two units have the same address"),

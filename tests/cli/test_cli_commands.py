@@ -5,12 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from gss.cli import COMMANDS, whole_parser
+from gss.cli import COMMANDS, full_parser
 
 
 def test_every_command_of_the_table_is_registered_by_its_module():
     """The table that lists commands without importing them names exactly those that exist."""
-    (action,) = (a for a in whole_parser()._actions if a.dest == "command")
+    (action,) = (a for a in full_parser()._actions if a.dest == "command")
     assert list(action.choices) == list(COMMANDS)
 
 

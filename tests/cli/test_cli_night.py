@@ -88,14 +88,14 @@ def test_invalid_input_is_rejected_with_a_message(
         assert words.lower() in capsys.readouterr().err.lower()
     with pytest.raises(SystemExit):
         main(["calibrate", "nothing.fits", "--camera", "cubestar", "--out", str(tmp_path / "x.doc")])
-    assert "unknown kind of report" in capsys.readouterr().err
+    assert "unknown report format" in capsys.readouterr().err
 
 
 def test_stored_frames_are_exported_as_fits_with_the_corrections_of_their_sky(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A simulated frame is exported as FITS; when it is read again, aberration is not corrected in a sky that was rendered
-    without it."""
+    """A simulated frame is exported as FITS; when it is read again, aberration is not corrected in a sky that was
+    rendered without it."""
     services = build(Settings(data=tmp_path / "store"))
     attitude = cam_from_icrs(1.4, 0.2, 0.5)
     image = render(

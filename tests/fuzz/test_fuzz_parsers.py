@@ -38,7 +38,7 @@ def test_changed_and_random_bytes_raise_only_our_errors(name: str) -> None:
     """A few dozen inputs per target, the same in every run; ``python -m tools.fuzz all`` runs for any time."""
     target, pool = TARGETS[name], seeds_of(name)
     changed = st.integers(0, 2**32 - 1).map(
-        lambda seed: mutated(random.Random(seed), pool, target.most_bytes, target.text)
+        lambda seed: mutated(random.Random(seed), pool, target.max_bytes, target.text)
     )
     words = st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass"))
 

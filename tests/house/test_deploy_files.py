@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from gss.api.guard.bodies import MAX_BODY_BYTES
-from gss.cli import whole_parser
+from gss.cli import full_parser
 from gss.settings import Settings
 
 KNOWN = {f"GSS_{name.upper()}" for name in Settings.model_fields}
@@ -46,7 +46,7 @@ def test_each_command_of_the_units_is_valid(root: Path) -> None:
     lines = re.findall(r"^ExecStart=/opt/gss/bin/gss (.+)$", units, re.MULTILINE)
     assert len(lines) == 3
     for line in lines:
-        assert whole_parser().parse_args(line.split()).run
+        assert full_parser().parse_args(line.split()).run
 
 
 def test_the_service_is_confined(root: Path) -> None:
@@ -60,8 +60,8 @@ def test_the_service_is_confined(root: Path) -> None:
 
 
 def test_the_proxies_neither_buffer_nor_block(root: Path) -> None:
-    """Endless responses are not buffered, and the body limit is above the server's limit, so that the server can return an
-    error message."""
+    """Endless responses are not buffered, and the body limit is above the server's limit, so that the server can return
+    an error message."""
     nginx, caddy = ((root / "deploy" / name).read_text() for name in ("nginx.conf", "Caddyfile"))
     for path in NEVER_ENDING:
         assert "proxy_buffering off;" in re.search(rf"location = {path} {{(.*?)}}", nginx, re.DOTALL)[1]

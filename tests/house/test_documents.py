@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gss.cli import whole_parser
+from gss.cli import full_parser
 from gss.cli.shell_page import shell_page
 from gss.settings import Settings
 
@@ -48,7 +48,7 @@ def test_commands_in_the_documents_are_valid(page):
     """The parser accepts each line of a shell block that begins with `gss`, with its options."""
     blocks = re.findall(r"^```\w*\n(.*?)^```", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
     lines = re.findall(r"^(?:\.venv/bin/)?gss (\S.*)$", "\n".join(blocks).replace("\\\n", " "), re.MULTILINE)
-    parser = whole_parser()
+    parser = full_parser()
     for line in lines:
         parser.parse_args(shlex.split(line.split(" | ")[0].split(" > ")[0], comments=True))
     assert page != "README.md" or len(lines) > 8
@@ -56,7 +56,7 @@ def test_commands_in_the_documents_are_valid(page):
 
 def test_the_shell_reference_is_generated_from_the_parsers(root):
     """docs/shell.md is written by `gss export shell`."""
-    assert (root / "docs" / "shell.md").read_text() == shell_page(whole_parser())
+    assert (root / "docs" / "shell.md").read_text() == shell_page(full_parser())
 
 
 def test_folders_of_the_architecture_page_exist(root):

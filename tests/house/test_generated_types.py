@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from gss.api.app import create_app
-from gss.api.stream.topics import OF_THE_STREAM, PRESENT
+from gss.api.stream.topics import PRESENT, STREAM_TOPICS
 from gss.operations.accounts.permissions import ROLES
 from gss.settings import Settings
 from gss.wiring.build import build
@@ -56,6 +56,6 @@ def test_topics_and_permissions_of_the_pages_are_those_of_the_server(checkout: P
     """The stream's topics are typed in the document, and the table of roles is written from it."""
     generate(checkout)
     document = json.loads((checkout / GENERATED / "openapi.json").read_text())
-    assert set(document["components"]["schemas"]["StreamTopics"]["properties"]) == {*PRESENT, *OF_THE_STREAM}
+    assert set(document["components"]["schemas"]["StreamTopics"]["properties"]) == {*PRESENT, *STREAM_TOPICS}
     table = (checkout / GENERATED / "roles.ts").read_text().split(" = ", 1)[1].removesuffix(" as const;\n")
     assert {role: frozenset(granted) for role, granted in json.loads(table).items()} == ROLES

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from tools.licences import PAGE, licence_of, locked, of_the_pages, rows_of, sbom
+from tools.licences import PAGE, licence_of, locked, page_packages, rows_of, sbom
 
 REFUSED = re.compile(r"(?<!L)(?:A?GPL)|SSPL|BUSL|Commons Clause|not stated|^UNKNOWN$")
 
@@ -16,7 +16,7 @@ def test_every_locked_package_is_on_the_page_with_its_own_licence(root: Path) ->
     for name, version, _ in locked():
         assert f"| {name} | {version} | " in text, name
         assert licence_of(name) in (None, rows[name]), name
-    for name, version, licence in of_the_pages():
+    for name, version, licence in page_packages():
         assert f"| {name} | {version} | {licence} |" in text, name
 
 

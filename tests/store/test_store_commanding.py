@@ -87,7 +87,7 @@ def test_a_deleted_stack_keeps_its_runs(database):
         )
         stacks.add(session, run)
     with database.unit_of_work() as session:
-        assert [row.id for row in stacks.left_under_way(session)] == [run.id]
+        assert [row.id for row in stacks.unfinished_runs(session)] == [run.id]
         stacks.delete(session, stack.id)
     with database.unit_of_work() as session:
         assert stacks.get_run(session, run.id).stack_id is None

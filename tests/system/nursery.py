@@ -117,7 +117,7 @@ def load() -> None:
     from gss.catalogue_tools.sources.hipparcos import load_stars
     from gss.instruments.dictionary.read_dictionary import load_dictionary
 
-    gss.cli.whole_parser()
+    gss.cli.full_parser()
     load_stars()
     load_dictionary()
 

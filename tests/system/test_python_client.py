@@ -99,7 +99,10 @@ def test_refusals_are_exceptions_with_the_servers_words(serve, new_token):
             gss.wait_telemetry("housekeeping.no_such_field", lambda value: True, 1)
         with pytest.raises(TimedOut, match="last value is"):
             gss.wait_telemetry("housekeeping.sensor_temperature_c", lambda value: False, 0.5)
-    with Client("http://127.0.0.1:1", "none", reconnect_s=0) as gss, pytest.raises(ServerAway, match="does not answer"):
+    with (
+        Client("http://127.0.0.1:1", "none", reconnect_s=0) as gss,
+        pytest.raises(ServerAway, match="does not respond"),
+    ):
         gss.link()
 
 

@@ -1,7 +1,7 @@
 """Decide which connections stay open when there are too many.
 
-A new connection is unauthenticated until its first request, so it is always accepted; if the limit is exceeded, an older
-unauthenticated connection is dropped. An authenticated connection is dropped only if a further connection becomes
+A new connection is unauthenticated until its first request, so it is always accepted; if the limit is exceeded, an
+older unauthenticated connection is dropped. An authenticated connection is dropped only if a further connection becomes
 authenticated above the limit for authenticated ones, and only while it waits for its client.
 """
 
@@ -17,25 +17,27 @@ from ipaddress import IPv6Address, ip_address
 
 log = logging.getLogger("gss.connections")
 DESCRIPTORS_SHARE = 2
-"""Divisor of the number of file descriptors: this part is for connections, the others for files, the database and the line."""
+"""Divisor of the number of file descriptors: this share is for connections, the remainder for files, the database and
+the line."""
 UNAUTHENTICATED_SHARE = 2
-"""Divisor of the number of connections: this part may be unauthenticated; the others are reserved for signed-in users."""
+"""Divisor of the number of connections: this share can be unauthenticated; the remainder is reserved for signed-in
+users."""
 
 
 @dataclass(frozen=True)
 class ConnectionLimits:
-    """Maximum numbers of open connections. ``unauthenticated``: those that have not carried an authenticated request;
-    at most ``per_address`` of them come from one address (IPv6: one /64 network)."""
+    """Maximum numbers of open connections. ``unauthenticated``: connections without an authenticated request. At most
+    ``per_address`` unauthenticated connections are open from one address (IPv6: one /64 network)."""
 
     authenticated: int
     unauthenticated: int
     per_address: int
 
     @classmethod
-    def within(cls, most: int, descriptors: int, *, behind_proxy: bool) -> ConnectionLimits:
-        """Return the limits for ``most`` connections in a process with ``descriptors`` file descriptors. Behind a proxy all
-        clients share its address."""
-        total = max(4, min(most, descriptors // DESCRIPTORS_SHARE))
+    def within(cls, max_connections: int, descriptors: int, *, behind_proxy: bool) -> ConnectionLimits:
+        """Return the limits for ``max_connections`` connections in a process with ``descriptors`` file descriptors.
+        Behind a proxy all clients share its address."""
+        total = max(4, min(max_connections, descriptors // DESCRIPTORS_SHARE))
         unauthenticated = total // UNAUTHENTICATED_SHARE
         per_address = unauthenticated if behind_proxy else max(1, unauthenticated // 2)
         return cls(total - unauthenticated, unauthenticated, per_address)
@@ -47,20 +49,22 @@ class Connection:
     def __init__(
         self, accepted: socket.socket | None, origin: str, authenticated: Callable[[Connection], None]
     ) -> None:
-        self._socket, self.origin, self._proved = accepted, origin, authenticated
+        self._socket, self.origin, self._on_authenticated = accepted, origin, authenticated
         self.authenticated = False
         self._transport: asyncio.Transport | None = None
         self._waits: Callable[[], bool] | None = None
 
     def attach(self, transport: asyncio.Transport, waits: Callable[[], bool]) -> None:
-        """Attach the transport when the protocol starts. ``waits``: returns True while the protocol waits for the client."""
+        """Attach the transport when the protocol starts. ``waits``: function that returns True while the protocol waits
+        for the client."""
         self._transport, self._waits = transport, waits
 
     def mark_authenticated(self) -> None:
-        """Record that a request carried a valid session or token: unauthenticated connections no longer displace this one."""
+        """Record that a request carried a valid session or token. New unauthenticated connections no longer displace
+        this connection."""
         if not self.authenticated:
             self.authenticated = True
-            self._proved(self)
+            self._on_authenticated(self)
 
     @property
     def waits_for_client(self) -> bool:
@@ -73,7 +77,7 @@ class Connection:
         return self._transport is None and self._socket is not None and self._socket.fileno() < 0
 
     def drop(self) -> None:
-        """Close the connection at once, without a response."""
+        """Close the connection immediately, without a response."""
         if self._transport is not None:
             self._transport.abort()
         elif self._socket is not None:
@@ -124,7 +128,7 @@ class Connections:
             self._unauthenticated.pop(connection.origin, None)
 
     def drop_one(self) -> bool:
-        """Drop an unauthenticated connection to free its descriptor. False if there is none."""
+        """Drop an unauthenticated connection to free its descriptor. Return False if none exists."""
         self._forget_closed()
         if not self._unauthenticated:
             return False
@@ -150,7 +154,8 @@ class Connections:
                 self.ended(connection)
 
     def _move(self, connection: Connection) -> None:
-        """Count the connection as authenticated. Above the limit, drop an idle one, if possible of the same origin."""
+        """Count the connection as authenticated. Above the limit, drop an idle connection, preferably from the same
+        origin."""
         if connection not in self._unauthenticated.get(connection.origin, {}):
             return
         self.ended(connection)
@@ -169,7 +174,8 @@ class Connections:
 
 
 def _victim(pool: Pool) -> Connection:
-    """Return the oldest connection that waits for its client, or the oldest of all if each has a request in progress."""
+    """Return the oldest connection that waits for its client. If every connection has a request in progress, return the
+    oldest."""
     return next((candidate for candidate in pool if candidate.waits_for_client), next(iter(pool)))
 
 

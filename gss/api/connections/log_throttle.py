@@ -15,8 +15,9 @@ MAX_KINDS = 500
 
 
 class LogThrottle(logging.Filter):
-    """Passes ``PER_MINUTE`` messages of a kind per minute; the first one after that reports how many were left out. A
-    kind is the logger plus the first line of the message before its arguments."""
+    """Log filter that passes at most ``PER_MINUTE`` messages of a kind per minute. The first message after that minute
+    states how many similar messages were omitted. The kind is the logger plus the first line of the message before its
+    arguments."""
 
     def __init__(self, monotonic_s: Monotonic) -> None:
         super().__init__()
@@ -24,13 +25,13 @@ class LogThrottle(logging.Filter):
         self._kinds: OrderedDict[tuple[str, str], tuple[float, int]] = OrderedDict()
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """True if the message is to be written."""
+        """True if the message is written to the log."""
         kind, now_s = (record.name, str(record.msg).partition("\n")[0]), self._now_s()
         begun_s, count = self._kinds.pop(kind, (now_s, 0))
         if now_s - begun_s >= WINDOW_S:
-            left_out, begun_s, count = count - PER_MINUTE, now_s, 0
-            if left_out > 0:
-                record.msg = f"{record.msg} ({left_out} similar messages were omitted)"
+            omitted, begun_s, count = count - PER_MINUTE, now_s, 0
+            if omitted > 0:
+                record.msg = f"{record.msg} ({omitted} similar messages were omitted)"
         self._kinds[kind] = (begun_s, count + 1)
         while len(self._kinds) > MAX_KINDS:
             self._kinds.popitem(last=False)

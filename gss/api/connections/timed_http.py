@@ -1,6 +1,6 @@
 """HTTP with time limits for clients that begin a request and do not complete it.
 
-uvicorn closes an idle connection after some seconds but waits for the rest of a request without limit.
+uvicorn closes an idle connection after some seconds but waits without limit for the remainder of a request.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from gss.api.guard.route_table import is_open
 
 @dataclass(frozen=True)
 class HttpTimeouts:
-    """``head_s``: from the connection, or the previous response, to the end of a request's head. ``open_body_s``: from there to
-    the end of the body, for routes without sign-in and unknown callers. ``body_pause_s``: between two pieces of another body."""
+    """Time limits for requests. ``head_s``: from the connection, or the previous response, to the end of the request's
+    head. ``open_body_s``: from the end of the head to the end of the body, for open routes and unauthenticated
+    connections. ``body_pause_s``: between two parts of any other body."""
 
     head_s: float = 15.0
     open_body_s: float = 10.0
@@ -30,7 +31,8 @@ class HttpTimeouts:
 
 
 class TimedHttp(H11Protocol):
-    """uvicorn's protocol with time limits. A response in progress, above all an event stream, has none."""
+    """uvicorn's protocol with time limits for requests. Responses have no time limit, because an event stream does not
+    end."""
 
     def __init__(
         self,
@@ -46,7 +48,8 @@ class TimedHttp(H11Protocol):
         self._connections, self._timeouts = connections, timeouts
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as in uvicorn
-        """Start the timeouts. Requests carry the connection in their state: an authenticated request protects its connection."""
+        """Start the timeouts. The state of each request contains the connection, so that authentication can protect it
+        from being dropped."""
         super().connection_made(transport)
         self._connection: Connection = self._connections.begun(transport, self._waits_for_client)
         self.app_state = {**self.app_state, "connection": self._connection}
@@ -54,23 +57,24 @@ class TimedHttp(H11Protocol):
         self._timer = self.loop.call_later(self._timeouts.check_every_s, self._check)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stop watching."""
+        """Stop the timeouts and remove the connection."""
         self._timer.cancel()
         self._connections.ended(self._connection)
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Note when a head is complete and when a piece of a body arrives."""
-        before = self.cycle
+        """Record the time when a head is complete and when a part of a body arrives."""
+        previous_cycle = self.cycle
         super().data_received(data)
-        if self.cycle is not before:
+        if self.cycle is not previous_cycle:
             self._head_s = self.loop.time()
         if self._waits_for_body():
             self._since_s = self.loop.time()
 
     def send_400_response(self, msg: str) -> None:
-        """Answer invalid bytes, also those in the body of a request that is being answered: uvicorn would then raise here and in
-        the application, and write both to the log."""
+        """Send a 400 response for invalid bytes. If the bytes are in the body of a request whose response is in
+        progress, report to the application that the client has disconnected: uvicorn alone would raise and log one
+        error here and one in the application."""
         if self._is_answering():
             self.cycle.disconnected = True
             self.cycle.message_event.set()

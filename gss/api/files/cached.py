@@ -1,4 +1,4 @@
-"""Responses that a browser may keep but must confirm with the server before each use, and files of a fixed length."""
+"""Responses that a browser can cache but must revalidate before each use, and downloads of files that still grow."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from fastapi.responses import StreamingResponse
 BLOCK_BYTES = 1 << 18
 
 
-def revalidated(request: Request, content_hash: str, make: Callable[[], Response]) -> Response:
-    """Return 304 if the browser has this content, else the response that ``make`` builds, with its ETag.
+def revalidated(request: Request, content_hash: str, build: Callable[[], Response]) -> Response:
+    """Return 304 if the browser has this content, else the response that ``build`` returns, with its ETag.
 
-    The tag covers the URL and ``content_hash``, so another content under the same id, as after a restore, is never shown,
-    and nothing is shown after signing out.
+    The tag covers the URL and ``content_hash``, so the browser never shows outdated content if a restore replaced the
+    content of an id. Because the browser must revalidate, it shows nothing after sign-out.
     """
     tag = hashlib.sha256(f"{request.url.path}?{request.url.query} {content_hash}".encode()).hexdigest()[:32]
     headers = {"ETag": f'"{tag}"', "Cache-Control": "private, no-cache"}
     if f'"{tag}"' in request.headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)
-    response = make()
+    response = build()
     response.headers.update(headers)
     return response
 
 
-def file_of_now(path: Path) -> StreamingResponse:
-    """Return a file download with the length that the file has now, although it may still grow."""
+def file_download(path: Path) -> StreamingResponse:
+    """Return a file download with the current length of the file, even if the file still grows."""
     size = path.stat().st_size
 
     def blocks() -> Iterator[bytes]:

@@ -1,4 +1,4 @@
-"""Page files: read once, compressed once, and cached by the browser as long as their name allows."""
+"""Page files: read and compressed once, and cached by the browser permanently if their name contains a hash."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from starlette.types import Receive, Scope, Send
 
 INDEX = "index.html"
 HASHED = "assets/"
-FOR_EVER = "public, max-age=31536000, immutable"
-ASK_AGAIN = "no-cache"
+CACHE_PERMANENTLY = "public, max-age=31536000, immutable"
+REVALIDATE = "no-cache"
 COMPRESSED = ("text/", "application/json", "image/svg+xml", "text/javascript", "application/javascript")
-WORTH_BYTES = 1024
+MIN_COMPRESSED_BYTES = 1024
 NOT_PAGES = ("api/", HASHED, "fonts/")
 
 
 @dataclass(frozen=True)
 class File:
-    """A file as it is sent. ``gzipped``: None if compression is not worthwhile."""
+    """Content and headers of a page file. ``gzipped``: None if compression is not worthwhile."""
 
     content: bytes
     gzipped: bytes | None
@@ -34,8 +34,8 @@ class File:
 
 
 class Pages:
-    """Serves the files of the last web build. Every other path that a browser opens returns the index page, whose
-    script does the routing. File names are looked up in a list, never on disk."""
+    """Serves the files of the last web build. Any other page path returns the index page, whose script does the
+    routing. File names are looked up in a list, never on disk."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -44,9 +44,9 @@ class Pages:
         self._files: dict[str, File] = {}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a GET or HEAD."""
+        """Handle a GET or HEAD request."""
         name = scope["path"].lstrip("/") or INDEX
-        self._look_again()
+        self._reload_if_rebuilt()
         if name not in self._paths:
             if name.startswith(NOT_PAGES) or "." in name.rsplit("/", 1)[-1]:
                 raise HTTPException(404)
@@ -55,7 +55,7 @@ class Pages:
             raise HTTPException(405, headers={"Allow": "GET, HEAD"})
         await _answer(self._file(name), Headers(scope=scope), head=scope["method"] == "HEAD")(scope, receive, send)
 
-    def _look_again(self) -> None:
+    def _reload_if_rebuilt(self) -> None:
         """Reload the file list if the pages were rebuilt while the server runs."""
         built_ns = (self._folder / INDEX).stat().st_mtime_ns
         if built_ns != self._built_ns:
@@ -74,11 +74,11 @@ def read(path: Path, name: str) -> File:
     """Read and compress a file; a file with a hash in its name is cached permanently."""
     content = path.read_bytes()
     media_type = mimetypes.guess_type(name)[0] or "application/octet-stream"
-    small = None
-    if media_type.startswith(COMPRESSED) and len(content) >= WORTH_BYTES:
-        small = gzip.compress(content, 9, mtime=0)
+    gzipped = None
+    if media_type.startswith(COMPRESSED) and len(content) >= MIN_COMPRESSED_BYTES:
+        gzipped = gzip.compress(content, 9, mtime=0)
     etag = hashlib.sha256(content).hexdigest()[:20]
-    return File(content, small, etag, media_type, FOR_EVER if name.startswith(HASHED) else ASK_AGAIN)
+    return File(content, gzipped, etag, media_type, CACHE_PERMANENTLY if name.startswith(HASHED) else REVALIDATE)
 
 
 def _answer(file: File, request_headers: Headers, *, head: bool) -> Response:

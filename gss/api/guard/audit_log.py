@@ -1,4 +1,5 @@
-"""Audit log: records every change, export and denied request; failed and denied requests without sign-in are sampled."""
+"""Audit log: records every change, export and denied request. Failed and denied requests without sign-in are
+sampled."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ UNAUTHENTICATED = "nobody"
 log = logging.getLogger("gss.api")
 
 
-class Record:
+class AuditRecorder:
     """Writes one audit row for each change, export and denied request."""
 
     def __init__(self, audit: AuditService, intents: AuditIntents, now: Now, monotonic_s: Monotonic) -> None:
@@ -33,9 +34,9 @@ class Record:
         self._unauthenticated = UnauthenticatedSampler(monotonic_s)
 
     async def run(self, scope: Scope, route: object, work: Callable[[], Awaitable[None]]) -> None:
-        """Run a request's route. The intent of a change is on the disk before the route starts. ABORT does not wait for the
-        disk: its intent is written at the same time."""
-        if not _is_changed(scope, route):
+        """Run a request's route. The intent of a change is stored before the route starts. ABORT does not wait for the
+        disk: its intent is stored while the route runs."""
+        if not _is_recorded_change(scope, route):
             await work()
             return
         state, caller = scope["state"], scope["state"]["who"]
@@ -54,24 +55,24 @@ class Record:
             return
         async with anyio.create_task_group() as tasks:
 
-            async def note() -> None:
+            async def store_intent() -> None:
                 state["intent"] = await anyio.to_thread.run_sync(store)
 
-            tasks.start_soon(note)
+            tasks.start_soon(store_intent)
             await work()
 
     async def put(self, scope: Scope, status: int) -> None:
-        """Write the row of an answered request, then remove its intent."""
+        """Write the audit row of a completed request, then remove its intent."""
         await self._put(scope, status)
         number = scope["state"].get("intent")
         if number is not None:
             await anyio.to_thread.run_sync(self._intents.end, number)
 
     async def _put(self, scope: Scope, status: int) -> None:
-        """Write the row of an answered request. For forwarded requests the link process writes it."""
+        """Write the audit row of a completed request. The link process writes the rows of forwarded requests."""
         route, state = scope.get("route"), scope["state"]
         denied = status in DENIED
-        if scope.get("gss.forwarded") or not (denied or _is_changed(scope, route) or is_export(route)):
+        if scope.get("gss.forwarded") or not (denied or _is_recorded_change(scope, route) or is_export(route)):
             return
         caller: CallerIdentity | None = state["who"]
         action, detail = _action(route), state["detail"]
@@ -84,8 +85,8 @@ class Record:
         name = state.get("named") or (caller.name if caller else UNAUTHENTICATED)
         result: Result = "denied" if denied else "done" if status < 400 else "failed"
         target = _target(scope)
-        place = {"role": caller.role if caller else "", "address": state["address"]}
-        write = functools.partial(self._audit.record, name, action, target, result, detail, **place)
+        origin = {"role": caller.role if caller else "", "address": state["address"]}
+        write = functools.partial(self._audit.record, name, action, target, result, detail, **origin)
         try:
             await anyio.to_thread.run_sync(write)
         except Exception:  # a failed audit write must not undo the change; it is logged instead
@@ -93,27 +94,28 @@ class Record:
 
 
 class UnauthenticatedSampler:
-    """Samples denied and failed requests so that they cannot fill the disk: one row a minute for each key, with a count of the
-    others. The key is the action with the address or, for a signed-in user over a rate limit, the name. An unauthenticated request
-    over a rate limit is not recorded."""
+    """Limits the rows of denied and failed requests to one per minute and key, so that they cannot fill the disk. The
+    row states how many requests were omitted. The key is the action with the client address or, for a signed-in user
+    over a rate limit, with the user name. Unauthenticated requests over a rate limit are not recorded."""
 
-    MOST = 2000
+    MAX_KEYS = 2000
 
     def __init__(self, monotonic_s: Monotonic) -> None:
         self._now_s = monotonic_s
         self._recent: OrderedDict[str, tuple[float, int]] = OrderedDict()
 
     def seen(self, key: str) -> int | None:
-        """Return how many were left out since the last row of this key, or None if this one is left out."""
+        """Return the number of requests omitted since the last row of this key, or None if this request is omitted
+        too."""
         at_s, skipped = self._recent.pop(key, (-QUIET_S, 0))
-        fresh = self._now_s() - at_s >= QUIET_S
-        self._recent[key] = (self._now_s(), 0) if fresh else (at_s, skipped + 1)
-        while len(self._recent) > self.MOST:
+        is_due = self._now_s() - at_s >= QUIET_S
+        self._recent[key] = (self._now_s(), 0) if is_due else (at_s, skipped + 1)
+        while len(self._recent) > self.MAX_KEYS:
             self._recent.popitem(last=False)
-        return skipped if fresh else None
+        return skipped if is_due else None
 
 
-def _is_changed(scope: Scope, route: object) -> bool:
+def _is_recorded_change(scope: Scope, route: object) -> bool:
     return is_change(scope) and is_guarded(scope) and any(need.changes for need in needs_of(route))
 
 
@@ -122,5 +124,5 @@ def _target(scope: Scope) -> str:
 
 
 def _action(route: object) -> str:
-    """Return router and function, as alarms.acknowledge; "door" if the guard itself answered."""
+    """Return the names of router and function, for example alarms.acknowledge; "door" if no route was reached."""
     return f"{route.endpoint.__module__.rsplit('.', 1)[-1]}.{route.name}" if isinstance(route, APIRoute) else "door"

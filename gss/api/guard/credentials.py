@@ -12,7 +12,7 @@ from starlette.types import Scope
 
 from gss.api.errors import problem
 from gss.api.guard.route_table import is_change, is_open
-from gss.api.urgent import ABORT, at_once
+from gss.api.urgent import ABORT, run_urgent
 from gss.domain.errors import GssError, RateLimited
 from gss.operations.accounts.accounts import AccountService
 from gss.operations.accounts.identity import CallerIdentity
@@ -31,10 +31,10 @@ class Authenticator:
 
     async def identify(self, scope: Scope, headers: Headers) -> Response | None:
         """Attach the caller's identity to the request. Return a 401 or 403 response if authentication is required and
-        missing, or if the CSRF check fails; 429 or 503 if the lookup fails."""
+        missing, or if the CSRF check fails; a 429 or 503 response if the lookup fails; else None."""
         token, cookie = bearer(headers), session_key(headers)
         try:
-            caller = await self._known(token, cookie, scope) if token or cookie else None
+            caller = await self._caller(token, cookie, scope) if token or cookie else None
         except RateLimited as error:
             return problem(429, error.message, error.expected, hint=error.hint, retry_after_s=error.retry_after_s)
         except GssError as error:
@@ -55,20 +55,21 @@ class Authenticator:
             )
         return None
 
-    async def _known(self, token: str, cookie: str, scope: Scope) -> CallerIdentity | None:
-        """Return the identity of the token or, without one, of the cookie. ABORT must not wait for a write to the database."""
+    async def _caller(self, token: str, cookie: str, scope: Scope) -> CallerIdentity | None:
+        """Return the identity for the token or, without a token, for the cookie. For ABORT nothing is written, because
+        ABORT must not wait for the database."""
         urgent = scope["path"] == ABORT
         if token:
             remembered = self._accounts.remembered("token", token)
-            ask = functools.partial(self._accounts.token_caller, token, scope["state"]["address"], touch=not urgent)
+            lookup = functools.partial(self._accounts.token_caller, token, scope["state"]["address"], touch=not urgent)
         else:
             remembered = self._accounts.remembered("session", cookie)
             # A request for the session's remaining time must not extend it.
             touch = not is_open(scope) and not urgent
-            ask = functools.partial(self._accounts.session_caller, cookie, touch=touch)
+            lookup = functools.partial(self._accounts.session_caller, cookie, touch=touch)
         if remembered is not None:
             return remembered
-        return await (at_once(ask) if urgent else anyio.to_thread.run_sync(ask))
+        return await (run_urgent(lookup) if urgent else anyio.to_thread.run_sync(lookup))
 
 
 def session_key(headers: Headers) -> str:

@@ -19,11 +19,11 @@ HEADERS = {
     "Permissions-Policy": "camera=(), microphone=(), geolocation=(), usb=(), serial=()",
 }
 STRICT_TRANSPORT = ("Strict-Transport-Security", "max-age=31536000")
-"""Sent only with TLS: the browser then uses only HTTPS for this host."""
+"""Sent only with TLS. The browser then uses only HTTPS for this host."""
 
 
 class HeaderWriter:
-    """Adds the security headers to a response and records its status."""
+    """ASGI send function that adds the security headers to a response and records its status."""
 
     def __init__(self, send: Send, secure: bool, *, private: bool) -> None:
         self._send, self._secure, self._private = send, secure, private

@@ -1,4 +1,4 @@
-"""Origin of a request: the server's host names, the trusted proxies, and the page origins allowed to use it."""
+"""Check the origin of a request against the server's host names, the trusted proxies and the allowed page origins."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ class Exposure(Protocol):
 
 @dataclass(frozen=True)
 class Caller:
-    """Client of a request, with the proxy removed. ``authority``: host and port as in the browser's address bar."""
+    """Client of a request, not the proxy in front of the server. ``authority``: host and port as in the browser's
+    address bar."""
 
     address: str
     authority: str
@@ -47,7 +48,7 @@ class Refusal:
 
 
 class Perimeter:
-    """Checks where requests come from. Built once from the settings and called by the guard for every request."""
+    """Checks the origin of requests. Created once from the settings; the guard calls it for every request."""
 
     def __init__(self, settings: Exposure) -> None:
         self.tls = bool(settings.tls_certificate)
@@ -57,8 +58,8 @@ class Perimeter:
         self.names = frozenset((*LOCAL_NAMES, *public_names(settings)))
 
     def caller(self, scope: Scope, headers: Headers) -> Caller | Refusal:
-        """Return the client, or a refusal if the request must come through a proxy and did not. X-Forwarded-* from
-        other peers is ignored."""
+        """Return the client, or a refusal if a request bypasses the required proxy. X-Forwarded-* headers from other
+        peers are ignored."""
         client = scope.get("client")
         peer = str(client[0]) if client else PLAIN
         if not self.behind_proxy:
@@ -92,7 +93,8 @@ class Perimeter:
             return False
 
     def _behind(self, forwarded: str, peer: str) -> str:
-        """Return the last address of the list that is not a trusted proxy: clients can forge the entries before it."""
+        """Return the last address of the list that is not a trusted proxy, because clients can forge earlier
+        entries."""
         for address in reversed([part.strip() for part in forwarded.split(",") if part.strip()]):
             if not self._is_proxy(address):
                 try:
@@ -103,7 +105,7 @@ class Perimeter:
 
 
 def _last(headers: Headers, name: str) -> str:
-    """Return the last value of a header's last line, which the nearest proxy wrote."""
+    """Return the last value in the last line of a header. The nearest proxy wrote it."""
     return ",".join(headers.getlist(name)).split(",")[-1].strip()
 
 
@@ -116,7 +118,7 @@ def host_name(address: str) -> str:
 
 
 def public_names(settings: Exposure) -> list[str]:
-    """Return the non-local host names by which browsers may reach this server."""
+    """Return the non-local host names under which browsers can reach this server."""
     names = [name.strip().lower() for name in settings.public_names.split(",") if name.strip()]
     return [*names, settings.host.lower()] if settings.tls_certificate and not is_loopback(settings.host) else names
 
@@ -127,7 +129,7 @@ def networks(text: str) -> tuple[IPv4Network | IPv6Network, ...]:
         return tuple(ip_network(part.strip(), strict=False) for part in text.split(",") if part.strip())
     except ValueError as error:
         raise BadInput(
-            "invalid list of proxies", expected="addresses or networks, as 10.0.0.0/8", got=str(error)
+            "invalid list of proxies", expected="addresses or networks, for example 10.0.0.0/8", got=str(error)
         ) from None
 
 
@@ -140,7 +142,8 @@ def is_loopback(host: str) -> bool:
 
 
 def check_exposure(settings: Exposure) -> None:
-    """Check that a non-loopback address has TLS or a proxy, and that a proxy has a public name; BadInput otherwise."""
+    """Check that a non-loopback address has TLS or a proxy, and that a server behind a proxy has a public name. Raises
+    BadInput otherwise."""
     if bool(settings.tls_certificate) != bool(settings.tls_key):
         raise BadInput(
             "TLS needs a certificate and a key", expected="GSS_TLS_CERTIFICATE and GSS_TLS_KEY", got="one of them"

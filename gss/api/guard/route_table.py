@@ -1,4 +1,4 @@
-"""Match a request to its route, and distinguish open routes from those that need a permission."""
+"""Match requests to routes, and distinguish open routes from routes that need a permission."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ class RouteTable:
                 for route, path in routes
                 if isinstance(route, APIRoute)
             ]
-        fitting = (
+        matches = (
             route for methods, path, route in self._routes if scope["method"] in methods and path.match(scope["path"])
         )
-        return next(fitting, None)
+        return next(matches, None)
 
 
 def check_routes(router: APIRouter) -> None:
-    """Check that every route with a method other than GET declares exactly one permission, so that none is open by
-    omission. RuntimeError otherwise."""
+    """Check that every route with a method other than GET declares exactly one permission, so that no route is open by
+    mistake. Raises RuntimeError otherwise."""
     for context in iter_route_contexts(router.routes):
         route = context.original_route
         if isinstance(route, APIRoute) and (route.methods or set()) - set(SAFE_METHODS) and len(needs_of(route)) != 1:
@@ -75,5 +75,5 @@ def is_open(scope: Scope) -> bool:
 
 
 def is_health(scope: Scope) -> bool:
-    """True if this is the health check, which may bypass the proxy."""
+    """True if the request is the health check, which can bypass the proxy."""
     return (scope["method"], scope["path"]) == ("GET", HEALTH)

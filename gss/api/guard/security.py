@@ -1,5 +1,5 @@
-"""Guard in front of all routes: denies by default. It checks origin and identity before any route runs; the routes
-(deps.need) and the commands declare which permission they need."""
+"""Guard in front of all routes, which denies by default. It checks origin and identity before any route runs. Routes
+(deps.need) and commands declare the permission that they need."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from gss.api.connections.admission import Connection
 from gss.api.deps import needs_of
 from gss.api.errors import problem
-from gss.api.guard.audit_log import Record
-from gss.api.guard.bodies import MAX_BODY_BYTES, SMALL_BODY_BYTES, ambiguous_length, bad_body, most_bytes
+from gss.api.guard.audit_log import AuditRecorder
+from gss.api.guard.bodies import MAX_BODY_BYTES, MAX_OPEN_BODY_BYTES, ambiguous_length, bad_body, max_body_bytes
 from gss.api.guard.credentials import Authenticator
 from gss.api.guard.headers import HeaderWriter
 from gss.api.guard.perimeter import Caller, Perimeter, Refusal
@@ -30,57 +30,57 @@ from gss.wiring.services import Services
 def install(app: FastAPI) -> None:
     """Add the guard to the application."""
     services: Services = app.state.services
-    app.add_middleware(Guard, services=services, door=RouteTable(app))
+    app.add_middleware(Guard, services=services, routes=RouteTable(app))
 
 
 class Guard:
     """Middleware: host, origin, size, identity, CSRF and permission, then the route, then the audit row."""
 
-    def __init__(self, app: ASGIApp, services: Services, door: RouteTable) -> None:
-        self._app, self._door = app, door
+    def __init__(self, app: ASGIApp, services: Services, routes: RouteTable) -> None:
+        self._app, self._routes = app, routes
         self._perimeter = Perimeter(services.base.settings)
         self._keys = Authenticator(services.accounts.accounts)
-        self._record = Record(services.accounts.audit, services.accounts.intents, utc_now, monotonic_s)
+        self._record = AuditRecorder(services.accounts.audit, services.accounts.intents, utc_now, monotonic_s)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle a request, or answer with the reason for rejecting it."""
+        """Handle a request or return the reason for rejecting it."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
         elif scope["type"] == "http":
             await self._http(scope, receive, send)
-        else:  # there are no WebSockets; one that is added must pass this guard
+        else:  # no route uses WebSockets; a future WebSocket route must pass this guard
             await send({"type": "websocket.close", "code": 1008})
 
     async def _http(self, scope: Scope, receive: Receive, send: Send) -> None:
         state = scope["state"] = dict(scope.get("state") or {})
         state |= {"who": None, "secure": self._perimeter.secure, "address": "", "detail": ""}
-        answer = HeaderWriter(send, self._perimeter.secure, private=is_guarded(scope))
+        response_writer = HeaderWriter(send, self._perimeter.secure, private=is_guarded(scope))
         try:
             refusal = await self._admit(scope, Headers(scope=scope))
             if refusal is not None and not state["detail"]:
                 state["detail"] = json.loads(bytes(refusal.body))["message"]
             if refusal is not None:
-                await refusal(scope, receive, answer)
+                await refusal(scope, receive, response_writer)
             else:
-                work = functools.partial(self._app, scope, receive, answer)
-                await self._record.run(scope, self._door.route(scope), work)
+                work = functools.partial(self._app, scope, receive, response_writer)
+                await self._record.run(scope, self._routes.route(scope), work)
         except BaseException:  # cancelled requests are recorded too, then the exception propagates
-            answer.status = answer.status or 500
+            response_writer.status = response_writer.status or 500
             raise
         finally:
             with anyio.CancelScope(shield=True):
-                await self._record.put(scope, answer.status or 499)
+                await self._record.put(scope, response_writer.status or 499)
 
     async def _admit(self, scope: Scope, headers: Headers) -> Response | None:
-        """Return the refusal, or None if the route may answer."""
+        """Return the refusal, or None if the route can handle the request."""
         foreign = self._foreign(scope, headers)
         if foreign is not None:
             scope["state"]["detail"] = f"{foreign.message}: {foreign.got}"
             return problem(403, foreign.message, foreign.expected, foreign.got)
         if (ambiguous := ambiguous_length(headers)) is not None:
             return ambiguous
-        changing, most = is_change(scope), SMALL_BODY_BYTES if is_open(scope) else MAX_BODY_BYTES
-        if changing and (bad := bad_body(headers, most)) is not None:
+        changing, limit_bytes = is_change(scope), MAX_OPEN_BODY_BYTES if is_open(scope) else MAX_BODY_BYTES
+        if changing and (bad := bad_body(headers, limit_bytes)) is not None:
             return bad
         if not is_guarded(scope):
             return problem(405, "pages support GET and HEAD only", "GET", scope["method"]) if changing else None
@@ -88,7 +88,7 @@ class Guard:
         connection: Connection | None = scope["state"].get("connection")
         if connection is not None and scope["state"]["who"] is not None:
             connection.mark_authenticated()
-        return refusal if refusal is not None or is_open(scope) else self._unread(scope, headers)
+        return refusal if refusal is not None or is_open(scope) else self._check_unread(scope, headers)
 
     def _foreign(self, scope: Scope, headers: Headers) -> Refusal | None:
         """Return the refusal if host or origin is not allowed, else None."""
@@ -100,13 +100,14 @@ class Guard:
         scope["state"]["address"] = caller.address
         return self._perimeter.refusal(caller, headers, data=is_guarded(scope))
 
-    def _unread(self, scope: Scope, headers: Headers) -> Response | None:
-        """Check permission and length before the body is read. Routes without a declared permission require ``view``."""
-        route = self._door.route(scope)
+    def _check_unread(self, scope: Scope, headers: Headers) -> Response | None:
+        """Check permission and length before the body is read. Routes without a declared permission require
+        ``view``."""
+        route = self._routes.route(scope)
         try:
             for permission in [need.permission for need in needs_of(route)] or [VIEW]:
                 scope["state"]["who"].require(permission)
         except NotPermitted as error:
             scope["route"] = route  # for the audit row
             return problem(403, error.message, error.expected, error.got, error.hint)
-        return bad_body(headers, most_bytes(route, scope, headers)) if is_change(scope) else None
+        return bad_body(headers, max_body_bytes(route, scope, headers)) if is_change(scope) else None

@@ -1,4 +1,4 @@
-"""Compared attitudes as responses."""
+"""Attitude comparisons as responses."""
 
 from __future__ import annotations
 
@@ -21,8 +21,10 @@ def comparison(result: AttitudeComparison) -> AttitudeComparisonOut:
         frames=len(result.compared),
         outside=result.outside,
         compared=[
-            ComparedAttitudeOut(frame_id=one.frame_id, at=one.at, residual_arcsec=_arcsec(one.residual_rad))
-            for one in result.compared
+            ComparedAttitudeOut(
+                frame_id=attitude.frame_id, at=attitude.at, residual_arcsec=_arcsec(attitude.residual_rad)
+            )
+            for attitude in result.compared
         ],
     )
 

@@ -8,13 +8,13 @@ from gss.store.models import Authority
 
 
 def authority(state: AuthorityState, user: str | None = None) -> AuthorityOut:
-    """Return the current holder and the history. ``user``: the caller, who may be the holder."""
-    holding = state.holder
+    """Return the current holder and the history. ``user``: the caller, for the field ``mine``."""
+    tenure = state.holder
     return AuthorityOut(
-        holder=holding.holder if holding else None,
-        since=holding.taken if holding else None,
-        mine=holding is not None and holding.holder == user,
-        transfer=None if holding is None else _transfer(holding),
+        holder=tenure.holder if tenure else None,
+        since=tenure.taken if tenure else None,
+        mine=tenure is not None and tenure.holder == user,
+        transfer=None if tenure is None else _transfer(tenure),
         history=[TenureOut.model_validate(row) for row in state.history],
     )
 

@@ -33,7 +33,7 @@ def calibration(row: Calibration, in_use: bool, reports: Sequence[TableReport]) 
 
 
 def detail(row: Calibration, in_use: bool, reports: Sequence[TableReport]) -> CalibrationDetailOut:
-    """Return a calibration with all its results and its report."""
+    """Return a calibration with its results and its report."""
     return CalibrationDetailOut(
         **dict(calibration(row, in_use, reports)),
         request=row.request,

@@ -8,16 +8,16 @@ from typing import Any
 
 from gss.operations.report.parts import Fact, Level, Number, Plot, Report, Section, Series, Shares, SkyMap, Table
 
-NEED = 5
-ENDLESS = 1e6
+NEEDED_STARS = 5
+UNBOUNDED = 1e6
 SHOWN_STARS = 60
 ARCSEC_RAD = math.pi / 648_000
 UNKNOWN = "Unknown: the catalogue was not built here."
 
 
 def catalogue_sheet(manifest: Mapping[str, Any], report: Mapping[str, Any]) -> Report:
-    """Return the report. ``report``: plain values from ``operations.catalogues.catalogue_report``; missing parts are
-    named as unknown."""
+    """Return the report. ``report``: values from ``operations.catalogues.catalogue_report``; missing parts are shown as
+    unknown."""
     return Report(
         f"Catalogue {manifest.get('name') or manifest.get('image_sha256', '')[:8] or 'without a name'}",
         _byline(manifest),
@@ -47,7 +47,7 @@ def _byline(manifest: Mapping[str, Any]) -> str:
         str(manifest.get("tool", "")),
         f"SHA-256 {manifest.get('image_sha256', 'unknown')}",
     ]
-    return ", ".join(word for word in parts if word)
+    return ", ".join(part for part in parts if part)
 
 
 def _validity(manifest: Mapping[str, Any]) -> str:
@@ -84,8 +84,8 @@ def _histogram(report: Mapping[str, Any]) -> Section | None:
     if not quality:
         return None
     edges, counts = [float(k) for k in range(len(quality["histogram"]) + 1)], [float(n) for n in quality["histogram"]]
-    few = Series(f"fewer than {NEED}", edges[: NEED + 1], list(counts[:NEED]), "bars")
-    enough = Series("enough", edges[NEED:], list(counts[NEED:]), "bars")
+    few = Series(f"fewer than {NEEDED_STARS}", edges[: NEEDED_STARS + 1], list(counts[:NEEDED_STARS]), "bars")
+    enough = Series("enough", edges[NEEDED_STARS:], list(counts[NEEDED_STARS:]), "bars")
     mean = Level(quality["mean"] + 0.5, f"mean {quality['mean']:.1f}", vertical=True)
     caption = f"{quality['pointings']} random pointings within the limits."
     plot = Plot("Stars per field", "stars in the field", "fields", [enough, few], [mean])
@@ -97,7 +97,7 @@ def _envelope(report: Mapping[str, Any]) -> Section | None:
     if not envelope:
         return None
     peak = 100 * max(envelope["fraction"], default=0.0)
-    drawn = SkyMap(
+    sky_map = SkyMap(
         "Share of time in the field",
         envelope["nside"],
         list(envelope["fraction"]),
@@ -109,7 +109,7 @@ def _envelope(report: Mapping[str, Any]) -> Section | None:
         if quality
         else None,
     )
-    return Section("Envelope", drawings=[drawn])
+    return Section("Envelope", drawings=[sky_map])
 
 
 def _ambiguity(report: Mapping[str, Any]) -> Section | None:
@@ -117,13 +117,13 @@ def _ambiguity(report: Mapping[str, Any]) -> Section | None:
     if not ambiguity:
         return None
     caption = f"Other triangles similar to one of the brightest stars of the field, within {ambiguity['tolerance_arcsec']:.0f}″."
-    if ambiguity.get("worst") is not None and ambiguity["worst"] < ENDLESS:
+    if ambiguity.get("worst") is not None and ambiguity["worst"] < UNBOUNDED:
         caption += (
             f" Most: {ambiguity['worst']:.3g} at {ambiguity['worst_ra_deg']:.1f}° {ambiguity['worst_dec_deg']:+.1f}°."
         )
     tones = [_decades(v) for v in ambiguity["value"]]
-    drawn = SkyMap("Other triangles per triangle", ambiguity["nside"], tones, "0.001 to 100 by tone")
-    return Section("Ambiguity of the stars", caption, drawings=[drawn])
+    sky_map = SkyMap("Other triangles per triangle", ambiguity["nside"], tones, "0.001 to 100 by tone")
+    return Section("Ambiguity of the stars", caption, drawings=[sky_map])
 
 
 def _decades(value: Number) -> Number:
@@ -149,10 +149,10 @@ def _bank(report: Mapping[str, Any]) -> Section | None:
     sizes = report.get("sizes")
     if not sizes:
         return None
-    parts, whole = list(sizes["by_part"].items()), float(sizes["bank_bytes"])
+    parts, bank_bytes = list(sizes["by_part"].items()), float(sizes["bank_bytes"])
     used = sum(size for _, size in parts)
-    caption = f"{used:.0f} of {whole:.0f} bytes, {whole - used:.0f} free."
-    return Section("Bank", caption, drawings=[Shares("Bytes of the bank", parts, whole, "B")])
+    caption = f"{used:.0f} of {bank_bytes:.0f} bytes, {bank_bytes - used:.0f} free."
+    return Section("Bank", caption, drawings=[Shares("Bytes of the bank", parts, bank_bytes, "B")])
 
 
 def _funnel(report: Mapping[str, Any]) -> Section | None:
@@ -165,13 +165,13 @@ def _screening(manifest: Mapping[str, Any]) -> Section:
     if not screening:
         return Section("Screening list", "Not requested.")
     rows = [[reason, str(stars)] for reason, stars in screening["counts"].items()]
-    named = [
+    star_rows = [
         [f"HIP {s['hip']}", ", ".join(s["reasons"]), str(s["companions"]), "kept" if s["kept"] else "left out"]
         for s in screening["stars"][:SHOWN_STARS]
     ]
     ring = f"mean {_number(screening['mean_companions'], 2)}, most {_number(screening['most_companions'], 0)}"
     tables = [Table("", ["reason", "stars in the envelope"], rows)]
-    tables += [Table("Stars", ["star", "reasons", "in its ring", ""], named)] if named else []
+    tables += [Table("Stars", ["star", "reasons", "in its ring", ""], star_rows)] if star_rows else []
     facts = [Fact("stars in the ring of each", ring), Fact("chance of a third star", _short(screening["third"]))]
     return Section("Screening list", facts=facts, tables=tables)
 
@@ -179,7 +179,7 @@ def _screening(manifest: Mapping[str, Any]) -> Section:
 def _corrections(manifest: Mapping[str, Any]) -> Section:
     facts = manifest.get("corrections") or {}
     if not facts:
-        old = "Proper motion to the epoch; the manifest is of version 1 and names no others."
+        old = "Proper motion to the epoch. The manifest has version 1 and lists no other corrections."
         return Section("Corrections", old if manifest.get("tool") else UNKNOWN)
     rows = [
         [str(a.get("name")), f"{a.get('stars', '–')}", f"{_short(a.get('largest'))} {a.get('unit', '')}"]
@@ -212,11 +212,11 @@ def _listed(title: str, columns: Sequence[str], rows: list[list[str]]) -> Sectio
     return Section(title, tables=[Table("", list(columns), rows)])
 
 
-def _flat(values: Mapping[str, Any], before: str = "") -> list[Fact]:
+def _flat(values: Mapping[str, Any], prefix: str = "") -> list[Fact]:
     """Flatten nested values to facts. Values whose names end in ``_rad`` are shown in degrees."""
     facts: list[Fact] = []
     for name, value in values.items():
-        label = f"{before}{name}"
+        label = f"{prefix}{name}"
         if isinstance(value, Mapping):
             facts += _flat(value, f"{label}.")
         elif name.endswith("_rad") and value is not None:

@@ -31,7 +31,7 @@ from gss.skytables.bank import OnboardCatalogue
 from gss.store.models import Catalogue
 
 MAX_LISTED = 500
-NEED = 3
+NEEDED_STARS = 3
 
 
 def catalogue(row: Catalogue, banks: Sequence[BankView]) -> CatalogueOut:
@@ -45,7 +45,8 @@ def catalogue(row: Catalogue, banks: Sequence[BankView]) -> CatalogueOut:
 
 
 def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDetailOut:
-    """Return a catalogue with maps and quality. Catalogues read back from the device have neither; older ones have only some."""
+    """Return a catalogue with maps and quality. Catalogues read back from the device have neither; older catalogues
+    have only some of them."""
     return CatalogueDetailOut(
         **dict(catalogue(row, banks)),
         **dict(stored_report(row.report)),
@@ -57,7 +58,8 @@ def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDeta
 
 
 def diff(stored_diff: StoredDiff, stars: StarTable) -> CatalogueDiffOut:
-    """Return what would change on board. ``stars``: source of names, and of magnitudes for formats that store none."""
+    """Return the changes on board if the new catalogue replaced the old. ``stars``: source of names, and of magnitudes
+    for formats that store no magnitudes."""
     difference, coverage = stored_diff.diff, stored_diff.coverage
     moved = dict(zip(difference.moved.tolist(), (difference.moved_rad / ARCSEC_RAD).tolist(), strict=True))
     changed = dict(zip(difference.magnitude_changed.tolist(), difference.magnitude_change_mag.tolist(), strict=True))
@@ -82,7 +84,7 @@ def diff(stored_diff: StoredDiff, stars: StarTable) -> CatalogueDiffOut:
             radius_deg=float(np.degrees(coverage.radius_rad)),
             old=coverage.old.tolist(),
             new=coverage.new.tolist(),
-            poorer=coverage.poorer(NEED),
+            poorer=coverage.poorer(NEEDED_STARS),
         ),
     )
 
@@ -94,26 +96,28 @@ def _reference(row: Catalogue) -> CatalogueRefOut:
 
 
 def _stars(
-    hips: Ids, where: OnboardCatalogue, star_table: StarTable, **extra_columns: dict[int, float]
+    hips: Ids, onboard: OnboardCatalogue, star_table: StarTable, **extra_columns: dict[int, float]
 ) -> list[ChangedStarOut]:
-    row_of = {int(hip): row for row, hip in enumerate(where.hip)}
-    ra, dec = (np.degrees(a) for a in ra_dec_from_unit(where.icrs.astype(float)))
+    row_of = {int(hip): row for row, hip in enumerate(onboard.hip)}
+    ra, dec = (np.degrees(a) for a in ra_dec_from_unit(onboard.icrs.astype(float)))
     stars = []
     for hip in map(int, hips):
         row, ground = row_of[hip], star_table.row_of_hip.get(hip)
-        mag = float(where.v_mag[row])
+        mag = float(onboard.v_mag[row])
         if not np.isfinite(mag) and ground is not None:
             mag = float(star_table.v_mag[ground])
         extra_values = {name: values[hip] for name, values in extra_columns.items()}
-        place = {"ra_deg": round(float(ra[row]), 4), "dec_deg": round(float(dec[row]), 4)}
+        position = {"ra_deg": round(float(ra[row]), 4), "dec_deg": round(float(dec[row]), 4)}
         mag_or_none = round(mag, 2) if np.isfinite(mag) else None
-        stars.append(ChangedStarOut(hip=hip, name=star_table.name_of(hip), v_mag=mag_or_none, **place, **extra_values))
+        stars.append(
+            ChangedStarOut(hip=hip, name=star_table.name_of(hip), v_mag=mag_or_none, **position, **extra_values)
+        )
     return sorted(stars, key=lambda s: (s.v_mag is None, s.v_mag))[:MAX_LISTED]
 
 
 def timeline(bank_timeline: Timeline, now: datetime, watch_days: float) -> TimelineOut:
     """Return the bank timeline of a device."""
-    word = cover(bank_timeline.stays, bank_timeline.planned, now, watch_days)
+    coverage_state = cover(bank_timeline.stays, bank_timeline.planned, now, watch_days)
     devices = [DeviceRefOut.model_validate(d) for d in bank_timeline.devices]
     return TimelineOut(
         device=DeviceRefOut.model_validate(bank_timeline.device),
@@ -124,7 +128,7 @@ def timeline(bank_timeline: Timeline, now: datetime, watch_days: float) -> Timel
         stays=[_stay(stay, now) for stay in bank_timeline.stays],
         planned=[BankPlanOut(**{n: getattr(p, n) for n in BankPlanOut.model_fields}) for p in bank_timeline.planned],
         contacts=[ContactSpanOut.model_validate(c) for c in bank_timeline.contacts],
-        cover=CoverOut(state=word.state.value, text=word.text, until=word.until),
+        cover=CoverOut(state=coverage_state.state.value, text=coverage_state.text, until=coverage_state.until),
     )
 
 

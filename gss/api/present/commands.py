@@ -59,7 +59,8 @@ def dictionary(
 
 
 def roles_of(roles: Roles) -> RolesOut:
-    """Return the standard operations and quantities that the sensor has, and a sentence about each operation that it lacks."""
+    """Return the standard operations and quantities that the sensor supports, and an explanation for every operation
+    that it lacks."""
     operations, attitude = roles.operations, roles.quantities.attitude
     return RolesOut(
         operations={operation.value: operations.require(operation).command or "" for operation in operations.names()},
@@ -172,10 +173,10 @@ def arguments_text(arguments: Mapping[str, Any]) -> str:
 
 
 def _stages(row: Command) -> list[StageOut]:
-    """Return the seven stages: passed, current or failed, and still to come."""
+    """Return the seven stages of a command with their states."""
     at = {stage.stage: stage.at for stage in row.stages}
     reached = max((STAGES.index(name) for name in at if name in STAGES), default=0)
-    lights = []
+    stages_out = []
     for k, name in enumerate(STAGES):
         state = "to_come"
         if k <= reached:
@@ -186,5 +187,5 @@ def _stages(row: Command) -> list[StageOut]:
             state = "failed"
         if k == reached + 1 and row.result in ("unknown", "resolved"):
             state = "unknown"
-        lights.append(StageOut(name=name, state=state, at=at.get(name)))  # type: ignore[arg-type]  # literals by construction
-    return lights
+        stages_out.append(StageOut(name=name, state=state, at=at.get(name)))  # type: ignore[arg-type]  # literals by construction
+    return stages_out

@@ -11,7 +11,8 @@ from gss.api.schemas.contacts import ReportOut
 from gss.operations.report.parts import Fact, Note, Number, Plot, Report, Section, Series, Table
 
 GAP_SHARE, GAP_S = 0.02, 12.0
-"""A plot line is interrupted where samples are further apart than this share of the span and this time."""
+"""A plot line is interrupted between two samples if their distance exceeds both this share of the span and this
+time."""
 
 
 def contact_sheet(report: ReportOut) -> Report:
@@ -60,14 +61,14 @@ def _lists(report: ReportOut) -> list[Section]:
                     p.user,
                     p.state,
                     f"{len(p.entries)}",
-                    p.sha256 or "not frozen yet",
+                    p.sha256 or "not frozen",
                 )
                 for p in report.procedures
             ],
         ),
         _listed(
             "Transfers",
-            ("what", "way", "state", "bytes", "resent", "reason"),
+            ("content", "direction", "state", "bytes", "resent", "reason"),
             [(x.subject, x.direction, x.state, f"{x.size}", f"{x.resent}", x.reason) for x in contact.transfers],
             contact.transfer_count,
         ),
@@ -84,7 +85,7 @@ def _lists(report: ReportOut) -> list[Section]:
         ),
         _listed(
             "Raw capture",
-            ("file", "bytes", "kept"),
+            ("file", "bytes", "stored"),
             [(f.file, f"{f.bytes}", "yes" if f.present else "dropped") for f in contact.captures],
         ),
     ]
@@ -92,7 +93,7 @@ def _lists(report: ReportOut) -> list[Section]:
 
 def _listed(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], total: int = 0) -> Section:
     if total > len(rows):
-        title = f"{title}, the newest {len(rows)} of {total}"
+        title = f"{title}, the latest {len(rows)} of {total}"
     return Section(title, tables=[Table("", list(columns), [list(row) for row in rows])])
 
 
@@ -104,7 +105,7 @@ def _link_facts(report: ReportOut) -> list[Fact]:
         ("telemetry packets", f"{volumes.telemetry_packets}"),
         ("good packets", f"{contact.counters.get('good', 0)}"),
         ("damaged packets", f"{100 * contact.error_rate:.2f} %"),
-        ("missing by sequence", f"{contact.counters.get('gaps', 0)}"),
+        ("missing by sequence count", f"{contact.counters.get('gaps', 0)}"),
         ("bad checksum", f"{contact.counters.get('bad_crc', 0)}"),
         ("too long or short", f"{contact.counters.get('too_long', 0) + contact.counters.get('too_short', 0)}"),
         ("frames", f"{contact.frames}, {volumes.frame_bytes} B"),
@@ -135,7 +136,7 @@ def _record(report: ReportOut) -> Section:
     silences = [[_clock(g.start), _clock(g.end), f"{g.seconds:.1f} s", g.cause] for g in report.contact.gaps]
     tables = [Table("Missing by sequence", ["from", "to", "missing", "cause"], gaps)]
     if silences:
-        tables.append(Table("No good packet for more than 3 s", ["from", "to", "for", "cause"], silences))
+        tables.append(Table("No good packet for more than 3 s", ["from", "to", "duration", "cause"], silences))
     return Section("Record", text, tables=tables)
 
 

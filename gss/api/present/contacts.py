@@ -37,7 +37,7 @@ from gss.store.models import Contact, Device, ProcedureRun
 NO_RESPONSE = "no response"
 
 
-def moment(unix_s: float) -> datetime:
+def utc_from_unix_s(unix_s: float) -> datetime:
     """Return Unix seconds as a UTC datetime."""
     return datetime.fromtimestamp(unix_s, UTC)
 
@@ -83,14 +83,17 @@ def detail(full: ContactDetail) -> ContactDetailOut:
 
 def _span(gap: Gap) -> SpanOut:
     return SpanOut(
-        start=moment(gap.from_s), end=moment(gap.to_s), seconds=round(gap.to_s - gap.from_s, 3), cause=gap.cause
+        start=utc_from_unix_s(gap.from_s),
+        end=utc_from_unix_s(gap.to_s),
+        seconds=round(gap.to_s - gap.from_s, 3),
+        cause=gap.cause,
     )
 
 
 def _gap(gap: Gap) -> GapOut:
     return GapOut(
-        start=moment(gap.from_s),
-        end=moment(gap.to_s),
+        start=utc_from_unix_s(gap.from_s),
+        end=utc_from_unix_s(gap.to_s),
         missing=gap.missing,
         cause=gap.cause,
         explained=gap.explained,
@@ -111,7 +114,7 @@ def record(contact_id: int, check: RecordCheck) -> RecordOut:
 
 
 def report(full: ContactReport, procedures: Sequence[ProcedureRun]) -> ReportOut:
-    """Return the pass report with the runs of procedures that were under way."""
+    """Return the pass report with the procedure runs of that time."""
     attitude, device = full.attitude, full.detail.device
     row = full.detail.row
     return ReportOut(
@@ -146,12 +149,12 @@ def replay(state: ReplayState) -> ReplayOut:
     if start_s is not None and end_s is not None and at_s is not None:
         share = min(1.0, max(0.0, (at_s - start_s) / (end_s - start_s))) if end_s > start_s else 1.0
     return ReplayOut(
-        state=state.state,  # type: ignore[arg-type]  # the operation's words are the schema's
+        state=state.state,  # type: ignore[arg-type]  # the operation uses the schema's values
         contact_id=state.contact_id,
         speed=state.speed,
-        start=None if start_s is None else moment(start_s),
-        end=None if end_s is None else moment(end_s),
-        at=None if at_s is None else moment(at_s),
+        start=None if start_s is None else utc_from_unix_s(start_s),
+        end=None if end_s is None else utc_from_unix_s(end_s),
+        at=None if at_s is None else utc_from_unix_s(at_s),
         share=share,
         packets=state.packets,
         commands=state.commands,
@@ -165,9 +168,9 @@ def replay(state: ReplayState) -> ReplayOut:
 def replay_command(replayed: Replayed) -> ReplayCommandOut:
     """Return a command of a replayed contact."""
     report = replayed.item
-    assert isinstance(report, CommandSaid)  # noqa: S101 - the topic carries nothing else
+    assert isinstance(report, CommandSaid)  # noqa: S101 - the topic has only this type
     return ReplayCommandOut(
-        at=moment(replayed.at_s),
+        at=utc_from_unix_s(replayed.at_s),
         request_id=report.request_id,
         name=report.name,
         stage=report.stage,
@@ -179,5 +182,5 @@ def replay_command(replayed: Replayed) -> ReplayCommandOut:
 def replay_event(replayed: Replayed) -> ReplayEventOut:
     """Return an event of a replayed contact."""
     event = replayed.item
-    assert isinstance(event, DeviceEvent)  # noqa: S101 - the topic carries nothing else
-    return ReplayEventOut(at=moment(replayed.at_s), name=event.name, severity=event.severity, text=event.text)
+    assert isinstance(event, DeviceEvent)  # noqa: S101 - the topic has only this type
+    return ReplayEventOut(at=utc_from_unix_s(replayed.at_s), name=event.name, severity=event.severity, text=event.text)

@@ -36,7 +36,7 @@ def arcsec(angle_rad: float) -> float:
 
 def attitude(quaternion: Sequence[float] | None, sigma_rad: Sequence[float | None] | None) -> AttitudeOut | None:
     """Return an attitude in degrees, as a quaternion, with sigmas in arcseconds. ``quaternion``: cam_from_icrs,
-    scalar-last; ``sigma_rad``: across the boresight, about it."""
+    scalar-last; ``sigma_rad``: sigmas across and about the boresight."""
     if quaternion is None:
         return None
     ra, dec, roll = ra_dec_roll_rad(matrix_from_quaternion(np.array(quaternion, float)))
@@ -150,7 +150,7 @@ def difference(row: Frame, on_board: Solution, ground: Solution) -> DifferenceOu
     """Return the difference of two attitudes of a frame."""
     compared = comparison(on_board, ground)
     if compared is None:
-        raise ValueError(f"frame {row.id} has no two attitudes")
+        raise ValueError(f"frame {row.id} does not have two attitudes")
     return DifferenceOut(frame_id=row.id, taken=row.taken, **compared.model_dump())
 
 

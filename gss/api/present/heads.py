@@ -31,15 +31,16 @@ from gss.pipeline.heads.misalignment import Misalignment
 from gss.pipeline.track.cameras_together import BodyAttitude
 from gss.store.models import FusedRow
 
-NOT_FOLLOWED = (
-    "The heads are not followed at present: the server has a single unit, or the spacecraft was just changed."
+NOT_COMPARED = (
+    "The heads are not compared at present, because the server has a single unit or the spacecraft was just changed."
 )
 
 
 def heads(
     setup: SpacecraftSetup, state: SpacecraftState | None, served: Sequence[str], alarms: Sequence[AlarmView]
 ) -> HeadsOut:
-    """Return a spacecraft. ``state``: None if it is not followed; ``served``: units of this server; ``alarms``: open ones."""
+    """Return a spacecraft. ``state``: None if its heads are not compared; ``served``: units of this server; ``alarms``:
+    open alarms."""
     result = state.result if state else None
     states = {head.unit: head for head in state.heads} if state else {}
     state_name = "unknown" if state is None or state.verdict.state is None else state.verdict.state
@@ -55,7 +56,7 @@ def heads(
         user=setup.user,
         changed=setup.changed,
         state="ok" if state_name == "ok" else "unknown" if state_name == "unknown" else "warning",
-        text=state.verdict.text if state else NOT_FOLLOWED,
+        text=state.verdict.text if state else NOT_COMPARED,
         heads=[_head(head, states.get(head.unit), head.unit in served, result) for head in setup.heads],
         fused=None if result is None else _fused(result),
         pairs=[] if result is None else [_pair(result.time_s, pair) for pair in result.pairs],
@@ -64,12 +65,12 @@ def heads(
 
 
 def history(points: Sequence[StoredPair]) -> HeadHistoryOut:
-    """Return stored comparisons."""
+    """Return the stored comparisons of heads."""
     return HeadHistoryOut(points=[stored_pair(point) for point in points])
 
 
 def stored_pair(point: StoredPair) -> HeadPairOut:
-    """Return one stored comparison."""
+    """Return one stored comparison of two heads."""
     row = point.row
     return HeadPairOut(
         **vars(_misalignment(point.misalignment, point.sigma_rad, point.drift_sigma_rad_s)),
@@ -104,7 +105,7 @@ def _head(head: HeadMounting, state: HeadState | None, served: bool, result: Hea
     cross, roll = head.usual_rad or (None, None)
     measured = result.attitudes.get(head.unit) if result else None
     missing = result.missing.get(head.unit, "") if result else ""
-    problem = (state.problem or missing) if state else NOT_FOLLOWED
+    problem = (state.problem or missing) if state else NOT_COMPARED
     x, y, z, w = (float(q) for q in head.body_from_cam)
     return HeadOut(
         unit=head.unit,

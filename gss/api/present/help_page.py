@@ -1,4 +1,4 @@
-"""Render the documents as pages: Markdown to HTML in the console's style, without scripts from documents."""
+"""Convert the Markdown documents to HTML pages in the console's style, without scripts from documents."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Document:
 
 
 def documents(folder: Path) -> Mapping[str, Document]:
-    """Return every document of the folder by name, in the order of the contents."""
+    """Return the documents of the folder by name, in the order of the table of contents."""
     documents_by_name: dict[str, Document] = {}
     for group, _ in GROUPS:
         paths = sorted((folder / group).glob("*.md"), key=lambda p: (_rank(p.stem), p.stem))
@@ -41,7 +41,7 @@ def documents(folder: Path) -> Mapping[str, Document]:
 
 
 def help_page(text: str, shown: Document | None, documents_by_name: Mapping[str, Document]) -> str:
-    """Return the complete page of a document's text, with the contents beside it."""
+    """Return the HTML page of a document's text, with the table of contents beside it."""
     tokens = _RENDERER.parse(text)
     heads = _anchor(tokens)
     _relink(tokens, documents_by_name)
@@ -65,7 +65,7 @@ def not_found_page(name: str, documents_by_name: Mapping[str, Document]) -> str:
 
 
 def slug(text: str) -> str:
-    """Return the anchor of a heading, in the format of code hosts."""
+    """Return the anchor of a heading, in the format that code hosts use."""
     return re.sub(r"[^\w\- ]", "", text.strip().lower()).replace(" ", "-")
 
 

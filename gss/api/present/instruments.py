@@ -49,7 +49,7 @@ def instrument(installed: Installed) -> InstrumentOut:
 
 
 def instrument_detail(installed: Installed, versions: Sequence[str]) -> InstrumentDetailOut:
-    """Return the whole content of a package."""
+    """Return the complete content of a package."""
     i = installed.instrument
     camera, definitions = i.profile.camera, i.dictionary
     return InstrumentDetailOut(
@@ -83,7 +83,7 @@ def instrument_detail(installed: Installed, versions: Sequence[str]) -> Instrume
 
 
 def procedures(instrument: Instrument) -> list[ProcedureOut]:
-    """Return the procedures of a package by file name; the title is the first heading."""
+    """Return the procedures of a package, sorted by file name. The title is the first heading."""
     return [ProcedureOut(file=file, title=title_of(text, file)) for file, text in sorted(instrument.procedures.items())]
 
 

@@ -54,13 +54,13 @@ def _next_pass(next_pass: NextPass) -> NextPassOut:
 
 
 def counters(counted: LinkCounters, framing: str, housekeeping: Mapping[str, Any] | None) -> CountersOut:
-    """Return the counters of both directions. The device's own counts of the uplink come from its housekeeping."""
+    """Return the counters of both directions. The device's uplink counts come from its housekeeping."""
     reported = housekeeping or {}
     sent = DirectionCountersOut.model_validate(counted.sent)
-    far = {"device_good": reported.get("frames_good"), "device_bad": reported.get("frames_bad")}
+    device_counts = {"device_good": reported.get("frames_good"), "device_bad": reported.get("frames_bad")}
     return CountersOut(
         framing=framing,
-        sent=sent.model_copy(update=far),
+        sent=sent.model_copy(update=device_counts),
         received=DirectionCountersOut.model_validate(counted.received),
     )
 

@@ -26,7 +26,7 @@ NO_ORBIT = "No orbit was imported. Import a TLE, an OMM or an OEM."
 
 
 def orbit(row: OrbitSet) -> OrbitOut:
-    """Return an imported orbit; the states of an ephemeris are left out."""
+    """Return an imported orbit without the states of an ephemeris."""
     return OrbitOut.model_validate(
         {name: getattr(row, name) for name in OrbitOut.model_fields if name != "lines"}
         | {"lines": row.text if row.kind == "tle" else ""}
@@ -34,7 +34,7 @@ def orbit(row: OrbitSet) -> OrbitOut:
 
 
 def spacecraft(current: CurrentOrbit | None, history: Sequence[OrbitSet] = ()) -> SpacecraftOut:
-    """Return the spacecraft with the orbit in use."""
+    """Return the spacecraft with its active orbit."""
     return SpacecraftOut(
         name=current.row.spacecraft if current else "",
         orbit=orbit(current.row) if current else None,
@@ -71,7 +71,7 @@ def passes(table: PassTable) -> PassesOut:
     warnings = [table.current.advice] if table.current and table.current.state != "ok" else []
     flat = [row.name for row in table.stations if not row.mask]
     if flat:
-        warnings.append(f"No horizon mask is set for {', '.join(flat)}: the horizon is taken as flat.")
+        warnings.append(f"No horizon mask is set for {', '.join(flat)}: the horizon is assumed to be flat.")
     return PassesOut(
         spacecraft=spacecraft(table.current),
         start=table.start,
@@ -109,7 +109,7 @@ def one(coming: ComingPass, others: Sequence[ComingPass] = ()) -> PassOut:
 
 
 def plan(row: PassPlan, problems: Sequence[str] = (), confirm: Sequence[str] = ()) -> PlanOut:
-    """Return a pass plan. ``problems`` and ``confirm``: of a draft."""
+    """Return a pass plan. ``problems`` and ``confirm``: set for a draft only."""
     items = items_of(row)
     columns = {name: getattr(row, name) for name in PlanOut.model_fields if hasattr(row, name)}
     return PlanOut.model_validate(
@@ -135,5 +135,5 @@ def _point(point: TrackPoint) -> TrackPointOut:
 
 
 def _degrees(value_rad: float) -> float:
-    """Degrees to 3.6 milliarcseconds, so that a value that was entered is shown as it was entered."""
+    """Return degrees, rounded to 3.6 milliarcseconds so that an entered value is shown unchanged."""
     return round(math.degrees(value_rad), 6)

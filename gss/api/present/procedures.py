@@ -24,7 +24,7 @@ from gss.operations.procedures.validation import command_of
 from gss.store.models import Procedure, ProcedureRun
 
 
-def every(service: ProcedureService) -> ProceduresOut:
+def all_procedures(service: ProcedureService) -> ProceduresOut:
     """Return all procedures that can be run or copied."""
     package = []
     for file, text in service.of_package().items():
@@ -50,7 +50,7 @@ def procedure(service: ProcedureService, row: Procedure) -> StoredProcedureOut:
 
 
 def check(checked: ProcedureCheck, operations: StandardOperations) -> ProcedureCheckOut:
-    """Return a procedure as it was read, with its mistakes."""
+    """Return a parsed procedure with its mistakes."""
     return ProcedureCheckOut(
         title=checked.document.title,
         introduction=checked.document.introduction,
@@ -79,12 +79,13 @@ def _step(step: ProcedureStep, operations: StandardOperations) -> ProcedureStepO
 
 
 def _confirmation(step: ProcedureStep, operations: StandardOperations) -> tuple[str, str]:
-    """Return the name that confirms a hazardous command and the reason; empty for any other step."""
+    """Return the name that confirms a hazardous command, and the reason for the hazard. Both are empty for other
+    steps."""
     if step.kind != "command" or not step.words:
         return "", ""
     try:
         risk = risk_of(operations, *command_of(step, operations))
-    except GssError:  # among the mistakes
+    except GssError:  # already listed as a mistake
         return "", ""
     return (risk.name, risk.reason) if risk.needs_confirmation else ("", "")
 
@@ -99,7 +100,7 @@ def run(row: ProcedureRun) -> ProcedureRunOut:
         instrument=row.instrument,
         contact_id=row.contact_id,
         automatic=row.automatic,
-        state=row.state,  # type: ignore[arg-type]  # the column holds these words only
+        state=row.state,  # type: ignore[arg-type]  # the column contains only these values
         current=row.current,
         entries=[ProcedureEntryOut.model_validate(entry) for entry in entries_of(row)],
         reason=row.reason,

@@ -44,7 +44,7 @@ def _entry(entry: Entry) -> EntryOut:
         arguments=arguments,
         text=arguments_text(arguments),
         hazard=entry.hazard.value,
-        state=entry.state,  # type: ignore[arg-type]  # the dictionary's words
+        state=entry.state,  # type: ignore[arg-type]  # the dictionary's values
         reason=entry.reason,
         hex=entry.payload.hex(" "),
     )

@@ -58,14 +58,14 @@ def packet(row: TelemetryPacket) -> PacketOut:
 
 
 def limits(book: LimitBook) -> LimitsOut:
-    """Return all limits in force."""
+    """Return all active limits."""
     sets = [LimitSetOut(name=name, note=note) for name, note in book.sets]
-    return LimitsOut(set=book.chosen, sets=sets, fields=[limit(book, *where) for where in book.fields()])
+    return LimitsOut(set=book.chosen, sets=sets, fields=[limit(book, *packet_field) for packet_field in book.fields()])
 
 
 def limit(book: LimitBook, packet: str, field: TelemetryField) -> LimitOut:
-    """Return the limits in force for one field."""
-    rule, override = book.rule(packet, field), book.given(field)
+    """Return the active limits of one field."""
+    rule, dictionary_rule = book.rule(packet, field), book.given(field)
     return LimitOut(
         key=f"{packet}.{field.name}",
         packet=packet,
@@ -78,15 +78,15 @@ def limit(book: LimitBook, packet: str, field: TelemetryField) -> LimitOut:
         watch=rule.limits.watch,
         warning=rule.limits.warning,
         critical=rule.limits.critical,
-        origin=rule.origin,  # type: ignore[arg-type]  # as above
+        origin=rule.origin,  # type: ignore[arg-type]  # the book uses the schema's values
         changed_by=rule.changed_by,
         changed=rule.changed,
         note=rule.note,
         dictionary=GivenLimitsOut(
-            watch=override.limits.watch,
-            warning=override.limits.warning,
-            critical=override.limits.critical,
-            persistence=override.persistence,
+            watch=dictionary_rule.limits.watch,
+            warning=dictionary_rule.limits.warning,
+            critical=dictionary_rule.limits.critical,
+            persistence=dictionary_rule.persistence,
         ),
     )
 

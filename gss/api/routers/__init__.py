@@ -1,1 +1,1 @@
-"""One router per aggregate."""
+"""Routers of the HTTP API, one module per resource."""

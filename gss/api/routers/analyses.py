@@ -46,7 +46,7 @@ def read_analysis(app: App, analysis_id: RowId) -> AnalysisDetailOut:
 
 @router.get("/{analysis_id}/sheet")
 def read_sheet(app: App, analysis_id: RowId) -> SheetValues:
-    """Performance sheet as one document; only for an analysis of the kind sheet."""
+    """Performance sheet as one document. Available only for analyses of the kind sheet."""
     row = app.studies.analyses.get(analysis_id)
     if row.kind != "sheet":
         raise NotFound("this analysis is not a performance sheet", expected="kind sheet", got=row.kind)
@@ -56,7 +56,8 @@ def read_sheet(app: App, analysis_id: RowId) -> SheetValues:
 
 @router.post("/{analysis_id}/calibration", status_code=201, dependencies=[need("calibrate")])
 def propose_calibration(app: App, user: User, analysis_id: RowId) -> CalibrationDetailOut:
-    """Store the calibration that a health analysis proposes; use it, or make a table of it, like any calibration."""
+    """Store the calibration that a health analysis proposes. It can then be used, or converted to a table, like any
+    calibration."""
     row = app.studies.calibrations.from_health(analysis_id, user=user)
     return present.calibrations.detail(row, False, app.transfers.tables.on_board())
 

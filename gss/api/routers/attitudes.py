@@ -8,7 +8,7 @@ from fastapi import Form, UploadFile
 from fastapi.responses import Response, StreamingResponse
 
 from gss.api.api_router import api_router
-from gss.api.deps import EXPORT, App, Moment, need
+from gss.api.deps import EXPORT, App, QueryTime, need
 from gss.api.present.attitudes import comparison
 from gss.api.schemas.attitudes import AttitudeComparisonOut
 from gss.domain.errors import BadInput
@@ -20,7 +20,7 @@ MAX_BYTES = 20 << 20
 
 @router.get("/message", dependencies=[EXPORT], response_class=Response)
 def export_attitudes(
-    app: App, start: Moment, end: Moment, format: MessageFormat = "aem", origin: AttitudeOrigin = "ground"
+    app: App, start: QueryTime, end: QueryTime, format: MessageFormat = "aem", origin: AttitudeOrigin = "ground"
 ) -> StreamingResponse:
     """Export the attitudes of frames exposed in a span as a CCSDS AEM or ACM in KVN."""
     lines = app.passes.attitudes.message(format, origin, start, end)

@@ -1,4 +1,4 @@
-"""The audit log, for admins: read, export, verify. It cannot be changed."""
+"""Audit log for admins: read, export, verify. It cannot be changed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fastapi.responses import StreamingResponse
 from pydantic import BeforeValidator
 
 from gss.api.api_router import api_router
-from gss.api.deps import EXPORT, App, Moment, need
+from gss.api.deps import EXPORT, App, QueryTime, need
 from gss.api.schemas.accounts import AuditRowOut, AuditVerdictOut
 from gss.api.schemas.base import MAX_ID
 from gss.operations.accounts.audit import FORMATS
@@ -36,19 +36,19 @@ def _filter(
     who: Annotated[str, Query(max_length=80)] = "",
     action: Annotated[str, Query(max_length=60)] = "",
     result: Literal["", "done", "denied", "failed", "unknown"] = "",
-    since: Moment | None = None,
-    until: Annotated[Moment | None, BeforeValidator(_whole_day)] = None,
+    since: QueryTime | None = None,
+    until: Annotated[QueryTime | None, BeforeValidator(_whole_day)] = None,
 ) -> AuditFilter:
     return AuditFilter(who, action, result, since, until)
 
 
-Wanted = Annotated[AuditFilter, Depends(_filter)]
+AuditFilters = Annotated[AuditFilter, Depends(_filter)]
 
 
 @router.get("", dependencies=[ADMIN])
 def read_audit(
     app: App,
-    filters: Wanted,
+    filters: AuditFilters,
     before: Annotated[int | None, Query(ge=1, le=MAX_ID)] = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
 ) -> list[AuditRowOut]:
@@ -57,7 +57,7 @@ def read_audit(
 
 
 @router.get("/export", response_class=StreamingResponse, dependencies=[ADMIN, EXPORT])
-def export_audit(app: App, filters: Wanted, format: Literal["jsonl", "csv"] = "jsonl") -> StreamingResponse:
+def export_audit(app: App, filters: AuditFilters, format: Literal["jsonl", "csv"] = "jsonl") -> StreamingResponse:
     """Export all matching rows as a file, oldest first."""
     pieces: Iterator[str] = app.accounts.audit.export(format, filters)
     headers = {"Content-Disposition": f"attachment; filename=audit.{format}"}

@@ -1,4 +1,4 @@
-"""Command authority: read, take, release, hand over, break."""
+"""Command authority: read, take, release, request, offer, accept, decline, break."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def read_authority(app: App, user: User) -> AuthorityOut:
 
 @router.post("/authority/take", dependencies=[need("authority.take")])
 def take_authority(app: App, user: User) -> AuthorityOut:
-    """Take command authority while no user holds it."""
+    """Take command authority if no user holds it."""
     return present.authority.authority(app.commanding.authority.take(user), user)
 
 
@@ -44,14 +44,14 @@ def offer_authority(app: App, user: User, body: AuthorityOfferIn, audit_note: Au
 
 @router.post("/authority/accept", dependencies=[need("authority.take")])
 def accept_authority(app: App, user: User, body: AuthorityNoteIn, audit_note: AuditNote) -> AuthorityOut:
-    """Hand command authority over: the holder accepts a request, or the named user accepts an offer."""
+    """Transfer command authority: the holder accepts a request, or the named user accepts an offer."""
     audit_note(f"of {app.commanding.authority.holder() or 'no user'}, {body.note}")
     return present.authority.authority(app.commanding.authority.accept(user, body.note), user)
 
 
 @router.post("/authority/decline", dependencies=[need("authority.take")])
 def decline_authority(app: App, user: User, body: AuthorityNoteIn, audit_note: AuditNote) -> AuthorityOut:
-    """Refuse or withdraw the request or offer of command authority that waits for an answer."""
+    """Decline or withdraw the pending request or offer of command authority."""
     audit_note(f"of {app.commanding.authority.holder() or 'no user'}, {body.note}")
     return present.authority.authority(app.commanding.authority.decline(user, body.note), user)
 

@@ -1,4 +1,4 @@
-"""Camera calibrations from the camera's own frames."""
+"""Camera calibrations from frames of the camera."""
 
 from __future__ import annotations
 

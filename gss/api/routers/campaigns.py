@@ -52,8 +52,8 @@ def compare_chains(app: App) -> list[ChainRecordOut]:
 
 @router.get("/chains/report")
 def chain_report(app: App, pair: Annotated[ChainPairIn, Query()]) -> ChainReportOut:
-    """Report on a chain over the stored frames: rate, errors, and where and why it failed. It is compared with another chain, or
-    without ``against_chain`` with each frame's operational result."""
+    """Report on a chain over the stored frames: rate, errors, failed frames and reasons. The chain is compared with
+    another chain or, without ``against_chain``, with the operational result of each frame."""
     report = _report(app, pair)
     return ChainReportOut(
         report=report.report,
@@ -64,7 +64,7 @@ def chain_report(app: App, pair: Annotated[ChainPairIn, Query()]) -> ChainReport
 
 @router.get("/chains/report.pdf", response_class=Response, dependencies=[EXPORT])
 def chain_report_pdf(app: App, pair: Annotated[ChainPairIn, Query()]) -> Response:
-    """The same report as a PDF file."""
+    """Report on a chain as a PDF file."""
     headers = {"Content-Disposition": f"attachment; filename={quote(pair.chain)}.pdf"}
     return Response(as_pdf(_report(app, pair).report, utc_now()), media_type="application/pdf", headers=headers)
 

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from gss.api import present
 from gss.api.api_router import api_router
-from gss.api.deps import EXPORT, App, AuditNote, Moment, RowId, User, need
+from gss.api.deps import EXPORT, App, AuditNote, QueryTime, RowId, User, need
 from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.present.catalogue_sheet import catalogue_sheet
 from gss.api.schemas.base import MAX_ID
@@ -61,7 +61,7 @@ def list_catalogues(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -
 
 @router.post("/preview", dependencies=[need("catalogues.build", changes=False)])
 def preview(app: App, user: User, body: CatalogueRequest, ambiguity: bool = False) -> PreviewOut:
-    """Preview a build while parameters change. ``ambiguity`` adds a coarse map of where stars can be mistaken."""
+    """Preview a build while parameters change. ``ambiguity`` adds a coarse sky map of possible misidentifications."""
     quick = app.catalogues.catalogues.preview(body, user=user, mistakes=ambiguity)
     sizes = {"pairs_estimate": quick.pairs, "bytes_estimate": quick.size, "bank_bytes": quick.bank_bytes}
     figures = {"stars": quick.stars, "bank_source": quick.bank_source, "elapsed_ms": 1000 * quick.elapsed_s}
@@ -84,10 +84,11 @@ def diff(app: App, old: Id, new: Id) -> CatalogueDiffOut:
 def timeline(
     app: App,
     device: Annotated[int | None, Query(ge=1, le=MAX_ID)] = None,
-    start: Moment | None = None,
-    end: Moment | None = None,
+    start: QueryTime | None = None,
+    end: QueryTime | None = None,
 ) -> TimelineOut:
-    """Past, current and planned catalogues in each bank of a device; by default of the device that responded last."""
+    """Past, current and planned catalogues in each bank of a device; by default of the device that responded most
+    recently."""
     now = app.base.clock.now()
     history = app.transfers.bank_history.timeline(start or now - PAST, end or now + FUTURE, device)
     return present.catalogues.timeline(history, now, app.base.settings.catalogue_watch_days)
@@ -138,8 +139,8 @@ def report_pdf(app: App, catalogue_id: RowId) -> Response:
 
 
 def _sheet(row: Catalogue) -> Report:
-    named = {"name": row.name, "author": row.author, "image_sha256": row.sha256, "profile_name": row.profile}
-    return catalogue_sheet({**named, **row.manifest, "name": row.name}, row.report)
+    row_values = {"name": row.name, "author": row.author, "image_sha256": row.sha256, "profile_name": row.profile}
+    return catalogue_sheet({**row_values, **row.manifest, "name": row.name}, row.report)
 
 
 @router.get("/{catalogue_id}/export", response_class=Response, dependencies=[EXPORT])
@@ -171,7 +172,7 @@ def manifest(app: App, catalogue_id: RowId) -> Response:
 def upload(app: App, catalogue_id: RowId, body: UploadIn, user: User, audit_note: AuditNote) -> TransferOut:
     """Send a catalogue to an inactive bank."""
     previous = next(
-        (v.catalogue.name for v in app.transfers.banks.views() if v.bank == body.bank and v.catalogue), "nothing known"
+        (v.catalogue.name for v in app.transfers.banks.views() if v.bank == body.bank and v.catalogue), "unknown"
     )
     audit_note(f"{app.catalogues.catalogues.get(catalogue_id).name} to bank {body.bank}, before {previous}")
     app.commanding.authority.check(user)

@@ -13,9 +13,9 @@ from fastapi.responses import StreamingResponse
 
 from gss.api import present
 from gss.api.api_router import api_router
-from gss.api.deps import EXPORT, App, AuditNote, ContactId, Moment, RowId, User, need
+from gss.api.deps import EXPORT, App, AuditNote, ContactId, QueryTime, RowId, User, need
 from gss.api.schemas.commands import AbortOut, CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
-from gss.api.urgent import at_once
+from gss.api.urgent import run_urgent
 from gss.operations.accounts.permissions import STOP
 from gss.operations.commanding.command_history import Filter
 from gss.store.models import Command
@@ -24,18 +24,18 @@ from gss.wiring.services import Services
 RECORD_WITHIN_S = 0.3
 router = api_router("commands")
 Limit = Annotated[int, Query(ge=1, le=1000)]
-Words = Annotated[list[str], Query(max_length=60)]
-Word = Annotated[str, Query(max_length=60)]
+FilterValues = Annotated[list[str], Query(max_length=60)]
+FilterValue = Annotated[str, Query(max_length=60)]
 SearchText = Annotated[str, Query(max_length=200)]
 
 
 def _filter(
-    start: Moment | None = None,
-    end: Moment | None = None,
-    name: Words = [],  # noqa: B006 - the framework copies it
-    result: Words = [],  # noqa: B006 - as above
-    user: Word = "",
-    source: Word = "",
+    start: QueryTime | None = None,
+    end: QueryTime | None = None,
+    name: FilterValues = [],  # noqa: B006 - the framework copies it
+    result: FilterValues = [],  # noqa: B006 - as above
+    user: FilterValue = "",
+    source: FilterValue = "",
     contact: ContactId = None,
     run: ContactId = None,
     text: SearchText = "",
@@ -44,7 +44,7 @@ def _filter(
     return Filter(start, end, tuple(name), tuple(result), user, source, contact, run, text)
 
 
-Wanted = Annotated[Filter, Depends(_filter)]
+HistoryFilter = Annotated[Filter, Depends(_filter)]
 
 
 def _shown(app: Services, row: Command) -> CommandOut:
@@ -59,14 +59,15 @@ def _file(pieces: Iterator[str], media_type: str, name: str) -> StreamingRespons
 
 @router.get("/dictionary")
 def read_dictionary(app: App) -> DictionaryOut:
-    """All commands that the device supports and all telemetry, with the current state of the commands' preconditions."""
+    """All commands that the device supports and all telemetry, with the current state of the commands'
+    preconditions."""
     shown = app.commanding.commands.visible()
     states = {c.name: app.commanding.commands.preconditions(c) for c in shown}
     return present.commands.dictionary(app.line.link.roles, app.base.unit.about.notes, shown, states)
 
 
 @router.get("/commands")
-def list_commands(app: App, filters: Wanted, limit: Limit = 100, before: ContactId = None) -> list[CommandOut]:
+def list_commands(app: App, filters: HistoryFilter, limit: Limit = 100, before: ContactId = None) -> list[CommandOut]:
     """Commands, newest first. ``before``: commands with a smaller id, for the next page."""
     return [
         present.commands.command(app.commanding.commands.view(row))
@@ -75,13 +76,13 @@ def list_commands(app: App, filters: Wanted, limit: Limit = 100, before: Contact
 
 
 @router.get("/commands.csv", response_class=StreamingResponse, dependencies=[EXPORT])
-def export_commands(app: App, filters: Wanted) -> StreamingResponse:
+def export_commands(app: App, filters: HistoryFilter) -> StreamingResponse:
     """Export all matching commands as CSV, oldest first."""
     return _file(app.commanding.history.csv(filters), "text/csv", "commands.csv")
 
 
 @router.get("/commands.json", response_class=StreamingResponse, dependencies=[EXPORT])
-def export_commands_json(app: App, filters: Wanted) -> StreamingResponse:
+def export_commands_json(app: App, filters: HistoryFilter) -> StreamingResponse:
     """Export all matching commands as JSON, oldest first."""
     return _file(app.commanding.history.json(filters), "application/json", "commands.json")
 
@@ -102,8 +103,9 @@ def check_command(app: App, body: CommandIn, user: User) -> CheckOut:
 
 @router.post("/commands/abort", status_code=201, dependencies=[need(STOP)])
 async def abort(app: App, user: User) -> AbortOut:
-    """Queue ABORT ahead of all other traffic. The response waits at most 0.3 s for the record. 409: not queued."""
-    receipt = await at_once(lambda: app.commanding.commands.abort(user=user, source="abort"))
+    """Queue ABORT ahead of all other traffic. The response waits at most 0.3 s for the database record. 409: ABORT was
+    not queued."""
+    receipt = await run_urgent(lambda: app.commanding.commands.abort(user=user, source="abort"))
     row = None
     with contextlib.suppress(TimeoutError):
         row = await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(receipt.recorded)), RECORD_WITHIN_S)
@@ -121,7 +123,7 @@ def send_command(app: App, body: CommandIn, user: User, audit_note: AuditNote) -
 
 @router.get("/commands/{command_id}")
 def read_command(app: App, command_id: RowId) -> CommandOut:
-    """One command."""
+    """Return one command."""
     return _shown(app, app.commanding.commands.get(command_id))
 
 
@@ -141,6 +143,6 @@ def withdraw_command(app: App, command_id: RowId, user: User, audit_note: AuditN
 
 @router.post("/commands/{command_id}/resolve", dependencies=[need("command")])
 def resolve_command(app: App, command_id: RowId, body: ResolveIn, user: User, audit_note: AuditNote) -> CommandOut:
-    """Settle an unknown command with a note."""
+    """Record the outcome of an unknown command in a note."""
     audit_note(f"{app.commanding.commands.get(command_id).name}, {body.note}")
     return _shown(app, app.commanding.commands.resolve(command_id, body.note, user=user))

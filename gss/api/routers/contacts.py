@@ -1,4 +1,4 @@
-"""Contacts: from opening the line to closing it, with replay and pass report."""
+"""Contacts, with record check, replay and pass report."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fastapi.responses import HTMLResponse, Response, StreamingResponse
 from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, RowId, User, need
-from gss.api.files.cached import BLOCK_BYTES, file_of_now
+from gss.api.files.cached import BLOCK_BYTES, file_download
 from gss.api.present.contact_sheet import contact_sheet
 from gss.api.schemas.base import MAX_ID
 from gss.api.schemas.contacts import (
@@ -37,7 +37,7 @@ Offset = Annotated[int, Query(ge=0, le=MAX_ID)]
 def list_contacts(
     app: App, response: Response, limit: Annotated[int, Query(ge=1, le=500)] = 50, offset: Offset = 0
 ) -> list[ContactOut]:
-    """Page of contacts, newest first. The header X-Total holds their total number."""
+    """Page of contacts, newest first. The header X-Total contains the total number of contacts."""
     response.headers["X-Total"] = str(app.contacts.contacts.total())
     return [present.contacts.contact(*row) for row in app.contacts.contacts.newest(limit, offset)]
 
@@ -62,10 +62,10 @@ def check_record(app: App, contact_id: RowId) -> RecordOut:
 
 @router.get("/contacts/{contact_id}/captures/{file}", response_class=StreamingResponse, dependencies=[EXPORT])
 def read_capture(app: App, contact_id: RowId, file: str) -> StreamingResponse:
-    """Download a file of the raw capture; of one that is still being written, what it holds now."""
+    """Download a file of the raw capture. If the file is still being written, download its current content."""
     path = app.contacts.contacts.file(contact_id, file)
     if path.suffix != PACKED:
-        return file_of_now(path)
+        return file_download(path)
     headers = {"Content-Disposition": f'attachment; filename="{plain_name(path)}"'}
     return StreamingResponse(plain_blocks(path, BLOCK_BYTES), media_type="application/octet-stream", headers=headers)
 
@@ -99,7 +99,7 @@ def report_pdf(app: App, contact_id: RowId) -> Response:
 
 @router.post("/contacts/{contact_id}/replay", status_code=201, dependencies=[need("replay")])
 def start_replay(app: App, contact_id: RowId, body: ReplayIn) -> ReplayOut:
-    """Replay the contact's capture in a separate view. Replaces a replay that is running."""
+    """Replay the contact's capture in a separate view. A running replay is stopped."""
     return present.contacts.replay(app.contacts.replay.start(contact_id, body.speed, _unix(body.start)))
 
 
@@ -125,7 +125,7 @@ def stop_replay(app: App) -> ReplayOut:
     return present.contacts.replay(app.contacts.replay.stop())
 
 
-def _unix(moment: datetime | None) -> float | None:
-    if moment is None:
+def _unix(time: datetime | None) -> float | None:
+    if time is None:
         return None
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()

@@ -23,7 +23,7 @@ def list_derived(app: App) -> list[DerivedOut]:
 
 @router.post("/check", dependencies=[need("view", changes=False)])
 def try_expression(app: App, body: ExpressionIn) -> TrialOut:
-    """Evaluate an expression with the newest values; nothing is stored."""
+    """Evaluate an expression with the latest values. Nothing is stored."""
     kind, references, result = app.telemetry.telemetry.derived.trial(
         body.expression, app.telemetry.telemetry.newest_values
     )
@@ -55,6 +55,6 @@ def delete_derived(app: App, user: User, name: str, audit_note: AuditNote) -> No
 
 @router.post("/{name}/recompute", status_code=202, dependencies=[need("derived")])
 def recompute(app: App, user: User, name: str, body: SpanIn, audit_note: AuditNote) -> JobOut:
-    """Replace the stored values of a time range by those of the present definition, as a job."""
+    """Recompute the stored values of a time range with the current definition, as a job."""
     audit_note(f"{name} from {body.start.isoformat()} to {body.end.isoformat()}")
     return present.records.job(app.telemetry.derived_history.recompute(name, body.start, body.end, user=user))

@@ -33,11 +33,12 @@ def list_cameras(app: App) -> DesignCamerasOut:
 
 @router.post("", dependencies=[need("view", changes=False)])
 def quick_look(app: App, body: DesignQuestion) -> DesignValues:
-    """Preview while values change: about two thousand pointings."""
+    """Preview with about two thousand pointings while values change."""
     return app.catalogues.design.quick(body)
 
 
 @router.post("/run", status_code=202, dependencies=[need("analyse")])
 def full_count(app: App, user: User, body: DesignQuestion) -> JobOut:
-    """Full count with the lens trade, as a job. ``design`` in its result has the form of the preview's response."""
+    """Full count with the lens trade, as a job. ``design`` in the job's result has the form of the preview's
+    response."""
     return present.records.job(app.catalogues.design.start(body, user=user))

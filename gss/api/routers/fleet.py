@@ -9,12 +9,12 @@ from fastapi import Request
 from gss.api.api_router import api_router
 from gss.api.schemas.fleet import FleetOut, FleetUnitOut
 
-if TYPE_CHECKING:  # it loads the HTTP client, which a server with one unit does not need
+if TYPE_CHECKING:  # the module loads the HTTP client, which a server with one unit does not need
     from gss.api.units.fleet import Fleet, UnitState
 
 router = api_router("fleet")
 CURRENT_WITHIN_S = 5.0
-"""A unit reports once a second."""
+"""Maximum age of a current state. A unit reports once per second."""
 
 
 @router.get("/fleet")

@@ -10,7 +10,7 @@ from fastapi import Form, Query, Request, Response, UploadFile
 
 from gss.api import present
 from gss.api.api_router import api_router
-from gss.api.deps import EXPORT, App, AuditNote, ContactId, CurrentUser, Moment, RowId, User, need
+from gss.api.deps import EXPORT, App, AuditNote, ContactId, CurrentUser, QueryTime, RowId, User, need
 from gss.api.files.cached import revalidated
 from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.schemas.base import MAX_ID
@@ -47,13 +47,13 @@ def list_frames(
     outcome: Literal["", "solved", "none", "unsolved", "correct", "imprecise", "wrong"] = "",
     mode: str = "",
     contact: ContactId = None,
-    start: Moment | None = None,
-    end: Moment | None = None,
+    start: QueryTime | None = None,
+    end: QueryTime | None = None,
     least_stars: Annotated[int | None, Query(ge=0, le=10_000)] = None,
     most_stars: Annotated[int | None, Query(ge=0, le=10_000)] = None,
 ) -> FramePage:
-    """Frames, newest first, taken from ``start`` to before ``end``. ``outcome`` and star counts refer to the
-    operational ground result."""
+    """Frames with an exposure time in ``start`` ≤ time < ``end``, newest first. ``outcome`` and star counts refer to
+    the operational ground result."""
     filters = {"source": source, "outcome": outcome, "mode": mode, "contact_id": contact, "start": start, "end": end}
     total, rows = app.frames.frames.page(limit, offset, **filters, least_stars=least_stars, most_stars=most_stars)
     return FramePage(
@@ -63,13 +63,13 @@ def list_frames(
 
 @router.get("/differences")
 def attitude_differences(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 60) -> list[DifferenceOut]:
-    """On-board minus ground attitude of the newest frames of the sensor that have both, oldest first."""
+    """On-board minus ground attitude of the latest sensor frames that have both, oldest first."""
     return [present.frames.difference(*row) for row in reversed(app.frames.frames.attitude_pairs(limit))]
 
 
 @router.get("/latest")
 def latest_frame(app: App) -> FrameDetailOut:
-    """The frame received last."""
+    """Frame that was received most recently."""
     return present.frames.frame_detail(app.frames.frames.detail(app.frames.frames.latest_id()))
 
 
@@ -115,12 +115,18 @@ def picture(
 
 def _picture(pixels: Pixels, low: float | None, high: float | None, stretch: str, invert: bool) -> Response:
     auto = pictures.auto_stretch(pixels)
-    chosen = pictures.DisplayRange(
+    display_range = pictures.DisplayRange(
         auto.low if low is None else low, auto.high if high is None else high, stretch == "asinh"
     )
-    if not (math.isfinite(chosen.low) and math.isfinite(chosen.high) and chosen.low < chosen.high):
-        raise BadInput("invalid brightness range", expected="low below high", got=f"{chosen.low:g} … {chosen.high:g}")
-    return Response(pictures.png(pictures.apply(pixels, chosen, invert=invert)), media_type="image/png")
+    if not (
+        math.isfinite(display_range.low)
+        and math.isfinite(display_range.high)
+        and display_range.low < display_range.high
+    ):
+        raise BadInput(
+            "invalid brightness range", expected="low below high", got=f"{display_range.low:g} … {display_range.high:g}"
+        )
+    return Response(pictures.png(pictures.apply(pixels, display_range, invert=invert)), media_type="image/png")
 
 
 @router.get("/{frame_id}/thumbnail.png", response_class=Response)
@@ -136,7 +142,7 @@ def thumbnail(app: App, request: Request, frame_id: RowId) -> Response:
 
 @router.get("/{frame_id}/raw", response_class=Response)
 def raw(app: App, request: Request, frame_id: RowId) -> Response:
-    """Pixels as stored: little-endian, row by row. The header X-Dtype holds the type."""
+    """Pixels as stored: little-endian, row by row. The header X-Dtype contains the data type."""
     frame = app.frames.frames.get(frame_id)
     headers = {
         "X-Columns": str(frame.columns),
@@ -202,14 +208,15 @@ def rerun_recording(app: App, frame_id: RowId) -> Response:
 
 @router.get("/{frame_id}/replay")
 def replay_frame(app: App, frame_id: RowId) -> FrameReplayOut:
-    """Run the sensor's own chain on the ground, with the sensor's frame, bank and parameters, and compare the results."""
+    """Run the sensor's own chain on the ground, with the sensor's frame, bank and parameters, and compare the
+    results."""
     return present.frames.frame_replay(frame_id, app.frames.replay.again(frame_id))
 
 
 @router.post("/{frame_id}/upload", status_code=201, dependencies=[need("frames.transfer")])
 def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, caller: CurrentUser) -> TransferOut:
-    """Send a stored frame to the sensor's image memory. With ``solve`` it is also solved on board; those commands need
-    their own permission."""
+    """Send a stored frame to the sensor's image memory. With ``solve`` the frame is also solved on board, which needs
+    the permission for attitude commands."""
     if body.solve:
         caller.require("command.attitude")
     app.commanding.authority.check(caller.name)
@@ -218,17 +225,18 @@ def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, caller: Current
 
 @router.post("/{frame_id}/solve", status_code=201, dependencies=[need("frames.solve")])
 def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
-    """Run a chain and store its result beside the operational one; with ``store`` false only return it.
+    """Run a chain and store its result beside the operational one; with ``store`` false only return the result.
 
-    Without ``profile``, ``fov_deg`` or ``blind``, the frame's own profile is used; if it has none, the frame is solved blind.
+    Without ``profile``, ``fov_deg`` or ``blind``, the frame's own profile is used; if it has none, the frame is solved
+    blind.
     """
     frame = app.frames.frames.get(frame_id)
     fov_rad = None if body.fov_deg is None else math.radians(body.fov_deg)
-    named = body.profile or (frame.profile if fov_rad is None and not body.blind else None)
-    blind = body.blind or (named is None and fov_rad is None)
+    profile_name = body.profile or (frame.profile if fov_rad is None and not body.blind else None)
+    blind = body.blind or (profile_name is None and fov_rad is None)
     request = SolveRequest(
         chain=body.chain,
-        profile=named,
+        profile=profile_name,
         fov_rad=fov_rad,
         blind=blind,
         epoch_jyear=epoch_of_frame(frame),

@@ -15,7 +15,7 @@ from gss.api.schemas.heads import HeadHistoryOut, HeadsOut
 from gss.operations.heads.mountings import SpacecraftRequest, SpacecraftSetup
 from gss.wiring.services import Services
 
-if TYPE_CHECKING:  # it loads the HTTP client, which a server with one unit does not need
+if TYPE_CHECKING:  # the module loads the HTTP client, which a server with one unit does not need
     from gss.api.units.fleet import Fleet
 
 router = api_router("fleet", "/fleet/spacecraft")
@@ -29,7 +29,7 @@ class CorrectIn(In):
 
 @router.get("")
 def list_spacecraft(app: App, request: Request) -> list[HeadsOut]:
-    """Every spacecraft with its heads and their newest comparison, by name."""
+    """Every spacecraft with its heads and their latest comparison, by name."""
     return [_out(app, request, setup) for setup in app.heads.book.every()]
 
 
@@ -48,7 +48,7 @@ def create_spacecraft(
 def change_spacecraft(
     app: App, request: Request, spacecraft_id: RowId, body: SpacecraftRequest, user: User, audit_note: AuditNote
 ) -> HeadsOut:
-    """Replace all values of a spacecraft. Estimates of misalignment begin again."""
+    """Replace all values of a spacecraft. The estimation of misalignments restarts."""
     audit_note(f"to {_described(body)}")
     setup = app.heads.book.change(spacecraft_id, body, user=user)
     app.heads.watch.refresh()
@@ -87,6 +87,6 @@ def _out(app: Services, request: Request, setup: SpacecraftSetup) -> HeadsOut:
 
 
 def _described(body: SpacecraftRequest) -> str:
-    """Return the mountings in words, for the audit log."""
+    """Return the mountings as text for the audit log."""
     parts = [f"{head.unit} {head.mounting_deg or head.body_from_cam} ± {head.sigma_arcsec:g}″" for head in body.heads]
     return f"{body.name}: {', '.join(parts)}"

@@ -13,8 +13,8 @@ from gss.domain.errors import NotFound
 
 _PACKAGE = Path(__file__).parents[2]
 DOCS = _PACKAGE / "docs" if (_PACKAGE / "docs").is_dir() else _PACKAGE.parent / "docs"
-"""In the wheel the documents are inside the package, in a checkout beside it."""
-WITHOUT = "# Help\n\nChoose a page from the list on the left."
+"""The documents are inside the package in the wheel, and beside the package in a checkout."""
+DEFAULT_TEXT = "# Help\n\nChoose a page from the list on the left."
 
 router = APIRouter(prefix="/help", include_in_schema=False)
 
@@ -25,7 +25,7 @@ def read_contents() -> HTMLResponse:
     """Contents page."""
     documents_by_name = documents(DOCS)
     first = documents_by_name.get(CONTENTS)
-    return HTMLResponse(help_page(first.path.read_text("utf-8") if first else WITHOUT, first, documents_by_name))
+    return HTMLResponse(help_page(first.path.read_text("utf-8") if first else DEFAULT_TEXT, first, documents_by_name))
 
 
 @router.get(f"/{PICTURES}/{{name}}")

@@ -49,7 +49,7 @@ def check_package(app: App, file: UploadFile) -> PackageCheckOut:
 
 @router.post("", status_code=201, dependencies=[need("instruments")])
 def add_instrument(app: App, user: User, file: UploadFile, audit_note: AuditNote) -> InstrumentOut:
-    """Check a zipped package and install it. The version that it replaces is kept for comparison."""
+    """Check a zipped package and install it. The replaced version is kept for comparison."""
     audit_note(f"package {file.filename or ''}")
     added = app.instruments.add(_read(file), file.filename or "", user=user)
     audit_note(f"{added.instrument.name} version {added.instrument.version}")
@@ -58,15 +58,15 @@ def add_instrument(app: App, user: User, file: UploadFile, audit_note: AuditNote
 
 @router.post("/photographs", status_code=202, dependencies=[need("instruments")])
 def new_from_photographs(app: App, user: User, body: PhotographsRequest, audit_note: AuditNote) -> JobOut:
-    """Make an instrument from stored photographs of the night as a job, and install it. The job fails with a reason for each
-    photograph if no camera can be calibrated; then nothing is installed."""
+    """Create and install an instrument from stored photographs of the night sky, as a job. If no camera can be
+    calibrated, the job fails with a reason for each photograph, and nothing is installed."""
     audit_note(f"{body.name} from {len(body.frame_ids)} photographs")
     return present.records.job(app.studies.new_instruments.start(body, user=user))
 
 
 @router.get("/{name}")
 def read_instrument(app: App, name: Name, version: Version = "") -> InstrumentDetailOut:
-    """Whole content of a package, by default of the current version."""
+    """Content of a package, by default of the current version."""
     return present.instruments.instrument_detail(app.instruments.get(name, version), app.instruments.versions(name))
 
 

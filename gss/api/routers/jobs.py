@@ -23,13 +23,13 @@ def list_jobs(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) -> list
 
 @router.get("/{job_id}")
 def read_job(app: App, job_id: RowId) -> JobOut:
-    """One job."""
+    """Return one job."""
     return present.records.job(app.base.jobs.get(job_id))
 
 
 @router.post("/{job_id}/cancel", dependencies=[need("jobs.cancel")])
 def cancel_job(app: App, job_id: RowId, caller: CurrentUser, audit_note: AuditNote) -> JobOut:
-    """Cancel a job. Allowed for the user who started it and for users who may start this kind."""
+    """Cancel a job. Allowed for the user who started it and for users who may start this kind of job."""
     job = app.base.jobs.get(job_id)
     audit_note(job.title)
     if not started_by(job, caller.name):
@@ -39,8 +39,8 @@ def cancel_job(app: App, job_id: RowId, caller: CurrentUser, audit_note: AuditNo
 
 @router.post("/{job_id}/again", status_code=202, dependencies=[need("jobs.cancel")])
 def start_again(app: App, job_id: RowId, caller: CurrentUser, audit_note: AuditNote) -> JobOut:
-    """Repeat an ended job from its stored request, as a new job. Needs the permission to start this kind. Values taken
-    from settings, such as the retention policy, are the current ones."""
+    """Repeat an ended job from its stored request, as a new job. Needs the permission to start this kind of job. Values
+    from the settings, for example the retention policy, are the current values."""
     job = app.base.jobs.get(job_id)
     audit_note(job.title)
     caller.require(permission_of(job))

@@ -1,4 +1,4 @@
-"""Telemetry limits: the limit set in force, and operators' overrides."""
+"""Telemetry limits: the active limit set, and operators' overrides."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ router = api_router("telemetry", "/telemetry/limits")
 
 @router.get("")
 def read_limits(app: App) -> LimitsOut:
-    """The limits in force."""
+    """Active limits of all fields."""
     return present.telemetry.limits(app.telemetry.telemetry.limits)
 
 
 @router.put("/set", dependencies=[need("limits")])
 def choose_set(app: App, user: User, body: LimitSetIn, audit_note: AuditNote) -> LimitsOut:
-    """Put another limit set in force."""
+    """Activate another limit set."""
     audit_note(f"from {app.telemetry.telemetry.limits.chosen} to {body.name}", body.note)
     app.telemetry.telemetry.limits.choose(body.name, user=user, note=body.note)
     return present.telemetry.limits(app.telemetry.telemetry.limits)

@@ -1,4 +1,4 @@
-"""The line: state, opening and closing."""
+"""State, opening and closing of the line."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ router = api_router("link")
 
 @router.get("/health", dependencies=[need(NO_SIGN_IN)])
 def health() -> dict[str, str]:
-    """Liveness check. Reveals nothing else, because it needs no sign-in."""
+    """Liveness check. It returns no other data, because it needs no sign-in."""
     return {"status": "ok"}
 
 
@@ -51,8 +51,9 @@ async def open_link(
     audit_note: AuditNote,
     opening: Annotated[OneAtATime, Depends(_opening)],
 ) -> LinkOut:
-    """Switch to another port. If it cannot be opened, the error is returned at once and the current port stays open.
-    Only one line is opened at a time. A remote address needs an admin, unless the settings allow it or it was open before."""
+    """Switch to another port. If it cannot be opened, the error is returned immediately and the current port stays
+    open. Only one line is opened at a time. Only an admin can open a remote address, unless the settings allow it or it
+    was opened before."""
 
     def open_now() -> LinkOut:
         audit_note(f"from {_port(app)} to {body.url}")
@@ -68,7 +69,7 @@ async def open_link(
 
 @router.post("/link/acknowledge-dictionary", dependencies=[need("link.open")])
 def acknowledge_dictionary(app: App, user: User, audit_note: AuditNote) -> LinkOut:
-    """Accept that the device has another dictionary. Commanding is blocked until then."""
+    """Accept that the device has a different dictionary. Commands are blocked until a user accepts it."""
     audit_note(
         f"ours {app.line.link.dictionary.hash_hex}, the device's {app.line.link.session.device_dictionary_hash or 'unknown'}"
     )

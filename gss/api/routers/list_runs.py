@@ -40,8 +40,8 @@ def solve_lists(
     sigma_px: Annotated[float, Form()] = SIGMA_PX,
     epoch_jyear: Annotated[float | None, Form()] = None,
 ) -> ListRunStartedOut:
-    """Solve lists of measured stars as a job. ``file``: an .npz with the arrays col_px, row_px, flux and first, or a .csv with
-    the columns list, col_px, row_px and flux."""
+    """Solve lists of measured stars as a job. ``file``: an .npz with the arrays col_px, row_px, flux and first, or a
+    .csv with the columns list, col_px, row_px and flux."""
     data = file.file.read(MAX_BODY_BYTES + 1)
     values = {"camera": camera, "no_distortion": no_distortion, "sigma_px": sigma_px, "epoch_jyear": epoch_jyear}
     run, job = app.studies.list_runs.start(
@@ -95,8 +95,8 @@ def _json(run: ListRun, rows: Iterable[ListRow]) -> str:
 def _csv(rows: Iterable[ListRow]) -> str:
     text = io.StringIO()
     names = [*ListResultOut.model_fields]
-    places = names.index("quaternion")
-    columns = [*names[:places], "qx", "qy", "qz", "qw", *names[places + 1 :]]
+    index = names.index("quaternion")
+    columns = [*names[:index], "qx", "qy", "qz", "qw", *names[index + 1 :]]
     writer = csv.writer(text)
     writer.writerow(columns)
     for row in rows:

@@ -1,4 +1,4 @@
-"""Notifications: targets, rules, what was sent, and a test message."""
+"""Notifications: targets, rules, sent messages and a test message."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NEWEST = 200
 
 @router.get("", dependencies=[need("admin.health")])
 def list_notifications(app: App) -> NotificationsOut:
-    """Targets and rules of the file, and the newest messages."""
+    """Targets and rules of the notification file, and the latest messages."""
     rules = app.notifications.rules
     return NotificationsOut(
         targets=[

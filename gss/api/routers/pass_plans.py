@@ -1,4 +1,4 @@
-"""Pass plans: made, armed, stopped, and their progress."""
+"""Pass plans: create, arm, stop, rehearse, and read their progress."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def list_active_plans(app: App) -> list[PlanOut]:
 
 @router.post("/pass-plans", status_code=201, dependencies=[need("passes")])
 def create_plan(app: App, body: PlanIn, user: User, audit_note: AuditNote) -> PlanOut:
-    """Store a plan for a pass. Nothing is sent before it is armed."""
+    """Store a plan for a pass. Nothing is sent until the plan is armed."""
     at = body.at if body.at.tzinfo else body.at.replace(tzinfo=UTC)
     audit_note(f"{body.name} at {at:%Y-%m-%dT%H:%M:%SZ}", *(item.kind for item in body.items))
     items = [_item(item) for item in body.items]
@@ -48,20 +48,20 @@ def create_plan(app: App, body: PlanIn, user: User, audit_note: AuditNote) -> Pl
 
 @router.get("/pass-plans/{plan_id}")
 def read_plan(app: App, plan_id: RowId, user: User) -> PlanOut:
-    """One pass plan: planned and actual times of each item."""
+    """One pass plan with planned and actual times of its items."""
     return _shown(app, app.passes.plans.get(plan_id), user)
 
 
 @router.delete("/pass-plans/{plan_id}", status_code=204, dependencies=[need("passes")])
 def delete_plan(app: App, plan_id: RowId, audit_note: AuditNote) -> None:
-    """Delete a draft; plans that were armed stay on record."""
+    """Delete a draft. Plans that were armed cannot be deleted."""
     audit_note(app.passes.plans.get(plan_id).name)
     app.passes.plans.delete(plan_id)
 
 
 @router.post("/pass-plans/{plan_id}/arm", dependencies=[need("passes")])
 def arm_plan(app: App, plan_id: RowId, body: ArmIn, user: User, audit_note: AuditNote) -> PlanOut:
-    """Arm a draft: it starts with the first good packet of its pass. Needs command authority."""
+    """Arm a draft. It starts with the first good packet of its pass. Needs command authority."""
     row = app.passes.plans.get(plan_id)
     audit_note(row.name, f"for {row.rise:%Y-%m-%dT%H:%M:%SZ}", *(str(item["title"]) for item in row.items))
     return present.passes.plan(app.passes.plans.arm(plan_id, body.confirm, user=user))
@@ -69,14 +69,15 @@ def arm_plan(app: App, plan_id: RowId, body: ArmIn, user: User, audit_note: Audi
 
 @router.post("/pass-plans/{plan_id}/stop", dependencies=[need(STOP)])
 def stop_plan(app: App, plan_id: RowId, user: User, audit_note: AuditNote) -> PlanOut:
-    """Stop an armed plan or one in progress. Like ABORT, it needs no command authority."""
+    """Stop a plan that is armed or in progress. Like ABORT, it needs no command authority."""
     audit_note(app.passes.plans.get(plan_id).name)
     return present.passes.plan(app.passes.runner.stop(plan_id, user=user))
 
 
 @router.post("/pass-plans/{plan_id}/rehearsals", status_code=202, dependencies=[need("passes")])
 def rehearse_plan(app: App, plan_id: RowId, body: RehearsalOptions, user: User, audit_note: AuditNote) -> RehearsalOut:
-    """Carry out a plan on a simulated unit, in a separate process and faster than real time. Nothing reaches the unit."""
+    """Carry out a plan on a simulated unit, in a separate process and faster than real time. Nothing reaches the
+    unit."""
     audit_note(app.passes.plans.get(plan_id).name)
     return _rehearsal(app.passes.rehearsals.start(plan_id, body, user=user))
 

@@ -24,15 +24,15 @@ OemDays = Annotated[float, Query(gt=0, le=MAX_OEM_DAYS, allow_inf_nan=False)]
 
 @router.get("/spacecraft")
 def read_spacecraft(app: App) -> SpacecraftOut:
-    """The spacecraft: its orbit in use with age and source, and the orbits before."""
+    """Spacecraft with its active orbit, the age and source of the orbit, and earlier orbits."""
     return present.passes.spacecraft(app.passes.spacecraft.current(), app.passes.spacecraft.history())
 
 
 @router.put("/spacecraft", dependencies=[need("passes")])
 def set_orbit(app: App, body: OrbitIn, user: User, audit_note: AuditNote) -> SpacecraftOut:
-    """Import an orbit and use it from now on: TLE, OMM or OEM. Earlier orbits stay on record."""
-    before = app.passes.spacecraft.history(1)
-    old = f"from epoch {before[0].epoch:%Y-%m-%dT%H:%M}" if before else "first orbit"
+    """Import an orbit (TLE, OMM or OEM) and make it the active orbit. Earlier orbits are kept."""
+    previous = app.passes.spacecraft.history(1)
+    old = f"from epoch {previous[0].epoch:%Y-%m-%dT%H:%M}" if previous else "first orbit"
     audit_note(old, f"to {' '.join(body.text.split())[:160]}", f"source {body.source}" if body.source else "")
     current, _ = app.passes.spacecraft.set(body.text, name=body.name, source=body.source.strip(), user=user)
     return present.passes.spacecraft(current, app.passes.spacecraft.history())
@@ -40,7 +40,7 @@ def set_orbit(app: App, body: OrbitIn, user: User, audit_note: AuditNote) -> Spa
 
 @router.get("/spacecraft/omm.json", dependencies=[EXPORT])
 def export_omm(app: App) -> JSONResponse:
-    """Export the elements in use as a CCSDS OMM in JSON."""
+    """Export the active elements as a CCSDS OMM in JSON."""
     return JSONResponse(omm_fields(app.passes.spacecraft.require()), headers=_file("orbit-omm.json"))
 
 
@@ -83,7 +83,7 @@ def delete_station(app: App, station_id: RowId, user: User, audit_note: AuditNot
 
 @router.get("/passes")
 def list_passes(app: App, days: Days = 3.0, station: ContactId = None) -> PassesOut:
-    """Passes under way and of the coming days, by rise. ``station``: only over the station with that id."""
+    """Current passes and passes of the coming days, by rise. ``station``: id of the only station to include."""
     return present.passes.passes(app.passes.table.coming(days, station))
 
 
@@ -113,7 +113,7 @@ def station_of(body: StationIn) -> GroundStation:
 
 
 def described(body: StationIn | StationOut) -> str:
-    """Return the values of a station in words, for the audit log."""
+    """Return the values of a station as text for the audit log."""
     place = f"{body.latitude_deg:g}° {body.longitude_deg:g}° {body.height_m:g} m"
     line = " ".join(str(part) for part in (body.line_url, body.line_baud or "") if part)
     return f"{body.name} at {place}, above {body.min_elevation_deg:g}°, mask of {len(body.mask)} points {line}".strip()

@@ -34,13 +34,13 @@ NEED = need("procedures")
 
 @router.get("/procedures")
 def list_procedures(app: App) -> ProceduresOut:
-    """Stored procedures, and those of the package of the unit on the line."""
-    return present.procedures.every(app.procedures.procedures)
+    """Stored procedures, and the procedures in the instrument package of the connected unit."""
+    return present.procedures.all_procedures(app.procedures.procedures)
 
 
 @router.post("/procedures", status_code=201, dependencies=[NEED])
 def add_procedure(app: App, body: ProcedureTextIn, user: User, audit_note: AuditNote) -> StoredProcedureOut:
-    """Store a procedure. Mistakes are allowed until it starts."""
+    """Store a procedure. It can contain mistakes, but then it cannot be started."""
     audit_note(body.text.partition("\n")[0][:200])
     return present.procedures.procedure(
         app.procedures.procedures, app.procedures.procedures.create(body.text, user=user)
@@ -49,7 +49,7 @@ def add_procedure(app: App, body: ProcedureTextIn, user: User, audit_note: Audit
 
 @router.post("/procedures/check", dependencies=[need("view", changes=False)])
 def check_procedure(app: App, body: ProcedureTextIn) -> ProcedureCheckOut:
-    """Read a procedure and return its steps and mistakes; nothing is stored."""
+    """Parse a procedure and return its steps and mistakes. Nothing is stored."""
     return present.procedures.check(app.procedures.procedures.check(body.text), app.line.link.roles.operations)
 
 
@@ -76,7 +76,7 @@ def delete_procedure(app: App, procedure_id: RowId, audit_note: AuditNote) -> No
 def start_procedure(
     app: App, procedure_id: RowId, body: ProcedureStartIn, user: User, audit_note: AuditNote
 ) -> ProcedureRunDetailOut:
-    """Start a run; nothing is sent yet unless it is automatic."""
+    """Start a run. Commands are sent only when a step is run, or immediately if the run is automatic."""
     audit_note(app.procedures.procedures.get(procedure_id).name, "automatic" if body.automatic else "")
     return _detail(app, app.procedures.runs.begin(procedure_id, user=user, automatic=body.automatic))
 
@@ -95,7 +95,7 @@ def read_procedure_run(app: App, run_id: RowId) -> ProcedureRunDetailOut:
 
 @router.get("/procedure-runs/{run_id}/record.json", response_class=Response, dependencies=[EXPORT])
 def export_record(app: App, run_id: RowId) -> Response:
-    """Record of a run as canonical JSON; the SHA-256 of these bytes is the one under which an ended run was frozen."""
+    """Record of a run as canonical JSON; for an ended run, the SHA-256 of these bytes is the stored hash."""
     headers = {"Content-Disposition": f"attachment; filename=procedure-run-{run_id}.json"}
     return Response(record_bytes(app.procedures.runs.get(run_id)), media_type="application/json", headers=headers)
 
@@ -112,7 +112,7 @@ def run_step(app: App, run_id: RowId, body: StepRunIn, user: User, audit_note: A
 
 @router.post("/procedure-runs/{run_id}/skip", dependencies=[NEED])
 def skip_step(app: App, run_id: RowId, body: StepSkipIn, user: User, audit_note: AuditNote) -> ProcedureRunDetailOut:
-    """Continue behind the current step without running it; the reason is recorded."""
+    """Skip the current step. The reason is recorded."""
     audit_note(app.procedures.runs.get(run_id).name, body.step, body.reason)
     return _detail(app, app.procedures.runs.skip(run_id, body.step, body.reason, user=user))
 
@@ -121,21 +121,22 @@ def skip_step(app: App, run_id: RowId, body: StepSkipIn, user: User, audit_note:
 def set_automatic(
     app: App, run_id: RowId, body: AutomaticIn, user: User, audit_note: AuditNote
 ) -> ProcedureRunDetailOut:
-    """Run the following steps on behalf of this user until a person is needed, or stop doing so."""
-    audit_note(app.procedures.runs.get(run_id).name, "automatic" if body.automatic else "by hand")
+    """Run the following steps automatically on behalf of this user until a step needs a person, or switch that off."""
+    audit_note(app.procedures.runs.get(run_id).name, "automatic" if body.automatic else "manual")
     return _detail(app, app.procedures.runs.set_automatic(run_id, body.automatic, user=user))
 
 
 @router.post("/procedure-runs/{run_id}/resume", dependencies=[NEED])
 def resume_procedure(app: App, run_id: RowId, user: User, audit_note: AuditNote) -> ProcedureRunDetailOut:
-    """Continue a run that a restart of the server interrupted during its pass plan; a person runs its current step."""
+    """Continue a run that a restart of the server interrupted during its pass plan; a user must run its current
+    step."""
     audit_note(app.procedures.runs.get(run_id).name)
     return _detail(app, app.procedures.runs.resume(run_id, user=user))
 
 
 @router.post("/procedure-runs/{run_id}/stop", dependencies=[need(STOP)])
 def stop_procedure(app: App, run_id: RowId, body: ReasonIn, user: User, audit_note: AuditNote) -> ProcedureRunDetailOut:
-    """End a run and freeze its record. A command that was sent is still followed on its own."""
+    """End a run and freeze its record. The state of a command that was already sent is still tracked."""
     audit_note(app.procedures.runs.get(run_id).name, body.reason)
     return _detail(app, app.procedures.runs.stop(run_id, body.reason, user=user))
 

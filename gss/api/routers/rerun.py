@@ -1,4 +1,4 @@
-"""Rerun: recordings of stored and live data, and the viewer's files, served from our origin behind sign-in."""
+"""Rerun recordings of stored and live data, and the viewer's files, served by this server to signed-in users."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ router = api_router("rerun", "/rerun")
 TYPES = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wasm", "favicon.ico": "image/x-icon"}
 RRD = "application/x-rerun"
 PIECES = "application/x-gss-rrd-pieces"
-SIDE = 12
-"""Frames before and after the frame that a page shows."""
+NEIGHBOURS = 12
+"""Number of frames before and after the displayed frame."""
 GATHER_S = 0.25
 PING_S = 5.0
 Id = Annotated[int | None, Query(ge=1, le=MAX_ID)]
@@ -41,7 +41,7 @@ def stored_recording(
     analysis: Id = None,
     campaign: Id = None,
 ) -> Response:
-    """Recording of frames (``3,5-9``), of one frame with its neighbours (``around``), or of a contact, calibration,
+    """Recording of frames (``3,5-9``), of a frame with its neighbours (``around``), or of a contact, calibration,
     analysis or campaign."""
     scope = _scope(app, frames, around, contact, calibration, analysis, campaign)
     headers = {"Content-Disposition": f"attachment; filename={scope.name}.rrd"}
@@ -62,7 +62,7 @@ def _scope(
         expected = "one of frames, around, contact, calibration, analysis, campaign"
         raise BadInput("no data selected for the recording", expected=expected, got=f"{sum(selectors)} of them")
     if around is not None:
-        return app.recordings.scopes.around(around, SIDE)
+        return app.recordings.scopes.around(around, NEIGHBOURS)
     if contact is not None:
         return app.recordings.scopes.of_contact(contact)
     if calibration is not None:
@@ -76,13 +76,13 @@ def _scope(
 
 @router.get("/live", response_class=StreamingResponse)
 async def live_recording(request: Request, app: App, caller: CurrentUser) -> StreamingResponse:
-    """Live recording until the connection or the session ends. Sent in pieces: a length in four bytes, little-endian,
-    then a complete .rrd; a length of zero is a keep-alive."""
-    loop, news = asyncio.get_running_loop(), asyncio.Event()
+    """Live recording until the connection or the session ends. Sent in parts: the length in four bytes, little-endian,
+    then a complete .rrd file. A length of zero is a keep-alive."""
+    loop, updated = asyncio.get_running_loop(), asyncio.Event()
 
     def wake() -> None:
         if not loop.is_closed():
-            loop.call_soon_threadsafe(news.set)
+            loop.call_soon_threadsafe(updated.set)
 
     first, live = await asyncio.to_thread(app.recordings.live.open, wake, caller.name)
 
@@ -90,11 +90,11 @@ async def live_recording(request: Request, app: App, caller: CurrentUser) -> Str
         yield _framed(first)
         while not app.stopping.is_set() and not await request.is_disconnected():
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(news.wait(), PING_S)
+                await asyncio.wait_for(updated.wait(), PING_S)
             if await asyncio.to_thread(identity_still_valid, app, caller):
                 return
             await asyncio.sleep(GATHER_S)  # a frame and its solution arrive as several messages
-            news.clear()
+            updated.clear()
             yield _framed(await asyncio.to_thread(live.piece))
 
     return Pieces(pieces(), lambda: app.recordings.live.close(live))

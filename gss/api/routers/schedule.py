@@ -1,4 +1,4 @@
-"""Time-tagged commands, stored on board."""
+"""Time-tagged commands stored on board."""
 
 from __future__ import annotations
 
@@ -68,5 +68,5 @@ def cancel_one(app: App, schedule_id: ScheduleId, user: User) -> CommandOut:
     )
 
 
-def _utc(moment: datetime | None) -> datetime | None:
-    return moment if moment is None or moment.tzinfo else moment.replace(tzinfo=UTC)
+def _utc(time: datetime | None) -> datetime | None:
+    return time if time is None or time.tzinfo else time.replace(tzinfo=UTC)

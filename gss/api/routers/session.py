@@ -24,22 +24,22 @@ OPEN = need(NO_SIGN_IN)
 SELF = need("view")
 
 
-def in_turn(route: Callable[..., SessionOut]) -> Callable[..., Awaitable[SessionOut]]:
-    """Decorate a route that hashes a password: it runs in the password queue, not in the request thread pool."""
+def password_route(route: Callable[..., SessionOut]) -> Callable[..., Awaitable[SessionOut]]:
+    """Decorate a route that hashes a password. The route runs in the password queue, not in the request thread pool."""
 
     @functools.wraps(route)
-    async def waits(**arguments: Any) -> SessionOut:
+    async def queued(**arguments: Any) -> SessionOut:
         services: Services = arguments["app"]
         return await asyncio.wrap_future(
             services.accounts.accounts.passwords.turns.take(functools.partial(route, **arguments))
         )
 
-    return waits
+    return queued
 
 
 @router.get("/session", dependencies=[OPEN])
 def read_session(app: App, request: Request) -> SessionOut:
-    """Current session. Does not extend the session."""
+    """Current session. The request does not extend the session."""
     caller = who_of(request.scope)
     if caller is None:
         needed = app.accounts.accounts.users.set_up_needed()
@@ -48,7 +48,7 @@ def read_session(app: App, request: Request) -> SessionOut:
 
 
 @router.post("/session", dependencies=[OPEN])
-@in_turn
+@password_route
 def sign_in(app: App, request: Request, response: Response, body: SignInBody) -> SessionOut:
     """Sign in with a name and a password."""
     account = app.accounts.accounts.users.named(body.name)
@@ -75,7 +75,7 @@ def sign_out(app: App, request: Request, response: Response) -> None:
 
 
 @router.put("/session/password", dependencies=[SELF])
-@in_turn
+@password_route
 def change_password(
     app: App, request: Request, response: Response, caller: CurrentUser, body: PasswordBody
 ) -> SessionOut:
@@ -91,7 +91,7 @@ def change_password(
 
 
 @router.post("/setup", dependencies=[OPEN])
-@in_turn
+@password_route
 def set_up(app: App, request: Request, response: Response, body: SetUpBody) -> SessionOut:
     """Create the first admin, with the link that the server printed at startup."""
     brake = _brake(app, request)
@@ -103,7 +103,7 @@ def set_up(app: App, request: Request, response: Response, body: SetUpBody) -> S
 
 
 @router.post("/password-links", dependencies=[OPEN])
-@in_turn
+@password_route
 def use_password_link(app: App, request: Request, response: Response, body: PasswordLinkBody) -> SessionOut:
     """Set a password with a one-time link."""
     brake = _brake(app, request)
@@ -116,7 +116,8 @@ def use_password_link(app: App, request: Request, response: Response, body: Pass
 
 @router.post("/password-links/check", status_code=204, dependencies=[need(NO_SIGN_IN, changes=False)])
 def check_link(app: App, request: Request, body: LinkCheckBody) -> None:
-    """Check whether a one-time link is still valid, without using it up. Rejected and rate-limited like its use."""
+    """Check whether a one-time link is still valid, without using it up. Errors and rate limit are the same as for
+    using the link."""
     brake = _brake(app, request)
     app.accounts.accounts.users.check_link(body.kind, body.token)
     app.accounts.accounts.attempts.passed(brake)
@@ -133,8 +134,8 @@ def _from(request: Request) -> tuple[str, str]:
 
 
 def _open(app: Services, request: Request, response: Response, opened: NewSession) -> SessionOut:
-    """Store the session key in a cookie that scripts cannot read and that is not sent on cross-site requests, and the device
-    key in another one, which is sent to this route only."""
+    """Store the session key and the device key in two cookies that scripts cannot read and that browsers do not send
+    with cross-site requests. The device key is sent to this route only."""
     secure, lasts_s = request.state.secure, int(DEVICE_LASTS.total_seconds())
     response.set_cookie(COOKIE, opened.key, httponly=True, samesite="strict", secure=secure, path="/")
     response.set_cookie(

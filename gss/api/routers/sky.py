@@ -1,4 +1,4 @@
-"""The sky for charts, and the camera profiles."""
+"""Sky data for charts, constellation lines, camera profiles and chains."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from fastapi import Path, Query
 
 from gss.api.api_router import api_router
-from gss.api.deps import App, Moment
+from gss.api.deps import App, QueryTime
 from gss.api.schemas.sky import BodyOut, ChainOptionOut, ChartStarOut, FigureOut, ProfileOut, SkyOut
 from gss.catalogue_tools.onboard import FORMATS
 from gss.catalogue_tools.sources.constellations import FAINTEST_JOINED_MAG, figures
@@ -22,8 +22,9 @@ router = api_router("sky")
 
 
 @router.get("/sky")
-def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Moment | None = None) -> SkyOut:
-    """Stars to a magnitude limit, Sun, Moon and, if the camera's position is known, the Earth; now or at a given time."""
+def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: QueryTime | None = None) -> SkyOut:
+    """Stars to a magnitude limit, Sun, Moon and, if the camera's position is known, the Earth; now or at a given
+    time."""
     now = at or app.base.clock.now()
     bright = app.base.stars.brighter_than(mag)
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(bright.icrs))
@@ -42,24 +43,24 @@ def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Mome
                 exclusion_deg=math.degrees(body.exclusion_rad),
             )
         )
-    place = app.passes.place.at(now)
-    if place is not None:
-        below_ra, below_dec = (math.degrees(float(v)) for v in ra_dec_from_unit(place.earth_icrs))
-        exclusion, radius = math.degrees(EARTH_EXCLUSION_RAD), math.degrees(place.earth_radius_rad)
+    observer = app.passes.place.at(now)
+    if observer is not None:
+        below_ra, below_dec = (math.degrees(float(v)) for v in ra_dec_from_unit(observer.earth_icrs))
+        exclusion, radius = math.degrees(EARTH_EXCLUSION_RAD), math.degrees(observer.earth_radius_rad)
         bodies_out.append(
             BodyOut(name="Earth", ra_deg=below_ra, dec_deg=below_dec, exclusion_deg=exclusion, radius_deg=radius)
         )
-    return SkyOut(utc=now, place="" if place is None else place.source, stars=stars, bodies=bodies_out)
+    return SkyOut(utc=now, place="" if observer is None else observer.source, stars=stars, bodies=bodies_out)
 
 
 @router.get("/sky/figures")
 def read_figures(app: App) -> list[FigureOut]:
-    """Constellation lines between stars of our own table."""
+    """Constellation lines between stars of the star table."""
     bright = app.base.stars.brighter_than(FAINTEST_JOINED_MAG)
     drawn_figures = figures(bright)
     ra, dec = (np.degrees(a).round(3).tolist() for a in ra_dec_from_unit(bright.icrs))
-    place = {int(hip): (a, d) for hip, a, d in zip(bright.hip, ra, dec, strict=True)}
-    return [FigureOut(name=f.name, lines=[[place[hip] for hip in line] for line in f.lines]) for f in drawn_figures]
+    position = {int(hip): (a, d) for hip, a, d in zip(bright.hip, ra, dec, strict=True)}
+    return [FigureOut(name=f.name, lines=[[position[hip] for hip in line] for line in f.lines]) for f in drawn_figures]
 
 
 @router.get("/profiles")

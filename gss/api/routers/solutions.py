@@ -1,4 +1,4 @@
-"""Solutions."""
+"""Solutions of frames."""
 
 from __future__ import annotations
 

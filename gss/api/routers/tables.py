@@ -40,16 +40,16 @@ def tables_on_board(app: App) -> list[OnBoardTableOut]:
 def table_defaults(
     app: App, kind: Literal["triplets", "calibration", "parameters"], profile: Annotated[str, Query(max_length=40)] = ""
 ) -> TableDefaultsOut:
-    """Default values of a new table for editing. ``profile``: a camera; empty: that of the unit on the line."""
+    """Default values of a new table for editing. ``profile``: camera; empty: camera of the connected unit."""
     camera = profile or app.base.settings.unit_instrument
     return TableDefaultsOut(kind=kind, profile=camera, content=dict(app.transfers.tables.defaults(kind, camera)))
 
 
 @router.post("", status_code=201, dependencies=[need("tables")])
 def create_table(app: App, body: TableIn, user: User, audit_note: AuditNote) -> TableDetailOut:
-    """Create a table from a camera's values and the given ones."""
+    """Create a table from a camera's values, overridden by the values in the request."""
     camera = body.profile or app.base.settings.unit_instrument
-    audit_note(f"{body.kind} {body.name} of {camera}:", ", ".join(body.content) or "its own values")
+    audit_note(f"{body.kind} {body.name} of {camera}:", ", ".join(body.content) or "the camera's values")
     row = app.transfers.tables.create(body.kind, body.name, camera, body.content, user=user)
     return present.tables.table_detail(row, app.transfers.tables.on_board())
 
@@ -69,7 +69,7 @@ def table_file(app: App, table_id: RowId) -> Response:
 
 @router.post("/{table_id}/upload", status_code=201, dependencies=[need("tables")])
 def upload_table(app: App, table_id: RowId, body: TableUploadIn, user: User, audit_note: AuditNote) -> TransferOut:
-    """Send a table to an inactive bank; it is verified by read-back and committed."""
+    """Send a table to an inactive bank. The table is then verified by read-back and committed."""
     row = app.transfers.tables.get(table_id)
     audit_note(f"{row.kind} {row.name} to bank {body.bank}")
     app.commanding.authority.check(user)

@@ -9,7 +9,7 @@ from fastapi.responses import StreamingResponse
 
 from gss.api import present
 from gss.api.api_router import api_router
-from gss.api.deps import EXPORT, App, ContactId, Moment
+from gss.api.deps import EXPORT, App, ContactId, QueryTime
 from gss.api.schemas.base import MAX_ID
 from gss.api.schemas.telemetry import CycleOut, HistoryOut, LatestOut, PacketOut
 from gss.operations.telemetry.telemetry_export import FORMATS, export
@@ -31,11 +31,11 @@ def latest(app: App) -> LatestOut:
 def history(
     app: App,
     name: Fields,
-    start: Moment,
-    end: Moment,
+    start: QueryTime,
+    end: QueryTime,
     points: Annotated[int, Query(ge=10, le=20000)] = 600,
 ) -> HistoryOut:
-    """History of several fields (``name`` or ``packet.name``) over one time range, thinned without losing extremes."""
+    """History of several fields (``name`` or ``packet.name``) over one time range, thinned without loss of extremes."""
     series = app.telemetry.telemetry.archive.history(name, start, end, points)
     return HistoryOut(start=start, end=end, series=[present.telemetry.series(s) for s in series])
 
@@ -44,15 +44,15 @@ def history(
 def packets(
     app: App,
     packet: Annotated[str | None, Query(max_length=60)] = None,
-    start: Moment | None = None,
-    end: Moment | None = None,
+    start: QueryTime | None = None,
+    end: QueryTime | None = None,
     contact: ContactId = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
     before_id: Annotated[int | None, Query(ge=1, le=MAX_ID)] = None,
     after_id: Annotated[int | None, Query(ge=0, le=MAX_ID)] = None,
 ) -> list[PacketOut]:
-    """Stored packets, newest first, in pages. With ``after_id`` they are those behind it, oldest first: a program that remembers
-    the last id misses none."""
+    """Stored packets, newest first, in pages. With ``after_id``, packets with a larger id, oldest first, so that a
+    program that stores the last id receives every packet."""
     rows = app.telemetry.telemetry.archive.packets(packet, start, end, limit, before_id, contact, after_id)
     return [present.telemetry.packet(row) for row in rows]
 
@@ -61,8 +61,8 @@ def packets(
 def export_telemetry(
     app: App,
     field: ExportFields,
-    start: Moment,
-    end: Moment,
+    start: QueryTime,
+    end: QueryTime,
     format: Literal["csv", "parquet", "hdf5"] = "csv",
     form: Literal["converted", "raw", "formatted"] = "converted",
 ) -> StreamingResponse:

@@ -33,7 +33,7 @@ root = api_router("upkeep", root="")
 
 @router.get("/admin/health", dependencies=[need("admin.health")])
 def health(app: App) -> HealthOut:
-    """Health checks of slowly developing problems."""
+    """Results of the health checks, which detect slowly developing problems."""
     health_report = app.upkeep.health.look()
     return HealthOut(
         state=health_report.state, checks=[HealthCheckOut.model_validate(check) for check in health_report.checks]
@@ -79,7 +79,7 @@ def run_retention(app: App, user: User, audit_note: AuditNote, body: RunRetentio
 
 @router.post("/admin/retention/confirm-clock", dependencies=[need("admin.retention")])
 def confirm_clock(app: App, user: User, body: ConfirmClockIn, audit_note: AuditNote) -> RetentionOut:
-    """Confirm that a person has checked the server's date and time. Retention and backup rotation then continue."""
+    """Confirm that a person has checked the server's date and time. Retention and backup rotation then resume."""
     state = app.base.trust.state()
     audit_note(f"clock {state.now.isoformat()}, {state.doubt or 'not in doubt'}")
     app.base.trust.confirm(body.seen, user=user)
@@ -104,7 +104,7 @@ def list_backups(app: App) -> list[BackupOut]:
 
 @router.post("/admin/backups", status_code=202, dependencies=[need("admin.backup")])
 def make_backup(app: App, user: User) -> JobOut:
-    """Make a backup while the server runs, as a job. To restore it, run ``gss restore`` in a terminal."""
+    """Create a backup while the server runs, as a job. To restore it, run ``gss restore`` in a terminal."""
     return present.records.job(app.upkeep.backups.start(keep=app.upkeep.retention.policy().backups_keep, user=user))
 
 
@@ -133,12 +133,12 @@ def _backup(manifest: Manifest) -> BackupOut:
 
 @router.post("/admin/check-store", status_code=202, dependencies=[need("admin.health")])
 def check_store(app: App, user: User) -> JobOut:
-    """Check, as a job, that all files on record are present and intact. The job's result is the report."""
+    """Check, as a job, that all recorded files are present and intact. The job's result is the report."""
     return present.records.job(app.upkeep.check.start(user=user))
 
 
 @router.put("/frames/{frame_id}/favourite", dependencies=[need("frames.solve")])
 def favourite(app: App, frame_id: RowId, body: FavouriteIn) -> FrameOut:
-    """Mark a frame as favourite or not. Retention never deletes a favourite's pixels."""
+    """Mark a frame as favourite, or remove the mark. Retention never deletes a favourite's pixels."""
     row = app.upkeep.retention.favourite(frame_id, body.favourite)
     return present.frames.frame(*app.frames.frames.with_solution(row))

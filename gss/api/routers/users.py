@@ -29,31 +29,32 @@ def add_user(app: App, caller: CurrentUser, body: UserIn, audit_note: AuditNote)
 
 @router.put("/users/{user_id}", dependencies=[ADMIN])
 def change_user(app: App, user_id: RowId, caller: CurrentUser, body: UserChangeIn, audit_note: AuditNote) -> UserOut:
-    """Change a user's role, or enable or disable the user. Applies from the next request; disabling ends all sessions. If an
-    admin is demoted or disabled, the users that this admin created are disabled too, unless ``keep_created``."""
-    before = app.accounts.accounts.users.get(user_id)
-    done = (
-        before.name,
-        f"from {before.role} to {body.role}" if body.role else "",
+    """Change a user's role, or enable or disable the user. The change applies from the next request. Disabling a user
+    ends all sessions of the user. If an admin is demoted or disabled, the users that this admin created are disabled
+    too, unless ``keep_created`` is true."""
+    previous = app.accounts.accounts.users.get(user_id)
+    changes = (
+        previous.name,
+        f"from {previous.role} to {body.role}" if body.role else "",
         "" if body.enabled is None else "activated" if body.enabled else "deactivated",
         "created users kept" if body.keep_created else "",
     )
-    audit_note(*done)
-    caller.require_all(before.role, ())
-    caller.require_all(body.role or before.role, ())
+    audit_note(*changes)
+    caller.require_all(previous.role, ())
+    caller.require_all(body.role or previous.role, ())
     changed = app.accounts.accounts.users.change(
         user_id, role=body.role, enabled=body.enabled, keep_created=body.keep_created, caller_id=caller.user_id
     )
-    audit_note(*done, changed.voided)
+    audit_note(*changes, changed.voided)
     return _user(changed.user)
 
 
 @router.post("/users/{user_id}/link", status_code=201, dependencies=[ADMIN])
 def new_password_link(app: App, user_id: RowId, caller: CurrentUser, audit_note: AuditNote) -> LinkedUserOut:
     """Create a new one-time password link for a user. Earlier links become invalid."""
-    named = app.accounts.accounts.users.get(user_id)
-    audit_note(named.name)
-    caller.require_all(named.role, ())
+    user = app.accounts.accounts.users.get(user_id)
+    audit_note(user.name)
+    caller.require_all(user.role, ())
     link = app.accounts.accounts.users.password_link(user_id, caller.handed_out_until, by=caller.name)
     return _linked(app.accounts.accounts.users.get(user_id), link)
 

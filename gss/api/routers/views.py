@@ -1,4 +1,4 @@
-"""Shared views: pages of the console with their state, by name and link."""
+"""Shared views: console pages with their state, stored under a name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gss.operations.accounts.identity import CallerIdentity
 from gss.operations.views.shared_views import ViewRequest
 
 router = api_router("views", "/views")
-MANAGES = "admin.users"
+MANAGE_PERMISSION = "admin.users"
 NEED = need("views")
 
 
@@ -28,7 +28,7 @@ def create_view(app: App, body: ViewRequest, user: User, audit_note: AuditNote) 
 
 @router.get("/{view_id}")
 def read_view(app: App, view_id: RowId) -> ViewDetailOut:
-    """A view with its versions."""
+    """View with its versions."""
     detail = app.accounts.views.get(view_id)
     versions = [ViewVersionOut.model_validate(version) for version in detail.versions]
     return ViewDetailOut(**ViewOut.model_validate(detail.row).model_dump(), versions=versions)
@@ -36,7 +36,7 @@ def read_view(app: App, view_id: RowId) -> ViewDetailOut:
 
 @router.put("/{view_id}", dependencies=[NEED])
 def change_view(app: App, view_id: RowId, body: ViewChangeIn, caller: CurrentUser, audit_note: AuditNote) -> ViewOut:
-    """Store a new version of a view. 409 if another user has changed it since."""
+    """Store a new version of a view. 409 if another user has changed the view in the meantime."""
     audit_note(body.name, f"from version {body.version}", body.path[:200])
     row = app.accounts.views.change(view_id, body.version, body, user=caller.name, manages=_manages(caller))
     return ViewOut.model_validate(row)
@@ -50,4 +50,4 @@ def delete_view(app: App, view_id: RowId, caller: CurrentUser, audit_note: Audit
 
 
 def _manages(caller: CallerIdentity) -> bool:
-    return caller.may(MANAGES)
+    return caller.may(MANAGE_PERMISSION)

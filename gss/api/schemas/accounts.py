@@ -14,8 +14,9 @@ Key = Field(min_length=1, max_length=200)
 
 
 class SessionOut(Out):
-    """Caller of this session or token. ``csrf``: value of the header X-GSS that every change must carry. ``expires``:
-    end of the session if no further request is made. ``several_units``: the server has units with names; see /api/fleet."""
+    """Caller of this session or token. ``csrf``: required value of the header X-GSS in every change. ``expires``: end
+    of the session if no further request is received. ``several_units``: true if the server has named units; see
+    /api/fleet."""
 
     signed_in: bool
     name: str = ""
@@ -35,7 +36,7 @@ class SignInBody(In):
 
 
 class PasswordBody(In):
-    """Change of the caller's own password."""
+    """Change of the caller's password."""
 
     old: str = Password
     new: str = Password
@@ -64,7 +65,7 @@ class PasswordLinkBody(In):
 
 
 class UserOut(Out):
-    """User account. ``disabled_reason``: why it was disabled automatically; "" otherwise."""
+    """User account. ``disabled_reason``: why the account was disabled automatically; "" otherwise."""
 
     id: int
     name: str
@@ -85,8 +86,8 @@ class UserIn(In):
 
 
 class UserChangeIn(In):
-    """Changed role or state of a user; null leaves a value unchanged. ``keep_created``: users and links that a demoted or
-    disabled admin made stay valid."""
+    """Changed role or state of a user; null leaves a value unchanged. ``keep_created``: true if users and links that a
+    demoted or disabled admin created stay valid."""
 
     role: Role | None = None
     enabled: bool | None = None
@@ -102,7 +103,7 @@ class LinkedUserOut(Out):
 
 
 class SignInOut(Out):
-    """Open session. ``own``: the session that sent this request."""
+    """Open session. ``own``: true for the session that sent this request."""
 
     id: int
     name: str
@@ -130,7 +131,7 @@ class TokenOut(Out):
 
 
 class TokenIn(In):
-    """New API token. ``scopes``: permissions of the role that the token keeps; empty keeps all."""
+    """New API token. ``scopes``: permissions of the role that the token has; empty: all."""
 
     name: str = Field(min_length=1, max_length=50)
     role: Role
@@ -162,8 +163,8 @@ class AuditRowOut(Out):
 
 
 class AuditVerdictOut(Out):
-    """Result of the audit log verification. ``problem``: empty if the log is intact; ``anchors``: what the
-    anchor file confirms; ``last_hash``: store it elsewhere for a later check."""
+    """Result of the audit log verification. ``problem``: empty if the log is intact. ``anchors``: result of the
+    comparison with the anchor file. ``last_hash``: hash of the last row, to be stored elsewhere for a later check."""
 
     rows: int
     last_hash: str

@@ -11,10 +11,10 @@ from gss.api.schemas.telemetry import LevelWord
 
 
 class AlarmRow(Out):
-    """Alarm. ``state``: raised (out of limits, not acknowledged), acked (out of limits, acknowledged), cleared (back in
-    limits, not acknowledged), closed. ``level``: current level; ``worst``: worst level since raised. Packet "event":
-    an event of the device, with its number of occurrences as the value; packet "link": loss of signal. ``action``: what
-    to do, from the instrument package; "" if it states nothing."""
+    """Alarm. ``state``: raised (out of limits, not acknowledged), acked (out of limits, acknowledged), cleared (within
+    limits, not acknowledged), closed. ``level``: current level; ``worst``: worst level since the alarm was raised.
+    Packet "event": event of the device, with the number of occurrences as the value. Packet "link": loss of signal.
+    ``action``: operator action from the instrument package; "" if not stated."""
 
     id: int
     packet: str
@@ -47,7 +47,7 @@ class NoteIn(In):
 
 
 class ShelveIn(In):
-    """How long to shelve an alarm, and why."""
+    """Duration and reason of shelving an alarm."""
 
     minutes: int = Field(ge=1, le=1440)
     note: str = Field(min_length=1, max_length=1000)

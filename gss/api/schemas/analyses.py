@@ -1,4 +1,4 @@
-"""Results of analyses; the requests are gss.operations.studies.analysis_requests."""
+"""Results of analyses. The requests are in gss.operations.studies.analysis_requests."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from gss.operations.report.parts import Report
 
 
 class AnalysisOut(Out):
-    """Analysis. ``doubts``: number of notes in its report; ``severe``: number of notes that say not to rely on it."""
+    """Analysis. ``doubts``: number of notes in the report; ``severe``: number of notes that declare the result
+    unreliable."""
 
     id: int
     kind: str

@@ -6,7 +6,7 @@ from gss.api.schemas.base import Out, Utc
 
 
 class ComparedAttitudeOut(Out):
-    """Frame with the rotation about the camera's axes that is left after the mean rotation."""
+    """Frame with its residual rotation about the camera's axes after the mean rotation is removed."""
 
     frame_id: int
     at: Utc
@@ -14,8 +14,9 @@ class ComparedAttitudeOut(Out):
 
 
 class AttitudeComparisonOut(Out):
-    """Stored attitudes against those of a message. ``cam_from_frame``: mean rotation from the message's frame to the camera, scalar
-    last; ``angle_deg``: of that rotation; ``rms_arcsec``: of the residuals; ``outside``: frames for which the message has none."""
+    """Comparison of stored attitudes with the attitudes of a message. ``cam_from_frame``: mean rotation from the
+    message's frame to the camera, scalar-last quaternion; ``angle_deg``: angle of this rotation; ``rms_arcsec``: RMS
+    residuals; ``outside``: number of frames for which the message has no attitude."""
 
     object_name: str
     frame: str

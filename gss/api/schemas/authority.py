@@ -10,7 +10,7 @@ from gss.api.schemas.base import In, Out, Utc
 
 
 class TenureOut(Out):
-    """One holder of command authority, from taking to losing it."""
+    """Period in which one user held command authority."""
 
     holder: str
     taken: Utc
@@ -20,8 +20,8 @@ class TenureOut(Out):
 
 
 class AuthorityTransferOut(Out):
-    """Hand-over that waits for an answer. ``request``: ``user`` requests authority from the holder; ``offer``: the holder
-    offers it to ``user``."""
+    """Pending transfer of command authority. ``request``: ``user`` requests authority from the holder; ``offer``: the
+    holder offers it to ``user``."""
 
     kind: Literal["request", "offer"]
     user: str
@@ -30,8 +30,9 @@ class AuthorityTransferOut(Out):
 
 
 class AuthorityOut(Out):
-    """Holder of command authority and earlier holders, newest first. ``mine``: the caller holds it; always false on the
-    stream, which is shared by all listeners. ``transfer``: null if no request or offer waits for an answer."""
+    """Current and earlier holders of command authority, newest first. ``mine``: true if the caller is the holder;
+    always false on the stream, which is shared by all listeners. ``transfer``: null if no request or offer is
+    pending."""
 
     holder: str | None
     since: Utc | None
@@ -41,7 +42,7 @@ class AuthorityOut(Out):
 
 
 class AuthorityNoteIn(In):
-    """Note of a request, or of the answer to a request or offer."""
+    """Note with a request, or with the answer to a request or offer."""
 
     note: str = Field(default="", max_length=300)
 

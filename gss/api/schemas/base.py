@@ -1,4 +1,4 @@
-"""Base models of responses; those of requests are in gss.operations.requests."""
+"""Base models of responses. The base models of requests are in gss.operations.requests."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class Out(BaseModel):
 
 
 def _iso_z(value: datetime) -> str:
-    moment = value if value.tzinfo else value.replace(tzinfo=UTC)
-    return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    utc_time = value if value.tzinfo else value.replace(tzinfo=UTC)
+    return utc_time.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 Utc = Annotated[datetime, PlainSerializer(_iso_z, return_type=str)]
-"""UTC, ISO 8601 with Z, milliseconds."""
+"""UTC time, sent as ISO 8601 with milliseconds and Z."""
 
 
 class ProblemOut(Out):

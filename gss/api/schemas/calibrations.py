@@ -1,4 +1,4 @@
-"""Results and comparisons of camera calibrations; the requests are gss.operations.studies.calibration_requests."""
+"""Results and comparisons of camera calibrations. The requests are in gss.operations.studies.calibration_requests."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from gss.operations.report.parts import Report
 
 
 class CalibrationOut(Out):
-    """Calibration. ``in_use``: reruns use this camera. ``places``: banks of the sensor that hold it, such as "a, active"."""
+    """Calibration. ``in_use``: true if reruns use this calibration. ``places``: banks of the sensor that contain it,
+    for example "a, active"."""
 
     id: int
     profile: str
@@ -33,7 +34,7 @@ class CalibrationOut(Out):
 
 
 class CalibrationDetailOut(CalibrationOut):
-    """Calibration with all its results."""
+    """Calibration with its results and report."""
 
     request: JsonObject
     values: JsonObject
@@ -42,13 +43,13 @@ class CalibrationDetailOut(CalibrationOut):
 
 
 class DocumentedIn(In):
-    """Camera whose documented values are to be used again."""
+    """Camera that returns to its documented values."""
 
     profile: str = Field(max_length=40)
 
 
 class ChangeOut(Out):
-    """Value before and after."""
+    """Older and newer value of a parameter."""
 
     name: str
     older: float | str | None
@@ -56,7 +57,8 @@ class ChangeOut(Out):
 
 
 class CalibrationDiffOut(Out):
-    """Comparison of two calibrations. Geometry differences are over the detector, after the best common rotation."""
+    """Comparison of two calibrations. Geometry differences are calculated over the detector after the best-fit rotation
+    is removed."""
 
     older: int
     newer: int

@@ -9,7 +9,7 @@ from gss.operations.report.parts import Report
 
 
 class ExperimentOut(Out):
-    """Experiment from a document that can be rerun. ``trials``: default number."""
+    """Experiment from a document that can be rerun. ``trials``: default number of trials."""
 
     name: str
     title: str
@@ -17,9 +17,9 @@ class ExperimentOut(Out):
 
 
 class ChainRecordOut(Out):
-    """Results of one version of a chain over the stored frames; medians are over solved frames. ``options``: its changed
-    constants, NAME=VALUE, …. ``solved_interval``: 95 % interval (Wilson) of the solved share; ``wrong_most``: upper
-    bound of the share of wrong solutions among ``judged``, by the same method."""
+    """Results of one version of a chain over the stored frames; medians are over solved frames. ``options``: changed
+    constants of the chain, NAME=VALUE, …. ``solved_interval``: 95 % interval (Wilson) of the solved share;
+    ``wrong_most``: upper bound of the share of wrong solutions in ``judged`` solutions, by the same method."""
 
     chain: str
     version: str
@@ -36,7 +36,8 @@ class ChainRecordOut(Out):
 
 
 class ChainPairIn(In):
-    """Chain to report on, and the one to compare it with; without ``against_chain`` each frame's operational result."""
+    """Chain of the report, and the chain to compare it with. Without ``against_chain`` it is compared with each frame's
+    operational result."""
 
     chain: str = Field(max_length=30)
     version: str = Field(max_length=30)
@@ -55,7 +56,7 @@ class ChainFailureOut(Out):
 
 
 class ChainReportOut(Out):
-    """Report on a chain. ``failures``: the first of the ``failed`` frames."""
+    """Report on a chain. ``failed``: number of failed frames; ``failures``: the first of them."""
 
     report: Report
     failures: list[ChainFailureOut]

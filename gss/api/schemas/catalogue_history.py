@@ -10,7 +10,7 @@ from gss.domain.json_object import JsonObject
 
 class ChangedStarOut(Out):
     """Star that differs between two catalogues. ``moved_arcsec``, ``change_mag``: null if that value did not change.
-    Positions are from the new catalogue; for a dropped star, from the old one."""
+    Positions are from the new catalogue; the position of a dropped star is from the old catalogue."""
 
     hip: int
     name: str
@@ -22,8 +22,8 @@ class ChangedStarOut(Out):
 
 
 class CoverageOut(Out):
-    """Number of stars in a field-sized circle around each HEALPix ring pixel. ``poorer``: circles that had at least
-    three stars and no longer have."""
+    """Number of stars in a field-sized circle around each HEALPix ring pixel. ``poorer``: number of circles with at
+    least three stars in the old catalogue and fewer in the new."""
 
     nside: int
     radius_deg: float
@@ -47,7 +47,8 @@ class CatalogueRefOut(Out):
 
 
 class CatalogueDiffOut(Out):
-    """What would change on board. Counts are complete; the lists hold at most the first 500 stars, brightest first."""
+    """Changes on board if the new catalogue replaced the old. The counts are complete; each list contains at most 500
+    stars, brightest first."""
 
     old: CatalogueRefOut
     new: CatalogueRefOut
@@ -68,7 +69,8 @@ class CatalogueDiffOut(Out):
 
 
 class BankStayOut(Out):
-    """Period in which a bank had one state and content. ``ended`` null: unchanged up to the last report, at ``told``."""
+    """Period in which a bank had one state and content. ``ended`` null: unchanged until the last report, at time
+    ``told``."""
 
     bank: str
     state: str
@@ -87,7 +89,7 @@ class BankStayOut(Out):
 
 
 class BankPlanOut(Out):
-    """Planned upload to a bank or activation. ``at`` null: as soon as the transfer is complete."""
+    """Planned upload to a bank or activation. ``at`` null: when the transfer is complete."""
 
     bank: str
     kind: Literal["upload", "activation"]
@@ -116,7 +118,7 @@ class ContactSpanOut(Out):
 
 
 class CoverOut(Out):
-    """Whether the catalogues on board and planned cover the time ahead."""
+    """State of the coverage of future time by the catalogues on board and planned."""
 
     state: str
     text: str

@@ -1,4 +1,4 @@
-"""Sub-catalogues: preview and result. The request is gss.operations.catalogues.catalogue_request."""
+"""Sub-catalogues: preview and result. The request is in gss.operations.catalogues.catalogue_request."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gss.operations.catalogues.catalogue_report import (
 
 
 class ListMappingIn(In):
-    """How to read a star list; JSON in a form field. See ``ListMapping`` for the allowed values."""
+    """Column mapping of a star list, as JSON in a form field. See ``ListMapping`` for the allowed values."""
 
     columns: dict[str, str] = Field(default_factory=dict)
     units: dict[str, str] = Field(default_factory=dict)
@@ -73,6 +73,6 @@ class CatalogueDetailOut(CatalogueOut, StoredReport):
 
 
 class UploadIn(In):
-    """Inactive bank to send a catalogue to; read-back verification and commit follow automatically."""
+    """Inactive bank to which a catalogue is sent. Read-back verification and commit follow automatically."""
 
     bank: str = Field(pattern="^[A-Z]$")

@@ -37,7 +37,7 @@ class ArgumentOut(Out):
 
 
 class PreconditionOut(Out):
-    """Precondition on the device's state, with the current value of the field it tests."""
+    """Precondition on the device's state, with the current value of the tested field."""
 
     text: str
     met: bool | None
@@ -80,8 +80,9 @@ class FieldDefinitionOut(Out):
 
 
 class AttitudePlaceOut(Out):
-    """Where the telemetry has the attitude: ``packet``, the names of its four components and of its outcome ("" if it has none),
-    and their meaning; ``cam_from_own``: quaternion from the sensor's own frame to the camera's, scalar-last."""
+    """Location of the attitude in the telemetry: ``packet``, the field names of the four components and of the outcome
+    ("" if none), and the meaning of the quaternion. ``cam_from_own``: scalar-last quaternion from the sensor's frame to
+    the camera frame."""
 
     packet: str
     quaternion: tuple[str, str, str, str]
@@ -92,9 +93,9 @@ class AttitudePlaceOut(Out):
 
 
 class RolesOut(Out):
-    """What the sensor can do and report, in standard names. ``operations``: each with its command, "" for a transfer;
-    ``fixed``: arguments of an operation's command that never change; ``absent``: those that it lacks, each with a sentence to
-    show; ``quantities``: as ``status.mode``; ``attitude``: None if the telemetry has no quaternion."""
+    """Operations and quantities of the sensor under their standard names. ``operations``: command by operation, "" for
+    a transfer; ``fixed``: constant arguments of the command by operation; ``absent``: displayed explanation by missing
+    operation; ``quantities``: names such as ``status.mode``; ``attitude``: null if the telemetry has no quaternion."""
 
     operations: dict[str, str]
     fixed: dict[str, dict[str, int | float | bool | str]]
@@ -104,8 +105,8 @@ class RolesOut(Out):
 
 
 class DictionaryOut(Out):
-    """The whole dictionary. ``roles``: the standard operations and quantities of the sensor; ``notes``: what its package says that
-    an operator should know."""
+    """Complete dictionary. ``roles``: standard operations and quantities of the sensor; ``notes``: notes for operators
+    from the instrument package."""
 
     hash: str
     notes: str
@@ -115,7 +116,8 @@ class DictionaryOut(Out):
 
 
 class CommandIn(In):
-    """Command to check or send. ``confirm``: the command's name for a critical command, "yes" for a warning one."""
+    """Command to check or send. ``confirm``: name of the command if its hazard is critical, "yes" if its hazard is
+    warning."""
 
     name: str
     arguments: dict[str, float | int | str | bool] = Field(default_factory=dict)
@@ -123,7 +125,7 @@ class CommandIn(In):
 
 
 class ByteGroupOut(Out):
-    """A run of bytes of the packet, before framing."""
+    """Labelled group of consecutive bytes of the packet, before framing."""
 
     label: str
     hex: str
@@ -131,8 +133,9 @@ class ByteGroupOut(Out):
 
 
 class CheckOut(Out):
-    """Dry run: what would be sent, and what prevents it. ``confirm_name``: name to type if the hazard is critical; for
-    SCHEDULE the name of the scheduled command. ``authority``: current holder. ``allowed``: only the confirmation is missing."""
+    """Dry run: bytes to be sent, and problems that prevent sending. ``confirm_name``: name to type if the hazard is
+    critical; for SCHEDULE the name of the scheduled command. ``authority``: current holder of command authority.
+    ``allowed``: true if there are no problems."""
 
     problems: list[str]
     preconditions: list[PreconditionOut]
@@ -157,8 +160,8 @@ class StageOut(Out):
 
 class CommandOut(Out):
     """Command with its progress. ``result``: queued … completed, rejected, failed, unknown, resolved, withdrawn.
-    ``needs_operator``: its outcome is unknown and executing it twice would matter. ``can_retry``: it may be sent
-    again with the same id."""
+    ``needs_operator``: true if the outcome is unknown and the command is not idempotent. ``can_retry``: true if it can
+    be sent again with the same id."""
 
     id: int
     contact_id: int | None
@@ -185,8 +188,8 @@ class CommandOut(Out):
 
 
 class AbortOut(Out):
-    """Result of ABORT. ``at``: time it was queued for the line, ahead of everything.
-    ``command``: its record; null if the database could not store it in time."""
+    """Result of ABORT. ``at``: time when it was queued ahead of all other traffic. ``command``: its record; null if the
+    database did not store it in time."""
 
     request_id: int
     at: Utc
@@ -194,7 +197,7 @@ class AbortOut(Out):
 
 
 class ResolveIn(In):
-    """Note that settles an unknown command."""
+    """Note that records the outcome of an unknown command."""
 
     note: str = Field(min_length=1, max_length=500)
 

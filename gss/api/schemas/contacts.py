@@ -14,7 +14,7 @@ from gss.api.schemas.telemetry import TelemetrySeriesOut
 
 
 class ContactOut(Out):
-    """Contact: from opening the line to closing it."""
+    """Contact, from the opening to the closing of the line."""
 
     id: int
     device: str
@@ -81,10 +81,10 @@ class CaptureOut(Out):
 
 
 class ContactDetailOut(ContactOut):
-    """All details of a contact. ``counters``: received data, and packets and bytes sent; ``gaps``: periods of more than
-    three seconds without a valid packet. ``instrument_version``: SHA-256 of the package of the instrument that answered; null:
-    unknown. The lists hold the newest 500 of each kind, oldest first; ``frames``, ``commands`` and ``transfer_count`` are the
-    totals."""
+    """All details of a contact. ``counters``: of received data, and of sent packets and bytes; ``gaps``: periods of
+    more than three seconds without a valid packet. ``instrument_version``: SHA-256 of the instrument package of the
+    connected device; null: unknown. Each list contains at most the newest 500 entries, oldest first; ``frames``,
+    ``commands`` and ``transfer_count`` are the totals."""
 
     instrument: str | None
     instrument_version: str | None
@@ -110,7 +110,7 @@ class ContactNoteIn(In):
 
 
 class GapOut(Out):
-    """Gap in the 1 Hz record. ``missing``: number of housekeeping packets."""
+    """Gap in the 1 Hz record. ``missing``: number of missing housekeeping packets."""
 
     start: Utc
     end: Utc
@@ -120,7 +120,7 @@ class GapOut(Out):
 
 
 class RecordOut(Out):
-    """Completeness of a contact's housekeeping. ``late``: periods in which all packets arrived, but late."""
+    """Completeness of a contact's housekeeping. ``late``: periods in which all packets arrived late."""
 
     contact_id: int
     expected: int
@@ -152,8 +152,8 @@ class AttitudeSummaryOut(Out):
 
 
 class ReportOut(Out):
-    """Pass report. ``quality``: (Unix seconds, share of damaged packets). ``procedures``: runs that were under way, with the
-    hash of each frozen record."""
+    """Pass report. ``quality``: (Unix seconds, share of damaged packets). ``procedures``: procedure runs during the
+    contact, with the hashes of their frozen records."""
 
     contact: ContactDetailOut
     firmware: str
@@ -177,7 +177,8 @@ class ReplayIn(In):
 
 
 class ReplayChangeIn(In):
-    """Change of a running replay; omitted values stay unchanged. ``speed`` null: as fast as possible. ``at``: jump to this time."""
+    """Change of a running replay; omitted values stay unchanged. ``speed`` null: as fast as possible. ``at``: jump to
+    this time."""
 
     speed: Speed | None = None
     paused: bool | None = None
@@ -203,7 +204,7 @@ class ReplayOut(Out):
 
 
 class ReplayCommandOut(Out):
-    """Command of a replayed contact, or a report about it."""
+    """Command of a replayed contact, or a report about a command."""
 
     at: Utc
     request_id: int

@@ -7,7 +7,7 @@ from gss.operations.catalogues.design_values import FieldLimit, TradeValues
 
 
 class DesignCameraOut(Out):
-    """Documented camera as a starting point; units are in the field names."""
+    """Documented camera as a starting point of a design. The field names state the units."""
 
     name: str
     title: str
@@ -16,7 +16,8 @@ class DesignCameraOut(Out):
 
 
 class DesignCamerasOut(Out):
-    """Cameras to start from, and the allowed ranges of the editable fields. ``unit``: camera of the configured instrument."""
+    """Cameras as starting points, and the allowed ranges of the editable fields. ``unit``: camera of the configured
+    instrument."""
 
     unit: str
     cameras: list[DesignCameraOut]

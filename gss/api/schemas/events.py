@@ -7,7 +7,7 @@ from gss.domain.json_object import JsonObject
 
 
 class EventOut(Out):
-    """Event. ``seq`` only increases; the stream can be resumed after any event."""
+    """Recorded event. ``seq`` always increases, so the stream can be resumed after any event."""
 
     seq: int
     at: Utc

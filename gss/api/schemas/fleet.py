@@ -9,9 +9,9 @@ from gss.api.schemas.link import LinkOut
 
 
 class FleetUnitOut(Out):
-    """One unit. ``process``: of the unit's own process, ``restarts`` and ``last_end`` since the server started; ``reason``:
-    why it could not start, "" if it could. ``link``: what the unit reported last, ``age_s`` ago; ``current``: False if that
-    is too old to be true now."""
+    """State of one unit. ``process``: state of the unit's process; ``restarts``, ``last_end``: its restarts and last
+    exit since the server started; ``reason``: why it could not start, "" if it started. ``link``: last report of the
+    unit, received ``age_s`` ago; ``current``: false if the report is too old."""
 
     name: str
     instrument: str
@@ -26,6 +26,6 @@ class FleetUnitOut(Out):
 
 
 class FleetOut(Out):
-    """The units of this server; none if it serves a single one without a name."""
+    """Units of this server; empty if it serves a single unnamed unit."""
 
     units: list[FleetUnitOut]

@@ -25,8 +25,8 @@ class AttitudeOut(Out):
 
 class FrameOut(Out):
     """Stored frame with its operational ground result (``verdict`` to ``attitude``). ``part``: empty, thumbnail, region
-    or star_windows; ``held``: rectangles (first column, first row, columns, rows) with real pixels if only a part
-    was downloaded, empty otherwise."""
+    or star_windows; ``held``: rectangles (first column, first row, columns, rows) with received pixels if only a part
+    was downloaded; empty otherwise."""
 
     id: int
     number: int | None
@@ -59,7 +59,7 @@ class FrameOut(Out):
 
 
 class FramePage(Out):
-    """Page of the frame list, newest first. ``modes``: of all stored frames, for a filter."""
+    """Page of the frame list, newest first. ``modes``: camera modes of all stored frames, for the filter."""
 
     total: int
     modes: list[str]
@@ -67,7 +67,7 @@ class FramePage(Out):
 
 
 class StarOut(Out):
-    """Centroid, with its matched star if any. ``dx/dy_arcsec``: measured − predicted."""
+    """Centroid with its matched star, if it has one. ``dx/dy_arcsec``: measured − predicted."""
 
     index: int
     col_px: float
@@ -86,9 +86,9 @@ class StarOut(Out):
 
 
 class SolutionOut(Out):
-    """Result of a chain or of the device for one frame. ``camera_name``: camera profile that was assumed, "field of
-    view" or "blind"; empty if stored by an older version. ``operational``: this is the frame's ground result
-    wherever one is shown. ``options``: changed constants of the chain, NAME=VALUE, …; empty: none."""
+    """Result of a chain or of the device for one frame. ``camera_name``: assumed camera profile, "field of view" or
+    "blind"; empty if stored by an older version. ``operational``: true for the ground result of the frame that pages
+    and exports use. ``options``: changed constants of the chain, NAME=VALUE, …; empty: none."""
 
     id: int
     frame_id: int
@@ -118,7 +118,7 @@ class SolutionOut(Out):
 
 
 class CameraOut(Out):
-    """Camera geometry used for a result. ``distortion``: model name and coefficients of Brown, RadialTilt …
+    """Camera geometry used for a result. ``distortion``: name and coefficients of the model, for example Brown
     (docs/conventions.md)."""
 
     columns: int
@@ -131,7 +131,8 @@ class CameraOut(Out):
 
 
 class TurningOut(Out):
-    """Angular velocity of the camera against the stars during the exposure, from their trails, about camera x, y, z."""
+    """Angular velocity of the camera relative to the stars during the exposure, about camera x, y, z, measured from
+    star trails."""
 
     deg_s: tuple[float, float, float]
     sigma_deg_s: tuple[float | None, float | None, float | None]
@@ -141,8 +142,8 @@ class TurningOut(Out):
 
 
 class SolutionDetailOut(SolutionOut):
-    """Solution with all overlay data. ``aberration_arcsec``: largest aberration shift removed, null: none.
-    ``versions``: versions of the code that ran, by name."""
+    """Solution with all overlay data. ``aberration_arcsec``: largest corrected aberration shift; null: not corrected.
+    ``versions``: versions of the code used, by name."""
 
     turning: TurningOut | None
     aberration_arcsec: float | None
@@ -157,7 +158,7 @@ class SolutionDetailOut(SolutionOut):
 
 
 class ComparisonOut(Out):
-    """On-board minus ground attitude, arcseconds."""
+    """On-board minus ground attitude in arcseconds."""
 
     d_ra_arcsec: float
     d_dec_arcsec: float
@@ -176,7 +177,8 @@ class DifferenceOut(ComparisonOut):
 
 class FrameDetailOut(FrameOut):
     """Frame with its solutions (newest first) and the comparison of the on-board with the operational ground result.
-    ``instrument_version``: SHA-256 of the instrument package in use when the frame was stored; null: unknown."""
+    ``instrument_version``: SHA-256 of the instrument package that was active when the frame was stored; null:
+    unknown."""
 
     solutions: list[SolutionOut]
     on_board: SolutionDetailOut | None
@@ -187,15 +189,16 @@ class FrameDetailOut(FrameOut):
 
 
 class SolveIn(In):
-    """Chain to run on a stored frame. Give ``profile`` or ``fov_deg``, or neither to use the frame's own profile (else blind).
-    ``options``: constants of the chain to change. ``store``: false for a preview, which has number 0 and is not kept."""
+    """Chain to run on a stored frame. Set ``profile`` or ``fov_deg``; without both the frame's profile is used, or the
+    frame is solved blind if it has none. ``options``: changed constants of the chain. ``store``: false for a preview,
+    which has the id 0 and is not stored."""
 
     chain: str = "reference"
     profile: str | None = None
     fov_deg: float | None = Field(default=None, gt=0.2, lt=120)
     blind: bool = False
     aberration: bool | None = Field(
-        default=None, description="correct aberration; default: if the frame's time is known"
+        default=None, description="Correct aberration. Default: true if the frame's time is known."
     )
     options: ChainOptions = Field(default_factory=dict)
     store: bool = True

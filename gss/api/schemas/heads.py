@@ -12,8 +12,8 @@ Quaternion = tuple[float, float, float, float]
 
 
 class BodyAttitudeOut(Out):
-    """Attitude of the body: quaternion body_from_icrs, scalar last; right ascension and declination of body +z, and the roll about
-    it. ``sigma_arcsec``: about each axis."""
+    """Attitude of the body: quaternion body_from_icrs, scalar last; right ascension and declination of body +z, and the
+    roll about +z. ``sigma_arcsec``: standard deviation about each axis."""
 
     quaternion: Quaternion
     ra_deg: float
@@ -23,10 +23,11 @@ class BodyAttitudeOut(Out):
 
 
 class HeadOut(Out):
-    """One head. ``body_from_cam``: mounting, also as rotations ``mounting_deg`` about x, y and z; ``boresight``: unit vector in
-    the body frame; ``sigma_arcsec``: uncertainty of the mounting. ``sigma_cross_arcsec``, ``sigma_roll_arcsec``: stated for a
-    sensor that reports none. ``served``: the server has this unit; ``fresh``: it reports attitudes at present; ``problem``: why its
-    attitude is not used, "" if it is. ``attitude``: of the body by this head at the newest comparison."""
+    """One head of a spacecraft. ``body_from_cam``: mounting, also as rotations ``mounting_deg`` about x, y and z;
+    ``boresight``: unit vector in the body frame; ``sigma_arcsec``: uncertainty of the mounting. ``sigma_cross_arcsec``,
+    ``sigma_roll_arcsec``: configured standard deviations for a sensor that reports none. ``served``: true if the server
+    has this unit; ``fresh``: true if the unit currently reports attitudes; ``problem``: why its attitude is not used,
+    "" if it is used. ``attitude``: attitude of the body measured by this head at the latest comparison."""
 
     unit: str
     mounting_deg: Vector
@@ -43,8 +44,9 @@ class HeadOut(Out):
 
 
 class MisalignmentOut(Out):
-    """Estimated misalignment of a head against the reference head: rotation vector that corrects its mounting, and its drift.
-    ``samples``: comparisons since the estimate began; ``restarts``: sudden changes since then."""
+    """Estimated misalignment of a head relative to the reference head: rotation vector that corrects its mounting, and
+    the drift of this vector. ``samples``: number of comparisons since the estimation started; ``restarts``: number of
+    restarts after sudden changes."""
 
     misalignment_arcsec: Vector
     misalignment_sigma_arcsec: Vector
@@ -55,8 +57,8 @@ class MisalignmentOut(Out):
 
 
 class HeadPairOut(MisalignmentOut):
-    """A head compared with the reference head. ``angle_arcsec``: of the rotation between their attitudes; ``boresight_arcsec``:
-    measured minus nominal angle between the boresights; ``chi2`` has three degrees of freedom."""
+    """Comparison of a head with the reference head. ``angle_arcsec``: angle of the rotation between their attitudes;
+    ``boresight_arcsec``: measured minus nominal angle between the boresights; ``chi2`` has three degrees of freedom."""
 
     reference: str
     unit: str
@@ -69,7 +71,7 @@ class HeadPairOut(MisalignmentOut):
 
 
 class FusedOut(BodyAttitudeOut):
-    """Attitude of the body from all heads that could be used. ``covariance_arcsec2``: xx, xy, xz, yy, yz, zz. ``chi2``, ``freedom``
+    """Attitude of the body from all usable heads. ``covariance_arcsec2``: xx, xy, xz, yy, yz, zz. ``chi2``, ``freedom``
     and ``probability`` are null with a single head."""
 
     at: Utc
@@ -81,8 +83,8 @@ class FusedOut(BodyAttitudeOut):
 
 
 class HeadsOut(Out):
-    """A spacecraft with its heads; the first one is the reference. ``state``: of their agreement, ``text`` explains it. ``source``:
-    which attitudes are compared; other settings: see the request."""
+    """Spacecraft with its heads; the first head is the reference. ``state``: agreement of the heads, explained by
+    ``text``. ``source``: attitudes that are compared. The request describes the other settings."""
 
     id: int
     name: str
@@ -103,6 +105,6 @@ class HeadsOut(Out):
 
 
 class HeadHistoryOut(Out):
-    """Stored comparisons of a span, oldest first."""
+    """Stored comparisons of a time range, oldest first."""
 
     points: list[HeadPairOut]

@@ -9,7 +9,7 @@ from gss.instruments.package_files import CatalogueFile, LinkFile, Mounting, Sim
 
 
 class UseOut(Out):
-    """Number of stored rows made with an instrument; ``version`` null: not recorded, or all versions together."""
+    """Number of stored rows of an instrument. ``version`` null: version not recorded, or all versions together."""
 
     version: str | None
     frames: int
@@ -19,8 +19,8 @@ class UseOut(Out):
 
 class InstrumentOut(Out):
     """Installed instrument. ``version``: SHA-256 of the package's content; ``release``: the author's version.
-    ``configured``: the line is set to it, with the version ``in_use`` since the server started; ``connected``: a device
-    of this type answers now."""
+    ``configured``: true if the line is configured for this instrument; ``in_use``: its version since the server
+    started; ``connected``: true if a device of this type responds now."""
 
     name: str
     title: str
@@ -42,7 +42,7 @@ class BrokenPackageOut(Out):
 
 
 class InstrumentsOut(Out):
-    """All instruments. ``unit``: name of the one that the server's line is set to."""
+    """All instruments. ``unit``: name of the instrument for which the server's line is configured."""
 
     unit: str
     instruments: list[InstrumentOut]
@@ -50,8 +50,8 @@ class InstrumentsOut(Out):
 
 
 class CameraNumberOut(Out):
-    """Number of the camera file with its unit, standard deviation if known, and origin: either its source, or the reason why it
-    was chosen."""
+    """Number in the camera file with its unit, standard deviation if known, and origin: either its source, or the
+    reason for its choice."""
 
     part: str
     name: str
@@ -70,7 +70,7 @@ class ProcedureOut(Out):
 
 
 class DictionarySummaryOut(Out):
-    """Dictionary of an instrument. ``shared``: name of the shared one; null if the package has its own."""
+    """Dictionary of an instrument. ``shared``: name of the shared dictionary; null if the package contains its own."""
 
     shared: str | None
     hash: str
@@ -80,8 +80,8 @@ class DictionarySummaryOut(Out):
 
 
 class InstrumentDetailOut(InstrumentOut):
-    """All content of a package. ``versions``: known versions, the current one first; ``uses``: by version;
-    ``catalogue``: null if the sensor cannot be loaded."""
+    """Complete content of a package. ``versions``: stored versions, current version first; ``uses``: use of each
+    version; ``catalogue``: null if no catalogue can be loaded into the sensor."""
 
     versions: list[str]
     uses: list[UseOut]
@@ -110,8 +110,8 @@ class FileDifferenceOut(Out):
 
 
 class PackageCheckOut(Out):
-    """Result of checking a package. ``problems``: one per mistake, with file, line, field and reason; ``replaces``: installed
-    version of the same name."""
+    """Result of checking a package. ``problems``: one text per mistake with file, line, field and reason; ``replaces``:
+    installed version with the same name."""
 
     valid: bool
     name: str

@@ -7,9 +7,9 @@ from gss.domain.json_object import JsonObject
 
 
 class JobOut(Out):
-    """Job. ``state``: queued, running, done, failed or cancelled. ``attempts``: number of server crashes while it ran,
-    since its last progress. ``can_start_again``: it has ended, and its stored request is sufficient to repeat it.
-    ``user``: who started it and may cancel it, in addition to users with ``permission``."""
+    """Job. ``state``: queued, running, done, failed or cancelled. ``attempts``: number of server crashes during the job
+    since its last progress. ``can_start_again``: true if the job has ended and its stored request is sufficient to
+    repeat it. ``user``: user who started the job; this user and users with ``permission`` can cancel it."""
 
     id: int
     kind: str

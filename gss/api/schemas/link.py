@@ -21,8 +21,8 @@ class DirectionOut(Out):
 
 
 class DirectionCountersOut(Out):
-    """Counters of one direction. For sent data the ground counts only bytes and good; ``device_good`` and
-    ``device_bad`` are the device's own counts of received frames, from its latest housekeeping."""
+    """Counters of one direction. For sent data the ground counts only ``bytes`` and ``good``. ``device_good`` and
+    ``device_bad`` are the device's counts of received frames, from its latest housekeeping."""
 
     bytes: int
     good: int
@@ -40,7 +40,7 @@ class DirectionCountersOut(Out):
 
 
 class CountersOut(Out):
-    """Counters of the line since this contact was opened, and the framing in use."""
+    """Counters of the line since the start of the contact, and the active framing."""
 
     framing: str
     sent: DirectionCountersOut
@@ -48,7 +48,7 @@ class CountersOut(Out):
 
 
 class BankOut(Out):
-    """Flash bank as reported by the device, with the stored catalogue it holds, if known."""
+    """Flash bank as reported by the device, with the stored catalogue that it contains, if known."""
 
     bank: str
     state: str
@@ -72,8 +72,8 @@ class AlarmOut(Out):
 
 
 class ReportedAttitudeOut(Out):
-    """Boresight of the last solved attitude of the sensor, ``age_s`` after its reception. ``newest_outcome``: of its newest
-    report, which may be a later one without a solution."""
+    """Boresight of the last solved attitude of the sensor, ``age_s``: time since its reception. ``newest_outcome``:
+    outcome of the latest report, which can be a later report without a solution."""
 
     ra_deg: float
     dec_deg: float
@@ -83,8 +83,8 @@ class ReportedAttitudeOut(Out):
 
 
 class AttitudeSampleOut(Out):
-    """Newest attitude from one source with its time. ``quaternion``: cam_from_icrs, scalar-last; standard deviations are null if
-    unknown; ``utc_sigma_s``: uncertainty of ``utc``."""
+    """Latest attitude from one source with its time. ``quaternion``: cam_from_icrs, scalar-last; standard deviations
+    are null if unknown; ``utc_sigma_s``: uncertainty of ``utc``."""
 
     source: Literal["on board", "ground"]
     quaternion: tuple[float, float, float, float]
@@ -95,7 +95,8 @@ class AttitudeSampleOut(Out):
 
 
 class NextPassOut(Out):
-    """Coming pass of the spacecraft, or one under way. ``problem``: why none is known, "" otherwise; then the rest is null."""
+    """Next pass of the spacecraft, or the current pass. ``problem``: why no pass is known, "" otherwise; with a problem
+    all other fields are null."""
 
     station: str | None
     rise: Utc | None
@@ -105,8 +106,9 @@ class NextPassOut(Out):
 
 
 class LinkOut(Out):
-    """Contents of the header bar. ``attitudes``: newest ones on board and on the ground. ``tried_on_hardware``: whether the
-    instrument's package was; null: not stated. ``no_abort``: a sentence if the sensor has no command to abort, "" if it has."""
+    """Contents of the header bar. ``attitudes``: latest attitudes on board and on the ground. ``tried_on_hardware``:
+    true if the instrument package was tested with hardware; null: not stated. ``no_abort``: explanation if the sensor
+    has no abort command, otherwise ""."""
 
     device: str
     profile: str

@@ -31,8 +31,8 @@ class ListRunStartedOut(Out):
 
 
 class ListResultOut(Out):
-    """Result of a list. ``list``: its number in the file; ``quaternion``: cam_from_icrs, scalar last; ``ms``: processor
-    time."""
+    """Result of one list. ``list``: number of the list in the file; ``quaternion``: cam_from_icrs, scalar last; ``ms``:
+    processor time."""
 
     list: int
     outcome: str
@@ -48,7 +48,7 @@ class ListResultOut(Out):
 
 
 class ListResultsOut(Out):
-    """A part of the results of a run, in the order of the file."""
+    """Page of the results of a run, in the order of the file."""
 
     total: int
     results: list[ListResultOut]

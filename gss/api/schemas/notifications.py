@@ -6,7 +6,7 @@ from pydantic import AwareDatetime, BaseModel, Field
 
 
 class TargetOut(BaseModel):
-    """A destination, without its secret."""
+    """Target of notifications, without its secret."""
 
     name: str
     kind: str = Field(description="mail or webhook")
@@ -15,14 +15,14 @@ class TargetOut(BaseModel):
 
 
 class RuleOut(BaseModel):
-    """A rule, and the same in words."""
+    """Rule with its description."""
 
     name: str
     text: str
 
 
 class NotificationOut(BaseModel):
-    """A message to one target. ``state``: pending, sending, sent, failed, withdrawn or unknown."""
+    """Message to one target. ``state``: pending, sending, sent, failed, withdrawn or unknown."""
 
     id: int
     rule: str
@@ -39,7 +39,7 @@ class NotificationOut(BaseModel):
 
 
 class NotificationsOut(BaseModel):
-    """Targets, rules, and the newest messages first."""
+    """Targets, rules and the latest messages, newest first."""
 
     targets: list[TargetOut]
     rules: list[RuleOut]

@@ -15,8 +15,8 @@ from gss.orbit.read_orbit import MAX_CHARACTERS
 
 
 class OrbitIn(In):
-    """Orbit to use from now on. ``text``: content of a TLE, OMM (JSON, KVN, XML) or OEM (KVN) file. ``name``: of the spacecraft,
-    "" for that in the file. ``source``: where it was obtained."""
+    """Orbit to import and activate. ``text``: content of a TLE, OMM (JSON, KVN, XML) or OEM (KVN) file. ``name``: name
+    of the spacecraft; "": name in the file. ``source``: origin of the orbit data."""
 
     text: str = Field(min_length=1, max_length=MAX_CHARACTERS)
     name: str = Field(default="", max_length=80)
@@ -38,8 +38,9 @@ class OrbitOut(Out):
 
 
 class SpacecraftOut(Out):
-    """The spacecraft. ``name`` "" and ``orbit`` null: no orbit was imported. ``state`` and ``advice``: whether the orbit is recent
-    enough; ``plannable``: recent enough for pass plans. ``history``: newest first, including the one in use."""
+    """Spacecraft with its orbit. ``name`` "" and ``orbit`` null: no orbit was imported. ``state`` and ``advice``:
+    whether the orbit is recent enough; ``plannable``: true if it is recent enough for pass plans. ``history``: all
+    orbits including the active orbit, newest first."""
 
     name: str
     orbit: OrbitOut | None
@@ -53,15 +54,15 @@ class SpacecraftOut(Out):
 
 
 class MaskPoint(In):
-    """Horizon at an azimuth from north by east."""
+    """Elevation of the horizon at an azimuth, measured from north towards east."""
 
     azimuth_deg: float = Field(ge=0, lt=360)
     elevation_deg: float = Field(ge=-10, le=89)
 
 
 class StationIn(In):
-    """Ground station on WGS-84. ``mask``: points with increasing azimuth; empty: a flat horizon. ``line_baud`` 0: the rate that the
-    unit reports; ``line_url``: address of the line at this station, "" if not known."""
+    """Ground station on WGS-84. ``mask``: points with increasing azimuth; empty: a flat horizon. ``line_baud`` 0: the
+    rate that the unit reports; ``line_url``: address of the line at this station, "" if unknown."""
 
     name: str = Field(min_length=1, max_length=60)
     latitude_deg: float = Field(ge=-90, le=90)
@@ -75,7 +76,7 @@ class StationIn(In):
 
 
 class MaskPointOut(Out):
-    """Horizon at an azimuth from north by east."""
+    """Elevation of the horizon at an azimuth, measured from north towards east."""
 
     azimuth_deg: float
     elevation_deg: float
@@ -99,7 +100,7 @@ class StationOut(Out):
 
 
 class TrackPointOut(Out):
-    """Direction to the spacecraft. ``sunlit``: outside the Earth's shadow."""
+    """Direction and distance to the spacecraft. ``sunlit``: true outside the Earth's shadow."""
 
     at: Utc
     azimuth_deg: float
@@ -109,10 +110,11 @@ class TrackPointOut(Out):
 
 
 class PassOut(Out):
-    """One pass over a ground station, times in UTC, without refraction. ``sun_elevation_deg``: at the station, at culmination.
-    ``begins_before`` and ``ends_after``: in view at the limit of the searched span. ``content_bytes``: downloads that fit, null
-    while the line's rate is not known; ``content_share``: part of the line's bytes that is content, measured from
-    ``downloads`` downloads (0: assumed)."""
+    """Pass over a ground station, with times in UTC and without refraction. ``sun_elevation_deg``: elevation of the Sun
+    at the station at culmination. ``begins_before`` and ``ends_after``: true if the spacecraft is in view at the start
+    or end of the searched time range. ``content_bytes``: content that can be downloaded; null if the line rate is
+    unknown. ``content_share``: content as a share of the line's bytes, measured from ``downloads`` downloads (0:
+    assumed)."""
 
     station_id: int
     station: str
@@ -136,7 +138,8 @@ class PassOut(Out):
 
 
 class PassesOut(Out):
-    """Passes by rise. ``problem``: why there are none, "" otherwise. ``warnings``: about the orbit and the stations."""
+    """Passes in order of rise. ``problem``: why there are no passes, otherwise "". ``warnings``: about the orbit and
+    the stations."""
 
     spacecraft: SpacecraftOut
     start: Utc
@@ -147,8 +150,8 @@ class PassesOut(Out):
 
 
 class PlanItemIn(In):
-    """Item of a plan: a procedure (``procedure_id``), a stack (``stack_id``), a download (``content`` with ``slot`` or ``bank``, as
-    in a download request), or the upload of a catalogue (``catalogue_id`` and ``bank``)."""
+    """Item of a plan: a procedure (``procedure_id``), a stack (``stack_id``), a download (``content`` with ``slot`` or
+    ``bank``, like a download request), or the upload of a catalogue (``catalogue_id`` and ``bank``)."""
 
     kind: ItemKind
     estimated_s: float = Field(gt=0, le=MAX_ITEM_S)
@@ -163,7 +166,8 @@ class PlanItemIn(In):
 
 
 class PlanIn(In):
-    """Plan for the pass over a station at a time in that pass. ``resume``: continue in the next pass over that station."""
+    """Plan for the pass over a station. ``at``: any time during the pass. ``resume``: true to continue in the next pass
+    over the station."""
 
     name: str = Field(default="", max_length=80)
     station_id: Id
@@ -173,13 +177,13 @@ class PlanIn(In):
 
 
 class ArmIn(In):
-    """Names that confirm hazardous commands of the plan's procedures and stacks."""
+    """Names that confirm the hazardous commands in the plan's procedures and stacks."""
 
     confirm: list[str] = Field(default_factory=list, max_length=200)
 
 
 class PlanItemOut(Out):
-    """Item with its progress. ``started_id``: number of the run or transfer; times are ISO 8601, "" before."""
+    """Item with its progress. ``started_id``: id of the run or transfer; times are ISO 8601, "" until known."""
 
     kind: ItemKind
     title: str
@@ -198,7 +202,7 @@ class PlanItemOut(Out):
 
 
 class PlanOut(Out):
-    """Pass plan. ``problems``: why it cannot be armed now, of a draft. ``confirm``: names to type before it is armed."""
+    """Pass plan. ``problems``: why a draft cannot be armed now. ``confirm``: names to type to arm it."""
 
     id: int
     name: str
@@ -224,7 +228,7 @@ class PlanOut(Out):
 
 
 class RehearsalOut(Out):
-    """Rehearsal of a plan: its job, and the report once it is done."""
+    """Rehearsal of a plan: its job, and its report after the job has ended."""
 
     job: JobOut
     report: RehearsalReport | None

@@ -18,14 +18,15 @@ class ProcedureTextIn(In):
 
 
 class ProcedureBranchOut(Out):
-    """Branch of a step. ``when``: the expression or answer for which it is taken, or "else"."""
+    """Branch of a step. ``when``: expression or answer that selects the branch, or "else"."""
 
     when: str
     target: str
 
 
 class ProcedureStepOut(Out):
-    """One step. ``words``: of its action; ``confirm_name``: to type before its command is sent, "" if it needs no confirmation."""
+    """One step. ``words``: text of its action; ``confirm_name``: name to type before its command is sent, "" if no
+    confirmation is needed."""
 
     id: str
     title: str
@@ -39,7 +40,7 @@ class ProcedureStepOut(Out):
 
 
 class MistakeOut(Out):
-    """A mistake of a procedure with its line."""
+    """Mistake in a procedure with its line number."""
 
     line: int
     text: str
@@ -67,7 +68,7 @@ class StoredProcedureOut(Out):
 
 
 class PackageProcedureOut(Out):
-    """Procedure of the instrument package of the unit on the line, to be stored as a copy."""
+    """Procedure in the instrument package of the connected unit. It can be stored as a copy."""
 
     file: str
     title: str
@@ -76,21 +77,21 @@ class PackageProcedureOut(Out):
 
 
 class ProceduresOut(Out):
-    """Stored procedures, and those of the unit's package."""
+    """Stored procedures, and procedures in the instrument package of the unit."""
 
     stored: list[StoredProcedureOut]
     package: list[PackageProcedureOut]
 
 
 class ProcedureStartIn(In):
-    """How to start. ``automatic``: run the steps one after another until one needs a user."""
+    """Options for the start. ``automatic``: true to run the steps automatically until a step needs a user."""
 
     automatic: bool = False
 
 
 class StepRunIn(In):
-    """How to run the current step. ``step``: its name; ``answer``: to a question; ``confirm``: typed name of a critical command,
-    "yes" for a warning."""
+    """Input for the current step. ``step``: name of the step; ``answer``: answer to a question; ``confirm``: typed name
+    of a critical command, "yes" for a command with hazard warning."""
 
     step: str = Field(max_length=40)
     answer: str = Field(default="", max_length=200)
@@ -106,7 +107,7 @@ class StepSkipIn(In):
 
 
 class AutomaticIn(In):
-    """Whether the following steps run without a user."""
+    """Automatic execution of the following steps on or off."""
 
     automatic: bool
 
@@ -135,8 +136,8 @@ class ProcedureEntryOut(Out):
 
 
 class ProcedureRunOut(Out):
-    """Run of a procedure. ``current``: step that is next or under way; ``sha256``: of the frozen record; ``intact``: whether the
-    stored record still has it, null while the run has not ended."""
+    """Run of a procedure. ``current``: next step or step in progress; ``sha256``: hash of the frozen record;
+    ``intact``: true if the stored record still has this hash, null until the run has ended."""
 
     id: int
     procedure_id: int | None

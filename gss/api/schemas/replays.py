@@ -8,8 +8,8 @@ from gss.api.schemas.base import Out
 
 
 class ReplayStageOut(Out):
-    """One stage. ``difference``: as text, empty if none; ``difference_px`` on the detector, ``difference_arcsec`` on
-    the sky, null if not applicable."""
+    """One stage. ``difference``: difference as text, empty if none; ``difference_px`` on the detector,
+    ``difference_arcsec`` on the sky, null if not applicable."""
 
     name: str
     verdict: Literal["equal", "differs", "not sent", "not compared"]

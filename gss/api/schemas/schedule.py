@@ -13,8 +13,8 @@ from gss.domain.json_object import JsonObject
 
 
 class EntryOut(Out):
-    """Row of the device's schedule. ``at``: null while the clocks are not correlated; ``command``: null if the bytes
-    are not in this dictionary; then only ``hex`` is meaningful."""
+    """Row of the device's schedule. ``at``: null until the clocks are correlated; ``command``: null if the dictionary
+    cannot decode the bytes, so that only ``hex`` is meaningful."""
 
     schedule_id: int
     at_device_s: float
@@ -41,8 +41,8 @@ class DeviceClockOut(Out):
 
 
 class ScheduleOut(Out):
-    """Schedule ordered by time. ``told``: when the device last reported it; ``complete``: true if
-    that report was received completely."""
+    """Schedule ordered by time. ``told``: time of the device's last report; ``complete``: true if this report was
+    received completely."""
 
     entries: list[EntryOut]
     told: Utc | None

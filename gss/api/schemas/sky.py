@@ -18,8 +18,9 @@ class ChartStarOut(Out):
 
 
 class BodyOut(Out):
-    """Sun, Moon or, if the camera's position is known, the Earth. ``exclusion_deg``: angle that the boresight should
-    keep from the centre, for the Earth from the limb; ``radius_deg``: apparent radius (0 if not relevant)."""
+    """Sun, Moon or, if the camera's position is known, the Earth. ``exclusion_deg``: minimum angle between the
+    boresight and the centre of the body, or the limb of the Earth; ``radius_deg``: apparent radius (0 if not
+    relevant)."""
 
     name: str
     ra_deg: float
@@ -29,8 +30,8 @@ class BodyOut(Out):
 
 
 class SkyOut(Out):
-    """Stars and bodies of a chart. ``place``: how the camera's position is known; empty if it is not, and the Earth is
-    then omitted."""
+    """Stars and bodies of a chart. ``place``: source of the camera's position; empty if it is unknown, so that the
+    Earth is omitted."""
 
     utc: Utc
     place: str
@@ -46,7 +47,8 @@ class FigureOut(Out):
 
 
 class ProfileOut(Out):
-    """Camera profile. ``unit``: the instrument of the unit on the line. ``formats``: its own on-board formats first."""
+    """Camera profile. ``unit``: true for the camera of the connected unit. ``formats``: catalogue formats, with the
+    on-board formats of this camera first."""
 
     name: str
     title: str
@@ -61,7 +63,8 @@ class ProfileOut(Out):
 
 
 class ChainOptionOut(Out):
-    """Constant of a chain that a rerun can change. ``value``: as text, empty: not set; ``numbers``: separated by commas."""
+    """Constant of a chain that a rerun can change. ``value``: value as text, empty: not set. Values of the kind
+    ``numbers`` are separated by commas."""
 
     name: str
     kind: Literal["number", "integer", "word", "yes or no", "numbers"]

@@ -15,7 +15,7 @@ Plain = float | int | str | bool
 
 
 class ConditionIn(In):
-    """Telemetry condition for sending the command: it must be met by a value received after the previous step, within
+    """Telemetry condition for sending the command. A value received after the previous step must satisfy it within
     ``wait_s``."""
 
     packet: str = "housekeeping"
@@ -58,13 +58,13 @@ class StepsIn(In):
 
 
 class RunIn(In):
-    """Names that confirm the hazardous steps."""
+    """Names that confirm the hazardous steps of a run."""
 
     confirm: list[str] = Field(default_factory=list, max_length=200)
 
 
 class ContinueIn(RunIn):
-    """How to continue a failed run. ``skip``: reason for skipping the failed step; "" retries it."""
+    """Options for continuing a failed run. ``skip``: reason for skipping the failed step; "": retry the step."""
 
     skip: str = Field(default="", max_length=500)
 
@@ -101,7 +101,7 @@ class StackOut(Out):
 
 
 class StackFileOut(Out):
-    """Stack for export to another installation. ``dictionary``: hash of the dictionary it was written with."""
+    """Stack for export to another installation. ``dictionary``: hash of the dictionary with which it was exported."""
 
     format: str
     version: int
@@ -112,7 +112,8 @@ class StackFileOut(Out):
 
 
 class StepCheckOut(Out):
-    """Dry run of one step. ``within_s``: maximum duration, from its wait and its report windows."""
+    """Dry run of one step. ``within_s``: maximum duration, from its condition wait and the time limits of its
+    reports."""
 
     index: int
     command: str
@@ -131,7 +132,7 @@ class StepCheckOut(Out):
 
 
 class StackCheckOut(Out):
-    """Dry run of a stack. ``confirm``: names to type before it runs."""
+    """Dry run of a stack. ``confirm``: names to type to run it."""
 
     steps: list[StepCheckOut]
     problems: list[str]

@@ -13,7 +13,7 @@ Scalar = bool | int | float | str
 
 
 class TablePlaceOut(Out):
-    """Table bank of the device that holds a table."""
+    """Table bank of the device that contains a table."""
 
     bank: str
     state: str
@@ -66,8 +66,8 @@ class TableDefaultsOut(Out):
 
 
 class TableIn(In):
-    """New table: the camera's own values, overridden by ``content``; triplets need content.catalogue_id. ``profile`` empty: the
-    camera of the unit on the line."""
+    """New table: values of the camera, overridden by ``content``. Triplets need content.catalogue_id. ``profile``
+    empty: camera of the connected unit."""
 
     kind: Literal["calibration", "parameters", "triplets"]
     name: str = Field(default="", max_length=80)
@@ -76,6 +76,6 @@ class TableIn(In):
 
 
 class TableUploadIn(In):
-    """Inactive table bank to send to."""
+    """Inactive table bank to which the table is sent."""
 
     bank: str = Field(max_length=20)

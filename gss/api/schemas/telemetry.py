@@ -29,8 +29,8 @@ class FieldChoiceOut(Out):
 
 
 class TelemetrySeriesOut(Out):
-    """History of one field, thinned to at most the requested number of points (minimum and maximum of each bin are
-    kept). ``choices``: names of an enumeration or a yes/no value, whose numbers are in ``y``."""
+    """History of one field, thinned to at most the requested number of points, keeping the minimum and maximum of each
+    bin. ``choices``: names for the numbers in ``y`` of an enumeration or a yes/no value."""
 
     name: str
     unit: str
@@ -45,7 +45,7 @@ class TelemetrySeriesOut(Out):
 
 
 class HistoryOut(Out):
-    """History of several fields over one time range; ``t`` are Unix seconds."""
+    """History of several fields over one time range; ``t``: Unix seconds."""
 
     start: Utc
     end: Utc
@@ -65,7 +65,7 @@ class PacketOut(Out):
 
 
 class CycleOut(Out):
-    """Timing of one on-board iteration, milliseconds by stage."""
+    """Timing of one on-board iteration in milliseconds by stage."""
 
     iteration: int
     at: Utc
@@ -81,7 +81,7 @@ RangeOut = tuple[float | None, float | None]
 
 
 class GivenLimitsOut(Out):
-    """Limits from the dictionary, including the limit set in force."""
+    """Limits from the dictionary, including the active limit set."""
 
     watch: RangeOut
     warning: RangeOut
@@ -90,7 +90,7 @@ class GivenLimitsOut(Out):
 
 
 class LimitOut(Out):
-    """Limits in force for one field. ``origin``: dictionary, set (the selected limit set) or operator."""
+    """Active limits of one field. ``origin``: dictionary, set (the selected limit set) or operator."""
 
     key: str
     packet: str
@@ -118,7 +118,7 @@ class LimitSetOut(Out):
 
 
 class LimitsOut(Out):
-    """Limit set in force, and the limits of every field that can have some."""
+    """Active limit set, and the limits of every field that can have limits."""
 
     set: str
     sets: list[LimitSetOut]
@@ -126,7 +126,7 @@ class LimitsOut(Out):
 
 
 class LimitSetIn(In):
-    """Limit set to put in force."""
+    """Limit set to activate."""
 
     name: str = Field(max_length=60)
     note: str = Field(default="", max_length=500)
@@ -149,8 +149,8 @@ class ExpressionIn(In):
 
 
 class DerivedOut(Out):
-    """Definition of a derived parameter. ``key``: under which its history is read; ``problem``: why it is not computed, "" if
-    it is."""
+    """Definition of a derived parameter. ``key``: name for reading its history; ``problem``: why it is not computed, ""
+    if it is computed."""
 
     name: str
     key: str
@@ -168,7 +168,7 @@ class DerivedOut(Out):
 
 
 class TrialOut(Out):
-    """Result of an expression with the newest values. ``value`` null: unknown for this ``reason``."""
+    """Result of an expression with the latest values. ``value`` null: unknown; ``reason`` states why."""
 
     kind: Literal["number", "bool", "text"]
     references: list[str]
@@ -177,7 +177,7 @@ class TrialOut(Out):
 
 
 class SpanIn(In):
-    """Time range, the end excluded."""
+    """Time range. The end is excluded."""
 
     start: AwareDatetime = Field(strict=False)
     end: AwareDatetime = Field(strict=False)

@@ -38,8 +38,8 @@ class TransferOptionsOut(Out):
 
 
 class TransferOut(Out):
-    """Transfer. ``stored``: ranges of chunks that the receiver reports as stored, first and last inclusive. ``slot``:
-    number of the image memory slot or bank on the wire. ``can_…``: actions possible now."""
+    """Transfer. ``stored``: ranges of chunks (first, last) that the receiver reports as stored. ``slot``: number of the
+    image memory slot or bank on the wire. ``can_…``: true if the action is possible now."""
 
     id: int
     direction: Literal["up", "down"]
@@ -94,7 +94,7 @@ class TransferIn(In):
 
 
 class FrameUploadIn(In):
-    """Image memory slot to upload a stored frame to. ``solve``: have it solved on board."""
+    """Image memory slot to upload a stored frame to. ``solve``: true to solve it on board."""
 
     slot: int = Field(ge=0, le=255)
     solve: bool = True

@@ -26,8 +26,8 @@ class HealthOut(Out):
 
 
 class ForecastOut(Out):
-    """Disk usage and its growth. ``bytes_per_day`` null: not enough data yet; ``full_in_days`` null: not enough data,
-    or no growth."""
+    """Disk usage and its growth. ``bytes_per_day`` null: not enough data; ``full_in_days`` null: not enough data, or no
+    growth."""
 
     database_bytes: int
     frames_bytes: int
@@ -42,7 +42,8 @@ class ForecastOut(Out):
 
 
 class ServerClockOut(Out):
-    """Server clock and the last trusted time. ``doubt``: why nothing is deleted; empty if the clock is plausible."""
+    """Server clock and the last trusted time. ``doubt``: why the clock is implausible and nothing is deleted; empty if
+    the clock is plausible."""
 
     now: Utc
     trusted: Utc | None
@@ -66,8 +67,9 @@ class RetentionOut(RetentionPolicy):
 
 
 class RemovalOut(Out):
-    """What a removal at ``at`` would delete. ``frames_bytes``: of their pixels; ``to_thin``: packets to be thinned to
-    one per minute; ``unusual``: why a person must confirm it, empty if it may run."""
+    """Data that a removal at time ``at`` would delete. ``frames_bytes``: size of the pixels; ``to_thin``: packets to be
+    thinned to one per minute; ``unusual``: why a person must confirm the removal, empty if no confirmation is
+    needed."""
 
     at: Utc
     frames: int
@@ -85,7 +87,7 @@ class RunRetentionIn(In):
 
 
 class BackupOut(Out):
-    """Backup. ``bytes``: of everything it refers to; content shared between backups is stored once on disk."""
+    """Backup. ``bytes``: total size of its content. Content shared between backups is stored only once on disk."""
 
     name: str
     created: Utc
@@ -98,6 +100,6 @@ class BackupOut(Out):
 
 
 class FavouriteIn(In):
-    """Whether retention must keep this frame."""
+    """Favourite mark of a frame. Retention keeps the pixels of favourites."""
 
     favourite: bool

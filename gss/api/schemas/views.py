@@ -15,7 +15,7 @@ class ViewChangeIn(ViewRequest):
 
 
 class ViewOut(Out):
-    """Stored view. ``user`` and ``changed``: who stored the newest version, and when."""
+    """Stored view. ``user`` and ``changed``: user and time of the newest version."""
 
     id: int
     name: str

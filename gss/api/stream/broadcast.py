@@ -1,4 +1,5 @@
-"""From the event bus to the connections: each message is serialized once and its bytes are shared by all listeners.
+"""Send messages of the event bus to the connections. Each message is serialized once, and all listeners share its
+bytes.
 
 ``Presenter`` serializes on a thread; ``Broadcaster`` and the listeners run on the event loop.
 """
@@ -24,16 +25,16 @@ from gss.operations.upkeep.status import StatusService
 
 log = logging.getLogger("gss.stream")
 
-MAILBOX = 2000
-MAILBOX_BYTES = 16 << 20
-AGAIN_S = 10.0
+MAX_QUEUED = 2000
+MAX_QUEUED_BYTES = 16 << 20
+RETRY_AFTER_S = 10.0
 FIRST = "link"
-"""Topic of the state that a new listener receives first."""
+"""Topic of the initial state of a new listener."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """One serialized message. ``seq``: number of a recorded event."""
+    """One serialized message. ``seq``: number of a recorded event, else None."""
 
     topic: str
     data: bytes
@@ -41,18 +42,18 @@ class Wire:
 
     @property
     def content(self) -> bytes:
-        """The JSON of the message, which has no line break."""
+        """JSON of the message, which contains no line break."""
         return self.data.partition(b"\ndata: ")[2].partition(b"\n")[0]
 
 
 def wire(topic: str, payload: Any, number: str | None, seq: int | None = None) -> Wire:
-    """Return a server-sent event. ``payload``: anything that JSON can hold; ``number``: its ``id``."""
+    """Return a server-sent event. ``payload``: value that JSON can represent; ``number``: ``id`` of the message."""
     return _wire(topic, to_json(payload, by_alias=True), number, seq)
 
 
 def received(topic: str, data: str, number: str) -> Wire:
-    """Return a message of the event stream of another process. ``number``: as parsed, which repeats the previous ``id``
-    for a message that has none, as "dropped"."""
+    """Return a message from the event stream of another process. ``number``: ``id`` from the parser, which repeats the
+    previous ``id`` for a message without one, such as "dropped"."""
     seq = int(number) if topic == "event" else None
     return _wire(topic, data.encode(), None if topic == "dropped" else number or None, seq)
 
@@ -64,7 +65,7 @@ def _wire(topic: str, data: bytes, number: str | None, seq: int | None) -> Wire:
 
 def unnumbered(message: Wire) -> bytes:
     """Return the message without its ``id``."""
-    head, mark, _ = message.data.partition(b"\nid: ")  # JSON contains no line break, so this can only be the id field
+    head, mark, _ = message.data.partition(b"\nid: ")  # JSON contains no line break, so the match is the id field
     return head + b"\n\n" if mark else message.data
 
 
@@ -80,17 +81,17 @@ class Listener:
         self._dropped = 0
 
     def put(self, messages: Iterable[Wire]) -> None:
-        """Append messages; their bytes are shared between listeners."""
+        """Append messages, whose bytes all listeners share. Above the limits, drop the oldest messages."""
         for message in messages:
             self._waiting.append(message)
             self._bytes += len(message.data)
-        while len(self._waiting) > MAILBOX or (self._bytes > MAILBOX_BYTES and len(self._waiting) > 1):
+        while len(self._waiting) > MAX_QUEUED or (self._bytes > MAX_QUEUED_BYTES and len(self._waiting) > 1):
             self._bytes -= len(self._waiting.popleft().data)
             self._dropped += 1
         self.ready.set()
 
     def take(self) -> tuple[list[Wire], int]:
-        """Remove and return all queued messages, and the number dropped before them."""
+        """Remove and return all queued messages, and return the number of messages dropped before them."""
         messages, dropped = list(self._waiting), self._dropped
         self._waiting.clear()
         self._bytes = self._dropped = 0
@@ -104,15 +105,16 @@ class Listener:
 
 
 class Broadcaster:
-    """Sends each message to every listener and keeps the newest state for new ones. ``each``, ``most``: maximum
-    listeners per user and in total; 0 means no limit. ``counts`` is updated."""
+    """Sends each message to every listener and stores the latest state for new listeners. ``each``, ``most``: maximum
+    number of listeners per user and in total; 0: no limit. ``counts``: counters to update."""
 
     def __init__(
         self, counts: StreamCounts, state: Callable[[], Wire] | None = None, each: int = 0, most: int = 0
     ) -> None:
         self.counts = counts
         self.state = state
-        """Computes the initial state in a thread if no state has been published yet; None in a worker."""
+        """Function that computes the initial state if no state has been published; None in a worker. It blocks, so it
+        runs in a thread."""
         self._each, self._most = each, most
         self.newest: Wire | None = None
         self._listeners: set[Listener] = set()
@@ -122,18 +124,21 @@ class Broadcaster:
         return len(self._listeners)
 
     def join(self, name: str = "") -> Listener:
-        """Create a listener queue for a user. RateLimited if a limit is reached; anonymous listeners are not limited.
-        While the server is stopping, return a closed queue."""
-        limits = (("one user or token", self._each, self._of(name)), ("everybody", self._most, len(self._listeners)))
-        for owner, most, open_count in limits:
-            if name and most and open_count >= most:
+        """Create a listener queue for a user. Raises RateLimited if a limit is reached; anonymous listeners are not
+        limited. While the server is stopping, return a closed queue."""
+        limits = (
+            ("one user or token", self._each, self._count_of(name)),
+            ("all users", self._most, len(self._listeners)),
+        )
+        for owner, max_streams, open_count in limits:
+            if name and max_streams and open_count >= max_streams:
                 self.counts.refused += 1
                 raise RateLimited(
                     "too many open event streams",
-                    expected=f"at most {most} of {owner}",
+                    expected=f"at most {max_streams} for {owner}",
                     got=str(open_count),
                     hint="close unused pages or programs; GSS_STREAMS_EACH, GSS_STREAMS_MOST",
-                    retry_after_s=AGAIN_S,
+                    retry_after_s=RETRY_AFTER_S,
                 )
         listener = Listener(name)
         if self._closed:
@@ -142,7 +147,7 @@ class Broadcaster:
         self.counts.clients = len(self._listeners)
         return listener
 
-    def _of(self, name: str) -> int:
+    def _count_of(self, name: str) -> int:
         return sum(listener.name == name for listener in self._listeners)
 
     def leave(self, listener: Listener) -> None:
@@ -160,27 +165,27 @@ class Broadcaster:
             listener.put(messages)
 
     def hang_up(self) -> None:
-        """End every connection; clients may reconnect."""
+        """End every connection. Clients can reconnect."""
         self.newest = None
         for listener in tuple(self._listeners):
             listener.close()
 
     def close(self) -> None:
-        """End every connection, and any opened later."""
+        """End every connection, and immediately end later connections."""
         self._closed = True
         self.hang_up()
 
 
 def first_state(status: StatusService) -> Wire:
-    """Return the initial state for a listener when none has been published yet."""
+    """Return the initial state for a listener if no state has been published."""
     return wire(FIRST, present.link.link(status.header()), None)
 
 
 class Presenter:
-    """Thread between the event bus and the fan-out.
+    """Thread that serializes messages of the event bus for the broadcaster.
 
-    Recorded events carry their number as ``id``; other messages carry the number of the newest event and, after a
-    point, a separate counter. A gap in either means that messages were lost.
+    The ``id`` of a recorded event is its number. The ``id`` of any other message is the number of the newest event and,
+    after a point, a separate counter. A gap in either number means that messages were lost.
     """
 
     def __init__(self, bus: EventBus, broadcaster: Broadcaster, stopping: threading.Event) -> None:
@@ -191,7 +196,7 @@ class Presenter:
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Subscribe to the bus and start the thread; messages are passed to the fan-out on ``loop``."""
+        """Subscribe to the bus and start the thread; messages are passed to the broadcaster on ``loop``."""
         self._loop = loop
         self._subscription = self._bus.subscribe(self._wake.set)
         self._seq = self._bus.newest()
@@ -209,13 +214,14 @@ class Presenter:
                 self._wake.wait()
                 self._wake.clear()
                 messages, dropped = self._subscription.take()
-                self._hand_over(self._presented(messages, dropped))
+                self._send(self._serialized(messages, dropped))
         finally:
             self._bus.unsubscribe(self._subscription)
             self._on_loop(self._broadcaster.close)
 
-    def _presented(self, messages: list[Message], dropped: int) -> list[Wire]:
-        """Return the messages serialized, in order. Without listeners they are only counted, except the state."""
+    def _serialized(self, messages: list[Message], dropped: int) -> list[Wire]:
+        """Return the serialized messages in order. Without listeners, messages other than the state are only
+        counted."""
         wires: list[Wire] = []
         if dropped:
             self._count += dropped
@@ -232,11 +238,11 @@ class Presenter:
             try:
                 wires.append(wire(message.topic, PRESENT[message.topic](message.payload), number, message.seq))
             except Exception:  # one message that fails to serialize must not end the stream
-                log.exception("a message of %s could not be presented", message.topic)
+                log.exception("a message of %s could not be serialized", message.topic)
                 wires.append(wire("dropped", {"dropped": 1}, None))
         return wires
 
-    def _hand_over(self, wires: list[Wire]) -> None:
+    def _send(self, wires: list[Wire]) -> None:
         if wires:
             self._on_loop(self._broadcaster.spread, wires)
 

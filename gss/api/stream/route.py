@@ -1,4 +1,4 @@
-"""The event stream: recorded events can be resumed from any number; other messages carry only current state."""
+"""Event stream. It can be resumed after any recorded event; all other messages contain only the current state."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gss.domain.errors import RateLimited
 from gss.wiring.services import Services
 
 router = api_router("stream")
-TOPICS = "Server-sent events. The event name is the topic; the data is its property of StreamTopics."
+TOPICS = "Server-sent events. The event name is the topic; the data is the property of StreamTopics with that name."
 PAGE = 500
 PAGES = 20
 PING_S = 10.0
@@ -32,12 +32,13 @@ HEADERS = [
     (b"x-accel-buffering", b"no"),
 ]
 Valid = Callable[[], str]
-"""Called repeatedly while a stream is open: "" while the listener is still authorized, else the reason why not."""
+"""Function that is called repeatedly while a stream is open. Returns "" while the listener is authorized, otherwise the
+reason why it is not."""
 
 
 class EventStream(Response):
-    """Streaming response for one listener. ``after``: send recorded events after this number first; None: send none.
-    ``name``: user whose listener limit applies; "" for no limit."""
+    """Streaming response for one listener. ``after``: number after which recorded events are sent first; None: none are
+    sent. ``name``: user whose listener limit applies; "": no limit."""
 
     media_type = "text/event-stream"
 
@@ -62,7 +63,7 @@ class EventStream(Response):
             refusal = problem(429, error.message, error.expected, error.got, error.hint, None, error.retry_after_s)
             await refusal(scope, receive, send)
             return
-        watch = asyncio.create_task(_hang_up_when_gone(receive, listener))
+        watch = asyncio.create_task(_close_on_disconnect(receive, listener))
         try:
             await send({"type": "http.response.start", "status": 200, "headers": HEADERS})
             await self._catch_up(send)
@@ -76,7 +77,7 @@ class EventStream(Response):
             watch.cancel()
 
     async def _catch_up(self, send: Send) -> None:
-        """Send the recorded events after the number, in pages. If there are more than all pages hold, report the others
+        """Send the recorded events after the last received number, in pages. Events beyond the last page are reported
         as dropped."""
         if self._seq is None:
             return
@@ -94,8 +95,8 @@ class EventStream(Response):
             self._seq = newest
 
     async def _first(self, send: Send) -> bool:
-        """Send the initial state; False if it is not known yet, and the client must reconnect. It has no number: the
-        numbering that follows does not continue from it."""
+        """Send the initial state. Return False if it is unknown, so that the client must reconnect. The initial state
+        has no number, because the numbers of later messages do not continue from it."""
         newest = self._broadcaster.newest
         if newest is None and self._broadcaster.state is not None:
             newest = await asyncio.to_thread(self._broadcaster.state)
@@ -134,14 +135,15 @@ class EventStream(Response):
     responses={200: {"model": StreamTopics, "description": TOPICS}},
 )
 async def stream(request: Request, app: App, last_event_id: Annotated[str | None, Header()] = None) -> EventStream:
-    """Event stream of everything that happens. Reconnect with ``Last-Event-ID`` to receive the recorded events since then first."""
+    """Stream of events and state changes. After a reconnection with ``Last-Event-ID``, the recorded events since that
+    id are sent first."""
     caller = who_of(request.scope)
     after, valid = resumed_after(last_event_id or ""), _valid(request, app)
     return EventStream(app, request.app.state.broadcaster, after, valid, caller.name if caller else "")
 
 
 def resumed_after(number: str) -> int | None:
-    """Return the event number in the ``id`` of any message; None if it is not valid."""
+    """Return the event number in the ``id`` of a message; None if the ``id`` is not valid."""
     number_match = NUMBER.fullmatch(number)
     return int(number_match[1]) if number_match else None
 
@@ -163,7 +165,7 @@ async def _wait(ready: asyncio.Event, seconds: float) -> None:
         return
 
 
-async def _hang_up_when_gone(receive: Receive, listener: Listener) -> None:
+async def _close_on_disconnect(receive: Receive, listener: Listener) -> None:
     message: Any = {}
     while message.get("type") != "http.disconnect":
         message = await receive()

@@ -1,7 +1,7 @@
-"""Topics of the event stream: how each message is presented, and their types for the pages.
+"""Topics of the event stream: the presenter of each topic, and the message types for the pages.
 
-``StreamTopics`` is part of the OpenAPI document, from which the build generates the pages' types: a topic that a page
-misspells, or a field that it does not have, does not compile.
+``StreamTopics`` is part of the OpenAPI document, from which the build generates the types of the pages. A misspelt
+topic or an unknown field in a page is therefore a compile error.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class SessionEndedOut(Out):
 
 
 class LimitsChangedOut(Out):
-    """The limit set in use, and the field whose limits changed; None: all."""
+    """Active limit set, and the field whose limits changed; null: all fields."""
 
     set: str
     key: str | None
@@ -66,13 +66,13 @@ PRESENT: dict[str, Callable[[Any], Any]] = {
     "replay.command": present.contacts.replay_command,
     "replay.event": present.contacts.replay_event,
 }
-"""The response model of each published topic."""
-OF_THE_STREAM: dict[str, type[BaseModel]] = {"dropped": DroppedOut, "session": SessionEndedOut}
-"""Topics that the stream itself sends to one listener."""
+"""Function that converts the payload of each topic to its response model."""
+STREAM_TOPICS: dict[str, type[BaseModel]] = {"dropped": DroppedOut, "session": SessionEndedOut}
+"""Topics that the stream sends to a single listener."""
 
 
 def _topics() -> type[BaseModel]:
-    models = {topic: get_type_hints(make)["return"] for topic, make in PRESENT.items()} | OF_THE_STREAM
+    models = {topic: get_type_hints(presenter)["return"] for topic, presenter in PRESENT.items()} | STREAM_TOPICS
     fields: dict[str, Any] = {
         topic.replace(".", "_"): (model, Field(alias=topic)) for topic, model in sorted(models.items())
     }

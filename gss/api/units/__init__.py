@@ -1,1 +1,1 @@
-"""Several units on one server: one process per unit, and the front process that reaches them."""
+"""Several units on one server: one process per unit, and a front process that forwards requests to them."""

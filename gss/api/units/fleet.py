@@ -1,4 +1,4 @@
-"""All units of a server: their processes, and the newest state that each one reported."""
+"""All units of a server: their processes and their latest reported states."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ RECONNECT_S = 0.3
 
 @dataclass(frozen=True)
 class UnitState:
-    """State of one unit. ``link``: as its process reported it last, ``age_s`` ago; None before the first report since its
-    process started. ``reason``: why the process could not start; "" if it could."""
+    """State of one unit. ``link``: last report of its process, received ``age_s`` ago; None before the first report.
+    ``reason``: why the process could not start; "" if it started."""
 
     spec: UnitSpec
     process: ProcessState
@@ -36,8 +36,8 @@ class UnitState:
 
 
 class Fleet:
-    """Follows the event stream of every unit's process. ``paths``: sockets of the
-    processes by the unit's name; ``take_attitudes``: gets the newest attitudes of a unit."""
+    """Units of the server. Follows the event stream of every unit's process. ``paths``: sockets of the processes by
+    unit name; ``take_attitudes``: called with the unit name and its latest attitudes."""
 
     def __init__(
         self,
@@ -51,11 +51,11 @@ class Fleet:
         self._take_attitudes = take_attitudes
         self._clients = {name: LinkProcessClient(f"of unit {name}", path) for name, path in paths.items()}
         self._monotonic_s = monotonic_s
-        self._newest: dict[str, tuple[float, LinkOut]] = {}
+        self._latest: dict[str, tuple[float, LinkOut]] = {}
 
     @property
     def names(self) -> list[str]:
-        """Names of the units, as they were given."""
+        """Names of the units in the configured order."""
         return [unit.name for unit in self._units]
 
     def client(self, name: str) -> LinkProcessClient | None:
@@ -68,7 +68,8 @@ class Fleet:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Start the processes and follow them until exit, which leaves them to the server's stop."""
+        """Start the processes and follow them until the end of the block. The processes are stopped separately when the
+        server stops."""
         self._supervisor.start()
         tasks = [asyncio.create_task(self._follow(name, client)) for name, client in self._clients.items()]
         try:
@@ -79,22 +80,22 @@ class Fleet:
             await asyncio.gather(*tasks, return_exceptions=True)
 
     def _state(self, unit: UnitSpec) -> UnitState:
-        process, newest = self._supervisor.state(process_name(unit)), self._newest.get(unit.name)
+        process, latest = self._supervisor.state(process_name(unit)), self._latest.get(unit.name)
         reason = _read(reason_file(self._paths[unit.name]))
-        if newest is None:
+        if latest is None:
             return UnitState(unit, process, reason, None, None)
-        at_s, report = newest
+        at_s, report = latest
         return UnitState(unit, process, reason, report, max(0.0, self._monotonic_s() - at_s))
 
     async def _follow(self, name: str, client: LinkProcessClient) -> None:
-        """Keep the newest state of a unit. It stays, with its age, when the process ends."""
+        """Store the latest state of a unit. The state is kept after the process ends; its age then increases."""
         while True:
             with contextlib.suppress(TransportError):
                 async with contextlib.aclosing(client.messages()) as messages:
                     async for message in messages:
                         if message.topic == FIRST:
                             report = LinkOut.model_validate_json(message.content)
-                            self._newest[name] = (self._monotonic_s(), report)
+                            self._latest[name] = (self._monotonic_s(), report)
                             self._take_attitudes(name, [_sample(attitude) for attitude in report.attitudes])
             await asyncio.sleep(RECONNECT_S)
 

@@ -1,4 +1,5 @@
-"""The front process of a server with several units: accounts, pages, the fleet, and the way to every unit."""
+"""Front process of a server with several units: serves accounts, pages and the fleet, and forwards requests to the
+units."""
 
 from __future__ import annotations
 
@@ -36,8 +37,10 @@ def serve_units(
     connections: Connections,
     signals: StopSignals,
 ) -> None:
-    """Serve until interrupted. ``services``: of the front process, which has no line."""
-    with tempfile.TemporaryDirectory(prefix="gss-") as folder:  # of mode 0700; the path of a socket must be short
+    """Serve until interrupted. ``services``: services of the front process, which has no line."""
+    with tempfile.TemporaryDirectory(
+        prefix="gss-"
+    ) as folder:  # mode 0700; the path of a Unix socket has a length limit
         paths = {unit.name: Path(folder) / str(k) for k, unit in enumerate(units)}
         targets = {
             process_name(unit): partial(
@@ -51,7 +54,7 @@ def serve_units(
 
         def stop() -> None:
             begin_stop(services.announce_stop)
-            # At the same time as this server: the event streams of the units end with their processes.
+            # The units stop at the same time as this server, because their event streams end with their processes.
             threading.Thread(target=supervisor.stop, name="stop units", daemon=True).start()
 
         options = uvicorn_options(settings, connections)

@@ -1,4 +1,5 @@
-"""Requests below ``/units/NAME``: those for data go to the unit's process, the front process answers the rest."""
+"""Handle requests below ``/units/NAME``: forward data requests to the unit's process, and handle all others in the
+front process."""
 
 from __future__ import annotations
 
@@ -20,11 +21,11 @@ SHARED = (
     "/api/tokens",
     "/api/fleet",
 )
-"""Routes of accounts, which all units share, and of the fleet: the front process answers them."""
+"""Routes that the front process handles: accounts, which all units share, and the fleet."""
 
 
 class UnitGateway:
-    """Outermost application of the front process. The unit's own guard checks what is forwarded, with the shared
+    """Outermost application of the front process. The unit's guard checks forwarded requests with the shared
     accounts."""
 
     def __init__(self, app: ASGIApp, fleet: Fleet) -> None:
@@ -37,7 +38,7 @@ class UnitGateway:
             return
         name, _, inner_path = scope["path"].removeprefix(UNITS).partition("/")
         inner = {**scope, "path": f"/{inner_path}", "raw_path": _inner(scope, name)}
-        if not _below(inner["path"], GUARDED) or _below(inner["path"], SHARED):
+        if not _is_below(inner["path"], GUARDED) or _is_below(inner["path"], SHARED):
             await self._app(inner, receive, send)
         else:
             await self._forward(name, inner, receive, send)
@@ -54,20 +55,22 @@ class UnitGateway:
             return
         connection = scope.get("state", {}).get("connection")
 
-        async def noting(message: Message) -> None:
-            admitted = message["type"] == "http.response.start" and message["status"] < 400 and not is_open(scope)
-            if connection is not None and admitted:
+        async def send_and_mark(message: Message) -> None:
+            is_authenticated = (
+                message["type"] == "http.response.start" and message["status"] < 400 and not is_open(scope)
+            )
+            if connection is not None and is_authenticated:
                 connection.mark_authenticated()
             await send(message)
 
-        await client.forward(scope, receive, noting)
+        await client.forward(scope, receive, send_and_mark)
 
 
 def _inner(scope: Scope, name: str) -> bytes:
-    """Return the path as the client sent it, without the unit."""
+    """Return the raw path of the request without the prefix of the unit."""
     raw: bytes = scope.get("raw_path") or scope["path"].encode()
     return raw[len(UNITS) + raw[len(UNITS) :].find(b"/") :] if b"/" in raw[len(UNITS) :] else b"/"
 
 
-def _below(path: str, roots: tuple[str, ...]) -> bool:
+def _is_below(path: str, roots: tuple[str, ...]) -> bool:
     return any(path == root or path.startswith(f"{root}/") for root in roots)

@@ -22,13 +22,13 @@ BACKLOG = 512
 
 
 def reason_file(path: Path) -> Path:
-    """Return the file in which a unit's process says why it could not start. ``path``: of its socket."""
+    """Return the file in which a unit's process reports why it could not start. ``path``: path of its socket."""
     return path.with_suffix(".reason")
 
 
 def serve_unit(settings_json: str, path: Path) -> None:
-    """Serve until stopped. ``path``: of the private socket. The settings are JSON and the imports are here, so that a new
-    process ignores Ctrl-C before it loads anything: the front process stops the units."""
+    """Serve until stopped. ``path``: path of the private socket. The settings are JSON and the imports are inside the
+    function, so that the new process ignores Ctrl-C before it loads modules; the front process stops the units."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     from gss.api.simulated import start_simulator
     from gss.api.workers.worker import stop_with_parent
@@ -53,7 +53,7 @@ def serve_unit(settings_json: str, path: Path) -> None:
 
 
 def _serve(settings: Settings, path: Path, sensor: SimulatedSensor | None) -> None:
-    """Load and run the unit's server, while its simulator starts."""
+    """Load and run the unit's server while its simulator starts."""
     import uvicorn
 
     from gss.api.app import create_app
@@ -72,7 +72,7 @@ def _serve(settings: Settings, path: Path, sensor: SimulatedSensor | None) -> No
         end_in_time()
         services.announce_stop()
 
-    path.unlink(missing_ok=True)  # of a process that was killed
+    path.unlink(missing_ok=True)  # left by a process that was killed
     reason_file(path).unlink(missing_ok=True)
     config = uvicorn.Config(
         PrivateApp(app, services, app.state.broadcaster),

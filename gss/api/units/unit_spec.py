@@ -1,4 +1,4 @@
-"""Units as ``gss serve --unit NAME=INSTRUMENT@ADDRESS`` gives them, and the settings of their processes."""
+"""Units from ``gss serve --unit NAME=INSTRUMENT@ADDRESS``, and the settings of their processes."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gss.settings import Settings
 SIMULATOR = "simulator"
 """Address of a unit whose process starts a simulated sensor."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,23}")
-EXPECTED = "NAME=INSTRUMENT@ADDRESS, as FM1=cubestar@/dev/ttyUSB0"
+EXPECTED = "NAME=INSTRUMENT@ADDRESS, for example FM1=cubestar@/dev/ttyUSB0"
 MAX_UNITS = 32
 
 
 @dataclass(frozen=True)
 class UnitSpec:
-    """One physical sensor. ``name``: in addresses of pages and of its data folder; ``address``: of its line, or
-    ``simulator``."""
+    """One physical sensor. ``name``: name in page addresses and of the data folder; ``address``: address of the line,
+    or ``simulator``."""
 
     name: str
     instrument: str
@@ -34,13 +34,13 @@ class UnitSpec:
 
 
 def parse_units(text: str, instruments: Registry) -> tuple[UnitSpec, ...]:
-    """Return the units of a comma-separated list; () for "". Raises BadInput for a wrong form, name or address, a name or
-    an address that is used twice, and NotFound for an instrument that is not installed."""
+    """Return the units of a comma-separated list; () for "". Raises BadInput for an invalid format, name or address, or
+    for a duplicate name or address; NotFound if an instrument is not installed."""
     units = tuple(_unit(part.strip(), instruments) for part in text.split(",") if part.strip())
     if len(units) > MAX_UNITS:
         raise BadInput("too many units for one server", expected=f"at most {MAX_UNITS}", got=str(len(units)))
     _check_unique(
-        "two units have the same name", [u.name.lower() for u in units], "names that differ, also in lower case"
+        "two units have the same name", [u.name.lower() for u in units], "names that differ in more than case"
     )
     _check_unique(
         "two units have the same address", [u.address for u in units if not u.simulated], "one unit per address"
@@ -55,7 +55,7 @@ def _unit(text: str, instruments: Registry) -> UnitSpec:
         raise BadInput("a unit needs a name, an instrument and an address", expected=EXPECTED, got=text[:80])
     if not NAME.fullmatch(name):
         raise BadInput(
-            "invalid name of a unit", expected="1 – 24 letters, digits, - and _, first a letter or digit", got=name[:80]
+            "invalid unit name", expected="1 – 24 letters, digits, - and _, first a letter or digit", got=name[:80]
         )
     if address != SIMULATOR:
         parse_line_address(address)
@@ -64,13 +64,13 @@ def _unit(text: str, instruments: Registry) -> UnitSpec:
 
 
 def _check_unique(message: str, values: list[str], expected: str) -> None:
-    double = sorted({value for value in values if values.count(value) > 1})
-    if double:
-        raise BadInput(message, expected=expected, got=", ".join(double))
+    duplicates = sorted({value for value in values if values.count(value) > 1})
+    if duplicates:
+        raise BadInput(message, expected=expected, got=", ".join(duplicates))
 
 
 def check_combination(settings: Settings) -> None:
-    """Raise BadInput for settings that serve one unit only."""
+    """Check that no setting for a single unit is combined with units. Raises BadInput otherwise."""
     single = {"device": settings.device, "simulator": settings.simulator, "workers": settings.workers}
     conflicting = ", ".join(f"--{name}" for name, value in single.items() if value)
     if conflicting:
@@ -78,8 +78,8 @@ def check_combination(settings: Settings) -> None:
 
 
 def unit_settings(settings: Settings, unit: UnitSpec, number: int) -> Settings:
-    """Return the settings of a unit's process: its own data below the server's data folder, the server's accounts and
-    instrument packages. ``number``: place in the list, which makes simulated units differ."""
+    """Return the settings of a unit's process. Its data are below the server's data folder; accounts and instrument
+    packages are those of the server. ``number``: index in the list, which gives simulated units different seeds."""
     folder, blobs = settings.data / "units" / unit.name, settings.blobs
     return settings.model_copy(
         update={
@@ -95,13 +95,13 @@ def unit_settings(settings: Settings, unit: UnitSpec, number: int) -> Settings:
             "device": "" if unit.simulated else unit.address,
             "simulator": unit.instrument if unit.simulated else "",
             "simulator_seed": settings.simulator_seed + number,
-            "simulator_options": _own_options(settings.simulator_options, unit.name),
+            "simulator_options": _simulator_options(settings.simulator_options, unit.name),
         }
     )
 
 
-def _own_options(options: str, name: str) -> str:
-    """Return the simulator's options for one unit: on a body with several heads, each unit is the head with its name."""
+def _simulator_options(options: str, name: str) -> str:
+    """Return the simulator's options for one unit. On a body with several heads, the unit is the head with its name."""
     words = shlex.split(options)
     on_a_body = any(word == "--body" or word.startswith("--body=") for word in words)
     return f"{options} --head {name}" if on_a_body else options

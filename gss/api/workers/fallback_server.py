@@ -1,4 +1,4 @@
-"""Serve the public socket from the link process while no API worker is alive, so that ABORT always gets through."""
+"""Serve the public socket from the link process while no API worker is alive, so that ABORT is always accepted."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from gss.api.connections.limited_listener import LimitedListener
 
 
 class FallbackServer:
-    """Accepts on the public socket from when the last worker ends until the first one is back.
+    """Server that accepts on the public socket while no worker runs.
 
-    A worker opens its stream before it starts to answer; the operating system closes that stream when the process ends,
-    whatever the cause. Requests on connections accepted here are completed even if a worker is back. Everything here
-    runs on the event loop.
+    A worker opens its event stream before it handles requests; the operating system closes the stream when the worker
+    ends for any reason. Requests on connections accepted here are completed even if a worker has started again. All
+    methods run on the event loop.
     """
 
     def __init__(
@@ -44,8 +44,8 @@ class FallbackServer:
             self._changed.set()
 
     async def run(self, state: uvicorn.server.ServerState) -> None:
-        """Accept while there is no worker, until cancelled. ``state``: of the link process's server, which closes these
-        connections with those of the workers."""
+        """Accept connections while no worker runs, until cancelled. ``state``: state of the link process's server,
+        which closes these connections together with those of the workers."""
         self._config.load()
         server: asyncio.Server | None = None
         try:
@@ -63,12 +63,12 @@ class FallbackServer:
 
     async def _accept(self, state: uvicorn.server.ServerState) -> asyncio.Server:
         def protocol() -> asyncio.Protocol:
-            connection: asyncio.Protocol = self._config.http_protocol_class(  # type: ignore[call-arg]  # uvicorn only says that it is one
+            connection: asyncio.Protocol = self._config.http_protocol_class(  # type: ignore[call-arg]  # uvicorn declares only asyncio.Protocol
                 config=self._config, server_state=state, app_state={}
             )
             return connection
 
-        # A duplicate: closing it leaves the workers' descriptor open.
+        # The listener gets a duplicate, because closing it must leave the workers' descriptor open.
         shared = LimitedListener(self._connections, os.dup(self._listener.fileno()))
         return await asyncio.get_running_loop().create_server(
             protocol, sock=shared, ssl=self._config.ssl, backlog=self._config.backlog

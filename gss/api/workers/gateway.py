@@ -1,4 +1,4 @@
-"""Middleware and lifespan of an API worker: which requests it forwards, and where its event stream comes from."""
+"""Middleware and lifespan of an API worker: forward requests and receive the event stream of the link process."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ class Gateway:
 
 @asynccontextmanager
 async def relayed(link: LinkProcessClient, broadcaster: Broadcaster) -> AsyncIterator[None]:
-    """Feed ``broadcaster`` from the link process until exit; entered when the first state has arrived. If the stream breaks, every
-    listener is closed; clients reconnect and receive what they missed."""
+    """Pass messages of the link process to ``broadcaster`` until the end of the block. The block starts after the first
+    state was received. If the stream breaks, every listener is closed; clients reconnect and receive the missed
+    events."""
     first = asyncio.Event()
     task = asyncio.create_task(_relay(link, broadcaster, first))
     await first.wait()
@@ -49,7 +50,7 @@ async def relayed(link: LinkProcessClient, broadcaster: Broadcaster) -> AsyncIte
 
 
 async def _relay(link: LinkProcessClient, broadcaster: Broadcaster, first: asyncio.Event) -> None:
-    from httpx2 import TransportError  # here, because only workers need it
+    from httpx2 import TransportError  # imported here, because only workers need it
 
     while True:
         with contextlib.suppress(TransportError):

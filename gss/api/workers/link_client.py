@@ -11,7 +11,7 @@ from starlette.datastructures import Headers
 from starlette.types import Message, Receive, Scope, Send
 
 from gss.api.errors import problem
-from gss.api.guard.bodies import SMALL_BODY_BYTES
+from gss.api.guard.bodies import MAX_OPEN_BODY_BYTES
 from gss.api.guard.route_table import is_change
 from gss.api.stream.broadcast import Wire, received
 from gss.api.workers.private_app import PEER, STREAM
@@ -22,10 +22,11 @@ MAX_MESSAGE_BYTES = 64 << 20
 
 
 class LinkProcessClient:
-    """Client of one link process. ``name``: of the process; ``path``: of its socket.
+    """HTTP client of one link process. ``name``: name of the process; ``path``: path of its socket.
 
-    Every request has its own connection and is never retried, so that none is sent twice: a connection that is kept open
-    may be closed by the server while the next request is written, and whether it was read is then unknown.
+    Every request has its own connection and is never retried, so that no request is sent twice. On a shared connection,
+    the server could close the connection while the next request is written; it would be unknown whether the request was
+    read.
     """
 
     def __init__(self, name: str, path: Path) -> None:
@@ -34,10 +35,10 @@ class LinkProcessClient:
         self._transport = httpx2.AsyncHTTPTransport(uds=str(path), limits=limits, trust_env=False)
 
     async def forward(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Forward a request and its response as streams; end both when the client disconnects. Without a complete
-        response answer 503, or break the connection to the client if the response has begun."""
+        """Forward a request and its response as streams; end both when the client disconnects. If the response is
+        incomplete, send 503, or abort the connection to the client if the response has started."""
         body = _Body(scope, receive)
-        content = body.pieces() if body.is_long else await body.whole()
+        content = body.parts() if body.is_long else await body.read_all()
         if content is None:
             return
         async with anyio.create_task_group() as tasks:
@@ -62,24 +63,30 @@ class LinkProcessClient:
             await response.aclose()
 
     async def _exchange(self, scope: Scope, receive: Receive, send: Send, request: httpx2.Request) -> None:
-        begun = False
+        started = False
 
-        async def note_begin(message: Message) -> None:
-            nonlocal begun
-            begun = True
+        async def send_and_note(message: Message) -> None:
+            nonlocal started
+            started = True
             await send(message)
 
         try:
-            await self._relay(request, note_begin)
+            await self._relay(request, send_and_note)
             return
         except httpx2.ConnectError:
-            text, got, hint = "does not respond: it is starting or restarting", "", "try again in a few seconds"
+            text, received_error, hint = (
+                "does not respond: it is starting or restarting",
+                "",
+                "try again in a few seconds",
+            )
         except httpx2.TransportError as error:
-            text, got, hint = "did not send a complete response", str(error), "try again in a few seconds"
+            text, received_error, hint = "did not send a complete response", str(error), "try again in a few seconds"
             if is_change(scope):
                 hint = "the request may have been executed. Check before you repeat it"
-        if not begun:
-            await problem(503, f"the link process {self.name} {text}", got=got, hint=hint)(scope, receive, send)
+        if not started:
+            await problem(503, f"the link process {self.name} {text}", got=received_error, hint=hint)(
+                scope, receive, send
+            )
 
     async def _relay(self, request: httpx2.Request, send: Send) -> None:
         response = await self._transport.handle_async_request(request)
@@ -87,24 +94,26 @@ class LinkProcessClient:
             raw = ((name.lower(), value) for name, value in response.headers.raw)
             headers = [(name, value) for name, value in raw if name not in SET_BY_WORKER]
             await send({"type": "http.response.start", "status": response.status_code, "headers": headers})
-            async for piece in response.aiter_raw():
-                await send({"type": "http.response.body", "body": piece, "more_body": True})
+            async for part in response.aiter_raw():
+                await send({"type": "http.response.body", "body": part, "more_body": True})
             await send({"type": "http.response.body", "body": b""})
         finally:
             await response.aclose()
 
 
 class _Body:
-    """The body of a client's request. ``is_long``: larger than the limit of routes without sign-in. A shorter one is read
-    before the link process is contacted, so that a slow client without an account holds no connection to it."""
+    """Body of a client's request. ``is_long``: true if it is larger than the limit of routes without sign-in. A shorter
+    body is read before the link process is contacted, so that a slow client without an account does not occupy a
+    connection to it."""
 
     def __init__(self, scope: Scope, receive: Receive) -> None:
-        self.is_long = int(Headers(scope=scope).get("content-length", "0")) > SMALL_BODY_BYTES
+        self.is_long = int(Headers(scope=scope).get("content-length", "0")) > MAX_OPEN_BODY_BYTES
         self._receive = receive
         self._complete = anyio.Event()
 
-    async def pieces(self) -> AsyncIterator[bytes]:
-        """Yield the body. If the client disconnects, it ends early, which breaks the connection to the link process."""
+    async def parts(self) -> AsyncIterator[bytes]:
+        """Yield the body in parts. If the client disconnects, the generator ends early, which breaks the connection to
+        the link process."""
         while not self._complete.is_set():
             message = await self._receive()
             if message["type"] == "http.disconnect":
@@ -113,20 +122,20 @@ class _Body:
                 self._complete.set()
             yield message.get("body", b"")
 
-    async def whole(self) -> bytes | None:
+    async def read_all(self) -> bytes | None:
         """Return the body, or None if the client disconnects before its end."""
-        body = b"".join([piece async for piece in self.pieces()])
+        body = b"".join([part async for part in self.parts()])
         return body if self._complete.is_set() else None
 
     async def disconnected(self) -> None:
-        """Return when the client disconnects after the end of the body."""
+        """Wait until the client disconnects after the end of the body."""
         await self._complete.wait()
         while (await self._receive())["type"] != "http.disconnect":
             pass
 
 
 def _request(scope: Scope, content: bytes | AsyncIterator[bytes]) -> httpx2.Request:
-    """Return the request with the target and headers that the client sent."""
+    """Return the request to the link process, with the target and headers of the client's request."""
     target = scope.get("raw_path") or scope["path"].encode()
     if scope["query_string"]:
         target += b"?" + scope["query_string"]

@@ -71,7 +71,7 @@ def serve_behind_workers(
 
 
 def record(bus: EventBus, text: str) -> None:
-    """Record the end of a process; log it if the store is down."""
+    """Record the end of a process as an event; write it to the log if the store is down."""
     try:
         bus.record("server", "warning", text)
     except GssError:  # the store is down; supervision must continue without the record
@@ -79,7 +79,7 @@ def record(bus: EventBus, text: str) -> None:
 
 
 class LinkServer(uvicorn.Server):
-    """Server that stops only after the workers, so that no request is cut off."""
+    """Server that stops only after the workers, so that no request is aborted."""
 
     def __init__(
         self,
@@ -90,7 +90,7 @@ class LinkServer(uvicorn.Server):
     ) -> None:
         super().__init__(config)
         self._on_stop, self._supervisor, self._fallback_server = on_stop, supervisor, fallback_server
-        self._leaving: threading.Thread | None = None
+        self._stop_thread: threading.Thread | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start serving on the private socket, and on the public socket while no worker is running."""
@@ -102,14 +102,14 @@ class LinkServer(uvicorn.Server):
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Stop gracefully on the first signal, immediately on the second."""
-        if self._leaving is not None:
+        if self._stop_thread is not None:
             super().handle_exit(signal.SIGINT, frame)
             return
         begin_stop(self._on_stop)
-        self._leaving = threading.Thread(target=self._leave, args=(sig, frame), name="leave", daemon=True)
-        self._leaving.start()
+        self._stop_thread = threading.Thread(target=self._stop, args=(sig, frame), name="leave", daemon=True)
+        self._stop_thread.start()
 
-    def _leave(self, sig: int, frame: FrameType | None) -> None:
+    def _stop(self, sig: int, frame: FrameType | None) -> None:
         if self.started:
             self._loop.call_soon_threadsafe(self._fallback_task.cancel)
         self._supervisor.stop()

@@ -1,8 +1,8 @@
-"""Routes that an API worker answers itself. All others are forwarded to the link process, including new routes until
-they are listed here.
+"""Routes that an API worker handles locally. All other routes are forwarded to the link process.
 
-A route may be listed if its response depends only on the database, the blobs and the request. State held by services
-(the line, banks and tables on board, alarms, running transfers and jobs, the active camera) is valid in the link process only.
+A route can be listed here if its response depends only on the database, the blobs and the request. State held by
+services (the line, banks and tables on board, alarms, running transfers and jobs, the active camera) is valid in the
+link process only.
 """
 
 from __future__ import annotations
@@ -63,14 +63,14 @@ LOCAL: dict[str, tuple[str, ...]] = {
     "POST": ("/api/design",),
 }
 FORWARDED = ("/api/", "/metrics")
-"""Path prefixes that may be forwarded; other paths are page files, which every worker has."""
+"""Path prefixes of requests that can be forwarded. Other paths are page files, which every worker has."""
 
 
 _PATTERNS = {method: [compile_path(path)[0] for path in paths] for method, paths in LOCAL.items()}
 
 
 def is_local(method: str, path: str) -> bool:
-    """True if a worker answers this request itself."""
+    """True if a worker handles this request locally."""
     if not path.startswith(FORWARDED):
         return True
     return any(pattern.match(path) for pattern in _PATTERNS.get(method, ()))

@@ -18,8 +18,8 @@ from a browser's request."""
 
 
 class PrivateApp:
-    """Serves the processes in front; no other user can open the socket. ``following``: entered while one of them has the
-    event stream open."""
+    """Application for the API workers or the front process; no other user can open the socket. ``following``: context
+    that is active while a process has the event stream open."""
 
     def __init__(
         self,

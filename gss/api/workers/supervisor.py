@@ -1,4 +1,4 @@
-"""Supervisor of child processes, API workers or units: starts them, restarts them if they exit, and stops them."""
+"""Start, restart and stop child processes: API workers or units."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from gss.operations.clock import monotonic_s
 FIRST_WAIT_S, MAX_WAIT_S = 0.2, 10.0
 STEADY_S = 30.0
 STOP_WITHIN_S = 3.5
-"""Shorter than the time in which the link process stops: gss.api.stopping."""
+"""Shorter than the time limit for stopping the link process (gss.api.stopping)."""
 
 
 @dataclass(frozen=True)
 class ProcessState:
-    """State of a supervised process. ``pid``: None while it does not run; ``restarts``: since the supervisor started;
-    ``last_end``: why it ended the last time, "" if it has not."""
+    """State of a supervised process. ``pid``: None while it does not run; ``restarts``: number of restarts since the
+    supervisor started; ``last_end``: reason of the last exit, "" if it has not exited."""
 
     pid: int | None = None
     restarts: int = 0
@@ -27,8 +27,8 @@ class ProcessState:
 
 
 class Supervisor:
-    """Keeps processes alive until :meth:`stop`, each on its own. ``targets``: what they run, by name, picklable;
-    ``report``: called with a text when one has ended."""
+    """Keeps processes running until :meth:`stop`. ``targets``: picklable functions by process name; ``report``: called
+    with a text when a process has ended."""
 
     def __init__(self, targets: Mapping[str, Callable[[], None]], report: Callable[[str], None]) -> None:
         self._targets, self._report = targets, report
@@ -36,7 +36,7 @@ class Supervisor:
         self._lock = threading.Lock()
         self._processes: dict[str, SpawnProcess] = {}
         self._states = dict.fromkeys(targets, ProcessState())
-        self._threads = [threading.Thread(target=self._keep, args=(name,), daemon=True) for name in targets]
+        self._threads = [threading.Thread(target=self._keep_running, args=(name,), daemon=True) for name in targets]
 
     def start(self) -> None:
         """Start the processes."""
@@ -49,7 +49,7 @@ class Supervisor:
             return self._states[name]
 
     def stop(self) -> None:
-        """Let the processes complete their requests; kill those that take longer than ``STOP_WITHIN_S``."""
+        """Let the processes complete their requests. Kill processes that run longer than ``STOP_WITHIN_S``."""
         self._stopping.set()
         with self._lock:
             processes = list(self._processes.values())
@@ -62,11 +62,11 @@ class Supervisor:
                 process.kill()
                 process.join()
 
-    def _keep(self, name: str) -> None:
+    def _keep_running(self, name: str) -> None:
         wait_s = 0.0
         while not self._stopping.wait(wait_s):
             since_s = monotonic_s()
-            process = self._started(name)
+            process = self._start_process(name)
             if process is None:
                 return
             process.join()
@@ -80,7 +80,7 @@ class Supervisor:
             steady = monotonic_s() - since_s > STEADY_S
             wait_s = 0.0 if steady else min(MAX_WAIT_S, max(FIRST_WAIT_S, 2 * wait_s))
 
-    def _started(self, name: str) -> SpawnProcess | None:
+    def _start_process(self, name: str) -> SpawnProcess | None:
         """Return a new process, or None if the supervisor is stopping."""
         with self._lock:
             if self._stopping.is_set():

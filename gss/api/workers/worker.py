@@ -1,4 +1,5 @@
-"""API worker process: accepts on the shared socket, answers from the database, forwards other requests to the link process."""
+"""API worker process: accepts on the shared socket, handles requests from the database, and forwards other requests to
+the link process."""
 
 from __future__ import annotations
 
@@ -15,8 +16,9 @@ GRACE_S = 3
 
 
 def serve_worker(settings_json: str, name: str, path: Path, listener: socket.socket) -> None:
-    """Serve until stopped. ``name``, ``path``: the link process and its socket. The settings are JSON and the imports are
-    here, so that a new process ignores Ctrl-C before it loads anything: the link process stops the workers in order."""
+    """Serve until stopped. ``name``, ``path``: the link process and its socket. The settings are JSON and the imports
+    are inside the function, so that the new process ignores Ctrl-C before it loads modules; the link process stops the
+    workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     import uvicorn
 
@@ -39,7 +41,7 @@ def serve_worker(settings_json: str, name: str, path: Path, listener: socket.soc
 
 
 def stop_with_parent() -> None:
-    """Stop when the parent process ends, however it ended, to free the port and the data folder."""
+    """Stop when the parent process ends for any reason, to free the port and the data folder."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

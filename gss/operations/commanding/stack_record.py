@@ -22,7 +22,7 @@ class RunRecord:
     def end_interrupted(self) -> None:
         """Set the state ``stopped`` for all runs that a server restart interrupted."""
         with self._database.unit_of_work() as session:
-            for row in store.left_under_way(session):
+            for row in store.unfinished_runs(session):
                 row.state, row.reason, row.finished = "stopped", RESTARTED, self._now()
 
     def add(self, stack: Stack, user: str) -> StackRun:

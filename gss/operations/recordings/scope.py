@@ -79,7 +79,7 @@ class Scopes:
     def _study(self, row: Calibration | Analysis, word: str) -> Scope:
         ids = sorted({int(i) for key in ("frame_ids", "dark_ids", "other_ids") for i in row.request.get(key) or ()})
         with self._database.unit_of_work() as session:
-            existing_ids = frames.ids_there(session, ids[:MAX_FRAMES])
+            existing_ids = frames.existing_ids(session, ids[:MAX_FRAMES])
         return self._around(f"gss-{word}-{row.id}", Use.CAMPAIGN, existing_ids, f"this {word} used no stored frames")
 
     def _around(self, name: str, use: Use, ids: list[int], empty: str = "no frames found") -> Scope:

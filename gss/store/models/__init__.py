@@ -1,4 +1,4 @@
-"""The database tables, by aggregate. Importing this package registers all of them."""
+"""Models of the database tables, one module per subject. Importing this package registers all tables."""
 
 from gss.store.models.accounts import ApiToken, AuditRow, OneTimeLink, SignIn, User
 from gss.store.models.automation import DerivedParameter, Notification, Procedure, ProcedureRun

@@ -12,7 +12,8 @@ from gss.store.models.base import Base
 
 
 class User(Base):
-    """User account. ``password_hash`` is "" until the one-time link was used. ``disabled_reason``: "" while enabled."""
+    """User account. ``password_hash``: "" until the one-time link is used. ``disabled_reason``: "" while the account is
+    enabled."""
 
     __tablename__ = "users"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -28,8 +29,8 @@ class User(Base):
 
 
 class SignIn(Base):
-    """Session in a browser. ``expires``: latest end; it ends earlier after a period without requests. ``device_hash``: hash of
-    the cookie that recognizes the browser at a later sign-in."""
+    """Session of a browser. ``expires``: latest end; the session ends earlier after a period without requests.
+    ``device_hash``: hash of the cookie that identifies the browser at a later sign-in."""
 
     __tablename__ = "sign_ins"
     __table_args__ = (
@@ -50,7 +51,7 @@ class SignIn(Base):
 
 
 class ApiToken(Base):
-    """API token. ``scopes``: permissions of the role that it keeps; empty keeps all of them."""
+    """API token. ``scopes``: permissions of the role that the token has; empty: all."""
 
     __tablename__ = "api_tokens"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -67,7 +68,8 @@ class ApiToken(Base):
 
 
 class OneTimeLink(Base):
-    """One-time link. ``kind``: setup (no user yet) or password (of ``user_id``). ``created_by``: "" for the server's own."""
+    """One-time link. ``kind``: setup (creates the first user) or password (of ``user_id``). ``created_by``: "" if
+    created by the server."""
 
     __tablename__ = "one_time_links"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -81,8 +83,8 @@ class OneTimeLink(Base):
 
 
 class AuditRow(Base):
-    """Row of the audit log; triggers prevent changes and deletion. ``hash`` covers the row and ``previous``, the hash
-    of the row before. ``previous`` is unique, so that two rows cannot follow the same one."""
+    """Row of the audit log. Triggers prevent changes and deletion. ``hash`` covers the row and ``previous``, which is
+    the hash of the previous row. ``previous`` is unique, so that two rows cannot follow the same row."""
 
     __tablename__ = "audit"
     __table_args__ = (Index("ix_audit_who_seq", "who", "seq"), Index("ix_audit_action_seq", "action", "seq"))
@@ -117,7 +119,7 @@ AUDIT_TRIGGERS = {
         "FOR EACH STATEMENT EXECUTE FUNCTION audit_only_grows()",
     ),
 }
-"""Statements for each kind of database, run after the audit table is created."""
+"""Statements for each database type that run after the creation of the audit table."""
 
 
 @event.listens_for(AuditRow.__table__, "after_create")

@@ -29,7 +29,7 @@ class DerivedParameter(Base):
 
 
 class Procedure(Base):
-    """A procedure as a Markdown file."""
+    """Procedure as Markdown text."""
 
     __tablename__ = "procedures"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -40,8 +40,8 @@ class Procedure(Base):
 
 
 class ProcedureRun(Base):
-    """Run of a procedure: a copy of its text, and an entry per step that was begun. ``current``: name of the step that is next or
-    under way, "" at the end. ``sha256``: of the record, set when it is frozen at the end."""
+    """Run of a procedure: a copy of its text, and one entry per started step. ``current``: name of the next step or the
+    step in progress, "" at the end. ``sha256``: hash of the record, set when the record is frozen at the end."""
 
     __tablename__ = "procedure_runs"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -62,8 +62,9 @@ class ProcedureRun(Base):
 
 
 class Notification(Base):
-    """Message about an alarm or event to one target. ``key``: unique, so that it is created once. ``due``: when it may be sent or
-    tried again. ``state``: pending, sending, sent, failed, withdrawn, or unknown after the server ended while sending."""
+    """Message about an alarm or event to one target. ``key``: unique key, so that the message is created once. ``due``:
+    earliest time of sending or retrying. ``state``: pending, sending, sent, failed, withdrawn, or unknown after the
+    server ended while sending."""
 
     __tablename__ = "notifications"
     id: Mapped[int] = mapped_column(primary_key=True)

@@ -1,4 +1,5 @@
-"""Base of all tables. Times are UTC without zone in the database (SQLite has none) and with zone in Python."""
+"""Base class of all tables. Times are UTC, without zone in the database (SQLite does not support zones) and with zone
+in Python."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from gss.domain.json_object import JsonObject
 
 
 class UtcDateTime(TypeDecorator[datetime]):
-    """UTC time; rejects a datetime without a zone, so that local time is never stored."""
+    """Column type of UTC times. Rejects a datetime without a zone, so that local time is never stored."""
 
     impl = DateTime
     cache_ok = True
@@ -21,7 +22,7 @@ class UtcDateTime(TypeDecorator[datetime]):
         if value is None:
             return None
         if value.tzinfo is None:
-            raise ValueError("a time without a time zone")
+            raise ValueError("the time has no time zone")
         return value.astimezone(UTC).replace(tzinfo=None)
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
@@ -29,7 +30,8 @@ class UtcDateTime(TypeDecorator[datetime]):
 
 
 class Base(DeclarativeBase):
-    """Declarative base of all tables; constraint names are fixed so that migrations can find them."""
+    """Declarative base of all tables. Constraint names follow a fixed convention so that migrations can refer to
+    them."""
 
     metadata = MetaData(
         naming_convention={

@@ -12,8 +12,8 @@ from gss.store.models.base import Base
 
 
 class Catalogue(Base):
-    """Built sub-catalogue: request, manifest and report; the image is a blob. ``profile`` and ``instrument_version``: name
-    and version (SHA-256) of the instrument; the version is null if unknown."""
+    """Built sub-catalogue: request, manifest and report; the image is a blob. ``profile`` and ``instrument_version``:
+    name and version (SHA-256) of the instrument; the version is null if unknown."""
 
     __tablename__ = "catalogues"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -35,7 +35,8 @@ class Catalogue(Base):
 
 
 class DeviceTable(Base):
-    """Device table other than a catalogue: triplets, calibration or parameters. The bytes are a blob, by hash."""
+    """Device table other than a catalogue: triplets, calibration or parameters. The bytes are a blob with the key
+    ``sha256``."""
 
     __tablename__ = "device_tables"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -51,8 +52,8 @@ class DeviceTable(Base):
 
 
 class BankHistory(Base):
-    """Period in which a device bank had one state and content, from the device's first report; ``ended`` None:
-    unchanged. ``told``: when the device last confirmed it."""
+    """Period in which a device bank had one state and content, starting with the device's first report. ``ended`` None:
+    unchanged. ``told``: time of the device's last report of this content."""
 
     __tablename__ = "bank_history"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -72,7 +73,7 @@ class BankHistory(Base):
 
 
 class StarList(Base):
-    """Imported star list: the original file is a blob, ``report`` states what was read and what was dropped."""
+    """Imported star list. The original file is a blob; ``report`` lists the rows read and dropped."""
 
     __tablename__ = "star_lists"
     id: Mapped[int] = mapped_column(primary_key=True)

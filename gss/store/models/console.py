@@ -1,4 +1,4 @@
-"""Operations at the console: alarms, choices, authority, stacks, jobs."""
+"""Alarms, choices, command authority, stacks and jobs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from gss.store.models.base import Base
 
 
 class Alarm(Base):
-    """Limit violation, from its first sample until the value is back and an operator has acknowledged it. Never deleted."""
+    """Limit violation, from its first sample until the value is within limits and an operator has acknowledged it.
+    Never deleted."""
 
     __tablename__ = "alarms"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -35,7 +36,7 @@ class Alarm(Base):
 
 
 class Choice(Base):
-    """Setting changed by an operator, by name: the limit set in force, changed limits."""
+    """Setting changed by an operator, for example the active limit set or changed limits."""
 
     __tablename__ = "choices"
     name: Mapped[str] = mapped_column(String(60), primary_key=True)
@@ -45,8 +46,9 @@ class Choice(Base):
 
 
 class Authority(Base):
-    """Holder of command authority, from taking to releasing. The open row, if any, is the current holder. ``transfer``:
-    empty, ``request`` (``transfer_user`` requests authority) or ``offer`` (the holder offers it to that user)."""
+    """Period in which one user held command authority. The row without ``ended``, if any, is the current holder.
+    ``transfer``: empty, ``request`` (``transfer_user`` requests authority) or ``offer`` (the holder offers it to that
+    user)."""
 
     __tablename__ = "authorities"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -62,7 +64,7 @@ class Authority(Base):
 
 
 class Stack(Base):
-    """A prepared list of commands. ``steps``: name, arguments, delay, condition of each."""
+    """Prepared list of commands. ``steps``: name, arguments, delay and condition of each step."""
 
     __tablename__ = "stacks"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -74,7 +76,7 @@ class Stack(Base):
 
 
 class StackRun(Base):
-    """Run of a stack: a copy of its steps, and the progress."""
+    """Run of a stack, with a copy of its steps and their progress."""
 
     __tablename__ = "stack_runs"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -90,8 +92,8 @@ class StackRun(Base):
 
 
 class Job(Base):
-    """Background job. ``checkpoint``: where it resumes after a crash, in a format of its kind; ``attempts``: server
-    crashes while it ran, since its last progress."""
+    """Background job. ``checkpoint``: state from which the job resumes after a crash; its format depends on the kind.
+    ``attempts``: number of server crashes during the job since its last progress."""
 
     __tablename__ = "jobs"
     id: Mapped[int] = mapped_column(primary_key=True)

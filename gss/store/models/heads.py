@@ -12,9 +12,9 @@ from gss.store.models.base import Base
 
 
 class Spacecraft(Base):
-    """Units on one body. ``heads``: each with unit, ``body_from_cam`` (quaternion), ``sigma_rad`` of the mounting, and
-    ``usual_rad``: standard deviations of its attitudes across and about the boresight where the sensor reports none, or null.
-    ``source``: on board or ground."""
+    """Spacecraft with several heads. ``heads``: each with unit, ``body_from_cam`` (quaternion), ``sigma_rad`` of the
+    mounting, and ``usual_rad``: standard deviations of its attitudes across and about the boresight if the sensor
+    reports none, or null. ``source``: on board or ground."""
 
     __tablename__ = "spacecraft"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -31,8 +31,8 @@ class Spacecraft(Base):
 
 
 class FusedRow(Base):
-    """Attitude of the body from all heads at one time. ``covariance``: upper triangle, rad², in the body frame. ``chi2``,
-    ``freedom`` and ``probability`` null: there was only one head."""
+    """Attitude of the body from all heads at one time. ``covariance``: upper triangle, rad², in the body frame.
+    ``chi2``, ``freedom`` and ``probability`` null: only one head was available."""
 
     __tablename__ = "fused_attitudes"
     __table_args__ = (Index("ix_fused_attitudes_spacecraft_at", "spacecraft_id", "at"),)
@@ -48,9 +48,9 @@ class FusedRow(Base):
 
 
 class HeadPairRow(Base):
-    """Second head compared with the reference head at one time, and the estimate of its misalignment then. ``state`` (6) and
-    ``covariance`` (21, upper triangle): of the filter; ``lasting``: variances (3) that do not
-    average out; ``began``: start of the estimate."""
+    """Comparison of a head with the reference head at one time, and the misalignment estimated at that time. ``state``
+    (6) and ``covariance`` (21, upper triangle): state of the filter; ``lasting``: variances (3) of errors that do not
+    average out; ``began``: start of the estimation."""
 
     __tablename__ = "head_pairs"
     __table_args__ = (Index("ix_head_pairs_spacecraft_at", "spacecraft_id", "at"),)

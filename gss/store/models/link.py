@@ -1,4 +1,4 @@
-"""The line: devices, contacts, commands, telemetry, transfers and events."""
+"""Devices, contacts, commands, telemetry, transfers and events."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Device(Base):
 
 
 class Contact(Base):
-    """Contact, from opening the line to closing it. ``instrument`` and ``instrument_version``: of the device that answered
-    last, as named by it, and the SHA-256 of that instrument's package; null: unknown."""
+    """Contact, from the opening to the closing of the line. ``instrument``: name reported by the last device that
+    responded; ``instrument_version``: SHA-256 of the package of this instrument; null: unknown."""
 
     __tablename__ = "contacts"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -96,8 +96,8 @@ class TelemetryPacket(Base):
 
 
 class TelemetryRollup(Base):
-    """One hour of a field as the extremes of every ten seconds. ``hour``: since 1970; ``field`` empty: marks the hour
-    as complete."""
+    """Extremes of a field in every ten seconds of one hour. ``hour``: hours since 1970; ``field`` empty: the row marks
+    the hour as complete."""
 
     __tablename__ = "telemetry_rollups"
     packet: Mapped[str] = mapped_column(String(40), primary_key=True)
@@ -133,7 +133,7 @@ class Transfer(Base):
 
 
 class Event(Base):
-    """Recorded event. ``seq`` only increases."""
+    """Recorded event. ``seq`` always increases."""
 
     __tablename__ = "events"
     seq: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)

@@ -1,7 +1,8 @@
-"""Column type for the regions and stars of a solution: packed arrays within its JSON document, a tenth of the text.
+"""Column type for the regions and stars of a solution: packed arrays in the JSON document, a tenth of the size of plain
+text.
 
-Positions are stored to 1e-5 px, magnitudes to 1e-4, fluxes, residuals and weights to seven digits. Lists that do not have the
-expected fields are stored as they are, and rows with plain lists, as older versions wrote them, are read as they are.
+Positions are stored to 1e-5 px, magnitudes to 1e-4, fluxes, residuals and weights to seven digits. Lists without the
+expected fields are stored unchanged. Rows with plain lists, which older versions wrote, are read unchanged.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ LARGEST, MAX_FLOAT = float(1 << 31), 3e38
 PACKED = "packed"
 Rows = list[JsonObject]
 BOUNDS = ("col_min", "row_min", "col_max", "row_max", "area_px")
-SEEN = ("index", "col_px", "row_px", "flux_dn", "peak_dn", "area_px")
-NAMED = ("hip", "name", "v_mag", "dx_px", "dy_px", "dx_arcsec", "dy_arcsec", "weight")
+CENTROID_FIELDS = ("index", "col_px", "row_px", "flux_dn", "peak_dn", "area_px")
+MATCH_FIELDS = ("hip", "name", "v_mag", "dx_px", "dy_px", "dx_arcsec", "dy_arcsec", "weight")
 
 
 class PackedDetail(TypeDecorator[JsonObject]):
@@ -42,13 +43,13 @@ class PackedDetail(TypeDecorator[JsonObject]):
 
 
 def packed(detail: JsonObject) -> JsonObject:
-    """Return the document with packed lists, where they have the fields of regions and stars."""
+    """Return the document with packed lists. Lists without the fields of regions or stars stay plain."""
     arrays = {}
     for name, pack in (("regions", _pack_regions), ("stars", _pack_stars)):
         if detail.get(name):
             try:
                 arrays[name] = _text(pack(detail[name]))
-            except (KeyError, TypeError, ValueError, OverflowError):  # other fields, or a number that does not fit
+            except (KeyError, TypeError, ValueError, OverflowError):  # other fields, or a number out of range
                 continue
     if not arrays:
         return detail
@@ -71,7 +72,8 @@ def _text(parts: list[bytes]) -> str:
 
 
 def _integers(rows: Rows, name: str, step: float = 1.0) -> bytes:
-    """Return a column in multiples of ``step`` as the bytes of an int32 array. ValueError if a number does not fit."""
+    """Return a column in multiples of ``step`` as the bytes of an int32 array. Raises ValueError if a number is out of
+    range."""
     values = np.round(np.array([row[name] for row in rows], float) / step)
     if not (np.abs(values) < LARGEST).all():  # also false for NaN, a missing number
         raise ValueError(name)
@@ -79,7 +81,8 @@ def _integers(rows: Rows, name: str, step: float = 1.0) -> bytes:
 
 
 def _floats(rows: Rows, name: str, *, missing: bool = False) -> bytes:
-    """Return a column as the bytes of a float32 array. ValueError if a number does not fit, or is missing and must not be."""
+    """Return a column as the bytes of a float32 array. Raises ValueError if a number is out of range, or is missing
+    although ``missing`` is false."""
     values = np.array([row[name] for row in rows], float)
     allowed = np.isnan(values) if missing else np.zeros(len(values), bool)
     if not (allowed | (np.abs(values) < MAX_FLOAT)).all():
@@ -87,7 +90,7 @@ def _floats(rows: Rows, name: str, *, missing: bool = False) -> bytes:
     return values.astype("<f4").tobytes()
 
 
-def _words(texts: list[str]) -> bytes:
+def _texts(texts: list[str]) -> bytes:
     data = json.dumps(texts, ensure_ascii=False, separators=(",", ":")).encode()
     return np.array([len(data)], "<u4").tobytes() + data
 
@@ -97,31 +100,39 @@ def _pack_regions(rows: Rows) -> list[bytes]:
         raise KeyError
     numbers = [_integers(rows, name) for name in BOUNDS]
     reasons = [str(row["rejected"]) for row in rows]
-    return [_count(len(rows)), *numbers, _floats(rows, "peak_dn"), _words(reasons)]
+    return [_count(len(rows)), *numbers, _floats(rows, "peak_dn"), _texts(reasons)]
 
 
 def _unpack_regions(reader: _DetailReader) -> Rows:
     count = reader.count()
     columns = {name: reader.numbers("<i4", count).tolist() for name in BOUNDS}
     columns["peak_dn"] = _shortest(reader.numbers("<f4", count))
-    columns["rejected"] = reader.words()
+    columns["rejected"] = reader.texts()
     return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
 
 def _pack_stars(rows: Rows) -> list[bytes]:
     matched = [row for row in rows if "hip" in row]
-    if any(set(row) != ({*SEEN, *NAMED} if "hip" in row else {*SEEN}) for row in rows):
+    if any(set(row) != ({*CENTROID_FIELDS, *MATCH_FIELDS} if "hip" in row else {*CENTROID_FIELDS}) for row in rows):
         raise KeyError
     if [row["index"] for row in rows] != list(range(len(rows))):
         raise ValueError("index")
     columns = [_integers(rows, name, POSITION_STEP_PX) for name in ("col_px", "row_px")]
     columns += [_floats(rows, name) for name in ("flux_dn", "peak_dn")]
-    places = np.array([row["index"] for row in matched], "<u4").tobytes()
+    match_indices = np.array([row["index"] for row in matched], "<u4").tobytes()
     magnitudes = [NO_MAGNITUDE if m["v_mag"] is None else round(m["v_mag"] / MAGNITUDE_STEP) for m in matched]
-    named = [_integers(matched, "hip"), np.array(magnitudes, "<i4").tobytes()]
-    named += [_floats(matched, name, missing=True) for name in NAMED[3:]]
-    names = _words([str(row["name"]) for row in matched])
-    return [_count(len(rows)), *columns, _integers(rows, "area_px"), _count(len(matched)), places, *named, names]
+    match_columns = [_integers(matched, "hip"), np.array(magnitudes, "<i4").tobytes()]
+    match_columns += [_floats(matched, name, missing=True) for name in MATCH_FIELDS[3:]]
+    names = _texts([str(row["name"]) for row in matched])
+    return [
+        _count(len(rows)),
+        *columns,
+        _integers(rows, "area_px"),
+        _count(len(matched)),
+        match_indices,
+        *match_columns,
+        names,
+    ]
 
 
 def _unpack_stars(reader: _DetailReader) -> Rows:
@@ -132,18 +143,18 @@ def _unpack_stars(reader: _DetailReader) -> Rows:
     columns["area_px"] = reader.numbers("<i4", count).tolist()
     rows = [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
     matches = reader.count()
-    places = reader.numbers("<u4", matches)
+    match_indices = reader.numbers("<u4", matches)
     hip, v_mag = reader.numbers("<i4", matches).tolist(), reader.numbers("<i4", matches)
-    named: dict[str, list[Any]] = {"hip": hip, "name": []}
-    named["v_mag"] = [None if m == NO_MAGNITUDE else d for m, d in zip(v_mag, _decimal(v_mag, 4), strict=True)]
-    for name in NAMED[3:]:
+    match_columns: dict[str, list[Any]] = {"hip": hip, "name": []}
+    match_columns["v_mag"] = [None if m == NO_MAGNITUDE else d for m, d in zip(v_mag, _decimal(v_mag, 4), strict=True)]
+    for name in MATCH_FIELDS[3:]:
         values = reader.numbers("<f4", matches)
-        named[name] = [
+        match_columns[name] = [
             None if missing else value for missing, value in zip(np.isnan(values), _shortest(values), strict=True)
         ]
-    named["name"] = reader.words()
-    for place, match in zip(places.tolist(), zip(*named.values(), strict=True), strict=True):
-        rows[place] |= dict(zip(named, match, strict=True))
+    match_columns["name"] = reader.texts()
+    for index, match in zip(match_indices.tolist(), zip(*match_columns.values(), strict=True), strict=True):
+        rows[index] |= dict(zip(match_columns, match, strict=True))
     return rows
 
 
@@ -162,7 +173,7 @@ def _shortest(values: NDArray[Any]) -> list[float]:
 
 
 class _DetailReader:
-    """Reads arrays and words in the order in which they were written."""
+    """Reader of arrays and texts in the order in which they were written."""
 
     def __init__(self, data: bytes) -> None:
         self._data, self._at = data, 0
@@ -175,8 +186,8 @@ class _DetailReader:
     def count(self) -> int:
         return int(self.numbers("<u4", 1)[0])
 
-    def words(self) -> list[str]:
+    def texts(self) -> list[str]:
         size = self.count()
-        texts: list[str] = json.loads(self._data[self._at : self._at + size])
+        strings: list[str] = json.loads(self._data[self._at : self._at + size])
         self._at += size
-        return texts
+        return strings

@@ -12,8 +12,9 @@ from gss.store.models.base import Base
 
 
 class OrbitSet(Base):
-    """Imported orbit of the spacecraft. The newest row is in use; older rows are kept as the record. ``kind``: tle or oem,
-    the form of ``text``; ``source_format``: of the imported file; ``source``: where the user got it."""
+    """Imported orbit of the spacecraft. The newest row is the active orbit; older rows are kept as a record. ``kind``:
+    tle or oem, the format of ``text``; ``source_format``: format of the imported file; ``source``: origin stated by the
+    user."""
 
     __tablename__ = "orbit_sets"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -47,9 +48,10 @@ class Station(Base):
 
 
 class PassPlan(Base):
-    """Ordered items for a pass, and their results. ``state``: draft, armed, running, paused, waiting (for the next pass),
-    completed, failed, stopped or missed. ``items``: each with its request, estimate, state, times and the id of what it
-    started. ``resume``: continue in the next pass. ``confirm``: names typed for hazardous commands when it was armed."""
+    """Ordered items for a pass, and their results. ``state``: draft, armed, running, paused, waiting (for the next
+    pass), completed, failed, stopped or missed. ``items``: each with its request, estimate, state, times and the id of
+    the started run or transfer. ``resume``: true to continue in the next pass. ``confirm``: names typed for hazardous
+    commands when the plan was armed."""
 
     __tablename__ = "pass_plans"
     id: Mapped[int] = mapped_column(primary_key=True)

@@ -12,7 +12,8 @@ from gss.store.models.base import Base
 
 
 class Calibration(Base):
-    """Camera calibration. ``request``: frames and options it was made from; ``result``: camera, uncertainties, maps."""
+    """Camera calibration. ``request``: frames and options of the calibration; ``result``: camera, uncertainties,
+    maps."""
 
     __tablename__ = "calibrations"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -30,7 +31,7 @@ class Calibration(Base):
 
 
 class Analysis(Base):
-    """Analysis of frames or telemetry: the request, and the figures of its report page."""
+    """Analysis of frames or telemetry, with its request and the figures of its report."""
 
     __tablename__ = "analyses"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -44,7 +45,7 @@ class Analysis(Base):
 
 
 class ListRun(Base):
-    """Uploaded file of lists of measured stars: the file and the results are blobs. ``solved`` is None, and
+    """Uploaded file with lists of measured stars. The file and the results are blobs. ``solved`` is None, and
     ``results_sha256`` empty, until the job has ended."""
 
     __tablename__ = "list_runs"

@@ -11,8 +11,9 @@ from gss.store.models.base import Base
 
 
 class SharedView(Base):
-    """A page of the console in a state. ``path``: address within the unit, with its query; ``open``: every user with the permission
-    may change it, not only its owner; ``version``: number of the newest version."""
+    """Console page with its state, shared by all users. ``path``: address within the unit, with its query; ``open``:
+    true if every user with the permission can change the view, not only its owner; ``version``: number of the newest
+    version."""
 
     __tablename__ = "shared_views"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -27,7 +28,7 @@ class SharedView(Base):
 
 
 class SharedViewVersion(Base):
-    """A version of a shared view, as it was stored."""
+    """Stored version of a shared view."""
 
     __tablename__ = "shared_view_versions"
     __table_args__ = (UniqueConstraint("view_id", "version"),)
