@@ -1,1 +1,1 @@
-"""Reports: figures, tables and plots that are rendered alike by a page, as HTML and as PDF."""
+"""Reports with values, tables and plots, rendered in the same layout on a page, as HTML and as PDF."""

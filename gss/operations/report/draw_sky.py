@@ -23,7 +23,7 @@ MARK = COLOURS[1]
 
 
 def draw_sky(pen: Pen, sky: SkyMap) -> None:
-    """Draw it with its upper left corner at (0, 0)."""
+    """Draw the map with its upper left corner at (0, 0)."""
     pen.text(0, 11, sky.title, size=8.5)
     _shade(pen, sky.nside, sky.values)
     _graticule(pen)
@@ -52,7 +52,7 @@ def draw_sky(pen: Pen, sky: SkyMap) -> None:
 
 
 def place(ra_deg: float, dec_deg: float) -> Point:
-    """Return the coordinates of a direction; 180° is in the middle."""
+    """Return the map coordinates of a direction. The centre of the map is at right ascension 180°."""
     lat, theta = math.radians(dec_deg), math.radians(dec_deg)
     for _ in range(12):
         slope = 2 + 2 * math.cos(2 * theta)
@@ -64,7 +64,7 @@ def place(ra_deg: float, dec_deg: float) -> Point:
 
 
 def _shade(pen: Pen, nside: int, values: Sequence[Number]) -> None:
-    """Draw runs of equal tone along the rows of the map."""
+    """Shade the map. Adjacent cells of equal tone in a row are drawn as one box."""
     numbers = np.array([math.nan if v is None else v for v in values], float)
     peak = float(np.nanmax(numbers, initial=0.0))
     if peak <= 0:

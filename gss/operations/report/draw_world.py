@@ -14,7 +14,7 @@ STEP_DEG = 30
 
 
 def draw_world(pen: Pen, world: WorldMap) -> None:
-    """Draw it with its upper left corner at (0, 0)."""
+    """Draw the map with its upper left corner at (0, 0)."""
     pen.text(LEFT, 11, world.title, size=8.5)
     levels = [v for line in world.values for v in line if v is not None]
     low, high = (min(levels), max(levels)) if levels else (0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Stores views of the console: a page with its state in the address, shared by link, with an owner and versions."""
+"""Stores shared views: pages of the console with their state in the address, each with an owner and versions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ MAX_PATH_LENGTH = 4000
 
 @dataclass(frozen=True)
 class ViewContent:
-    """What a user stores. ``path``: address of the page within the unit, with its query; ``open``: others may change it, too."""
+    """Content of a view. ``path``: address of the page within the unit, with its query; ``open``: true if other users may change
+    the view."""
 
     name: str
     path: str
@@ -27,14 +28,14 @@ class ViewContent:
 
 @dataclass(frozen=True)
 class ViewDetail:
-    """A view and its versions, newest first."""
+    """A view and its versions, latest version first."""
 
     row: SharedView
     versions: Sequence[SharedViewVersion]
 
 
 class SharedViews:
-    """Stores shared views. ``manages`` in its methods: true if the user may change the views of others."""
+    """Stores shared views. ``manages``, a parameter of its methods, is true if the user may change the views of other users."""
 
     def __init__(self, database: Database, now: Now) -> None:
         self._database, self._now = database, now
@@ -50,7 +51,7 @@ class SharedViews:
             return ViewDetail(store.get(session, view_id), store.versions(session, view_id))
 
     def create(self, content: ViewContent, *, user: str) -> SharedView:
-        """Store a new view. Raises BadInput for an address outside the console, Conflict if the name is in use."""
+        """Store a new view. Raises BadInput for an address outside the console, and Conflict if the name exists."""
         checked = _checked(content)
         with self._database.unit_of_work() as session:
             if store.count(session) >= MAX_VIEWS:
@@ -63,8 +64,8 @@ class SharedViews:
         return row
 
     def change(self, view_id: int, version: int, content: ViewContent, *, user: str, manages: bool) -> SharedView:
-        """Store a new version of a view. ``version``: the one that the user saw. Raises NotFound, NotPermitted, BadInput, and
-        Conflict if another user has changed the view since."""
+        """Store a new version of a view. ``version``: the version that the user opened. Raises NotFound, NotPermitted, BadInput,
+        and Conflict if the view has changed since."""
         checked = _checked(content)
         with self._database.unit_of_work() as session:
             row = store.get(session, view_id, lock=True)
@@ -74,7 +75,7 @@ class SharedViews:
                     "The view has changed since you opened it",
                     expected=f"version {row.version}, of {row.user}",
                     got=f"version {version}",
-                    hint="Open the newest version and change that one.",
+                    hint="Open the latest version and change it.",
                 )
             if checked.open != row.open and row.owner != user and not manages:
                 raise NotPermitted("Only the owner chooses who may change a view", expected=row.owner, got=user)
