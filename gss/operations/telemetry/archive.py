@@ -56,16 +56,16 @@ class Thinner:
     end_s: float
     points: int
     samples: int = 0
-    _whole: list[tuple[float, float | None]] | None = field(default_factory=list)
+    _all_samples: list[tuple[float, float | None]] | None = field(default_factory=list)
     _bins: dict[int, tuple[tuple[float, float | None], tuple[float, float | None]]] = field(default_factory=dict)
 
     def take(self, t: float, y: float | None) -> None:
         """Add one sample."""
         self.samples += 1
-        if self._whole is not None:
-            self._whole.append((t, y))
-            if len(self._whole) > self.points:
-                samples, self._whole = self._whole, None
+        if self._all_samples is not None:
+            self._all_samples.append((t, y))
+            if len(self._all_samples) > self.points:
+                samples, self._all_samples = self._all_samples, None
                 for sample in samples:
                     self._bin(*sample)
         else:
@@ -74,8 +74,8 @@ class Thinner:
     def merge(self, buckets: Buckets) -> None:
         """Add samples as buckets, which contain only the extremes of each ten seconds."""
         self.samples += int(buckets.count.sum())
-        if self._whole is not None:
-            samples, self._whole = self._whole, None
+        if self._all_samples is not None:
+            samples, self._all_samples = self._all_samples, None
             for sample in samples:
                 self._bin(*sample)
         bins = max(1, self.points // 2)
@@ -112,8 +112,8 @@ class Thinner:
 
     def result(self) -> tuple[list[float], list[float | None], bool]:
         """Return (t, y, thinned), in time order."""
-        if self._whole is not None:
-            return [t for t, _ in self._whole], [y for _, y in self._whole], False
+        if self._all_samples is not None:
+            return [t for t, _ in self._all_samples], [y for _, y in self._all_samples], False
         samples = [sample for b in sorted(self._bins) for sample in sorted(set(self._bins[b]), key=lambda s: s[0])]
         return [t for t, _ in samples], [y for _, y in samples], True
 
@@ -225,8 +225,8 @@ class Archive:
         for k, column in enumerate(columns):
             columns_of.setdefault(column.packet, []).append(k)
         streams = [
-            store.rows(self.database, packet, [columns[k].field.name for k in at], start, end)
-            for packet, at in columns_of.items()
+            store.rows(self.database, packet, [columns[k].field.name for k in indices], start, end)
+            for packet, indices in columns_of.items()
         ]
         for row in heapq.merge(*streams, key=lambda r: (r.received, r.id)):
             values: list[object] = [None] * len(columns)

@@ -58,7 +58,8 @@ class DerivedHistory:
         jobs.register(JobKind("derive", DeriveJob, self._work))
 
     def recompute(self, name: str, start: datetime, end: datetime, *, user: str) -> Job:
-        """Start a job that replaces the stored values of a time span. Raises NotFound, BadInput."""
+        """Start a job that replaces the stored values of a time span. Packets that arrive later are computed on arrival. Raises
+        NotFound, BadInput."""
         self._derived.parameter(name)
         end = min(end, self._now())
         if not start < end or end - start > MAX_SPAN:

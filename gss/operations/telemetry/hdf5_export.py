@@ -54,9 +54,8 @@ class _PacketTable:
     def __init__(
         self, out: h5py.File, packet: str, positions: Sequence[int], columns: Sequence[Column], form: str
     ) -> None:
-        position_of = {
-            _name(columns[k].field.name): k for k in positions
-        }  # a field that is requested twice is written once
+        # A field that is requested twice is written once.
+        position_of = {_name(columns[k].field.name): k for k in positions}
         self._group = out.create_group(packet)
         self._names, self._positions = list(position_of), list(position_of.values())
         self._kinds = [_kind(columns[k], form) for k in self._positions]

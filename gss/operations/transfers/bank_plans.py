@@ -1,4 +1,4 @@
-"""Planned content of the banks, and whether the coming time is covered by a valid catalogue."""
+"""Planned content of the banks, and the time that is covered by valid catalogues."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WARNING_DAYS = 1.0
 
 @dataclass(frozen=True)
 class Cover:
-    """Whether a valid catalogue is available for the coming time. ``until`` None: no end, or unknown."""
+    """State of the cover by valid catalogues. ``until``: end of the cover, None if there is no end or it is unknown."""
 
     state: State
     text: str
@@ -86,12 +86,12 @@ def activations(
 
 
 def cover(stays: Sequence[BankPeriod], planned: Sequence[Planned], now: datetime, watch_days: float) -> Cover:
-    """Return the state, text and end of cover of the active catalogue and those that follow it."""
+    """Return the cover by the active catalogue and the catalogues that are planned to follow it."""
     active = next((s for s in stays if s.row.ended is None and s.row.state in (ACTIVE, TRIAL)), None)
     if active is None:
-        return Cover(State.WATCH, "no bank is reported active", None)
+        return Cover(State.WATCH, "the device has not reported an active bank", None)
     if active.catalogue is None:
-        return Cover(State.WATCH, f"the content of bank {active.row.bank} is not known on the ground", None)
+        return Cover(State.WATCH, f"the ground does not have the content of bank {active.row.bank}", None)
     until = active.catalogue.valid_to
     if until is None:
         return Cover(State.OK, "the active bank does not expire", None)
@@ -113,7 +113,7 @@ def cover(stays: Sequence[BankPeriod], planned: Sequence[Planned], now: datetime
 
 
 def expiry_state(valid_to: datetime | None, now: datetime, watch_days: float) -> State:
-    """Return the severity of the approaching end of validity."""
+    """Return the alarm level for the end of a catalogue's validity."""
     remaining_days = days_left(valid_to, now)
     if remaining_days is None or remaining_days > watch_days:
         return State.OK
@@ -121,7 +121,7 @@ def expiry_state(valid_to: datetime | None, now: datetime, watch_days: float) ->
 
 
 def _follows(stay: BankPeriod, until: datetime, now: datetime) -> bool:
-    """True if an inactive bank holds a catalogue for the time after ``until``."""
+    """True if an inactive bank contains a catalogue for the time after ``until``."""
     catalogue = stay.catalogue
     if catalogue is None or stay.row.ended is not None or stay.row.state != "held":
         return False

@@ -1,4 +1,4 @@
-"""What retention keeps, as chosen, and the request of a removal."""
+"""The retention policy and the request of a removal."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ MAX_DAYS, MAX_GB, MAX_MB = 36_500, 1_000_000.0, 100_000_000
 
 @dataclass(frozen=True)
 class Policy:
-    """0 keeps forever. ``frames_days``, ``frames_gb``: pixels are removed by age, and oldest first while their total is
-    larger; ``keep_frames``: the newest frames always keep theirs. ``telemetry_thin_days``: after this age one packet per
-    minute of each kind is kept; ``telemetry_days``: none. ``captures_mb`` 0: as set by GSS_CAPTURE_KEEP_MB.
-    ``backups_keep``: number of newest backups kept."""
+    """Limits of stored data; 0 means unlimited. ``frames_days``: maximum age of pixels; ``frames_gb``: maximum total size of
+    pixels, the oldest are removed first; ``keep_frames``: number of latest frames whose pixels are never removed.
+    ``telemetry_thin_days``: age from which only one packet per minute of each type is kept; ``telemetry_days``: maximum age of
+    packets; ``events_days``: maximum age of events. ``captures_mb``: maximum size of raw captures, 0: as set by
+    GSS_CAPTURE_KEEP_MB. ``backups_keep``: number of latest backups to keep."""
 
     frames_days: float = 0
     frames_gb: float = 0
@@ -36,12 +37,12 @@ class Policy:
     def __post_init__(self) -> None:
         for rule in fields(self):
             value = getattr(self, rule.name)
-            most = MAX_DAYS if rule.name.endswith("_days") else MAX_GB if rule.name.endswith("_gb") else MAX_MB
-            if not 0 <= value <= most:
-                raise BadInput(f"{rule.name} is out of range", expected=f"0 (unlimited) to {most:g}", got=str(value))
+            maximum = MAX_DAYS if rule.name.endswith("_days") else MAX_GB if rule.name.endswith("_gb") else MAX_MB
+            if not 0 <= value <= maximum:
+                raise BadInput(f"{rule.name} is out of range", expected=f"0 (unlimited) to {maximum:g}", got=str(value))
         if 0 < self.telemetry_days <= self.telemetry_thin_days:
             raise BadInput(
-                "packets would be deleted before they are thinned",
+                "packets would be deleted before they can be thinned",
                 expected=f"thinning before {self.telemetry_days:g} days",
                 got=f"{self.telemetry_thin_days:g} days",
             )
@@ -49,7 +50,7 @@ class Policy:
 
 @dataclass(frozen=True)
 class RemovalJob(JobRequest):
-    """A removal. ``confirmed``: what a person confirmed, for this job only."""
+    """Request of a removal. ``confirmed``: confirmation by a user, valid only for this job."""
 
     policy: Policy
     confirmed: Confirmed | None = None
@@ -61,13 +62,13 @@ def unconfirmed(request: RemovalJob) -> RemovalJob:
 
 
 def stored_policy(database: Database) -> Policy:
-    """Return the policy in force."""
+    """Return the active policy."""
     value = retention_choice(database, CHOICE)
     names = {f.name for f in fields(Policy)}
     return Policy(**{k: v for k, v in value.items() if k in names})
 
 
 def retention_choice(database: Database, name: str) -> JsonObject:
-    """Return the stored values of that name; empty without any."""
+    """Return the stored values of a name; empty if none are stored."""
     with database.unit_of_work() as session:
         return next((dict(row.value) for row in choices.read(session, name) if row.name == name), {})
