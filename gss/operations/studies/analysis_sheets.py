@@ -32,7 +32,7 @@ from gss.pipeline.calibration.plain_values import as_record
 from gss.pipeline.calibration.residual_figures import residual_map
 
 ERLANK_DEG = {"RA · cos Dec": (0.0051, 0.0154), "Dec": (0.0072, 0.0215), "rotation": (0.0203, 0.0608)}
-"""Erlank 2013 Table 6.1: 1σ and 3σ of the original test."""
+"""1σ and 3σ of the original test, Erlank 2013 Table 6.1."""
 TITLES = {"earth-fixed": "Earth-fixed test", "celestial-fixed": "Celestial-fixed test"}
 
 
@@ -78,7 +78,7 @@ def steady(kind: str, result: SteadyTest, series: AttitudeSeries, of: str) -> Re
 
 
 def slew(result: SlewTest, series: AttitudeSeries, of: str) -> Report:
-    """Return the report of a slew test: measured rates against the commanded one."""
+    """Return the report of a slew test, which compares the measured rates with the commanded rate."""
     degree = np.degrees
     uncertain = number(float(degree(result.mean_sigma_rad_s)), 2)
     facts = [
@@ -98,7 +98,7 @@ def slew(result: SlewTest, series: AttitudeSeries, of: str) -> Report:
             number(float(np.hypot(*result.sigma_rad_s[1:]) / np.sqrt(2) / ARCSEC_RAD)),
             "″/s",
         ),
-        Fact("σ by the chain's covariances", number(result.claimed_rad_s / ARCSEC_RAD), "″/s", "mean of the axes"),
+        Fact("σ from the chain's covariances", number(result.claimed_rad_s / ARCSEC_RAD), "″/s", "mean of the axes"),
         Fact("frames with an attitude", number(100 * result.solved_share, 4), "%"),
         Fact("stars matched", number(result.mean_matches, 3), "", "mean"),
         Fact("rotation axis", ", ".join(number(float(a), 3) for a in result.axis), "", "camera x, y, z"),
@@ -150,7 +150,7 @@ def sensitivity(result: Sensitivity, profile: CameraProfile, of: str) -> Report:
 
 
 def nea(curve: NeaCurve, of: str) -> Report:
-    """Return the report of noise equivalent angle against integration time."""
+    """Return the report of the noise equivalent angle as a function of the integration time."""
     facts = [Fact("exponent of integration time", number(curve.exponent, 3), "", f"±{number(curve.exponent_sigma, 2)}")]
     across, about = curve.across_rad / ARCSEC_RAD, curve.about_rad / ARCSEC_RAD
     plot = Plot(
@@ -176,14 +176,16 @@ def nea(curve: NeaCurve, of: str) -> Report:
         )
     ]
     table = Table("By integration time", ["s", "across ″", "about ″", "± %", "frames", "stars"], rows)
-    text = "Photon noise gives −0.5, read noise −1; 0 means that another error dominates (Moniteq 1983 §4.4)."
+    text = (
+        "Photon noise gives the exponent −0.5, read noise −1; 0 means that another error dominates (Moniteq 1983 §4.4)."
+    )
     return Report(
         "Noise against integration time", of, [Section("Curve", text, facts, [plot], [table])], notes(curve.warnings)
     )
 
 
 def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple[Report, dict[str, object]]:
-    """Return the report, and its values, of systematic centroid errors over the detector and within a pixel."""
+    """Return the report of systematic centroid errors over the detector and within a pixel, and its values."""
     size = (camera.columns, camera.rows)
     field = residual_map(pixels, residual_px, size)
     mean = np.nan_to_num(np.hypot(field.mean_px[..., 0], field.mean_px[..., 1]))
@@ -221,7 +223,7 @@ def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple
         Fact("systematic within a pixel", number(rms(phase[0] + phase[1])), "px", "rms of phase means"),
         Fact("stars", number(len(pixels))),
     ]
-    text = "Neighbouring arrows in one direction are calibration errors; periodic errors within a pixel are centroid errors."
+    text = "Neighbouring arrows with the same direction are calibration errors; periodic errors within a pixel are centroid errors."
     report = Report("Spatial error", of, [Section("Over the detector", text, facts, [arrows, cells, within])], [])
     return report, {"map": as_record(field), "phase_col_px": phase[0], "phase_row_px": phase[1], "rms_px": scatter}
 
@@ -246,7 +248,7 @@ def two_cameras(result: Consistency, of: str) -> Report:
 
 
 def telemetry(figures: TelemetryFigures, series: AttitudeSeries, of: str) -> Report:
-    """Return the report of performance from attitudes alone."""
+    """Return the report of a performance analysis from attitudes alone."""
     facts = [
         Fact("attitudes", f"{int(series.solved.sum())} of {len(series)}", "", f"{100 * figures.availability:.1f} %"),
         Fact("longest outage", number(figures.longest_outage_s, 3), "s"),

@@ -1,4 +1,4 @@
-"""Requests for calibrations, in user units: of the API, the command line and the job store."""
+"""Requests for calibrations in user units, for the API, the command line and the job store."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAX_FRAMES = 2000
 LARGEST = 1e6
 FrameIds = Annotated[list[Id], Field(max_length=MAX_FRAMES)]
 Measured = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-"""Bench measurement; the range excludes NaN and infinity."""
+"""A measured value. The range excludes NaN and infinities."""
 
 
 class _Calibration(Request):
@@ -34,8 +34,8 @@ class _Calibration(Request):
 
 
 class StarCalibration(_Calibration):
-    """Calibration from star frames. ``profile``: "" for a camera without a profile, solved blind. ``models``: lens models to choose
-    from, all if empty. ``fov_deg``: width of the field of view, if known."""
+    """Calibration from star frames. ``profile``: "" for a camera without a profile, which is solved blind. ``models``: lens
+    models to compare, empty for all. ``fov_deg``: width of the field of view, None if unknown."""
 
     kind: Literal["stars"]
     profile: str = Field(default="", max_length=40)
@@ -52,7 +52,7 @@ class StarCalibration(_Calibration):
 
     @property
     def fov_rad(self) -> float | None:
-        """Width of the field of view, if known."""
+        """Width of the field of view in radians; None if unknown."""
         return None if self.fov_deg is None else math.radians(self.fov_deg)
 
     @model_validator(mode="after")
@@ -110,14 +110,14 @@ class BenchCentre(BenchCalibration):
     """Optical centre from positions of one dot while the camera is rotated."""
 
     kind: Literal["bench-centre"]
-    dots_px: _rows(2, "[col, row] of each turn")  # type: ignore[valid-type]  # a made type
+    dots_px: _rows(2, "[col, row] at each rotation")  # type: ignore[valid-type]  # a type created by a call
 
 
 class BenchTilt(BenchCalibration):
     """Detector tilt from positions of two dots."""
 
     kind: Literal["bench-tilt"]
-    pairs_px: _rows(4, "[inner col, inner row, outer col, outer row] of each turn")  # type: ignore[valid-type]  # a made type
+    pairs_px: _rows(4, "[inner col, inner row, outer col, outer row] at each rotation")  # type: ignore[valid-type]  # a type created by a call
 
 
 class BenchFocal(_BenchFrames):
@@ -128,7 +128,7 @@ class BenchFocal(_BenchFrames):
 
 
 class BenchRadial(_BenchFrames):
-    """Lens distortion polynomial from stars around one near the centre."""
+    """Lens distortion polynomial from the distances of stars to a star near the centre."""
 
     kind: Literal["bench-radial"]
     order: int = Field(default=3, ge=1, le=4)
@@ -147,7 +147,7 @@ class BenchDarkLaw(BenchCalibration):
     """Dark current as a function of temperature."""
 
     kind: Literal["bench-dark-law"]
-    points: _rows(2, "[temperature in °C, dark current in electrons per second]")  # type: ignore[valid-type]  # a made type
+    points: _rows(2, "[temperature in °C, dark current in electrons per second]")  # type: ignore[valid-type]  # a type created by a call
 
 
 class BenchFocus(BenchCalibration):
@@ -172,7 +172,7 @@ class BenchFocus(BenchCalibration):
         return self
 
 
-Wanted = Annotated[
+CalibrationRequest = Annotated[
     StarCalibration
     | DetectorCalibration
     | BenchCentre
@@ -198,9 +198,9 @@ def check_frames(purpose: str, ids: Sequence[int], fewest: int) -> None:
 
 @dataclass(frozen=True)
 class CalibrationJob(JobRequest):
-    """A calibration as a job."""
+    """Job request of a calibration."""
 
-    wanted: Wanted
+    wanted: CalibrationRequest
 
 
 MEASURED = {"bench-centre": "dots_px", "bench-tilt": "pairs_px", "bench-dark-law": "points", "bench-focus": "widths"}
@@ -208,7 +208,7 @@ MEASURED = {"bench-centre": "dots_px", "bench-tilt": "pairs_px", "bench-dark-law
 
 
 def earlier_request(stored: JsonObject) -> JsonObject:
-    """Convert a request that version 0.4 stored, with radians and the name beside it."""
+    """Convert a request stored by version 0.4, which contains radians and stores the name separately."""
     if "name" not in stored:
         return stored
     old = dict(stored["wanted"])

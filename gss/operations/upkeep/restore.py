@@ -29,7 +29,7 @@ NEW_IDS = 1_000_000
 """Number of command ids skipped after a restore, because the device remembers the ids of commands sent after the backup."""
 KEYS_ENDED = (
     "All sessions have ended, and one-time links and tokens are invalid. Users, roles and passwords are those of the backup. "
-    "Later changes, for example disabled users, are lost: check Admin, Users first."
+    "Later changes, for example disabled users, are lost: check Admin, People first."
 )
 """Notice shown after a restore."""
 MEMBER = re.compile(

@@ -63,7 +63,7 @@ def test_centre_of_a_dot_that_jumps_is_the_middle_of_its_box(known: Known) -> No
     half = _turned(camera, (0.003, 0.0), 36, 0.1, 2)[:9]
     assert "one-part" in {w.code for w in optical_centre(half).warnings}
     assert "far-dot" in {w.code for w in optical_centre(np.random.default_rng(1).normal(0, 20, (36, 2))).warnings}
-    with pytest.raises(BadInput, match="places of a dot"):
+    with pytest.raises(BadInput, match="positions of a dot"):
         optical_centre(np.zeros((3, 2)))
 
 
