@@ -197,7 +197,7 @@ def test_a_server_stop_does_not_wait_for_a_hanging_store(ground: Ground, monkeyp
 def test_frames_beyond_the_queue_limit_are_counted_and_recorded(bus: EventBus) -> None:
     """Bounded memory, nothing dropped, in the order of arrival."""
     now_s = [0.0]
-    writer = Writer(lambda: now_s[0], bus, most=1)
+    writer = Writer(lambda: now_s[0], bus, max_waiting=1)
     go, begun, done = threading.Event(), threading.Event(), []
 
     def first() -> None:

@@ -42,8 +42,8 @@ def blueprint(use: Use) -> Any:
         plots = rrb.Vertical(attitude, stars, row_shares=[1, 1])
         body = rrb.Horizontal(rrb.Vertical(plots, log, row_shares=[3, 1]), rrb.Vertical(picture, sky))
     elif use is Use.CONTACT:
-        above = rrb.Horizontal(picture, sky, log, column_shares=[3, 3, 2])
-        body = rrb.Vertical(above, states, rrb.Horizontal(telemetry, attitude, stars), row_shares=[6, 2, 4])
+        top_row = rrb.Horizontal(picture, sky, log, column_shares=[3, 3, 2])
+        body = rrb.Vertical(top_row, states, rrb.Horizontal(telemetry, attitude, stars), row_shares=[6, 2, 4])
     else:
         side = rrb.Vertical(picture, attitude, rrb.Tabs(states, log, telemetry, stars), row_shares=[2, 1, 1])
         body = rrb.Horizontal(sky, side, column_shares=[3, 2])

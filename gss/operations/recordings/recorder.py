@@ -154,8 +154,8 @@ class Recorder:
 
     def _camera(self, solution: Solution, taken_at: datetime) -> None:
         rr, cam_from_icrs = self._rr, matrix_from_quaternion(np.array(solution.quaternion, float))
-        place = self._place_at(taken_at)
-        eye = np.zeros(3) if place is None else place.km / EARTH_RADIUS_KM * EARTH_RADIUS
+        position = self._place_at(taken_at)
+        eye = np.zeros(3) if position is None else position.km / EARTH_RADIUS_KM * EARTH_RADIUS
         camera = camera_from(solution.camera)
         outline = camera.outline(12) @ cam_from_icrs * SPHERE_RADIUS
         rays = [np.stack([eye, corner @ cam_from_icrs * SPHERE_RADIUS]) for corner in camera.corners()]
@@ -167,11 +167,12 @@ class Recorder:
         sky_bodies = bodies(taken_at)
         positions, names = [b.icrs * SPHERE_RADIUS for b in sky_bodies], [b.name for b in sky_bodies]
         self._stream.log("sky/bodies", rr.Points3D(positions, radii=0.18, colors=[(227, 197, 76), GREY], labels=names))
-        if place is None:
+        if position is None:
             return
         self._path.append(eye)
         self._stream.log(
-            "sky/orbit/position", rr.Points3D([eye], radii=0.08, colors=WHITE, labels=[place.source], show_labels=False)
+            "sky/orbit/position",
+            rr.Points3D([eye], radii=0.08, colors=WHITE, labels=[position.source], show_labels=False),
         )
         self._stream.log("sky/orbit/path", rr.LineStrips3D([np.array(self._path)], colors=BLUE, radii=0.01))
         ball = rr.Ellipsoids3D(half_sizes=[[EARTH_RADIUS] * 3], colors=(39, 80, 110), fill_mode="solid")

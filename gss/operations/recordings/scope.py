@@ -36,7 +36,7 @@ class Scopes:
         self._database, self._now = database, now
 
     def of_frames(self, ids: list[int]) -> Scope:
-        """Return the scope of these frames. Raises NotFound if one does not exist."""
+        """Return the scope of these frames. Raises NotFound if a frame does not exist."""
         if not ids:
             raise BadInput("no frames given", expected="numbers and ranges such as 3,5-9")
         name = f"gss-frame-{ids[0]}" if len(ids) == 1 else f"gss-frames-{min(ids)}-{max(ids)}"

@@ -147,7 +147,7 @@ class Director:
                     self._active_s[k] = self._active_s.get(k, 0.0) + step_s
 
     def _settle(self) -> None:
-        """Wait until the ground has read, handled and stored everything."""
+        """Wait until the ground has read, handled and stored all received data."""
         self._line.round()
         if not self._ground.link.events.wait_until_handled(STORED_WITHIN_S):
             raise GssError("the rehearsal stopped", got=f"events were not handled within {STORED_WITHIN_S:g} s")

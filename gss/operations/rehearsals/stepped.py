@@ -136,7 +136,7 @@ class RehearsalLine:
         return self
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """Wait for the next round and return what the unit has sent. Raises LinkDown at the end of the rehearsal."""
+        """Wait for the next round and return the data that the unit has sent. Raises LinkDown at the end of the rehearsal."""
         del timeout_s
         with self._condition:
             self._waiting = True

@@ -218,8 +218,8 @@ def _extent(outline: Outline) -> Point:
 
 
 def _outline_scale(outline: Outline) -> float:
-    across, up = _extent(outline)
-    return min((WIDTH - 20) / max(across, 1e-9), OUTLINE_HEIGHT / max(up, 1e-9))
+    width, height = _extent(outline)
+    return min((WIDTH - 20) / max(width, 1e-9), OUTLINE_HEIGHT / max(height, 1e-9))
 
 
 def _outline(pen: Pen, outline: Outline) -> None:
@@ -268,14 +268,14 @@ def _cells(pen: Pen, cells: Cells) -> None:
     to_point = _detector(pen, cells.title, cells.columns, cells.rows)
     numbers = [v for line in cells.values for v in line if v is not None]
     low, high = (min(numbers), max(numbers)) if numbers else (0.0, 1.0)
-    across, down = cells.columns / len(cells.values[0]), cells.rows / len(cells.values)
+    cell_columns, cell_rows = cells.columns / len(cells.values[0]), cells.rows / len(cells.values)
     for j, line in enumerate(cells.values):
         for i, value in enumerate(line):
             if value is None:
                 continue
             (x0, y0), (x1, y1) = (
-                to_point(i * across - 0.5, j * down - 0.5),
-                to_point((i + 1) * across - 0.5, (j + 1) * down - 0.5),
+                to_point(i * cell_columns - 0.5, j * cell_rows - 0.5),
+                to_point((i + 1) * cell_columns - 0.5, (j + 1) * cell_rows - 0.5),
             )
             pen.box(x0, y0, x1 - x0, y1 - y0, fill=shade(value, low, high))
             if (x1 - x0) > 24:

@@ -36,8 +36,8 @@ def draw_sky(pen: Pen, sky: SkyMap) -> None:
     if sky.mark:
         x, y = place(sky.mark[0], sky.mark[1])
         pen.box(x - 5, y - 5, 10, 10, stroke=MARK)
-        near_edge, wide = x > WIDTH * 0.7, 3.9 * len(sky.mark[2]) + 4
-        pen.box(x - 8 - wide if near_edge else x + 6, y - 5, wide, 10, fill="#ffffff")
+        near_edge, label_width = x > WIDTH * 0.7, 3.9 * len(sky.mark[2]) + 4
+        pen.box(x - 8 - label_width if near_edge else x + 6, y - 5, label_width, 10, fill="#ffffff")
         pen.text(
             x + (-10 if near_edge else 8),
             y + 3,
@@ -78,14 +78,20 @@ def _shade(pen: Pen, nside: int, values: Sequence[Number]) -> None:
     _, pixel = cKDTree(centres(nside)).query(unit_from_ra_dec(np.pi - lon, np.broadcast_to(dec[:, None], lon.shape)))
     tone = np.nan_to_num(np.ceil(LEVELS * numbers[pixel] / peak)).astype(int)
     tone[np.abs(lon) > np.pi] = 0
-    wide, high = 2 * ACROSS / columns, 2 * UP / rows
+    cell_width, cell_height = 2 * ACROSS / columns, 2 * UP / rows
     for row in range(rows):
         edges = np.flatnonzero(np.diff(np.concatenate([[-1], tone[row], [-1]])))
         for a, b in itertools.pairwise(edges.tolist()):
             if tone[row, a] > 0:
                 ink = 235 - 15 * int(tone[row, a])
                 fill = f"#{ink - 10:02x}{ink + 5:02x}f5"
-                pen.box(WIDTH / 2 - ACROSS + a * wide, TOP + row * high, (b - a) * wide + 0.15, high + 0.15, fill=fill)
+                pen.box(
+                    WIDTH / 2 - ACROSS + a * cell_width,
+                    TOP + row * cell_height,
+                    (b - a) * cell_width + 0.15,
+                    cell_height + 0.15,
+                    fill=fill,
+                )
 
 
 def _graticule(pen: Pen) -> None:

@@ -63,7 +63,7 @@ class SvgPen:
         )
 
     def dots(self, points: Sequence[Point], colour: str, radius: float) -> None:
-        # All dots are zero-length strokes with round caps in one path, so that thousands of dots need only one element.
+        # All dots are zero-length strokes with round caps in one path, so that thousands of dots need one element.
         path = " ".join(f"M{x:.1f},{y:.1f}h0" for x, y in points)
         self._parts.append(f"<path d='{path}' stroke='{colour}' stroke-width='{2 * radius:g}' stroke-linecap='round'/>")
 

@@ -70,18 +70,18 @@ class AnalysisRun:
         return series_of([s.taken.timestamp() for s in self.shots], self.results)
 
 
-def check_kind(kind: str, commanded_rad_s: float | None, others: int) -> None:
+def check_kind(kind: str, commanded_rad_s: float | None, other_count: int) -> None:
     """Raise BadInput if the kind does not exist or an argument that it requires is missing."""
     if kind not in KINDS:
         raise BadInput("unknown analysis", expected=" | ".join(KINDS), got=kind)
     if kind == "slew" and not (commanded_rad_s is not None and 0 < commanded_rad_s < math.radians(20)):
         got = "none" if commanded_rad_s is None else f"{math.degrees(commanded_rad_s):g}°/s"
         raise BadInput("a slew test needs the commanded rate", expected="above 0, below 20°/s", got=got)
-    if (kind == "two-cameras") != (others > 0):
+    if (kind == "two-cameras") != (other_count > 0):
         raise BadInput(
             "frames of a second camera are missing or cannot be used",
             expected="a second camera for two-cameras, and only for this analysis",
-            got=counted(others, "frame"),
+            got=counted(other_count, "frame"),
         )
 
 
@@ -132,10 +132,10 @@ def analyse(
     return makers[kind]()
 
 
-def analyse_telemetry(series: AttitudeSeries, of: str) -> AnalysisResult:
-    """Analyse performance from attitudes alone, without frames. ``of``: subtitle of the report."""
+def analyse_telemetry(series: AttitudeSeries, subject: str) -> AnalysisResult:
+    """Analyse performance from attitudes alone, without frames. ``subject``: subtitle of the report."""
     statistics = telemetry_statistics(series)
-    return AnalysisResult("telemetry", sheets.telemetry(statistics, series, of), dict(as_record(statistics)))
+    return AnalysisResult("telemetry", sheets.telemetry(statistics, series, subject), dict(as_record(statistics)))
 
 
 def _steady(kind: str, run: AnalysisRun) -> AnalysisResult:
@@ -208,9 +208,9 @@ def _spatial(run: AnalysisRun) -> AnalysisResult:
     pixels, residual = [], []
     for result in run.results:
         if result is not None and result.matches is not None and result.attitude is not None:
-            used = result.matches.weight > 0
-            pixels.append(result.centroids.pixels[result.matches.centroid[used]])
-            residual.append(result.matches.residual_px[used])
+            weighted = result.matches.weight > 0
+            pixels.append(result.centroids.pixels[result.matches.centroid[weighted]])
+            residual.append(result.matches.residual_px[weighted])
     pixels_px, residual_px = np.concatenate(pixels), np.concatenate(residual)
     report, figures = sheets.spatial(pixels_px, residual_px, run.profile.camera, subject_of(run))
     return AnalysisResult("spatial", report, figures)
@@ -218,8 +218,8 @@ def _spatial(run: AnalysisRun) -> AnalysisResult:
 
 def _two(first: AnalysisRun, second: AnalysisRun) -> AnalysisResult:
     comparison = two_cameras(first.series, second.series)
-    of = f"{subject_of(first)}, and {subject_of(second)}"
-    return AnalysisResult("two-cameras", sheets.two_cameras(comparison, of), dict(as_record(comparison)))
+    subject = f"{subject_of(first)}, and {subject_of(second)}"
+    return AnalysisResult("two-cameras", sheets.two_cameras(comparison, subject), dict(as_record(comparison)))
 
 
 def subject_of(run: AnalysisRun) -> str:

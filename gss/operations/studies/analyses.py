@@ -159,21 +159,23 @@ class AnalysisService:
         return name[:120], work
 
     def _of_frames(
-        self, request: FrameAnalysis, first: list[Shot], other: list[Shot], progress: Progress
+        self, request: FrameAnalysis, shots: list[Shot], other_shots: list[Shot], progress: Progress
     ) -> AnalysisResult:
-        run, second = self._runs(request, first, other, progress)
+        run, second = self._runs(request, shots, other_shots, progress)
         progress(round(0.92 * STEPS), STEPS, "Calculating the results")
         return analyse(request.kind, self._solver, run, second=second, commanded_rad_s=request.commanded_rad_s)
 
-    def _sheet(self, request: SheetRequest, first: list[Shot], other: list[Shot], progress: Progress) -> AnalysisResult:
+    def _sheet(
+        self, request: SheetRequest, shots: list[Shot], other_shots: list[Shot], progress: Progress
+    ) -> AnalysisResult:
         profile = self._book.profile(request.profile)
 
-        def report(done: float, text: str) -> None:
-            progress(round(0.92 * STEPS * done), STEPS, text)
+        def report(completed: float, text: str) -> None:
+            progress(round(0.92 * STEPS * completed), STEPS, text)
 
         if request.simulated:
             return sheet_of_simulation(self._solver, profile, request.chain, request.seed, report)
-        run, second = self._runs(request, first, other, progress)
+        run, second = self._runs(request, shots, other_shots, progress)
         progress(round(0.92 * STEPS), STEPS, "Calculating the rows")
         mounting = None if request.mounting is None else tuple(request.mounting)
         warmth = None
@@ -183,26 +185,26 @@ class AnalysisService:
         return sheet_of_frames(run, second=second, mounting=mounting, temperature=warmth, seed=request.seed)
 
     def _moving(self, request: MovingRequest, shots: list[Shot], progress: Progress) -> AnalysisResult:
-        def report(done: float, text: str) -> None:
-            progress(round(STEPS * done), STEPS, text)
+        def report(completed: float, text: str) -> None:
+            progress(round(STEPS * completed), STEPS, text)
 
-        place = request.place
-        if place is None and (orbit := self._orbit_at(shots[0].taken)) is not None:
-            place = place_of_orbit(*orbit)
+        camera_place = request.place
+        if camera_place is None and (orbit := self._orbit_at(shots[0].taken)) is not None:
+            camera_place = place_of_orbit(*orbit)
         profile = self._book.profile(request.profile)
         return moving_objects(
             self._solver,
             run_frames(self._solver, shots, profile, request.chain, lambda s, t: report(0.5 * s, t)),
             objects=request.objects,
-            place=place,
+            place=camera_place,
             top_rate_rad_s=request.top_rate_rad_s,
             created=self._now(),
             progress=report,
         )
 
     def _health(self, request: HealthRequest, shots: list[Shot], progress: Progress) -> AnalysisResult:
-        def report(done: float, text: str) -> None:
-            progress(round(STEPS * done), STEPS, text)
+        def report(completed: float, text: str) -> None:
+            progress(round(STEPS * completed), STEPS, text)
 
         def imported_orbit(at_s: float) -> Trajectory | None:
             named_orbit = self._orbit_at(datetime.fromtimestamp(at_s, UTC))
@@ -218,21 +220,21 @@ class AnalysisService:
         return sensor_health(self._solver, run, surroundings, lambda s, t: report(0.5 + 0.5 * s, t))
 
     def _runs(
-        self, request: FrameAnalysis | SheetRequest, first: list[Shot], other: list[Shot], progress: Progress
+        self, request: FrameAnalysis | SheetRequest, shots: list[Shot], other_shots: list[Shot], progress: Progress
     ) -> tuple[AnalysisRun, AnalysisRun | None]:
         """Run the chain on the frames of both cameras."""
-        share = 0.9 * len(first) / max(1, len(first) + len(other))
+        share = 0.9 * len(shots) / max(1, len(shots) + len(other_shots))
 
-        def report(done: float, text: str) -> None:
-            progress(round(STEPS * done), STEPS, text)
+        def report(completed: float, text: str) -> None:
+            progress(round(STEPS * completed), STEPS, text)
 
         profile = self._book.profile(request.profile)
-        run = run_frames(self._solver, first, profile, request.chain, lambda s, t: report(share * s, t))
-        if not other:
+        run = run_frames(self._solver, shots, profile, request.chain, lambda s, t: report(share * s, t))
+        if not other_shots:
             return run, None
         camera = self._book.profile(request.other_profile)
         second = run_frames(
-            self._solver, other, camera, request.chain, lambda s, t: report(share + (0.9 - share) * s, t)
+            self._solver, other_shots, camera, request.chain, lambda s, t: report(share + (0.9 - share) * s, t)
         )
         return run, second
 

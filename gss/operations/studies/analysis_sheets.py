@@ -36,7 +36,7 @@ ERLANK_DEG = {"RA · cos Dec": (0.0051, 0.0154), "Dec": (0.0072, 0.0215), "rotat
 TITLES = {"earth-fixed": "Earth-fixed test", "celestial-fixed": "Celestial-fixed test"}
 
 
-def steady(kind: str, result: SteadyTest, series: AttitudeSeries, of: str) -> Report:
+def steady(kind: str, result: SteadyTest, series: AttitudeSeries, subject: str) -> Report:
     """Return the report of an Earth-fixed or celestial-fixed test."""
     expected = float(np.linalg.norm(result.expected_icrs_rad_s))
     speed = float(np.linalg.norm(result.rate_icrs_rad_s))
@@ -49,7 +49,7 @@ def steady(kind: str, result: SteadyTest, series: AttitudeSeries, of: str) -> Re
     pole = np.degrees(np.arccos(np.clip(result.rate_icrs_rad_s[2] / max(speed, 1e-300), -1, 1)))
     if expected:
         facts.append(Fact("angle between rotation axis and pole", number(float(pole), 3), "°"))
-    at = series.times_s
+    times_s = series.times_s
     deviation = result.deviation_rad / ARCSEC_RAD
     sections = [
         Section(
@@ -65,19 +65,19 @@ def steady(kind: str, result: SteadyTest, series: AttitudeSeries, of: str) -> Re
             "",
             [],
             [
-                over_time("Deviation across the boresight", at, deviation[:, :2], ("x", "y"), "arcsec"),
-                over_time("Deviation about the boresight", at, deviation[:, 2:], ("about",), "arcsec"),
+                over_time("Deviation across the boresight", times_s, deviation[:, :2], ("x", "y"), "arcsec"),
+                over_time("Deviation about the boresight", times_s, deviation[:, 2:], ("about",), "arcsec"),
                 over_time(
-                    "Stars", at, np.column_stack([series.centroids, series.matches]), ("found", "matched"), "stars"
+                    "Stars", times_s, np.column_stack([series.centroids, series.matches]), ("found", "matched"), "stars"
                 ),
             ],
         ),
         Section("Distribution", "", [], [bars(a.name, deviation[:, k]) for k, a in enumerate(result.body)]),
     ]
-    return Report(TITLES[kind], of, sections, notes(result.warnings))
+    return Report(TITLES[kind], subject, sections, notes(result.warnings))
 
 
-def slew(result: SlewTest, series: AttitudeSeries, of: str) -> Report:
+def slew(result: SlewTest, series: AttitudeSeries, subject: str) -> Report:
     """Return the report of a slew test, which compares the measured rates with the commanded rate."""
     degree = np.degrees
     uncertain = number(float(degree(result.mean_sigma_rad_s)), 2)
@@ -115,10 +115,10 @@ def slew(result: SlewTest, series: AttitudeSeries, of: str) -> Report:
     stars = over_time(
         "Stars", series.times_s, np.column_stack([series.centroids, series.matches]), ("found", "matched"), "stars"
     )
-    return Report("Slew test", of, [Section("Rate", "", facts, [plot, stars])], notes(result.warnings))
+    return Report("Slew test", subject, [Section("Rate", "", facts, [plot, stars])], notes(result.warnings))
 
 
-def sensitivity(result: Sensitivity, profile: CameraProfile, of: str) -> Report:
+def sensitivity(result: Sensitivity, profile: CameraProfile, subject: str) -> Report:
     """Return the report of the detection limit."""
     profile_limit = profile.sensor.faint_limit_mag
     facts = [
@@ -146,10 +146,10 @@ def sensitivity(result: Sensitivity, profile: CameraProfile, of: str) -> Report:
         for lo, hi, n, f in zip(result.edges_mag, result.edges_mag[1:], result.stars, result.found, strict=False)
     ]
     table = Table("By magnitude", ["V", "stars", "found", "%"], rows)
-    return Report("Sensitivity", of, [Section("Limit", "", facts, [curve], [table])], notes(result.warnings))
+    return Report("Sensitivity", subject, [Section("Limit", "", facts, [curve], [table])], notes(result.warnings))
 
 
-def nea(curve: NeaCurve, of: str) -> Report:
+def nea(curve: NeaCurve, subject: str) -> Report:
     """Return the report of the noise equivalent angle as a function of the integration time."""
     facts = [Fact("exponent of integration time", number(curve.exponent, 3), "", f"±{number(curve.exponent_sigma, 2)}")]
     across, about = curve.across_rad / ARCSEC_RAD, curve.about_rad / ARCSEC_RAD
@@ -180,11 +180,14 @@ def nea(curve: NeaCurve, of: str) -> Report:
         "Photon noise gives the exponent −0.5, read noise −1; 0 means that another error dominates (Moniteq 1983 §4.4)."
     )
     return Report(
-        "Noise against integration time", of, [Section("Curve", text, facts, [plot], [table])], notes(curve.warnings)
+        "Noise against integration time",
+        subject,
+        [Section("Curve", text, facts, [plot], [table])],
+        notes(curve.warnings),
     )
 
 
-def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple[Report, dict[str, object]]:
+def spatial(pixels: Array, residual_px: Array, camera: Camera, subject: str) -> tuple[Report, dict[str, object]]:
     """Return the report of systematic centroid errors over the detector and within a pixel, and its values."""
     size = (camera.columns, camera.rows)
     field = residual_map(pixels, residual_px, size)
@@ -224,11 +227,11 @@ def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple
         Fact("stars", number(len(pixels))),
     ]
     text = "Neighbouring arrows with the same direction are calibration errors; periodic errors within a pixel are centroid errors."
-    report = Report("Spatial error", of, [Section("Over the detector", text, facts, [arrows, cells, within])], [])
+    report = Report("Spatial error", subject, [Section("Over the detector", text, facts, [arrows, cells, within])], [])
     return report, {"map": as_record(field), "phase_col_px": phase[0], "phase_row_px": phase[1], "rms_px": scatter}
 
 
-def two_cameras(result: Consistency, of: str) -> Report:
+def two_cameras(result: Consistency, subject: str) -> Report:
     """Return the report of the relative mounting of two cameras."""
     facts = [
         Fact("pairs", number(result.pairs)),
@@ -244,10 +247,10 @@ def two_cameras(result: Consistency, of: str) -> Report:
         "Deviation from the mean mounting", result.times_s, result.deviation_rad / ARCSEC_RAD, ("x", "y", "z"), "arcsec"
     )
     section = Section("Mounting", "In the second camera's axes.", facts, [plot], [axes_table(result.axes)])
-    return Report("Two cameras", of, [section], notes(result.warnings))
+    return Report("Two cameras", subject, [section], notes(result.warnings))
 
 
-def telemetry(figures: TelemetryFigures, series: AttitudeSeries, of: str) -> Report:
+def telemetry(figures: TelemetryFigures, series: AttitudeSeries, subject: str) -> Report:
     """Return the report of a performance analysis from attitudes alone."""
     facts = [
         Fact("attitudes", f"{int(series.solved.sum())} of {len(series)}", "", f"{100 * figures.availability:.1f} %"),
@@ -278,4 +281,6 @@ def telemetry(figures: TelemetryFigures, series: AttitudeSeries, of: str) -> Rep
         ("x", "y", "about"),
         "arcsec",
     )
-    return Report("Telemetry statistics", of, [Section("Noise", "", facts, [plot], [table])], notes(figures.warnings))
+    return Report(
+        "Telemetry statistics", subject, [Section("Noise", "", facts, [plot], [table])], notes(figures.warnings)
+    )

@@ -211,15 +211,25 @@ def earlier_request(stored: JsonObject) -> JsonObject:
     """Convert a request stored by version 0.4, which contains radians and stores the name separately."""
     if "name" not in stored:
         return stored
-    old = dict(stored["wanted"])
-    new: JsonObject = {"profile": old["profile"], "name": stored["name"], "note": stored["note"]}
-    if "dark_ids" in old:
-        new |= {"kind": "detector", "dark_ids": old["dark_ids"], "flat_pairs": old["flat_pairs"]}
-    elif "options" in old:
-        pictures = {"frame_ids": old["frame_ids"], "positions": old["positions"]}
-        new |= {"kind": old["kind"]} | {name: ids for name, ids in pictures.items() if ids} | old["options"]
-        new |= {MEASURED[old["kind"]]: old["rows"]} if old["rows"] else {}
+    old_request = dict(stored["wanted"])
+    new_request: JsonObject = {"profile": old_request["profile"], "name": stored["name"], "note": stored["note"]}
+    if "dark_ids" in old_request:
+        new_request |= {
+            "kind": "detector",
+            "dark_ids": old_request["dark_ids"],
+            "flat_pairs": old_request["flat_pairs"],
+        }
+    elif "options" in old_request:
+        pictures = {"frame_ids": old_request["frame_ids"], "positions": old_request["positions"]}
+        new_request |= (
+            {"kind": old_request["kind"]}
+            | {name: ids for name, ids in pictures.items() if ids}
+            | old_request["options"]
+        )
+        new_request |= {MEASURED[old_request["kind"]]: old_request["rows"]} if old_request["rows"] else {}
     else:
-        fov_rad = old.pop("fov_rad", None)
-        new = old | new | {"kind": "stars", "fov_deg": None if fov_rad is None else math.degrees(fov_rad)}
-    return {"wanted": new, "user": stored.get("user", "")}
+        fov_rad = old_request.pop("fov_rad", None)
+        new_request = (
+            old_request | new_request | {"kind": "stars", "fov_deg": None if fov_rad is None else math.degrees(fov_rad)}
+        )
+    return {"wanted": new_request, "user": stored.get("user", "")}

@@ -154,13 +154,15 @@ class CalibrationService:
             return replace(active, camera=profile.camera, focal_mm=profile.focal_mm)
         return profile
 
-    def _priors(self, request: CalibrationRequest, of: str) -> dict[str, Prior]:
+    def _priors(self, request: CalibrationRequest, camera_name: str) -> dict[str, Prior]:
         if not isinstance(request, StarCalibration) or not request.prior_ids:
             return {}
         rows = [self.get(k) for k in request.prior_ids]
-        other_cameras = [row for row in rows if row.profile not in (of, FOREIGN)]
+        other_cameras = [row for row in rows if row.profile not in (camera_name, FOREIGN)]
         if other_cameras:
-            raise BadInput("the prior was measured on another camera", expected=of, got=other_cameras[0].profile)
+            raise BadInput(
+                "the prior was measured on another camera", expected=camera_name, got=other_cameras[0].profile
+            )
         return bench.priors_of([(row.kind, row.result) for row in rows])
 
     def _computed(
@@ -198,13 +200,13 @@ class CalibrationService:
             analysis = store.analysis(session, analysis_id)
         if analysis.kind != "health":
             raise BadInput("this analysis proposes no calibration", expected="kind health", got=analysis.kind)
-        of, proposal = str(analysis.request["profile"]), analysis.result["figures"]["proposal"]
+        camera_name, proposal = str(analysis.request["profile"]), analysis.result["figures"]["proposal"]
         result: JsonObject = {"health": {"changes": proposal["changes"]}, "warnings": []}
         bad_pixels = np.array(proposal["bad"], np.intp).reshape(-1, 2)
-        if len(bad_pixels) or self.book.dark_of(of):
-            result["dark_frame"] = self._darks.keep_pattern(self._with_bad(of, bad_pixels))
+        if len(bad_pixels) or self.book.dark_of(camera_name):
+            result["dark_frame"] = self._darks.keep_pattern(self._with_bad(camera_name, bad_pixels))
         row = Calibration(
-            profile=of,
+            profile=camera_name,
             kind="health",
             name=f"health, analysis {analysis_id}",
             created=self._now(),
@@ -218,14 +220,14 @@ class CalibrationService:
         with self._database.unit_of_work() as session:
             store.add_calibration(session, row)
         self._bus.record(
-            "calibration", "ok", f"Calibration {row.id} of {of} proposed by analysis {analysis_id}, by {user}"
+            "calibration", "ok", f"Calibration {row.id} of {camera_name} proposed by analysis {analysis_id}, by {user}"
         )
         return row
 
-    def _with_bad(self, of: str, bad_pixels: NDArray[np.intp]) -> DarkPattern:
+    def _with_bad(self, camera_name: str, bad_pixels: NDArray[np.intp]) -> DarkPattern:
         """Return the active dark frame with additional bad pixels; without an active dark frame, a map that only replaces the bad
         pixels."""
-        key, profile = self.book.dark_of(of), self.book.profile(of)
+        key, profile = self.book.dark_of(camera_name), self.book.profile(camera_name)
         if not key:
             flat = np.zeros((profile.camera.rows, profile.camera.columns), np.float32)
             return DarkPattern(flat, bad_pixels, profile.sensor.exposure_s)

@@ -87,21 +87,21 @@ def _experiments(spec: ExperimentsRequest, run: JobRun, executor: Executor) -> J
     """Run all experiments. Each completed experiment is added to the checkpoint; after a crash, only the experiments in progress
     are rerun."""
     names = spec.names
-    done = list((run.checkpoint or {}).get("experiments", ()))
-    remaining = [(name, spec.trials, spec.seed) for name in names[len(done) :]]
+    completed_records = list((run.checkpoint or {}).get("experiments", ()))
+    remaining = [(name, spec.trials, spec.seed) for name in names[len(completed_records) :]]
 
     def report_share(share: float) -> None:
-        if len(done) < len(names):
-            text = f"{names[len(done)]}, {100 * share:.0f} %"
-            run.progress(round(100 * (len(done) + share)), 100 * len(names), text)
+        if len(completed_records) < len(names):
+            text = f"{names[len(completed_records)]}, {100 * share:.0f} %"
+            run.progress(round(100 * (len(completed_records) + share)), 100 * len(names), text)
 
     report_share(0.0)
     with closing(executor.in_order(experiments.run_item, remaining, report_share)) as records:
         for record in records:
-            done.append(record)
-            run.keep({"experiments": done})
+            completed_records.append(record)
+            run.keep({"experiments": completed_records})
             report_share(0.0)
-    return {"experiments": done}
+    return {"experiments": completed_records}
 
 
 def _record(chain: str, version: str, options: str, rows: Sequence[store.SolutionOutcome]) -> ChainRecord:

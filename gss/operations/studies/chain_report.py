@@ -69,15 +69,15 @@ class ChainReports:
         with self._database.unit_of_work() as session:
             own_runs = store.runs_of(session, key, MAX_FRAMES)
             ids = [run.frame_id for run in own_runs]
-            others = (
+            other_runs = (
                 store.operational_runs(session, ids) if against is None else store.runs_of(session, against, MAX_FRAMES)
             )
-        for run_key, runs in ((key, own_runs), (against, others)):
+        for run_key, runs in ((key, own_runs), (against, other_runs)):
             if run_key is not None and not runs:
                 raise NotFound("no result of this chain on a stored frame", got=name_of(run_key))
-        other = {run.frame_id: run for run in others}
+        other_by_frame = {run.frame_id: run for run in other_runs}
         compared = GROUND_RESULT if against is None else name_of(against)
-        judged = [_judged(run, other.get(run.frame_id)) for run in own_runs]
+        judged = [_judged(run, other_by_frame.get(run.frame_id)) for run in own_runs]
         failures = [
             failure for run, state in zip(own_runs, judged, strict=True) if (failure := _failure(run, state, compared))
         ]
@@ -85,7 +85,7 @@ class ChainReports:
             _summary(own_runs),
             _comparison(judged, compared),
             Section("Errors", drawings=[p for p in (_errors(own_runs), _differences(judged, compared)) if p]),
-            Section("When and where", drawings=[_over_time(own_runs), _over_sky(own_runs, other)]),
+            Section("When and where", drawings=[_over_time(own_runs), _over_sky(own_runs, other_by_frame)]),
             _reasons(own_runs),
         ]
         notes = [Note(f"Only the latest {MAX_FRAMES} frames are covered.")] if len(own_runs) == MAX_FRAMES else []
@@ -208,12 +208,12 @@ def _over_time(runs: Sequence[FrameRun]) -> Plot:
     )
 
 
-def _over_sky(runs: Sequence[FrameRun], other: Mapping[int, FrameRun]) -> Plot:
+def _over_sky(runs: Sequence[FrameRun], other_by_frame: Mapping[int, FrameRun]) -> Plot:
     """Plot the boresights of the frames. For a frame without a solution, the boresight of the other result is plotted."""
-    placed = [(run.solved, run if run.solved else other.get(run.frame_id)) for run in runs]
+    attitude_runs = [(run.solved, run if run.solved else other_by_frame.get(run.frame_id)) for run in runs]
 
     def dots(label: str, select: Callable[[bool], bool]) -> Series:
-        positions = [_ra_dec_deg(o) for solved, o in placed if select(solved) and o is not None and o.solved]
+        positions = [_ra_dec_deg(o) for solved, o in attitude_runs if select(solved) and o is not None and o.solved]
         return Series(label, [a for a, _ in positions], [d for _, d in positions], "dots")
 
     series = [dots("solved", bool), dots("no solution", lambda solved: not solved)]

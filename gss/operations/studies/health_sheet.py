@@ -36,7 +36,7 @@ CELL_DEG = 15
 MAP_CELLS = 12
 
 
-def health_report(health: MissionHealth, proposal: Proposal, profile: CameraProfile, of: str) -> Report:
+def health_report(health: MissionHealth, proposal: Proposal, profile: CameraProfile, subject: str) -> Report:
     """Return the health report. ``profile``: calibration relative to which changes were measured."""
     camera = profile.camera
     sections = [
@@ -61,7 +61,7 @@ def health_report(health: MissionHealth, proposal: Proposal, profile: CameraProf
         ),
         _proposal(proposal, profile),
     ]
-    return Report("Health of the sensor", of, sections, health_notes(health, proposal))
+    return Report("Health of the sensor", subject, sections, health_notes(health, proposal))
 
 
 # --- summary and trends ----------------------------------------------------------------------------------------------
@@ -158,7 +158,7 @@ def _pixels(health: MissionHealth, columns: int, rows: int) -> Section:
                 "Pixels that became warm", "UTC", "pixels", [Series("pixels", numbers(onset), maybe(counts))], time=True
             )
         )
-    listed = [_pixel_row(p) for p in health.pixels[:MAX_LISTED]]
+    pixel_rows = [_pixel_row(p) for p in health.pixels[:MAX_LISTED]]
     text = "Dark currents are relative to the typical pixel, at the mean temperature."
     if len(health.pixels) > MAX_LISTED:
         text += (
@@ -175,13 +175,13 @@ def _pixels(health: MissionHealth, columns: int, rows: int) -> Section:
         "half-life days",
         "growth e/s per year",
     ]
-    return Section("Warm pixels", text, [], drawings, [Table("Pixels", column_titles, listed)])
+    return Section("Warm pixels", text, [], drawings, [Table("Pixels", column_titles, pixel_rows)])
 
 
 def _pixel_map(pixels: tuple[PixelCourse, ...], columns: int, rows: int) -> Cells:
-    down = max(1, round(MAP_CELLS * rows / columns))
+    row_bins = max(1, round(MAP_CELLS * rows / columns))
     counts, _, _ = np.histogram2d(
-        [p.row for p in pixels], [p.col for p in pixels], bins=(down, MAP_CELLS), range=((0, rows), (0, columns))
+        [p.row for p in pixels], [p.col for p in pixels], bins=(row_bins, MAP_CELLS), range=((0, rows), (0, columns))
     )
     return Cells("Warm pixels over the detector", columns, rows, [maybe(line) for line in counts], "pixels")
 
@@ -235,10 +235,12 @@ def _dark_plots(health: MissionHealth) -> list[Drawing]:
     plots: list[Drawing] = []
     measured = np.isfinite(health.temperature_c)
     if measured.any():
-        at = Series("frames", numbers(health.temperature_c[measured]), maybe(health.level_dn[measured]), "dots")
-        plots.append(Plot("Sky level against temperature", "temperature, °C", "DN", [at]))
-    over = Series("frames", numbers(health.times_s), maybe(health.level_dn), "dots")
-    return [*plots, Plot("Sky level", "UTC", "DN", [over], time=True)]
+        level_over_temperature = Series(
+            "frames", numbers(health.temperature_c[measured]), maybe(health.level_dn[measured]), "dots"
+        )
+        plots.append(Plot("Sky level against temperature", "temperature, °C", "DN", [level_over_temperature]))
+    level_over_time = Series("frames", numbers(health.times_s), maybe(health.level_dn), "dots")
+    return [*plots, Plot("Sky level", "UTC", "DN", [level_over_time], time=True)]
 
 
 def _hit_facts(health: MissionHealth) -> list[Fact]:

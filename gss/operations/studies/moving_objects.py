@@ -187,13 +187,13 @@ def _rejected(
 ) -> tuple[dict[str, int], list[RejectedSource]]:
     """Count the reasons and list the rejected sources. ``explained``: frame and row of each source that is a planet."""
     counts: dict[str, int] = {}
-    listed: list[RejectedSource] = []
+    rejected: list[RejectedSource] = []
     for k, (frame, shot) in enumerate(zip(frames, shots, strict=True)):
         for row, reason in enumerate(reasons[k]):
             if not reason or (k, row) in explained:
                 continue
             counts[reason] = counts.get(reason, 0) + 1
-            if len(listed) < MAX_REJECTED:
+            if len(rejected) < MAX_REJECTED:
                 col_px, row_px = (float(v) for v in frame.pixels[row])
-                listed.append(RejectedSource(shot.name, col_px, row_px, float(frame.v_mag[row]), reason))
-    return counts, listed
+                rejected.append(RejectedSource(shot.name, col_px, row_px, float(frame.v_mag[row]), reason))
+    return counts, rejected

@@ -77,7 +77,7 @@ class MovingRecord:
     tdm: str
 
 
-def moving_report(record: MovingRecord, camera: Camera, of: str) -> Report:
+def moving_report(record: MovingRecord, camera: Camera, subject: str) -> Report:
     """Return the report of moving objects."""
     identified = sum(t.name is not None for t in record.tracks)
     streaks = sum(t.streak for t in record.tracks)
@@ -106,7 +106,7 @@ def moving_report(record: MovingRecord, camera: Camera, of: str) -> Report:
         sections.append(Section("Trails", caption, [], [], [lines]))
     if record.reasons:
         counts = [[reason, number(n)] for reason, n in sorted(record.reasons.items(), key=lambda r: -r[1])]
-        listed = [
+        rejected_rows = [
             [r.frame, f"{r.col_px:.1f}", f"{r.row_px:.1f}", f"{r.v_mag:.1f}", r.reason]
             for r in record.rejected[:MAX_LISTED]
         ]
@@ -120,11 +120,11 @@ def moving_report(record: MovingRecord, camera: Camera, of: str) -> Report:
                 [],
                 [
                     Table("Reasons", ["reason", "sources"], counts),
-                    Table("Sources", ["frame", "column", "row", "V", "reason"], listed),
+                    Table("Sources", ["frame", "column", "row", "V", "reason"], rejected_rows),
                 ],
             )
         )
-    return Report("Moving objects", of, sections, _notes(record, camera))
+    return Report("Moving objects", subject, sections, _notes(record, camera))
 
 
 def _notes(record: MovingRecord, camera: Camera) -> list[Note]:

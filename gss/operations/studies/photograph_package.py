@@ -86,9 +86,9 @@ def make_package(
     used = measured.photographs.used
     origin = f"photographs: {counted(len(used), 'frame')}, {_dates(measured.photographs, now)}"
     camera = camera_file(measured, _stated(measured.photographs, options), origin)
-    about = _about(options, model, measured, origin, warnings)
+    instrument_file = _about(options, model, measured, origin, warnings)
     files = {
-        "instrument.yaml": instrument_text(about),
+        "instrument.yaml": instrument_text(instrument_file),
         "camera.yaml": camera_text(camera, _comment(measured, warnings)),
     }
     if model is not None:

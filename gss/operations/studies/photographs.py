@@ -156,12 +156,12 @@ def _of_most_common_size(photographs: list[Photograph], sorting: _Sorting) -> li
             same_size.append(photograph)
             continue
         size_text = f"{size[1]} x {size[0]} px"
-        others = (
+        comparison = (
             "no size is more frequent than the others"
             if tied
             else f"{most_common_count} others are {columns} x {rows} px"
         )
-        sorting.reject(photograph.shot.name, f"{size_text}; {others}: cropped, resized, or of another camera")
+        sorting.reject(photograph.shot.name, f"{size_text}; {comparison}: cropped, resized, or of another camera")
     return same_size
 
 
@@ -182,8 +182,8 @@ def _solved(
         result = _solve(solver, pixels, blind, solved[-1].result.camera.fov_rad[0] if solved else None)
         stars = matched_stars(solver, shot, pixels, result, None)
         if stars is None:
-            few = len(result.centroids) < MIN_SPOTS
-            reason = f"{result.reason}: not the night sky, or exposed too short" if few else result.reason
+            too_few = len(result.centroids) < MIN_SPOTS
+            reason = f"{result.reason}: not the night sky, or exposed too short" if too_few else result.reason
             sorting.reject(shot.name, reason, result)
         else:
             solved.append(SolvedPhotograph(photograph, result, stars))
@@ -211,12 +211,14 @@ def _of_one_scale(solved: list[SolvedPhotograph], sorting: _Sorting) -> list[Sol
     for k, s in enumerate(solved):
         if k not in same_scale:
             field_text = f"field of view {np.degrees(s.result.camera.fov_rad[0]):.2f}°"
-            others = (
+            comparison = (
                 "as many photographs have another field of view"
                 if len(tied) > 1
                 else f"most others have {typical:.2f}°"
             )
-            sorting.reject(s.name, f"{field_text}; {others}: another camera or lens, or cropped and enlarged", s.result)
+            sorting.reject(
+                s.name, f"{field_text}; {comparison}: another camera or lens, or cropped and enlarged", s.result
+            )
     return [s for k, s in enumerate(solved) if k in same_scale]
 
 

@@ -61,15 +61,15 @@ def sheet_of_simulation(
     return _sheet(sheet_input, profile, SheetSource(profile.name, profile.title, chain, "simulated", subject, seed))
 
 
-def _sheet(sheet_input: SheetInput, profile: CameraProfile, of: SheetSource) -> AnalysisResult:
-    sheet = performance_sheet(sheet_input, np.random.default_rng([of.seed, 64]))
-    return AnalysisResult("sheet", sheet_report(sheet, of, profile.camera), as_sheet_record(sheet, of))
+def _sheet(sheet_input: SheetInput, profile: CameraProfile, source: SheetSource) -> AnalysisResult:
+    sheet = performance_sheet(sheet_input, np.random.default_rng([source.seed, 64]))
+    return AnalysisResult("sheet", sheet_report(sheet, source, profile.camera), as_sheet_record(sheet, source))
 
 
 def temperature_at(times_s: Array, at_s: Array, celsius: Array) -> Array | None:
     """Return the (n,) temperatures at (n,) times; None if a time has no packet within NEAR_S."""
-    near = temperature_near(times_s, at_s, celsius)
-    return near if np.isfinite(near).all() else None
+    temperatures_c = temperature_near(times_s, at_s, celsius)
+    return temperatures_c if np.isfinite(temperatures_c).all() else None
 
 
 def temperature_near(times_s: Array, at_s: Array, celsius: Array) -> Array:

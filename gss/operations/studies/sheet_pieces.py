@@ -73,12 +73,13 @@ def bars(name: str, values: Array) -> Plot:
     )
 
 
-def phase_means(place: Array, off: Array) -> list[float | None]:
+def phase_means(position_px: Array, error_px: Array) -> list[float | None]:
     """Return the mean error by position within a pixel; None for a bin with fewer than five stars."""
-    within = place - off
+    within = position_px - error_px
     bin_of = np.clip(((within - np.round(within) + 0.5) * PHASES).astype(int), 0, PHASES - 1)
     return [
-        float(off[bin_of == k].mean()) if np.count_nonzero(bin_of == k) >= MIN_IN_BIN else None for k in range(PHASES)
+        float(error_px[bin_of == k].mean()) if np.count_nonzero(bin_of == k) >= MIN_IN_BIN else None
+        for k in range(PHASES)
     ]
 
 

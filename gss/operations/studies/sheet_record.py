@@ -89,17 +89,17 @@ class SheetValues(TypedDict):
     rows: list[RowValues]
 
 
-def as_sheet_record(sheet: PerformanceSheet, of: SheetSource) -> SheetValues:
+def as_sheet_record(sheet: PerformanceSheet, source: SheetSource) -> SheetValues:
     """Return the sheet in user units. A bound is None if an interval has no bound."""
     return {
         "schema_name": SCHEMA,
         "standard": STANDARD,
-        "unit": of.unit,
-        "title": of.title,
-        "chain": of.chain,
-        "source": of.source,
-        "subject": of.subject,
-        "seed": of.seed,
+        "unit": source.unit,
+        "title": source.title,
+        "chain": source.chain,
+        "source": source.source,
+        "subject": source.subject,
+        "seed": source.seed,
         "confidence": CONFIDENCE,
         "rows": [_row(row) for row in sheet.rows],
     }
@@ -124,18 +124,18 @@ def _figure(figure: SheetFigure) -> BoundedValue:
     return {"name": figure.name, "value": value, "low": low, "high": high, "unit": unit}
 
 
-def sheet_report(sheet: PerformanceSheet, of: SheetSource, camera: Camera) -> Report:
+def sheet_report(sheet: PerformanceSheet, source: SheetSource, camera: Camera) -> Report:
     """Return the sheet as a report with all figures, drawings, and the method of each row."""
     rows = [_row(row) for row in sheet.rows]
     table = [line for row in rows for line in _lines(row)]
     facts = [
-        Fact("unit", of.title),
-        Fact("source", "simulated" if of.source == "simulated" else "frames of the unit"),
-        Fact("processing", f"chain {of.chain}"),
+        Fact("unit", source.title),
+        Fact("source", "simulated" if source.source == "simulated" else "frames of the unit"),
+        Fact("processing", f"chain {source.chain}"),
         Fact("detector", f"{camera.columns} x {camera.rows} px, {number(camera.pixel_rad / ARCSEC_RAD, 3)}″ per pixel"),
-        Fact("intervals", f"{100 * CONFIDENCE:.0f} %", "", f"bootstrap or Wilson, seed {of.seed}"),
+        Fact("intervals", f"{100 * CONFIDENCE:.0f} %", "", f"bootstrap or Wilson, seed {source.seed}"),
     ]
-    if of.source == "simulated":
+    if source.source == "simulated":
         still = "does not bend with temperature: the interval is what this test resolves"
         facts.append(Fact("mounting", "ideal", "", still))
     sections = [
@@ -171,7 +171,7 @@ def sheet_report(sheet: PerformanceSheet, of: SheetSource, camera: Camera) -> Re
     notes = (
         [Note(f"not measured: {', '.join(unmeasured)}", "the table states what each row needs")] if unmeasured else []
     )
-    return Report(f"Performance sheet: {of.title}", of.subject, sections, notes)
+    return Report(f"Performance sheet: {source.title}", source.subject, sections, notes)
 
 
 def _lines(row: RowValues) -> list[list[str]]:

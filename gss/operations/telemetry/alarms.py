@@ -199,8 +199,10 @@ class AlarmService:
         if row is None:
             self._raise(key, state, 1.0, text, text, over=now)
         else:
-            again = {"value": (row.value or 0.0) + 1.0, "limit_text": cut(text), "cleared": now}
-            self._change(row, None, "", **again)  # the event is already recorded; the alarm only counts its repetitions
+            changes = {"value": (row.value or 0.0) + 1.0, "limit_text": cut(text), "cleared": now}
+            self._change(
+                row, None, "", **changes
+            )  # the event is already recorded; the alarm only counts its repetitions
 
     # --- operator actions ---------------------------------------------------------------------------------------
 

@@ -98,8 +98,8 @@ class LimitBook:
             raise NotFound("unknown limit set", expected=" | ".join(n for n, _ in self.sets), got=name)
         with self._lock:
             self._write(SET_NAME, {"name": name, "note": note}, user)
-            before, self._set, self._rules = self._set, name, {}
-        self._record_event(None, f"{user} activated the limit set {name}; was {before}", note)
+            previous, self._set, self._rules = self._set, name, {}
+        self._record_event(None, f"{user} activated the limit set {name}; was {previous}", note)
 
     def override(self, key: str, limits: Limits, persistence: int | None, *, user: str, note: str = "") -> Rule:
         """Set an operator's limits for a field ``packet.name``. Raises BadInput if they are inconsistent."""
@@ -109,11 +109,11 @@ class LimitBook:
             raise BadInput("persistence is out of range", expected=f"1 – {PERSISTENCE_MAX}", got=str(count))
         value = {level.value: list(bounds) for level, bounds in limits.checked().levels}
         with self._lock:
-            before = self.rule(packet, field)
-            changed = self._write(PREFIX + key, {**value, "persistence": count, "note": note}, user)
-            rule = Rule(limits, count, "operator", user, changed, note)
+            previous = self.rule(packet, field)
+            changed_at = self._write(PREFIX + key, {**value, "persistence": count, "note": note}, user)
+            rule = Rule(limits, count, "operator", user, changed_at, note)
             self._chosen[key], self._rules = rule, {}
-        self._record_event(key, f"{user} changed the limits of {key} from {words(before)} to {words(rule)}", note)
+        self._record_event(key, f"{user} changed the limits of {key} from {words(previous)} to {words(rule)}", note)
         return rule
 
     def restore(self, key: str, *, user: str) -> Rule:

@@ -152,9 +152,9 @@ class Rollups:
     def _missing(self, packet: str, end_hour: int) -> Iterator[int]:
         """Yield the hours before ``end_hour`` that have packets but no rollup. Each gap without packets needs one index lookup."""
         with self._database.unit_of_work() as session:
-            done = store.done_hours(session, packet, 0, end_hour)
-        self._newest[packet] = done[-1] if done else None
-        ends = {run[0]: run[-1] for run in _consecutive(done)}
+            done_hours = store.done_hours(session, packet, 0, end_hour)
+        self._newest[packet] = done_hours[-1] if done_hours else None
+        ends = {run[0]: run[-1] for run in _consecutive(done_hours)}
         at = EARLIEST
         while True:
             with self._database.unit_of_work() as session:
@@ -204,11 +204,11 @@ class Rollups:
         first, last = store.hour_of(start - MOMENT) + 1, store.hour_of(end) - 1
         parts: dict[int, dict[str, bytes]] = {}
         with self._database.unit_of_work() as session:
-            done = store.done_hours(session, packet, first, last)
-            for hour, name, data in store.of_fields(session, packet, names, first, last) if done else ():
+            done_hours = store.done_hours(session, packet, first, last)
+            for hour, name, data in store.of_fields(session, packet, names, first, last) if done_hours else ():
                 parts.setdefault(hour, {})[name] = data
         # If the dictionary lacked a field when an hour was rolled up, that hour is read from packets instead.
-        complete_hours = [hour for hour in done if len(parts.get(hour, ())) == len(names)]
+        complete_hours = [hour for hour in done_hours if len(parts.get(hour, ())) == len(names)]
         return [
             RollupHours(
                 run[0],

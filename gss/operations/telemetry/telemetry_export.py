@@ -114,7 +114,7 @@ def _parquet(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) ->
     from pyarrow import parquet as pq
 
     leading = [pa.timestamp("us", tz="UTC"), pa.float64(), pa.int64(), pa.string()]
-    fields = [pa.field(name, of) for name, of in zip(LEADING, leading, strict=True)]
+    fields = [pa.field(name, column_type) for name, column_type in zip(LEADING, leading, strict=True)]
     fields += [pa.field(c.key, _arrow_type(pa, c, form), metadata=_metadata(c)) for c in columns]
     schema = pa.schema(fields)
     sink = _Pieces()

@@ -30,9 +30,9 @@ class Writer:
     It does not use ThreadPoolExecutor, because Python waits for the threads of an executor at exit and a store can hang.
     """
 
-    def __init__(self, monotonic_s: Monotonic, bus: EventBus, most: int = MAX_WAITING) -> None:
-        self._monotonic_s, self._bus, self._most = monotonic_s, bus, most
-        self._jobs: queue.Queue[tuple[Future[Any], Callable[[], Any]]] = queue.Queue(most)
+    def __init__(self, monotonic_s: Monotonic, bus: EventBus, max_waiting: int = MAX_WAITING) -> None:
+        self._monotonic_s, self._bus = monotonic_s, bus
+        self._jobs: queue.Queue[tuple[Future[Any], Callable[[], Any]]] = queue.Queue(max_waiting)
         self._open: set[Future[Any]] = set()
         self._thread: threading.Thread | None = None
         self.waits = 0

@@ -184,14 +184,14 @@ class BankHistoryService:
         now = self._now()
         if row is not None:
             row.ended = now
-        same = row is not None and row.sha256 == sha256
+        same_content = row is not None and row.sha256 == sha256
         return BankHistory(
             device_id=self._device_id,
             bank=bank,
             state=state,
             sha256=sha256,
-            name=row.name if row is not None and same else "",
-            catalogue_id=row.catalogue_id if row is not None and same else None,
+            name=row.name if row is not None and same_content else "",
+            catalogue_id=row.catalogue_id if row is not None and same_content else None,
             began=now,
             told=now,
             ended=None,

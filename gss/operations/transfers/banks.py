@@ -134,12 +134,12 @@ def recognise(bank: OnboardCatalogue, stars: StarTable) -> list[int]:
     tree = cKDTree(stars.icrs)
     chord = 2 * np.sin(SAME_STAR_WITHIN_RAD / 2)
     near_rows = tree.query_ball_point(np.asarray(bank.icrs, float), chord)
-    hips, used = [UNKNOWN_HIP] * len(bank), set[int]()
+    hips, used_stars = [UNKNOWN_HIP] * len(bank), set[int]()
     for row in np.argsort(np.nan_to_num(bank.v_mag, nan=0.0), kind="stable"):
-        free = [k for k in near_rows[row] if k not in used]
-        if free:
-            k = min(free, key=lambda k: stars.v_mag[k])
-            used.add(k)
+        candidates = [k for k in near_rows[row] if k not in used_stars]
+        if candidates:
+            k = min(candidates, key=lambda k: stars.v_mag[k])
+            used_stars.add(k)
             hips[row] = int(stars.hip[k])
     return hips
 

@@ -87,8 +87,8 @@ def _complete_rows(held_bytes: Sequence[tuple[int, int]], row_bytes: int, rows: 
 
 def _region(data: bytes, shape: Shape, part: Part, held_bytes: Sequence[tuple[int, int]]) -> DeviceImage:
     """Return a full-size image that contains a rectangle, so that pixel coordinates are those of the detector."""
-    inside = part.columns > 0 and part.col_px + part.columns <= shape.columns
-    if not inside or part.row_px + part.rows > shape.rows:
+    columns_fit = part.columns > 0 and part.col_px + part.columns <= shape.columns
+    if not columns_fit or part.row_px + part.rows > shape.rows:
         raise CorruptData(
             "the region extends beyond the image", expected=f"{shape.columns} x {shape.rows} px", got=str(part)
         )

@@ -222,15 +222,15 @@ class BackupService:
         with named_lock(self._lock, BUSY):
             latest = self._now() + BEHIND
             dated = [manifest.name for manifest in self.every() if datetime.fromisoformat(manifest.created) <= latest]
-            old = [name for name in dated if name != just_made][max(0, keep - 1) :]
-            for name in old:
+            expired = [name for name in dated if name != just_made][max(0, keep - 1) :]
+            for name in expired:
                 shutil.rmtree(self._folder / name)
             needed = {key for manifest in self.every() for key in manifest.blobs}
             pool = BlobStore(str(self._folder / POOL))
             for key in list(pool.keys()):
                 if key not in needed:
                     pool.delete(key)
-        return old
+        return expired
 
     def archive(self, name: str) -> Iterator[bytes]:
         """Yield one backup as a tar file in chunks, in the format that ``gss restore`` reads."""

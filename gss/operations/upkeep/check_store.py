@@ -45,10 +45,10 @@ class StoreReport:
         """True if there is no error."""
         return all(f.state != ERROR for f in self.findings)
 
-    def add(self, name: str, bad: list[str], text: str, problem: str, level: str = ERROR) -> None:
-        """Add a finding with ``text`` if ``bad`` is empty, otherwise with the number of problems and the text ``problem``."""
-        if bad:
-            self.findings.append(Finding(name, level, f"{len(bad)} {problem}", tuple(bad[:SHOWN])))
+    def add(self, name: str, problems: list[str], text: str, problem: str, level: str = ERROR) -> None:
+        """Add a finding with ``text`` without ``problems``, otherwise with their number and the text ``problem``."""
+        if problems:
+            self.findings.append(Finding(name, level, f"{len(problems)} {problem}", tuple(problems[:SHOWN])))
         else:
             self.findings.append(Finding(name, "ok", text))
 
@@ -79,9 +79,9 @@ def _run_check(report: StoreReport, name: str, check: Callable[[], None]) -> Non
 def _database(report: StoreReport, database: Database, progress: Progress) -> None:
     progress(0, 0, "Reading the database")
     with database.unit_of_work() as session:
-        bad = store.integrity_problems(session)
-        report.add("database", bad, "every page is intact", "damaged parts of the file")
-        if bad:
+        problems = store.integrity_problems(session)
+        report.add("database", problems, "every page is intact", "damaged parts of the file")
+        if problems:
             return
         schema, newest = store.schema_version(session), known_schemas()[-1]
         older = [] if schema == newest else [f"the database has schema {schema or 'none'}, this version has {newest}"]
@@ -121,8 +121,8 @@ def _captures(report: StoreReport, database: Database, folder: Path, progress: P
     with database.unit_of_work() as session:
         contacts = [row for row, *_ in devices.list_contacts(session, 1_000_000)]
     files = {plain_name(path): path for path in capture_files(folder)}
-    named = {str(c["file"]): c for contact in contacts for c in contact.captures or ()}
-    missing = sorted(set(named) - set(files))
+    recorded = {str(c["file"]): c for contact in contacts for c in contact.captures or ()}
+    missing = sorted(set(recorded) - set(files))
     torn: list[str] = []
 
     def unread(file: Path, count: int) -> None:
@@ -134,7 +134,7 @@ def _captures(report: StoreReport, database: Database, folder: Path, progress: P
             pass
     short = [
         f"{name}: {files[name].stat().st_size} B, the contact had written {entry['bytes']}"
-        for name, entry in named.items()
+        for name, entry in recorded.items()
         if name in files and files[name].suffix != PACKED and files[name].stat().st_size < int(str(entry["bytes"]))
     ]
     report.add(

@@ -56,7 +56,7 @@ def _forecast(database: Database, retention: RetentionService, disk: DiskGuard, 
         _, frames_bytes = store.pixel_bytes(session)
         _, new_frames_bytes = store.pixel_bytes(session, since)
         packets, new_packets = store.count_packets(session), store.count_packets(session, since=since)
-        oldest_frame, oldest_packet, first = store.oldest(session)
+        oldest_frame, oldest_packet, oldest_row = store.oldest(session)
     files = retention.capture_sizes()
     captures_bytes = sum(file.bytes for file in files)
     new_captures = 0
@@ -64,7 +64,7 @@ def _forecast(database: Database, retention: RetentionService, disk: DiskGuard, 
         with contextlib.suppress(FileNotFoundError):
             new_captures += size if path.stat().st_mtime >= since.timestamp() else 0
     # For a store younger than a week, growth is averaged over its life.
-    days = LOOK_BACK_DAYS if first is None else min(LOOK_BACK_DAYS, (now - first) / DAY)
+    days = LOOK_BACK_DAYS if oldest_row is None else min(LOOK_BACK_DAYS, (now - oldest_row) / DAY)
     new_bytes = 0.0
     if not (policy.frames_gb or policy.frames_days):
         new_bytes += new_frames_bytes
@@ -74,15 +74,15 @@ def _forecast(database: Database, retention: RetentionService, disk: DiskGuard, 
         new_bytes += new_captures
     bytes_per_day = new_bytes / days if days >= YOUNGEST_DAYS else None
     backups_bytes = _bytes_on_same_disk(backups, disk.folder)
-    free = disk.look().free_bytes
-    available_bytes = max(0, free - disk.stop_bytes)
+    free_bytes = disk.look().free_bytes
+    available_bytes = max(0, free_bytes - disk.stop_bytes)
     removable = list(retention.going(policy, now))
     return Forecast(
         database_bytes,
         frames_bytes,
         captures_bytes,
         backups_bytes,
-        free,
+        free_bytes,
         database_bytes + frames_bytes + captures_bytes + backups_bytes,
         bytes_per_day,
         available_bytes / bytes_per_day if bytes_per_day else None,

@@ -143,8 +143,8 @@ def export_parquet(
         schemas[table.folder] = _described(table.schema)
         part = _write(out / table.folder, table)
         written = Written(written.files + part.files, written.rows + part.rows, written.bytes + part.bytes)
-    about = {"program": f"gss {__version__}", "partitions": "hive", "day": "UTC", "tables": schemas}
-    (out / "schema.json").write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", "utf-8")
+    metadata = {"program": f"gss {__version__}", "partitions": "hive", "day": "UTC", "tables": schemas}
+    (out / "schema.json").write_text(json.dumps(metadata, indent=1, ensure_ascii=False) + "\n", "utf-8")
     (out / "README.md").write_text(_readme(schemas), "utf-8")
     return written
 

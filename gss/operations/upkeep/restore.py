@@ -108,15 +108,15 @@ def restore(
 
 
 @contextlib.contextmanager
-def _opened(source: Path, beside: Path, on_step: OnStep) -> Iterator[Path]:
-    """Yield the folder of a backup. A tar file is unpacked into a temporary folder in ``beside``."""
+def _opened(source: Path, parent_folder: Path, on_step: OnStep) -> Iterator[Path]:
+    """Yield the folder of a backup. A tar file is unpacked into a temporary folder in ``parent_folder``."""
     if source.is_dir():
         yield source
         return
     if not source.is_file():
         raise NotFound("the backup does not exist", got=str(source))
-    beside.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".gss-restore-", dir=beside) as folder:
+    parent_folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".gss-restore-", dir=parent_folder) as folder:
         on_step("Unpacking")
         yield _unpack(source, Path(folder))
 

@@ -181,8 +181,8 @@ class StatusService:
         self._counts.append((now_s, received.good, received.bad))
         while self._counts[0][0] < now_s - ERROR_WINDOW_S:
             self._counts.popleft()
-        good, bad = received.good - self._counts[0][1], received.bad - self._counts[0][2]
-        rate = bad / (good + bad) if good + bad else 0.0
+        good_count, bad_count = received.good - self._counts[0][1], received.bad - self._counts[0][2]
+        rate = bad_count / (good_count + bad_count) if good_count + bad_count else 0.0
         age_s = None if counters.last_good_s is None else max(0.0, now_s - counters.last_good_s)
         alive = self._link.connected and age_s is not None and age_s < UP_WITHIN_S
         rx_state = "down" if not alive else "noisy" if rate > NOISY_ABOVE else "up"

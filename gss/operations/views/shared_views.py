@@ -103,8 +103,14 @@ def _checked(content: ViewContent) -> ViewContent:
     name, path = " ".join(content.name.split()), content.path
     if not name or not name.isprintable():
         raise BadInput("The view has no usable name", expected="printable characters", got=content.name[:40])
-    inside = path.startswith("/") and not path.startswith(("//", "/\\", "/api/", "/views"))
-    if not inside or len(path) > MAX_PATH_LENGTH or not path.isascii() or not path.isprintable() or " " in path:
+    is_console_path = path.startswith("/") and not path.startswith(("//", "/\\", "/api/", "/views"))
+    if (
+        not is_console_path
+        or len(path) > MAX_PATH_LENGTH
+        or not path.isascii()
+        or not path.isprintable()
+        or " " in path
+    ):
         raise BadInput(
             "The address is not a page of the console", expected="for example /telemetry?plot=…", got=path[:80]
         )
