@@ -200,9 +200,8 @@ class AlarmService:
             self._raise(key, state, 1.0, text, text, over=now)
         else:
             changes = {"value": (row.value or 0.0) + 1.0, "limit_text": cut(text), "cleared": now}
-            self._change(
-                row, None, "", **changes
-            )  # the event is already recorded; the alarm only counts its repetitions
+            # The event is already recorded. The alarm only counts its repetitions.
+            self._change(row, None, "", **changes)
 
     # --- operator actions ---------------------------------------------------------------------------------------
 
