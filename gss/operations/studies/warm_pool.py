@@ -81,7 +81,8 @@ class WarmPool:
 
 
 def _fork_server() -> ForkServerContext:
-    """Return a context that forks from a process without threads, because a fork of this process could copy a locked lock."""
+    """Return a context that forks from a process without threads, because a fork of this process could copy a lock that
+    another thread has acquired."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(PRELOADED))
     return context

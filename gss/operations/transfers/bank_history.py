@@ -219,12 +219,12 @@ class BankHistoryService:
                     got="none" if device_id is None else f"device {device_id}",
                     hint="open the line to a device",
                 )
-            stays = [self._period(session, row) for row in store.between(session, device.id, start, end)]
+            periods = [self._period(session, row) for row in store.between(session, device.id, start, end)]
             contacts = store.contacts_between(session, device.id, start, end)
-        current_periods = {stay.row.bank: stay for stay in stays if stay.row.ended is None}
+        current_periods = {period.row.bank: period for period in periods if period.row.ended is None}
         is_current_device = device.id == self._device_id
         planned = [plan for planner in self._planners for plan in planner(current_periods)] if is_current_device else []
-        return Timeline(device, devices, start, end, stays, planned, contacts)
+        return Timeline(device, devices, start, end, periods, planned, contacts)
 
     def active(self) -> BankPeriod | None:
         """Return the last reported active bank of the device that answered last; None if it is unknown."""

@@ -25,8 +25,8 @@ class ExpiryWatch:
 
     def tick(self) -> None:
         """Raise, update or end the alarm of the active catalogue, and end the alarms of other catalogues."""
-        stay, now = self._history.active(), self._now()
-        catalogue = stay.catalogue if stay else None
+        period, now = self._history.active(), self._now()
+        catalogue = period.catalogue if period else None
         current = _key(catalogue) if catalogue else None
         for key in self._alarms.open_keys():
             if key[0] == CATALOGUE and key != current:

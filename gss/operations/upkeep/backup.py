@@ -154,7 +154,7 @@ class BackupService:
         )
 
     def _copy(self, pool: BlobStore, key: str) -> int | None:
-        """Copy a blob into the pool and return its size. Returns None if the source is missing or damaged; the store check reports
+        """Copy a blob into the pool and return its size. Return None if the source is missing or damaged; the store check reports
         such blobs. Raises StoreDown if the blob store does not respond, because its blobs can be intact. Blobs that an earlier
         backup copied are read and verified, to detect disk errors."""
         if pool.exists(key):

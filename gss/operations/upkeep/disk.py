@@ -50,7 +50,7 @@ class DiskGuard:
         self._usage = usage
 
     def look(self) -> DiskState:
-        """Return the current state."""
+        """Return the current state of the disk."""
         free, total = self._usage(self.folder)
         text = f"{megabytes(free)} of {megabytes(total)} free"
         if free < self.stop_bytes:

@@ -36,7 +36,7 @@ MEMBER = re.compile(
     rf"(?:[0-9TZ-]+/(?:{MANIFEST}|{SEAL}|{'|'.join(DATABASE.values())})|{POOL}/[0-9a-f]{{2}}/[0-9a-f]{{62}})"
 )
 MAX_UNPACKED = 100
-"""Maximum ratio of unpacked to packed size. Databases and captures compress to a tenth of their size at most."""
+"""Maximum ratio of unpacked to packed size. Databases and captures compress by at most a factor of ten."""
 SPARE_BYTES = 256 << 20
 """Disk space in bytes that must remain free after unpacking."""
 OnStep = Callable[[str], None]
