@@ -1,1 +1,1 @@
-"""Reports with values, tables and plots, rendered in the same layout on a page, as HTML and as PDF."""
+"""Reports with values, tables and plots. A page, the HTML file and the PDF file show the same content."""

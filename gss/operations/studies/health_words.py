@@ -65,7 +65,7 @@ def health_notes(health: MissionHealth, proposal: Proposal) -> list[Note]:
 
 
 def forecast(figure: FigureCourse, now_s: float) -> str:
-    """Return as text when a value leaves its tolerance."""
+    """Return a text that states when a value will leave its tolerance."""
     leaves = figure.leaves
     if leaves is None:
         return "–"

@@ -206,7 +206,7 @@ class AlarmService:
     # --- operator actions ---------------------------------------------------------------------------------------
 
     def acknowledge(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
-        """Acknowledge an alarm, and close it if it is cleared. Raises Conflict if the alarm is acknowledged or closed."""
+        """Acknowledge an alarm. It closes as soon as it is also cleared. Raises Conflict if it is acknowledged or closed."""
         with self._lock:
             row = self._require_open(alarm_id)
             if row.state == "acked":
@@ -332,7 +332,7 @@ class AlarmService:
         return [self.view(row) for row in rows]
 
     def between(self, start: datetime, end: datetime) -> list[AlarmView]:
-        """Return alarms that were open at some time within a span."""
+        """Return the alarms that were open at some time within a time span."""
         with self._database.unit_of_work() as session:
             rows = store.between(session, start, end)
         return [self.view(row) for row in rows]

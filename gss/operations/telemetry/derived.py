@@ -182,7 +182,7 @@ class DerivedParameters:
 
     @property
     def boolean_fields(self) -> frozenset[str]:
-        """Return ``packet.field`` of every yes/no field, because the store returns these values as 1 and 0."""
+        """Names ``packet.field`` of all yes/no fields, whose values the store returns as 1 and 0."""
         return frozenset(name for name, kind in self._kinds.items() if kind == "bool")
 
     def problem(self, row: DerivedParameter) -> str:

@@ -69,7 +69,7 @@ class LimitBook:
 
     @property
     def sets(self) -> list[tuple[str, str]]:
-        """(name, note) of each limit set of the dictionary."""
+        """Tuples (name, note) of the limit sets in the dictionary."""
         return [(s.name, s.note) for s in self._dictionary.limit_sets]
 
     @property

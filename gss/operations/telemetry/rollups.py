@@ -114,7 +114,7 @@ class Rollups:
 
     @property
     def _fields(self) -> Mapping[str, list[Item]]:
-        """Fields that can be plotted, of every packet that has one."""
+        """Fields that can be plotted, by packet. Packets without such fields are omitted."""
         packets = self._dictionary.telemetry
         if packets != self._packets_read:
             fields = {p.name: [f for f in p.fields if not isinstance(f, Group) and kind(f) in PLOTTED] for p in packets}

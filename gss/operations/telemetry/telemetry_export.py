@@ -109,7 +109,7 @@ class _Pieces(io.RawIOBase):
 
 
 def _parquet(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) -> Iterator[bytes]:
-    """Yield a Parquet file with one row group per block. The metadata of each column contain its unit and title."""
+    """Yield a Parquet file with one row group per block. The metadata of each column contains its unit and title."""
     import pyarrow as pa
     from pyarrow import parquet as pq
 
