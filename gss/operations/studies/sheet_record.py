@@ -136,7 +136,7 @@ def sheet_report(sheet: PerformanceSheet, source: SheetSource, camera: Camera) -
         Fact("intervals", f"{100 * CONFIDENCE:.0f} %", "", f"bootstrap or Wilson, seed {source.seed}"),
     ]
     if source.source == "simulated":
-        still = "does not bend with temperature: the interval is what this test resolves"
+        still = "does not bend with temperature; the interval is the resolution of this test"
         facts.append(Fact("mounting", "ideal", "", still))
     sections = [
         Section(
@@ -169,7 +169,7 @@ def sheet_report(sheet: PerformanceSheet, source: SheetSource, camera: Camera) -
     )
     unmeasured = [row.title for row in sheet.rows if not row.measured]
     notes = (
-        [Note(f"not measured: {', '.join(unmeasured)}", "the table states what each row needs")] if unmeasured else []
+        [Note(f"not measured: {', '.join(unmeasured)}", "The table states the data that each row needs.")] if unmeasured else []
     )
     return Report(f"Performance sheet: {source.title}", source.subject, sections, notes)
 
