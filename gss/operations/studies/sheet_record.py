@@ -169,7 +169,9 @@ def sheet_report(sheet: PerformanceSheet, source: SheetSource, camera: Camera) -
     )
     unmeasured = [row.title for row in sheet.rows if not row.measured]
     notes = (
-        [Note(f"not measured: {', '.join(unmeasured)}", "The table states the data that each row needs.")] if unmeasured else []
+        [Note(f"not measured: {', '.join(unmeasured)}", "The table states the data that each row needs.")]
+        if unmeasured
+        else []
     )
     return Report(f"Performance sheet: {source.title}", source.subject, sections, notes)
 
