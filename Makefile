@@ -83,7 +83,7 @@ $(VENV)/.test-installed: $(VENV)/.run-installed constraints-dev.txt
 	@$(INSTALL) constraints-dev.txt
 	@touch $@
 
-EXTRAS := fast cluster postgres s3 gaia checkerboard bench checkout dev
+EXTRAS := cluster postgres s3 gaia checkerboard bench checkout dev
 LOCK := uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --quiet
 lock: $(VENV)/.test-installed
 	$(LOCK) $(addprefix --extra ,$(EXTRAS)) --output-file constraints-dev.txt

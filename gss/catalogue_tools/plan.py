@@ -32,9 +32,8 @@ from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 
 # Chosen: the 1 MiB of flash in the documents holds the program and several banks (Jacobs 1995 app. D.1, Erlank 2013
-# §4.2).
-BANK_BYTES = {"cubestar": 256 * 1024, "sunsat": 512 * 1024}
-OTHER_BANK_BYTES = 256 * 1024
+# §4.2). The shipped instruments have the same size in their packages.
+BANK_BYTES = 192 * 1024
 SECONDS_PER_DAY = 86_400.0
 SUN_RATE_RAD_DAY = 2 * np.pi / DAYS_PER_YEAR
 
@@ -118,7 +117,7 @@ def plan(request: BuildRequest, report: ShareReport | None = None) -> BuildPlan:
         request.start,
         request.end if drifts else None,
         longest,
-        BANK_BYTES.get(request.format_name, OTHER_BANK_BYTES) if request.bank_bytes is None else request.bank_bytes,
+        BANK_BYTES if request.bank_bytes is None else request.bank_bytes,
     )
 
 

@@ -6,6 +6,7 @@ import argparse
 import re
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from time import perf_counter
@@ -21,7 +22,7 @@ from gss.catalogue_tools.selection.selection import THINNINGS
 from gss.cli import catalogue_files, catalogue_sky, catalogue_upload
 from gss.cli.catalogue_files import print_facts, write_file
 from gss.cli.input_files import TLE_BYTES, read_limited
-from gss.cli.instruments import CAMERA_HELP
+from gss.cli.instruments import CAMERA_HELP, registry
 from gss.cli.instruments import camera as camera_named
 from gss.domain.errors import BadInput
 from gss.operations.catalogues.catalogue_request import CatalogueRequest, build_request
@@ -111,6 +112,8 @@ def run_build(arguments: argparse.Namespace, now: Callable[[], datetime] = utc_n
     begin, today = perf_counter(), now()
     spec = request_of(arguments, today)
     request = build_request(spec, camera_named(spec.profile or None), arguments.author, today)
+    if request.bank_bytes is None:
+        request = replace(request, bank_bytes=registry().bank_bytes(request.profile_name))
     built = build(request, catalogue_sky.source_of(arguments, request))
     if arguments.out is not None:
         write_file(arguments.out, built.image)

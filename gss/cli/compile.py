@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from typing import TYPE_CHECKING
 
 from gss.cli.instruments import CAMERA_HELP, registry
@@ -16,29 +17,41 @@ def register(subparsers: Commands) -> None:
     parser = subparsers.add_parser(
         "compile",
         description="Compile the loops of the solver and keep them on disk, so that the first frame is not delayed by "
-        "more than a minute. Needs the extra [fast]. Run it once after every installation.",
+        "more than a minute. A server does it in the background at its first start; without a server, run it once after every "
+        "installation.",
     )
     parser.add_argument(
         "--camera", required=True, metavar="INSTRUMENT", help=f"camera of the test frames: {CAMERA_HELP}"
     )
+    parser.add_argument("--background", action="store_true", help="compute at the lowest priority")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Compile, and print a line for each case."""
     from gss.operations.clock import stopwatch_s
+    from gss.operations.folder_lock import named_lock
     from gss.operations.frames.compile_ahead import compile_ahead
     from gss.operations.frames.solve import Solver
     from gss.operations.frames.solver_cache import SolverCache
-    from gss.pipeline.kernels import kernels
+    from gss.pipeline.kernels import are_compiled, compiled_mark, kernels
 
     kernels(fast=True)  # raises BadInput if numba is not installed
+    if arguments.background:
+        os.nice(19)
     began_s = stopwatch_s()
 
     def report(done: int, total: int, case: str) -> None:
         text = f"compiling for: {case}" if case else f"compiled in {stopwatch_s() - began_s:.0f} s"
         print(f"{done} of {total}, {text}", flush=True)
 
-    cameras = registry()
-    compile_ahead(Solver(cameras.camera, SolverCache(), stopwatch_s), cameras.camera(arguments.camera), report)
+    cameras, mark = registry(), compiled_mark()
+    with named_lock(mark.parent / "gss-loops.lock", "the loops are being compiled", wait=True):
+        if are_compiled():
+            print("The loops are compiled already")
+            return 0
+        compile_ahead(Solver(cameras.camera, SolverCache(), stopwatch_s), cameras.camera(arguments.camera), report)
+        for outdated in mark.parent.glob("gss-loops-*.compiled"):
+            outdated.unlink()
+        mark.touch()
     return 0

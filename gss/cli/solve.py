@@ -77,7 +77,7 @@ def register(subparsers: Commands) -> None:
     parser.add_argument(
         "--exposure", type=float, metavar="S", help="exposure time: the rate is estimated from trailed stars"
     )
-    parser.add_argument("--plain", action="store_true", help="use numpy only, even if the extra [fast] is installed")
+    parser.add_argument("--plain", action="store_true", help="use the numpy loops, even if the compiled ones are ready")
     parser.add_argument(
         "--set",
         action="append",

@@ -188,7 +188,12 @@ def retention(arguments: argparse.Namespace) -> int:
     clock, waiting = services.base.trust.state(), services.upkeep.retention.waiting()
     policy, forecast = services.upkeep.retention.policy(), services.upkeep.forecast.now()
     removal = services.upkeep.retention.preview(policy)
-    facts = {"policy": asdict(policy), "forecast": asdict(forecast), "clock": asdict(clock), "preview": asdict(removal)}
+    facts = {
+        "policy": policy.model_dump(),
+        "forecast": asdict(forecast),
+        "clock": asdict(clock),
+        "preview": asdict(removal),
+    }
     if arguments.now:
         with folder_lock(services.base.settings.data):
             confirmed = confirmation(removal) if arguments.confirm else None

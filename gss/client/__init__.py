@@ -31,6 +31,7 @@ from gss.client.records import (
     Procedure,
     ProcedureRun,
     Solution,
+    Star,
     TelemetryValue,
     Transfer,
 )
@@ -51,6 +52,7 @@ __all__ = [
     "ProcedureRun",
     "ServerAway",
     "Solution",
+    "Star",
     "TelemetryValue",
     "TimedOut",
     "Transfer",

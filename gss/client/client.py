@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Self, TypeVar
@@ -24,6 +24,7 @@ from gss.client.records import (
     Procedure,
     ProcedureRun,
     Solution,
+    Star,
     TelemetryValue,
     Transfer,
 )
@@ -221,6 +222,21 @@ class Client:
         """Run a chain on a stored frame and store the result. ``options``: chain, profile, fov_deg, blind, aberration, as in
         ``POST /api/frames/{id}/solve``."""
         return Solution.of(self._server.post(f"/frames/{_id_of(frame)}/solve", options))
+
+    def stars(self, solution: Solution | int) -> list[Star]:
+        """Return the measured stars of a solution, with names and residuals where they were matched."""
+        solution_id = solution if isinstance(solution, int) else solution.id
+        return [Star.of(row) for row in self._server.get(f"/solutions/{solution_id}")["stars"]]
+
+    def calibrate(
+        self, frames: Sequence[Frame | int], profile: str, timeout_s: float = 600.0, **request: Json
+    ) -> Mapping[str, Json]:
+        """Calibrate a camera from frames of stars and return the calibration as ``GET /api/calibrations/{id}`` describes it. It is
+        not used until a user chooses it. ``request``: as the body of ``POST /api/calibrations``. JobFailed if it fails."""
+        body = {"kind": "stars", "profile": profile, "frame_ids": [_id_of(frame) for frame in frames], **request}
+        job = self.wait_job(Job.of(self._server.post("/calibrations", body)), timeout_s)
+        calibration: Mapping[str, Json] = self._server.get(f"/calibrations/{job.result['calibration_id']}")
+        return calibration
 
     # -- procedures
 

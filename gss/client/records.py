@@ -174,6 +174,21 @@ class Solution(ClientRecord):
 
 
 @dataclass(frozen=True)
+class Star(ClientRecord):
+    """A measured star of a solution. ``hip``: Hipparcos number, None without a match; ``dx_arcsec`` and ``dy_arcsec``: measured
+    minus predicted position along columns and rows."""
+
+    col_px: float
+    row_px: float
+    flux_dn: float
+    hip: int | None
+    name: str | None
+    v_mag: float | None
+    dx_arcsec: float | None
+    dy_arcsec: float | None
+
+
+@dataclass(frozen=True)
 class Procedure(ClientRecord):
     """A stored procedure. ``mistakes``: it can start if there are none."""
 

@@ -278,6 +278,7 @@ class HostSession:
             self._events += self._command_queue.abandon(f"meant for {before.serial}; {hello.serial} answered")
         if before is None or (before.serial, before.boot_count) != (hello.serial, hello.boot_count):
             self._receiver.sequence.restart()
+        self._receiver.sequence.hello(device_time_s)
         self.transfers.line_bytes_s = hello.line_baud / 10 if hello.line_baud else None
         # If the host's database was lost, ids that the device remembers must not be used again.
         self._ids.following = max(self._ids.following, hello.last_request_id % 0xFFFF_FFFF + 1)

@@ -68,6 +68,11 @@ class Registry:
         """Return the documented camera of an instrument; None without a name or without a valid package of it."""
         return self.camera(name) if name and self.has(name) else None
 
+    def bank_bytes(self, name: str) -> int | None:
+        """Return the size of an instrument's banks; None if its package is unknown or describes no catalogue."""
+        catalogue = self.get(name).catalogue if self.has(name) else None
+        return None if catalogue is None else catalogue.bank_bytes
+
     def has(self, name: str) -> bool:
         """True if there is a valid package of that name."""
         try:

@@ -15,6 +15,8 @@ DEEPEST = 32
 """Maximum nesting depth of a request body."""
 Id = Annotated[int, Field(ge=1, le=MAX_ID)]
 """Row id in a request."""
+RangeValues = Annotated[list[float | int | None], Field(min_length=2, max_length=2)]
+"""[low, high], null for no limit."""
 ChainOptions = Annotated[
     dict[Annotated[str, Field(min_length=1, max_length=40)], Annotated[str, Field(max_length=60)]], Field(max_length=30)
 ]

@@ -1,17 +1,24 @@
-"""Selection of the inner loops of detection and identification: numpy, or compiled loops if the extra ``[fast]`` is installed.
+"""Selection of the inner loops of detection and identification: numpy, or loops that numba has compiled for this machine.
 
 Identification gives the same answers either way. Integer results of detection (filter, thresholds, labels) are
 bit-identical; floating-point sums are added in a different order, so positions agree to 1e-6 px and fluxes to 1e-6 relative.
-The default is fixed when the program starts; a caller that must reproduce an older result selects explicitly.
+
+Compiling takes more than a minute of processor time, so a frame never waits for it: ``gss compile``, which a server starts in the
+background, compiles the loops and marks them as compiled; without that mark the numpy loops are the default. A caller that must
+reproduce an older result selects explicitly.
 """
 
 from __future__ import annotations
 
+import hashlib
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.metadata import version
 from importlib.util import find_spec
-from typing import Any
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,16 +70,37 @@ NUMPY = Kernels()
 
 
 def kernels(fast: bool | None = None) -> Kernels:
-    """Select the loops. ``fast`` None: compiled if available; True: compiled, :class:`BadInput` if not installed; False: numpy."""
-    if not (AVAILABLE if fast is None else fast):
+    """Select the loops. ``fast`` None: compiled if :func:`are_compiled`; True: compiled, now if necessary, or :class:`BadInput` if
+    numba is not installed; False: numpy."""
+    if not (are_compiled() if fast is None else fast):
         return NUMPY
     if not AVAILABLE:
-        raise BadInput(
-            "the compiled loops are not installed",
-            expected="the extra [fast]",
-            hint="run pip install 'gss-startracker[fast]'",
-        )
+        raise BadInput("numba is not installed", expected="the package numba", hint="run pip install numba")
     return _compiled()
+
+
+def are_compiled() -> bool:
+    """True if ``gss compile`` has compiled the present loops for this processor."""
+    return AVAILABLE and compiled_mark().exists()
+
+
+@lru_cache(maxsize=1)
+def compiled_mark() -> Path:
+    """Return the file that states that the loops are compiled. Its name changes with the loops, numba, Python and processor, and it
+    lies beside the compiled loops, so that it is deleted with them."""
+    from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
+
+    from gss.pipeline.loops.search import find
+
+    folder = Path(__file__).parent
+    sources = [folder / "compiled.py", *sorted((folder / "loops").glob("*.py"))]
+    digest = hashlib.sha256()
+    for text in (version("numba"), sys.version, get_host_cpu_name(), get_host_cpu_features().flatten()):
+        digest.update(text.encode())
+    for source in sources:
+        facts = source.stat()  # numba compiles again if one of these changes
+        digest.update(f"{facts.st_mtime} {facts.st_size}".encode())
+    return Path(cast(Any, find).stats.cache_path) / f"gss-loops-{digest.hexdigest()[:16]}.compiled"
 
 
 @lru_cache(maxsize=1)

@@ -149,7 +149,13 @@ def clock_jumps(session: Session, start: datetime, end: datetime) -> list[Event]
     return list(session.scalars(query.order_by(Event.seq)))
 
 
-def closing(session: Session, contact_id: int) -> Event | None:
-    """Return the event that recorded why a contact's line was closed."""
-    query = select(Event).where(Event.kind == "link", Event.text.startswith("line closed")).order_by(Event.seq.desc())
-    return next((e for e in session.scalars(query.limit(2000)) if e.data.get("contact_id") == contact_id), None)
+LINE_CLOSED = "Line closed: "
+"""Beginning of the event that records why a line was closed; versions up to 0.4 wrote it in lower case."""
+
+
+def closing_cause(session: Session, contact_id: int) -> str | None:
+    """Return why a contact's line was closed, as recorded; None if that was not recorded."""
+    closed = func.lower(Event.text).startswith(LINE_CLOSED.lower(), autoescape=True)
+    query = select(Event).where(Event.kind == "link", closed).order_by(Event.seq.desc())
+    event = next((e for e in session.scalars(query.limit(2000)) if e.data.get("contact_id") == contact_id), None)
+    return None if event is None else event.text[len(LINE_CLOSED) :]

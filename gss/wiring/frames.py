@@ -8,11 +8,13 @@ from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.operations.clock import stopwatch_s
 from gss.operations.frames.dark_frames import DarkFrames
 from gss.operations.frames.frames import FrameService
+from gss.operations.frames.loop_compiler import LoopCompiler, compile_command
 from gss.operations.frames.replay import ReplayService
 from gss.operations.frames.solve import Solver
 from gss.operations.frames.solver_cache import SolverCache
 from gss.operations.studies.camera_book import CameraBook
 from gss.operations.transfers.downloads import Downloads
+from gss.pipeline.kernels import are_compiled
 from gss.wiring.base import BaseServices
 from gss.wiring.line import Line
 from gss.wiring.transfers import Transfers
@@ -29,6 +31,7 @@ class Frames:
     frames: FrameService
     replay: ReplayService
     downloads: Downloads
+    compiler: LoopCompiler
 
 
 def open_frames(base: BaseServices, line: Line, transfers: Transfers) -> Frames:
@@ -53,4 +56,5 @@ def open_frames(base: BaseServices, line: Line, transfers: Transfers) -> Frames:
     )
     replay = ReplayService(frames, transfers.banks, transfers.tables, base.instruments, stopwatch_s)
     downloads = Downloads(line.link, transfers.transfers, frames)
-    return Frames(book, darks, solver, epoch_jyear, frames, replay, downloads)
+    compiler = LoopCompiler(compile_command(base.unit.name), are_compiled, base.bus)
+    return Frames(book, darks, solver, epoch_jyear, frames, replay, downloads, compiler)

@@ -71,6 +71,7 @@ class Services:
         self.line.link.start()
         self.upkeep.status.start()
         self.telemetry.telemetry.rollups.start()
+        self.frames.compiler.start()
         if self.base.settings.device:
             self.line.link.open_later(self.base.settings.device)
 
@@ -95,6 +96,7 @@ class Services:
         self.line.link.stop()
         self.dispatcher.stop()
         self.transfers.transfers.stop()
+        self.frames.compiler.stop()
         self.contacts.replay.stop()
         self.frames.replay.stop()
         self.frames.frames.stop()

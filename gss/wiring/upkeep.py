@@ -86,6 +86,7 @@ def open_upkeep(
         link,
         telemetry.telemetry,
         frames.frames,
+        frames.compiler,
         jobs,
         backups,
         clocks,

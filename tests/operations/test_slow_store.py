@@ -197,8 +197,14 @@ def test_a_server_stop_does_not_wait_for_a_hanging_store(ground: Ground, monkeyp
 def test_frames_beyond_the_queue_limit_are_counted_and_recorded(bus: EventBus) -> None:
     """Bounded memory, nothing dropped, in the order of arrival."""
     now_s = [0.0]
-    writer = Writer(lambda: now_s[0], bus, max_waiting=1)
     go, begun, done = threading.Event(), threading.Event(), []
+
+    def monotonic_s() -> float:
+        value = now_s[0]
+        go.set()  # the writer reads the time when it begins to wait
+        return value
+
+    writer = Writer(monotonic_s, bus, max_waiting=1)
 
     def first() -> None:
         begun.set()
@@ -210,7 +216,6 @@ def test_frames_beyond_the_queue_limit_are_counted_and_recorded(bus: EventBus) -
     assert begun.wait(30)
     writer.submit(lambda: done.append(2))
     assert (writer.full, writer.waits) == (True, 0)
-    threading.Timer(0.05, go.set).start()
     last = writer.submit(lambda: done.append(3))
     writer.finish(30)
     assert last.done()

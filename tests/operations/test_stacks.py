@@ -316,7 +316,7 @@ def test_a_failed_step_is_retried_or_skipped_with_a_reason(console):
     assert again.steps[1]["command_id"] > first
     passed = console.run_ends(console.runs.continue_run(run.id, "no image tonight", [], user="ann"))
     assert (passed.state, states(passed)) == ("completed", ["completed", "skipped", "completed"])
-    assert passed.steps[1]["detail"].startswith("by ann: no image tonight; before failed no_image")
+    assert passed.steps[1]["detail"].startswith("by ann: no image tonight; previously failed no_image")
     with pytest.raises(Conflict, match="only a failed run"):
         console.runs.continue_run(run.id, "", [], user="ann")
 

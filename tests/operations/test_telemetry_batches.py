@@ -191,3 +191,21 @@ def test_old_packets_do_not_become_current_values(tmp_path: Path, clock: Any) ->
     warnings = [row for row in harness.rows("events") if "older than the latest" in str(row)]
     assert len(warnings) == 1
     assert "2 telemetry packets" in str(warnings[0])
+
+
+def test_stored_packets_reach_the_disk_once_a_second(tmp_path: Path, clock: Any, monkeypatch: Any) -> None:
+    """A power failure costs at most the last second of rows; waiting for the disk with every batch would be slow."""
+    ground = BatchHarness(tmp_path / "one", clock)
+    durable: list[bool] = []
+    begin = ground.database.unit_of_work
+
+    def unit_of_work(**options: bool) -> Any:
+        durable.append(options.get("durable", True))
+        return begin(**options)
+
+    monkeypatch.setattr(ground.database, "unit_of_work", unit_of_work)
+    for n, at_s in enumerate((10.0, 10.2, 10.9, 11.0, 11.5, 12.1)):
+        durable.clear()
+        ground.telemetry.handle(LineBatch(tuple(packets(1, n)), clock(), at_s))
+        assert durable[-1] is (at_s in (10.0, 11.0, 12.1))
+    ground.database.close()

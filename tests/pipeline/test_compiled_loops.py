@@ -1,4 +1,4 @@
-"""The compiled loops of the extra [fast] against the numpy ones."""
+"""The compiled loops against the numpy ones."""
 
 from __future__ import annotations
 
@@ -19,9 +19,6 @@ from gss.pipeline.regions import find_blobs
 from gss.pipeline.render import render
 
 TOLERANCE_PX = 1e-6
-needs_numba = pytest.mark.skipif(
-    not kernels.AVAILABLE, reason="numba is not installed: pip install 'gss-startracker[fast]'"
-)
 
 
 def frame(seed: int, kind: str = "uint8", shape: tuple[int, int] = (200, 300)) -> NDArray[Any]:
@@ -38,7 +35,6 @@ def frame(seed: int, kind: str = "uint8", shape: tuple[int, int] = (200, 300)) -
     return np.asarray(np.clip(np.rint(light), 0, 255).astype(kind))
 
 
-@needs_numba
 @pytest.mark.parametrize("kind", ["uint8", "uint16", "float32"])
 @pytest.mark.parametrize("width_px", [1.1, None])
 def test_both_ways_find_the_same_stars(kind: str, width_px: float | None) -> None:
@@ -54,7 +50,6 @@ def test_both_ways_find_the_same_stars(kind: str, width_px: float | None) -> Non
         assert [r.rejected for r in plain.regions] == [r.rejected for r in quick.regions]
 
 
-@needs_numba
 @pytest.mark.parametrize("shape", [(8, 8), (9, 300), (130, 77), (129, 8), (512, 33)])
 @pytest.mark.parametrize("kind", ["uint8", "uint16", "float32"])
 def test_filter_is_the_same_to_the_bit(shape: tuple[int, int], kind: str) -> None:
@@ -65,7 +60,6 @@ def test_filter_is_the_same_to_the_bit(shape: tuple[int, int], kind: str) -> Non
     assert np.array_equal(loops.binomial(image), _binomial_sum(image))
 
 
-@needs_numba
 @pytest.mark.parametrize("threshold", [-1.0, 0.0, 14.5, 30.0, 254.5, 255.0, 300.0])
 @pytest.mark.parametrize("kind", ["uint8", "uint16", "float32"])
 def test_components_are_the_same_to_the_bit(threshold: float, kind: str) -> None:
@@ -76,7 +70,6 @@ def test_components_are_the_same_to_the_bit(threshold: float, kind: str) -> None
     assert np.array_equal(plain.start, quick.start)
 
 
-@needs_numba
 def test_cubestar_answers_the_same_to_the_bit() -> None:
     """Regions, centroids and notes of CubeStar's detection do not depend on who ran the loops."""
     known = shipped_camera("cubestar")

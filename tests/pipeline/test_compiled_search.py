@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.camera import Camera, Pinhole
 from gss.domain.results import Centroids
-from gss.pipeline import kernels
 from gss.pipeline.chains.reference import KnownSky, known_sky, solve_centroids
 from gss.pipeline.identify import pair_search
 from gss.pipeline.identify.near import BoundedPrior
@@ -21,9 +20,6 @@ CAMERAS = {
     "cubestar": (Camera.from_optics(1024, 512, 5.6e-3, 5.6e-3, 6.28, Pinhole()), 3.8),
     "sunsat": (Camera.from_optics(752, 582, 6.5e-3, 6.25e-3, 25.0, Pinhole()), 6.0),
 }
-needs_numba = pytest.mark.skipif(
-    not kernels.AVAILABLE, reason="numba is not installed: pip install 'gss-startracker[fast]'"
-)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +52,6 @@ def facts(match: PyramidMatch) -> tuple[object, ...]:
     return match.hypotheses, found.rows.tolist(), found.stars.tolist(), found.false_match_probability
 
 
-@needs_numba
 @pytest.mark.parametrize("name", CAMERAS)
 @pytest.mark.parametrize("false", [0, 10, 30])
 def test_both_searches_give_the_same_answers(name: str, false: int, skies: dict[str, KnownSky]) -> None:
@@ -70,7 +65,6 @@ def test_both_searches_give_the_same_answers(name: str, false: int, skies: dict[
         assert facts(quick)[3:] == pytest.approx(facts(plain)[3:], rel=1e-8)
 
 
-@needs_numba
 @pytest.mark.parametrize("name", CAMERAS)
 @pytest.mark.parametrize("velocity_c", [None, np.array([8e-5, -3e-5, 2e-5])])
 @pytest.mark.parametrize("is_near", [False, True])
@@ -97,7 +91,6 @@ def test_compiled_loops_solve_a_list_like_numpy(
             )
 
 
-@needs_numba
 @pytest.mark.parametrize("limits", [{"MAX_JOINED_ROWS": 20_000}, {"ROWS_AT_ONCE": 900}, {"FIRST_POOL_ROWS": 8}])
 def test_both_searches_have_the_same_budget(
     limits: dict[str, int], skies: dict[str, KnownSky], monkeypatch: pytest.MonkeyPatch

@@ -240,6 +240,17 @@ def test_contacts_count_their_frames_and_commands(database):
         assert row.ended == T0 + timedelta(seconds=4)
 
 
+def test_the_cause_of_a_closed_line_is_found_in_new_and_old_events(database):
+    """Versions up to 0.4 wrote the beginning of the text in lower case."""
+    with database.unit_of_work() as session:
+        for contact_id, text in ((1, "line closed: the cable was cut"), (2, "Line closed: closed by the operator")):
+            events.add(session, T0, "link", "watch", text, {"contact_id": contact_id})
+        events.add(session, T0, "link", "ok", "Line open on x", {"contact_id": 3})
+    with database.unit_of_work() as session:
+        causes = [devices.closing_cause(session, contact_id) for contact_id in (1, 2, 3)]
+    assert causes == ["the cable was cut", "closed by the operator", None]
+
+
 def test_catalogues_are_found_by_hash_and_the_rest_by_state(database):
     """A restart finds unfinished transfers and jobs; events are resumed after a number."""
     with database.unit_of_work() as session:

@@ -48,7 +48,7 @@ def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDeta
     """Return a catalogue with maps and quality. Catalogues read back from the device have neither; older ones have only some."""
     return CatalogueDetailOut(
         **dict(catalogue(row, banks)),
-        **stored_report(row.report),
+        **dict(stored_report(row.report)),
         instrument_version=row.instrument_version,
         request=row.request,
         manifest=row.manifest,

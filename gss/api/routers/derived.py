@@ -6,8 +6,7 @@ from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, User, need
 from gss.api.schemas.jobs import JobOut
-from gss.api.schemas.telemetry import DerivedIn, DerivedOut, ExpressionIn, SpanIn, TrialOut
-from gss.domain.limits import Limits, Range
+from gss.api.schemas.telemetry import DerivedOut, ExpressionIn, SpanIn, TrialOut
 from gss.operations.telemetry.derived import DerivedRequest
 
 router = api_router("telemetry", "/telemetry/derived")
@@ -32,18 +31,18 @@ def try_expression(app: App, body: ExpressionIn) -> TrialOut:
 
 
 @router.post("", status_code=201, dependencies=[need("derived")])
-def add_derived(app: App, user: User, body: DerivedIn, audit_note: AuditNote) -> DerivedOut:
+def add_derived(app: App, user: User, body: DerivedRequest, audit_note: AuditNote) -> DerivedOut:
     """Store a new derived parameter. It is computed from the next packet on."""
     audit_note(f"{body.name} = {body.expression}")
-    row = app.telemetry.telemetry.derived.add(_request(body), user=user)
+    row = app.telemetry.telemetry.derived.add(body, user=user)
     return present.telemetry.derived(app.telemetry.telemetry.derived, row)
 
 
 @router.put("/{name}", dependencies=[need("derived")])
-def change_derived(app: App, user: User, name: str, body: DerivedIn, audit_note: AuditNote) -> DerivedOut:
+def change_derived(app: App, user: User, name: str, body: DerivedRequest, audit_note: AuditNote) -> DerivedOut:
     """Replace a definition. Its history keeps the values of the earlier one until it is recomputed."""
     audit_note(f"{name} from {app.telemetry.telemetry.derived.get(name).expression} to {body.expression}")
-    row = app.telemetry.telemetry.derived.change(name, _request(body), user=user)
+    row = app.telemetry.telemetry.derived.change(name, body, user=user)
     return present.telemetry.derived(app.telemetry.telemetry.derived, row)
 
 
@@ -59,13 +58,3 @@ def recompute(app: App, user: User, name: str, body: SpanIn, audit_note: AuditNo
     """Replace the stored values of a time range by those of the present definition, as a job."""
     audit_note(f"{name} from {body.start.isoformat()} to {body.end.isoformat()}")
     return present.records.job(app.telemetry.derived_history.recompute(name, body.start, body.end, user=user))
-
-
-def _request(body: DerivedIn) -> DerivedRequest:
-    limits = Limits(_range(body.watch), _range(body.warning), _range(body.critical))
-    return DerivedRequest(body.name, body.expression, body.title, body.unit, body.decimals, limits, body.persistence)
-
-
-def _range(pair: list[float | int | None]) -> Range:
-    low, high = pair
-    return low, high

@@ -20,6 +20,8 @@ from gss.wiring.services import Services
 
 router = api_router("passes")
 Limit = Annotated[int, Query(ge=1, le=200)]
+ReportLimit = Annotated[int, Query(ge=1, le=20)]
+"""Rehearsals are returned with their complete reports."""
 
 
 @router.get("/pass-plans")
@@ -80,7 +82,7 @@ def rehearse_plan(app: App, plan_id: RowId, body: RehearsalOptions, user: User, 
 
 
 @router.get("/pass-plans/{plan_id}/rehearsals")
-def list_rehearsals(app: App, plan_id: RowId, limit: Limit = 5) -> list[RehearsalOut]:
+def list_rehearsals(app: App, plan_id: RowId, limit: ReportLimit = 5) -> list[RehearsalOut]:
     """Rehearsals of a plan, newest first."""
     return [_rehearsal(job) for job in app.passes.rehearsals.newest(plan_id, limit)]
 

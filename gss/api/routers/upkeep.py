@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 from fastapi import Response
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
@@ -20,7 +18,6 @@ from gss.api.schemas.upkeep import (
     HealthCheckOut,
     HealthOut,
     RemovalOut,
-    RetentionIn,
     RetentionOut,
     RunRetentionIn,
     ServerClockOut,
@@ -28,8 +25,7 @@ from gss.api.schemas.upkeep import (
 from gss.operations.metrics import CONTENT_TYPE
 from gss.operations.requests import as_stored
 from gss.operations.upkeep.backup_manifest import Manifest
-from gss.operations.upkeep.removal import Confirmed
-from gss.operations.upkeep.retention_policy import Policy
+from gss.operations.upkeep.retention_policy import RetentionPolicy
 
 router = api_router("upkeep")
 root = api_router("upkeep", root="")
@@ -57,27 +53,26 @@ def read_retention(app: App) -> RetentionOut:
 
 
 @router.put("/admin/retention", dependencies=[need("admin.retention")])
-def choose_retention(app: App, user: User, body: RetentionIn, audit_note: AuditNote) -> RetentionOut:
+def choose_retention(app: App, user: User, body: RetentionPolicy, audit_note: AuditNote) -> RetentionOut:
     """Set the retention policy. It applies from the next run; only captures beyond their size limit are deleted at once."""
-    before, after = asdict(app.upkeep.retention.policy()), body.model_dump()
+    before, after = app.upkeep.retention.policy().model_dump(), body.model_dump()
     changes = (f"{name} from {before[name]:g} to {value:g}" for name, value in after.items() if value != before[name])
     audit_note(", ".join(changes) or "nothing changed")
-    app.upkeep.retention.choose(Policy(**body.model_dump()), user=user)
+    app.upkeep.retention.choose(body, user=user)
     return _retention(app)
 
 
 @router.post("/admin/retention/preview", dependencies=[need("admin.retention", changes=False)])
-def preview_retention(app: App, body: RetentionIn) -> RemovalOut:
+def preview_retention(app: App, body: RetentionPolicy) -> RemovalOut:
     """What a removal with this policy would delete now. Nothing is changed."""
-    return RemovalOut.model_validate(app.upkeep.retention.preview(Policy(**body.model_dump())))
+    return RemovalOut.model_validate(app.upkeep.retention.preview(body))
 
 
 @router.post("/admin/retention/run", status_code=202, dependencies=[need("admin.retention")])
 def run_retention(app: App, user: User, audit_note: AuditNote, body: RunRetentionIn | None = None) -> JobOut:
     """Delete expired data now, as a job. 409 while the clock is in doubt, or if an unusual removal is not confirmed."""
-    confirmed = None
-    if body is not None and body.confirmed is not None:
-        confirmed = Confirmed(**body.confirmed.model_dump())
+    confirmed = body.confirmed if body is not None else None
+    if confirmed is not None:
         audit_note(f"confirmed {as_stored(confirmed)}")
     return present.records.job(app.upkeep.retention.run(user=user, confirmed=confirmed))
 
@@ -93,7 +88,7 @@ def confirm_clock(app: App, user: User, body: ConfirmClockIn, audit_note: AuditN
 
 def _retention(app: App) -> RetentionOut:
     return RetentionOut(
-        **asdict(app.upkeep.retention.policy()),
+        **app.upkeep.retention.policy().model_dump(),
         last_run=app.upkeep.retention.last_run(),
         waiting=app.upkeep.retention.waiting(),
         clock=ServerClockOut.model_validate(app.base.trust.state()),

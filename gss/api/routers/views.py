@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, CurrentUser, RowId, User, need
-from gss.api.schemas.views import ViewChangeIn, ViewDetailOut, ViewIn, ViewOut, ViewVersionOut
+from gss.api.schemas.views import ViewChangeIn, ViewDetailOut, ViewOut, ViewVersionOut
 from gss.operations.accounts.identity import CallerIdentity
-from gss.operations.views.shared_views import ViewContent
+from gss.operations.views.shared_views import ViewRequest
 
 router = api_router("views", "/views")
 MANAGES = "admin.users"
@@ -20,10 +20,10 @@ def list_views(app: App) -> list[ViewOut]:
 
 
 @router.post("", status_code=201, dependencies=[NEED])
-def create_view(app: App, body: ViewIn, user: User, audit_note: AuditNote) -> ViewOut:
+def create_view(app: App, body: ViewRequest, user: User, audit_note: AuditNote) -> ViewOut:
     """Store a page with its state under a name."""
     audit_note(body.name, body.path[:200])
-    return ViewOut.model_validate(app.accounts.views.create(_content(body), user=user))
+    return ViewOut.model_validate(app.accounts.views.create(body, user=user))
 
 
 @router.get("/{view_id}")
@@ -38,7 +38,7 @@ def read_view(app: App, view_id: RowId) -> ViewDetailOut:
 def change_view(app: App, view_id: RowId, body: ViewChangeIn, caller: CurrentUser, audit_note: AuditNote) -> ViewOut:
     """Store a new version of a view. 409 if another user has changed it since."""
     audit_note(body.name, f"from version {body.version}", body.path[:200])
-    row = app.accounts.views.change(view_id, body.version, _content(body), user=caller.name, manages=_manages(caller))
+    row = app.accounts.views.change(view_id, body.version, body, user=caller.name, manages=_manages(caller))
     return ViewOut.model_validate(row)
 
 
@@ -47,10 +47,6 @@ def delete_view(app: App, view_id: RowId, caller: CurrentUser, audit_note: Audit
     """Delete a view with its versions."""
     audit_note(app.accounts.views.get(view_id).row.name)
     app.accounts.views.remove(view_id, user=caller.name, manages=_manages(caller))
-
-
-def _content(body: ViewIn) -> ViewContent:
-    return ViewContent(body.name, body.path, body.note, body.open)
 
 
 def _manages(caller: CallerIdentity) -> bool:

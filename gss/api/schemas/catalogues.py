@@ -7,17 +7,13 @@ from typing import Literal
 from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
-from gss.catalogue_tools.selection.selection import ScreeningFacts
 from gss.domain.json_object import JsonObject
 from gss.operations.catalogues.catalogue_report import (
     AmbiguityValues,
     EnvelopeValues,
     FunnelValues,
-    LifetimeValues,
     MapStar,
-    QualityReport,
-    SizeValues,
-    WandererValues,
+    StoredReport,
 )
 
 
@@ -66,23 +62,13 @@ class CatalogueOut(Out):
     banks: list[str]
 
 
-class CatalogueDetailOut(CatalogueOut):
+class CatalogueDetailOut(CatalogueOut, StoredReport):
     """Stored catalogue with its request, manifest, maps and quality report. ``instrument_version``: SHA-256 of the instrument
     package that it was built with; null: unknown."""
 
     instrument_version: str | None
     request: JsonObject
     manifest: JsonObject
-    funnel: list[FunnelValues]
-    sky: list[MapStar]
-    envelope: EnvelopeValues | None
-    quality: QualityReport | None
-    ambiguity: AmbiguityValues | None
-    lifetime: LifetimeValues | None
-    sizes: SizeValues | None
-    blinded: dict[str, float]
-    wanderers: list[WandererValues]
-    screening: ScreeningFacts | None = None
     reduced_stars: int | None = None
 
 

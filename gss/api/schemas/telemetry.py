@@ -8,6 +8,7 @@ from pydantic import AwareDatetime, Field
 
 from gss.api.schemas.base import In, Out, Utc
 from gss.domain.json_object import JsonObject
+from gss.operations.requests import RangeValues
 from gss.operations.telemetry.telemetry import FieldValue
 from gss.operations.telemetry.value_format import Kind
 
@@ -131,16 +132,12 @@ class LimitSetIn(In):
     note: str = Field(default="", max_length=500)
 
 
-Bound = float | int | None
-RangeIn = list[Bound]
-
-
 class LimitIn(In):
     """Operator's limits: [low, high] of each level, null for none. ``persistence`` null: from the dictionary."""
 
-    watch: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
-    warning: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
-    critical: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
+    watch: RangeValues = Field(default=[None, None])
+    warning: RangeValues = Field(default=[None, None])
+    critical: RangeValues = Field(default=[None, None])
     persistence: int | None = Field(default=None, ge=1, le=255)
     note: str = Field(default="", max_length=500)
 
@@ -149,19 +146,6 @@ class ExpressionIn(In):
     """Expression to try: ``packet.field``, numbers, + - * /, comparisons, and, or, not, abs, sqrt, min, max."""
 
     expression: str = Field(max_length=500)
-
-
-class DerivedIn(ExpressionIn):
-    """Definition of a derived parameter with its limits: [low, high] of each level, null for none."""
-
-    name: str = Field(max_length=30)
-    title: str = Field(default="", max_length=80)
-    unit: str = Field(default="", max_length=20)
-    decimals: int = Field(default=2, ge=0, le=9)
-    watch: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
-    warning: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
-    critical: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
-    persistence: int = Field(default=1, ge=1, le=255)
 
 
 class DerivedOut(Out):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pydantic import AwareDatetime, Field
 
 from gss.api.schemas.base import In, Out, Utc
+from gss.operations.upkeep.removal import ConfirmedRemoval
+from gss.operations.upkeep.retention_policy import RetentionPolicy
 
 
 class HealthCheckOut(Out):
@@ -21,29 +23,6 @@ class HealthOut(Out):
 
     state: str
     checks: list[HealthCheckOut]
-
-
-class RetentionIn(In):
-    """Retention policy; 0 keeps data for ever."""
-
-    frames_days: float = Field(
-        default=0, ge=0, le=36_500, description="Age at which pixels are deleted; metadata and solutions are kept."
-    )
-    frames_gb: float = Field(
-        default=0, ge=0, le=1e6, description="Total size above which the oldest pixels are deleted."
-    )
-    keep_frames: int = Field(
-        default=100, ge=0, le=10**6, description="Number of newest frames whose pixels are always kept."
-    )
-    telemetry_thin_days: float = Field(
-        default=0, ge=0, le=36_500, description="Age at which packets are thinned to one per minute."
-    )
-    telemetry_days: float = Field(default=0, ge=0, le=36_500, description="Age at which packets are deleted.")
-    events_days: float = Field(default=0, ge=0, le=36_500, description="Lines of the record go at this age.")
-    captures_mb: int = Field(
-        default=0, ge=0, le=10**8, description="Total size of the raw captures; 0: GSS_CAPTURE_KEEP_MB."
-    )
-    backups_keep: int = Field(default=0, ge=0, le=10**4, description="Number of newest backups to keep.")
 
 
 class ForecastOut(Out):
@@ -76,7 +55,7 @@ class ConfirmClockIn(In):
     seen: AwareDatetime = Field(strict=False)
 
 
-class RetentionOut(RetentionIn):
+class RetentionOut(RetentionPolicy):
     """Retention policy in force, with its forecast. ``waiting``: what the last removal would have deleted, if it waits
     for confirmation."""
 
@@ -99,21 +78,10 @@ class RemovalOut(Out):
     unusual: str
 
 
-class ConfirmedIn(In):
-    """Preview that was confirmed: of the policy in force, at time ``at``."""
-
-    at: AwareDatetime = Field(strict=False)
-    frames: int = Field(ge=0)
-    frames_bytes: int = Field(ge=0)
-    packets: int = Field(ge=0)
-    to_thin: int = Field(ge=0)
-    events: int = Field(ge=0)
-
-
 class RunRetentionIn(In):
     """Request to run retention. ``confirmed``: required if the preview reports the removal as unusual."""
 
-    confirmed: ConfirmedIn | None = None
+    confirmed: ConfirmedRemoval | None = None
 
 
 class BackupOut(Out):

@@ -4,21 +4,11 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from gss.api.schemas.base import In, Out, Utc
-from gss.operations.views.shared_views import MAX_PATH_LENGTH
+from gss.api.schemas.base import Out, Utc
+from gss.operations.views.shared_views import ViewRequest
 
 
-class ViewIn(In):
-    """View to store. ``path``: address of a page within the unit, with its query; ``open``: every user with the permission may
-    change it."""
-
-    name: str = Field(min_length=1, max_length=80)
-    path: str = Field(min_length=1, max_length=MAX_PATH_LENGTH)
-    note: str = Field(default="", max_length=500)
-    open: bool = False
-
-
-class ViewChangeIn(ViewIn):
+class ViewChangeIn(ViewRequest):
     """Changed view. ``version``: the version that was changed."""
 
     version: int = Field(ge=1, le=1_000_000_000)

@@ -54,9 +54,9 @@ class LineReceiver:
         self.good = self.bad_crc = self.too_short = self.unknown = self.unauthenticated = 0
 
     def restart(self) -> None:
-        """Start a new stream: accept any next sequence count."""
+        """Start a new stream: accept any next sequence count, but no packet older than those of the stream before."""
         self.deframer.restart()
-        self.sequence.restart()
+        self.sequence.reopen()
 
     def feed(self, data: bytes) -> list[Packet]:
         """Return the intact packets addressed to this end, in order."""

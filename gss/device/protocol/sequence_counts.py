@@ -7,27 +7,26 @@ from gss.device.protocol.packet import SEQUENCE_MODULO, Arrival, Packet, PacketT
 HALF = SEQUENCE_MODULO // 2
 MAX_MISSING = 4096
 """Missing numbers remembered per packet type, to recognise packets that arrive late."""
+CLOCK_BACK_S = 5.0
+"""A response to HELLO that is this much older than the latest packet shows a clock that was reset."""
 
 
 class _Stream:
-    """Packets of one type. ``newest_s``: device time of the newest packet. ``doubtful``: a count ahead with an earlier device
-    time, which is taken for a replay unless the next packet follows it."""
+    """Packets of one type. ``expected``: next sequence count; None: any. ``newest_s``: device time of the latest packet."""
 
-    def __init__(self, first: Packet) -> None:
-        self.expected = (first.sequence + 1) % SEQUENCE_MODULO
-        self.newest_s = first.time_s
+    def __init__(self, newest_s: float) -> None:
+        self.expected: int | None = None
+        self.newest_s = newest_s
         self.missing: dict[int, None] = {}
-        self.doubtful: int | None = None
 
 
 class SequenceTracker:
-    """Classifies packets by their sequence count, with the half-range rule: a count up to half the range ahead of the
-    expected one is a gap, any other is a step back.
+    """Classifies packets by device time and sequence count. A count up to half the range ahead of the expected one is a gap, any
+    other is a step back.
 
-    A step back is a packet sent earlier (late or repeated), unless its device time is later than that of the newest
-    packet: then the sender has restarted its count. A gap with an earlier device time is a packet of long ago, unless the
-    next packet follows it: then the sender's clock was set back. ``gaps``: packets still missing; ``duplicates``: repeated
-    packets.
+    The device's clock never goes back, so a packet with an earlier device time than the latest of its type was sent earlier: it
+    is late if its count was missing, otherwise repeated. A step back with a later device time means that the sender has restarted
+    its count. ``gaps``: packets still missing; ``duplicates``: repeated packets.
     """
 
     def __init__(self) -> None:
@@ -35,23 +34,26 @@ class SequenceTracker:
         self._streams: dict[PacketType, _Stream] = {}
 
     def restart(self) -> None:
-        """Accept any count from the next packet of each type on: a new line, or a restarted sender."""
+        """Accept any next packet of each type: another sender, or one whose clock was reset."""
         self._streams.clear()
+
+    def hello(self, device_time_s: float) -> None:
+        """Restart if the response to a HELLO shows that the device's clock was reset."""
+        if any(device_time_s < stream.newest_s - CLOCK_BACK_S for stream in self._streams.values()):
+            self.restart()
+
+    def reopen(self) -> None:
+        """Accept any next count of each type, but no earlier device time: the same sender on a newly opened line."""
+        for stream in self._streams.values():
+            stream.expected = None
+            stream.missing.clear()
 
     def arrival(self, packet: Packet) -> Arrival:
         """Count a packet and return its place among those of its type."""
-        stream = self._streams.get(packet.type)
-        if stream is None:
-            self._streams[packet.type] = _Stream(packet)
-            return Arrival.CURRENT
-        ahead = (packet.sequence - stream.expected) % SEQUENCE_MODULO
-        if 0 < ahead < HALF and packet.time_s < stream.newest_s and packet.sequence != stream.doubtful:
-            stream.doubtful = (packet.sequence + 1) % SEQUENCE_MODULO
-            self.duplicates += 1
-            return Arrival.REPEATED
-        stream.doubtful = None
-        if ahead >= HALF and packet.time_s <= stream.newest_s:
-            if packet.sequence in stream.missing:
+        stream = self._streams.setdefault(packet.type, _Stream(packet.time_s))
+        ahead = 0 if stream.expected is None else (packet.sequence - stream.expected) % SEQUENCE_MODULO
+        if packet.time_s < stream.newest_s or (ahead >= HALF and packet.time_s == stream.newest_s):
+            if ahead >= HALF and packet.sequence in stream.missing:
                 del stream.missing[packet.sequence]
                 self.gaps -= 1
                 return Arrival.LATE
@@ -61,8 +63,10 @@ class SequenceTracker:
             stream.missing.clear()  # numbers of the sender's previous run
         elif ahead:
             self.gaps += ahead
-            numbers = range(stream.expected, stream.expected + ahead)[-MAX_MISSING:]
-            stream.missing.update(dict.fromkeys(n % SEQUENCE_MODULO for n in numbers))
+            first = packet.sequence - ahead  # counts wrap below 0
+            stream.missing.update(
+                dict.fromkeys(n % SEQUENCE_MODULO for n in range(first, packet.sequence)[-MAX_MISSING:])
+            )
             while len(stream.missing) > MAX_MISSING:
                 del stream.missing[next(iter(stream.missing))]
         stream.missing.pop(packet.sequence, None)  # the count has wrapped since that number was missed

@@ -151,14 +151,14 @@ class CatalogueService:
         return work
 
     def _with_bank(self, request: BuildRequest) -> tuple[BuildRequest, BankSource]:
-        """Return the request with the bank size of the connected sensor if it has that camera, and the source of the bank
-        size."""
+        """Return the request with the bank size of the connected sensor if it has that camera, otherwise of the instrument's
+        package; and the source of the bank size."""
         hello = self._link.hello
         if request.bank_bytes is not None:
             return request, "asked"
-        if hello is None or hello.profile != request.profile_name:
-            return request, "usual"
-        return replace(request, bank_bytes=hello.bank_bytes), "sensor"
+        if hello is not None and hello.profile == request.profile_name:
+            return replace(request, bank_bytes=hello.bank_bytes), "sensor"
+        return replace(request, bank_bytes=self._instruments.bank_bytes(request.profile_name)), "usual"
 
     def _source(self, request: BuildRequest) -> StarSource | StarTable:
         if request.source == "hipparcos":

@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
+from pydantic import BaseModel
 from typing_extensions import TypedDict  # pydantic needs this one before Python 3.12
 
 from gss.catalogue_tools.build import BuiltCatalogue, Preview, build
@@ -157,7 +158,7 @@ class CatalogueReport(PreviewReport):
     screening: ScreeningFacts | None
 
 
-class StoredReport(TypedDict):
+class StoredReport(BaseModel):
     """Report of a stored catalogue. One that was read back from the device has none; older ones lack parts."""
 
     funnel: list[FunnelValues]
@@ -186,18 +187,18 @@ ADDED_TO_QUALITY: JsonObject = {
 def stored_report(stored: JsonObject) -> StoredReport:
     """Return a stored report; parts that it lacks are empty."""
     envelope, quality = stored.get("envelope"), stored.get("quality")
-    return {
-        "funnel": stored.get("funnel", []),
-        "sky": stored.get("sky", []),
-        "envelope": envelope and ADDED_TO_ENVELOPE | envelope,
-        "quality": quality and ADDED_TO_QUALITY | quality,
-        "ambiguity": stored.get("ambiguity"),
-        "lifetime": stored.get("lifetime"),
-        "sizes": stored.get("sizes"),
-        "blinded": stored.get("blinded", {}),
-        "wanderers": stored.get("wanderers", []),
-        "screening": stored.get("screening"),
-    }
+    return StoredReport(
+        funnel=stored.get("funnel", []),
+        sky=stored.get("sky", []),
+        envelope=envelope and ADDED_TO_ENVELOPE | envelope,
+        quality=quality and ADDED_TO_QUALITY | quality,
+        ambiguity=stored.get("ambiguity"),
+        lifetime=stored.get("lifetime"),
+        sizes=stored.get("sizes"),
+        blinded=stored.get("blinded", {}),
+        wanderers=stored.get("wanderers", []),
+        screening=stored.get("screening"),
+    )
 
 
 def preview_report(quick: Preview) -> PreviewReport:

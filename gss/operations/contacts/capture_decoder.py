@@ -104,6 +104,7 @@ class CaptureDecoder:
         detail = " ".join(word for word in (facts["reason"], facts["detail"]) if word)
         items: list[Item] = [CommandSaid(packet.request_id, command.name, stage.value, facts["values"], detail)]
         if command.name == "HELLO" and stage is Stage.COMPLETED:
+            self._down.sequence.hello(packet.time_s)
             items.append(read_hello(facts["values"], packet.time_s, self._dictionary))
         return items
 

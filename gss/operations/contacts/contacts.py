@@ -270,11 +270,9 @@ class ContactService:
                 happenings.append(Happening(event.at.timestamp(), NOT_STORED, event.text))
         # The closing of the line is recorded shortly after the contact's end.
         with self._database.unit_of_work() as session:
-            closing = store.closing(session, row.id)
-        if closing is not None:
-            cause = closing.text.removeprefix("line closed: ")
-            if cause not in BY_US:
-                happenings.append(Happening(end.timestamp(), LINE_LOST, cause))
+            cause = store.closing_cause(session, row.id)
+        if cause is not None and cause not in BY_US:
+            happenings.append(Happening(end.timestamp(), LINE_LOST, cause))
         return happenings
 
     def record(self, contact_id: int) -> RecordCheck:

@@ -119,7 +119,7 @@ class ContactLog:
         self._writes.run()
         contact_id, self.contact_id, self.hello, self._reserved_id = self.contact_id, None, None, 0
         self.is_open = False
-        self.report_of(contact_id, "watch", f"Line closed: {event.cause}")
+        self.report_of(contact_id, "watch", f"{store.LINE_CLOSED}{event.cause}")
 
     def _greeted(self, hello: HelloReceived, at: datetime) -> None:
         if self._own_simulator and self._url == self._own_simulator:

@@ -16,6 +16,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 
+from pydantic import Field
+
 from gss.device.session_events import Telemetry
 from gss.domain.errors import BadInput, Conflict
 from gss.domain.expression_parser import Quantity
@@ -32,6 +34,7 @@ from gss.instruments.dictionary.definitions import (
 )
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.operations.requests import RangeValues, Request
 from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 from gss.operations.telemetry.value_format import kind
 from gss.store import derived as store
@@ -67,17 +70,23 @@ def evaluate(
     return expression.value(values), values
 
 
-@dataclass(frozen=True)
-class DerivedRequest:
-    """Definition of a derived parameter as a user enters it. ``limits``: limits of the value."""
+class DerivedRequest(Request):
+    """Definition of a derived parameter with its limits: [low, high] of each level, null for none."""
 
-    name: str
-    expression: str
-    title: str
-    unit: str
-    decimals: int
-    limits: Limits
-    persistence: int
+    name: str = Field(max_length=30)
+    expression: str = Field(max_length=500)
+    title: str = Field(default="", max_length=80)
+    unit: str = Field(default="", max_length=20)
+    decimals: int = Field(default=2, ge=0, le=9)
+    watch: RangeValues = Field(default=[None, None])
+    warning: RangeValues = Field(default=[None, None])
+    critical: RangeValues = Field(default=[None, None])
+    persistence: int = Field(default=1, ge=1, le=PERSISTENCE_MAX)
+
+    @property
+    def limits(self) -> Limits:
+        """Limits of the value, as for any field."""
+        return Limits(*((low, high) for low, high in (self.watch, self.warning, self.critical)))
 
 
 @dataclass(frozen=True)
@@ -236,10 +245,6 @@ class DerivedParameters:
                 "The name of the derived parameter is invalid",
                 expected="1 – 30 lower-case letters, digits and _, a letter first",
                 got=request.name[:40],
-            )
-        if not 1 <= request.persistence <= PERSISTENCE_MAX:
-            raise BadInput(
-                "The persistence is out of range", expected=f"1 – {PERSISTENCE_MAX}", got=str(request.persistence)
             )
         limits = request.limits.checked()
         row.expression, row.title, row.unit = request.expression.strip(), request.title.strip(), request.unit.strip()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,6 +31,7 @@ from gss.store.models import Alarm
 log = logging.getLogger("gss.telemetry")
 
 TRY_EVERY_S = 5.0
+DURABLE_EVERY_S = 1.0
 TELEMETRY_STORE = "telemetry"
 """Kind of the events that report whether telemetry is stored."""
 UNSTORED, STORED_AGAIN = "telemetry is not stored", "telemetry is stored again"
@@ -176,6 +178,7 @@ class TelemetryService:
         self._old_recorded, self._old_due_s = 0, 0.0
         self._unstored_from = 0
         self._try_at_s = 0.0
+        self._durable_due_s = -math.inf
 
     def handle(self, batch: LineBatch) -> list[Judged]:
         """Check the telemetry of a batch against limits, update the latest values, and store it in one transaction."""
@@ -235,7 +238,7 @@ class TelemetryService:
             cause = self.store_fails
         elif not cause:
             try:
-                with self._database.unit_of_work(durable=False) as session:
+                with self._database.unit_of_work(durable=self._is_durable(batch)) as session:
                     store.add_many(session, [self._row(packet, batch.at) for packet in packets])
                     self.rollups.wrote(session, [packet.packet for packet in packets], batch.at)
             except StoreDown as error:
@@ -249,6 +252,13 @@ class TelemetryService:
             self._record_event("watch", f"{STORED_AGAIN}; {lost} earlier packets are in the raw capture only")
         if cause:
             self.unstored += len(packets)
+
+    def _is_durable(self, batch: LineBatch) -> bool:
+        """True once per ``DURABLE_EVERY_S``: waiting for the disk with every batch would cost more than the commits."""
+        if batch.at_s < self._durable_due_s:
+            return False
+        self._durable_due_s = batch.at_s + DURABLE_EVERY_S
+        return True
 
     def _record_event(self, severity: str, text: str) -> None:
         try:

@@ -15,6 +15,7 @@ from gss.domain.errors import GssError
 from gss.domain.limits import ORDER, State
 from gss.operations.clock import Monotonic, Now
 from gss.operations.frames.frames import FrameService
+from gss.operations.frames.loop_compiler import LoopCompiler
 from gss.operations.jobs import JobService
 from gss.operations.line.capture_files import capture_sizes
 from gss.operations.line.dispatcher import Dispatcher
@@ -67,6 +68,7 @@ class HealthService:
         link: LinkService,
         telemetry: TelemetryService,
         frames: FrameService,
+        compiler: LoopCompiler,
         jobs: JobService,
         backups: BackupService,
         clocks: ClockWatch,
@@ -80,6 +82,7 @@ class HealthService:
         self._database, self._disk, self._captures, self._link = database, disk, captures, link
         self._blobs = blobs
         self._telemetry, self._frames, self._jobs = telemetry, frames, jobs
+        self._compiler = compiler
         self._backups, self._clocks, self._now, self._monotonic_s = backups, clocks, now, monotonic_s
         self._started_s = monotonic_s()
         self._audit = audit
@@ -96,6 +99,7 @@ class HealthService:
             self._link_check,
             self._jobs_check,
             self._queues_check,
+            self._solver_check,
             self._audit_log_check,
             self._clock_check,
             self._backup_check,
@@ -176,6 +180,10 @@ class HealthService:
         return HealthCheck(
             "queues", "watch" if total else "ok", total, f"dropped: {losses}" if total else "nothing dropped"
         )
+
+    def _solver_check(self) -> HealthCheck:
+        state = self._compiler.state
+        return HealthCheck("solver loops", "watch" if state.startswith("not compiled") else "ok", None, state)
 
     def _dropped(self) -> dict[str, int]:
         """Return the number of items that each bounded queue has dropped, by queue name."""

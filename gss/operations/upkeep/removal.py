@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 
+from pydantic import AwareDatetime, Field
+
 from gss.domain.errors import Conflict
 from gss.operations.clock import iso_z
+from gss.operations.requests import Request
 from gss.store import upkeep as store
 
 ARRIVED_FACTOR = 1.5
@@ -41,21 +44,20 @@ class Removal:
     unusual: str = ""
 
 
-@dataclass(frozen=True)
-class Confirmed:
-    """A removal that a user has confirmed: its time and maximum amounts."""
+class ConfirmedRemoval(Request):
+    """Removal that a person has confirmed: the time ``at`` of its preview, and its maximum amounts."""
 
-    at: datetime
-    frames: int
-    frames_bytes: int
-    packets: int
-    to_thin: int
-    events: int
+    at: AwareDatetime = Field(strict=False)
+    frames: int = Field(ge=0)
+    frames_bytes: int = Field(ge=0)
+    packets: int = Field(ge=0)
+    to_thin: int = Field(ge=0)
+    events: int = Field(ge=0)
 
 
-def confirmation(removal: Removal) -> Confirmed:
+def confirmation(removal: Removal) -> ConfirmedRemoval:
     """Return the confirmation of a preview, with its amounts as maximum."""
-    return Confirmed(removal.at, *(getattr(removal, name) for name in COUNTS))
+    return ConfirmedRemoval(at=removal.at, **{name: getattr(removal, name) for name in COUNTS})
 
 
 def recent(last_run: datetime | None, at: datetime) -> datetime | None:
@@ -75,7 +77,7 @@ def unusual(removal: Removal, amounts: store.Amounts, share: float) -> str:
     return ", ".join(reasons)
 
 
-def check_confirmed(removal: Removal, confirmed: Confirmed | None, share: float) -> None:
+def check_confirmed(removal: Removal, confirmed: ConfirmedRemoval | None, share: float) -> None:
     """Raise Conflict if the removal is unusual and not confirmed, or larger than confirmed."""
     if not removal.unusual:
         return
@@ -98,7 +100,7 @@ def check_confirmed(removal: Removal, confirmed: Confirmed | None, share: float)
         )
 
 
-def check_fresh(confirmed: Confirmed, now: datetime) -> None:
+def check_fresh(confirmed: ConfirmedRemoval, now: datetime) -> None:
     """Raise Conflict if the confirmed preview is too old or dated in the future."""
     if not now - CONFIRM_WITHIN <= confirmed.at <= now + timedelta(seconds=1):
         raise Conflict(

@@ -9,7 +9,7 @@ it would remove an unusual share of the stored data.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -23,12 +23,12 @@ from gss.operations.jobs import JobKind, JobResult, JobRun, JobService
 from gss.operations.line.capture_files import SizedFile, capture_sizes
 from gss.operations.line.link import LinkService
 from gss.operations.upkeep.clock_trust import ClockTrust
-from gss.operations.upkeep.removal import Confirmed, Removal, check_confirmed, check_fresh, recent, unusual
+from gss.operations.upkeep.removal import ConfirmedRemoval, Removal, check_confirmed, check_fresh, recent, unusual
 from gss.operations.upkeep.retention_policy import (
     CHOICE,
     DAY,
-    Policy,
     RemovalJob,
+    RetentionPolicy,
     retention_choice,
     stored_policy,
     unconfirmed,
@@ -72,18 +72,18 @@ class RetentionService:
         if self.policy().captures_mb:
             self._link.capture.keep_at_most(self.policy().captures_mb << 20)
 
-    def policy(self) -> Policy:
+    def policy(self) -> RetentionPolicy:
         """Return the active policy."""
         return stored_policy(self._database)
 
-    def choose(self, policy: Policy, *, user: str) -> Policy:
+    def choose(self, policy: RetentionPolicy, *, user: str) -> RetentionPolicy:
         """Set another policy. It applies from the next run on; the limit for raw captures applies immediately."""
         with self._database.unit_of_work() as session:
-            choices.write(session, CHOICE, asdict(policy), self._now(), user)
+            choices.write(session, CHOICE, policy.model_dump(), self._now(), user)
             choices.forget(session, WAITING)
         if policy.captures_mb:
             self._link.capture.keep_at_most(policy.captures_mb << 20)
-        rules = ", ".join(f"{k} {v:g}" for k, v in asdict(policy).items() if v)
+        rules = ", ".join(f"{k} {v:g}" for k, v in policy.model_dump().items() if v)
         self._bus.record("upkeep", "watch", f"Retention changed by {user}: {rules or 'keep everything'}")
         return policy
 
@@ -95,7 +95,7 @@ class RetentionService:
         with self._database.unit_of_work() as session:
             return frames.get(session, frame_id)
 
-    def run(self, *, user: str, confirmed: Confirmed | None = None) -> Job:
+    def run(self, *, user: str, confirmed: ConfirmedRemoval | None = None) -> Job:
         """Start a removal as a job. Raises Conflict if the clock is in doubt, or if the removal is unusual and not
         confirmed."""
         self._trust.require("retention")
@@ -108,7 +108,7 @@ class RetentionService:
         """Start a removal without confirmation. The job checks whether the removal is unusual."""
         return self._begin("gss, daily", None)
 
-    def _begin(self, user: str, confirmed: Confirmed | None) -> Job:
+    def _begin(self, user: str, confirmed: ConfirmedRemoval | None) -> Job:
         return self._jobs.begin("retention", "retention", RemovalJob(self.policy(), confirmed, user=user))
 
     def _renewed(self, request: RemovalJob) -> RemovalJob:
@@ -127,7 +127,7 @@ class RetentionService:
         """Return the maximum total size of the raw captures in bytes."""
         return self._link.capture.retention.keep_bytes
 
-    def preview(self, policy: Policy, at: datetime | None = None) -> Removal:
+    def preview(self, policy: RetentionPolicy, at: datetime | None = None) -> Removal:
         """Return the amounts that a removal with ``policy`` would remove, as of ``at`` (default: now). Nothing is removed."""
         at = at or self._now()
         thinned_text = retention_choice(self._database, DONE).get("thinned_before")
@@ -196,7 +196,7 @@ class RetentionService:
             self._bus.record("upkeep", "ok", f"Retention removed {amount}", **removed)
         return {"removed": removed}
 
-    def _check(self, policy: Policy, at: datetime, confirmed: Confirmed | None) -> None:
+    def _check(self, policy: RetentionPolicy, at: datetime, confirmed: ConfirmedRemoval | None) -> None:
         """Raise Conflict if a user must confirm the removal first, and store the reason for the page and the alarm."""
         removal = self.preview(policy, at)
         try:
@@ -206,7 +206,7 @@ class RetentionService:
                 choices.write(session, WAITING, {"text": removal.unusual}, self._now(), "gss")
             raise
 
-    def _remove_pixels(self, policy: Policy, at: datetime, removed: dict[str, int], run: JobRun) -> None:
+    def _remove_pixels(self, policy: RetentionPolicy, at: datetime, removed: dict[str, int], run: JobRun) -> None:
         removable = list(self.going(policy, at))
         for group in _groups(removable):
             run.progress(removed["frames"], len(removable), f"Pixels of {removed['frames']} of {len(removable)} frames")
@@ -218,7 +218,7 @@ class RetentionService:
                 run.keep({"at": at.isoformat(), "pending": keys, "removed": removed}, session)
             self._delete_blobs(keys, removed)
 
-    def going(self, policy: Policy, at: datetime) -> Iterator[store.Pixels]:
+    def going(self, policy: RetentionPolicy, at: datetime) -> Iterator[store.Pixels]:
         """Yield the pixels that the policy removes, oldest first."""
         if not policy.frames_days and not policy.frames_gb:
             return

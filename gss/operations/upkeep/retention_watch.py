@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from datetime import datetime
 
 from gss.domain.limits import State
@@ -58,5 +57,5 @@ class DailyRetention:
         if now < self._next or not self._clocks.steady() or self._trust.state().doubt:
             return
         self._next = now + DAY
-        if any(v for k, v in asdict(self._retention.policy()).items() if k.endswith(("_days", "_gb"))):
+        if self._retention.policy().deletes:
             self._retention.run_daily()

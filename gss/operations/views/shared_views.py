@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pydantic import Field
+
 from gss.domain.errors import BadInput, Conflict, NotPermitted
 from gss.operations.clock import Now
+from gss.operations.requests import Request
 from gss.store import views as store
 from gss.store.engine import Database
 from gss.store.models import SharedView, SharedViewVersion
@@ -15,14 +18,13 @@ MAX_VIEWS, MAX_VERSIONS = 500, 50
 MAX_PATH_LENGTH = 4000
 
 
-@dataclass(frozen=True)
-class ViewContent:
-    """Content of a view. ``path``: address of the page within the unit, with its query; ``open``: true if other users may change
-    the view."""
+class ViewRequest(Request):
+    """View to store. ``path``: address of a page within the unit, with its query; ``open``: every user with the permission may
+    change it."""
 
-    name: str
-    path: str
-    note: str = ""
+    name: str = Field(min_length=1, max_length=80)
+    path: str = Field(min_length=1, max_length=MAX_PATH_LENGTH)
+    note: str = Field(default="", max_length=500)
     open: bool = False
 
 
@@ -50,8 +52,8 @@ class SharedViews:
         with self._database.unit_of_work() as session:
             return ViewDetail(store.get(session, view_id), store.versions(session, view_id))
 
-    def create(self, content: ViewContent, *, user: str) -> SharedView:
-        """Store a new view. Raises BadInput for an address outside the console, and Conflict if the name exists."""
+    def create(self, content: ViewRequest, *, user: str) -> SharedView:
+        """Store a new view. Raises BadInput for an address outside the console, Conflict if the name is in use."""
         checked = _checked(content)
         with self._database.unit_of_work() as session:
             if store.count(session) >= MAX_VIEWS:
@@ -63,9 +65,9 @@ class SharedViews:
             store.add(session, _version_of(row))
         return row
 
-    def change(self, view_id: int, version: int, content: ViewContent, *, user: str, manages: bool) -> SharedView:
-        """Store a new version of a view. ``version``: the version that the user opened. Raises NotFound, NotPermitted, BadInput,
-        and Conflict if the view has changed since."""
+    def change(self, view_id: int, version: int, content: ViewRequest, *, user: str, manages: bool) -> SharedView:
+        """Store a new version of a view. ``version``: the one that the user saw. Raises NotFound, NotPermitted, BadInput, and
+        Conflict if another user has changed the view since."""
         checked = _checked(content)
         with self._database.unit_of_work() as session:
             row = store.get(session, view_id, lock=True)
@@ -93,12 +95,12 @@ class SharedViews:
                 raise NotPermitted("Only the owner deletes a view", expected=row.owner, got=user)
             store.remove(session, row)
 
-    def _fill(self, row: SharedView, content: ViewContent, user: str) -> None:
+    def _fill(self, row: SharedView, content: ViewRequest, user: str) -> None:
         row.name, row.path, row.note, row.open = content.name, content.path, content.note, content.open
         row.version, row.user, row.changed = row.version + 1, user, self._now()
 
 
-def _checked(content: ViewContent) -> ViewContent:
+def _checked(content: ViewRequest) -> ViewRequest:
     """Return the content if its name can be shown and its path is a page of this console. Raises BadInput."""
     name, path = " ".join(content.name.split()), content.path
     if not name or not name.isprintable():
@@ -114,7 +116,7 @@ def _checked(content: ViewContent) -> ViewContent:
         raise BadInput(
             "The address is not a page of the console", expected="for example /telemetry?plot=…", got=path[:80]
         )
-    return ViewContent(name, path, content.note.strip(), content.open)
+    return ViewRequest(name=name, path=path, note=content.note.strip(), open=content.open)
 
 
 def _check_owner(row: SharedView, user: str, *, manages: bool) -> None:

@@ -154,6 +154,17 @@ def test_a_device_that_stops_sending_leaves_an_unexplained_gap(station):
     assert gap.missing == 5
 
 
+def test_closing_the_line_does_not_explain_an_earlier_silence(station):
+    """The device had stopped sending before the operator closed the line."""
+    contact_id = station.open()
+    station.listen(4)
+    station.sensor.device._send_housekeeping = lambda request_id: None
+    station.listen(6)
+    station.close()
+    (gap,) = station.contacts.record(contact_id).unexplained
+    assert gap.missing >= 5
+
+
 def test_a_lost_line_ends_the_contact_and_is_the_cause(station):
     """A disconnected cable ends the contact, the next contact is another one, and nothing is unexplained."""
     first = station.open()

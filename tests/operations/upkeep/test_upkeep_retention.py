@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import random
 import sqlite3
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import timedelta
 
 import pytest
+from pydantic import ValidationError
 from sqlalchemy import func, select
 
 from gss.domain.errors import BadInput
@@ -19,7 +20,7 @@ from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.forecast import ForecastService
 from gss.operations.upkeep.removal import confirmation
 from gss.operations.upkeep.retention import RetentionService
-from gss.operations.upkeep.retention_policy import Policy, RemovalJob
+from gss.operations.upkeep.retention_policy import RemovalJob, RetentionPolicy
 from gss.operations.upkeep.retention_watch import DailyRetention
 from gss.store import upkeep
 from gss.store.engine import Database, open_engine
@@ -52,7 +53,7 @@ def test_old_pixels_are_deleted_and_rows_solutions_and_favourites_stay(store):
         made = {"created": store.clock(), "author": "a", "tool": "t", "values": {}, "result": {}}
         session.add(Calibration(profile="p", kind="flat", name="n", request={"flat_pairs": [[old[2], 9]]}, **made))
     young = [store.add_frame(bytes([3]) * 100, age_days=1), store.add_frame(b"y" * 100, age_days=1)]
-    store.retention.choose(Policy(frames_days=30, keep_frames=2), user="ann")
+    store.retention.choose(RetentionPolicy(frames_days=30, keep_frames=2), user="ann")
     removed = store.end(store.retention.run(user="ann")).result["removed"]
     assert pixels_left(store.database) == [old[1], old[2], *young]
     assert (removed["frames"], removed["bytes"]) == (4, 300)
@@ -64,7 +65,7 @@ def test_old_pixels_are_deleted_and_rows_solutions_and_favourites_stay(store):
 def test_the_oldest_pixels_are_deleted_while_the_total_is_too_large(store):
     """By size: oldest first, no more than needed."""
     ids = [store.add_frame(bytes([k]) * 1000, age_days=k + 1) for k in range(5)]
-    store.retention.choose(Policy(frames_gb=3.2e-6, keep_frames=1), user="ann")
+    store.retention.choose(RetentionPolicy(frames_gb=3.2e-6, keep_frames=1), user="ann")
     store.end(store.retention.run(user="ann"))
     assert pixels_left(store.database) == ids[2:]
 
@@ -79,7 +80,7 @@ def test_packets_are_thinned_to_one_a_minute_and_then_deleted(store, batch, monk
     store.add_packets("attitude", 30, 10, 1, request_id=5)
     store.add_packets("housekeeping", 40, 100, 1)
     store.add_packets("housekeeping", 25, 1, 1)
-    store.retention.choose(Policy(telemetry_thin_days=5, telemetry_days=50), user="ann")
+    store.retention.choose(RetentionPolicy(telemetry_thin_days=5, telemetry_days=50), user="ann")
     removed = store.end(store.retention.run(user="ann")).result["removed"]
     assert (removed["packets"], removed["thinned"]) == (40, 177)
     with store.database.unit_of_work() as session:
@@ -97,7 +98,7 @@ def test_after_a_kill_between_any_two_steps_the_next_server_completes_them(
     monkeypatch.setattr(room, "FRAMES_AT_ONCE", 2)
     ids = [store.add_frame(bytes([k]) * 100, age_days=40) for k in range(6)]
     store.add_packets("housekeeping", 10, 40, 1)
-    store.retention.choose(Policy(frames_days=30, telemetry_days=30, keep_frames=0), user="ann")
+    store.retention.choose(RetentionPolicy(frames_days=30, telemetry_days=30, keep_frames=0), user="ann")
     work, times, after = store.retention.work, [], []
 
     class Killed(BaseException):
@@ -157,7 +158,7 @@ def test_the_forecast_states_when_the_disk_is_full_and_what_is_deleted_next(stor
     assert first.bytes_per_day == pytest.approx(1e6, rel=0.2)
     assert first.full_in_days == pytest.approx(10, rel=0.25)
     assert (first.next_removal, first.removable_bytes) == (None, 0)
-    store.retention.choose(Policy(frames_days=20, telemetry_days=9, keep_frames=0), user="ann")
+    store.retention.choose(RetentionPolicy(frames_days=20, telemetry_days=9, keep_frames=0), user="ann")
     second = ForecastService(store.database, store.retention, store.disk, store.backups.folder).now()
     assert second.full_in_days is None
     assert second.next_removal == store.clock() + timedelta(days=13.5)
@@ -183,7 +184,7 @@ def test_a_young_store_is_forecast_from_its_age_and_a_new_one_not_at_all(store, 
 def test_it_runs_once_a_day_and_not_while_the_clock_is_untrusted(store, bus, clock):
     """A clock that jumps a year ahead must not make everything old: removal waits for an hour of steady running."""
     ids = [store.add_frame(bytes([k]) * 100, age_days=1) for k in range(3)]
-    store.retention.choose(Policy(frames_days=30, keep_frames=0), user="ann")
+    store.retention.choose(RetentionPolicy(frames_days=30, keep_frames=0), user="ann")
     mono = [0.0]
     clocks = ClockWatch(bus, clock, lambda: mono[0], [])
     daily = DailyRetention(store.retention, clocks, store.trust, clock)
@@ -219,24 +220,24 @@ def test_it_runs_once_a_day_and_not_while_the_clock_is_untrusted(store, bus, clo
 def test_an_impossible_policy_is_rejected():
     """Negative ages, and packets that would be deleted before they are thinned."""
     for wrong in ({"frames_days": -1}, {"telemetry_days": 5, "telemetry_thin_days": 5}, {"frames_gb": float("nan")}):
-        with pytest.raises(BadInput):
-            Policy(**wrong)
+        with pytest.raises((BadInput, ValidationError)):
+            RetentionPolicy(**wrong)
 
 
 def test_a_restarted_removal_or_backup_follows_the_current_policy(store):
     """A withdrawn strict policy deletes nothing through an old job; the new job belongs to the user who requested it."""
     for _ in range(3):
         store.add_frame(b"x" * 10, age_days=9)
-    store.retention.choose(Policy(backups_keep=1), user="ann")
+    store.retention.choose(RetentionPolicy(backups_keep=1), user="ann")
     strict = store.jobs.begin(
-        "retention", "t", RemovalJob(Policy(frames_days=1, keep_frames=0), user="ann"), lambda run: {}
+        "retention", "t", RemovalJob(RetentionPolicy(frames_days=1, keep_frames=0), user="ann"), lambda run: {}
     )
     once = store.end(store.backups.start(keep=1, user="ann"))
     store.end(strict)
-    store.retention.choose(Policy(), user="ann")
+    store.retention.choose(RetentionPolicy(), user="ann")
     removal = store.end(store.jobs.again(strict.id, user="bob"))
     assert (removal.request, removal.result["removed"]["frames"]) == (
-        {"policy": asdict(Policy()), "user": "bob", "confirmed": None},
+        {"policy": RetentionPolicy().model_dump(), "user": "bob", "confirmed": None},
         0,
     )
     assert store.end(store.jobs.again(once.id, user="bob")).request == {"keep": 0, "user": "bob"}
@@ -245,7 +246,7 @@ def test_a_restarted_removal_or_backup_follows_the_current_policy(store):
 def test_a_restarted_removal_needs_a_new_confirmation(store, clock, monkeypatch):
     """The confirmation of an ended removal applies to that removal only; one that continues after a crash keeps it."""
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 0))
-    store.retention.choose(Policy(frames_days=1, keep_frames=0), user="ann")
+    store.retention.choose(RetentionPolicy(frames_days=1, keep_frames=0), user="ann")
     for k in range(3):
         store.add_frame(bytes([k]) * 10, age_days=9)
     shown = confirmation(store.retention.preview(store.retention.policy()))
@@ -268,15 +269,15 @@ def test_a_removal_resumed_after_a_crash_follows_the_current_policy(store, clock
     """A policy withdrawn while the server was down deletes nothing through the job that it left."""
     for _ in range(3):
         store.add_frame(b"x" * 10, age_days=9)
-    begun = Policy(frames_days=1, keep_frames=0)
+    begun = RetentionPolicy(frames_days=1, keep_frames=0)
     row = Job(
         kind="retention", title="t", state="running", text="", created=clock(), result={}, done=0, total=0, attempts=0
     )
-    row.request = {"policy": asdict(begun), "user": "ann"}
+    row.request = {"policy": begun.model_dump(), "user": "ann"}
     row.checkpoint = {"at": clock().isoformat(), "pending": [], "removed": dict.fromkeys(room.FIGURES, 0)}
     with store.database.unit_of_work() as session:
         session.add(row)
-    store.retention.choose(Policy(), user="ann")
+    store.retention.choose(RetentionPolicy(), user="ann")
     store.jobs.start()
     ended = store.end(row)
     assert (ended.state, ended.result["removed"]["frames"]) == ("done", 0)

@@ -15,14 +15,14 @@ from gss.operations.upkeep import removal
 from gss.operations.upkeep.clock_trust import ClockTrust
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.removal import confirmation
-from gss.operations.upkeep.retention_policy import Policy
+from gss.operations.upkeep.retention_policy import RetentionPolicy
 from gss.operations.upkeep.retention_watch import DailyRetention, RetentionWatch
 from gss.store import choices
 from gss.store.models import Base, Event
 
 HOUR_S, DAY_S = 3600.0, 86_400.0
 YEARS_S = 3652 * DAY_S
-POLICY = Policy(
+POLICY = RetentionPolicy(
     frames_days=30, keep_frames=0, telemetry_thin_days=20, telemetry_days=30, events_days=30, backups_keep=1
 )
 
@@ -139,7 +139,7 @@ def test_an_operator_confirms_the_clock_and_then_the_removal(mission, bus, clock
         mission.retention.run(user="ann")
     seen = mission.retention.preview(POLICY)
     assert seen.unusual
-    less = confirmation(mission.retention.preview(Policy(**vars(POLICY) | {"frames_days": 0}), seen.at))
+    less = confirmation(mission.retention.preview(RetentionPolicy(**vars(POLICY) | {"frames_days": 0}), seen.at))
     with pytest.raises(Conflict, match="more data would be removed"):
         mission.retention.run(user="ann", confirmed=less)
     job = mission.end(mission.retention.run(user="ann", confirmed=confirmation(seen)))
@@ -169,13 +169,14 @@ def test_a_jump_of_a_plausible_pause_still_needs_confirmation_of_a_large_removal
     server = RestartedServer(mission, bus)
     server.live(HOUR_S, 30)
     assert (server.titles(), held(mission)) == (["Retention"], before)
-    mission.retention.choose(Policy(frames_days=3000), user="ann")
+    mission.retention.choose(RetentionPolicy(frames_days=3000), user="ann")
     server.live(DAY_S, 2)
     assert (server.titles(), server.runs()[0].state) == ([], "done")
 
 
 @pytest.mark.parametrize(
-    "policy", [Policy(telemetry_days=3), Policy(telemetry_days=0.5), Policy(telemetry_thin_days=2)]
+    "policy",
+    [RetentionPolicy(telemetry_days=3), RetentionPolicy(telemetry_days=0.5), RetentionPolicy(telemetry_thin_days=2)],
 )
 def test_daily_retention_continues_when_a_day_is_a_large_share(store, bus, clock, policy, monkeypatch):
     """A store that keeps only a few days deletes a day's packets each day without confirmation, however large their
@@ -198,14 +199,14 @@ def test_a_removal_after_weeks_without_retention_needs_confirmation(store, bus, 
     """Everything stored has arrived since the last removal weeks ago; this does not make a large removal usual."""
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 5))
     server = RestartedServer(store, bus)
-    store.retention.choose(Policy(telemetry_days=300), user="ann")
+    store.retention.choose(RetentionPolicy(telemetry_days=300), user="ann")
     server.live(HOUR_S, 3)
     assert [job.state for job in server.runs()] == ["done"]
-    store.retention.choose(Policy(), user="ann")
+    store.retention.choose(RetentionPolicy(), user="ann")
     for _ in range(25):
         store.add_packets("housekeeping", 48, 0, 1800)
         server.live(HOUR_S, 24)
-    store.retention.choose(Policy(telemetry_days=1), user="ann")
+    store.retention.choose(RetentionPolicy(telemetry_days=1), user="ann")
     server.live(HOUR_S, 30)
     assert (server.titles(), server.runs()[0].state) == (["Retention"], "failed")
     with store.database.unit_of_work() as session:

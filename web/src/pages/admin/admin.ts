@@ -14,13 +14,13 @@ export type AuditVerdict = S['AuditVerdictOut'];
 export type Health = S['HealthOut'];
 export type Notifications = S['NotificationsOut'];
 export type Backup = S['BackupOut'];
-export type Policy = S['RetentionIn'];
+export type Policy = S['RetentionPolicy'];
 export type Retention = S['RetentionOut'];
 /** What a policy would delete now. */
 export type Removal = S['RemovalOut'];
 
 /** The confirmation of exactly this preview. */
-export function confirmationOf({ at, frames, frames_bytes, packets, to_thin, events }: Removal): S['ConfirmedIn'] {
+export function confirmationOf({ at, frames, frames_bytes, packets, to_thin, events }: Removal): S['ConfirmedRemoval'] {
   return { at, frames, frames_bytes, packets, to_thin, events };
 }
 

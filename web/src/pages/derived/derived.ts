@@ -5,7 +5,7 @@ import type { components } from '../../api/generated/schema';
 type S = components['schemas'];
 const { GET, POST, PUT, DELETE } = http;
 export type Derived = S['DerivedOut'];
-export type DerivedIn = S['DerivedIn'];
+export type DerivedRequest = S['DerivedRequest'];
 export type Trial = S['TrialOut'];
 export type Range = [number | null, number | null];
 export const LEVELS = ['watch', 'warning', 'critical'] as const;
@@ -14,8 +14,8 @@ export const requests = {
   every: () => body(GET('/api/telemetry/derived')),
   trial: (expression: string, signal?: AbortSignal) =>
     body(POST('/api/telemetry/derived/check', { body: { expression }, signal, keepalive: false })),
-  add: (request: DerivedIn) => body(POST('/api/telemetry/derived', { body: request })),
-  change: (request: DerivedIn) =>
+  add: (request: DerivedRequest) => body(POST('/api/telemetry/derived', { body: request })),
+  change: (request: DerivedRequest) =>
     body(PUT('/api/telemetry/derived/{name}', { params: { path: { name: request.name } }, body: request })),
   remove: (name: string) => body(DELETE('/api/telemetry/derived/{name}', { params: { path: { name } } })),
   recompute: (name: string, start: string, end: string) =>

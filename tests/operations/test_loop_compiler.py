@@ -1,0 +1,80 @@
+"""Compiling the solver's loops beside a running server: numpy until then, the compiled loops afterwards."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gss.operations.frames.loop_compiler import LoopCompiler
+
+MARKED = """
+from gss.pipeline.kernels import are_compiled, compiled_mark, kernels
+print(kernels().name, are_compiled(), kernels(fast=True).name)
+compiled_mark().parent.mkdir(parents=True, exist_ok=True)
+compiled_mark().touch()
+print(kernels().name, are_compiled(), kernels(fast=False).name)
+"""
+
+
+def compiler(program: str, bus: Any, *, compiled: bool = False) -> LoopCompiler:
+    """Return a compiler that runs this program."""
+    return LoopCompiler([sys.executable, "-c", program], lambda: compiled, bus)
+
+
+def wait_for(state: str, of: LoopCompiler) -> None:
+    """Wait until the state begins so."""
+    for _ in range(400):
+        if of.state.startswith(state):
+            return
+        time.sleep(0.05)
+    pytest.fail(f"the state is still {of.state!r}")
+
+
+def test_compiled_loops_are_the_default_once_they_are_marked(tmp_path: Path) -> None:
+    """A new installation solves with numpy until gss compile has marked the loops; a caller can choose either at any time."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", MARKED], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["numpy False numba", "numba True numpy"]
+
+
+def test_compiled_loops_are_not_compiled_again(bus: Any) -> None:
+    """No child is started for loops that are compiled."""
+    loops = compiler("raise SystemExit('started')", bus, compiled=True)
+    loops.start()
+    wait_for("compiled", loops)
+    loops.stop()
+    assert not [event for event in bus.after(0, 100) if event.kind == "solver"]
+
+
+def test_progress_and_end_are_reported(bus: Any) -> None:
+    """The state shows the child's last line; two events say when it began and ended."""
+    loops = compiler("import sys; print('1 of 4', flush=True); sys.stdin.read(); import time; time.sleep(0.3)", bus)
+    loops.start()
+    wait_for("compiling: 1 of 4", loops)
+    wait_for("compiled", loops)
+    assert [event.severity for event in bus.after(0, 100) if event.kind == "solver"] == ["ok", "ok"]
+
+
+def test_a_failure_is_reported_with_what_to_do(bus: Any) -> None:
+    """The last line of the child is the reason."""
+    loops = compiler("import sys; sys.exit('no space left on device')", bus)
+    loops.start()
+    wait_for("not compiled: no space left on device", loops)
+    last = [event for event in bus.after(0, 100) if event.kind == "solver"][-1]
+    assert (last.severity, last.text.endswith("Run gss compile")) == ("watch", True)
+
+
+def test_stop_ends_the_child_at_once(bus: Any) -> None:
+    """A server that stops does not wait for the compiler."""
+    loops = compiler("print('1 of 4', flush=True); import time; time.sleep(600)", bus)
+    loops.start()
+    wait_for("compiling", loops)
+    loops.stop()
+    assert loops.state == "compiling: 1 of 4"
+    assert [event.text for event in bus.after(0, 100) if event.kind == "solver"][1:] == []
