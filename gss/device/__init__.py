@@ -1,1 +1,2 @@
-"""The star tracker as the ground sees it: dictionary, protocol, host session, and a simulator that runs as a separate process."""
+"""Interface to the star tracker: dictionary, protocol, host session, and a simulator that runs as a separate
+process."""

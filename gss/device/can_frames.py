@@ -1,7 +1,7 @@
-"""CAN frames as bytes: records of 16 bytes, so that a driver, a capture and a replay see a CAN bus as any other line.
+"""CAN frames as records of 16 bytes. Drivers, captures and replays can thus handle a CAN bus like any other line.
 
-A record is the head of LINKTYPE_CAN_SOCKETCAN (identifier with its flags, big-endian; length; three zero bytes) and always eight
-bytes of data, filled with zeros. Pure.
+A record consists of the LINKTYPE_CAN_SOCKETCAN header (identifier with its flags, big-endian; length; three zero bytes)
+and eight bytes of data, padded with zeros. Pure.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ MAX_DATA = 8
 
 @dataclass(frozen=True)
 class CanFrame:
-    """A frame of classic CAN. ``data``: at most eight bytes."""
+    """One classic CAN frame. ``data``: at most eight bytes."""
 
     id: int
     data: bytes = b""
@@ -31,14 +31,15 @@ class CanFrame:
 
 
 class CanReader:
-    """Reads records from a stream of bytes; what cannot be a record is dropped byte by byte. Error frames are counted."""
+    """Reads records from a byte stream and drops, byte by byte, data that cannot be a record. Error frames are counted
+    and dropped."""
 
     def __init__(self) -> None:
         self._buffer = b""
         self.bytes = self.unframed = self.errors = 0
 
     def restart(self) -> None:
-        """Discard the partial record. Counters are kept."""
+        """Discard the partial record. The counters do not change."""
         self._buffer = b""
 
     def feed(self, data: bytes) -> list[CanFrame]:
@@ -64,7 +65,7 @@ class CanReader:
 
 
 def _is_record(record: bytes) -> bool:
-    """True if identifier, length and padding are possible."""
+    """True if the identifier, length and padding are valid."""
     flagged, length, content = RECORD.unpack(record)
     if length > MAX_DATA or any(record[5:8]) or any(content[length:]):
         return False

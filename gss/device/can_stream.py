@@ -1,7 +1,8 @@
-"""Line over a CAN bus: ``can://interface/channel``, through python-can. Each frame is one record of :mod:`gss.device.can_frames`.
+"""Line over a CAN bus: ``can://interface/channel``, through python-can. Each frame is one record of
+:mod:`gss.device.can_frames`.
 
-The only module that imports python-can. A bus shows no far end: without frames it is a silent line. A read blocks at most for its
-timeout.
+Only this module imports python-can. A bus does not show whether another node is connected: without frames it looks like
+a silent line. A read blocks at most for its timeout.
 """
 
 from __future__ import annotations
@@ -20,23 +21,24 @@ from gss.domain.errors import LinkDown
 WRITE_TIMEOUT_S = 10.0
 BUS_ERRORS = (can.CanError, OSError)
 DAMAGED = (ValueError, TypeError)
-"""What python-can raises for text of a serial adapter that is not a frame."""
+"""Errors that python-can raises if a serial adapter sends text that is not a valid frame."""
 THIS_MACHINE = 0
-"""Hop limit of a bus that processes on this machine share: frames sent to it do not leave the machine. Other hosts of the
+"""Hop limit of a bus that processes on this machine share. It keeps sent frames on this machine; other hosts of the
 network can still send to the group."""
 HINTS = {
     SOCKETCAN: "set the interface up: ip link set can0 up type can bitrate 1000000",
     SLCAN: "check the adapter and its port",
     UDP_MULTICAST: "check that this computer has a route for multicast",
 }
-logging.getLogger("can").setLevel(logging.ERROR)  # it reports every frame that it cannot read
+logging.getLogger("can").setLevel(logging.ERROR)  # python-can logs every frame that it cannot read
 
 
 class CanStream:
     """A :class:`gss.device.transport.ByteStream` over one CAN bus."""
 
     def __init__(self, address: LineAddress, bitrate: int) -> None:
-        """Open the bus. ``bitrate``: of a serial adapter; other interfaces have their own. Raises LinkDown."""
+        """Open the bus. ``bitrate`` applies to serial adapters only; other interfaces have a configured bit rate.
+        Raises LinkDown."""
         self.url = address.text
         self._partial, self._closed = CanReader(), False
         try:
@@ -45,12 +47,12 @@ class CanStream:
             raise LinkDown(f"cannot open {self.url}", got=str(error), hint=HINTS[address.interface]) from error
 
     def fileno(self) -> int:
-        """Handle to wait on for received frames."""
+        """Return the file descriptor that becomes readable when a frame is received."""
         return self._bus.fileno()
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """Return records that are available or first arrive within ``timeout_s``; b"" if none do. At least one record, though
-        ``max_bytes`` may be smaller. Raises LinkDown if the bus is lost."""
+        """Return the records that are available; wait up to ``timeout_s`` for the first one. Returns b"" after the
+        timeout. Returns one record even if ``max_bytes`` is smaller. Raises LinkDown if the bus is lost."""
         records, end_s = b"", time.monotonic() + timeout_s
         while not records or len(records) + RECORD.size <= max_bytes:
             left_s = end_s - time.monotonic()
@@ -58,12 +60,12 @@ class CanStream:
             if record is None:
                 break
             records += record
-            if left_s <= 0:  # frames of another kind alone must not hold the line
+            if left_s <= 0:  # otherwise a series of unsupported frames could prolong the read without limit
                 break
         return records
 
     def _receive(self, timeout_s: float) -> bytes | None:
-        """Return the record of the next frame; b"" for another one than of classic CAN, None without one."""
+        """Return the record of the next classic CAN frame; b"" for any other frame, None if no frame is received."""
         if self._closed:
             raise self._down("the bus was closed")
         try:
@@ -74,7 +76,7 @@ class CanStream:
             if isinstance(error, OSError) or isinstance(error.__cause__, OSError):
                 raise self._down(str(error)) from error
             if isinstance(self._bus, slcanBus):
-                self._bus.flush()  # it would keep the bytes that it cannot read
+                self._bus.flush()  # otherwise the adapter keeps the bytes that it cannot read
             return b""
         if message is None:
             return None
@@ -89,7 +91,8 @@ class CanStream:
         return frame.record()
 
     def write(self, data: bytes) -> None:
-        """Send the frames of complete records; the rest waits for the next call. Raises LinkDown on failure."""
+        """Send the frames of the complete records; an incomplete record is kept for the next call. Raises LinkDown on
+        failure."""
         for frame in self._partial.feed(data):
             message = can.Message(
                 arbitration_id=frame.id,
@@ -103,10 +106,10 @@ class CanStream:
                 raise self._down(str(error)) from error
 
     def _down(self, reason: str) -> LinkDown:
-        return LinkDown(f"the line {self.url} is gone", got=reason, hint="check bus and adapter")
+        return LinkDown(f"the line {self.url} was lost", got=reason, hint="check bus and adapter")
 
     def close(self) -> None:
-        """Close the bus. May be called more than once."""
+        """Close the bus. Can be called more than once."""
         if self._closed:
             return
         self._closed = True
@@ -115,7 +118,7 @@ class CanStream:
 
 
 def _open(address: LineAddress, bitrate: int) -> can.BusABC:
-    """Open the bus with fixed options; nothing is read from python-can's configuration files."""
+    """Open the bus with fixed options. python-can's configuration files are not used."""
     interface = address.interface
     if interface == UDP_MULTICAST:
         return can.Bus(

@@ -1,4 +1,4 @@
-"""Checksums by their catalogue name: every parametrised CRC of the CRC RevEng catalogue (library ``anycrc``), and XXH32."""
+"""Checksums by name: every CRC of the CRC RevEng catalogue (library ``anycrc``), and XXH32."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Calculate = Callable[[bytes], int]
 
 
 def checksum_named(name: str, seed: int = 0) -> tuple[Calculate, int]:
-    """Return the function of a checksum and its size in bytes. ``seed``: of XXH32. Raises BadInput for an unknown name, and for
-    a width that does not fill whole bytes."""
+    """Return the function that computes a checksum, and the checksum's size in bytes. ``seed`` applies to XXH32 only.
+    Raises BadInput if the name is unknown or the width is not a multiple of 8 bits."""
     algorithm = name.upper()
     if algorithm == XXH32:
         return lambda data: int(xxhash.xxh32_intdigest(data, seed)), 4

@@ -1,8 +1,10 @@
-"""The interface between the ground and one type of sensor: a driver, found through the entry point group ``gss.drivers``.
+"""The interface between the ground and one type of sensor: a driver, found through the entry point group
+``gss.drivers``.
 
-A driver is pure: bytes and a monotonic time go in, bytes and events come out. It owns no port, no thread and no clock, so that
-the same driver runs on the line, in a test and in a replay. :func:`open_driver` builds the session of one unit; its owner calls
-``link_up`` when a port is open, ``feed`` with received bytes, and ``poll`` every 10–50 ms, and writes what ``poll`` returns.
+A driver is pure: its inputs are bytes and a monotonic time, its outputs are bytes and events. It owns no port, thread
+or clock, so the same driver can run on the line, in a test and in a replay. :func:`open_driver` builds the session of
+one unit; its owner calls ``link_up`` when a port is open, ``feed`` with received bytes, and ``poll`` every 10–50 ms,
+and writes what ``poll`` returns.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ InFlight = tuple[int, EncodedCommand]
 
 
 class DriverTransfers(Protocol):
-    """Content on its way to or from a device. Each method raises Conflict or NotFound if it cannot be done."""
+    """Uploads and downloads of a device. A method raises Conflict or NotFound if the request cannot be executed."""
 
     def start_download(
         self,
@@ -74,7 +76,7 @@ class DriverTransfers(Protocol):
 
 
 class Driver(Protocol):
-    """Session with one unit. Methods that raise BadInput, NotFound or Conflict change nothing. Not thread-safe."""
+    """Session with one unit. A method that raises BadInput, NotFound or Conflict has no effect. Not thread-safe."""
 
     framing: str
     """Framing of the line, for display."""
@@ -135,8 +137,9 @@ class Driver(Protocol):
 
 @dataclass(frozen=True)
 class UnitSetup:
-    """What a driver knows of its unit. ``instrument``: name of the package, which the unit is taken to be where its protocol
-    does not say it; ``columns``, ``rows``, ``bits``: of its detector. ``framing``: instead of that of ``link``."""
+    """Configuration of a driver for one unit. ``instrument``: name of the package, assumed as the identity of the unit
+    if the protocol does not report one. ``columns``, ``rows``, ``bits``: properties of the detector. ``framing``:
+    replaces the framing of ``link`` unless empty."""
 
     dictionary: Dictionary
     link: LinkFile
@@ -153,7 +156,7 @@ Factory = Callable[[UnitSetup], Driver]
 
 @lru_cache(maxsize=16)
 def driver_named(name: str) -> Factory:
-    """Return the factory of an installed driver. Raises NotFound."""
+    """Return the session factory of an installed driver. Raises NotFound."""
     installed = entry_points(group=DRIVERS)
     if name not in installed.names:
         raise NotFound("unknown driver", expected=" | ".join(sorted(installed.names)), got=name)
@@ -161,8 +164,8 @@ def driver_named(name: str) -> Factory:
 
 
 def open_driver(instrument: Instrument, framing: str = "", signer: PacketSigner | None = None) -> Driver:
-    """Return a new session with a unit of an instrument. Raises NotFound for an unknown driver, BadInput for a ``link.yaml``
-    that the driver cannot use."""
+    """Create a session with a unit of an instrument. Raises NotFound for an unknown driver, BadInput for a
+    ``link.yaml`` that the driver cannot use."""
     camera = instrument.profile.camera
     setup = UnitSetup(
         instrument.dictionary,

@@ -1,8 +1,8 @@
 """Host session with a third-party sensor: one request at a time, each followed by its response. No I/O.
 
-The protocol is an :class:`ExchangeWire`: it makes frames of requests and reads responses. Everything else is here and the
-same for all of them: queue, timeouts, requests that the ground repeats, counters and the identity of the unit. Such sensors
-remember no request ids, so ids count requests on the ground only.
+An :class:`ExchangeWire` implements the protocol: it encodes requests and decodes responses. This module contains the
+parts that all such protocols share: queue, timeouts, repeated requests, counters and the identity of the unit. These
+sensors do not store request ids, so the ids only number requests on the ground.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ NO_ABORT = "This sensor has no command to abort."
 
 @dataclass(frozen=True)
 class SensorRequest:
-    """A request under way: its number on the ground, its command, and the encoded arguments."""
+    """A request in progress: its number on the ground, its command, and the encoded arguments."""
 
     request_id: int
     order: EncodedCommand
@@ -47,9 +47,10 @@ class SensorRequest:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a frame of the sensor means. ``stage``: of the request under way, None if the frame does not concern it.
-    ``packet``: telemetry packet in it, with its content. ``time_s``: the sensor's clock, None without one. ``event``: name of an
-    event in it, described by ``detail``. ``reply``: bytes that continue the exchange. ``of_unit``: False if another one sent it."""
+    """Decoded content of one frame from the sensor. ``stage``: new stage of the request in progress, None if the frame
+    does not concern that request. ``packet``: name of the telemetry packet in the frame, decoded in ``content``.
+    ``time_s``: time of the sensor's clock, None if not reported. ``event``: name of the event in the frame, described
+    by ``detail``. ``reply``: bytes to send next in the exchange. ``of_unit``: False if another node sent the frame."""
 
     stage: Stage | None = None
     reason: str = ""
@@ -64,7 +65,7 @@ class Answer:
 
 
 class ExchangeWire(Protocol):
-    """A protocol on the line; pure."""
+    """Encoder and decoder of one protocol; pure."""
 
     def encode(self, name: str, arguments: Mapping[str, Value]) -> EncodedCommand: ...
 
@@ -83,8 +84,8 @@ class ExchangeWire(Protocol):
 
 
 class ExchangeSession:
-    """A :class:`gss.device.driver.Driver` for request and response. ``poll``: requests that the ground repeats; ``greeting``:
-    command that it repeats until the first answer on an open line."""
+    """A :class:`gss.device.driver.Driver` for requests and responses. ``poll``: requests that the ground repeats;
+    ``greeting``: command that the ground repeats until the first answer."""
 
     def __init__(
         self,
@@ -154,14 +155,14 @@ class ExchangeSession:
         return self._queue.clear(detail)
 
     def abort(self, now_s: float) -> int:
-        """Raise Conflict: without the command there is nothing to send."""
+        """Raise Conflict: these sensors have no command to abort."""
         raise Conflict(NO_ABORT)
 
     def acknowledge_mismatch(self) -> None:
-        """Do nothing: such a sensor does not report its dictionary."""
+        """Do nothing: these sensors do not report a dictionary."""
 
     def restore(self, next_request_id: int, in_flight: Sequence[InFlight], next_transfer_id: int = 1) -> None:
-        """Seed the ids after a restart. Commands ``in_flight`` get the stage UNKNOWN and may be retried."""
+        """Set the next ids after a restart. Commands ``in_flight`` get the stage UNKNOWN and can be retried."""
         self._ids.following = next_request_id
         for request_id, order in in_flight:
             self._orders[request_id] = order
@@ -174,7 +175,7 @@ class ExchangeSession:
     # --- line ---------------------------------------------------------------------------------------------------
 
     def link_up(self, now_s: float) -> None:
-        """Start on a newly opened port."""
+        """Reset the session for a newly opened port."""
         self._wire.restart()
         self._up, self._greeted, self._replies = True, False, []
         self._current, self._polled_until_s, self._free_s = None, None, now_s
@@ -189,7 +190,7 @@ class ExchangeSession:
         return self._take_events()
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
-        """Process received bytes and return the resulting events. Never raises, whatever the bytes are."""
+        """Process received bytes and return the resulting events. Never raises, also for invalid bytes."""
         for answer in self._wire.feed(data):
             if answer.of_unit:
                 self._last_good_s = now_s
@@ -235,15 +236,15 @@ class ExchangeSession:
             return self._send(SensorRequest(records[0].request_id, self._order_of(records[0])))
         if self._greeting is not None and not self._greeted and now_s >= self._greet_s:
             self._greet_s = now_s + self._setup.link.hello_again_s
-            return self._ask(self._greeting, now_s)
+            return self._send_automatic(self._greeting, now_s)
         for k, (order, every_s) in enumerate(self._polls):
             if now_s >= self._due_s[k]:
                 self._due_s[k] = now_s + every_s
-                return self._ask(order, now_s)
+                return self._send_automatic(order, now_s)
         return b""
 
-    def _ask(self, order: EncodedCommand, now_s: float) -> bytes:
-        """Send a request of the ground's own."""
+    def _send_automatic(self, order: EncodedCommand, now_s: float) -> bytes:
+        """Send a request that the session repeats automatically."""
         self._polled_until_s = now_s + order.command.accept_s + order.command.complete_s
         return self._send(SensorRequest(0, order))
 
@@ -263,7 +264,7 @@ class ExchangeSession:
         return out
 
     def _end(self, now_s: float) -> None:
-        """Finish the exchange; the next request may leave after the pause."""
+        """Finish the exchange; the next request can be sent after the pause."""
         self._current, self._polled_until_s, self._free_s = None, None, now_s + self._pause_s
 
     # --- received frames ----------------------------------------------------------------------------------------
@@ -275,7 +276,7 @@ class ExchangeSession:
             facts: ReportFacts = {"reason": answer.reason, "detail": answer.detail, "values": answer.values}
             self._events += self._queue.report(request.request_id, answer.stage, now_s, facts)
         if answer.stage in FINAL_STAGES:
-            self._orders.pop(request.request_id, None)  # one whose outcome is unknown may be sent again
+            self._orders.pop(request.request_id, None)  # a command of unknown outcome can be sent again
             self._end(now_s)
 
     def _telemetry(self, answer: Answer, request: SensorRequest | None, now_s: float) -> None:
@@ -292,7 +293,8 @@ class ExchangeSession:
         self._events.append(DeviceEvent(row.name, row.severity, answer.detail, time_s))
 
     def _greet(self, answer: Answer) -> None:
-        """Report the unit at its first valid frame: its protocol does not say which unit it is."""
+        """Report the identity of the unit, taken from its package, at the first valid frame: the protocol does not
+        report one."""
         if self._greeted:
             return
         self._greeted, setup = True, self._setup
@@ -329,20 +331,20 @@ class ExchangeSession:
 
     @property
     def next_request_id(self) -> int:
-        """Id that the next command takes."""
+        """Request id of the next command."""
         return self._ids.following
 
     @property
     def housekeeping(self) -> Mapping[str, Value] | None:
-        """Latest housekeeping in engineering units; None before the first."""
+        """Latest housekeeping in engineering units; None before the first packet."""
         return self._housekeeping
 
     @property
     def hello(self) -> HelloReceived | None:
-        """The unit as last reported."""
+        """Identity of the unit as last reported."""
         return self._hello
 
     @property
     def device_dictionary_hash(self) -> str | None:
-        """None: these protocols do not report a dictionary, so there is nothing to compare."""
+        """Always None: these protocols do not report a dictionary."""
         return None

@@ -40,7 +40,7 @@ Clauses have stable numbers; `gss check device` tests a simulator or a unit agai
 | 2 | 2 | sequence flags 3 (2 bits), sequence count of this APID and direction (14 bits) |
 | 4 | 2 | number of bytes that follow, minus 1 |
 | 6 | 1 | packet type |
-| 7 | 1 | code: of the command, telemetry packet, event or transfer message; a report carries its command's |
+| 7 | 1 | code of the command, telemetry packet, event or transfer message; a report carries the code of its command |
 | 8 | 2 | first two bytes of the sender's dictionary hash |
 | 10 | 4 | request id; 0 = unsolicited |
 | 14 | 4 | device time, whole seconds since the device's epoch; 0 from ground |
@@ -77,7 +77,7 @@ rows, then the rows. Units are those of the wire and of the console.
 
 
 def icd_markdown(dictionary: Dictionary) -> str:
-    """Return the whole document as Markdown."""
+    """Return the interface control document as Markdown."""
     types = ", ".join(f"{t.value} {t.name.lower()}" for t in PacketType)
     clauses = {title.lower().replace(" ", "_"): section_markdown(number) for number, title in SECTIONS}
     parts = [
@@ -111,7 +111,7 @@ def _type(item: Item) -> str:
 
 
 def _choices(item: Item) -> str:
-    """Return values and names of the choices, with the hazard of hazardous ones."""
+    """Return the values and names of the choices; hazardous choices include their hazard."""
     shown = [f"{c.value} {c.name}" + (f" (**{c.hazard}**)" if c.hazard.rank else "") for c in item.choices]
     return ", ".join(shown)
 

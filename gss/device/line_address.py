@@ -1,7 +1,7 @@
 """Line addresses: a device path; scheme, host and port of a server; or interface and channel of a CAN bus.
 
-Nothing else is accepted: pyserial reads options (timeouts, logging) from paths and queries, and its other schemes (spy,
-alt, loop) write files or load code. python-can would take any option of an interface.
+All other addresses are rejected: pyserial reads options (timeouts, logging) from paths and queries, and its other
+schemes (spy, alt, loop) write files or load code. python-can would accept any option of an interface.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ CAN_BUS = re.compile(
     rf"|{SLCAN}(?P<path>/dev(?:/[A-Za-z0-9_-][A-Za-z0-9._-]*)+)"
     rf"|{UDP_MULTICAST}/(?P<group>239(?:\.(?:25[0-5]|2[0-4][0-9]|1?[0-9]?[0-9])){{3}}):(?P<port>[0-9]{{1,5}}))"
 )
-"""Groups begin with 239, which are those for private use."""
+"""Group addresses begin with 239, the range for private use."""
 
 
 @dataclass(frozen=True)
 class LineAddress:
-    """A checked address. A device path has ``scheme`` and ``host`` "" and ``port`` 0. ``host`` is in lower case; of a CAN bus it is
-    the multicast group. ``interface``, ``channel``: of a CAN bus, "" otherwise."""
+    """A validated address. For a device path, ``scheme`` and ``host`` are "" and ``port`` is 0. ``host``: in lower
+    case; for a CAN bus the multicast group. ``interface``, ``channel``: set for a CAN bus, "" otherwise."""
 
     text: str
     scheme: str = ""
@@ -51,12 +51,14 @@ class LineAddress:
 
     @property
     def is_local(self) -> bool:
-        """True for a device or a CAN bus of this machine. A multicast group is not: other hosts can send to it."""
+        """True for a device or CAN bus of this machine. False for a multicast group, because other hosts can send to
+        it."""
         return self.is_device or (self.scheme == CAN and self.interface != UDP_MULTICAST)
 
 
 def parse_line_address(text: str) -> LineAddress:
-    """Check an address. Raises BadInput if it has a user name, path, query, fragment, another scheme or no valid port."""
+    """Parse and validate an address. Raises BadInput if it has a user name, path, query or fragment, an unsupported
+    scheme, or no valid port."""
     if text and "://" not in text and text.isprintable():
         return LineAddress(text)
     address = _can_bus(text) or _network(text)

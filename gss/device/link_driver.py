@@ -1,4 +1,4 @@
-"""The driver ``link``: speaks a protocol that ``link.yaml`` describes, so that a sensor which fits it needs no code."""
+"""The driver ``link``: implements the protocol that ``link.yaml`` describes, so that a new sensor needs no code."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def open_session(setup: UnitSetup) -> ExchangeSession:
 
 
 class LinkWire:
-    """A :class:`gss.device.exchange_session.ExchangeWire` made of the parts that ``link.yaml`` names."""
+    """A :class:`gss.device.exchange_session.ExchangeWire` composed of the parts that ``link.yaml`` names."""
 
     def __init__(self, setup: UnitSetup, protocol: Protocol) -> None:
         self._dictionary, self._protocol = setup.dictionary, protocol
@@ -52,7 +52,7 @@ class LinkWire:
         return encode_command(self._dictionary.command(name), arguments, self._payload_order)
 
     def parts(self, request: SensorRequest) -> list[tuple[str, bytes]]:
-        """Return the packet before framing as labelled groups; an argument's group has its name as label."""
+        """Return the packet before framing as labelled groups; each argument is a group labelled with its name."""
         form, command = self._protocol.request, request.order.command
         size = form.header_bytes + len(request.order.payload) + self._check_bytes
         codes = form.codes.get(command.name, {})
@@ -78,24 +78,25 @@ class LinkWire:
         return self._framer.encode(b"".join(data for _, data in self.parts(request)))
 
     def sent(self, request: SensorRequest) -> None:
-        """Expect the response to this request. What was received before is not part of it."""
+        """Expect the response to this request. Bytes received earlier are discarded if responses are matched by their
+        order."""
         self._request = request
         if self._protocol.match == "order":
             self._framer.restart()
         self._echo = b"".join(data for _, data in self.parts(request)) if self._protocol.echo else None
 
     def restart(self) -> None:
-        """Start on a newly opened line."""
+        """Reset the decoder for a newly opened line."""
         self._framer.restart()
         self._request = self._echo = None
 
     # --- responses ------------------------------------------------------------------------------------------------
 
     def feed(self, data: bytes) -> list[Answer]:
-        """Return what the frames that ``data`` completes mean."""
+        """Return the answers in the frames that ``data`` completes."""
         answers = []
         pending = data
-        while True:  # one packet at a time: the next one may have another size
+        while True:  # one packet at a time, because the size of the next packet can differ
             packets = self._framer.feed(pending, self._sizes())
             pending = b""
             for packet in packets:
@@ -104,14 +105,14 @@ class LinkWire:
                 return answers
 
     def _sizes(self) -> Sequence[int]:
-        """Return the sizes of the packets that may be next; empty where the framing does not need them."""
+        """Return the possible sizes of the next packet in bytes; empty if the size is variable."""
         if self._echo is not None:
             return (len(self._echo),)
-        around = self._protocol.response.header_bytes + self._check_bytes
+        overhead = self._protocol.response.header_bytes + self._check_bytes
         if self._request is not None:
             layout = self._layout(self._request)
-            return () if _is_variable(layout) else (around + _size(layout),)
-        return tuple(around + _size(p.fields) for p in self._dictionary.telemetry if not _is_variable(p.fields))
+            return () if _is_variable(layout) else (overhead + _size(layout),)
+        return tuple(overhead + _size(p.fields) for p in self._dictionary.telemetry if not _is_variable(p.fields))
 
     def _layout(self, request: SensorRequest) -> Layout:
         packet = self._protocol.answers.get(request.order.command.name)
@@ -204,7 +205,7 @@ class LinkWire:
 
     @property
     def received(self) -> DirectionCounters:
-        """Counters of what was received."""
+        """Counters of the received bytes and packets."""
         framer = self._framer
         return DirectionCounters(
             bytes=framer.bytes,
@@ -232,7 +233,7 @@ def _header(order: str, form: PacketFormat, packet: bytes) -> dict[str, int]:
 
 
 def _constant(form: PacketFormat, header: Header, name: str) -> bool:
-    """True if the header has the values that every packet, or the one of that name, has."""
+    """True if the header has the constant values of all packets and of the named packet."""
     codes = form.codes.get(name, {})
     return all(
         (header[f.name] & f.mask) == codes.get(f.name, f.value)
@@ -242,7 +243,7 @@ def _constant(form: PacketFormat, header: Header, name: str) -> bool:
 
 
 def _carries(form: PacketFormat, header: Header, name: str, code: int) -> bool:
-    """True if the header is that of an unsolicited packet with this name and code."""
+    """True if the header identifies an unsolicited packet with this name and code."""
     if not _constant(form, header, name):
         return False
     field = next((f for f in form.header if f.holds == "code"), None)

@@ -1,4 +1,4 @@
-"""Find the packets of a sensor in a byte stream, by the framings of ``link.yaml``."""
+"""Extract the packets of a sensor from a byte stream, with the framings of ``link.yaml``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.instruments.link_file import LinkFile, PacketFormat, Protocol
 
 
 class DelimitedFramer(Deframer):
-    """Packets between delimiters: cobs, slip, kiss."""
+    """Framer for packets between delimiters: cobs, slip, kiss."""
 
     def __init__(self, framing: str) -> None:
         super().__init__(framing=framing)
@@ -28,10 +28,10 @@ class DelimitedFramer(Deframer):
 
 
 class CutFramer:
-    """Packets that are cut out of the stream by their marks or their length; what does not fit is dropped byte by byte.
+    """Framer for packets with marks or a known length. Bytes that do not fit are dropped one at a time.
 
-    ``sync`` and ``trailer`` may be empty. The size of a packet is in its header, or one of the sizes that ``feed`` is given,
-    the smallest that fits; without sizes everything that was read at once is one packet.
+    ``sync`` and ``trailer`` may be empty. The size of a packet is stated in its header; otherwise it is the smallest
+    size passed to ``feed`` that fits. Without either, the bytes of one read form one packet.
     """
 
     def __init__(self, sync: bytes, trailer: bytes, header: PacketFormat | None, order: str) -> None:
@@ -42,7 +42,7 @@ class CutFramer:
         self.bytes = self.unframed = self.too_long = self.broken = 0
 
     def restart(self) -> None:
-        """Discard the partial packet. Counters are kept."""
+        """Discard the partial packet. The counters do not change."""
         self._buffer = b""
 
     def encode(self, packet: bytes) -> bytes:
@@ -50,8 +50,8 @@ class CutFramer:
         return self._sync + packet + self._trailer
 
     def feed(self, data: bytes, sizes: Sequence[int] = ()) -> list[bytes]:
-        """Return the packets that ``data`` completes, only the first where ``sizes`` are given. ``sizes``: possible sizes without
-        sync and trailer; empty: as the header says, or what was read at once."""
+        """Return the packets that ``data`` completes; only the first one if ``sizes`` is not empty. ``sizes``: possible
+        packet sizes without sync and trailer, in bytes; empty if the header states the size or a read is one packet."""
         self.bytes += len(data)
         if not self._sync and self._length is None and not sizes:
             packet, self._buffer = self._buffer + data, b""
@@ -77,7 +77,7 @@ class CutFramer:
             start = len(self._sync)
             packets.append(self._buffer[start : start + size])
             self._buffer = self._buffer[start + size + len(self._trailer) :]
-            if sizes:  # the next one may have another size
+            if sizes:  # the size of the next packet can differ
                 break
         return packets
 
@@ -111,7 +111,7 @@ Framer = DelimitedFramer | CutFramer
 
 
 def framer_of(link: LinkFile, protocol: Protocol, order: str) -> Framer:
-    """Return the framer of a line."""
+    """Create the framer of a line."""
     if link.framing in ("cobs", "slip", "kiss"):
         return DelimitedFramer(link.framing)
     prefixed = link.framing == "length_prefixed"

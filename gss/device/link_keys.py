@@ -1,4 +1,4 @@
-"""Files of link authentication: the two key slots, and the counter that must never repeat."""
+"""Files of link authentication: the two key slots, and the packet counter, which must never repeat."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from gss.device.protocol.authentication import KEY_BYTES, SLOTS, LinkKeys, Packe
 from gss.domain.errors import BadInput
 
 RESERVE_US = 10_000_000
-"""Counters reserved in the file at a time: ten seconds of microseconds."""
+"""Number of counters reserved in the file at a time: one per microsecond for ten seconds."""
 
 
 def read_link_keys(path: Path) -> LinkKeys:
     """Return the keys of a file ``{"active": 0, "keys": {"0": "<64 hex digits>"}}``.
 
-    Raises BadInput if the file cannot be read, is readable by other users, or holds no valid keys.
+    Raises BadInput if the file cannot be read, is readable by other users, or contains no valid keys.
     """
     try:
         mode = path.stat().st_mode
@@ -41,20 +41,20 @@ def read_link_keys(path: Path) -> LinkKeys:
 
 
 def write_link_keys(path: Path, keys: LinkKeys) -> None:
-    """Write a key file that only its owner can read; an existing one is replaced in one step."""
+    """Write a key file that only its owner can read. An existing file is replaced atomically."""
     text = json.dumps({"active": keys.active, "keys": {str(s): k.hex() for s, k in sorted(keys.keys.items())}})
     _write_private(path, text + "\n")
 
 
 def new_link_keys() -> LinkKeys:
-    """Return a new random key in slot 0."""
+    """Generate keys: a random key in slot 0."""
     return LinkKeys({SLOTS[0]: secrets.token_bytes(KEY_BYTES)}, SLOTS[0])
 
 
 def with_new_key(keys: LinkKeys) -> LinkKeys:
-    """Return the keys with a new random key in the slot that is not active, which it does not activate."""
-    other = next(slot for slot in SLOTS if slot != keys.active)
-    return LinkKeys({keys.active: keys.keys[keys.active], other: secrets.token_bytes(KEY_BYTES)}, keys.active)
+    """Return the keys with a new random key in the inactive slot. The active slot does not change."""
+    inactive = next(slot for slot in SLOTS if slot != keys.active)
+    return LinkKeys({keys.active: keys.keys[keys.active], inactive: secrets.token_bytes(KEY_BYTES)}, keys.active)
 
 
 def _write_private(path: Path, text: str) -> None:
@@ -68,14 +68,17 @@ def _write_private(path: Path, text: str) -> None:
 
 
 def packet_signer(keys: Path, utc_us: Callable[[], int]) -> PacketSigner:
-    """Return the signer for a key file; its packet counter is kept beside it, in ``<name>.counter``. Raises BadInput."""
+    """Return the signer for a key file; its packet counter is stored in the same folder, in ``<name>.counter``. Raises
+    BadInput."""
     return PacketSigner(read_link_keys(keys), PacketCounter(keys.with_name(keys.name + ".counter"), utc_us))
 
 
 class PacketCounter:
-    """Counter of signed packets: microseconds of UTC, always above the previous one, also if the clock was set back.
+    """Counter of signed packets: UTC in microseconds. Each value is higher than the previous one, even if the clock was
+    set back.
 
-    ``path``: file that holds a value above all counters used; it is written before they are used. ``utc_us``: the clock.
+    ``path``: file with a value higher than all used counters; it is written before the counters are used. ``utc_us``:
+    returns UTC.
     """
 
     def __init__(self, path: Path, utc_us: Callable[[], int]) -> None:

@@ -1,5 +1,5 @@
-"""Transfers between the requests of an exchange session, and those of a sensor that moves no content: every request is refused with
-one sentence."""
+"""Interface for transfers in an exchange session, and its implementation for a sensor without transfers, which rejects
+every request."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from gss.domain.errors import Conflict, NotFound
 
 
 class ExchangeTransfers(DriverTransfers, Protocol):
-    """Content on its way, between the requests of a session. ``begin`` and ``poll`` return bytes to send: to start the next
-    transfer while the line is free, and to continue the one under way. While ``holds_channel``, no request is sent."""
+    """Transfers that share the line with the requests of a session. ``begin`` returns the bytes that start the next
+    transfer while the line is free; ``poll`` returns the bytes that continue the current transfer. While
+    ``holds_channel`` is true, no request is sent."""
 
     @property
     def holds_channel(self) -> bool: ...
@@ -31,7 +32,7 @@ class ExchangeTransfers(DriverTransfers, Protocol):
 
 
 class NoTransfers:
-    """An :class:`ExchangeTransfers` without any."""
+    """The :class:`ExchangeTransfers` of a sensor without transfers."""
 
     def start_download(
         self,
@@ -60,44 +61,44 @@ class NoTransfers:
         raise Conflict(f"This sensor cannot take content of the kind {kind}.")
 
     def partial(self, transfer_id: int) -> tuple[bytes, Ranges]:
-        """Raise NotFound, as all that follow."""
+        """Raise NotFound: no transfer exists."""
         self._none(transfer_id)
 
     def pause(self, transfer_id: int) -> None:
-        """See ``partial``."""
+        """Raise NotFound: no transfer exists."""
         self._none(transfer_id)
 
     def resume(self, transfer_id: int) -> None:
-        """See ``partial``."""
+        """Raise NotFound: no transfer exists."""
         self._none(transfer_id)
 
     def abort(self, transfer_id: int) -> None:
-        """See ``partial``."""
+        """Raise NotFound: no transfer exists."""
         self._none(transfer_id)
 
     def forget(self, transfer_id: int) -> None:
         """Do nothing."""
 
     def update(self, transfer_id: int) -> TransferUpdate:
-        """See ``partial``."""
+        """Raise NotFound: no transfer exists."""
         self._none(transfer_id)
 
     holds_channel = False
-    """True while content uses the line, so that requests wait."""
+    """True while a transfer uses the line and requests must wait."""
 
     def begin(self, now_s: float) -> bytes:
-        """Return nothing to send."""
+        """Return b"": there is nothing to send."""
         return b""
 
     def poll(self, now_s: float) -> bytes:
-        """Return nothing to send."""
+        """Return b"": there is nothing to send."""
         return b""
 
     def lose(self) -> None:
         """Do nothing."""
 
     def news(self) -> list[TransferUpdate | TransferDone]:
-        """Return nothing."""
+        """Return an empty list: there are no updates."""
         return []
 
     @staticmethod

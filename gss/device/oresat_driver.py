@@ -1,8 +1,9 @@
-"""The driver ``oresat``: OreSat's star tracker on CANopen, from public sources (oresat-configs, oresat-star-tracker-software). Not
-tried on a unit.
+"""The driver ``oresat``: OreSat's star tracker on CANopen, from public sources (oresat-configs,
+oresat-star-tracker-software). Not tested on a unit.
 
-Frames are records of :mod:`gss.device.can_frames`. Commands read or write one object each (:mod:`gss.device.oresat_objects`);
-attitudes are in process data objects that the sensor sends without a request. Frames of other nodes are ignored.
+Frames are records of :mod:`gss.device.can_frames`. Each command reads or writes one object
+(:mod:`gss.device.oresat_objects`). The sensor sends attitudes unsolicited, as process data objects. Frames of other
+nodes are ignored.
 """
 
 from __future__ import annotations
@@ -45,12 +46,12 @@ POLLS = (
 )
 HOUSEKEEPING = "housekeeping"
 PACKETS = {"READ_TIME": "clock", "READ_STATUS": HOUSEKEEPING, "READ_LAST_CAPTURE": "capture"}
-"""Packet that the content of an object is, by command; that of others is the command's return value."""
+"""Telemetry packet that a command returns, by command. Other read commands return their object as return values."""
 CARD, UPDATER, ATTITUDE, DEGREES = "card", "updater", "attitude", "attitude_degrees"
 DEGREES_BYTES = 7
 """Size of the third process data object in the older dictionary."""
 MAX_ERROR = 1e-3
-"""Of the length of a quaternion from 1."""
+"""Largest accepted deviation of a quaternion's length from 1."""
 SILENT_S = 5.0
 EMERGENCY_LAYOUT = struct.Struct("<HB5s")
 STARTED, FAULT, FAULT_OVER, OTHER_NODES = "CARD_STARTED", "EMERGENCY", "EMERGENCY_OVER", "OTHER_NODES_ONLY"
@@ -58,19 +59,19 @@ FIELDS = {
     "clock": {"seconds", "microseconds"},
     ATTITUDE: {"known", "quaternion_real", "quaternion_i", "quaternion_j", "quaternion_k"},
 }
-"""Fields that the driver itself reads, by packet."""
-NOT_READ_BACK = "The sensor took the status, but reading it back failed"
-IGNORED = "The sensor ignores a status that cannot follow its own, and returns to standby when a capture has ended."
+"""Fields that the driver uses, by packet."""
+NOT_READ_BACK = "The sensor accepted the status, but reading it back failed"
+IGNORED = "The sensor ignores a status that cannot follow the current one, and returns to standby after a capture."
 
 
 def open_session(setup: UnitSetup) -> OresatSession:
-    """Return the session of the driver ``oresat``. Raises BadInput for a dictionary that is not that of this sensor."""
+    """Return the session of the driver ``oresat``. Raises BadInput if the dictionary does not fit this sensor."""
     _check(setup.dictionary)
     return OresatSession(setup)
 
 
 def _check(dictionary: Dictionary) -> None:
-    """Raise BadInput if a name that the driver uses is missing, so that no received frame can fail later."""
+    """Raise BadInput if the dictionary lacks a name that the driver uses, before any frame is received."""
     packets = {*PACKETS.values(), CARD, UPDATER, ATTITUDE, DEGREES}
     missing: list[str] = []
     for kind, names, get in (
@@ -102,18 +103,18 @@ def _check(dictionary: Dictionary) -> None:
 
 @dataclass
 class SensorClock:
-    """The sensor's clock. ``now_s``: monotonic time of the ground; ``ahead_s``: sensor's clock minus that, None while unknown."""
+    """Estimate of the sensor's clock. ``ahead_s``: sensor time minus the ground's ``now_s``, None while unknown."""
 
     now_s: float = 0.0
     ahead_s: float | None = None
 
     def time_s(self) -> float | None:
-        """The sensor's time now; None while unknown."""
+        """Return the sensor's current time in seconds; None while unknown."""
         return None if self.ahead_s is None else self.now_s + self.ahead_s
 
 
 class OresatSession(ExchangeSession):
-    """An exchange session whose wire knows the time, because the sensor stamps nothing."""
+    """Exchange session that passes the time to its wire, because frames of the sensor have no time stamp."""
 
     def __init__(self, setup: UnitSetup) -> None:
         self._clock = SensorClock()
@@ -123,24 +124,24 @@ class OresatSession(ExchangeSession):
         super().__init__(setup, wire, POLLS, greeting=GREETING, transfers=downloads)
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
-        """Process received bytes and return the resulting events. Never raises, whatever the bytes are."""
+        """Process received bytes and return the resulting events. Never raises, also for invalid bytes."""
         self._clock.now_s = now_s
         return super().feed(data, now_s)
 
 
 @dataclass
 class _Solve:
-    """Process data objects of one attitude that were received so far, by number."""
+    """Received process data objects of one attitude, by number."""
 
     parts: dict[int, bytes] = field(default_factory=dict)
 
-    def take(self, number: int, data: bytes) -> None:
-        """Add a part. They follow each other, so that one out of turn belongs to another attitude."""
+    def add(self, number: int, data: bytes) -> None:
+        """Add an object. An object out of order belongs to another attitude and discards the previous ones."""
         follows = number - 1 in self.parts and number not in self.parts
         self.parts = {number: data} if number == 3 else self.parts | {number: data} if follows else {}
 
-    def whole(self, numbers: tuple[int, ...]) -> bytes | None:
-        """Return these parts together, once; None if one is missing."""
+    def take_joined(self, numbers: tuple[int, ...]) -> bytes | None:
+        """Remove and return the objects of these numbers, joined; None if an object is missing."""
         if any(n not in self.parts for n in numbers):
             return None
         data = b"".join(self.parts[n] for n in numbers)
@@ -167,12 +168,12 @@ class OresatWire:
         return encode_command(self._dictionary.command(name), arguments, LITTLE)
 
     def parts(self, request: SensorRequest) -> list[tuple[str, bytes]]:
-        """Return the first message as labelled groups."""
-        whole = self._first(SdoClient(), request)
+        """Return the first message of a request as labelled groups."""
+        first_message = self._first(SdoClient(), request)
         labels = (("command", 1), ("index", 2), ("subindex", 1), ("data", 4))
         groups, at = [], 0
         for label, size in labels:
-            groups.append((label, whole[at : at + size]))
+            groups.append((label, first_message[at : at + size]))
             at += size
         return groups
 
@@ -192,14 +193,14 @@ class OresatWire:
         self._request, self._written, self._transfer = request, None, self._client.number
 
     def restart(self) -> None:
-        """Start on a newly opened line."""
+        """Reset the decoder for a newly opened line."""
         self._reader.restart()
         self._client.restart()
         self._request, self._solve, self._clock.ahead_s = None, _Solve(), None
         self._others, self._others_since_s, self._received_any = set(), None, False
 
     def feed(self, data: bytes) -> list[Answer]:
-        """Return what the frames that ``data`` completes mean."""
+        """Return the answers in the frames that ``data`` completes."""
         answers = []
         for frame in self._reader.feed(data):
             if frame.extended or frame.remote:
@@ -214,7 +215,7 @@ class OresatWire:
         return answers
 
     def _read(self, frame: CanFrame) -> Answer | None:
-        """Return the meaning of a frame; None if it has none. Raises CorruptData."""
+        """Return the answer in a frame; None if the frame is not for the ground. Raises CorruptData."""
         if frame.id == SDO_ANSWER:
             self._received_any = True
             return self._answered(frame.data)
@@ -230,7 +231,7 @@ class OresatWire:
         return self._other(frame) if frame.id in HEARTBEATS and not self._received_any else None
 
     def _other(self, frame: CanFrame) -> Answer | None:
-        """Report once that only other nodes send, which a wrong node number or a sensor without power looks like."""
+        """Report once that only other nodes send: the node number may be wrong, or the sensor without power."""
         self._others.add(frame.id & 0x7F)
         if self._others_since_s is None:
             self._others_since_s = self._clock.now_s
@@ -245,7 +246,7 @@ class OresatWire:
 
     def _emergency(self, data: bytes) -> Answer:
         if len(data) != EMERGENCY_LAYOUT.size:
-            raise CorruptData("an emergency of another size")
+            raise CorruptData("an emergency message of wrong size")
         self.good += 1
         code, register, details = EMERGENCY_LAYOUT.unpack(data)
         if not code:
@@ -257,7 +258,7 @@ class OresatWire:
 
     def _answered(self, data: bytes) -> Answer | None:
         if len(data) != 8:
-            raise CorruptData("a service data object of another size")
+            raise CorruptData("a service data object of wrong size")
         if not self._client.busy:
             self.unknown += 1
             return None
@@ -304,13 +305,13 @@ class OresatWire:
     def _process_data(self, number: int, data: bytes) -> Answer:
         if number in (1, 2):
             return self._packet(CARD if number == 1 else UPDATER, data, None)
-        self._solve.take(number, data)
+        self._solve.add(number, data)
         older = len(self._solve.parts.get(3, b"")) == DEGREES_BYTES
-        if number == 3 and data:  # it begins with the status, which cannot be requested during a download
+        if number == 3 and data:  # object 3 begins with the status, which cannot be requested during a download
             return self._packet(HOUSEKEEPING, data[:1], None)
-        whole = self._solve.whole((3, 4) if older else (3, 4, 5))
-        if whole is not None:
-            return self._packet(DEGREES if older else ATTITUDE, whole, None)
+        joined = self._solve.take_joined((3, 4) if older else (3, 4, 5))
+        if joined is not None:
+            return self._packet(DEGREES if older else ATTITUDE, joined, None)
         self.good += 1
         return Answer()
 
@@ -326,7 +327,7 @@ class OresatWire:
 
     @property
     def received(self) -> DirectionCounters:
-        """Counters of what was received."""
+        """Counters of the received bytes and packets."""
         reader = self._reader
         return DirectionCounters(
             bytes=reader.bytes,
@@ -338,12 +339,12 @@ class OresatWire:
 
 
 def _is_rotation(decoded: Decoded) -> bool:
-    """True if the quaternion of an attitude that the sensor calls known has length 1."""
+    """True if the quaternion has length 1, or if the sensor reports no attitude."""
     values = decoded.values
     length = math.sqrt(sum(float(values[f"quaternion_{axis}"]) ** 2 for axis in ("real", "i", "j", "k")))
     return values["known"] == "none" or abs(length - 1) <= MAX_ERROR
 
 
 def message(data: bytes) -> bytes:
-    """Return the record of a message to the server of service data."""
+    """Return the CAN record of a message to the SDO server."""
     return CanFrame(SDO_REQUEST, data).record()

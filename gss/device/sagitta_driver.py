@@ -1,7 +1,8 @@
-"""The driver ``sagitta``: arcsec's Sagitta, from public sources (ut-issl/c2a-aobc and s2e-aobc, both MIT). Not tried on a unit.
+"""The driver ``sagitta``: arcsec's Sagitta, from public sources (ut-issl/c2a-aobc and s2e-aobc, both MIT). Not tested
+on a unit.
 
-SLIP frames of address, type, number, content and XXH32 (seed 1425), little-endian. Type and number of a command are in its code
-of the dictionary, ``64 · type + number``; the code of a parameter's packet is 64 + its number, that of telemetry its number.
+SLIP frames of address, type, number, content and XXH32 (seed 1425), little-endian. The dictionary code of a command is
+``64 · type + number``, that of a parameter packet is 64 + its number, and that of a telemetry packet is its number.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ REPLY = 0x80
 PARAMETER_CODES = 64
 HEAD = struct.Struct("<BBB")
 STAMP = struct.Struct("<BIQ")
-"""Status, counter and Unix time in microseconds before the content of telemetry."""
+"""Status, counter and Unix time in microseconds, which precede the content of telemetry."""
 HASH_BYTES = 4
 NOT_IMPLEMENTED = 1
 POLLS = (Poll(command="REQUEST_SOLUTION", every_s=1.0), Poll(command="REQUEST_TEMPERATURE", every_s=1.0))
 
 GREETING = "PING"
-"""Answered in the bootloader too, where no telemetry is."""
+"""The sensor answers this command also in its bootloader, in which it sends no telemetry."""
 
 
 def open_session(setup: UnitSetup) -> ExchangeSession:
@@ -47,7 +48,7 @@ def packet(kind: int, number: int, content: bytes) -> bytes:
 
 
 def unpacked(data: bytes) -> tuple[int, int, bytes] | None:
-    """Return type, number and content of a packet; None if its hash is wrong or it is too short."""
+    """Return the type, number and content of a packet; None if the packet is too short or its hash is wrong."""
     if len(data) < HEAD.size + HASH_BYTES:
         return None
     body, received_hash = data[:-HASH_BYTES], data[-HASH_BYTES:]
@@ -71,9 +72,9 @@ class SagittaWire:
     def parts(self, request: SensorRequest) -> list[tuple[str, bytes]]:
         """Return the packet before framing as labelled groups."""
         code = request.order.command.code
-        whole = packet(code >> 6, code & 0x3F, request.order.payload)
-        head = list(zip(("address", "type", "number"), (whole[k : k + 1] for k in range(HEAD.size)), strict=True))
-        return [*head, *request.order.groups, ("XXH32", whole[-HASH_BYTES:])]
+        encoded = packet(code >> 6, code & 0x3F, request.order.payload)
+        head = list(zip(("address", "type", "number"), (encoded[k : k + 1] for k in range(HEAD.size)), strict=True))
+        return [*head, *request.order.groups, ("XXH32", encoded[-HASH_BYTES:])]
 
     def frame(self, request: SensorRequest) -> bytes:
         """Return the frame of a request."""
@@ -84,12 +85,12 @@ class SagittaWire:
         self._request = request
 
     def restart(self) -> None:
-        """Start on a newly opened line."""
+        """Reset the decoder for a newly opened line."""
         self._framer.restart()
         self._request = None
 
     def feed(self, data: bytes) -> list[Answer]:
-        """Return what the frames that ``data`` completes mean."""
+        """Return the answers in the frames that ``data`` completes."""
         answers = []
         for frame in self._framer.feed(data):
             message = unpacked(frame)
@@ -104,7 +105,7 @@ class SagittaWire:
         return answers
 
     def _read(self, kind: int, number: int, content: bytes) -> Answer:
-        """Return the meaning of a packet. Raises CorruptData if it has none; the cause is counted."""
+        """Return the answer in a packet. Counts and raises CorruptData if the packet is not valid or not expected."""
         expected_code = self._request.order.command.code if self._request is not None else -1
         is_reply = kind & ~REPLY == expected_code >> 6 and number == expected_code & 0x3F
         stage = Stage.COMPLETED if is_reply else None
@@ -155,7 +156,7 @@ class SagittaWire:
 
     @property
     def received(self) -> DirectionCounters:
-        """Counters of what was received."""
+        """Counters of the received bytes and packets."""
         framer = self._framer
         return DirectionCounters(
             bytes=framer.bytes,

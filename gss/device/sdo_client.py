@@ -1,7 +1,8 @@
 """Client of CANopen's service data objects (CiA 301 §7.2.4): reads and writes one object at a time. No I/O.
 
-Reading tries a block transfer on request, and accepts the segmented answer of a server that has none. The owner sends
-what ``start_read``, ``start_write``, ``feed`` and ``nudge`` return, and takes ``result`` when there is one.
+A read can request a block transfer; it also accepts the segmented answer of a server without block transfers. The owner
+sends the messages that ``start_read``, ``start_write``, ``feed`` and ``nudge`` return, and reads ``result`` when it is
+set.
 """
 
 from __future__ import annotations
@@ -20,14 +21,15 @@ SEGMENT = 7
 BLOCK_SEGMENTS = 127
 MAX_BYTES = 1 << 24
 NUDGES = 4
-"""Requests to continue a silent block transfer before it is given up."""
+"""Number of requests to continue a silent block transfer before the client aborts it."""
 TIMED_OUT, INVALID_COMMAND, WRONG_CRC, OUT_OF_MEMORY = 0x0504_0000, 0x0504_0001, 0x0504_0004, 0x0504_0005
 TOGGLE_ERROR, NO_DATA, CANCELLED = 0x0503_0000, 0x0800_0024, 0x0800_0020
 
 
 @dataclass(frozen=True)
 class SdoResult:
-    """Outcome of a transfer. ``abort``: the code of CiA 301, 0 if it succeeded. ``by_server``: False if the client gave up."""
+    """Outcome of a transfer. ``abort``: abort code of CiA 301, 0 on success. ``by_server``: False if the client aborted
+    the transfer."""
 
     index: int
     subindex: int
@@ -37,7 +39,7 @@ class SdoResult:
 
     @property
     def text(self) -> str:
-        """The abort code in words."""
+        """Abort code as text."""
         meaning = SdoAbortedError.CODES.get(self.abort, "Unknown abort code")
         return f"{meaning} (0x{self.abort:08X})"
 
@@ -54,8 +56,8 @@ class _TransferStep(Enum):
 
 
 class SdoClient:
-    """One transfer at a time; see the module docstring. ``received``: data of the transfer under way; ``size``: as the server
-    states it, 0 if it does not; ``number``: counts transfers."""
+    """Client for one transfer at a time; see the module docstring. ``received``: data of the current transfer;
+    ``size``: size stated by the server, 0 if not stated; ``number``: number of transfers begun."""
 
     def __init__(self) -> None:
         self.result: SdoResult | None = None
@@ -67,22 +69,22 @@ class SdoClient:
 
     @property
     def busy(self) -> bool:
-        """True while a transfer is under way."""
+        """True while a transfer is in progress."""
         return self._step is not _TransferStep.IDLE
 
     def restart(self) -> None:
-        """Forget the transfer, because the line was opened again."""
+        """Discard the transfer after the line was opened again."""
         self._step, self.result = _TransferStep.IDLE, None
 
     def start_read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
-        """Return the message that begins to read an object."""
+        """Begin to read an object. Returns the message to send."""
         self._begin(_TransferStep.BLOCK_OFFERED if block else _TransferStep.READING, index, subindex)
         if block:
             return HEAD.pack(0xA4, index, subindex, bytes([BLOCK_SEGMENTS, 0, 0, 0]))
         return HEAD.pack(0x40, index, subindex, bytes(4))
 
     def start_write(self, index: int, subindex: int, data: bytes) -> bytes:
-        """Return the message that begins to write an object."""
+        """Begin to write an object. Returns the message to send."""
         self._begin(_TransferStep.WRITING, index, subindex)
         if 0 < len(data) <= 4:
             self._to_write = b""
@@ -97,19 +99,20 @@ class SdoClient:
         self._toggle, self._sequence, self._nudges, self._ended = 0, 0, 0, False
 
     def give_up(self, code: int = TIMED_OUT) -> bytes:
-        """Return the message that ends the transfer."""
+        """Abort the transfer. Returns the message to send."""
         self._finish(SdoResult(self._index, self._subindex, abort=code, by_server=False))
         return ABORT.pack(0x80, self._index, self._subindex, code)
 
     def nudge(self) -> bytes:
-        """Return what to send after a silence: a request to continue a block transfer, else the end of the transfer."""
+        """Continue a block transfer after a silence; abort any other transfer. Returns the message to send."""
         if self._step is _TransferStep.BLOCK and self._nudges < NUDGES:
             self._nudges += 1
             return self._acknowledged()
         return self.give_up()
 
     def feed(self, message: bytes) -> bytes:
-        """Return the answer to a message of the server, b"" without one. Messages that do not fit are ignored."""
+        """Process a message of the server. Returns the message to send, b"" if none. Unexpected messages are
+        ignored."""
         if len(message) != 8 or not self.busy:
             return b""
         if message[0] == 0x80 and self._step is not _TransferStep.BLOCK:
@@ -138,7 +141,7 @@ class SdoClient:
     def _done(self) -> None:
         self._finish(SdoResult(self._index, self._subindex, bytes(self.received)))
 
-    def _mine(self, message: bytes) -> bool:
+    def _names_current_object(self, message: bytes) -> bool:
         """True if a message names the object of the transfer."""
         _, index, subindex, _ = HEAD.unpack(message)
         return (index, subindex) == (self._index, self._subindex)
@@ -147,19 +150,19 @@ class SdoClient:
 
     def _read_begun(self, message: bytes) -> bytes:
         command, _, _, data = HEAD.unpack(message)
-        if command & 0xE0 != 0x40 or not self._mine(message):
+        if command & 0xE0 != 0x40 or not self._names_current_object(message):
             return b""
         if command & 0x02:
             self.received += data[: 4 - (command >> 2 & 3) if command & 0x01 else 4]
             self._done()
             return b""
-        if not self._sized(command & 0x01, data):
+        if not self._store_size(command & 0x01, data):
             return self.give_up(OUT_OF_MEMORY)
         self._step = _TransferStep.SEGMENTS
         return self._next_segment()
 
-    def _sized(self, stated: int, data: bytes) -> bool:
-        """Note the size that the server states. Return False if it is too large."""
+    def _store_size(self, stated: int, data: bytes) -> bool:
+        """Store the size that the server states. Returns False if it is too large."""
         self.size = NUMBER.unpack(data)[0] if stated else 0
         return self.size <= MAX_BYTES
 
@@ -172,7 +175,7 @@ class SdoClient:
             return b""
         if command & 0x10 != self._toggle:
             self.repeated += 1
-            return b""  # repeated on the bus
+            return b""  # the segment was repeated on the bus
         self.received += message[1 : 8 - (command >> 1 & 7)]
         if len(self.received) > MAX_BYTES:
             return self.give_up(OUT_OF_MEMORY)
@@ -188,8 +191,8 @@ class SdoClient:
 
     def _block_offered(self, message: bytes) -> bytes:
         command, _, _, data = HEAD.unpack(message)
-        if command & 0xE1 == 0xC0 and self._mine(message):
-            if not self._sized(command & 0x02, data):
+        if command & 0xE1 == 0xC0 and self._names_current_object(message):
+            if not self._store_size(command & 0x02, data):
                 return self.give_up(OUT_OF_MEMORY)
             self._step, self._has_crc = _TransferStep.BLOCK, bool(command & 0x04)
             return bytes([0xA3]) + bytes(7)
@@ -209,7 +212,8 @@ class SdoClient:
         return self._acknowledged() if last or number == BLOCK_SEGMENTS else b""
 
     def _acknowledged(self) -> bytes:
-        """Confirm the segments that were received in order; the server repeats the others as the next block."""
+        """Return the message that acknowledges the segments received in order. The server repeats all later segments in
+        the next block."""
         answer = bytes([0xA2, self._sequence, BLOCK_SEGMENTS]) + bytes(5)
         if self._ended:
             self._step = _TransferStep.BLOCK_END
@@ -232,7 +236,7 @@ class SdoClient:
     # --- writing ------------------------------------------------------------------------------------------------
 
     def _write_begun(self, message: bytes) -> bytes:
-        if message[0] & 0xE0 != 0x60 or not self._mine(message):
+        if message[0] & 0xE0 != 0x60 or not self._names_current_object(message):
             return b""
         if not self._to_write:
             self._done()

@@ -1,8 +1,9 @@
-"""Images of a CANopen sensor: downloads of one object each, through the client that commands use too. No I/O.
+"""Image downloads from a CANopen sensor. Each download reads one object, with the SDO client that commands also use. No
+I/O.
 
-The server cannot continue a transfer that broke off, so every download that is resumed starts again. While one is under way,
-commands and repeated requests wait. The object that numbers the images is read before and after an image, so that an image
-which the sensor replaced meanwhile is not taken for another one.
+The server cannot continue an interrupted transfer, so a resumed download starts from the beginning. During a download,
+commands and repeated requests wait. The object with the image number is read before and after the image, to detect an
+image that the sensor replaced during the download.
 """
 
 from __future__ import annotations
@@ -21,18 +22,20 @@ from gss.domain.errors import Conflict, NotFound
 Object = tuple[int, int]
 SILENT_S = 0.5
 TRIES = 3
-"""Attempts at an image that arrives damaged, is replaced meanwhile, or stops where an attempt before it stopped."""
+"""Number of attempts if an image arrives damaged, is replaced during the download, or stops at the same position as
+before."""
 SILENT_AGAIN_S = 4.0
 REPORT_EVERY_S = 0.5
-NO_IMAGE = "the sensor has no image: take one first"
-REPLACED = "the sensor took another image meanwhile"
-AGAIN, STOP_CAPTURE = ", the download starts again", ": stop the capture, then download"
+NO_IMAGE = "the sensor has no image: take an image first"
+REPLACED = "the sensor took another image during the download"
+AGAIN, STOP_CAPTURE = "; the download starts again", "; stop the capture, then download"
 
 
 @dataclass
 class _Download:
-    """One download. ``held``: bytes that the last attempt received; ``furthest``: the most that an attempt received; ``number``: of
-    the image, 0 while unknown; ``whole``: an image whose number is being read again."""
+    """One download. ``received``, ``furthest``: bytes that the current attempt and the best attempt received;
+    ``number``: number of the image, 0 while unknown; ``image``: received image whose number is being verified;
+    ``data``: verified image."""
 
     id: int
     kind: str
@@ -44,7 +47,7 @@ class _Download:
     received: int = 0
     furthest: int = 0
     number: int = 0
-    whole: bytes = b""
+    image: bytes = b""
     size: int = 0
     resent: int = 0
     since_s: float = 0.0
@@ -53,11 +56,12 @@ class _Download:
     changed: bool = True
 
     def to(self, state: TransferState, reason: str = "") -> None:
-        """Change the state; the next report says so."""
+        """Change the state; the next update reports it."""
         self.state, self.reason, self.changed = state, reason, True
 
     def update(self) -> TransferUpdate:
-        """Return the state as an event. Nothing counts as stored before the end, because a part cannot be continued."""
+        """Return the state as an event. Chunks are reported as stored only at the end, because a partial download
+        cannot be resumed."""
         done = self.state is TransferState.VERIFIED
         left_s = (self.size - self.received) / self.rate_bytes_s if self.rate_bytes_s and self.size else None
         return TransferUpdate(
@@ -84,8 +88,9 @@ class _Download:
 
 
 class SdoDownloads:
-    """Implements :class:`gss.device.no_transfers.ExchangeTransfers`. ``objects``: object by kind of content; ``numbering``: object
-    with the number of the newest image. ``send``: makes the bytes on the line of a message to the server."""
+    """Implements :class:`gss.device.no_transfers.ExchangeTransfers`. ``objects``: object by kind of content;
+    ``numbering``: object with the number of the latest image. ``send``: converts a message for the server to bytes for
+    the line."""
 
     def __init__(
         self, client: SdoClient, objects: dict[str, Object], numbering: Object, send: Callable[[bytes], bytes]
@@ -111,7 +116,8 @@ class SdoDownloads:
         part: Part | None = None,
         paused: str = "",
     ) -> int:
-        """Queue a download. Raises Conflict for another kind of content."""
+        """Queue a download. Raises Conflict for a kind of content that the sensor cannot send, or for a part of an
+        image."""
         if kind not in self._objects or (part is not None and part != Part()):
             raise Conflict(f"This sensor cannot send content of the kind {kind}.")
         download = _Download(self._next_id, kind, slot)
@@ -131,35 +137,35 @@ class SdoDownloads:
         chunk_bytes: int | None = None,
         paused: str = "",
     ) -> int:
-        """Raise Conflict."""
+        """Raise Conflict: uploads are not supported."""
         raise Conflict(f"This sensor cannot take content of the kind {kind}.")
 
     def partial(self, transfer_id: int) -> tuple[bytes, Ranges]:
-        """Return the whole content once it is complete, nothing before."""
+        """Return the content and its chunk range; both are empty until the download is complete."""
         download = self._one(transfer_id)
         return download.data, ((0, 0),) if download.data else ()
 
     def pause(self, transfer_id: int) -> None:
-        """Stop a download. Raises Conflict if it has ended."""
+        """Pause a download. Raises Conflict if it has ended."""
         self._stop(transfer_id, TransferState.PAUSED)
 
     def resume(self, transfer_id: int) -> None:
-        """Start a download again. Raises Conflict if it has ended well."""
+        """Queue a download again. Raises Conflict if it has succeeded."""
         download = self._one(transfer_id)
         if download.state is TransferState.VERIFIED:
-            self._refuse(download)
+            self._raise_ended(download)
         if download is not self._active:
             download.tries = download.furthest = 0
             download.to(TransferState.QUEUED)
 
     def abort(self, transfer_id: int) -> None:
-        """End a download. Raises Conflict if it has ended."""
+        """Abort a download. Raises Conflict if it has ended."""
         self._stop(transfer_id, TransferState.ABORTED)
 
     def _stop(self, transfer_id: int, state: TransferState) -> None:
         download = self._one(transfer_id)
         if download.state in ENDED:
-            self._refuse(download)
+            self._raise_ended(download)
         if download is self._active:
             self._active = None
             if self._client.busy:
@@ -167,7 +173,7 @@ class SdoDownloads:
         download.to(state)
 
     @staticmethod
-    def _refuse(download: _Download) -> NoReturn:
+    def _raise_ended(download: _Download) -> NoReturn:
         raise Conflict("the transfer has ended", got=download.state.value)
 
     def forget(self, transfer_id: int) -> None:
@@ -192,14 +198,15 @@ class SdoDownloads:
         return self._active is not None
 
     def lose(self) -> None:
-        """Handle the loss of the line: what is under way starts again when the sensor answers."""
+        """Handle the loss of the line: the current download starts again when the sensor answers."""
         for download in self._downloads.values():
             if download is self._active:
                 download.to(TransferState.LINK_LOST, "the line was lost; the download starts again")
         self._active, self._out = None, b""
 
     def begin(self, now_s: float) -> bytes:
-        """Return the first message of the next download, b"" without one. Called while the client is free."""
+        """Start the next waiting download. Returns its first message, b"" if none waits. Called only while the client
+        is free."""
         waiting = (TransferState.QUEUED, TransferState.LINK_LOST)
         download = next((d for d in self._downloads.values() if d.state in waiting and now_s >= d.due_s), None)
         if download is None:
@@ -207,7 +214,7 @@ class SdoDownloads:
         self._active, self._moved, download.since_s = download, (-1, now_s), now_s
         download.tries += 1
         download.received = download.size = download.number = 0
-        download.whole = b""
+        download.image = b""
         download.to(TransferState.TRANSFERRING, download.reason)
         return self._read_number()
 
@@ -215,7 +222,7 @@ class SdoDownloads:
         return self._send(self._client.start_read(*self._numbering))
 
     def poll(self, now_s: float) -> bytes:
-        """Return messages that continue the download under way."""
+        """Return the messages that continue the current download."""
         out, self._out, download = self._out, b"", self._active
         if download is None:
             return out
@@ -227,7 +234,7 @@ class SdoDownloads:
         elif now_s - self._moved[1] >= SILENT_S:
             self._moved = received, now_s
             out += self._send(self._client.nudge())
-        if download.number and not download.whole:
+        if download.number and not download.image:
             download.received, download.size = received, self._client.size
         download.resent = self._client.repeated
         download.rate_bytes_s = received / (now_s - download.since_s) if now_s > download.since_s else 0.0
@@ -236,14 +243,14 @@ class SdoDownloads:
         return out
 
     def _continue(self, download: _Download, result: SdoResult, now_s: float) -> bytes:
-        """Begin the next step after a successful one: number, image, number again."""
+        """Begin the step after a completed one; the steps are: number, image, number again."""
         is_number = (result.index, result.subindex) == self._numbering
-        if result.abort or not result.data or (is_number and download.whole):
+        if result.abort or not result.data or (is_number and download.image):
             self._finish(download, result, now_s)
             return b""
         self._client.result, self._moved = None, (-1, now_s)
         if not is_number:
-            download.whole, download.received = result.data, len(result.data)
+            download.image, download.received = result.data, len(result.data)
             return self._read_number()
         download.number = int.from_bytes(result.data, "little")
         if not download.number:
@@ -257,7 +264,7 @@ class SdoDownloads:
         if result.abort == TIMED_OUT and not result.by_server:
             self._stalled(download, now_s)
         elif result.abort and not result.by_server and download.tries < TRIES:
-            download.to(TransferState.QUEUED, f"broke off, starts again: {result.text}")
+            download.to(TransferState.QUEUED, f"interrupted, starts again: {result.text}")
         elif result.abort == NO_DATA or not (result.abort or result.data):
             download.to(TransferState.FAILED, NO_IMAGE)
         elif result.abort:
@@ -268,8 +275,8 @@ class SdoDownloads:
                 TransferState.QUEUED if again else TransferState.FAILED, REPLACED + (AGAIN if again else STOP_CAPTURE)
             )
         else:
-            download.data, download.received, download.size = download.whole, len(download.whole), len(download.whole)
-            download.whole = b""
+            download.data, download.received, download.size = download.image, len(download.image), len(download.image)
+            download.image = b""
             download.to(TransferState.VERIFIED)
             sha256 = hashlib.sha256(download.data).hexdigest()
             self._done.append(
@@ -280,7 +287,8 @@ class SdoDownloads:
 
     @staticmethod
     def _stalled(download: _Download, now_s: float) -> None:
-        """Wait for a silent sensor; give up if every attempt stops at the same place, because another one would stop there too."""
+        """Wait for a silent sensor. Fail if all attempts stop at the same position, because a further attempt would
+        stop there too."""
         if download.received == 0 or download.received > download.furthest:
             download.tries = 1 if download.received else 0
         download.furthest, download.due_s = max(download.furthest, download.received), now_s + SILENT_AGAIN_S

@@ -1,9 +1,9 @@
-"""Host side of a contact, without I/O: takes bytes and a clock, returns bytes and events.
+"""Host side of a contact, without I/O: its inputs are bytes and times, its outputs are bytes and events.
 
-``HostSession`` keeps commands (queue, timeouts, retries), ``transfers`` and counters. It owns no thread and no port: its
-owner calls ``link_up`` when a port is open, ``feed`` with received bytes, and ``poll`` every 10–50 ms, and writes the
-bytes that ``poll`` returns. All times are ``now_s`` of the owner's monotonic clock. Not thread-safe: an owner with
-several threads needs a lock.
+``HostSession`` manages commands (queue, timeouts, retries), ``transfers`` and counters. Its owner calls ``link_up``
+when a port is open, ``feed`` with received bytes, and ``poll`` every 10–50 ms, and writes the bytes that ``poll``
+returns. All times are ``now_s`` of the owner's monotonic clock. Not thread-safe: an owner with several threads needs a
+lock.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def open_session(setup: UnitSetup) -> HostSession:
 class HostSession:
     """Session with one device on one line; see the module docstring.
 
-    Methods that raise BadInput, NotFound or Conflict change nothing.
+    A method that raises BadInput, NotFound or Conflict has no effect.
     """
 
     def __init__(
@@ -86,9 +86,9 @@ class HostSession:
         return encode_command(self._dictionary.command(name), arguments)
 
     def submit(self, order: EncodedCommand, *, request_id: int | None = None) -> int:
-        """Queue a command and return its request id: ``request_id`` if reserved before, else a new one.
+        """Queue a command and return its request id: ``request_id`` if the caller reserved one, otherwise a new id.
 
-        Commands wait until the device has identified itself; only ABORT does not. Raises Conflict while a dictionary
+        Commands wait until the device has identified itself; ABORT does not wait. Raises Conflict while a dictionary
         mismatch is unacknowledged.
         """
         self.check_allowed(order.command.name)
@@ -110,9 +110,10 @@ class HostSession:
         return self._ids()
 
     def preview(self, order: EncodedCommand) -> list[tuple[str, bytes]]:
-        """Return the packet before framing as labelled groups (dry run); an argument's group has its name as label.
+        """Return the packet before framing as labelled groups (dry run); each argument is a group labelled with its
+        name.
 
-        The request id shown is the one the next submit would take; no sequence count is used up.
+        The packet shows the request id of the next submit; no sequence count is used up.
         """
         code, payload = order.command.code, order.payload
         packet = self._sender.next_packet(PacketType.COMMAND, code, self._ids.following, payload)
@@ -123,7 +124,7 @@ class HostSession:
         self._events.append(self._command_queue.retry(request_id))
 
     def withdraw(self, request_id: int, detail: str) -> CommandUpdate:
-        """Withdraw a queued command and return its new stage, which is not repeated in the events.
+        """Withdraw a queued command and return its new stage. The events do not repeat this stage.
 
         Raises Conflict if the command is not in the queue.
         """
@@ -134,7 +135,7 @@ class HostSession:
         return self._command_queue.clear(detail)
 
     def abort(self, now_s: float) -> int:
-        """Queue ABORT ahead of everything; it is never blocked. Returns its request id."""
+        """Queue ABORT before all other commands; it is never blocked. Returns its request id."""
         return self._add(self.encode("ABORT", {}), urgent=True)
 
     def acknowledge_mismatch(self) -> None:
@@ -142,7 +143,7 @@ class HostSession:
         self._handshake.acknowledge()
 
     def restore(self, next_request_id: int, in_flight: Sequence[InFlight], next_transfer_id: int = 1) -> None:
-        """Seed the ids after a restart. Commands ``in_flight`` get the stage UNKNOWN and may be retried."""
+        """Set the next ids after a restart. Commands ``in_flight`` get the stage UNKNOWN and can be retried."""
         self._ids.following = next_request_id
         self.transfers.skip_ids(next_transfer_id)
         for request_id, order in in_flight:
@@ -153,7 +154,7 @@ class HostSession:
     ) -> tuple[int, bytes]:
         """Return the request id and the frame of an arbitrary packet that this session does not track, for device tests.
 
-        The id is a new one and the prefix the dictionary's, unless given.
+        Without ``request_id`` a new id is used; without ``prefix`` the prefix of the session.
         """
         used = self._ids() if request_id is None else request_id
         return used, self._sender.packet(kind, code, used, payload, prefix=prefix)
@@ -180,7 +181,7 @@ class HostSession:
         return self._take_events(now_s)
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
-        """Process received bytes and return the resulting events. Never raises, whatever the bytes are."""
+        """Process received bytes and return the resulting events. Never raises, also for invalid bytes."""
         for packet in self._receiver.feed(data):
             self._last_good_s = now_s
             try:
@@ -253,7 +254,7 @@ class HostSession:
     def _report(self, packet: Packet, command: CommandDefinition, now_s: float) -> None:
         sent = self._command_queue.record(packet.request_id)
         if sent is not None and sent.command.code != command.code:
-            # Its values would be attributed to the command that was sent under this id.
+            # The values would be assigned to the command that was sent with this id.
             raise CorruptData("a report names another command", expected=sent.command.name, got=command.name)
         stage_reached, facts = read_report(packet, command, self._dictionary)
         stages = self._command_queue.report(packet.request_id, stage_reached, now_s, facts)
@@ -272,15 +273,15 @@ class HostSession:
                 self.transfers.bank_in_use(record.payload[0])
 
     def _identified(self, values: Mapping[str, Value], device_time_s: float, now_s: float) -> None:
-        before, hello = self._handshake.hello, self._handshake.met(values, device_time_s)
-        if before is not None and before.serial != hello.serial:
-            # Commands meant for one unit must never reach another.
-            self._events += self._command_queue.abandon(f"meant for {before.serial}; {hello.serial} answered")
-        if before is None or (before.serial, before.boot_count) != (hello.serial, hello.boot_count):
+        previous, hello = self._handshake.hello, self._handshake.met(values, device_time_s)
+        if previous is not None and previous.serial != hello.serial:
+            # Commands for one unit must never reach another unit.
+            self._events += self._command_queue.abandon(f"The unit {hello.serial} answered, not {previous.serial}.")
+        if previous is None or (previous.serial, previous.boot_count) != (hello.serial, hello.boot_count):
             self._receiver.sequence.restart()
         self._receiver.sequence.hello(device_time_s)
         self.transfers.line_bytes_s = hello.line_baud / 10 if hello.line_baud else None
-        # If the host's database was lost, ids that the device remembers must not be used again.
+        # Ids that the device has stored must not be used again, even if the host's database was lost.
         self._ids.following = max(self._ids.following, hello.last_request_id % 0xFFFF_FFFF + 1)
         self._events.append(hello)
         if self._handshake.agreed:
@@ -292,16 +293,15 @@ class HostSession:
             self._undecodable += 1
             return
         if telemetry.arrival is not Arrival.CURRENT:
-            self._ask_if_restarted(now_s)
+            self._greet_if_restarted(now_s)
         else:
             self._current_s = now_s
             if telemetry.packet == "housekeeping":
                 self._housekeeping = telemetry.values
         self._events.append(telemetry)
 
-    def _ask_if_restarted(self, now_s: float) -> None:
-        """Ask for HELLO if only late or repeated telemetry arrives: the device may have restarted its counts and its clock, and
-        its BOOT was lost."""
+    def _greet_if_restarted(self, now_s: float) -> None:
+        """Send HELLO if only late telemetry arrives: the device may have restarted, and its BOOT event was lost."""
         if now_s - self._current_s >= STALE_ONLY_S and self._handshake.greeted:
             self._current_s = now_s
             self._handshake.ask_at(now_s)
@@ -331,7 +331,7 @@ class HostSession:
 
     @property
     def next_request_id(self) -> int:
-        """Id that the next command or transfer opening takes; store it before a restart."""
+        """Request id of the next command or transfer opening; the owner stores it for a restart."""
         return self._ids.following
 
     @property

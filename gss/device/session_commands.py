@@ -13,17 +13,17 @@ from gss.domain.errors import Conflict, NotFound
 from gss.instruments.dictionary.definitions import CommandDefinition
 
 KEPT_COMMANDS = 512
-"""Number of commands kept, so that late and repeated reports of finished ones are recognised."""
+"""Number of commands kept in memory, to recognise late and repeated reports of finished commands."""
 
 WITHDRAWN = "withdrawn"
-"""Reason of a command withdrawn before it was sent; not a reason of the device's."""
+"""Reason of a command that was withdrawn before it was sent. The device does not use this reason."""
 
 ORDER = {s: i for i, s in enumerate((Stage.SENT, Stage.ACCEPTED, Stage.STARTED, Stage.PROGRESS))}
 
 
 @dataclass
 class CommandRecord:
-    """One tracked command. ``deadline_s``: when its current timeout expires; None if none is running."""
+    """One tracked command. ``deadline_s``: time at which the current timeout expires; None if no timeout is running."""
 
     request_id: int
     command: CommandDefinition
@@ -47,7 +47,7 @@ class CommandRecord:
 
 
 class CommandQueue:
-    """Sends commands one at a time: the next is released when the current one is final or unknown.
+    """Queue that releases one command at a time: the next one when the current command is final or unknown.
 
     ABORT has a separate queue.
     """
@@ -83,7 +83,7 @@ class CommandQueue:
                 del self._records[request_id]
 
     def record(self, request_id: int) -> CommandRecord | None:
-        """Return the command with that id, or None."""
+        """Return the record of a request id, or None."""
         return self._records.get(request_id)
 
     def retry(self, request_id: int) -> CommandUpdate:
@@ -119,7 +119,7 @@ class CommandQueue:
     def abandon(self, detail: str) -> list[CommandUpdate]:
         """Drop all commands meant for the previous unit after another unit has identified itself.
 
-        Queued commands are withdrawn; unknown ones can no longer be retried.
+        Queued commands are withdrawn; commands of unknown outcome can no longer be retried.
         """
         events = self.clear(detail)
         for request_id in [i for i, r in self._records.items() if r.stage is Stage.UNKNOWN]:
@@ -127,7 +127,7 @@ class CommandQueue:
         return events
 
     def release(self, now_s: float, *, only_urgent: bool = False) -> tuple[list[CommandRecord], list[CommandUpdate]]:
-        """Return the commands to send now, and their stages."""
+        """Return the commands to send now, and their new stages as events."""
         records = list(self._urgent)
         self._urgent.clear()
         if self._current is None and self._queue and not only_urgent:
@@ -140,7 +140,7 @@ class CommandQueue:
         return records, events
 
     def expire(self, now_s: float) -> list[CommandUpdate]:
-        """Return the commands that timed out without a report, as UNKNOWN."""
+        """Set commands that timed out without a report to UNKNOWN and return these stages as events."""
         events = []
         for record in self._records.values():
             if record.deadline_s is not None and now_s >= record.deadline_s:
@@ -150,10 +150,9 @@ class CommandQueue:
         return events
 
     def lose_all(self, detail: str) -> list[CommandUpdate]:
-        """Handle the loss of the line: sent commands become unknown, queued ones stay queued.
+        """Handle the loss of the line: sent commands become unknown, queued commands stay queued.
 
-        Urgent commands not yet sent fail: an ABORT sent on the next line, minutes later, is not what the operator
-        requested.
+        Urgent commands that were not sent fail: the operator does not expect an ABORT minutes later, on the next line.
         """
         unsent = [
             r.to(Stage.FAILED, reason=WITHDRAWN, detail="The line was lost before it was sent.") for r in self._urgent
@@ -171,7 +170,7 @@ class CommandQueue:
             self._current = None
 
     def report(self, request_id: int, stage: Stage, now_s: float, facts: ReportFacts) -> Sequence[CommandUpdate]:
-        """Process a report of the device. A repeated or out-of-order one returns no stages."""
+        """Process a report of the device and return the new stages; none for a repeated or out-of-order report."""
         record = self._records.get(request_id)
         if record is None or record.stage in FINAL_STAGES:
             return ()

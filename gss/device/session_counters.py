@@ -1,4 +1,4 @@
-"""Count the traffic on the line and its damage, in total and over the last minute."""
+"""Count the bytes, packets and damage on the line, in total and over the last minute."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MIN_LOSSES = 3
 def count_line(
     sender: LineSender, receiver: LineReceiver, undecodable: int, last_good_s: float | None, repeated_ids: int = 0
 ) -> LinkCounters:
-    """Return the counters of both directions; ``undecodable``: intact packets that could not be decoded."""
+    """Return the counters of both directions. ``undecodable``: number of intact packets that could not be decoded."""
     deframer = receiver.deframer
     received = DirectionCounters(
         bytes=deframer.bytes,
@@ -39,7 +39,7 @@ def count_line(
 
 @dataclass(frozen=True)
 class _Sample:
-    """Bytes, packets and damaged packets of one direction at one time."""
+    """Counters of bytes, packets and damaged packets of one direction at one time."""
 
     bytes: int
     packets: int
@@ -65,14 +65,14 @@ class LineQuality:
     def note(
         self, now_s: float, sender: LineSender, receiver: LineReceiver, housekeeping: Mapping[str, Value] | None
     ) -> None:
-        """Sample the counters; call about once a second."""
+        """Sample the counters. Call about once per second."""
         down = _Sample(receiver.deframer.bytes, receiver.good + receiver.bad_total, receiver.bad_total)
         sensed = housekeeping or {}
         bad = int(sensed.get("frames_bad", 0))
         up = _Sample(sender.bytes, int(sensed.get("frames_good", 0)) + bad, bad)
         newest = self._samples[-1] if self._samples else None
         if newest is not None and up.packets < newest[2].packets:
-            self._samples.clear()  # the device restarted and its counters with it
+            self._samples.clear()  # the device has restarted and reset its counters
         self._samples.append((now_s, down, up))
         while now_s - self._samples[0][0] > LATELY_S:
             self._samples.popleft()

@@ -1,4 +1,4 @@
-"""Events a host session reports to its owner. They contain only data from the line; the owner adds wall-clock times."""
+"""Events that a host session reports to its owner. They contain only data from the line; the owner adds UTC times."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ Ranges = tuple[tuple[int, int], ...]
 
 
 class Stage(StrEnum):
-    """Stage of a command. REJECTED, COMPLETED and FAILED are final; a late report or a retry may still resolve UNKNOWN."""
+    """Stage of a command. REJECTED, COMPLETED and FAILED are final; a late report or a retry may still resolve
+    UNKNOWN."""
 
     QUEUED = "queued"
     RELEASED = "released"
@@ -56,7 +57,7 @@ class Direction(StrEnum):
 
 
 class ReportFacts(TypedDict, total=False):
-    """What a report of the device adds to a :class:`CommandUpdate`."""
+    """Fields of a :class:`CommandUpdate` that a report of the device sets."""
 
     device_time_s: float
     reason: str
@@ -68,12 +69,12 @@ class ReportFacts(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class CommandUpdate:
-    """A command reached a stage.
+    """Event: a command reached a stage.
 
-    ``device_time_s``: the device's clock in the report, None for stages that the host sets itself. ``reason``: the
-    dictionary's name of a rejection or failure, "" otherwise. ``detail``: a sentence. ``values``: the command's
-    returned values, at COMPLETED. ``progress``: percent, at PROGRESS. ``late``: received after the timeout.
-    ``replayed``: the device repeated a stored report. ``attempt``: 1 for the first sending.
+    ``device_time_s``: device time in the report, None for stages that the host sets. ``reason``: name of a rejection or
+    failure in the dictionary, "" otherwise. ``detail``: a sentence. ``values``: the command's returned values, at
+    COMPLETED. ``progress``: percent, at PROGRESS. ``late``: received after the timeout. ``replayed``: the device
+    repeated a stored report. ``attempt``: 1 for the first sending.
     """
 
     request_id: int
@@ -93,9 +94,9 @@ class CommandUpdate:
 class Telemetry:
     """One telemetry packet.
 
-    ``request_id``: the command that caused it, 0 = unsolicited. ``raw``: as on the wire; ``values``: in engineering
-    units, enumerations by name. ``lists``: rows of each list, by the list's name. ``arrival``: whether
-    it is the newest of its type, or was delayed or repeated on the line.
+    ``request_id``: id of the command that caused the packet, 0 = unsolicited. ``raw``: values as on the wire;
+    ``values``: in engineering units, enumerations by name. ``lists``: rows of each list, by the list's name.
+    ``arrival``: latest packet of its type, delayed, or repeated on the line.
     """
 
     packet: str
@@ -110,7 +111,7 @@ class Telemetry:
 
 @dataclass(frozen=True)
 class DeviceEvent:
-    """An event on board. ``severity``: ok, watch, warning, critical."""
+    """An event reported by the device. ``severity``: ok, watch, warning, critical."""
 
     name: str
     severity: str
@@ -123,9 +124,9 @@ class DeviceEvent:
 class TransferUpdate:
     """Current state of a transfer.
 
-    ``stored``, ``stored_bytes``: what the *receiving* end reports as stored. ``rate_bytes_s``: stored bytes per second
-    over the last seconds, 0 until known. ``line_share``: fraction of the line's payload rate, None on a line without a
-    rate. ``resent``: chunks sent again (uplink) or requested again (downlink).
+    ``stored``, ``stored_bytes``: chunks and bytes that the *receiving* end has stored. ``rate_bytes_s``: stored bytes
+    per second over the last seconds, 0 while unknown. ``line_share``: rate as a fraction of the line's rate, None if
+    the line has no rate. ``resent``: chunks sent again (uplink) or requested again (downlink).
     """
 
     transfer_id: int
@@ -151,7 +152,8 @@ class TransferUpdate:
 
 @dataclass(frozen=True)
 class TransferDone:
-    """A download is complete and its hash correct, or an upload is committed (``data`` is then what was sent)."""
+    """Event: a download is complete and its hash is correct, or an upload is committed. ``data``: the transferred
+    content."""
 
     transfer_id: int
     direction: Direction
@@ -164,7 +166,8 @@ class TransferDone:
 
 @dataclass(frozen=True)
 class HelloReceived:
-    """The device identified itself. ``dictionary_match`` False blocks commanding until acknowledged."""
+    """Event: the device identified itself. If ``dictionary_match`` is False, commanding is blocked until a user
+    acknowledges the mismatch."""
 
     device_model: str
     profile: str
@@ -186,11 +189,12 @@ class HelloReceived:
 
 @dataclass(frozen=True)
 class DirectionCounters:
-    """Counters of one direction. For sent packets only ``bytes`` and ``good`` count; the device counts the rest.
+    """Counters of one direction. For sent packets only ``bytes`` and ``good`` are counted; the device counts the
+    damage.
 
     ``unknown``: undefined APID, packet type or direction. ``undecodable``: intact packets whose code or content the
     dictionary does not define. ``gaps``, ``duplicates``: packets missing and repeated according to their sequence
-    counts. ``repeated_ids``: reports without new information on a request id, including replays.
+    counts. ``repeated_ids``: reports that add no information about a request id, including replays.
     """
 
     bytes: int = 0
@@ -207,7 +211,7 @@ class DirectionCounters:
 
     @property
     def bad(self) -> int:
-        """Packets that could not be used."""
+        """Number of packets that could not be used."""
         return self.bad_crc + self.too_long + self.too_short
 
 

@@ -1,4 +1,5 @@
-"""Identify the device: repeat HELLO until it is answered, compare dictionaries, and restrict commands until they agree."""
+"""Identify the device: repeat HELLO until it is answered, compare the dictionaries, and restrict commands until they
+match."""
 
 from __future__ import annotations
 
@@ -11,12 +12,12 @@ from gss.domain.errors import Conflict
 from gss.instruments.dictionary.definitions import Dictionary, Value
 
 HELLO_AGAIN_S = 3.0
-"""Default pause between two attempts."""
+"""Default pause between two HELLO commands."""
 
 
 class Handshake:
-    """State of the last HELLO. Sets the sender's prefix to that of the dictionary in use. ``again_s``: pause between two
-    attempts."""
+    """State of the identification. Sets the sender's prefix to that of the device's dictionary. ``again_s``: pause
+    between two HELLO commands."""
 
     def __init__(self, dictionary: Dictionary, sender: LineSender, again_s: float = HELLO_AGAIN_S) -> None:
         self._dictionary, self._sender, self._again_s = dictionary, sender, again_s
@@ -27,23 +28,23 @@ class Handshake:
         """True if a device has answered on the current line."""
 
     def begin(self, now_s: float) -> None:
-        """Start on a newly opened line: the device must identify itself before anything else is sent."""
+        """Start on a newly opened line: only HELLO and ABORT are sent until the device has identified itself."""
         self.greeted = False
         self.ask_at(now_s)
 
     def ask_at(self, now_s: float | None) -> None:
-        """Send HELLO from ``now_s`` on until it is answered; None: do not send it."""
+        """Send HELLO from ``now_s`` on until it is answered; with None, do not send it."""
         self._due_s = now_s
 
     def is_due(self, now_s: float) -> bool:
-        """True if HELLO must be sent now; schedules the next repeat."""
+        """True if HELLO must be sent now. Schedules the next HELLO."""
         if self._due_s is None or now_s < self._due_s:
             return False
         self._due_s = now_s + self._again_s
         return True
 
     def met(self, values: Mapping[str, Value], device_time_s: float) -> HelloReceived:
-        """Process the answer to HELLO. An acknowledged mismatch stays acknowledged until the dictionaries match again."""
+        """Process the answer to HELLO. The acknowledgement of a mismatch is valid until the dictionaries match."""
         self.hello = read_hello(values, device_time_s, self._dictionary)
         if self.hello.dictionary_match:
             self._sender.prefix, self.acknowledged = int(self.hello.dictionary_hash[:4], 16), False

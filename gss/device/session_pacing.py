@@ -1,4 +1,4 @@
-"""Limit the bytes sent at a time, so that a command never waits behind a full output buffer."""
+"""Limit the number of bytes sent at a time, so that a command never waits for a full output buffer."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ BURST_S = 0.25
 
 
 class Pacer:
-    """Token bucket in bytes, filled at the line rate up to a burst. ``polled_s``: time of the last refill."""
+    """Token bucket in bytes, refilled at the line rate up to a burst. ``polled_s``: time of the last refill."""
 
     def __init__(self) -> None:
         self.polled_s: float | None = None

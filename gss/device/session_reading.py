@@ -13,7 +13,7 @@ COMPLETED = bytes([5])
 
 
 def read_report(packet: Packet, command: CommandDefinition, dictionary: Dictionary) -> tuple[Stage, ReportFacts]:
-    """Return a command's stage and its report's values; a completed report includes the returned values."""
+    """Return the stage and the values in a command's report. A completed report includes the returned values."""
     fields = dictionary.service("REPORT").fields
     completed = packet.payload[:1] == COMPLETED
     values = decode((*fields, *command.returns) if completed else fields, packet.payload).values
@@ -30,7 +30,7 @@ def read_report(packet: Packet, command: CommandDefinition, dictionary: Dictiona
 
 
 def read_hello(values: Mapping[str, Value], device_time_s: float, dictionary: Dictionary) -> HelloReceived:
-    """Return the device's identity from the values that HELLO returns; ``dictionary``: of the host."""
+    """Return the device's identity from the values of HELLO. ``dictionary``: the host's dictionary."""
     device_hash = bytes(values["dictionary_hash"])  # type: ignore[arg-type]  # bytes32 decodes to bytes
     return HelloReceived(
         device_model=str(values["device_model"]),

@@ -1,4 +1,4 @@
-"""Decode telemetry packets into events, fast: consecutive items of fixed size are unpacked together instead of item by item.
+"""Decode telemetry packets into events. For speed, consecutive items of fixed size are unpacked together.
 
 Invalid payloads (wrong length, invalid bool, unknown choice, invalid text) are passed to
 :func:`gss.device.protocol.codec.decode`, which raises the detailed error.
@@ -17,17 +17,19 @@ from gss.instruments.dictionary.definitions import Dictionary, Group, Item, Layo
 
 BOOLS: Mapping[Any, Value] = {0: False, 1: True}
 Change = tuple[str, Callable[[Any], Value]]
-"""Name of an item and the conversion of its unpacked value, which raises KeyError or ValueError for an invalid value."""
+"""Name of an item and the conversion of its unpacked value, which raises KeyError or ValueError for an invalid
+value."""
 
 
 class TelemetryReader:
-    """Decodes telemetry packets, with a prepared decoder per packet type because they are most of the traffic."""
+    """Decodes telemetry packets. Uses a prepared decoder per packet type, because most packets are telemetry."""
 
     def __init__(self, dictionary: Dictionary) -> None:
         self._kinds = {p.code: (p, Decoder(p.fields)) for p in reversed(dictionary.telemetry)}
 
     def read(self, packet: Packet) -> Telemetry | None:
-        """Return a telemetry packet, raw and in engineering units; None if the dictionary does not define its code."""
+        """Return the decoded telemetry, raw and in engineering units; None if the dictionary does not define its
+        code."""
         kind = self._kinds.get(packet.code)
         if kind is None:
             return None
@@ -60,7 +62,7 @@ class Decoder:
         self._prepared = plain and all(part.decodable for part in self._parts)
 
     def decode(self, payload: bytes) -> Decoded:
-        """Return the values of a payload. Raises CorruptData unless it fits the layout exactly."""
+        """Return the values of a payload. Raises CorruptData unless the payload fits the layout exactly."""
         if self._prepared:
             try:
                 return self._unpacked(payload)
@@ -86,7 +88,8 @@ class Decoder:
 
 
 class _Run:
-    """Consecutive items of a layout or of a list's rows. ``known``: every item has a fixed size and no name occurs twice."""
+    """Consecutive items of a layout or of a list's rows. ``decodable``: True if every item has a fixed size and no name
+    occurs twice."""
 
     def __init__(self, items: Sequence[Item], group: str = "") -> None:
         self.group, self._names = group, [item.name for item in items]

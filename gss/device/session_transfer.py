@@ -1,4 +1,4 @@
-"""One transfer on the host: content, progress and reported state; and the request ids and messages it uses."""
+"""One transfer on the host: content, progress and state, with the request ids and messages that it uses."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class RequestIds:
         self.following = following
 
     def __call__(self) -> int:
-        taken = self.following
-        self.following = taken % 0xFFFF_FFFF + 1
-        return taken
+        request_id = self.following
+        self.following = request_id % 0xFFFF_FFFF + 1
+        return request_id
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,10 @@ class HeldPart:
 
 @dataclass(frozen=True)
 class Part:
-    """The requested part of an image, in pixels.
+    """Requested part of an image, in pixels.
 
-    "region": a rectangle. "star_windows": ``columns`` is the side of the squares, the other fields are 0. All 0: no
-    part.
+    "region": a rectangle. "star_windows": ``columns`` is the side of the squares, the other fields are 0. All fields 0:
+    the complete content.
     """
 
     col_px: int = 0
@@ -72,7 +72,7 @@ class Part:
 
 
 def checked_target(target: int) -> int:
-    """Return a slot or bank number. Raises BadInput unless it fits in one byte."""
+    """Return the slot or bank number. Raises BadInput unless it fits in one byte."""
     if not 0 <= target <= 0xFF:
         raise BadInput("the target is out of range", expected="0 – 255", got=str(target))
     return target
@@ -83,9 +83,9 @@ class SessionTransfer:
     """One transfer.
 
     ``chunk_bytes``: current chunk size; ``wanted_chunk_bytes``: size that the next opening requests. ``grid_is_fixed``:
-    the size is not adapted, because the owner set it or the device uses a different one than requested.
-    ``waits_for_device``: paused only until the device has identified itself. ``note``: reason text shown while
-    transferring.
+    True if the size is not adapted, because the owner set it or the device uses another size than requested.
+    ``waits_for_device``: True if the transfer is paused only until the device has identified itself. ``note``: reason
+    text shown while transferring.
     """
 
     id: int
@@ -138,7 +138,7 @@ class SessionTransfer:
         return chunk_count(self.size, self.chunk_bytes) if self.size else 0
 
     def stored(self) -> tuple[Ranges, int]:
-        """Return what the receiving end holds: ranges and bytes."""
+        """Return the chunk ranges and the number of bytes that the receiving end has stored."""
         chunks = self.sender.stored if self.sender else self.receiver.stored if self.receiver else None
         if chunks is None:
             return (), 0
@@ -161,7 +161,7 @@ class SessionTransfer:
 
     @property
     def resent(self) -> int:
-        """Chunks sent again (uplink) or requested again (downlink)."""
+        """Number of chunks sent again (uplink) or requested again (downlink)."""
         now = self.sender.resent if self.sender else self.receiver.requested_again if self.receiver else 0
         return self.resent_before + now
 

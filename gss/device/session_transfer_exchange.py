@@ -1,4 +1,4 @@
-"""Message exchange of one transfer on the host: open, transfer, check, verify, commit, close."""
+"""Host side of a transfer's message exchange: open, transfer, check, verify, commit, close."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RETRY_LOST_S = 4.0
 
 
 STARTED_OVER = {
-    Direction.UP: "the device no longer holds what it had: started over",
+    Direction.UP: "the device no longer has the stored chunks: started over",
     Direction.DOWN: "the content on board has changed: started over",
 }
 
@@ -49,7 +49,8 @@ class TransferExchange:
         self.open_again(transfer, now_s)
 
     def open_again(self, transfer: SessionTransfer, now_s: float) -> None:
-        """Send the opening message, again until it is answered or the tries are used up (link_lost)."""
+        """Send the opening message. Called again until it is answered; after too many tries the state becomes
+        link_lost."""
         if transfer.tries >= SILENT_TRIES:
             self.lose(transfer, "no answer to the opening", now_s)
             return
@@ -78,17 +79,19 @@ class TransferExchange:
         self.out.append(ServiceMessage("OPEN_UPLOAD", transfer.request_id, values))
 
     def adapt(self, transfer: SessionTransfer, now_s: float, take_request_id: RequestIds) -> bool:
-        """Reopen with smaller chunks if losses are high; stored data is kept. Returns True if reopened."""
+        """Reopen the transfer with smaller chunks if losses are high; stored data are kept. Returns True if
+        reopened."""
         smaller = transfer.smaller_chunks()
         if smaller is None or transfer.session is None:
             return False
         self.out.append(ServiceMessage("PAUSE", transfer.request_id, {"session": transfer.session}))
-        transfer.wanted_chunk_bytes, transfer.note = smaller, f"the line is noisy: chunks of {smaller} B"
+        transfer.wanted_chunk_bytes, transfer.note = smaller, f"the line is noisy: chunk size reduced to {smaller} B"
         self.begin_open(transfer, now_s, take_request_id)
         return True
 
     def keep_moving(self, transfer: SessionTransfer, now_s: float) -> None:
-        """Request a STATUS as sender, or repeat it as receiver, when nothing arrives; link_lost after too many tries."""
+        """Request a STATUS (as sender) or repeat it (as receiver) if no message arrives. After too many tries the state
+        becomes link_lost."""
         if transfer.session is None:
             return
         if transfer.sender is not None:
@@ -113,9 +116,9 @@ class TransferExchange:
         self.out.append(ServiceMessage("STATUS", transfer.request_id, page.values(transfer.session), page.lists()))
 
     def _poke_after_s(self, transfer: SessionTransfer) -> float:
-        """Return the silence after which a receiver repeats its STATUS.
+        """Return the time without a message after which a receiver repeats its STATUS.
 
-        Several chunks should have arrived in that time; it grows with each unsuccessful try.
+        The time is long enough for several chunks and grows with each unsuccessful try.
         """
         return max(POKE_S, 4 * self._chunk_time_s(transfer)) * (1 + transfer.tries)
 
@@ -123,13 +126,13 @@ class TransferExchange:
         return (transfer.chunk_bytes + 64) / self.line_bytes_s if self.line_bytes_s else 0.0
 
     def lose(self, transfer: SessionTransfer, reason: str, now_s: float) -> None:
-        """Set the transfer to link_lost; it is reopened after ``RETRY_LOST_S`` or when the line is back."""
+        """Set the transfer to link_lost; it is reopened after ``RETRY_LOST_S`` or when the line is open again."""
         transfer.due_s = now_s + RETRY_LOST_S
         transfer.session = None
         transfer.to(TransferState.LINK_LOST, reason)
 
     def ask_verify(self, transfer: SessionTransfer, now_s: float) -> None:
-        """Request the read-back, or the commit once the read-back is verified."""
+        """Request the read-back, or the commit if the read-back is verified."""
         if transfer.tries >= SILENT_TRIES or transfer.session is None:
             self.lose(transfer, "no answer to the verification", now_s)
             return
@@ -142,7 +145,7 @@ class TransferExchange:
         )
 
     def after_the_end(self, transfer: SessionTransfer, service: str, session: int) -> None:
-        """Repeat the closing message of a session that has ended here but not on the device."""
+        """Repeat the closing message of a session that has ended on the host but not on the device."""
         if service not in ("CHUNK", "STATUS_REQUEST"):
             return
         if transfer.state is TransferState.VERIFIED:
@@ -153,7 +156,8 @@ class TransferExchange:
             self.out.append(abort_message(session, transfer.request_id, "aborted"))
 
     def opened(self, transfer: SessionTransfer, message: Decoded, now_s: float) -> bool:
-        """Process OPENED. Returns False, with the transfer failed, if the upload's size differs or the chunk size is invalid."""
+        """Process OPENED. Returns False and fails the transfer if the upload's size differs or the chunk size is
+        invalid."""
         reply = message.values
         session, size, chunk_bytes = int(reply["session"]), int(reply["size_bytes"]), int(reply["chunk_bytes"])
         if chunk_bytes < 1 or (transfer.direction is Direction.UP and size != transfer.size):
@@ -189,7 +193,7 @@ class TransferExchange:
     def _prepare_download(
         self, transfer: SessionTransfer, size: int, chunk_bytes: int, window: int, sha256: bytes
     ) -> None:
-        """Keep stored data if the content is unchanged, mapping it to the new chunk size."""
+        """Prepare the receiver. If the content is unchanged, stored data are kept and mapped to the new chunk size."""
         same = transfer.receiver is not None and (transfer.sha256, transfer.size) == (sha256, size)
         received = regrid(transfer.stored()[0], size, transfer.chunk_bytes, chunk_bytes) if same else []
         if not same:
@@ -242,7 +246,8 @@ class TransferExchange:
             transfer.to(TransferState.VERIFIED)
             self.finish(transfer)
             return
-        # A kept part may be corrupt, so a resumed download starts over; otherwise the device sent wrong data.
+        # Data of an earlier attempt may be corrupt, so a resumed download starts over; otherwise the device sent wrong
+        # data.
         kept_part, transfer.receiver, transfer.sha256, transfer.session = transfer.resumed, None, NO_HASH, None
         if kept_part:
             transfer.note = "the stored and received data do not match the device's hash: started over"
@@ -250,8 +255,8 @@ class TransferExchange:
         else:
             transfer.to(TransferState.FAILED, "the received data do not match the device's hash")
 
-    def to_verify(self, transfer: SessionTransfer, now_s: float) -> None:
-        """Request the read-back after the device has stored everything."""
+    def begin_verify(self, transfer: SessionTransfer, now_s: float) -> None:
+        """Request the read-back after the device has stored all chunks."""
         transfer.to(TransferState.VERIFYING)
         transfer.tries = 0
         self.ask_verify(transfer, now_s)
@@ -259,7 +264,7 @@ class TransferExchange:
     def verified(self, transfer: SessionTransfer, message: Decoded, now_s: float) -> None:
         """Process the result of the device's read-back: request the commit, or fail."""
         if not message.values["equal"] or message.values["sha256"] != transfer.sha256:
-            transfer.to(TransferState.FAILED, "the device read back other data than were sent")
+            transfer.to(TransferState.FAILED, "the data that the device read back differ from the sent data")
             transfer.session = None
             return
         transfer.committing, transfer.tries = True, 0

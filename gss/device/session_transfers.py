@@ -1,4 +1,4 @@
-"""Transfers of a host session: one at a time on the line, any number queued. Produces messages; no I/O."""
+"""Transfers of a host session: one active on the line, any number queued. Produces messages; no I/O."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ REPORT_EVERY_S = 0.25
 
 
 class TransferManager:
-    """All transfers of a session. Each opening takes a new request id, which identifies the transfer on the line."""
+    """Manages all transfers of a session. Each opening uses a new request id, which identifies the transfer on the
+    line."""
 
     holds_channel = False
-    """Chunks and packets share the line."""
+    """Always False: chunks and other packets share the line."""
 
     def __init__(self, dictionary: Dictionary, quality: LineQuality, next_id: int = 1) -> None:
         self._dictionary, self._quality, self._next_id = dictionary, quality, next_id
@@ -38,7 +39,7 @@ class TransferManager:
 
     @property
     def line_bytes_s(self) -> float | None:
-        """The line's rate; None while unknown (no pacing)."""
+        """Rate of the line in bytes per second; None while unknown (no pacing)."""
         return self._exchange.line_bytes_s
 
     @line_bytes_s.setter
@@ -48,7 +49,7 @@ class TransferManager:
     # --- requests of the owner ----------------------------------------------------------------------------------
 
     def skip_ids(self, next_id: int) -> None:
-        """Use no id below ``next_id`` from now on."""
+        """Set the next transfer id to at least ``next_id``."""
         self._next_id = max(self._next_id, next_id)
 
     def start_download(
@@ -61,11 +62,11 @@ class TransferManager:
         part: Part | None = None,
         paused: str = "",
     ) -> int:
-        """Queue a download of any kind the dictionary defines and return its transfer id.
+        """Queue a download and return its transfer id. Raises BadInput if the dictionary does not define the kind.
 
-        ``partial``: data of an earlier attempt; only missing chunks are requested if the content is unchanged. ``part``:
-        the region, or the side of star windows. ``chunk_bytes``: fixed chunk size, not adapted to the line. ``paused``:
-        reason to wait until the device has identified itself.
+        ``partial``: data of an earlier attempt; only missing chunks are requested if the content is unchanged.
+        ``part``: the region, or the side of star windows. ``chunk_bytes``: fixed chunk size, not adapted to the line.
+        ``paused``: reason to wait until the device has identified itself.
         """
         size = self._chunk_size(kind, chunk_bytes, Direction.DOWN)
         transfer = SessionTransfer(self._next_id, Direction.DOWN, kind, checked_target(slot), size)
@@ -86,8 +87,8 @@ class TransferManager:
     ) -> int:
         """Queue an upload to a bank or slot number and return its transfer id; verify and commit follow automatically.
 
-        The same data to the same target resumes after an interruption with what the device still holds. ``chunk_bytes``
-        and ``paused`` as in ``start_download``.
+        After an interruption, an upload of the same data to the same target resumes with the chunks that the device has
+        stored. ``chunk_bytes`` and ``paused`` as in ``start_download``.
         """
         if not data:
             raise BadInput("nothing to upload", expected="at least 1 byte", got="0 bytes")
@@ -113,19 +114,19 @@ class TransferManager:
         return transfer.id
 
     def partial(self, transfer_id: int) -> tuple[bytes, Ranges]:
-        """Return the data of a download, (size,) bytes with zeros for missing chunks, and the held chunk ranges."""
+        """Return the data of a download (zeros for missing chunks) and the ranges of the stored chunks."""
         transfer = self.get(transfer_id)
         return bytes(transfer.data), transfer.stored()[0]
 
     def get(self, transfer_id: int) -> SessionTransfer:
-        """Return the transfer of that id. Raises NotFound."""
+        """Return a transfer by its id. Raises NotFound."""
         try:
             return self._transfers[transfer_id]
         except KeyError:
             raise NotFound("unknown transfer", got=str(transfer_id)) from None
 
     def pause(self, transfer_id: int) -> None:
-        """Pause a transfer; the device keeps what it has stored. Raises Conflict."""
+        """Pause a transfer; the device keeps the stored chunks. Raises Conflict if it cannot be paused now."""
         transfer = self.get(transfer_id)
         if transfer.state in ENDED or transfer.state in (TransferState.PAUSED, TransferState.VERIFYING):
             raise Conflict(
@@ -137,7 +138,7 @@ class TransferManager:
         transfer.to(TransferState.PAUSED)
 
     def resume(self, transfer_id: int) -> None:
-        """Queue a paused, link_lost or failed transfer again. Raises Conflict."""
+        """Queue a paused, link_lost or failed transfer again. Raises Conflict in another state."""
         transfer = self.get(transfer_id)
         if transfer.state not in (TransferState.PAUSED, TransferState.LINK_LOST, TransferState.FAILED):
             raise Conflict(
@@ -156,7 +157,7 @@ class TransferManager:
         transfer.to(TransferState.ABORTED, "by the operator")
 
     def forget(self, transfer_id: int) -> None:
-        """Remove a transfer that has ended. Raises Conflict."""
+        """Remove a transfer that has ended. Raises Conflict if it has not ended."""
         if self.get(transfer_id).state not in ENDED:
             raise Conflict("the transfer has not ended", got=self.get(transfer_id).state.value)
         del self._transfers[transfer_id]
@@ -168,7 +169,7 @@ class TransferManager:
         self._exchange.out.clear()
         for transfer in self._transfers.values():
             if transfer.state in MOVING:
-                self._exchange.lose(transfer, "the line is gone", 0.0)
+                self._exchange.lose(transfer, "the line was lost", 0.0)
 
     def line_back(self, now_s: float) -> None:
         """Reopen transfers interrupted by a line loss or a restart, after the device has identified itself."""
@@ -181,7 +182,7 @@ class TransferManager:
                 transfer.due_s = now_s
 
     def device_restarted(self, now_s: float) -> None:
-        """Reopen the active transfer: the device lost its sessions, but not what it had stored."""
+        """Reopen the active transfer: the device has lost its sessions, but not the stored chunks."""
         for transfer in self._transfers.values():
             if transfer.state in MOVING and transfer.request_id:
                 self._exchange.lose(transfer, "the device restarted", now_s)
@@ -260,7 +261,7 @@ class TransferManager:
             transfer.sender.on_status(StatusPage.of(message), now_s)
             transfer.tries = 0
             if transfer.sender.complete:
-                self._exchange.to_verify(transfer, now_s)
+                self._exchange.begin_verify(transfer, now_s)
         elif service == "CHUNK" and transfer.receiver is not None:
             self._exchange.chunk(transfer, message, now_s)
         elif service == "STATUS_REQUEST":

@@ -1,4 +1,4 @@
-"""Apply calibration and parameter tables to the on-board chain: its camera model and its constants."""
+"""Apply calibration and parameter tables to the camera model and the constants of the on-board chain."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ NAMES = {Pinhole: "pinhole", Brown: "brown", BrownUndistort: "brown_undistort", 
 
 
 def calibration_values(profile: CameraProfile) -> dict[str, Scalar]:
-    """Return a camera's geometry and photometry as the values of a calibration table."""
+    """Return the geometry and photometry of a camera as the values of a calibration table."""
     camera, model = profile.camera, profile.camera.distortion
     values: dict[str, Scalar] = {"distortion": NAMES[type(model)]}
     values |= {name: getattr(camera, name) for name in GEOMETRY}
@@ -52,7 +52,8 @@ def calibration_values(profile: CameraProfile) -> dict[str, Scalar]:
 
 
 def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraProfile:
-    """Return the profile with a table's geometry and photometry. Raises BadInput if they cannot be this detector's."""
+    """Return the profile with the geometry and photometry of a table. Raises BadInput if the values do not fit this
+    detector."""
     word = str(values.get("distortion"))
     if word not in MODELS:
         raise BadInput("unknown distortion model", expected=" | ".join(MODELS), got=word)
@@ -70,19 +71,19 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
     if text_names:
         raise BadInput("a value of the calibration is not a number", expected="a number", got=", ".join(text_names))
     numbers = {n: float(v) for n, v in values.items() if not isinstance(v, str)}
-    whole = {n: int(numbers[n]) for n in WHOLE}
+    integers = {n: int(numbers[n]) for n in WHOLE}
     size = profile.camera.columns, profile.camera.rows, profile.sensor.bits
-    if tuple(whole.values()) != size or any(numbers[n] != whole[n] for n in WHOLE):
-        got = "{columns} x {rows} px, {bits} bits".format(**whole)
+    if tuple(integers.values()) != size or any(numbers[n] != integers[n] for n in WHOLE):
+        got = "{columns} x {rows} px, {bits} bits".format(**integers)
         raise BadInput(
             "the calibration is for another detector", expected=f"{size[0]} x {size[1]} px, {size[2]} bits", got=got
         )
     if numbers["focal_col_px"] <= 0 or numbers["focal_row_px"] <= 0 or numbers["gain_e_per_dn"] <= 0:
-        raise BadInput("a focal length or the gain is not above zero")
+        raise BadInput("a focal length or the gain is not greater than zero")
     instrument_values = calibration_values(profile)
     for name in numbers:
         current = instrument_values.get(name, profile.focal_mm if name == "focal_mm" else 0.0)
-        # A lens coefficient may turn out to be zero or of the opposite sign.
+        # The true value of a lens coefficient can be zero or have the opposite sign.
         within_reason(
             name, numbers[name], -abs(float(current)) if name in coefficients and name != "focal_mm" else current
         )
@@ -92,15 +93,15 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
         )
     distortion = make({n: numbers[n] for n in coefficients if n in numbers})
     geometry = {n: numbers[n] for n in GEOMETRY if n not in WHOLE}
-    camera = Camera(columns=whole["columns"], rows=whole["rows"], **geometry, distortion=distortion)
-    sensor = Sensor(bits=whole["bits"], **{n: numbers[n] for n in sensor_names if n not in WHOLE})
+    camera = Camera(columns=integers["columns"], rows=integers["rows"], **geometry, distortion=distortion)
+    sensor = Sensor(bits=integers["bits"], **{n: numbers[n] for n in sensor_names if n not in WHOLE})
     return replace(profile, camera=camera, sensor=sensor)
 
 
 def within_reason(name: str, value: float, reference: Scalar) -> None:
-    """Raise BadInput if a value is too far from the unit's own to be correct.
+    """Raise BadInput if a value is implausibly far from the unit's default value.
 
-    Limits: a factor of 100 either way with the same sign; if the unit's own value is zero or negative, ± 100 times its
+    Limits: from 1/100 to 100 times the default value. If the default value is zero or negative: ± 100 times its
     absolute value, at least ± 10.
     """
     if isinstance(reference, str):
@@ -111,12 +112,12 @@ def within_reason(name: str, value: float, reference: Scalar) -> None:
         low, high = -max(10.0, REASON * abs(float(reference))), max(10.0, REASON * abs(float(reference)))
     if not low <= value <= high:
         raise BadInput(
-            f"{name} cannot be right", expected=f"{low:g} – {high:g}, the unit's own is {reference:g}", got=f"{value:g}"
+            f"{name} is implausible", expected=f"{low:g} – {high:g}, default {reference:g}", got=f"{value:g}"
         )
 
 
 RETIRED = ("rate_interval_s",)
-"""Constants of tables written before version 0.5 that no chain has any more; such a table stays valid."""
+"""Constants of tables from before version 0.5 that no chain uses now. Tables that contain them are still valid."""
 
 
 def constants(parameters: Any) -> dict[str, float | int | bool]:
@@ -127,7 +128,7 @@ def constants(parameters: Any) -> dict[str, float | int | bool]:
 def parameter_values(profile: CameraProfile, chain: OnboardChain | None = None) -> dict[str, Scalar]:
     """Return a unit's chain and its constants as the values of a parameter table.
 
-    Constants derived from the camera or the exposure are left out, because a table that contains one fixes it.
+    Constants derived from the camera or the exposure are omitted, because a table would fix their values.
     """
     used = chain or on_board(profile)
     parameters = used.parameters(profile, None, Commanded(), Mode.LOST_IN_SPACE)
@@ -138,7 +139,7 @@ def parameter_values(profile: CameraProfile, chain: OnboardChain | None = None) 
 
 
 def chain_of(profile: CameraProfile, values: Mapping[str, Scalar] = LOST_NOTHING) -> OnboardChain:
-    """Return the chain that a parameter table is for; without a table, the unit's own."""
+    """Return the chain of a parameter table; without a table, the unit's default chain."""
     return system(str(values["chain"])) if values else on_board(profile)
 
 
@@ -154,7 +155,8 @@ def check_parameters(profile: CameraProfile, values: Mapping[str, Scalar]) -> No
 def parameters_with(
     values: Mapping[str, Scalar], profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
 ) -> Any:
-    """Return a chain's parameters for one frame: its defaults, replaced by the table's values, then by commanded ones."""
+    """Return a chain's parameters for one frame: the defaults, overridden by the table's values, then by commanded
+    values."""
     chain = chain_of(profile, values)
     plain = chain.parameters(profile, exposure_s, Commanded(), mode)
     parameters = chain.parameters(profile, exposure_s, commanded, mode)
@@ -176,9 +178,9 @@ def _replaced(parameters: Any, values: Mapping[str, Scalar], protected: tuple[st
             raise BadInput("the chain has no such constant", expected=", ".join(sorted(present)), got=name)
         kind = type(present[name])
         if isinstance(value, str) or (kind is not float and float(value) != int(value)):
-            raise BadInput(f"{name} is of another kind", expected=kind.__name__, got=str(value))
+            raise BadInput(f"{name} has the wrong type", expected=kind.__name__, got=str(value))
         if kind is bool and value not in (0, 1):
-            raise BadInput(f"{name} is yes or no", expected="0 or 1", got=str(value))
+            raise BadInput(f"{name} is a boolean", expected="0 or 1", got=str(value))
         if kind is not bool:
             within_reason(name, float(value), present[name])
         if name not in protected:

@@ -1,7 +1,7 @@
 """Encode and decode calibration and parameter tables as stored in the sensor. Used by the ground and the simulator.
 
-A table contains one word and named numbers: a calibration's word is its distortion model, a parameter set's word is its
-chain. Triplet tables have a separate format: ``gss.catalogue_tools.formats.triplet_table``. Little-endian, like bank images.
+A table contains one text (the distortion model of a calibration, or the chain of a parameter set) and named numbers.
+Triplet tables have a separate format: ``gss.catalogue_tools.formats.triplet_table``. Little-endian, like bank images.
 
 Header, offset type meaning
      0  4s   magic "GSSK" (calibration) or "GSSP" (parameters)
@@ -9,7 +9,7 @@ Header, offset type meaning
      5  u8   0
      6  u16  length of the header, 64
      8  16s  name of the camera profile, UTF-8, padded with zeros
-    24  16s  the word, UTF-8, padded with zeros
+    24  16s  the text, UTF-8, padded with zeros
     40  u16  number of pairs, n
     42  u16  0
     44  u32  length of the body
@@ -17,7 +17,7 @@ Header, offset type meaning
     56  u32  CRC-32 of the body
     60  u32  CRC-32 of the 60 bytes before
 
-Body: n times u8 length of the name, the name in ASCII, f64 value; names ascending, each once. Values are finite.
+Body: n times u8 length of the name, the name in ASCII, f64 value; names ascending and unique. Values are finite.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Scalar = float | int | bool | str
 
 
 def encode_table(kind: str, profile_name: str, values: Mapping[str, Scalar]) -> bytes:
-    """Return the bytes of a table; ``values`` contains the word under "distortion" or "chain".
+    """Return the bytes of a table. ``values``: contains the text with the key "distortion" or "chain".
 
     Raises BadInput naming the invalid value.
     """
@@ -98,20 +98,21 @@ def _fixed(kind: str, field: str, text: str) -> bytes:
 
 
 def decode_table(kind: str, data: bytes) -> tuple[str, dict[str, Scalar]]:
-    """Return profile name and values. Raises CorruptData if the bytes are not such a table or are damaged."""
+    """Return the profile name and the values. Raises CorruptData if the bytes are damaged or not a table of this
+    kind."""
     word_name = _word_name(kind)
     if len(data) < HEADER_BYTES:
-        raise CorruptData(f"no {kind} table", expected=f"at least {HEADER_BYTES} B", got=f"{len(data)} B")
+        raise CorruptData(f"not a {kind} table", expected=f"at least {HEADER_BYTES} B", got=f"{len(data)} B")
     magic, version, _, size, profile, word, pairs, _, body_bytes, _, body_crc = HEADER.unpack_from(data)
     if magic != MAGICS[kind]:
-        raise CorruptData(f"no {kind} table", expected=MAGICS[kind].decode(), got=repr(magic))
+        raise CorruptData(f"not a {kind} table", expected=MAGICS[kind].decode(), got=repr(magic))
     if zlib.crc32(data[: HEADER.size]) != int.from_bytes(data[HEADER.size : HEADER_BYTES], "little"):
-        raise CorruptData(f"header of the {kind} table is damaged", expected="its own CRC-32")
+        raise CorruptData(f"header of the {kind} table is damaged", expected="a matching CRC-32")
     if (version, size) != (TABLE_FORMAT, HEADER_BYTES):
         raise CorruptData(f"unknown format of the {kind} table", expected=str(TABLE_FORMAT), got=str(version))
     body = data[HEADER_BYTES:]
     if len(body) != body_bytes or zlib.crc32(body) != body_crc:
-        raise CorruptData(f"body of the {kind} table is damaged", expected=f"{body_bytes} B and its own CRC-32")
+        raise CorruptData(f"body of the {kind} table is damaged", expected=f"{body_bytes} B and a matching CRC-32")
     values: dict[str, Scalar] = {word_name: _text(kind, word)}
     values |= _pairs(kind, body, pairs)
     return _text(kind, profile), values

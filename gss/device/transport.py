@@ -1,8 +1,8 @@
-"""Line I/O: tty, pseudo-terminal, ``socket://host:port``, ``rfc2217://host:port``, and ``udp://``, ``can://`` and ``zmq://`` in
-:mod:`gss.device.udp`, :mod:`gss.device.can_stream` and :mod:`gss.device.zmq_stream`.
+"""Line I/O: serial port, pseudo-terminal, ``socket://host:port`` and ``rfc2217://host:port``. ``udp://``, ``can://``
+and ``zmq://`` are in :mod:`gss.device.udp`, :mod:`gss.device.can_stream` and :mod:`gss.device.zmq_stream`.
 
-The only module that imports pyserial. A read blocks at most for its timeout, opening at most ``OPEN_WITHIN_S``. A port
-that disappears raises LinkDown; a serial port that another process holds raises Conflict.
+Only this module imports pyserial. A read blocks at most for its timeout, opening a line at most for ``OPEN_WITHIN_S``.
+LinkDown is raised if a port disappears, Conflict if another process uses a serial port.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SETTLE_S = 0.15
 CONNECT_HINT = "start the device or the simulator, or check the address"
 UNFINISHED_MOST = 8
 _unfinished = threading.BoundedSemaphore(UNFINISHED_MOST)
-"""Limits the opening threads that run at a time. Each ends eventually, because pyserial limits every step."""
+"""Limits the number of concurrent opening threads. Each thread ends eventually, because pyserial has timeouts."""
 
 
 class ByteStream(Protocol):
@@ -46,10 +46,10 @@ class ByteStream(Protocol):
 
 
 PORT_ERRORS = (OSError, TypeError, AttributeError, ValueError)
-"""Errors pyserial raises when a port fails.
+"""Errors that pyserial raises when a port fails.
 
-TypeError or AttributeError when another thread closes the port during a blocking read; ValueError when the process has
-too many open files, so that select() cannot watch the port.
+TypeError or AttributeError: another thread closed the port during a blocking read. ValueError: the process has too many
+open files for select().
 """
 
 
@@ -61,22 +61,23 @@ class SerialStream:
         self._early, self._received_any = b"", False
 
     def settle(self) -> None:
-        """Wait ``SETTLE_S`` for the far end to close the connection, and raise Conflict if it does.
+        """Wait ``SETTLE_S``. Raises Conflict if the other end closes the connection during this time.
 
         A device server that serves one client at a time accepts a second connection and closes it. A byte received
-        meanwhile is kept for the first read.
+        during the wait is kept for the first read.
         """
         try:
             self._early = self.read(1, SETTLE_S)
         except LinkDown as error:
             raise Conflict(
-                f"{self.url} hung up at once",
+                f"{self.url} closed the connection immediately",
                 got=error.got,
-                hint="another program may hold the line; stop it, or use another port",
+                hint="another program may be using the line; stop it, or use another port",
             ) from error
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """Return up to ``max_bytes`` that are available or first arrive within ``timeout_s``; b"" if none do.
+        """Return up to ``max_bytes`` available bytes; wait up to ``timeout_s`` for the first byte. Returns b"" after
+        the timeout.
 
         Raises LinkDown if the port or connection is lost.
         """
@@ -107,12 +108,12 @@ class SerialStream:
             raise self._down(error) from error
 
     def _down(self, error: Exception) -> LinkDown:
-        hint = CONNECT_HINT if self._received_any else f"{CONNECT_HINT}; another program may hold the line"
-        return LinkDown(f"the line {self.url} is gone", got=str(error), hint=hint)
+        hint = CONNECT_HINT if self._received_any else f"{CONNECT_HINT}; another program may be using the line"
+        return LinkDown(f"the line {self.url} was lost", got=str(error), hint=hint)
 
     def close(self) -> None:
-        """Close the port. May be called more than once."""
-        # pyserial does not close its socket if the far end closed the connection first.
+        """Close the port. Can be called more than once."""
+        # pyserial does not close its socket if the other end closed the connection first.
         left_open = getattr(self._port, "_socket", None)
         with contextlib.suppress(OSError):
             self._port.close()
@@ -132,16 +133,16 @@ class Rfc2217Stream(SerialStream):
 
 
 def open_stream(url: str, baud: int = DEFAULT_BAUD, within_s: float = OPEN_WITHIN_S) -> ByteStream:
-    """Open a line on a separate thread. Only a local serial port is opened for exclusive use; other programs can also use a
-    CAN bus, the port of a serial CAN adapter, and the far end of a network connection.
+    """Open a line on a separate thread. A local serial port is opened for exclusive use. All other lines can be shared
+    with other programs: a CAN bus, the port of a serial CAN adapter, and the other end of a network connection.
 
-    ``baud``: of a serial port or adapter, which a device server may ignore. Raises NotFound, Conflict, BadInput or LinkDown,
-    stating the reason; LinkDown also after ``within_s``. A port that opens after that is closed at once.
+    ``baud``: rate of a serial port or adapter; a device server may ignore it. Raises NotFound, Conflict, BadInput or
+    LinkDown with the reason; LinkDown also after ``within_s``. A port that opens later is closed immediately.
     """
     address = parse_line_address(url)
     if not _unfinished.acquire(blocking=False):
         raise Conflict(
-            "too many earlier openings have not ended", expected=f"fewer than {UNFINISHED_MOST}", hint="try again later"
+            "too many openings of lines are pending", expected=f"fewer than {UNFINISHED_MOST}", hint="try again later"
         )
     opening: Future[ByteStream] = Future()
     try:
@@ -199,7 +200,7 @@ def _open(address: LineAddress, baud: int, within_s: float) -> ByteStream:
     except (OSError, ValueError) as error:
         raise LinkDown(f"cannot open {url}", got=str(error), hint=CONNECT_HINT) from error
     if address.is_device:
-        # Bytes in the terminal's buffer from before the opening belong to an earlier user of the port.
+        # Bytes that are already in the terminal's buffer belong to an earlier user of the port.
         with contextlib.suppress(OSError):
             port.reset_input_buffer()
     stream = Rfc2217Stream(url, port) if address.scheme == RFC2217 else SerialStream(url, port)
@@ -215,7 +216,7 @@ def _open(address: LineAddress, baud: int, within_s: float) -> ByteStream:
 def _port(address: LineAddress, baud: int) -> serial.Serial:
     port = serial.serial_for_url(address.text, do_not_open=True)
     port.baudrate, port.timeout = baud, RFC2217_POLL_S
-    if address.scheme != RFC2217:  # pyserial has no write timeout there; its socket stops waiting after 5 s
+    if address.scheme != RFC2217:  # pyserial has no write timeout for RFC 2217; its socket stops waiting after 5 s
         port.write_timeout = WRITE_TIMEOUT_S
     if address.is_device:
         port.exclusive = True
@@ -234,10 +235,10 @@ def _check_device(path: str) -> None:
 
 
 def _cannot_open(url: str, error: serial.SerialException) -> Conflict | LinkDown:
-    """Return the error for a failed opening. pyserial reports a held lock only in the message text."""
+    """Return the error for a failed opening. pyserial reports a locked port only in the message text."""
     text = str(error)
     if "exclusively lock" in text or "Resource temporarily unavailable" in text:
-        return Conflict(f"another process holds {url}", got=text, hint="stop the other program, or use another port")
+        return Conflict(f"another process uses {url}", got=text, hint="stop the other program, or use another port")
     if "Permission" in text:
         return LinkDown(f"no permission for {url}", got=text, hint="add your user to the group of the port")
     return LinkDown(f"cannot open {url}", got=text, hint=CONNECT_HINT)

@@ -1,7 +1,8 @@
-"""Line over UDP: ``udp://host:port``. Each write is one datagram, each read returns one.
+"""Line over UDP: ``udp://host:port``. A write sends one datagram, a read returns one.
 
-The sensor, or the mission-control system in front of it, answers to the address that it received from. A datagram may be lost or
-repeated without notice, and nothing shows whether the other end exists: an address that refuses datagrams is a silent line.
+The sensor, or the mission-control system in front of it, replies to the address from which it received data. Datagrams
+can be lost or repeated without notice. UDP does not show whether the other end exists: an address that rejects
+datagrams looks like a silent line.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ class UdpStream:
             raise LinkDown(f"cannot open {self.url}", got=str(error), hint="check the network") from error
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """Return the next datagram; b"" if none is received within ``timeout_s``. Raises LinkDown if the socket is closed."""
+        """Return the next datagram; b"" if none is received within ``timeout_s``. Raises LinkDown if the socket is
+        closed."""
         try:
             self._socket.settimeout(timeout_s)
             return self._socket.recv(MAX_DATAGRAM)
@@ -43,19 +45,20 @@ class UdpStream:
             raise self._down(error) from error
 
     def write(self, data: bytes) -> None:
-        """Send the data, as one datagram unless it is larger than one. Raises LinkDown on failure."""
+        """Send the data as one datagram, or as several if the data are larger than a datagram. Raises LinkDown on
+        failure."""
         for start in range(0, len(data), MAX_DATAGRAM):
             try:
                 self._socket.send(data[start : start + MAX_DATAGRAM])
             except ConnectionRefusedError:
-                continue  # reports an earlier datagram; the other end may start later
+                continue  # this error concerns an earlier datagram; the other end may start later
             except OSError as error:
                 raise self._down(error) from error
 
     def _down(self, error: OSError) -> LinkDown:
-        return LinkDown(f"the line {self.url} is gone", got=str(error), hint="check the network")
+        return LinkDown(f"the line {self.url} was lost", got=str(error), hint="check the network")
 
     def close(self) -> None:
-        """Close the socket. May be called more than once."""
+        """Close the socket. Can be called more than once."""
         with contextlib.suppress(OSError):
             self._socket.close()

@@ -1,17 +1,17 @@
 """Export a dictionary as XTCE 1.2 (CCSDS 660.0-B-2), for third-party tools; ``read_xtce`` reads it back.
 
-Telemetry containers from the top: ``CCSDSPacket`` (primary header), ``GSSPacket`` (secondary header), both abstract; below them
-one container per telemetry packet and event, per transfer message, and per kind of report. Parameter names are
+Telemetry containers, from base to derived: ``CCSDSPacket`` (primary header) and ``GSSPacket`` (secondary header), both
+abstract; then one container per telemetry packet, event, transfer message and type of report. Parameter names are
 ``packet_field``. Commands extend the abstract ``GSSCommand``, whose container is the header.
 
-The headers are those of the driver ``gss``. For a sensor with another driver the containers have the content of its packets
-alone, because the header is in its ``link.yaml`` or in the driver.
+The headers are those of the driver ``gss``. For a sensor with another driver, the containers describe only the content
+of the packets, because ``link.yaml`` or the driver defines the header.
 
 Limitations: XTCE has no counted list of rows inside a packet that space-packet-parser can follow, so a list is exported
-as its count and the bytes of its rows, and the container ``packet_list_row`` decodes one row; with ``repeat_lists`` the
-rows are repeated as the standard defines, for tools that support it. A fixed-size text ends at its first zero byte:
-text that fills its field is valid in this protocol, but not for parsers that require the zero. An argument of the type text or
-rest has no size that XTCE could state, and is refused.
+as its count and the bytes of its rows, and the container ``packet_list_row`` decodes one row. With ``repeat_lists`` the
+rows are repeated as the standard defines, for tools that support this. A fixed-size text ends at its first zero byte:
+text that fills its field is valid in this protocol, but not for parsers that require the zero. An argument of the type
+text or rest is rejected, because XTCE cannot express its size.
 """
 
 from __future__ import annotations
@@ -62,11 +62,12 @@ SECONDARY_BITS = (
     ("DEVICE_TIME_MS", 16, "Milliseconds of the device's time"),
 )
 Criteria = Sequence[tuple[str, str, int]]
-"""(parameter, operator, raw value); all must hold. Numbers are used because some readers cannot compare labels of enumerations."""
+"""(parameter, operator, raw value); all comparisons must hold. Raw numbers are used because some readers cannot compare
+enumeration labels."""
 
 
 def xtce_of(instrument: Instrument, *, repeat_lists: bool = False) -> str:
-    """Return the document of an instrument's dictionary, with the headers and the byte order of its line."""
+    """Return the XTCE document of an instrument's dictionary, with the headers and the byte order of its line."""
     little_endian = instrument.link.content_byte_order == "little"
     headers = instrument.about.driver == DRIVER
     return xtce(instrument.dictionary, headers=headers, little_endian=little_endian, repeat_lists=repeat_lists)
@@ -75,10 +76,10 @@ def xtce_of(instrument: Instrument, *, repeat_lists: bool = False) -> str:
 def xtce(
     dictionary: Dictionary, *, headers: bool = True, little_endian: bool = False, repeat_lists: bool = False
 ) -> str:
-    """Return the document as XML text, after reading it back to an equal dictionary.
+    """Return the document as XML text, after verifying that it reads back to an equal dictionary.
 
-    ``headers``: the packets have the headers of the driver ``gss``. ``repeat_lists``: export list rows as repeated containers
-    instead of bytes. Raises BadInput for a dictionary that XTCE cannot express.
+    ``headers``: the packets have the headers of the driver ``gss``. ``repeat_lists``: export list rows as repeated
+    containers instead of bytes. Raises BadInput for a dictionary that XTCE cannot express.
     """
     draft = _XtceWriter(dictionary, headers, little_endian, repeat_lists, {}).text()
     facts: dict[str, object] = {"layout": layout_of_document(draft).hex(), "hash": dictionary.hash_hex}
@@ -91,12 +92,12 @@ def xtce(
 
 
 def layout_of_document(text: str) -> bytes:
-    """Return the hash of a document's own rows; another hash in the document means that it was edited."""
+    """Return the hash of the rows in a document. If the document states another hash, it was edited."""
     return read_xtce("the document", text.encode()).dictionary.hash
 
 
 class _XtceWriter:
-    """XML tree under construction, with types, parameters and containers kept consistent."""
+    """Builds the XML tree and keeps types, parameters and containers consistent."""
 
     def __init__(
         self, dictionary: Dictionary, headers: bool, little_endian: bool, repeat_lists: bool, facts: Mapping[str, Any]
@@ -116,7 +117,7 @@ class _XtceWriter:
         self._commands = CommandWriter(self._root, dictionary, headers, little_endian)
 
     def text(self) -> str:
-        """Return the document."""
+        """Return the document as XML text."""
         if self._headers:
             self._add_headers()
         for packet in self._dictionary.telemetry:
@@ -187,7 +188,8 @@ class _XtceWriter:
             self._container(name, purpose, "", [], entries, {**facts, "code": code})
 
     def _reports(self, report: Service) -> None:
-        """Add the report containers: a completed report ends with the returned values, others after the common fields."""
+        """Add the report containers: a completed report ends with the returned values, all other reports end after the
+        common fields."""
         stage, on_the_way = f"{report.name}_stage", "A stage that is not completion"
         item = next(field for field in report.fields if isinstance(field, Item) and field.name == "stage")
         completed = next(choice.value for choice in item.choices if choice.name == COMPLETED)
@@ -238,7 +240,7 @@ class _XtceWriter:
     def _entries(
         self, owner: str, layout: Layout | Sequence[Item], stale_after_s: float = 0.0
     ) -> list[str | ET.Element]:
-        """Create the parameters of a layout and return their names in order. ``stale_after_s``: that of the packet."""
+        """Create the parameters of a layout and return their names in order. ``stale_after_s``: value of the packet."""
         entries: list[str | ET.Element] = []
         fixed = SECONDARY.size + CRC_BYTES
         for entry in layout:
@@ -295,5 +297,5 @@ class _XtceWriter:
 
 
 def _of_kind(kind: PacketType) -> list[tuple[str, str, int]]:
-    """Return the criteria of a packet type: the APID alone is sufficient, and some readers select packets by it."""
+    """Return the criteria of a packet type. The APID alone is sufficient; some readers select packets by it."""
     return [("PKT_APID", "==", APID_BASE + int(kind)), ("PACKET_TYPE", "==", int(kind))]

@@ -16,7 +16,8 @@ STAGES = (("AcceptedVerifier", "accepted", "accept_s"), ("CompleteVerifier", "co
 
 
 class CommandWriter:
-    """Writes ``CommandMetaData``. ``headers``: commands have the header of the driver ``gss``, and its reports verify them."""
+    """Writes ``CommandMetaData``. ``headers``: if True, commands have the header of the driver ``gss``, whose reports
+    verify them."""
 
     def __init__(self, root: ET.Element, dictionary: Dictionary, headers: bool, little_endian: bool) -> None:
         self._dictionary, self._headers = dictionary, headers
@@ -93,7 +94,7 @@ class CommandWriter:
         return self._headers and any(s.name == "REPORT" for s in self._dictionary.services)
 
     def _facts(self, command: CommandDefinition) -> dict[str, object]:
-        """Return what XTCE has no element for; values that the reader assumes anyway are left out."""
+        """Return the properties for which XTCE has no element, without those equal to the reader's defaults."""
         facts: dict[str, object] = {"subsystem": command.subsystem}
         facts |= {} if self._headers else {"code": command.code}
         facts |= {} if self._verified else {"accept_s": command.accept_s, "complete_s": command.complete_s}

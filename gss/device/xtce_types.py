@@ -1,4 +1,4 @@
-"""Types, parameters and arguments of an XTCE document, from the values of a dictionary."""
+"""Write types, parameters and arguments of an XTCE document from the values of a dictionary."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ MAX_TEXT_LENGTH = 255
 
 
 def checked_name(name: str) -> str:
-    """Return the name. Raises BadInput for one that XTCE does not allow."""
+    """Return the name. Raises BadInput if XTCE does not allow it."""
     if not NAME.fullmatch(name):
-        raise BadInput("XTCE allows no such name", expected="a name without . / : [ ] and spaces", got=name[:80])
+        raise BadInput("XTCE does not allow this name", expected="a name without . / : [ ] and spaces", got=name[:80])
     return name
 
 
 def named(parent: ET.Element, tag: str, name: str, attributes: Mapping[str, str] | None = None) -> ET.Element:
-    """Add an element with a name. Raises BadInput for a name that XTCE does not allow."""
+    """Add an element with a name. Raises BadInput if XTCE does not allow the name."""
     return ET.SubElement(parent, tag, {"name": checked_name(name), **(attributes or {})})
 
 
 def add_facts(element: ET.Element, facts: Mapping[str, Any], at: int | None = None) -> None:
-    """Add what XTCE has no element for, if there is any."""
+    """Add the properties for which XTCE has no element, if there are any."""
     if facts:
         fact_set = ET.Element("AncillaryDataSet")
         entry = ET.SubElement(fact_set, "AncillaryData", name=terms.ANCILLARY, mimeType=terms.JSON_TYPE)
@@ -55,13 +55,13 @@ def dynamic(size: ET.Element, parameter: str, slope: int, intercept: int) -> Non
 
 
 class TypeWriter:
-    """Writes types and the parameters or arguments that have them. ``kind``: Parameter or Argument."""
+    """Writes types, and the parameters or arguments that use them. ``kind``: Parameter or Argument."""
 
     def __init__(self, types: ET.Element, kind: str, little_endian: bool) -> None:
         self._types, self._kind, self._little = types, kind, little_endian
 
     def unsigned(self, entries: ET.Element, name: str, bits: int, purpose: str, facts: Mapping[str, Any]) -> None:
-        """Add an unsigned integer of the header, a count or a length."""
+        """Add an unsigned integer: a header field, a count or a length."""
         element = self.make("Integer", name)
         element.set("signed", "false")
         self._integer_encoding(element, bits, signed=False)
@@ -93,7 +93,7 @@ class TypeWriter:
         add_facts(element, facts)
 
     def value(self, name: str, item: Item, around: int) -> dict[str, object]:
-        """Add the type of a value and return what it cannot express.
+        """Add the type of a value. Returns the properties that the type cannot express.
 
         ``around``: size in bytes of the packet after the primary header, without this value.
         """
@@ -172,7 +172,7 @@ class TypeWriter:
         return {"byteOrder": terms.LITTLE_ENDIAN} if self._little and bits > 8 and bits % 8 == 0 else {}
 
     def _ranges(self, element: ET.Element, item: Item, integer: bool) -> dict[str, object]:
-        """Add valid range and alarms of a number and return what has no place there."""
+        """Add the valid range and alarms of a number. Returns the properties that they cannot express."""
         if isinstance(item, Argument):
             return _argument_range(element, item)
         if not isinstance(item, TelemetryField):
@@ -180,8 +180,8 @@ class TypeWriter:
         facts: dict[str, object] = {}
         if item.valid is not None:
             low, high = item.valid
-            whole = low.is_integer() and high.is_integer() and int(low) in terms.LONG and int(high) in terms.LONG
-            if integer and not whole:
+            fits_long = low.is_integer() and high.is_integer() and int(low) in terms.LONG and int(high) in terms.LONG
+            if integer and not fits_long:
                 facts["valid"] = [low, high]
             else:
                 bounds = (int(low), int(high)) if integer else (low, high)
@@ -219,13 +219,13 @@ def _persistence(item: TelemetryField) -> dict[str, object]:
 
 
 def limit_rows(limits: Limits) -> dict[str, list[float | None]]:
-    """Return the limits as keys of a row."""
+    """Return the limits as key–value pairs of a row."""
     rows = {level: list(getattr(limits, level)) for level in terms.ALARMS}
     return {level: pair for level, pair in rows.items() if any(bound is not None for bound in pair)}
 
 
 def _limits_of(item: Item) -> dict[str, object]:
-    """Return limits and valid range of a value whose type has no place for them."""
+    """Return the limits and the valid range of a value whose type cannot express them."""
     if not isinstance(item, TelemetryField):
         return {}
     valid = {"valid": list(item.valid)} if item.valid is not None else {}
@@ -244,7 +244,7 @@ def _hazards_of(item: Item) -> dict[str, object]:
 
 
 def initial_value(value: Value) -> str:
-    """Return a default as the text of ``initialValue``."""
+    """Return a default value as the text of ``initialValue``."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, bytes):

@@ -1,7 +1,8 @@
-"""Line over ZeroMQ: ``zmq://host:port``, through pyzmq. A DEALER socket connects to a DEALER or ROUTER of a mission-control system.
+"""Line over ZeroMQ: ``zmq://host:port``, through pyzmq. A DEALER socket connects to a DEALER or ROUTER of a
+mission-control system.
 
-Each write is one message. The bytes of received messages follow each other; how they are divided means nothing, so that raw bytes
-and raw packets both pass. The only module that imports pyzmq.
+Each write sends one message. The bytes of received messages are concatenated and message boundaries are ignored, so a
+message can contain raw bytes or whole packets. Only this module imports pyzmq.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ log = logging.getLogger("gss.link")
 WRITE_TIMEOUT_MS = 10_000
 MAX_MESSAGE = 1 << 20
 QUEUED_MESSAGES = 64
-"""In each direction: with the largest message, 64 MiB. A faster sender waits."""
+"""Queue length in each direction: 64 MiB with the largest messages. A faster sender waits."""
 CLOSE_WITHIN_S = 11.0
 LOST = (zmq.EVENT_DISCONNECTED, zmq.EVENT_CLOSED)
 FAILED = (
@@ -35,13 +36,13 @@ FAILED = (
 
 
 class ZmqStream:
-    """A :class:`gss.device.transport.ByteStream` over one connection. A lock makes it usable from one thread at a time, which is
-    what a ZeroMQ socket needs."""
+    """A :class:`gss.device.transport.ByteStream` over one connection. A lock limits access to one thread at a time,
+    because ZeroMQ sockets are not thread-safe."""
 
     def __init__(
         self, address: LineAddress, within_s: float, monotonic_s: Callable[[], float] = time.monotonic
     ) -> None:
-        """Connect. Raises LinkDown unless a ZeroMQ socket answers within ``within_s``."""
+        """Open the connection. Raises LinkDown unless a ZeroMQ socket answers within ``within_s``."""
         self.url, self._monotonic_s = address.text, monotonic_s
         self._lock, self._closed, self._buffer = threading.Lock(), False, b""
         self._context = zmq.Context()
@@ -52,7 +53,7 @@ class ZmqStream:
             (zmq.MAXMSGSIZE, MAX_MESSAGE),
             (zmq.RCVHWM, QUEUED_MESSAGES),
             (zmq.SNDHWM, QUEUED_MESSAGES),
-            (zmq.RECONNECT_IVL, -1),  # the owner of the line opens it again
+            (zmq.RECONNECT_IVL, -1),  # no automatic reconnection: the owner of the line opens it again
             (zmq.IPV6, 1),
         ):
             self._socket.setsockopt(option, value)
@@ -63,14 +64,14 @@ class ZmqStream:
         try:
             host = f"[{address.host}]" if ":" in address.host else address.host
             self._socket.connect(f"tcp://{host}:{address.port}")
-            self._meet(within_s)
+            self._await_handshake(within_s)
         except (zmq.ZMQError, LinkDown) as error:
             self.close()
             if isinstance(error, LinkDown):
                 raise
             raise LinkDown(f"cannot open {self.url}", got=str(error), hint="check the host's name") from error
 
-    def _meet(self, within_s: float) -> None:
+    def _await_handshake(self, within_s: float) -> None:
         until_s = self._monotonic_s() + within_s
         while (left_s := until_s - self._monotonic_s()) > 0:
             if not self._monitor.poll(math.ceil(left_s * 1000)):
@@ -92,8 +93,8 @@ class ZmqStream:
         )
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """Return up to ``max_bytes`` that are available or first arrive within ``timeout_s``; b"" if none do. Raises LinkDown if
-        the connection is lost, after everything that was received."""
+        """Return up to ``max_bytes`` available bytes; wait up to ``timeout_s`` for the first byte. Returns b"" after
+        the timeout. Raises LinkDown if the connection is lost, but only after all received bytes were returned."""
         with self._lock:
             self._check_open()
             try:
@@ -104,10 +105,10 @@ class ZmqStream:
                 raise self._down(str(error)) from error
             data, self._buffer = self._buffer[:max_bytes], self._buffer[max_bytes:]
             if not data and self._monitor in ready:
-                self._heed(recv_monitor_message(self._monitor)["event"])
+                self._check_event(recv_monitor_message(self._monitor)["event"])
             return data
 
-    def _heed(self, event: int) -> None:
+    def _check_event(self, event: int) -> None:
         if event in LOST:
             raise self._down("the other end closed the connection")
 
@@ -126,10 +127,11 @@ class ZmqStream:
             raise self._down("the connection was closed")
 
     def _down(self, reason: str) -> LinkDown:
-        return LinkDown(f"the line {self.url} is gone", got=reason, hint="check the other end and the network")
+        return LinkDown(f"the line {self.url} was lost", got=reason, hint="check the other end and the network")
 
     def close(self) -> None:
-        """Close the connection. May be called more than once, and while another thread reads: it waits for that read to end."""
+        """Close the connection. Can be called more than once, and while another thread reads; it then waits for the end
+        of that read."""
         if not self._lock.acquire(timeout=CLOSE_WITHIN_S):
             log.error("%s was not closed: a read did not end within %g s", self.url, CLOSE_WITHIN_S)
             return

@@ -1,1 +1,2 @@
-"""Instruments as data: packages of YAML files, their models, the dictionary of the interface, and the registry."""
+"""Instruments as data: packages of YAML files, the models of these files, the interface dictionary, and the
+registry."""

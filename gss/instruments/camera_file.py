@@ -42,8 +42,8 @@ TYPICAL_TRANSMISSION = 0.8
 
 
 class Geometry(Strict):
-    """Detector and lens. Without a centre the optical axis is in the middle of the detector. Pixel centres are at integer
-    (column, row)."""
+    """Geometry of detector and lens. Without a stated centre, the optical axis is at the middle of the detector. Pixel
+    centres are at integer (column, row)."""
 
     columns: Pixels
     rows: Pixels
@@ -57,22 +57,22 @@ class Geometry(Strict):
     @model_validator(mode="after")
     def _both_centres(self) -> Self:
         if (self.centre_column is None) != (self.centre_row is None):
-            raise ValueError("centre_column and centre_row belong together")
+            raise ValueError("state both centre_column and centre_row, or neither")
         return self
 
 
 class PinholeLens(Sourced):
-    """A lens without distortion."""
+    """Model of a lens without distortion."""
 
     model: Literal["pinhole"]
 
     def distortion(self, focal_mm: float) -> Distortion:
-        """The lens model."""
+        """Return the lens model. ``focal_mm``: focal length."""
         return Pinhole()
 
 
 class BrownLens(Strict):
-    """Brown's polynomial from ideal to measured coordinates."""
+    """Brown's distortion polynomial, from ideal to measured coordinates."""
 
     model: Literal["brown"]
     k1: Coefficient
@@ -82,12 +82,12 @@ class BrownLens(Strict):
     k3: Coefficient | None = None
 
     def distortion(self, focal_mm: float) -> Distortion:
-        """The lens model."""
+        """Return the lens model. ``focal_mm``: focal length."""
         return Brown(self.k1.value, self.k2.value, self.p1.value, self.p2.value, self.k3.value if self.k3 else 0.0)
 
 
 class BrownUndistortLens(Strict):
-    """Brown's polynomial from measured to ideal coordinates."""
+    """Brown's distortion polynomial, from measured to ideal coordinates."""
 
     model: Literal["brown_undistort"]
     k1: Coefficient
@@ -96,7 +96,7 @@ class BrownUndistortLens(Strict):
     p2: Coefficient
 
     def distortion(self, focal_mm: float) -> Distortion:
-        """The lens model."""
+        """Return the lens model. ``focal_mm``: focal length."""
         return BrownUndistort(self.k1.value, self.k2.value, self.p1.value, self.p2.value)
 
 
@@ -109,7 +109,7 @@ class RadialTiltLens(Strict):
     radial: Coefficients
 
     def distortion(self, focal_mm: float) -> Distortion:
-        """The lens model."""
+        """Return the lens model. ``focal_mm``: focal length."""
         tilt, direction = np.radians(self.tilt.value), np.radians(self.tilt_direction.value)
         return RadialTilt(focal_mm, float(tilt), float(direction), self.radial.values)
 
@@ -118,8 +118,8 @@ Lens = Annotated[PinholeLens | BrownLens | BrownUndistortLens | RadialTiltLens, 
 
 
 class Detector(Strict):
-    """From light to digital numbers. The zero point (electrons per second of a star of V = 0) is given, or follows from
-    the pupil, ``transmission`` and ``quantum_efficiency``."""
+    """Conversion of light to digital numbers. The zero point (electrons per second from a star of V = 0) is either
+    stated or computed from the pupil, ``transmission`` and ``quantum_efficiency``."""
 
     bits: Bits
     gain: Gain
@@ -145,7 +145,7 @@ class Detector(Strict):
 
 
 class CameraLimits(Strict):
-    """Usable magnitudes and exposures."""
+    """Usable ranges of magnitude and exposure."""
 
     brightest: Magnitude
     faintest: Magnitude
@@ -163,7 +163,7 @@ class CameraLimits(Strict):
 
 
 class BaffleLimits(Strict):
-    """Stray-light limits, from the boresight to the Sun's centre and to the Earth's limb."""
+    """Stray-light limits: angles from the boresight to the Sun's centre and to the Earth's limb."""
 
     sun: Opening
     earth: Opening
@@ -174,7 +174,7 @@ class BaffleLimits(Strict):
 
 @dataclass(frozen=True)
 class CameraNumber:
-    """One number of the file, or several coefficients, with its origin; either ``source`` or ``chosen`` is given. ``sigma``: its
+    """One number of the file, or several coefficients, with its origin, stated in ``source`` or ``chosen``. ``sigma``:
     standard deviation, if known. A lens without distortion has no values."""
 
     part: str
@@ -187,7 +187,7 @@ class CameraNumber:
 
 
 class CameraFile(Strict):
-    """The whole file."""
+    """Content of ``camera.yaml``."""
 
     geometry: Geometry
     lens: Lens
@@ -196,7 +196,7 @@ class CameraFile(Strict):
     baffle: BaffleLimits
 
     def camera(self) -> Camera:
-        """The geometric camera."""
+        """Return the geometric camera model."""
         geometry = self.geometry
         columns, rows, focal_mm = int(geometry.columns.value), int(geometry.rows.value), geometry.focal_length.value
         lens = self.lens.distortion(focal_mm)
@@ -208,7 +208,7 @@ class CameraFile(Strict):
         return Camera(columns, rows, *focal_px, geometry.centre_column.value, geometry.centre_row.value, lens)
 
     def sensor(self) -> Sensor:
-        """The photometric model."""
+        """Return the photometric model."""
         detector, limits = self.detector, self.limits
         return Sensor(
             bits=int(detector.bits.value),
@@ -236,11 +236,11 @@ class CameraFile(Strict):
 
     @property
     def transmission(self) -> float:
-        """Transmission of the lens; a typical one where the file has none."""
+        """Return the transmission of the lens; a typical value if the file states none."""
         return self.detector.transmission.value if self.detector.transmission else TYPICAL_TRANSMISSION
 
     def stray_light(self) -> Baffle:
-        """The baffle's limits."""
+        """Return the limits of the baffle."""
         baffle = self.baffle
         sun, earth, blind, decay = (
             float(np.radians(a.value)) for a in (baffle.sun, baffle.earth, baffle.blind, baffle.decay)
@@ -248,7 +248,7 @@ class CameraFile(Strict):
         return Baffle(sun, earth, blind, decay, baffle.stray_light.value)
 
     def numbers(self) -> tuple[CameraNumber, ...]:
-        """All numbers in the order of the file."""
+        """Return all numbers in the order of the file."""
         numbers_read = []
         for part_name, part in self:
             if isinstance(part, PinholeLens):
@@ -261,7 +261,7 @@ class CameraFile(Strict):
         return tuple(numbers_read)
 
     def sources(self) -> dict[str, str]:
-        """Source of each number; numbers of the same source share an entry."""
+        """Return the sources of the numbers; numbers with the same source share an entry."""
         titles: dict[str, list[str]] = {}
         for part in (self.geometry, self.lens, self.detector, self.limits, self.baffle):
             if isinstance(part, Sourced):

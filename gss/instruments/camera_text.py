@@ -1,4 +1,4 @@
-"""``camera.yaml`` and ``instrument.yaml`` as text, in the form in which people write them: a line per number."""
+"""Write ``camera.yaml`` and ``instrument.yaml`` as text for human readers, with one line per number."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WIDEST = 110
 
 
 def camera_text(camera: CameraFile, comment: Sequence[str] = ()) -> bytes:
-    """Return the file with ``comment`` at its top. Reading it gives an equal camera."""
+    """Return the file with ``comment`` at its start. Reading the file gives an equal camera."""
     lines = [f"# {line}".rstrip() for line in comment]
     for part_name, part in camera:
         lines += ["", f"{part_name}:"] if lines else [f"{part_name}:"]
@@ -27,7 +27,7 @@ def camera_text(camera: CameraFile, comment: Sequence[str] = ()) -> bytes:
 
 
 def instrument_text(about: InstrumentFile) -> bytes:
-    """Return the file. Reading it gives an equal model."""
+    """Return the file. Reading the file gives an equal model."""
     content = about.model_dump(mode="json", exclude_none=True)
     return yaml.safe_dump(content, allow_unicode=True, sort_keys=False, width=WIDEST, default_flow_style=None).encode()
 

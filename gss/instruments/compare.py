@@ -10,7 +10,7 @@ from gss.instruments.package_source import Files
 
 @dataclass(frozen=True)
 class FileDifference:
-    """Changed lines of one file in unified format; ``state``: added, removed or changed."""
+    """Changed lines of one file in unified diff format. ``state``: added, removed or changed."""
 
     file: str
     state: str
@@ -18,7 +18,7 @@ class FileDifference:
 
 
 def compare(old: Files, new: Files, old_name: str = "old", new_name: str = "new") -> tuple[FileDifference, ...]:
-    """Return the differing files in the order of their names; files whose texts are equal are left out."""
+    """Return the files that differ, sorted by name. Files with equal texts are omitted."""
     differences = []
     for file in sorted({*old, *new}):
         before, after = (files.get(file, b"").decode("utf-8", "replace").splitlines() for files in (old, new))

@@ -1,6 +1,6 @@
-"""Factory catalogue: the whole sky to the camera's magnitude limit.
+"""Factory catalogue (golden bank): the complete sky down to the camera's magnitude limit.
 
-The simulator writes it to flash; the ground knows which stars it contains.
+The simulator writes it to flash. The ground uses it to identify the stars of the golden bank.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gss.skytables.pairs import DistanceTable, distance_table
 
 GOLDEN_EPOCH_JYEAR = 2025.0
 MIN_PAIR_RAD = 0.0044
-# Half as dense as the survey in the document: the unit boots faster and about 1 % of the stars are lost.
+# Half as dense as the survey in the document: the unit boots faster, but about 1 % of the stars are lost.
 SURVEY_STEP_RAD = float(np.radians(2.0))
 
 
@@ -33,10 +33,11 @@ class Golden:
 
 
 def build_golden(profile: CameraProfile, capacity_bytes: int) -> Golden:
-    """Return all stars to the magnitude limit (Erlank 2013 §4.3.2: V 3.8) and all pairs that fit in one frame.
+    """Return a catalogue of all stars down to the magnitude limit (Erlank 2013 §4.3.2: V 3.8) and all pairs that fit in
+    one frame.
 
-    In the unit's own format, with its own tables; the result is the same on any machine. If the bank is too small, the
-    maximum pair distance is reduced first, then the magnitude limit.
+    The format and the tables are those of the unit; the result does not depend on the machine. If the bank is too
+    small, the maximum pair distance is reduced first, then the magnitude limit.
     """
     faint_mag = min(profile.sensor.faint_limit_mag, 8.0)
     form = profile.formats[0]
@@ -50,7 +51,7 @@ def build_golden(profile: CameraProfile, capacity_bytes: int) -> Golden:
 
 
 def _images(form: str, stars: StarTable, profile: CameraProfile) -> Iterator[bytes]:
-    """Yield images of a star list, the largest first."""
+    """Yield bank images of a star list, from largest to smallest."""
     camera = profile.camera
     reduced = reduced_catalogue(stars, frame_of(camera, SURVEY_STEP_RAD)) if form == "far-mst" else None
     for share in (1.0, 0.9, 0.8) if format_of(form).pairs else (1.0,):

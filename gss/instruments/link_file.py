@@ -1,4 +1,5 @@
-"""``link.yaml``: the line of a unit, and for the driver ``link`` its whole protocol, composed of existing parts."""
+"""``link.yaml``: the line of a unit. For the driver ``link`` it also describes the protocol, composed of existing
+parts."""
 
 from __future__ import annotations
 
@@ -17,10 +18,10 @@ SIZES = {"u8": 1, "u16": 2, "u32": 4}
 
 
 class HeaderField(Strict):
-    """One number of a header. ``holds``: ``value``, the same in every packet; ``code``, that of the command or packet;
-    ``request_id``, counted by the ground; ``length``, bytes of the packet from the start of the header to its end plus ``add``;
-    ``any``, not compared. A code shares its field with other bits: ``mask`` selects its own, ``value`` gives the others, which
-    are not compared."""
+    """One number of a header. ``holds``: ``value``, constant in every packet; ``code``, code of the command or packet;
+    ``request_id``, counted by the ground; ``length``, number of bytes from the start of the header to the end of the
+    packet, plus ``add``; ``any``, not compared. A code can share its field with other bits: ``mask`` selects the bits
+    of the code, ``value`` sets the other bits, which are not compared."""
 
     name: ShortName
     type: Literal["u8", "u16", "u32"]
@@ -31,7 +32,7 @@ class HeaderField(Strict):
 
 
 class Acceptance(Strict):
-    """A response with these bits accepts the request; without them it rejects it."""
+    """Condition on a response: with these bits it accepts the request, otherwise it rejects the request."""
 
     field: ShortName
     mask: Whole
@@ -39,8 +40,8 @@ class Acceptance(Strict):
 
 
 class Checksum(Strict):
-    """Checksum behind the payload, over everything from the start of the header. ``name``: in the catalogue of parametrised CRC
-    algorithms, for example CRC-16/MCRF4XX, or XXH32."""
+    """Checksum after the payload, over all bytes from the start of the header. ``name``: name in the catalogue of
+    parametrised CRC algorithms, for example CRC-16/MCRF4XX, or XXH32."""
 
     name: Annotated[str, Field(min_length=1, max_length=40)]
     byte_order: ByteOrder = "big"
@@ -48,15 +49,15 @@ class Checksum(Strict):
 
 
 class Poll(Strict):
-    """A command that the ground repeats at this interval, because the sensor sends nothing without a request."""
+    """A command that the ground repeats at an interval, because the sensor sends data only on request."""
 
     command: ShortName
     every_s: Positive
 
 
 class PacketFormat(Strict):
-    """Header of the packets of one direction, in the order of the line. ``codes``: values of header fields by command or packet,
-    where a single code does not identify it."""
+    """Header of the packets of one direction, in the order of the line. ``codes``: values of header fields by command
+    or packet, if a single code is not sufficient."""
 
     header: Annotated[tuple[HeaderField, ...], Field(max_length=20)] = ()
     codes: dict[ShortName, dict[ShortName, Whole]] = Field(default_factory=dict)
@@ -76,22 +77,22 @@ class PacketFormat(Strict):
 
     @property
     def header_bytes(self) -> int:
-        """Size of the header."""
+        """Size of the header in bytes."""
         return sum(SIZES[field.type] for field in self.header)
 
     def offset(self, name: str) -> int:
-        """Return the first byte of a field. Raises StopIteration if there is no such field."""
+        """Return the byte offset of a field. Raises StopIteration for an unknown field."""
         at = next(k for k, field in enumerate(self.header) if field.name == name)
         return sum(SIZES[field.type] for field in self.header[:at])
 
 
 class Protocol(Strict):
-    """Requests and responses of a sensor that the driver ``link`` speaks to.
+    """Protocol of a sensor that the driver ``link`` uses: requests and responses.
 
-    ``match``: how a response finds its request: it is the next one (``order``), carries its code (``code``) or its number
-    (``request_id``). ``echo``: the sensor first returns each request unchanged. ``answers``: telemetry packet in the response by
-    command; without an entry, the command's return values. ``payload_byte_order``: where it differs from that of the header.
-    ``pause_s``: between the end of one exchange and the next request.
+    ``match``: how a response is assigned to its request: by order (``order``), by code (``code``) or by request number
+    (``request_id``). ``echo``: True if the sensor first returns each request unchanged. ``answers``: telemetry packet
+    in the response, by command; other responses contain the command's return values. ``payload_byte_order``: byte order
+    of the payload, if different from the header. ``pause_s``: pause between an exchange and the next request.
     """
 
     byte_order: ByteOrder = "big"
@@ -120,8 +121,8 @@ class Protocol(Strict):
 
 class LinkFile(Noted):
     """``link.yaml``: the line of the unit. ``baud`` 0: not paced. ``hello_again_s``: pause between attempts to open the
-    session. ``stalled_after_s``: a line that takes no bytes for this long is closed and opened again. ``protocol``: for the
-    driver ``link``; other drivers know theirs, and ``byte_order`` states that of the numbers in their packets for exports."""
+    session. ``stalled_after_s``: a line that accepts no bytes for this time is closed and opened again. ``protocol``:
+    only for the driver ``link``. ``byte_order``: byte order in the packets of other drivers, used by exports."""
 
     framing: Literal["cobs", "slip", "kiss", "length_prefixed", "sync_and_trailer", "can", "none"] = "cobs"
     baud: Annotated[int, Field(ge=0, le=100_000_000)] = 115_200
@@ -132,7 +133,7 @@ class LinkFile(Noted):
 
     @property
     def content_byte_order(self) -> str | None:
-        """Byte order of the numbers in the packets; None if only the driver knows it."""
+        """Return the byte order of the numbers in the packets; None if only the driver defines it."""
         if self.protocol is None:
             return self.byte_order
         return self.protocol.payload_byte_order or self.protocol.byte_order

@@ -1,7 +1,7 @@
-"""YAML with line numbers: a parsed file that can name the line of any of its fields.
+"""YAML with line numbers: a parsed file that can state the line of each field.
 
-Stricter than YAML 1.1: no aliases (a few bytes can expand to gigabytes), no duplicate keys, no dates. As in YAML 1.2, ``1e-4``
-is a float, and only ``true`` and ``false`` are booleans: ``on``, ``off``, ``yes`` and ``no`` are text.
+Stricter than YAML 1.1: no aliases (a few bytes could expand to gigabytes), no duplicate keys, no dates. As in YAML 1.2,
+``1e-4`` is a float, and only ``true`` and ``false`` are booleans: ``on``, ``off``, ``yes`` and ``no`` are text.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Place = tuple[str | int, ...]
 
 
 class _Loader(BASE):  # type: ignore[misc, valid-type]  # chosen at import: libyaml where it was built in
-    """Loader of plain data without dates."""
+    """YAML loader for plain data, without dates."""
 
 
 _Loader.yaml_implicit_resolvers = {
@@ -36,15 +36,15 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.0123456
 
 @dataclass(frozen=True)
 class MarkedYaml:
-    """Content of one file. ``lines``: line number, from 1, of each key and list entry by its path."""
+    """Content of one file. ``lines``: line number, counted from 1, of each key and list entry, by path."""
 
     name: str
     content: object
     lines: dict[Place, int]
 
     def line(self, path: Sequence[str | int]) -> int:
-        """Return the line of the deepest part of ``path`` that the file contains; parts that are not in the file, such as
-        the name of a variant, are passed over."""
+        """Return the line of the deepest part of ``path`` in the file. Parts that are not in the file, such as the name
+        of a variant, are skipped."""
         at: Place = ()
         for part in path:
             if (*at, part) in self.lines:
@@ -52,7 +52,7 @@ class MarkedYaml:
         return self.lines.get(at, 1)
 
     def error(self, path: Sequence[str | int], reason: str, got: str = "") -> BadInput:
-        """Return the error for a field: file, line, field and reason."""
+        """Return an error about a field, with file, line, field and reason."""
         place = ".".join(str(part) for part in path) or "the file"
         return BadInput(f"{self.name}, line {self.line(path)}: {place}: {reason}", got=got)
 
@@ -102,7 +102,7 @@ def _mark_mapping(name: str, node: yaml.MappingNode, path: Place, lines: dict[Pl
     for key, value in node.value:
         line = key.start_mark.line + 1
         if not isinstance(key, yaml.ScalarNode) or key.tag == "tag:yaml.org,2002:merge":
-            raise BadInput(f"{name}, line {line}: a key must be a plain word")
+            raise BadInput(f"{name}, line {line}: a key must be plain text")
         if (*path, key.value) in lines:
             raise BadInput(f"{name}, line {line}: {key.value} appears twice")
         lines[*path, key.value] = line

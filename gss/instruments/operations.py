@@ -1,4 +1,4 @@
-"""Standard operations: what the ground can ask of a sensor, and the command of the instrument that does it."""
+"""Standard operations that the ground can request from a sensor, and the instrument's command for each."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ ARGUMENTS: Mapping[Operation, tuple[str, ...]] = {
     Operation.SET_ORBIT: (RAAN_DEG, INCLINATION_DEG, LATITUDE_DEG, ALTITUDE_KM, EPOCH_S),
     Operation.SET_PRIOR: (ROLL_DEG, PITCH_DEG, YAW_DEG, UNCERTAINTY_DEG),
 }
-"""Arguments of the operations that have any. The unit is in the name."""
+"""Arguments of the operations that have arguments. The name states the unit."""
 
 TRANSFERS = (
     Operation.DOWNLOAD_FRAME,
@@ -115,31 +115,31 @@ TRANSFERS = (
     Operation.UPLOAD_PARAMETERS,
     Operation.READ_BACK,
 )
-"""Operations that are transfers and not commands; the driver moves their content."""
+"""Operations that are transfers instead of commands; the driver transfers their content."""
 
 CANNOT: Mapping[Operation, str] = {
     Operation.DOWNLOAD_FRAME: "download images",
     Operation.DOWNLOAD_WINDOW: "download parts of an image",
-    Operation.UPLOAD_IMAGE: "take an uploaded image",
-    Operation.UPLOAD_CATALOGUE: "be loaded with a catalogue",
-    Operation.UPLOAD_PARAMETERS: "be loaded with tables",
+    Operation.UPLOAD_IMAGE: "accept an uploaded image",
+    Operation.UPLOAD_CATALOGUE: "accept a catalogue",
+    Operation.UPLOAD_PARAMETERS: "accept tables",
     Operation.READ_BACK: "send the content of a bank",
     Operation.SCHEDULE: "run commands at a later time",
 }
-"""What a sensor without the operation cannot do; the others are named after their key."""
+"""Text of a missing operation, after "cannot". Other operations are described by their key."""
 
 
 class ArgumentRow(Strict):
-    """Argument ``name`` of the command is ``scale`` times the standard argument."""
+    """Mapping of a standard argument: the argument ``name`` of the command is ``scale`` times its value."""
 
     name: Name
     scale: Annotated[float, Field(gt=0)] = 1.0
 
 
 class OperationRow(Strict):
-    """A command, or the kind of content of a transfer. ``arguments``: of the command by standard name; the same name and
-    unit where absent. ``fixed``: arguments with a value that never changes. ``content`` of a downloaded frame: the detector's
-    pixels, or the file of an image (PNG, TIFF, JPEG)."""
+    """Command, or kind of transferred content, of an operation. ``arguments``: arguments of the command by standard
+    name; an argument without an entry has the standard name and unit. ``fixed``: arguments with a constant value.
+    ``content``: content of a downloaded frame, either the detector's pixels or an image file (PNG, TIFF, JPEG)."""
 
     command: Name | None = None
     transfer: Name | None = None
@@ -156,21 +156,21 @@ class OperationRow(Strict):
 
 @dataclass(frozen=True)
 class Call:
-    """A command of the instrument with its arguments."""
+    """A command of the instrument and its arguments."""
 
     command: str
     arguments: dict[str, Value]
 
 
 class StandardOperations:
-    """The operations that an instrument has, by their standard names. ``dictionary``: its commands."""
+    """Operations of an instrument by their standard names. ``dictionary``: defines the commands of the instrument."""
 
     def __init__(self, rows: Mapping[Operation, OperationRow], dictionary: Dictionary) -> None:
         self._rows, self.dictionary = dict(rows), dictionary
         self._of_command = {row.command: operation for operation, row in rows.items() if row.command}
 
     def names(self) -> tuple[Operation, ...]:
-        """The operations of the instrument."""
+        """Return the operations of the instrument."""
         return tuple(self._rows)
 
     def has(self, operation: Operation) -> bool:
@@ -178,56 +178,60 @@ class StandardOperations:
         return operation in self._rows
 
     def require(self, operation: Operation) -> OperationRow:
-        """Return the row of an operation. Raises Conflict with one sentence for the operator if the instrument lacks it."""
+        """Return the row of an operation. Raises Conflict, with a sentence for the operator, if the instrument lacks
+        the operation."""
         if operation not in self._rows:
             raise Conflict(absence(operation))
         return self._rows[operation]
 
     def command(self, operation: Operation) -> str:
-        """Return the name of the command that does it. Raises Conflict if the instrument lacks it."""
+        """Return the name of the operation's command. Raises Conflict if the instrument lacks the operation."""
         return self.require(operation).command or ""
 
     def title(self, operation: Operation) -> str:
-        """Return the command that does it, or the name of the operation where the instrument has no command for it."""
+        """Return the name of the operation's command; without a command, the name of the operation."""
         row = self._rows.get(operation)
         return (row.command if row is not None else None) or operation.value
 
     def of_command(self, command: str) -> Operation | None:
-        """Return the operation that a command does; None if it is not a standard one."""
+        """Return the operation of a command; None if the command has no standard operation."""
         return self._of_command.get(command)
 
     def call(self, operation: Operation, supplied: Values | None = None) -> Call:
-        """Return the command and its arguments for standard arguments. Raises Conflict if the instrument lacks it."""
+        """Return the operation's command, with its arguments converted from standard arguments. Raises Conflict if the
+        instrument lacks the operation."""
         row, command = self.require(operation), self.dictionary.command(self.command(operation))
         arguments: dict[str, Value] = dict(row.fixed)
         for name, value in (supplied or {}).items():
-            to = row.arguments.get(name, ArgumentRow(name=name))
-            arguments[to.name] = value
-            if to.scale != 1.0 and isinstance(value, int | float):
-                scaled = value * to.scale
-                arguments[to.name] = round(scaled) if command.argument(to.name).type in INTEGER_RANGES else scaled
+            mapped = row.arguments.get(name, ArgumentRow(name=name))
+            arguments[mapped.name] = value
+            if mapped.scale != 1.0 and isinstance(value, int | float):
+                scaled = value * mapped.scale
+                arguments[mapped.name] = (
+                    round(scaled) if command.argument(mapped.name).type in INTEGER_RANGES else scaled
+                )
         return Call(command.name, arguments)
 
     def given(self, operation: Operation, arguments: Values) -> dict[str, Value]:
-        """Return the standard arguments of a command that was sent; those that it was sent without are absent."""
+        """Return the standard arguments of a command that was sent, without arguments that it did not contain."""
         row, values_by_argument = self.require(operation), dict[str, Value]()
         for name in ARGUMENTS.get(operation, ()):
-            at = row.arguments.get(name, ArgumentRow(name=name))
-            if at.name in arguments:
-                value = arguments[at.name]
+            mapped = row.arguments.get(name, ArgumentRow(name=name))
+            if mapped.name in arguments:
+                value = arguments[mapped.name]
                 values_by_argument[name] = (
-                    value / at.scale if at.scale != 1.0 and isinstance(value, int | float) else value
+                    value / mapped.scale if mapped.scale != 1.0 and isinstance(value, int | float) else value
                 )
         return values_by_argument
 
     def argument(self, operation: Operation, name: str) -> str:
-        """Return the instrument's name of a standard argument."""
+        """Return the instrument's name for a standard argument."""
         row = self.require(operation)
         return row.arguments[name].name if name in row.arguments else name
 
 
 def absence(operation: Operation) -> str:
-    """Return the sentence about an operation that a sensor lacks."""
+    """Return a sentence that states that a sensor lacks an operation."""
     if operation in CANNOT:
         return f"This sensor cannot {CANNOT[operation]}."
     return f"This sensor has no command to {operation.value.replace('_', ' ')}."
@@ -236,7 +240,7 @@ def absence(operation: Operation) -> str:
 def check_operation(
     operation: Operation, row: OperationRow, dictionary: Dictionary
 ) -> tuple[tuple[str, ...], str] | None:
-    """Return the place in the row and the reason of its first mistake; None if it fits the dictionary."""
+    """Return path and reason of the first error in the row; None if the row fits the dictionary."""
     if (row.transfer is not None) != (operation in TRANSFERS):
         return (), "needs its kind of transfer" if operation in TRANSFERS else "needs its command"
     if row.transfer is not None:
@@ -250,9 +254,9 @@ def check_operation(
             return ("arguments", name), f"the operation has no such argument; it has {', '.join(standard) or 'none'}"
     command = commands[row.command or ""]
     names = {argument.name: argument for argument in command.arguments}
-    for name, to in row.arguments.items():
-        if to.name not in names:
-            return ("arguments", name), f"{command.name} has no argument {to.name}"
+    for name, mapped in row.arguments.items():
+        if mapped.name not in names:
+            return ("arguments", name), f"{command.name} has no argument {mapped.name}"
     for name in row.fixed:
         if name not in names:
             return ("fixed", name), f"{command.name} has no argument {name}"

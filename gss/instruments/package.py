@@ -1,4 +1,4 @@
-"""An instrument: everything that a package says about one type of sensor, checked."""
+"""Load an instrument: the validated content of a package about one type of sensor."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ Model = TypeVar("Model", bound=Strict)
 
 @dataclass(frozen=True)
 class Instrument:
-    """One type of sensor. ``version``: SHA-256 of the canonical content, hexadecimal. ``shipped``: part of the program.
-    ``roles``: its standard operations and quantities. ``catalogue``: None where the sensor cannot be loaded. ``procedures``:
-    Markdown by file name."""
+    """One type of sensor. ``version``: SHA-256 of the canonical content, hexadecimal. ``shipped``: True if the package
+    is part of the program. ``roles``: standard operations and quantities. ``catalogue``: None if catalogues cannot be
+    uploaded. ``procedures``: Markdown texts by file name."""
 
     about: InstrumentFile
     version: str
@@ -49,14 +49,14 @@ class Instrument:
 
     @property
     def name(self) -> str:
-        """Name under which the registry has it."""
+        """Name of the instrument in the registry."""
         return self.about.id
 
 
 def load_instrument(files: Files, *, shipped: bool = False) -> Instrument:
-    """Return the instrument of a package's files. Raises BadInput with file, line and field of each mistake.
+    """Return the instrument in the files of a package. Raises BadInput with file, line and field of each error.
 
-    Every file is checked before anything is returned, so no half of a package is ever used.
+    All files are validated before the function returns, so a partly invalid package is never used.
     """
     unknown = sorted(name for name in files if not is_package_file(name))
     if unknown:
@@ -88,7 +88,8 @@ def load_instrument(files: Files, *, shipped: bool = False) -> Instrument:
 
 
 def read_camera_file(name: str, data: bytes) -> CameraFile:
-    """Return the camera of a ``camera.yaml`` outside a package. Raises BadInput with file, line and field of each mistake."""
+    """Return the camera in a ``camera.yaml`` outside of a package. Raises BadInput with file, line and field of each
+    error."""
     return _checked(parse_yaml(name, data), CameraFile)
 
 
@@ -97,7 +98,7 @@ def _optional(marked: Mapping[str, MarkedYaml], name: str, model: type[Model]) -
 
 
 def _checked(file: MarkedYaml, model: type[Model]) -> Model:
-    """Validate one file; all its mistakes are in one error, one per line."""
+    """Validate one file. Raises one BadInput with all errors, one per line."""
     if not isinstance(file.content, dict):
         raise file.error((), "the file must be a mapping of names to values")
     try:
@@ -119,10 +120,10 @@ def _short(value: object) -> str:
 
 
 def _dictionary(about: InstrumentFile, file: MarkedYaml, files: Files, link: LinkFile) -> Dictionary:
-    """Return the package's own dictionary, in YAML or XTCE, or the shared one that it names."""
+    """Return the dictionary in the package (YAML or XTCE), or the shared dictionary that the package names."""
     dictionaries = [name for name in (OWN_DICTIONARY, XTCE_DICTIONARY) if name in files]
     if len(dictionaries) > 1:
-        raise BadInput(f"the package has {OWN_DICTIONARY} and {XTCE_DICTIONARY}", expected="one of the two")
+        raise BadInput(f"the package has {OWN_DICTIONARY} and {XTCE_DICTIONARY}", expected="only one of these files")
     if about.dictionary is None:
         if not dictionaries:
             raise file.error(
@@ -140,7 +141,8 @@ def _dictionary(about: InstrumentFile, file: MarkedYaml, files: Files, link: Lin
 
 
 def _byte_order(about: InstrumentFile, link: LinkFile) -> str | None:
-    """Return the byte order of the numbers in packets; the driver ``gss`` has only one. None: the driver knows it."""
+    """Return the byte order of the numbers in packets; the driver ``gss`` supports only one. None: only the driver
+    defines it."""
     return "big" if about.driver == "gss" else link.content_byte_order
 
 
@@ -173,8 +175,8 @@ def _profile(
 
 
 def _version(marked: Mapping[str, MarkedYaml], files: Files, dictionary: Dictionary) -> str:
-    """Return the SHA-256 of the content: YAML without its comments and layout, texts with plain line ends, and the
-    dictionary whether it is the package's own or shared."""
+    """Return the SHA-256 of the content: YAML files without comments and formatting, texts with normalised line ends,
+    and the dictionary, also if it is shared."""
     content: dict[str, object] = {name: file.content for name, file in marked.items() if name != OWN_DICTIONARY}
     content |= {name: _text(name, files[name]) for name in files if name.endswith(".md")}
     content["dictionary"] = dictionary.hash_hex

@@ -1,4 +1,4 @@
-"""Models of the other files of a package: ``instrument.yaml``, ``link.yaml``, ``catalogue.yaml``, ``simulator.yaml``."""
+"""Models of further files of a package: ``instrument.yaml``, ``link.yaml``, ``catalogue.yaml``, ``simulator.yaml``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DRIVERS = "gss.drivers"
 """Entry point group of the drivers."""
 
 NAME_PATTERN = r"^[a-z][a-z0-9_-]{1,15}$"
-"""Names fit the 16 bytes of the HELLO report and of a bank's header."""
+"""Pattern of names. They fit in the 16 bytes of the HELLO report and of a bank's header."""
 
 
 def _one_of(names: tuple[str, ...]) -> AfterValidator:
@@ -51,17 +51,17 @@ AngleDeg = Annotated[float, Field(ge=-360, le=360)]
 
 
 class Mounting(Strict):
-    """How the camera sits in the satellite: a mounting by name and the nominal roll, pitch and yaw."""
+    """Mounting of the camera in the satellite: name of the mounting, and nominal roll, pitch and yaw."""
 
     camera: Law
     at_rest_deg: tuple[AngleDeg, AngleDeg, AngleDeg] = (0.0, 0.0, 0.0)
 
 
 class InstrumentFile(Strict):
-    """``instrument.yaml``. ``version``: of the package, as its author counts it. ``dictionary``: name of a shared dictionary;
-    absent if the package has its own. ``driver``: an installed driver. ``chain``: absent if the chain of the unit is not known.
-    ``notes``: what an operator should know. ``tried_on_hardware``: False if the package follows documents only; None: not
-    stated."""
+    """``instrument.yaml``. ``version``: package version that its author assigns. ``dictionary``: name of a shared
+    dictionary; absent if the package contains a dictionary. ``driver``: name of an installed driver. ``chain``: absent
+    if the chain of the unit is unknown. ``notes``: information for the operator. ``tried_on_hardware``: False if the
+    package is based only on documents; None: not stated."""
 
     id: Name
     title: Text
@@ -77,14 +77,15 @@ class InstrumentFile(Strict):
 
 
 class BankFormatRow(Strict):
-    """One on-board format. ``matching``: true if it contains everything that the unit's matching needs."""
+    """One on-board format. ``matching``: True if the format contains all data that the unit's matching needs."""
 
     name: Format
     matching: bool = True
 
 
 class CatalogueFile(Noted):
-    """``catalogue.yaml``: formats, the unit's own first; banks and the capacity of each in bytes; tables."""
+    """``catalogue.yaml``: on-board formats (the native format first), banks with the capacity of each in bytes, and
+    tables."""
 
     formats: Annotated[tuple[BankFormatRow, ...], Field(min_length=1, max_length=20)]
     banks: Annotated[tuple[Annotated[str, Field(max_length=16)], ...], Field(min_length=1, max_length=16)]
@@ -98,7 +99,7 @@ class CatalogueFile(Noted):
             if len(set(rows)) < len(rows):
                 raise ValueError(f"{name}: an entry appears twice")
         if not self.formats[0].matching:
-            raise ValueError("formats: the first one is the unit's own and must suffice for matching")
+            raise ValueError("formats: the first one is the unit's native format and must be sufficient for matching")
         return self
 
 
@@ -115,18 +116,18 @@ class DefectsRow(Sourced):
     corner_loss: Fraction = 0.0
 
     def defects(self) -> Defects:
-        """The values without their source."""
+        """Return the values without their source."""
         return Defects(**self.model_dump(exclude={"source", "chosen"}))
 
 
 class UnitTiming(Noted):
-    """Times and speeds of the simulated unit; by default those of a CMOS imager behind an FPGA (Erlank 2013 §5.3.3, §5.3.6), the
-    others chosen.
+    """Times and speeds of the simulated unit. Defaults: a CMOS imager with an FPGA (Erlank 2013 §5.3.3, §5.3.6); values
+    that are not in the document are chosen.
 
-    ``frame_ms``: frame periods to which a rolling-shutter imager can be set; the shortest that holds the exposure is used, and
-    its rows end their exposure one after another during the readout that follows. Without any, the exposure has its own length.
-    ``readout_overlaps``: the image is read out while the next one is exposed. ``copy_bytes_ms`` 0: the processor reads the image
-    where the readout puts it. ``cycle_ms``: period of the cycle at power-on.
+    ``frame_ms``: frame periods of a rolling-shutter imager. The shortest period that contains the exposure is used; the
+    rows then end their exposure one after another during the readout. If empty, the exposure time is not tied to a
+    frame period. ``readout_overlaps``: True if an image is read out while the next one is exposed. ``copy_bytes_ms`` 0:
+    no copy, because the readout writes to the processor's memory. ``cycle_ms``: period of the cycle at power-on.
     """
 
     boot_s: NotNegative = 0.3
@@ -146,8 +147,8 @@ TYPICAL = UnitTiming()
 
 
 class Currents(Strict):
-    """Supply currents of one rail in tenths of a milliampere: idle, while the sensor starts, busy, while an image is copied to the
-    processor, and latched up. ``starting`` and ``copying`` are by default as idle."""
+    """Supply currents of one rail in tenths of a milliampere: idle, sensor starting, busy, copying an image to the
+    processor, and latched up. ``starting`` and ``copying`` default to the idle current."""
 
     idle: NotNegative
     busy: NotNegative
@@ -157,9 +158,9 @@ class Currents(Strict):
 
 
 class PowerRow(Noted):
-    """Power of the simulated unit, by default that of a small CMOS camera (chosen). ``trip_s``: from a latch-up to the
-    protection's reaction. ``off``: current of a rail that is off, in tenths of a milliampere. ``processor`` is not switched and
-    cannot latch up."""
+    """Power of the simulated unit; the defaults are those of a small CMOS camera (chosen). ``trip_s``: time from a
+    latch-up to the reaction of the protection. ``off``: current of a rail that is off, in tenths of a milliampere.
+    ``processor``: this rail cannot be switched and cannot latch up."""
 
     trip_s: NotNegative = 1.5
     off: NotNegative = 2
@@ -170,9 +171,9 @@ class PowerRow(Noted):
 
 
 class SimulatorFile(Strict):
-    """``simulator.yaml``: what the simulated unit does. ``program``: the simulator of a third-party unit, by its entry point
-    in the group ``gss.simulators``; the shared one by default. ``motion``: that of a simulation without another one; "inertial"
-    for a camera whose long exposure needs a satellite at rest."""
+    """``simulator.yaml``: properties of the simulated unit. ``program``: entry point in the group ``gss.simulators``
+    for a third-party unit; by default the shared simulator. ``motion``: default motion of a simulation; "inertial" for
+    a camera whose long exposure needs a satellite at rest."""
 
     program: Annotated[str, Field(max_length=40)] = ""
     motion: Literal["zenith", "inertial"] = "zenith"

@@ -1,4 +1,4 @@
-"""Files of a package from a folder or a zip archive, and back, with limits on number, size and names."""
+"""Read and write the files of a package, as a folder or a zip archive, with limits on number, size and names."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ Files = Mapping[str, bytes]
 
 
 def is_package_file(name: str) -> bool:
-    """True if a package may contain a file of that name."""
+    """True if a package may contain a file with this name."""
     return name in PACKAGE_FILES or PROCEDURE.fullmatch(name) is not None
 
 
 def read_folder(folder: Path) -> dict[str, bytes]:
-    """Return the files of a package folder by name, without hidden ones. Raises NotFound, BadInput."""
+    """Return the files of a package folder by name, without hidden files. Raises NotFound, BadInput."""
     if not folder.is_dir():
         raise NotFound("no such package folder", expected="a folder with instrument.yaml", got=str(folder))
     names = []
@@ -58,7 +58,7 @@ def read_folder(folder: Path) -> dict[str, bytes]:
 def read_zip(data: bytes) -> dict[str, bytes]:
     """Return the files of a zipped package by name; one enclosing folder is removed. Raises BadInput.
 
-    Sizes are checked while the archive is read, so that one that expands to gigabytes is refused.
+    Sizes are checked while the archive is read, so an archive that expands to gigabytes is rejected.
     """
     if len(data) > MAX_ZIP_BYTES:
         raise BadInput("the archive is too large", expected=f"at most {MAX_ZIP_BYTES} bytes", got=str(len(data)))
@@ -82,14 +82,14 @@ def read_zip(data: bytes) -> dict[str, bytes]:
     except (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, EOFError, OSError, ValueError) as error:
         raise BadInput("the archive cannot be read", expected="a zip file", got=str(error)[:200]) from None
     except Exception as error:
-        # zlib.error, lzma.LZMAError and the like have no common base class.
+        # zlib.error, lzma.LZMAError and similar errors have no common base class.
         if isinstance(error, BadInput):
             raise
         raise BadInput("the archive is damaged", expected="a zip file", got=str(error)[:200]) from None
 
 
 def read_package_files(path: Path) -> dict[str, bytes]:
-    """Return the files of a folder or of a .zip. Raises NotFound, BadInput."""
+    """Return the files of a package folder or .zip file. Raises NotFound, BadInput."""
     if path.is_dir():
         return read_folder(path)
     if not path.is_file():
@@ -99,7 +99,7 @@ def read_package_files(path: Path) -> dict[str, bytes]:
 
 
 def write_zip(name: str, files: Files) -> bytes:
-    """Return a zip archive with the files in a folder ``name``; the same files give the same bytes."""
+    """Return a zip archive that contains the files in a folder ``name``. Equal files give equal bytes."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         for file, data in sorted(files.items()):
@@ -116,7 +116,7 @@ def write_folder(folder: Path, files: Files) -> None:
 
 
 def _enclosing(names: Iterable[str]) -> str:
-    """Return "folder/" if all names are in the same folder and none would be a package file at the top."""
+    """Return "folder/" if all names are in one folder and none is a package file at the top level; otherwise ""."""
     names = list(names)
     tops = {name.split("/")[0] for name in names}
     if len(tops) != 1 or any("/" not in name for name in names) or tops <= {"..", ".", ""}:
@@ -126,7 +126,7 @@ def _enclosing(names: Iterable[str]) -> str:
 
 
 def _check_names(names: Iterable[str]) -> None:
-    """Raise BadInput for names that a package cannot contain, which includes absolute names and names with ``..``."""
+    """Raise BadInput for names that a package cannot contain, including absolute names and names with ``..``."""
     names = list(names)
     if len(names) > MAX_FILES:
         raise BadInput("the package has too many files", expected=f"at most {MAX_FILES}", got=str(len(names)))

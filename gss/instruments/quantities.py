@@ -1,4 +1,5 @@
-"""Numbers with their unit and origin: ``{value, unit, source}`` or ``{value, unit, chosen: reason}``; with ``sigma`` if known."""
+"""Numbers with their unit and origin: ``{value, unit, source}`` or ``{value, unit, chosen: reason}``; with ``sigma`` if
+known."""
 
 from __future__ import annotations
 
@@ -10,13 +11,13 @@ Text = Annotated[str, Field(min_length=1, max_length=400)]
 
 
 class Strict(BaseModel):
-    """Base of all models of a package: unknown keys are errors, NaN and infinity are not numbers, nothing changes later."""
+    """Base of all models of a package: unknown keys, NaN and infinity are errors; instances are immutable."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class Sourced(Strict):
-    """Something with a source, or with the reason for choosing it; exactly one of the two."""
+    """Base of models with exactly one origin: a source, or the reason for a chosen value."""
 
     source: Text | None = None
     chosen: Text | None = None
@@ -24,17 +25,17 @@ class Sourced(Strict):
     @model_validator(mode="after")
     def _one_origin(self) -> Self:
         if (self.source is None) == (self.chosen is None):
-            raise ValueError("needs either its source or the reason why it was chosen (chosen: …)")
+            raise ValueError("needs either a source or the reason for the chosen value (chosen: …)")
         return self
 
     @property
     def origin(self) -> str:
-        """Source, or "chosen: " and the reason."""
+        """Return the source, or "chosen: " followed by the reason."""
         return self.source if self.source is not None else f"chosen: {self.chosen}"
 
 
 class Noted(Strict):
-    """Rows of numbers that may state their source, and the reason for those that were chosen."""
+    """Base of models with several numbers: they can state a source, and a reason for the chosen values."""
 
     source: Text | None = None
     chosen: Text | None = None

@@ -1,4 +1,4 @@
-"""The registry: every instrument of this installation by name, shipped ones and the user's own."""
+"""Registry of the instruments of this installation by name: shipped instruments and packages of the user."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ Signature = tuple[tuple[str, int, int], ...]
 
 @dataclass(frozen=True)
 class BrokenPackage:
-    """A folder in the user's instruments that is not a valid package."""
+    """A folder of the user's instruments that is not a valid package."""
 
     name: str
     reason: str
 
 
 class Registry:
-    """Instruments by name. ``own``: folder of the user's packages, one folder each; None without any.
+    """Instruments by name. ``own_folder``: folder with one folder per user package; None without user packages.
 
-    A package is read when it is first needed, and an own one again when its files have changed. Thread-safe.
+    A package is read when it is first needed; a user package is read again if its files have changed. Thread-safe.
     """
 
     def __init__(self, own_folder: Path | None = None) -> None:
@@ -41,7 +41,7 @@ class Registry:
         self._read: dict[str, tuple[Signature, Instrument | GssError]] = {}
 
     def names(self) -> tuple[str, ...]:
-        """Names of all packages, also of broken ones, shipped ones first."""
+        """Return the names of all packages, including broken packages; shipped packages come first."""
         shipped = _folders(SHIPPED)
         return (*shipped, *(name for name in self._own_names() if name not in shipped))
 
@@ -61,11 +61,11 @@ class Registry:
         return self.get(name).profile
 
     def version_of(self, name: str | None) -> str | None:
-        """Return the version of an instrument; None without a name or without a valid package of it."""
+        """Return the version of an instrument; None if there is no name or no valid package."""
         return self.get(name).version if name and self.has(name) else None
 
     def find_camera(self, name: str | None) -> CameraProfile | None:
-        """Return the documented camera of an instrument; None without a name or without a valid package of it."""
+        """Return the documented camera of an instrument; None if there is no name or no valid package."""
         return self.camera(name) if name and self.has(name) else None
 
     def bank_bytes(self, name: str) -> int | None:
@@ -74,7 +74,7 @@ class Registry:
         return None if catalogue is None else catalogue.bank_bytes
 
     def has(self, name: str) -> bool:
-        """True if there is a valid package of that name."""
+        """True if there is a valid package with this name."""
         try:
             self.get(name)
         except GssError:
@@ -82,15 +82,15 @@ class Registry:
         return True
 
     def all(self) -> tuple[Instrument, ...]:
-        """All valid instruments."""
+        """Return all valid instruments."""
         return tuple(self.get(name) for name in self.names() if self.has(name))
 
     def cameras(self) -> dict[str, CameraProfile]:
-        """The cameras of all valid instruments by name."""
+        """Return the cameras of all valid instruments by name."""
         return {i.name: i.profile for i in self.all()}
 
     def broken(self) -> tuple[BrokenPackage, ...]:
-        """Own packages that are invalid, with the reason."""
+        """Return the invalid user packages, with the reasons."""
         problems = []
         for name in self.names():
             try:
@@ -100,13 +100,14 @@ class Registry:
         return tuple(problems)
 
     def folder(self, name: str) -> Path:
-        """Return the folder of a package, which another process can read. Raises NotFound."""
+        """Return the folder of a package, for use by another process. Raises NotFound."""
         instrument = self.get(name)
         return SHIPPED / name if instrument.shipped else self._own_folder() / name
 
     def add(self, files: Files, *, replaces: bool = True) -> Instrument:
-        """Install a package in the user's folder, replacing the one of the same name, whose version is kept for
-        comparison. Raises BadInput, and Conflict for the name of a shipped instrument, or of any without ``replaces``."""
+        """Install a user package. It replaces a package of the same name; the replaced version is kept for comparison.
+        Raises BadInput. Raises Conflict for the name of a shipped instrument, or for any existing name if ``replaces``
+        is False."""
         instrument = load_instrument(files)
         name, own_folder = instrument.name, self._own_folder()
         self.check_name(name)
@@ -129,16 +130,16 @@ class Registry:
         return self.get(name)
 
     def check_name(self, name: str) -> None:
-        """Raise Conflict if an own package must not have this name."""
+        """Raise Conflict if a user package must not have this name."""
         if name in _folders(SHIPPED):
             raise Conflict("a shipped instrument cannot be replaced", got=name, hint="change the id of your package")
 
     def find(self, name: str, version: str = "") -> Instrument:
-        """Return an instrument in a version, by default the current one. Raises NotFound."""
+        """Return a version of an instrument, by default the current version. Raises NotFound."""
         return self.version(name, version) if version else self.get(name)
 
     def version(self, name: str, version: str) -> Instrument:
-        """Return an installed instrument in a version that was added at some time. Raises NotFound."""
+        """Return the current version or an earlier installed version of an instrument. Raises NotFound."""
         current = self.get(name)
         if current.version.startswith(version):
             return current
@@ -148,7 +149,8 @@ class Registry:
         raise NotFound("unknown version of an instrument", expected=", ".join(self.versions(name)), got=version)
 
     def versions(self, name: str) -> tuple[str, ...]:
-        """Known versions of an instrument, the current one first, then the added ones, newest first."""
+        """Return the versions of an instrument: the current version, then the other installed versions, latest
+        first."""
         current = self.get(name)
         if current.shipped or self._folder is None:
             return (current.version,)
@@ -163,7 +165,7 @@ class Registry:
 
     def _own_folder(self) -> Path:
         if self._folder is None:
-            raise NotFound("no data folder", expected="a data folder with instruments", hint="give --data")
+            raise NotFound("no data folder", expected="a data folder with instruments", hint="use the option --data")
         return self._folder
 
     def _own_instrument(self, name: str) -> Instrument:
@@ -183,12 +185,12 @@ def _read_own(name: str, folder: Path) -> Instrument | GssError:
     except GssError as error:
         return error
     if instrument.name != name:
-        return BadInput("the folder does not have the name of the instrument", expected=instrument.name, got=name)
+        return BadInput("the folder must have the name of the instrument", expected=instrument.name, got=name)
     return instrument
 
 
 def _folders(folder: Path) -> tuple[str, ...]:
-    """Names of the package folders in a folder, sorted."""
+    """Return the names of the package folders in a folder, sorted."""
     try:
         with os.scandir(folder) as entries:
             return tuple(sorted(e.name for e in entries if e.is_dir() and e.name[0] not in "._"))
@@ -197,13 +199,13 @@ def _folders(folder: Path) -> tuple[str, ...]:
 
 
 def _signature(folder: Path) -> Signature:
-    """Names, times and sizes of a folder's files; it changes when one of them does."""
+    """Return names, times and sizes of the files in a folder. The result changes if a file changes."""
     stats = [(p.relative_to(folder).as_posix(), p.stat()) for p in sorted(folder.rglob("*")) if p.is_file()]
     return tuple((name, s.st_mtime_ns, s.st_size) for name, s in stats)
 
 
 def _replace(new: Path, folder: Path) -> None:
-    """Put a complete new folder in the place of another one, which may exist."""
+    """Move a complete new folder to ``folder``, which may exist and is then replaced."""
     if folder.exists():
         old = Path(tempfile.mkdtemp(prefix=".old-", dir=folder.parent))
         folder.rename(old / "package")

@@ -18,7 +18,7 @@ from gss.instruments.quantities import Strict
 from gss.instruments.telemetry_roles import Events, Quantities, check_packet
 
 SHARED = "gss-common"
-"""The protocol of the driver ``gss``, which the shipped instruments share."""
+"""Name of the protocol of the driver ``gss``, which the shipped instruments share."""
 
 
 class RolesFile(Strict):
@@ -31,7 +31,7 @@ class RolesFile(Strict):
 
 @dataclass(frozen=True)
 class Roles:
-    """What an instrument can do and report, in standard names."""
+    """Operations, quantities and events of an instrument, in standard names."""
 
     operations: StandardOperations
     quantities: Quantities
@@ -39,7 +39,7 @@ class Roles:
 
 
 def read_roles(file: MarkedYaml, dictionary: Dictionary) -> Roles:
-    """Return the roles in a file. Raises BadInput with file, line, field and reason of each mistake."""
+    """Return the roles in a file. Raises BadInput with file, line, field and reason of each error."""
     content = _parsed(file)
     mistakes = _mistakes(content, dictionary)
     if mistakes:
@@ -48,7 +48,8 @@ def read_roles(file: MarkedYaml, dictionary: Dictionary) -> Roles:
 
 
 def default_roles(dictionary: Dictionary) -> Roles:
-    """Return the roles of an instrument without its own file: those of the shared protocol that its dictionary has."""
+    """Return the roles of an instrument without ``operations.yaml``: the roles of the shared protocol that its
+    dictionary supports."""
     content = _parsed(_shared_file())
     wrong = {place for place, _ in _mistakes(content, dictionary)}
     absent = {place[1] for place in wrong if place[0] == "operations"}
@@ -78,7 +79,7 @@ def _parsed(file: MarkedYaml) -> RolesFile:
 
 
 def _mistakes(content: RolesFile, dictionary: Dictionary) -> list[tuple[tuple[str, ...], str]]:
-    """Return place and reason of everything that the dictionary does not have."""
+    """Return path and reason of each entry that does not fit the dictionary."""
     mistakes: list[tuple[tuple[str, ...], str]] = []
     for operation, row in content.operations.items():
         mistake = check_operation(operation, row, dictionary)

@@ -1,5 +1,5 @@
-"""Standard quantities, mapped to an instrument's telemetry fields. An empty name means that the instrument does not report the
-quantity.
+"""Standard quantities, mapped to an instrument's telemetry fields. An empty name means that the instrument does not
+report the quantity.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ AxisName = Literal["+x", "+y", "+z", "-x", "-y", "-z"]
 CAMERA_AXES = ("+x", "+y", "+z")
 NOT_A_FIELD = ("packet", "order", "rotation", "camera_axes")
 UNITS = {"_ms": "ms", "_deg": "deg", "_arcsec": "arcsec", "_dn": "DN", "_deg_s": "deg/s", "_s": "s"}
-"""Unit of a quantity by the suffix of its name. If the sensor uses another unit, the dictionary must define a conversion."""
+"""Unit of a quantity by the suffix of its name. If the sensor uses another unit, the dictionary must define a
+conversion."""
 
 
 class PacketRole(Strict):
@@ -41,7 +42,8 @@ class PacketRole(Strict):
         return names
 
     def read(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """Return the values of a packet by standard quantity, omitting quantities that the instrument does not report."""
+        """Return the values of a packet by standard quantity, omitting quantities that the instrument does not
+        report."""
         return {quantity: values[name] for quantity, name in self.fields().items() if name in values}
 
 
@@ -98,8 +100,8 @@ class Status(PacketRole):
 
 class AttitudeRole(PacketRole):
     """Attitude of one frame. ``quaternion``: names of its four components; ``order``: position of the scalar;
-    ``rotation``: direction of the rotation, target from source. ``camera_axes``: axes of the sensor frame that correspond to the
-    camera axes x (towards higher columns), y (towards higher rows) and z (boresight)."""
+    ``rotation``: direction of the rotation, target from source. ``camera_axes``: axes of the sensor frame that
+    correspond to the camera axes x (towards higher columns), y (towards higher rows) and z (boresight)."""
 
     frame_number: Name = ""
     frame_time_s: Name = ""
@@ -139,7 +141,8 @@ class AttitudeRole(PacketRole):
         return axes
 
     def read(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """Return the values by standard quantity. ``quaternion_x`` to ``quaternion_w`` are the components of cam_from_icrs."""
+        """Return the values by standard quantity, with the components of cam_from_icrs as ``quaternion_x`` to
+        ``quaternion_w``."""
         by_quantity = {name: value for name, value in super().read(values).items() if not name.startswith("quaternion")}
         if all(name in values for name in self.quaternion):
             components = self.quaternion_of({name: float(values[name]) for name in self.quaternion})

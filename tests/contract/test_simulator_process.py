@@ -109,7 +109,7 @@ def test_a_port_is_owned_by_one_process(simulator: Start) -> None:
     """A second process gets the owner's name; after closing it can open the port."""
     unit = simulator("--baud", "0")
     first = open_stream(unit.url)
-    with pytest.raises(Conflict, match="another process holds"):
+    with pytest.raises(Conflict, match="another process uses"):
         open_stream(unit.url)
     first.close()
     first.close()

@@ -96,12 +96,12 @@ def test_every_fault_has_its_option() -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ("--attitude 1,2", "unreadable angles"),
+        ("--attitude 1,2", "the angles cannot be read"),
         ("--attitude 1,95,3", "declination is out of range"),
         ("--altitude-km 3", "altitude is out of range"),
         ("--tle nowhere.tle", "cannot be read"),
         ("--drop-rate 1.5", "drop_rate is out of range"),
-        ("--roll-pitch-yaw x", "unreadable angles"),
+        ("--roll-pitch-yaw x", "the angles cannot be read"),
         ("--instrument hubble", "unknown instrument"),
     ],
 )

@@ -84,7 +84,7 @@ def test_a_stale_attitude_ages_while_iterations_continue(bench: Bench) -> None:
     assert int(after["iteration"]) >= int(before["iteration"]) + 4
     assert float(after["attitude_age_s"]) >= float(before["attitude_age_s"]) + 4
     assert bench.tracker.quaternion is last
-    assert bench.telemetry("attitude")[-1].values["reason"] == "the attitude is not renewed"
+    assert bench.telemetry("attitude")[-1].values["reason"] == "the attitude is not updated"
     bench.do("SIM_INJECT", fault="none")
     bench.run(4.0)
     assert float(bench.status()["attitude_age_s"]) < 3.0

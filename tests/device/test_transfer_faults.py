@@ -349,4 +349,4 @@ def test_a_reset_clears_image_memory_and_the_transfer_restarts(bench: Bench) -> 
     bench.device.reset("watchdog", bench.now_s)
     bench.transfer_ends(transfer_id, "committed")
     assert bench.tracker.slots[1].pixels.tobytes() == picture
-    assert any("no longer holds" in u.reason for u in bench.updates(transfer_id))
+    assert any("no longer has the stored chunks" in u.reason for u in bench.updates(transfer_id))

@@ -115,10 +115,12 @@ def test_forbidden_controls_are_dashed_with_a_reason(as_user, role):
     for _, path, control, whose, request in [row for row in HELD if row[0] == role]:
         theirs.goto(path)
         held = theirs.get_by_test_id(control)
-        expect(held).to_have_attribute("data-held", re.compile(re.escape(f"needs the {whose} role, you are")))
+        expect(held).to_have_attribute(
+            "data-disabled-reason", re.compile(re.escape(f"needs the {whose} role, you are"))
+        )
         held.focus()
         expect(held).to_be_focused()
-        expect(theirs.locator("#held-reason")).to_contain_text(whose)
+        expect(theirs.locator("#disabled-reason")).to_contain_text(whose)
         assert held.evaluate("e => getComputedStyle(e).borderTopStyle") == "dashed"
         theirs.keyboard.press("Enter")
         status, text = theirs.evaluate(ASK, list(request))
@@ -131,7 +133,7 @@ def test_an_operator_can_use_the_controls_of_the_page(as_user):
     """For an operator no control of the page is disabled, and a command is sent."""
     theirs = as_user("olga", "operator")
     expect(theirs.get_by_test_id("link-state")).to_contain_text("up")
-    expect(theirs.get_by_test_id("cmd-TAKE_IMAGE")).not_to_have_attribute("data-held", re.compile(".+"))
+    expect(theirs.get_by_test_id("cmd-TAKE_IMAGE")).not_to_have_attribute("data-disabled-reason", re.compile(".+"))
     theirs.get_by_test_id("cmd-TAKE_IMAGE").click()
     expect(theirs.get_by_test_id("cmd-TAKE_IMAGE")).to_have_attribute("data-result", "completed")
     theirs.get_by_test_id("authority-open").click()
@@ -146,9 +148,9 @@ def test_role_changes_and_disabling_apply_at_once(page, as_user):
         row.get_by_test_id("user-role").select_option("engineer")
     assert changed.value.ok
     theirs.reload()
-    expect(theirs.get_by_test_id("import")).not_to_have_attribute("data-held", re.compile(".+"))
+    expect(theirs.get_by_test_id("import")).not_to_have_attribute("data-disabled-reason", re.compile(".+"))
     row.get_by_test_id("user-off").click()
-    expect(row).to_contain_text("sessions end at once")
+    expect(row).to_contain_text("sessions end immediately")
     row.get_by_test_id("user-off-now").click()
     expect(row).to_contain_text("deactivated")
     expect(theirs.get_by_test_id("session-ended")).to_be_visible()
@@ -186,7 +188,7 @@ def test_the_audit_log_is_filtered_verified_and_exported(page, picture):
     page.get_by_test_id("audit-result").select_option("denied")
     expect(page.locator("[data-testid=audit-row][data-result=done]")).to_have_count(0)
     page.get_by_test_id("audit-who").fill("unknown-user")
-    expect(page.get_by_text("No row matches these filters.")).to_be_visible()
+    expect(page.get_by_text("No rows match these filters.")).to_be_visible()
     with page.expect_download() as download:
         page.get_by_test_id("audit-csv").click()
     assert download.value.suggested_filename == "audit.csv"
@@ -211,9 +213,7 @@ def test_retention_previews_a_removal(page, picture):
     expect(page.get_by_text("0 – 36 500", exact=False)).to_be_visible()
     expect(page.get_by_test_id("retention-save")).to_be_disabled()
     field.fill("0.00001")
-    packets = (
-        page.get_by_test_id("retention-effect").locator("tr").filter(has_text="packets of telemetry").locator("td")
-    )
+    packets = page.get_by_test_id("retention-effect").locator("tr").filter(has_text="telemetry packets").locator("td")
     expect(packets.nth(1)).to_have_text("0")
     expect(packets.nth(2)).to_have_text(re.compile(r"[1-9]"))
     picture("admin-storage")

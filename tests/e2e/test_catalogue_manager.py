@@ -82,7 +82,7 @@ def test_the_selection_of_stars_and_the_mounting_change_the_preview(page):
     page.get_by_test_id("build-companions").fill("9")
     expect(page.get_by_test_id("funnel")).to_contain_text("on the screening list")
     page.get_by_test_id("build-brightest_per_field").fill("6")
-    page.get_by_role("group", name="Fields of the thinning").get_by_role("button", name="upright frame").click()
+    page.get_by_role("group", name="Area for the brightest stars").get_by_role("button", name="upright frame").click()
     expect(page.get_by_test_id("funnel")).to_contain_text("beyond 6 per upright frame")
     page.get_by_test_id("step-5").click()
     page.get_by_test_id("build-reduced").check()

@@ -169,7 +169,7 @@ def test_filters_of_the_frame_list_are_addresses(frame_on_show):
     expect(page).to_have_url(re.compile(r"source=device&outcome=solved&stars=3&start=2026-01-01T00%3A00%3A00Z"))
     expect(page.get_by_test_id("frame-row").first).to_be_visible()
     page.goto("/frames?source=device&stars=9999")
-    expect(page.get_by_text("No frame matches these filters")).to_be_visible()
+    expect(page.get_by_text("No frames match these filters")).to_be_visible()
     expect(page.get_by_test_id("filter-stars")).to_have_value("9999")
     page.get_by_test_id("filter-clear").click()
     expect(page.get_by_test_id("filter-stars")).to_have_value("")

@@ -149,7 +149,7 @@ def test_engineer_imports_many_files_and_sees_each_that_was_rejected(page, tmp_p
             Image.fromarray(np.full((16, 24 + k), 20, np.uint8)).save(tmp_path / name)
     page.goto("/frames")
     page.get_by_test_id("import-file").set_input_files([tmp_path / name for name in names])
-    expect(page.get_by_test_id("import-counts")).to_have_text("2 stored, 1 rejected, 1 file of other kinds skipped")
+    expect(page.get_by_test_id("import-counts")).to_have_text("2 stored, 1 rejected, 1 file of other types skipped")
     expect(page.get_by_test_id("import-problem")).to_contain_text("broken.png")
     expect(page.get_by_text("one.png")).to_be_visible()
 

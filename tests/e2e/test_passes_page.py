@@ -34,7 +34,7 @@ def test_a_pass_is_shown_after_importing_orbit_and_station(page, tle_of, picture
     page.get_by_test_id("station-save").click()
     expect(page.get_by_test_id("station-row")).to_contain_text("4 points")
     page.get_by_role("button", name="Passes", exact=True).click()
-    expect(page.get_by_test_id("next-pass")).to_contain_text(re.compile("Next pass|Pass under way"))
+    expect(page.get_by_test_id("next-pass")).to_contain_text(re.compile("Next pass|Pass in progress"))
     expect(page.get_by_test_id("pass-timeline")).to_be_visible()
     page.get_by_test_id("pass-row").nth(1).click()
     expect(page.get_by_test_id("pass-panel")).to_contain_text("Culmination")

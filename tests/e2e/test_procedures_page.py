@@ -11,7 +11,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 SLOW = 30_000
 TEXT = """# Warm start
 
-Bring the sensor to a state in which it can measure.
+Prepare the sensor for measurements.
 
 ## ready: Check the temperature
 
@@ -52,7 +52,7 @@ def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[
     mistakes = page.get_by_test_id("procedure-mistakes")
     expect(mistakes).to_contain_text("Line 17: unknown command", timeout=SLOW)
     page.get_by_test_id("procedure-text").fill(TEXT)
-    expect(mistakes).to_contain_text("No mistakes", timeout=SLOW)
+    expect(mistakes).to_contain_text("No errors", timeout=SLOW)
     page.get_by_test_id("procedure-save").click()
     page.locator("[data-procedure='Warm start']").get_by_test_id("procedure-start").click(timeout=SLOW)
     for step in ("ready", "status"):
@@ -75,7 +75,7 @@ def test_an_operator_defines_a_derived_parameter(page: Page) -> None:
     page.get_by_test_id("derived-expression").fill("2 * housekeeping.supply_3v3_v +")
     expect(page.get_by_test_id("derived-form")).to_contain_text("position 32", timeout=SLOW)
     page.get_by_test_id("derived-expression").fill("2 * housekeeping.supply_3v3_v")
-    expect(page.get_by_test_id("derived-trial")).to_contain_text("With the newest values: 6.", timeout=SLOW)
+    expect(page.get_by_test_id("derived-trial")).to_contain_text("With the latest values: 6.", timeout=SLOW)
     page.get_by_test_id("derived-unit").fill("V")
     page.get_by_test_id("derived-save").click()
     expect(page.locator("[data-derived=supply_twice_v]")).to_contain_text("6.", timeout=SLOW)

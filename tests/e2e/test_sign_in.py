@@ -176,7 +176,7 @@ def test_a_user_changes_his_password_and_signs_out(page, picture):
     picture("own-account")
     page.get_by_test_id("old-password").fill(PASSWORD)
     page.get_by_test_id("change-password-go").click()
-    expect(page.get_by_test_id("toasts")).to_contain_text("password is changed")
+    expect(page.get_by_test_id("toasts")).to_contain_text("Password changed")
     expect(page.get_by_test_id("contacts")).to_be_visible()
     page.get_by_test_id("user-open").click()
     page.get_by_test_id("sign-out").click()

@@ -35,7 +35,7 @@ def test_an_alarm_latches_until_cleared_and_acknowledged(page, at_rest, picture)
     """Overheating raises an alarm in header and monitor; acknowledged it stays while hot; cool again it closes."""
     remove_faults(page)
     choose(page, "SIM_INJECT", "overheat", "60")
-    expect(page.get_by_test_id("training")).to_contain_text("1 at work")
+    expect(page.get_by_test_id("training")).to_contain_text("1 training fault active")
     picture("training")
     expect(page.get_by_test_id("alarm")).to_contain_text("Sensor temperature")
     page.goto("/telemetry?page=power")

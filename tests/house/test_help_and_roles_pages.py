@@ -32,5 +32,5 @@ def test_every_link_between_documents_leads_somewhere(root):
 def test_the_pages_ask_for_passwords_as_long_as_the_server_does(root):
     """The page and the server have the same limits for the length of a password."""
     source = (root / "web" / "src" / "lib" / "password.ts").read_text("utf-8")
-    assert f"LEAST = {SHORTEST};" in source
-    assert f"MOST = {LONGEST};" in source
+    assert f"MIN_LENGTH = {SHORTEST};" in source
+    assert f"MAX_LENGTH = {LONGEST};" in source

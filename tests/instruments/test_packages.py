@@ -37,7 +37,7 @@ def renamed(name: str) -> dict[str, bytes]:
         ("camera.yaml", "value: 6.28", "value: .nan", "geometry.focal_length.value", "finite"),
         ("camera.yaml", "value: 1024", "value: 1024.5", "geometry.columns", "whole number"),
         ("camera.yaml", 'source: "Erlank 2013 §3.5.4"', "origin: x", "geometry.f_number.origin", "not permitted"),
-        ("camera.yaml", ', source: "Erlank 2013 §3.5.4"', "", "geometry.f_number", "needs either its source"),
+        ("camera.yaml", ', source: "Erlank 2013 §3.5.4"', "", "geometry.f_number", "needs either a source"),
         ("camera.yaml", "model: brown", "model: fisheye", "lens", "fisheye"),
         ("camera.yaml", "faintest: {value: 3.8", "faintest: {value: -3.8", "limits", "brightest must be"),
         ("instrument.yaml", "chain: cubestar", "chain: unheard", "chain", "must be one of"),
@@ -81,7 +81,7 @@ def test_all_mistakes_of_a_file_are_reported_together() -> None:
         ("", "mapping"),
         ("[" * 200 + "]" * 200, "nested"),
         ("a: !!python/object/apply:os.system [x]\n", "not YAML"),
-        ("<<: {a: 1}\n", "plain word"),
+        ("<<: {a: 1}\n", "plain text"),
     ],
 )
 def test_yaml_that_a_package_does_not_need_is_refused(text: str, reason: str) -> None:

@@ -47,8 +47,8 @@ def test_hash_depends_on_the_layout_and_not_on_order_or_descriptions() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("code: 2\n    subsystem", "code: 1\n    subsystem", "given twice"),
-        ("name: GET_STATUS", "name: HELLO", "given twice"),
+        ("code: 2\n    subsystem", "code: 1\n    subsystem", "appears twice"),
+        ("name: GET_STATUS", "name: HELLO", "appears twice"),
         ("min: 1, max: 2000, default: 250", "min: 1, max: 2000, default: 2250", "default is not allowed"),
         ("min: 1, max: 2000, default: 250", "min: 1, max: 70000, default: 250", "does not fit u16"),
         ("type: u16, unit: ms, min: 1, max: 2000,", "type: u12, unit: ms, min: 1, max: 2000,", "unknown type"),
@@ -58,7 +58,7 @@ def test_hash_depends_on_the_layout_and_not_on_order_or_descriptions() -> None:
         ("{field: mode, op: ne,", "{field: mood, op: ne,", "unknown field"),
         ("{field: mode, op: ne,", "{field: mode, op: is,", "unknown operator"),
         ("hazard_reason: The bank's", "hazard_reasoning: The bank's", "unknown keys"),
-        ("watch: [-15, 45]", "watch: [45, -15]", "limits are crossed"),
+        ("watch: [-15, 45]", "watch: [45, -15]", "the lower limit is above the upper limit"),
         ("{watch: [null, 60.0]}", "{watches: [null, 60.0]}", "unknown keys"),
         ("sets: {commissioning: {watch: [null, 60.0]}}", "sets: {training: {}}", "unknown limit set"),
         ("critical: [-30, 65], persistence: 3", "critical: [-10, 65], persistence: 3", "beyond a more urgent level"),

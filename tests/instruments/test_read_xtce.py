@@ -149,7 +149,7 @@ services: []
             'parameterRef="Kind" comparisonOperator="&gt;" value="7"',
             "only comparisons with ==",
         ),
-        ('parameterRef="Kind" value="7"', 'parameterRef="Kind" value="2357"', "codes must fit a byte"),
+        ('parameterRef="Kind" value="7"', 'parameterRef="Kind" value="2357"', "codes must fit in one byte"),
         (
             '<ParameterRefEntry parameterRef="Lens"/>',
             "<ArrayParameterRefEntry/>",
@@ -162,7 +162,7 @@ services: []
             'consequenceLevel="forbidden"',
             "DefaultSignificance: this level is not supported",
         ),
-        ('argumentValue="3"', 'argumentValue="0x3"', "not a whole number"),
+        ('argumentValue="3"', 'argumentValue="0x3"', "not an integer"),
         ('minInclusive="0" maxInclusive="5.5"', "", "a number needs min and max"),
         ('initialValue="1.5"', 'initialValue="9"', "default is not allowed"),
         ("<CommandMetaData>", "<SpaceSystem/><CommandMetaData>", "SpaceSystem: is not supported in SpaceSystem"),
@@ -227,7 +227,7 @@ def test_a_package_may_have_its_dictionary_as_xtce() -> None:
 def test_what_xtce_cannot_express_is_not_exported() -> None:
     """XTCE permits no dot in names; the export reports it instead of writing an invalid document."""
     text = "version: 1\ndevice_model: a.b\ncommands: []\ntelemetry: []\nevents: []\nservices: []\n"
-    with pytest.raises(BadInput, match="XTCE allows no such name"):
+    with pytest.raises(BadInput, match="XTCE does not allow this name"):
         xtce(parse_dictionary(text), headers=False)
 
 

@@ -256,13 +256,13 @@ def does_not_abort(line: MemoryLine, patch: Patch) -> None:
 
 
 def takes_any_dictionary(line: MemoryLine, patch: Patch) -> None:
-    admit = line.device._processor._admit
+    admit = line.device._processor._check_acceptance
     own = load_dictionary().prefix
 
     def lenient(command: Any, packet: Any) -> Any:
         return admit(command, type(packet)(**{**vars(packet), "prefix": own}))
 
-    patch.setattr(line.device._processor, "_admit", lenient)
+    patch.setattr(line.device._processor, "_check_acceptance", lenient)
 
 
 def writes_nothing(line: MemoryLine, patch: Patch) -> None:

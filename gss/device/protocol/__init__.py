@@ -1,1 +1,2 @@
-"""Convert bytes to messages and back. Pure: feed(bytes) returns events, nothing blocks, and no received data raises an error."""
+"""Convert bytes to messages and back. Pure: ``feed`` returns the results, no call blocks, and no received data raises
+an error."""

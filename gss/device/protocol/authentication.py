@@ -1,8 +1,8 @@
 """Authenticate packets to the device: key slot, counter and truncated HMAC-SHA-256 at the end of the packet.
 
 The trailer precedes the CRC: u8 key slot, u64 counter, 16 bytes of HMAC-SHA-256 over everything before them (RFC 2104,
-truncated as RFC 2104 §5 permits). The device accepts a counter only once, and only above all it has accepted.
-Two key slots allow a key to be replaced while the other one is in use.
+truncated as RFC 2104 §5 permits). The device accepts a counter only if it is higher than all counters accepted before.
+With two slots, a key can be replaced while the key in the other slot is active.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ SLOTS = (0, 1)
 
 @dataclass(frozen=True, repr=False)
 class LinkKeys:
-    """Keys of both ends by slot, 32 bytes each; ``active``: the slot that the ground signs with. Raises BadInput."""
+    """Keys of both ends by slot, 32 bytes each. ``active``: slot of the key with which the ground signs. Raises
+    BadInput for invalid slots or lengths."""
 
     keys: Mapping[int, bytes]
     active: int
 
     def __post_init__(self) -> None:
-        """Check slots and lengths."""
+        """Validate slots and lengths."""
         if not self.keys or set(self.keys) - set(SLOTS):
             raise BadInput("wrong key slots", expected="slot 0, 1 or both", got=", ".join(map(str, sorted(self.keys))))
         for slot, key in self.keys.items():
@@ -46,25 +47,26 @@ def _mac(key: bytes, signed: bytes) -> bytes:
 
 
 class PacketSigner:
-    """Signs packets on the ground. ``counter`` returns a number above all it returned before, also across restarts."""
+    """Signs packets on the ground. ``counter``: returns a number higher than all numbers returned before, also across
+    restarts."""
 
     def __init__(self, keys: LinkKeys, counter: Callable[[], int]) -> None:
         self._slot, self._key, self._counter = keys.active, keys.keys[keys.active], counter
 
     def trailer(self, body: bytes) -> bytes:
-        """Return the trailer for the bytes of a packet up to and including its payload."""
+        """Return the trailer of a packet. ``body``: bytes of the packet up to the end of its payload."""
         head = HEAD.pack(self._slot, self._counter())
         return head + _mac(self._key, body + head)
 
 
 class PacketVerifier:
-    """Verifies packets on the device. ``accepted``: the highest counter accepted; the owner keeps it across restarts."""
+    """Verifies packets on the device. ``accepted``: highest accepted counter; the owner stores it across restarts."""
 
     def __init__(self, keys: LinkKeys, accepted: int) -> None:
         self._keys, self.accepted = keys.keys, accepted
 
     def accepts(self, frame: bytes) -> bool:
-        """True if an intact packet, with its CRC, carries a valid trailer and a new counter."""
+        """True if the packet has a valid trailer with a new counter. ``frame``: an intact packet with its CRC."""
         body, trailer = frame[: -CRC_BYTES - TRAILER_BYTES], frame[-CRC_BYTES - TRAILER_BYTES : -CRC_BYTES]
         head, mac = trailer[: HEAD.size], trailer[HEAD.size :]
         slot, counter = HEAD.unpack(head)

@@ -1,4 +1,4 @@
-"""Choose the chunk size for a lossy line: estimate the loss rate and return the size with the highest throughput."""
+"""Chunk size for a lossy line: estimates the loss rate and selects the size with the highest throughput."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 LADDER_BYTES = (1024, 512, 256, 128)
 FRAME_OVERHEAD_BYTES = 40
-"""Header, CRC, chunk fields and framing around the data of a chunk."""
+"""Bytes of header, CRC, chunk fields and framing that each chunk adds to its data."""
 
 SURE_AFTER_CHUNKS = 16
 SURE_AFTER_LOSSES = 8
@@ -28,7 +28,7 @@ def loss_per_byte(lost: int, sent: int, frame_bytes: float) -> float:
 
 
 def carried_share(chunk_bytes: int, rate_per_byte: float) -> float:
-    """Return the share of the line's bytes that become stored data when lost chunks are sent again."""
+    """Return the fraction of the transmitted bytes that end up as stored data if lost chunks are sent again."""
     frame = chunk_bytes + FRAME_OVERHEAD_BYTES
     return chunk_bytes / frame * math.exp(-rate_per_byte * frame)
 
@@ -36,11 +36,11 @@ def carried_share(chunk_bytes: int, rate_per_byte: float) -> float:
 def best_chunk_bytes(rate_per_byte: float, largest: int = LADDER_BYTES[0]) -> int:
     """Return the largest size of the ladder, up to ``largest``, whose throughput is within 5 % of the best one.
 
-    Estimates scatter, and large chunks cost little.
+    A slightly larger size is preferred, because the estimates scatter and large chunks cost little.
     """
     allowed = [size for size in LADDER_BYTES if size <= largest] or [LADDER_BYTES[-1]]
-    most = max(carried_share(size, rate_per_byte) for size in allowed)
-    return next(size for size in allowed if carried_share(size, rate_per_byte) >= AS_GOOD * most)
+    best_share = max(carried_share(size, rate_per_byte) for size in allowed)
+    return next(size for size in allowed if carried_share(size, rate_per_byte) >= AS_GOOD * best_share)
 
 
 def smaller_chunk_bytes(chunk_bytes: int, lost: int, sent: int) -> int | None:
@@ -57,7 +57,8 @@ def smaller_chunk_bytes(chunk_bytes: int, lost: int, sent: int) -> int | None:
 
 
 def regrid(ranges: Iterable[tuple[int, int]], size: int, old_bytes: int, new_bytes: int) -> list[int]:
-    """Return the numbers of the chunks of ``new_bytes`` that lie entirely within held ranges of chunks of ``old_bytes``.
+    """Return the chunk numbers in the new grid (``new_bytes`` per chunk) that stored ranges of the old grid
+    (``old_bytes``) cover completely.
 
     ``ranges``: first and last inclusive, ascending and disjoint. The last chunk of ``size`` bytes may be short in both
     grids.

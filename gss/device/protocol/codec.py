@@ -1,6 +1,6 @@
 """Encode values to payload bytes and decode them, using the dictionary's layouts. Both directions check every value.
 
-Big-endian unless ``order`` is ``<`` (little-endian), as some sensors of other makers need it.
+Big-endian unless ``order`` is ``<`` (little-endian), which some third-party sensors use.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ Lists = Mapping[str, Sequence[Values]]
 
 @dataclass(frozen=True)
 class Decoded:
-    """Values and lists of a decoded payload. Enumerations are names in ``values`` and ``lists``, numbers in ``raw``."""
+    """Values and lists of a decoded payload. ``values`` and ``lists`` contain enumerations as names, ``raw`` as
+    numbers."""
 
     raw: dict[str, Value] = field(default_factory=dict)
     values: dict[str, Value] = field(default_factory=dict)
@@ -68,15 +69,16 @@ class EncodedCommand:
 
 
 def encode_command(command: CommandDefinition, arguments: Values, order: str = BIG) -> EncodedCommand:
-    """Validate the arguments of a command, fill in defaults, and encode them. Raises BadInput naming the wrong argument."""
+    """Validate the arguments of a command, fill in defaults, and encode them. Raises BadInput naming the invalid
+    argument."""
     values = check_arguments(command, arguments)
     return EncodedCommand(command, tuple((a.name, _bytes_of(a, values[a.name], order)) for a in command.arguments))
 
 
 def check_arguments(command: CommandDefinition, arguments: Values) -> dict[str, Value]:
-    """Return all arguments of a command in its order, with defaults filled in and exact types.
+    """Return all arguments in the command's order, converted to their types and with defaults filled in.
 
-    Raises BadInput naming the argument that is wrong.
+    Raises BadInput naming the invalid argument.
     """
     unknown = set(arguments) - {a.name for a in command.arguments}
     if unknown:
@@ -86,7 +88,8 @@ def check_arguments(command: CommandDefinition, arguments: Values) -> dict[str, 
 
 
 def check_argument(argument: Argument, value: Value | None) -> Value:
-    """Return the value in the argument's type. Raises BadInput ("0 – 255, got 300") if it is missing or out of range."""
+    """Return the value converted to the argument's type. Raises BadInput ("0 – 255, got 300") if it is missing or out
+    of range."""
     if value is None:
         raise BadInput(f"{argument.name} is missing", expected=argument.range_text)
     value = coerce(argument, value)
@@ -111,16 +114,16 @@ def _type_text(item: Item) -> str:
 
 
 def coerce(item: Item, value: Value) -> Value:
-    """Convert a value to the item's Python type exactly: no rounding, and numbers are not accepted as booleans.
+    """Convert a value to the item's Python type without rounding. Numbers are not accepted as booleans.
 
     Raises BadInput if the value does not fit.
     """
     kind = item.type
     if kind in INTEGER_RANGES:
         low, high = INTEGER_RANGES[kind]
-        whole = isinstance(value, int) and not isinstance(value, bool)
-        whole = whole or (isinstance(value, float) and value.is_integer())
-        if not whole or not low <= value <= high:  # type: ignore[operator]  # a number or bytes by the tests above
+        is_integer = isinstance(value, int) and not isinstance(value, bool)
+        is_integer = is_integer or (isinstance(value, float) and value.is_integer())
+        if not is_integer or not low <= value <= high:  # type: ignore[operator]  # a number or bytes by the tests above
             raise _bad(item, value)
         return int(value)
     if kind in FLOATS:
@@ -170,7 +173,8 @@ def _coerce_bytes(item: Item, value: Value) -> Value:
 
 
 def fixed_bytes(layout: Layout | Sequence[Item]) -> int:
-    """Return the size of a layout in bytes, without its lists and its items of variable length."""
+    """Return the size in bytes of the fixed-size items of a layout; lists and items of variable length are not
+    counted."""
     return sum(STRUCT[e.type].size if e.type in STRUCT else e.size for e in layout if isinstance(e, Item))
 
 
@@ -180,7 +184,7 @@ def encode_item(item: Item, value: Value, order: str = BIG) -> bytes:
 
 
 def _bytes_of(item: Item, value: Value, order: str) -> bytes:
-    """Return the bytes of a value that has the item's type."""
+    """Return the bytes of a value that already has the item's type."""
     if item.type == "enum":
         return bytes([item.choice(str(value)).value])
     if item.type in STRUCT:
@@ -197,9 +201,9 @@ def encode(layout: Layout | Sequence[Item], values: Values, lists: Lists | None 
     for entry in layout:
         if isinstance(entry, Group):
             rows = (lists or {}).get(entry.name, ())
-            most = entry.slots or MAX_LIST
-            if len(rows) > most:
-                raise BadInput(f"list {entry.name} is too long", expected=f"at most {most}", got=str(len(rows)))
+            max_rows = entry.slots or MAX_LIST
+            if len(rows) > max_rows:
+                raise BadInput(f"list {entry.name} is too long", expected=f"at most {max_rows}", got=str(len(rows)))
             parts.append(STRUCTS[order][entry.count].pack(len(rows)))
             parts += [encode_item(item, row[item.name], order) for row in rows for item in entry.items]
             parts.append(bytes((entry.slots - len(rows)) * fixed_bytes(entry.items) if entry.slots else 0))
@@ -232,7 +236,7 @@ class _FieldReader:
 
 
 def decode(layout: Layout | Sequence[Item], payload: bytes, order: str = BIG) -> Decoded:
-    """Return the values of a payload. Raises CorruptData unless it fits the layout exactly."""
+    """Return the values of a payload. Raises CorruptData unless the payload fits the layout exactly."""
     reader, result = _FieldReader(payload), Decoded()
     for entry in layout:
         if isinstance(entry, Group):
@@ -274,7 +278,7 @@ def _take(item: Item, reader: _FieldReader, order: str) -> Value:
 
 
 def _named(item: Item, raw: Value) -> Value:
-    """Return an enumeration's name, or telemetry in engineering units."""
+    """Return the name of an enumeration value, or a telemetry value in engineering units."""
     if item.type == "enum":
         name = item.choice_name(int(raw))
         if name is None:

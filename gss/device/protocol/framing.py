@@ -1,10 +1,10 @@
-"""Framing on a byte stream, by three plug-ins: ``cobs`` (default), ``slip`` and ``kiss``.
+"""Framing on a byte stream: ``cobs`` (default), ``slip`` and ``kiss``.
 
 cobs: ``00`` + COBS(packet) + ``00``. slip (RFC 1055): ``C0`` + packet with C0 as DB DC and DB as DB DD + ``C0``.
 kiss (Chepponis & Karn 1987): slip with a leading byte, ``00`` for data on the first port; other frames are dropped.
 
-A delimiter on both sides costs one byte and confines damage to one frame: if adjacent frames shared a delimiter, one
-damaged delimiter would lose both.
+Delimiters on both sides cost one byte per frame and limit the effect of damage to one frame: if adjacent frames shared
+a delimiter, damage to it would destroy both frames.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from cobs import cobs
 from gss.domain.errors import BadInput
 
 MAX_PACKET_BYTES = 2048
-"""Largest packet before framing; both ends drop longer ones before they fill memory."""
+"""Largest packet before framing; both ends drop longer packets to limit memory use."""
 
 SLIP_END, SLIP_ESCAPE = b"\xc0", b"\xdb"
 KISS_DATA = b"\0"
@@ -25,11 +25,11 @@ SLIP_ESCAPED_END, SLIP_ESCAPED_ESCAPE = b"\xdb\xdc", b"\xdb\xdd"
 
 
 class BrokenFrame(ValueError):
-    """The bytes between two delimiters are not an encoded packet."""
+    """Raised when the bytes between two delimiters are not an encoded packet."""
 
 
 def encoded_limit(max_packet_bytes: int = MAX_PACKET_BYTES) -> int:
-    """Return the maximum COBS-encoded length of a packet: one extra byte per started 254 bytes."""
+    """Return the maximum COBS-encoded length of a packet: one extra byte per 254 bytes or part of them."""
     return max_packet_bytes + max_packet_bytes // 254 + 1
 
 
@@ -49,7 +49,7 @@ def _slip_decode(body: bytes) -> bytes:
     decoded = [pieces[0]]
     for piece in pieces[1:]:
         if piece[:1] not in (SLIP_ESCAPED_END[1:], SLIP_ESCAPED_ESCAPE[1:]):
-            raise BrokenFrame("escape without a known second byte")
+            raise BrokenFrame("invalid byte after an escape")
         decoded.append((SLIP_END if piece[:1] == SLIP_ESCAPED_END[1:] else SLIP_ESCAPE) + piece[1:])
     return b"".join(decoded)
 
@@ -63,7 +63,7 @@ def _kiss_decode(body: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class Framing:
-    """A method to delimit packets. ``decode`` raises BrokenFrame; ``limit``: maximum encoded length for a packet length."""
+    """A framing method. ``decode`` raises BrokenFrame; ``limit``: maximum encoded length for a packet length."""
 
     delimiter: bytes
     encode: Callable[[bytes], bytes]
@@ -79,7 +79,7 @@ FRAMINGS = {
 
 
 def framing_named(name: str) -> Framing:
-    """Return the framing of that name. Raises BadInput listing the valid names."""
+    """Return a framing by its name. Raises BadInput listing the valid names."""
     if name not in FRAMINGS:
         raise BadInput("unknown framing", expected=" | ".join(FRAMINGS), got=name)
     return FRAMINGS[name]

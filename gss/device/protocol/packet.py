@@ -44,7 +44,8 @@ KINDS: dict[int, PacketType] = {kind.value: kind for kind in PacketType}
 
 
 class Arrival(Enum):
-    """Place of a received packet among those of its type: newest, sent earlier and not yet received, or received before."""
+    """Order of a received packet relative to earlier packets of its type: the latest, sent earlier but received late,
+    or repeated."""
 
     CURRENT = "current"
     LATE = "late"
@@ -55,8 +56,8 @@ class Arrival(Enum):
 class Packet:
     """One packet, decoded down to its payload.
 
-    ``to_device``: direction bit. ``prefix``: first two bytes of the sender's dictionary hash. ``arrival`` is set by
-    the receiver. ``signed``: it carries an authentication trailer, which is not part of the payload.
+    ``to_device``: direction bit. ``prefix``: first two bytes of the sender's dictionary hash. ``arrival`` is set by the
+    receiver. ``signed``: True if the packet has an authentication trailer, which is not part of the payload.
     """
 
     type: PacketType
@@ -72,7 +73,8 @@ class Packet:
 
 
 def labelled_bytes(data: bytes) -> list[tuple[str, bytes]]:
-    """Return the header fields of an encoded packet as labelled bytes, in order, without payload and CRC (for the console)."""
+    """Return the header fields of an encoded packet as labelled bytes, in order, for the console. Payload and CRC are
+    omitted."""
     cuts = [
         ("APID", 2),
         ("sequence", 2),

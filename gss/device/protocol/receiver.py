@@ -1,4 +1,5 @@
-"""Bytes from the line to packets: split into frames, check, follow the sequence counts. Used by host and device."""
+"""Convert bytes from the line to packets: split into frames, verify, and evaluate sequence counts. Used by host and
+device."""
 
 from __future__ import annotations
 
@@ -33,10 +34,10 @@ class Damage(Enum):
 
 
 class LineReceiver:
-    """Converts bytes to packets. With a ``verifier`` packets without a valid authentication trailer are dropped.
+    """Converts bytes to packets. With a ``verifier``, packets without a valid authentication trailer are dropped.
 
-    Counters: good, bad_crc, too_short, unknown (APID, type or direction), unauthenticated, those of the Deframer and, in
-    ``sequence``, gaps and duplicates.
+    Counters: good, bad_crc, too_short, unknown (APID, type or direction), unauthenticated; the counters of the
+    Deframer; gaps and duplicates in ``sequence``.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class Deframer:
         self.bytes = self.unframed = self.too_long = self.broken = 0
 
     def restart(self) -> None:
-        """Start a new stream: discard the partial frame and wait for a delimiter. Counters are kept."""
+        """Start a new stream: discard the partial frame and wait for a delimiter. The counters do not change."""
         self._buffer.clear()
         self._overflow = self._synced = False
 

@@ -1,4 +1,4 @@
-"""Packets to bytes for the line: number, encode, frame. Used by host and device."""
+"""Convert packets to bytes for the line: number, encode and frame them. Used by host and device."""
 
 from __future__ import annotations
 
@@ -45,7 +45,8 @@ class LineSender:
         *,
         prefix: int | None = None,
     ) -> bytes:
-        """Return the next packet of its type as a frame. ``prefix``: of this packet only, instead of the sender's."""
+        """Return the next packet of a type as a frame. ``prefix``: dictionary prefix of this packet, by default the
+        sender's."""
         sequence = self._sequence[kind]
         self._sequence[kind] = (sequence + 1) % SEQUENCE_MODULO
         prefix = self.prefix if prefix is None else prefix
@@ -56,8 +57,8 @@ class LineSender:
         return frame
 
     def next_packet(self, kind: PacketType, code: int, request_id: int, payload: bytes) -> bytes:
-        """Return the next packet of its type unframed, without authentication trailer and without
-        using up its sequence count (dry run)."""
+        """Return the next packet of a type, unframed and without authentication trailer (dry run). The sequence count
+        is not used up."""
         packet = Packet(kind, code, request_id, payload, self.prefix, self._to_device, self._sequence[kind])
         return encode_packet(packet)
 

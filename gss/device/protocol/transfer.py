@@ -1,9 +1,11 @@
-"""Transfer protocol without I/O: which chunk is sent when, and which chunks each end has. Both ends use it in both directions.
+"""Transfer protocol without I/O: selects the chunks to send and tracks the stored chunks. Both ends use it in both
+directions.
 
 A transfer is divided into numbered chunks. The sender keeps at most one window of chunks in flight; single chunks are
 not acknowledged. The receiver periodically reports (STATUS) which ranges it has stored and the highest ``serial`` it
-has seen; every chunk sent carries the next serial. A serial line keeps order, so a chunk with a lower serial that is
-not stored is lost, and only lost chunks are sent again. If no STATUS arrives, the sender requests one (STATUS_REQUEST).
+has received; every chunk sent carries the next serial. A serial line keeps order, so a chunk with a lower serial that
+is not stored is lost, and only lost chunks are sent again. If no STATUS arrives, the sender requests one
+(STATUS_REQUEST).
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ STATUS_EVERY = 4
 
 @dataclass(frozen=True)
 class Compatibility:
-    """Properties of an upload by which the device rejects incompatible content. Zeros where not applicable (images)."""
+    """Properties of an upload that the device checks, to reject incompatible content. Zero if not applicable
+    (images)."""
 
     device_model: str = ""
     profile: str = ""
@@ -38,7 +41,8 @@ class Compatibility:
 
 @dataclass(frozen=True)
 class StatusPage:
-    """A receiver's report: of the chunks ``from_index`` to ``to_index`` − 1 it holds exactly ``ranges`` (last inclusive)."""
+    """A receiver's report: of the chunks ``from_index`` to ``to_index`` − 1 it has stored exactly ``ranges`` (last
+    inclusive)."""
 
     serial: int
     stored_chunks: int
@@ -62,7 +66,7 @@ class StatusPage:
 
     @classmethod
     def of(cls, message: Decoded) -> StatusPage:
-        """Return the page in a decoded STATUS message."""
+        """Return the status page in a decoded STATUS message."""
         values = {name: int(value) for name, value in message.values.items()}
         ranges = tuple((int(r["first"]), int(r["last"])) for r in message.lists["ranges"])
         return cls(values["serial"], values["stored_chunks"], values["from_index"], values["to_index"], ranges)
@@ -74,7 +78,8 @@ def chunk_count(size: int, chunk_bytes: int) -> int:
 
 
 def request_patience_s(window: int, chunk_bytes: int, bytes_per_s: float | None) -> float:
-    """Return how long a sender waits for a STATUS before it requests one: until one is due, plus a response time.
+    """Return the time in seconds after which a sender requests a STATUS: the time until a STATUS is due, plus a
+    response time.
 
     Without a line rate only the response time is counted.
     """
@@ -84,7 +89,7 @@ def request_patience_s(window: int, chunk_bytes: int, bytes_per_s: float | None)
 
 
 class ChunkSet:
-    """Set of the stored chunks, out of n."""
+    """Set of the stored chunks out of ``count``."""
 
     def __init__(self, count: int, stored: Iterable[int] = ()) -> None:
         self._flags = bytearray(count)
@@ -106,13 +111,13 @@ class ChunkSet:
 
     @property
     def first_missing(self) -> int:
-        """Lowest missing chunk; n if none is missing."""
+        """Number of the first missing chunk; the chunk count if none is missing."""
         at = self._flags.find(0, self._first_missing)
         self._first_missing = len(self._flags) if at < 0 else at
         return self._first_missing
 
     def add(self, index: int) -> bool:
-        """Mark a chunk as stored; False if it already was or does not exist."""
+        """Mark a chunk as stored. Returns False if it is already stored or does not exist."""
         if not 0 <= index < len(self._flags) or self._flags[index]:
             return False
         self._flags[index] = 1
@@ -120,14 +125,15 @@ class ChunkSet:
         return True
 
     def add_range(self, first: int, last: int) -> None:
-        """Mark chunks first to last (inclusive) as stored; numbers that do not exist are ignored."""
+        """Mark the chunks from first to last (inclusive) as stored. Invalid numbers are ignored."""
         first, last = max(first, 0), min(last, len(self._flags) - 1)
         if first <= last:
             self.stored += self._flags.count(0, first, last + 1)
             self._flags[first : last + 1] = b"\1" * (last + 1 - first)
 
     def ranges(self, start: int = 0, limit: int | None = None) -> tuple[tuple[tuple[int, int], ...], int]:
-        """Return stored ranges from ``start`` on, at most ``limit``, and the chunk number up to which they are complete."""
+        """Return at most ``limit`` stored ranges from ``start`` on, and the chunk number up to which they are
+        complete."""
         ranges: list[tuple[int, int]] = []
         at, count = start, len(self._flags)
         while True:
@@ -156,7 +162,7 @@ class ChunkSender:
         self._flight: dict[int, int] = {}
         self._again: deque[int] = deque()
         self._next = 0
-        # A resumed transfer sends nothing until status pages have reported everything the receiver holds.
+        # A resumed transfer sends nothing until status pages have reported all chunks that the receiver has stored.
         self._known_to = 0 if resumed else count
         self.serial = 0
         self.resent = 0
@@ -169,7 +175,7 @@ class ChunkSender:
 
     @property
     def in_flight(self) -> int:
-        """Number of chunks sent and neither acknowledged nor lost."""
+        """Number of sent chunks that are neither acknowledged nor lost."""
         return len(self._flight)
 
     @property
@@ -221,7 +227,7 @@ class ChunkSender:
         if self._known_to >= len(self.stored) and not self._flight and (self._again or self._next < len(self.stored)):
             return None
         if self._at_the_end():
-            # No further chunk follows that would trigger a report, so request one at once instead of waiting.
+            # No further chunk follows that would trigger a report, so request one immediately instead of waiting.
             self._requested_at_end = self.serial
         else:
             longest_s = max(MAX_REQUEST_S, self._request_base_s)
@@ -253,7 +259,7 @@ class ChunkSender:
         if self._known_to < len(self.stored) and page.from_index <= self._known_to:
             self._known_to = max(self._known_to, page.to_index)
             self._received_s = now_s - self._request_after_s
-        # Only chunks inside the page can be judged lost; the others stay in flight until a page covers them.
+        # Only chunks inside the page can be recognised as lost; other chunks stay in flight until a page covers them.
         for serial in [s for s in self._flight if s <= page.serial]:
             index = self._flight[serial]
             if index in self.stored:
@@ -269,8 +275,8 @@ class ChunkSender:
 class ChunkReceiver:
     """Tracks the chunks received.
 
-    ``requested_again``: chunks that were sent, did not arrive intact and were reported as missing. Each chunk sent has a
-    separate serial and the line keeps order, so a missing serial is a lost chunk.
+    ``requested_again``: number of chunks that were sent, did not arrive intact and were reported as missing. Each sent
+    chunk has a separate serial and the line keeps the order, so a missing serial means a lost chunk.
     """
 
     def __init__(self, size: int, chunk_bytes: int, window: int, stored: Iterable[int] = ()) -> None:
@@ -288,16 +294,16 @@ class ChunkReceiver:
         return self._serial
 
     def expected_bytes(self, index: int) -> int:
-        """Return the length of a chunk; 0 if it does not exist."""
+        """Return the length of a chunk in bytes; 0 if it does not exist."""
         return max(0, min(self.chunk_bytes, self.size - index * self.chunk_bytes))
 
     def accept(self, index: int, serial: int, length: int) -> bool:
         """Record a received chunk. Returns True if it is new and complete; the caller then stores its data."""
-        whole = 0 < length == self.expected_bytes(index)
-        self._arrived += whole and serial > self._serial
+        is_complete = 0 < length == self.expected_bytes(index)
+        self._arrived += is_complete and serial > self._serial
         self._serial = max(self._serial, serial)
         self._since += 1
-        return whole and self.stored.add(index)
+        return is_complete and self.stored.add(index)
 
     def status_due(self) -> bool:
         """True if a quarter of a window has arrived since the last STATUS, or if the transfer has become complete."""
@@ -306,14 +312,15 @@ class ChunkReceiver:
     def status(self, from_index: int | None = None, serial: int = 0) -> StatusPage:
         """Return the status page from the start, or from ``from_index``.
 
-        ``serial``: of the status request. Because the line keeps order, every chunk up to it has arrived or is lost.
+        ``serial``: serial in the status request. Because the line keeps the order, every chunk up to this serial has
+        arrived or is lost.
         """
         self._serial = max(self._serial, serial)
         self.requested_again = self._serial - self._arrived
         self._since = 0
         start = self.stored.first_missing if from_index is None else min(from_index, len(self.stored))
         if from_index is None and start:
-            # The run before the first gap is one range: it costs little and lets the sender drop those chunks.
+            # The chunks before the first gap are a single range, which costs little and lets the sender discard them.
             start = 0
         ranges, end = self.stored.ranges(start, PAGE_RANGES)
         return StatusPage(self._serial, self.stored.stored, start, end, ranges)

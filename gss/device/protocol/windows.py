@@ -36,9 +36,10 @@ class Window:
 
 
 def windows_round(centres: Sequence[tuple[float, float]], side_px: int, columns: int, rows: int) -> tuple[Window, ...]:
-    """Return squares of an odd side around (col, row) centres, clipped to a frame of that size, in the given order.
+    """Return squares of an odd side around (col, row) centres, clipped to a frame of that size, in the order of the
+    centres.
 
-    Raises BadInput if the side is even or out of range. Squares entirely outside the frame are left out.
+    Raises BadInput if the side is even or out of range. Squares that lie entirely outside the frame are omitted.
     """
     low, high = SIDE_RANGE_PX
     if side_px % 2 == 0 or not low <= side_px <= high:
@@ -65,7 +66,7 @@ def encode_windows(pixels: Pixels, windows: Sequence[Window]) -> bytes:
 
 
 def decode_windows(data: bytes) -> tuple[Pixels, tuple[Window, ...]]:
-    """Return a (rows, columns) frame that is 0 outside the windows, and the windows.
+    """Return a (rows, columns) frame with zeros outside the windows, and the windows.
 
     Raises CorruptData if the bytes are invalid.
     """

@@ -1,7 +1,7 @@
 """``python -m gss.device.simulator``: one simulated star tracker on a pseudo-terminal, a TCP port or a CAN bus.
 
-Prints one line ``READY <url>`` when the link can be opened. Standard output contains nothing else except, with
-``--stepped``, the answers to time commands. Ends on SIGTERM or SIGINT, or when standard input closes if requested.
+Prints the line ``READY <url>`` when the link can be opened. With ``--stepped`` it also prints the answers to time
+commands. Ends on SIGTERM or SIGINT and, if requested, when standard input closes.
 """
 
 from __future__ import annotations
@@ -37,11 +37,12 @@ BUSY_S = 0.001
 
 
 def make_line(arguments: argparse.Namespace) -> DeviceLine:
-    """Open the line: a CAN bus for an instrument on CAN, else a TCP port or a pseudo-terminal. Raises BadInput or Conflict."""
+    """Open the line: a CAN bus for an instrument on CAN, otherwise a TCP port or a pseudo-terminal. Raises BadInput or
+    Conflict."""
     on_can = instrument_of(arguments).link.framing == CAN
     if (arguments.tcp if on_can else arguments.can) is not None:
         raise BadInput(
-            "the instrument has another line",
+            "the instrument uses another type of line",
             expected="--can" if on_can else "--tcp or --pty",
             got=arguments.instrument,
         )
@@ -51,7 +52,7 @@ def make_line(arguments: argparse.Namespace) -> DeviceLine:
 
 
 def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Terminal, SimulatedUnit, SimulatedClock]:
-    """Return the device connected to its line."""
+    """Create the simulated unit, its terminal and its clock."""
     instrument = instrument_of(arguments)
     camera, link, behaviour = instrument.profile, instrument.link, instrument.simulator or SimulatorFile()
     clock = SimulatedClock(arguments.speed, stopped=arguments.stepped)
@@ -77,7 +78,7 @@ def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Term
     serial = f"SIM-{arguments.seed:04d}"
     identity = Identity(serial=serial, line_baud=baud)
     tracker = StarTracker(camera, sky, memory, behaviour.timing)
-    with contextlib.suppress(Rejection):  # an unusable bank is reported when it is used
+    with contextlib.suppress(Rejection):  # the device reports an unusable bank when it uses the bank
         tracker.warm()
     rate_hz = arguments.housekeeping_hz
     timing = behaviour.timing
@@ -107,8 +108,8 @@ def serve(
     watch_stdin: bool,
     paced: bool = False,
 ) -> None:
-    """Run until stopped. If ``watch_stdin``, time commands are read from standard input. ``paced``: keep the line's rate also
-    while the clock is held."""
+    """Run until stopped. If ``watch_stdin``, time commands are read from standard input. ``paced``: limit the line to
+    its rate also while the clock is stopped."""
     stopping = False
 
     def stop(*_: object) -> None:
@@ -140,8 +141,8 @@ def _say(line: str) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Parse the options, build the device and run it. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="gss.device.simulator", description="A simulated star tracker on a line.")
+    """Parse the options, create the device and run it. Returns the exit code."""
+    parser = argparse.ArgumentParser(prog="gss.device.simulator", description="Simulate a star tracker on a line.")
     add_arguments(parser)
     arguments = parser.parse_args(argv)
     line: DeviceLine | None = None

@@ -1,4 +1,4 @@
-"""Handlers of the catalogue bank commands: verify, activate on trial, confirm, fall back, erase."""
+"""Handlers of the catalogue bank commands: list, verify, activate on trial, confirm, roll back, erase."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from gss.instruments.package_files import UnitTiming
 
 
 class BankHandlers:
-    """Handlers for the banks. An activated bank is on trial until CONFIRM_BANK; a timeout or a reset ends the trial."""
+    """Handlers of the bank commands. An activated bank is on trial until CONFIRM_BANK; a timeout or a reset ends the
+    trial."""
 
     def __init__(
         self, memory: Memory, tracker: StarTracker, loader: Loader, outbox: Outbox, timing: UnitTiming
@@ -39,7 +40,7 @@ class BankHandlers:
         }
 
     def restart(self) -> None:
-        """Restart after a reset: end a trial and read the catalogue of the active bank."""
+        """Restart after a reset: end a trial and load the catalogue of the active bank."""
         self._confirm_by_s = None
         record = self._memory.record
         if record.unconfirmed:
@@ -49,14 +50,14 @@ class BankHandlers:
         self._report_problem(0)
 
     def advance(self, now_s: float) -> None:
-        """Advance the time; a trial may end."""
+        """Advance the time; a trial can end."""
         self._now_s = now_s
         if self._confirm_by_s is not None and now_s >= self._confirm_by_s:
             self._fall_back("was not confirmed in time", 0)
 
     @property
     def confirm_left_s(self) -> int:
-        """Whole seconds left of a trial, 0 without one."""
+        """Remaining time of a trial in whole seconds, 0 without a trial."""
         return max(0, int(np.ceil(self._confirm_by_s - self._now_s))) if self._confirm_by_s is not None else 0
 
     def _report_problem(self, request_id: int) -> None:
@@ -91,7 +92,7 @@ class BankHandlers:
         return {"count": len(BANKS)}
 
     def _read_back(self, bank: str, request_id: int) -> Generator[float, None, str]:
-        """Return the SHA-256 of the flash content. A bank that does not match its record becomes corrupt."""
+        """Read the bank and return its SHA-256. A bank that does not match its record becomes corrupt."""
         content = self._memory.record.banks[bank]
         if content.state not in ("committed", "corrupt"):
             raise Rejection("bank_empty", f"bank {bank} is {content.state}")
@@ -101,7 +102,7 @@ class BankHandlers:
         if state != content.state:
             self._memory.set_state(bank, state)
         if state == "corrupt":
-            text = f"bank {bank} reads {digest[:12]}, should be {content.sha256[:12]}"
+            text = f"bank {bank} has the hash {digest[:12]}, expected {content.sha256[:12]}"
             self._outbox.event("BANK_CORRUPT", text, request_id)
             self._report_banks(request_id, bank)
             raise Rejection("bank_corrupt", f"bank {bank} does not match its checksum")
@@ -115,9 +116,9 @@ class BankHandlers:
     def activate_bank(self, arguments: Arguments, request_id: int) -> Task:
         bank, record, trial_s = str(arguments["bank"]), self._memory.record, int(arguments["confirm_within_s"])
         if bank == record.active:
-            raise Rejection("bank_active", f"bank {bank} is active already")
+            raise Rejection("bank_active", f"bank {bank} is already active")
         if record.unconfirmed:
-            raise Rejection("wrong_state", f"bank {record.active} waits for CONFIRM_BANK")
+            raise Rejection("wrong_state", f"bank {record.active} is waiting for CONFIRM_BANK")
         yield from self._read_back(bank, request_id)
         if record.banks[bank].profile != self._tracker.profile.name:
             raise Rejection("incompatible", f"bank {bank} is for {record.banks[bank].profile}")
@@ -151,7 +152,7 @@ class BankHandlers:
 
     def rollback_bank(self, _: Arguments, request_id: int) -> Returns:
         if self._memory.record.previous == self._memory.record.active:
-            raise Rejection("wrong_state", "no bank was active before")
+            raise Rejection("wrong_state", "there is no previous bank")
         self._fall_back("was rolled back", request_id)
         return {}
 

@@ -1,4 +1,4 @@
-"""Write uploads to flash: what may be written where, what flash still holds of an earlier attempt, and the commit."""
+"""Write uploads to flash: checks before writing, chunks stored by an earlier attempt, and the commit."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ def _short(value: Value) -> str:
 
 
 class BankWriter:
-    """Writes the flash of one device. Raises Refusal if a write is not allowed. After ``open`` the caller saves the record."""
+    """Writes the flash of one device. Raises Rejection if a write is not allowed. The caller must save the record after
+    ``open``."""
 
     def __init__(self, dictionary: Dictionary, memory: Memory, profile: CameraProfile) -> None:
         self._dictionary, self._memory, self._profile = dictionary, memory, profile
@@ -45,7 +46,7 @@ class BankWriter:
     # --- checks before writing ----------------------------------------------------------------------------------
 
     def area(self, kind: str, target: int) -> str:
-        """Return the name of the flash area for a kind of content and a target number. Raises Refusal."""
+        """Return the name of the flash area for a kind of content and a target number. Raises Rejection."""
         if kind == "catalogue":
             if target >= len(BANKS):
                 raise Rejection("not_found", f"banks are 0 – {len(BANKS) - 1}, got {target}")
@@ -56,7 +57,7 @@ class BankWriter:
         return area_name(kind, bank)
 
     def check(self, offer: Mapping[str, Value], target: int, size: int) -> str:
-        """Return the area to write. Raises Refusal if the content must not be written there."""
+        """Return the name of the area to write. Raises Rejection if the content must not be written to it."""
         kind = str(offer["kind"])
         area = self.area(kind, target)
         if area == GOLDEN or area.endswith(FACTORY):
@@ -87,7 +88,7 @@ class BankWriter:
 
     @staticmethod
     def offered(offer: Mapping[str, Value]) -> dict[str, float]:
-        """Return what the ground stated about a catalogue; zeros state nothing."""
+        """Return the properties that the ground stated for a catalogue; zero means not stated."""
         if offer["kind"] != "catalogue":
             return {}
         return {name: float(offer[name]) for name in ("stars", "pairs", "epoch_jyear") if offer[name]}
@@ -108,7 +109,8 @@ class BankWriter:
     # --- writing ------------------------------------------------------------------------------------------------
 
     def open(self, area: str, size: int, chunk_bytes: int, digest: bytes) -> tuple[ChunkReceiver, bool]:
-        """Prepare an area for writing. Returns a receiver with the chunks already held, and whether an earlier attempt resumes.
+        """Prepare an area for writing. Returns a receiver with the stored chunks, and True if an earlier attempt is
+        resumed.
 
         An interrupted attempt resumes with any chunk size; different content starts from an erased area.
         """
@@ -142,7 +144,7 @@ class BankWriter:
         self._memory.erase_bank(session.area)
 
     def keep_progress(self, session: Session) -> None:
-        """Record which chunks flash holds, so that the upload can resume after a reset."""
+        """Record the chunks stored in flash, so that the upload can resume after a reset."""
         upload = self._memory.record.uploads.get(session.area)
         if session.receiver is not None and upload is not None:
             ranges = session.receiver.stored.ranges()[0]
@@ -153,7 +155,7 @@ class BankWriter:
     # --- commit -------------------------------------------------------------------------------------------------
 
     def commit(self, session: Session, content: bytes) -> None:
-        """Commit the content to the area. Raises Refusal if it is invalid or for another camera."""
+        """Commit the content to the area. Raises Rejection if the content is invalid or for another camera."""
         try:
             record = self._catalogue(content) if session.kind == "catalogue" else self._table(session.kind, content)
         except (CorruptData, BadInput) as error:
@@ -161,7 +163,7 @@ class BankWriter:
         for name, stated in session.offered.items():
             if float(getattr(record, name)) != stated:
                 raise Rejection(
-                    "incompatible", f"{name}: {stated:g} were announced, the content has {getattr(record, name):g}"
+                    "incompatible", f"{name}: OPEN_UPLOAD stated {stated:g}, the content has {getattr(record, name):g}"
                 )
         self._memory.record.uploads.pop(session.area, None)
         self._memory.record.banks[session.area] = BankRecord(
@@ -178,7 +180,7 @@ class BankWriter:
 
     def _catalogue(self, content: bytes) -> BankRecord:
         header, catalogue = read_header(content), decode(content)
-        self._own(header.profile_name, "catalogue")
+        self._check_profile(header.profile_name, "catalogue")
         version = FORMATS[header.format_name]
         if version not in self.formats("catalogue"):
             raise Rejection("incompatible", f"this unit does not read the {header.format_name} format")
@@ -196,13 +198,13 @@ class BankWriter:
             version = triplets.HEADER_VERSION
             return BankRecord(stars=table.stars, pairs=len(table), format_version=version, profile=self._profile.name)
         name, values = decode_table(kind, content)
-        self._own(name, kind)
+        self._check_profile(name, kind)
         if kind == "calibration":
             calibrated(self._profile, values)
         else:
             check_parameters(self._profile, values)
         return BankRecord(format_version=TABLE_FORMAT, profile=name)
 
-    def _own(self, name: str, kind: str) -> None:
+    def _check_profile(self, name: str, kind: str) -> None:
         if name != self._profile.name:
             raise Rejection("incompatible", f"{kind} is for {name}, this is {self._profile.name}")

@@ -1,7 +1,8 @@
-"""One simulated body with several heads: a file that all its simulators read (``--body FILE --head NAME``).
+"""A simulated body with several heads, defined in a file that the simulators of all heads read (``--body FILE --head
+NAME``).
 
-It states the attitude of the body over time, from one time zero in UTC, and of each head the mounting and how far its true mounting
-is from that.
+The file states the attitude of the body over time, relative to a time zero in UTC, and for each head the nominal
+mounting and the misalignment of the true mounting.
 """
 
 from __future__ import annotations
@@ -40,8 +41,9 @@ class HeadOfBody(Strict):
 
 
 class BodyFile(Strict):
-    """A body with its heads. ``motion``: inertial, slew (about body y) and tumble begin at ``attitude_deg``, which is right
-    ascension and declination of body +z and the roll about it; orbit: body axes along those of the orbit (+z to nadir)."""
+    """A body with its heads. ``motion``: inertial, slew (about body y) and tumble begin at ``attitude_deg``, the right
+    ascension and declination of body +z and the roll about it; with orbit, the body axes are aligned with the orbit
+    axes (+z to nadir)."""
 
     time_zero: AwareDatetime
     motion: Literal["inertial", "slew", "tumble", "orbit"] = "inertial"
@@ -52,9 +54,9 @@ class BodyFile(Strict):
 
 @dataclass(frozen=True)
 class MountedHead:
-    """Motion of a head on a moving body. ``body``: attitude and rate of the body's axes, as of a camera; ``body_from_cam``
-    (3, 3): nominal mounting; (3,) ``misalignment_rad`` and ``drift_rad_s``, in body axes. ``offset_s``: time of the body at
-    simulated time zero of the head."""
+    """Motion of a head on a moving body. ``body``: attitude and rate of the body axes, in the form of a camera's
+    motion; ``body_from_cam`` (3, 3): nominal mounting; (3,) ``misalignment_rad`` and ``drift_rad_s``, in body axes.
+    ``offset_s``: time of the body at simulated time zero of the head."""
 
     body: Motion
     body_from_cam: Array
@@ -100,7 +102,8 @@ def read_body(path: Path) -> BodyFile:
 
 
 def head_motion(body: BodyFile, name: str, orbit: Orbit, offset_s: float) -> MountedHead:
-    """Return the motion of a head. ``offset_s``: time of the body at simulated time zero. Raises NotFound."""
+    """Return the motion of a head. ``offset_s``: time of the body at simulated time zero. Raises NotFound for an
+    unknown head."""
     if name not in body.heads:
         raise NotFound("the body has no such head", expected=" | ".join(body.heads), got=name, hint="--head NAME")
     head = body.heads[name]

@@ -1,4 +1,4 @@
-"""The device's end of a CAN bus that processes of this machine share (python-can's ``udp_multicast``)."""
+"""Device end of a CAN bus that processes on this machine share (python-can's ``udp_multicast``)."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from gss.device.line_address import CAN, UDP_MULTICAST, parse_line_address
 from gss.domain.errors import BadInput, LinkDown
 
 GROUP = "239.74.163.2"
-"""The group that python-can proposes."""
+"""Default multicast group of python-can."""
 PORT_FILE = "can-port"
 MAX_PORT = 65_535
 
 
 def bus_port(port: int, state_dir: Path | None) -> int:
-    """Return the UDP port of the bus: ``port``, or for 0 that of the last run with this state, or a free one. Raises BadInput."""
+    """Return the UDP port of the bus: ``port`` unless it is 0, else the port stored in ``state_dir``, else a free port.
+    Raises BadInput if ``port`` is out of range."""
     if not 0 <= port <= MAX_PORT:
         raise BadInput("UDP port is out of range", expected=f"0 – {MAX_PORT}", got=str(port))
     if port:
@@ -28,15 +29,15 @@ def bus_port(port: int, state_dir: Path | None) -> int:
             return int(file.read_text("ascii"))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))
-        free: int = probe.getsockname()[1]
+        free_port: int = probe.getsockname()[1]
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(str(free), "ascii")
-    return free
+        file.write_text(str(free_port), "ascii")
+    return free_port
 
 
 class CanBusLine:
-    """A :class:`gss.device.simulator.terminal.DeviceLine` on a CAN bus, which has no listener that could be missing."""
+    """A :class:`gss.device.simulator.terminal.DeviceLine` on a CAN bus. A bus needs no listener."""
 
     def __init__(self, port: int) -> None:
         """Open the bus. Raises LinkDown."""
@@ -52,7 +53,8 @@ class CanBusLine:
         return b"" if self._cut else data
 
     def write(self, data: bytes) -> int | None:
-        """Send frames. Returns the number of bytes taken, None if the line is disconnected, 0 if the network takes none."""
+        """Send frames. Returns the number of accepted bytes, None if the line is disconnected, 0 if the network accepts
+        none."""
         if self._cut:
             return None
         try:

@@ -1,4 +1,4 @@
-"""Device clock: counts from its first start, can drift and jump; and UTC as set by SET_TIME."""
+"""Device clock: counts from its first start and can drift and jump. UTC is set by SET_TIME."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ PPM = 1e-6
 
 
 class DeviceClock:
-    """Device time at simulated times. Both are in seconds since the same zero while the clock has no fault."""
+    """Device time as a function of simulated time, in seconds. Both are equal while the clock has no fault."""
 
     def __init__(self, memory: Memory, start_s: float) -> None:
         self._memory = memory

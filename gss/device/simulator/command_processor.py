@@ -1,7 +1,7 @@
 """Command processing on board: checks, stored request ids, one running command, reports.
 
-A handler returns its values at once, or is a generator that yields the time to wait (device seconds) before it
-continues, and finally returns them. It raises Refusal if the command cannot be executed.
+A handler returns its values immediately, or it is a generator that yields waiting times (device seconds) and finally
+returns the values. It raises Rejection if the command cannot be executed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from gss.instruments.dictionary.definitions import CommandDefinition, Dictionary
 
 MAX_WAITING = 4
 REPLAYED_AT = 3
-"""Offset of the flag "replayed" in a report, after stage, reason and progress."""
+"""Byte offset of the flag "replayed" in a report, after stage, reason and progress."""
 UNFINISHED = (b"\1", b"\3", b"\4")
 
 Returns = dict[str, Value]
@@ -29,7 +29,7 @@ Arguments = Mapping[str, Value]
 Task = Generator[float, None, Returns]
 Handler = Callable[[Arguments, int], "Returns | Task"]
 Guard = Callable[[Arguments], None]
-"""Raises Refusal if a command must be rejected before it is accepted."""
+"""Function that raises Rejection if a command must not be accepted."""
 Ended = Callable[[str, str, str], None]
 """Called with stage, reason and detail when a scheduled command ends."""
 
@@ -47,8 +47,8 @@ class Running:
 
 
 class CommandProcessor:
-    """Accepts command packets and runs handlers by name. ``state``: returns housekeeping, for preconditions. ``on_completed``:
-    called with the name of each command that succeeded."""
+    """Accepts command packets and runs handlers by name. ``state``: returns housekeeping, to evaluate preconditions.
+    ``on_completed``: called with the name of each completed command."""
 
     def __init__(
         self,
@@ -68,8 +68,8 @@ class CommandProcessor:
         self._now_s = 0.0
 
     def add_handlers(self, handlers: Mapping[str, Handler], guards: Mapping[str, Guard] | None = None) -> None:
-        """Add handlers by command, and guards, which check a command's arguments before it is accepted. Handlers start other
-        commands through this object, so that they are created after it."""
+        """Add handlers and guards by command name. A guard checks a command's arguments before it is accepted. Handlers
+        are added after construction, because they use this object to start commands."""
         self.handlers |= handlers
         self.guards |= guards or {}
 
@@ -85,10 +85,10 @@ class CommandProcessor:
         self.accepted = self.rejected = 0
         for request in list(self._memory.record.requests):
             if bytes.fromhex(request.report)[:1] in UNFINISHED:
-                self._report(request, "failed", "reset", "the device restarted while the command ran")
+                self._report(request, "failed", "reset", "the device restarted during the command")
 
     def note_id(self, request_id: int) -> None:
-        """Update the highest request id seen, which HELLO reports so that the ground does not reuse ids."""
+        """Update the highest received request id. HELLO reports it, so that the ground does not reuse ids."""
         record = self._memory.record
         record.last_request_id = max(record.last_request_id, request_id)
 
@@ -105,15 +105,15 @@ class CommandProcessor:
             self._repeat(stored, packet, digest)
             return
         if packet.request_id <= self._memory.record.forgotten_request_id and not (command and command.any_dictionary):
-            # Executed long ago, perhaps: a replayed packet must never run a command a second time.
-            self._reject_id(packet, "this id is older than those the device remembers")
+            # The command may have run earlier, and a replayed packet must never run a command again.
+            self._reject_id(packet, "the report for this request id is no longer stored")
             return
         request = StoredRequest(packet.request_id, packet.code, digest, "")
         try:
-            running = self._admit(command, packet)
-        except Rejection as refusal:
+            running = self._check_acceptance(command, packet)
+        except Rejection as rejection:
             self.rejected += 1
-            self._report(request, "rejected", refusal.reason, refusal.detail)
+            self._report(request, "rejected", rejection.reason, rejection.detail)
             return
         self.accepted += 1
         self._report(request, "accepted")
@@ -126,23 +126,24 @@ class CommandProcessor:
     def _repeat(self, earlier: StoredRequest, packet: Packet, digest: str) -> None:
         """Answer a repeated id with the stored report marked as replayed, or reject it if the content differs."""
         if earlier.digest != digest:
-            self._reject_id(packet, "this id was used before")
+            self._reject_id(packet, "this request id was used for another command")
             return
         stored = bytearray.fromhex(earlier.report)
         stored[REPLAYED_AT] = 1
         self._outbox.report(packet.request_id, packet.code, bytes(stored))
 
     def _reject_id(self, packet: Packet, detail: str) -> None:
-        """Reject a command for its request id. The rejection is not stored: it is not a report of the command with that id."""
+        """Reject a command because of its request id. The rejection is not stored, because the stored report of this id
+        belongs to another command."""
         self.rejected += 1
         self._outbox.report(packet.request_id, packet.code, self._payload("rejected", "id_reused", detail))
 
-    def _admit(self, command: CommandDefinition | None, packet: Packet) -> Running:
-        """Check a command before it is accepted. Raises Refusal."""
+    def _check_acceptance(self, command: CommandDefinition | None, packet: Packet) -> Running:
+        """Check a command before it is accepted. Raises Rejection."""
         if command is None:
             raise Rejection("unknown_command", f"code {packet.code}")
         if command.name not in self.handlers:
-            raise Rejection("unknown_command", f"{command.name} is not for this unit")
+            raise Rejection("unknown_command", f"{command.name} is not available on this unit")
         if packet.prefix != self._dictionary.prefix and not command.any_dictionary:
             raise Rejection("wrong_dictionary", f"device {self._dictionary.prefix:04x}, ground {packet.prefix:04x}")
         try:
@@ -166,9 +167,9 @@ class CommandProcessor:
         """Check and run a scheduled command, without reports on the line and without using up an id."""
         packet = Packet(PacketType.COMMAND, code, request_id, payload, self._dictionary.prefix, True)
         try:
-            running = self._admit(self._dictionary.command_of_code(code), packet)
-        except Rejection as refusal:
-            on_end("rejected", refusal.reason, refusal.detail)
+            running = self._check_acceptance(self._dictionary.command_of_code(code), packet)
+        except Rejection as rejection:
+            on_end("rejected", rejection.reason, rejection.detail)
             return
         running.on_end = on_end
         self._waiting.append(running)
@@ -177,7 +178,7 @@ class CommandProcessor:
     # --- running ------------------------------------------------------------------------------------------------
 
     def run(self, now_s: float) -> None:
-        """Continue the running command and start waiting ones."""
+        """Continue the running command and start waiting commands."""
         self._now_s = now_s
         while True:
             if self._current is None:
@@ -193,8 +194,8 @@ class CommandProcessor:
         self._stage(running, "started")
         try:
             outcome = self.handlers[running.command.name](running.arguments, running.request_id)
-        except Rejection as refusal:
-            self._stage(running, "failed", refusal.reason, refusal.detail)
+        except Rejection as rejection:
+            self._stage(running, "failed", rejection.reason, rejection.detail)
             return
         if isinstance(outcome, Generator):
             running.task, running.due_s = outcome, self._now_s
@@ -209,9 +210,9 @@ class CommandProcessor:
         except StopIteration as stop:
             self._current = None
             self._complete(running, stop.value)
-        except Rejection as refusal:
+        except Rejection as rejection:
             self._current = None
-            self._stage(running, "failed", refusal.reason, refusal.detail)
+            self._stage(running, "failed", rejection.reason, rejection.detail)
 
     def _complete(self, running: Running, values: Returns) -> None:
         self._stage(running, "completed", returned=encode(running.command.returns, values))

@@ -18,13 +18,13 @@ SECTIONS = ("star_list", "distance_table")
 
 
 class DownloadSource:
-    """Content by kind and target."""
+    """Provides content for downloads by kind and target."""
 
     def __init__(self, memory: Memory, tracker: StarTracker, writer: BankWriter) -> None:
         self._memory, self._tracker, self._writer = memory, tracker, writer
 
     def content(self, request: Mapping[str, Value]) -> tuple[bytes, int]:
-        """Return the bytes and the frame number (0 if not an image) for an OPEN_DOWNLOAD. Raises Refusal."""
+        """Return the bytes and the frame number (0 if not an image) for an OPEN_DOWNLOAD. Raises Rejection."""
         kind, target = str(request["kind"]), int(request["target"])
         if kind in FLASH_KINDS:
             return self._flash(self._writer.area(kind, target)), 0
@@ -43,7 +43,8 @@ class DownloadSource:
         return self._memory.content(area)
 
     def _section(self, kind: str, image: bytes) -> bytes:
-        """Return the stars or pairs of a bank image in its own format; not every format has pairs."""
+        """Return the stars or pairs of a bank image, in the bank's format. Raises Rejection if the format has no
+        pairs."""
         try:
             header = read_header(image)
         except CorruptData as error:
@@ -64,7 +65,7 @@ class DownloadSource:
         return frame_bytes(frame.pixels[row : row + rows, col : col + columns])
 
     def _windows(self, frame: StoredFrame, side_px: int) -> bytes:
-        """Return windows around the centroids of that image, which is searched first if necessary."""
+        """Return windows around the centroids of the image; detects the centroids first if necessary."""
         tracker = self._tracker
         if tracker.frame is not frame or tracker.detection is None:
             tracker.keep(frame, *tracker.detect(frame))

@@ -1,4 +1,4 @@
-"""Everything around the camera that an exercise can change: motion, bodies, detector defects, temperature, the line.
+"""Simulated conditions that an exercise can change: motion, bodies, detector defects, temperature, the line.
 
 Attributes may be set at any time and affect the next exposure. Times are simulated seconds.
 """
@@ -35,7 +35,7 @@ MEAN_C, SWING_C, LAG_S = 12.0, 6.0, 600.0
 
 
 class Environment:
-    """The surroundings of one simulated camera. Stars are always present; the switches add the rest."""
+    """Environment of one simulated camera. Stars are always present; the switches add all other effects."""
 
     def __init__(
         self,
@@ -51,8 +51,8 @@ class Environment:
         self.profile, self.motion, self.epoch_jyear, self.seed = profile, motion, epoch_jyear, seed
         self.orbit: Orbit = orbit or (motion.orbit if isinstance(motion, Zenith) else CircularOrbit())
         self.line = line or LineControl(seed=seed)
-        # Motion that "zenith" restores: the initial one if Earth-pointing or that of a body with several heads, otherwise
-        # Earth-pointing on the initial orbit.
+        # Motion that "zenith" restores: the initial motion if it is Earth-pointing or that of a body with several
+        # heads, otherwise an Earth-pointing motion on the initial orbit.
         sky_bound = isinstance(motion, Zenith | EarthPointing | MountedHead)
         flown = CircularOrbit() if self.orbit.grounded else self.orbit
         self._home: tuple[Motion, Orbit] = (motion if sky_bound else EarthPointing(flown), flown)
@@ -64,7 +64,7 @@ class Environment:
         self._bodies: tuple[float, Bodies] | None = None
 
     def make_real(self, on: bool = True) -> None:
-        """Switch everything on or off except aberration, which the ground does not correct yet."""
+        """Switch all effects on or off except aberration, which the ground does not correct."""
         self.planets = self.moon = self.sun = self.earth = self.stray = on
         self.set_defects(on)
 
@@ -74,7 +74,7 @@ class Environment:
 
     @property
     def chip(self) -> Chip | None:
-        """The detector with its defects; None if perfect."""
+        """Detector with its defects; None for a perfect detector."""
         if self._chip[0] != self.defects:
             flawless = self.defects == NO_DEFECTS
             chip = None if flawless else make_chip(self.defects, self.profile.sensor, self.profile.camera, self.seed)
@@ -83,7 +83,7 @@ class Environment:
 
     @property
     def dark_factor(self) -> float:
-        """Dark current relative to the profile's; it doubles every 8 °C."""
+        """Dark current relative to that of the profile; it doubles every 8 °C."""
         return float(2.0 ** (self.temperature_offset_c / DARK_DOUBLING_C))
 
     # --- motion -------------------------------------------------------------------------------------------------
@@ -102,9 +102,10 @@ class Environment:
     ) -> None:
         """Change the motion, starting from the current attitude.
 
-        ``kind``: "zenith" back to the orbit, "inertial" fixed, "slew" turning about camera y, "tumble", "ground"
-        drifting with the Earth, "point" turning to a target within ``duration_s``. ``from_rad``: first jump to that
-        right ascension, declination and roll. Raises BadInput for an unknown kind or a rate out of range.
+        ``kind``: "zenith" returns to the orbit; "inertial" is fixed; "slew" rotates about camera y; "tumble"; "ground"
+        rotates with the Earth; "point" rotates to a target within ``duration_s``. ``from_rad``: right ascension,
+        declination and roll at which the motion starts instead. Raises BadInput for an unknown kind or a rate out of
+        range.
         """
         if kind not in MOTIONS:
             raise BadInput("unknown motion", expected=" | ".join(MOTIONS), got=kind)
@@ -126,7 +127,7 @@ class Environment:
             self.motion = SlewTo(now, cam_from_icrs(ra_rad, dec_rad, roll_rad), time_s, duration_s)
 
     def rate_rad_s(self, time_s: float) -> float:
-        """Return the camera's angular speed."""
+        """Return the camera's angular speed in rad/s."""
         return float(np.linalg.norm(self.motion.at(time_s).rate_rad_s))
 
     # --- geometry -----------------------------------------------------------------------------------------------
@@ -157,7 +158,8 @@ class Environment:
         return bool(nadir @ icrs > np.cos(earth_rad))
 
     def in_eclipse(self, time_s: float) -> bool:
-        """True if the Sun's centre is behind the Earth; always True on the ground, where tests take place at night."""
+        """True if the Sun's centre is behind the Earth; always True on the ground, because ground tests take place at
+        night."""
         return self.orbit.grounded or self.behind_earth(self.bodies(time_s).sun.icrs, time_s)
 
     def sun_angle_rad(self, time_s: float) -> float:
@@ -175,7 +177,8 @@ class Environment:
         return shining and self.sun_angle_rad(time_s) < self.profile.baffle.blind_rad
 
     def sensor_temperature_c(self, time_s: float) -> float:
-        """Return the temperature of the orbit's sunlit or dark side with a lag, plus the exercise's offset."""
+        """Return the detector temperature: it follows the orbit's day and night with a lag. The exercise's offset is
+        added."""
         place_km = self.orbit.state(time_s - LAG_S)[0]
         side = float(place_km @ self.bodies(time_s).sun.icrs / np.linalg.norm(place_km))
         return MEAN_C + SWING_C * side + self.temperature_offset_c
@@ -186,7 +189,8 @@ class Environment:
 
 
 def on_the_ground(attitude: Array, epoch_jyear: float, time_s: float = 0.0) -> tuple[EarthFixed, GroundSite]:
-    """Return motion and site of a camera fixed to the Earth whose (3, 3) attitude points to the zenith at ``time_s``."""
+    """Return motion and site of a camera fixed to the Earth whose (3, 3) attitude points to the zenith at
+    ``time_s``."""
     pole = earth_pole_icrs(epoch_jyear)
     motion = EarthFixed(attitude, pole, time_s)
     return motion, GroundSite(motion.at(0.0).cam_from_icrs[2], pole)

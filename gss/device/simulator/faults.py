@@ -1,6 +1,7 @@
 """Seeded and counted line faults: flipped bits, bursts, lost and duplicated pieces, delay, stalls, disconnection.
 
-One LineFaults per direction; one LineControl for both, by which an exercise changes them while the line is open.
+Each direction has a LineFaults. A LineControl manages both; an exercise uses it to change faults while the line is
+open.
 """
 
 from __future__ import annotations
@@ -31,8 +32,9 @@ LIMITS = {
 class FaultRates:
     """Rates of the faults of one direction.
 
-    ``bit_error_rate`` per bit; ``drop_rate``, ``duplicate_rate`` and ``burst_rate`` per piece of up to 64 bytes (a
-    burst makes up to 16 bytes random); ``stall_rate`` per second, each of ``stall_s``; ``delay_s`` for every byte.
+    ``bit_error_rate``: per bit; ``drop_rate``, ``duplicate_rate`` and ``burst_rate``: per piece of up to 64 bytes (a
+    burst replaces up to 16 bytes by noise); ``stall_rate``: stalls per second, each ``stall_s`` long; ``delay_s``:
+    delay of every byte.
     """
 
     bit_error_rate: float = 0.0
@@ -44,10 +46,10 @@ class FaultRates:
     delay_s: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, most in LIMITS.items():
+        for name, maximum in LIMITS.items():
             value = getattr(self, name)
-            if not 0 <= value <= most:
-                raise BadInput(f"{name} is out of range", expected=f"0 – {most:g}", got=f"{value:g}")
+            if not 0 <= value <= maximum:
+                raise BadInput(f"{name} is out of range", expected=f"0 – {maximum:g}", got=f"{value:g}")
 
     @property
     def spoil(self) -> bool:
@@ -57,7 +59,7 @@ class FaultRates:
 
 @dataclass
 class FaultCounts:
-    """Faults applied to one direction so far."""
+    """Counters of the faults applied to one direction."""
 
     bits_flipped: int = 0
     bursts: int = 0
@@ -116,11 +118,11 @@ class LineFaults:
         return bytes(spoiled)
 
     def carry(self, data: bytes, now_s: float) -> bytes:
-        """Apply all faults to ``data`` and return the bytes due at the other end. Order is kept."""
+        """Apply all faults to ``data``. Returns the bytes that are due at the other end, in order."""
         return self.late(self.apply(data), now_s)
 
     def late(self, data: bytes, now_s: float) -> bytes:
-        """Delay ``data`` and return the bytes that are due."""
+        """Delay ``data``. Returns the bytes that are due."""
         if not self._late and not self.rates.delay_s:
             return data
         if data:
@@ -149,7 +151,7 @@ class LineFaults:
 
 
 class LineControl:
-    """Faults of both directions, changeable at any time. ``up``: to the device; ``down``: from it."""
+    """Faults of both directions, which can change at any time. ``up``: to the device; ``down``: from the device."""
 
     def __init__(self, rates: FaultRates | None = None, seed: int = 0) -> None:
         self.up = LineFaults(rates or FaultRates(), 2 * seed)
@@ -159,7 +161,8 @@ class LineControl:
         self._cut: tuple[float, float] | None = None
 
     def set(self, direction: str = "both", **rates: float) -> None:
-        """Change the named rates of "up", "down" or "both". A wrong name or value raises BadInput and changes nothing."""
+        """Change the named rates of "up", "down" or "both". Raises BadInput for a wrong name or value, without any
+        change."""
         rate_names = {f.name for f in fields(FaultRates)}
         for name in rates.keys() - rate_names:
             raise BadInput("unknown line fault", expected=" | ".join(sorted(rate_names)), got=name)
@@ -173,7 +176,8 @@ class LineControl:
         self.up.rates = self.down.rates = FaultRates()
 
     def disconnect(self, seconds: float) -> None:
-        """Disconnect the line for ``seconds``, starting 0.2 s later so that the command's report is still sent."""
+        """Disconnect the line for ``seconds``, starting 0.2 s later, so that the report of the command can still be
+        sent."""
         if not 0 < seconds <= MAX_DISCONNECT_S:
             raise BadInput(
                 "disconnection is out of range", expected=f"above 0 – {MAX_DISCONNECT_S:g} s", got=f"{seconds:g} s"
@@ -181,7 +185,8 @@ class LineControl:
         self._wanted_s = seconds
 
     def connected(self, now_s: float) -> bool:
-        """True if the line is connected. The terminal calls this on every turn, which starts and ends disconnections."""
+        """True if the line is connected. Also starts and ends disconnections; the terminal calls it in every
+        iteration."""
         if self._wanted_s is not None:
             begin_s = now_s + LAST_WORDS_S
             self._cut, self._wanted_s = (begin_s, begin_s + self._wanted_s), None

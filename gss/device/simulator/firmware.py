@@ -1,7 +1,8 @@
-"""Star tracker processing: detection, matching and attitude, with its system's chain and the content of the active banks.
+"""Star tracker processing: detection, matching and attitude, with the instrument's chain and the content of the active
+banks.
 
-Independent of the link. The active tables determine chain, camera and constants. Durations come from the chain: its
-document's figures, scaled by the work done.
+Independent of the link. The active tables determine chain, camera and constants. The chain computes the durations from
+the figures in its document, scaled by the amount of work.
 """
 
 from __future__ import annotations
@@ -39,19 +40,19 @@ from gss.skytables.bank import OnboardCatalogue
 STANDBY = "standby"
 NEED_STARS = ("oersted",)
 """Chains whose detection needs the magnitude limit of the prepared catalogue."""
-STALE = "the attitude is not renewed"
+STALE = "the attitude is not updated"
 
 T = TypeVar("T")
 Stage = Generator[float, None, T]
-"""A task that yields seconds of simulated time and returns its result."""
+"""A task that yields durations in seconds of simulated time and returns its result."""
 
 __all__ = ["STANDBY", "Rejection", "StarTracker"]
 
 
 class StarTracker:
-    """Settings and results. Methods raise Refusal if they cannot do their work.
+    """Settings and results of the star tracker. A method raises Rejection if it cannot be executed.
 
-    ``clock``: of the device, which stamps frames.
+    ``clock``: device clock, which provides the time stamps of frames.
     """
 
     def __init__(self, profile: CameraProfile, sky: SimulatedSky, memory: Memory, timing: UnitTiming = TYPICAL) -> None:
@@ -63,7 +64,8 @@ class StarTracker:
         self.restart()
 
     def restart(self) -> None:
-        """Reset to power-on: settings from profile and tables, no attitude knowledge, catalogue from the active bank."""
+        """Reset to the power-on state: settings from profile and tables, no known attitude, catalogue from the active
+        bank."""
         self.imager.restart()
         self.mode = "lost_in_space"
         self.exposure_ms = round(self.profile.sensor.exposure_s * 1000)
@@ -84,21 +86,21 @@ class StarTracker:
     # --- flash content ------------------------------------------------------------------------------------------
 
     def load_tables(self) -> list[str]:
-        """Read the active tables and set the detection constants from them. Returns the problems."""
+        """Read the active tables and set the detection constants from their values. Returns the problems."""
         problems = self.tables.load()
         parameters = self._parameters(self.exposure_ms, Commanded(), Mode.LOST_IN_SPACE)
-        # FAR-MST derives its threshold from each frame's noise; 0 means that until one is commanded.
+        # FAR-MST derives its threshold from each frame's noise; 0 selects this until a threshold is commanded.
         self.threshold_dn = round(getattr(parameters, "threshold_dn", None) or 0)
         self.min_pixels, self.max_pixels = int(parameters.min_area_px), int(parameters.max_area_px)
         return problems
 
     @property
     def chain(self) -> OnboardChain:
-        """The chain that the active parameters are for."""
+        """The chain to which the active parameters belong."""
         return self.tables.chain
 
     def load_catalogue(self) -> str:
-        """Read the active bank. Returns the reason if it cannot be used, "" otherwise."""
+        """Read the active bank. Returns the reason if the bank cannot be used, "" otherwise."""
         memory, bank = self._memory, self._memory.record.active
         self.catalogue: OnboardCatalogue | None = None
         self.catalogue_problem = ""
@@ -112,7 +114,7 @@ class StarTracker:
         return self.catalogue_problem
 
     def unsuitable(self, bank: str) -> str:
-        """Return why the chain cannot match from a readable bank, e.g. without magnitudes; "" if it can."""
+        """Return the reason if the chain cannot use a readable bank, e.g. a bank without magnitudes; "" if it can."""
         try:
             catalogue = decode(self._memory.content(bank))
         except (CorruptData, BadInput):
@@ -125,8 +127,8 @@ class StarTracker:
             return str(error)
         return ""
 
-    def _catalogue_at_work(self) -> Any:
-        """Return the chain's prepared catalogue, prepared again if bank or tables have changed. Raises Refusal."""
+    def _current_catalogue(self) -> Any:
+        """Return the chain's prepared catalogue, prepared again if bank or tables have changed. Raises Rejection."""
         if self.catalogue is None:
             raise Rejection("bank_corrupt", self.catalogue_problem)
         record = self._memory.record
@@ -141,7 +143,7 @@ class StarTracker:
     # --- settings -----------------------------------------------------------------------------------------------
 
     def _commanded(self, mode: Mode) -> Commanded:
-        """Settings of the operator."""
+        """Return the operator's settings for a mode."""
         radius_rad = self.prior.radius_rad(mode)
         threshold_dn = float(self.threshold_dn) if self.threshold_dn else None
         return Commanded(threshold_dn, self.min_pixels, max(self.max_pixels, self.min_pixels), radius_rad)
@@ -177,41 +179,41 @@ class StarTracker:
     # --- the chain ----------------------------------------------------------------------------------------------
 
     def warm(self) -> None:
-        """Process an empty frame and discard the result.
+        """Process an empty frame and discard the result, to load the chain's data.
 
-        The chain's first use loads data for a second or more, which would delay a command.
+        Loading takes a second or more at the chain's first use and would delay a command.
         """
         camera = self.profile.camera
         parameters = self._parameters(self.exposure_ms, Commanded(), Mode.LOST_IN_SPACE)
-        work = Work(self.tables.profile.camera, self._catalogue_at_work(), parameters, Mode.LOST_IN_SPACE, None)
+        work = Work(self.tables.profile.camera, self._current_catalogue(), parameters, Mode.LOST_IN_SPACE, None)
         self.chain.find_centroids(np.zeros((camera.rows, camera.columns), np.uint16), work)
 
     def _work(self, frame: StoredFrame, catalogue: Any) -> Work:
-        """Return the task for a frame from the current knowledge."""
+        """Return the input of the chain for a frame, with the current a-priori attitude and settings."""
         requested_mode = Mode.LOST_IN_SPACE if self.mode == STANDBY else Mode(self.mode)
         mode = self.prior.usable(requested_mode, frame.time_s, self.chain.oldest_attitude_s)
         parameters = self._parameters(frame.exposure_ms, self._commanded(mode), mode)
         return Work(self.tables.profile.camera, catalogue, parameters, mode, self.prior.hint(mode, frame.time_s))
 
     def detect(self, frame: StoredFrame) -> tuple[Work, Detection]:
-        """Detect centroids, without keeping them."""
+        """Detect centroids without storing them."""
         try:
-            catalogue = self._catalogue_at_work()
+            catalogue = self._current_catalogue()
         except Rejection:
             catalogue = None
         work = self._work(frame, catalogue)
         if catalogue is None and work.mode is Mode.TRACKING:
-            # Windows are predicted from the catalogue; without one the whole frame is searched.
+            # Search windows are predicted from the catalogue; without a catalogue the whole frame is searched.
             work = replace(work, mode=Mode.LOST_IN_SPACE, hint=None)
         if catalogue is None and self.chain.name in NEED_STARS:
             raise Rejection("bank_corrupt", self.catalogue_problem)
         return work, self.chain.find_centroids(frame.pixels, work)
 
-    # Each stage is a task: it yields the time that it takes, and only then are its results visible. Between stages a command may
-    # change the kept results, so a stage is given those of the stage before.
+    # Each stage is a task: it yields its duration, and its results become visible afterwards. A command can change the
+    # stored results between two stages, so each stage receives the results of the previous stage as arguments.
 
     def find_centroids(self, frame: StoredFrame) -> Stage[tuple[Work, Detection]]:
-        """Detect centroids (FIND_CENTROIDS); discards the last matches."""
+        """Detect centroids (FIND_CENTROIDS); discards the previous matches."""
         work, detection = self.detect(frame)
         spent_ms = self.chain.detect_ms(frame.pixels.size, detection)
         yield spent_ms / 1000
@@ -220,14 +222,14 @@ class StarTracker:
         return work, detection
 
     def keep(self, frame: StoredFrame, work: Work, detection: Detection) -> None:
-        """Keep centroids as the last result."""
+        """Store centroids as the latest result."""
         self.frame, self.work, self.detection = frame, work, detection
         self.matching = self.solution = None
 
     def match_stars(self, frame: StoredFrame, detection: Detection) -> Stage[tuple[Work, Any]]:
-        """Match centroids (MATCH_STARS). Reads the bank again, so that the current flash content is used."""
+        """Match centroids (MATCH_STARS). Reads the bank again, to use the current flash content."""
         self.load_catalogue()
-        work = self._work(frame, self._catalogue_at_work())
+        work = self._work(frame, self._current_catalogue())
         matching = self.chain.match_stars(detection.centroids, work)
         spent_ms = self.chain.match_ms(matching)
         yield spent_ms / 1000
@@ -258,7 +260,8 @@ class StarTracker:
         return solution
 
     def process(self, slot: int, send: Callable[[Report], None]) -> Stage[None]:
-        """Process the image in a slot: one iteration. Each stage's telemetry is passed to ``send`` when the stage is finished."""
+        """Process the image in a slot: one iteration. Each stage's telemetry is passed to ``send`` when the stage is
+        finished."""
         self.iteration += 1
         frame = self.imager.stored(slot)
         self.load_catalogue()
@@ -270,9 +273,9 @@ class StarTracker:
             work, matching = yield from self.match_stars(frame, detection)
             yield from self.calculate_attitude(frame, work, detection, matching)
             send(self.match_report())
-        except Rejection as refusal:
-            # Without a catalogue nothing is solved, which ends the series of attitudes like an unsolved frame.
-            problem, self.frame = refusal.detail, frame
+        except Rejection as rejection:
+            # Without a catalogue no attitude is possible, which ends the series of attitudes like an unsolved frame.
+            problem, self.frame = rejection.detail, frame
             self.matching = self.solution = None
             self.prior = self.prior.after(None, frame.time_s)
         for report in (self.attitude_report(problem), *self.vector_reports(), self.timing_report()):
@@ -284,12 +287,12 @@ class StarTracker:
 
     @property
     def solved(self) -> bool:
-        """True if the last calculation found an attitude."""
+        """True if the latest calculation gave an attitude."""
         return self.solution is not None and self.solution.attitude is not None
 
     @property
     def frame_number(self) -> int:
-        """Frame number of the last results."""
+        """Frame number of the latest results."""
         return self.frame.number if self.frame else 0
 
     def centroid_report(self) -> Report:
@@ -303,8 +306,8 @@ class StarTracker:
         return reports.match_report(self.frame_number, self.matching)
 
     def vector_reports(self) -> list[Report]:
-        """Return the packet "matched_vectors", with no vectors if there is no attitude, or nothing before orbit and time are
-        known."""
+        """Return the packet "matched_vectors", without vectors if there is no attitude. Returns no packet before orbit
+        and time are set."""
         orbit, offset_s = self.prior.orbit, self._memory.record.utc_offset_s
         if orbit is None or offset_s is None or not self.frame:
             return []
@@ -314,13 +317,12 @@ class StarTracker:
         return [vector_report(self.frame, self.work, self.detection, self.solution, row, orbit, utc_s)]
 
     def late_reports(self, slot: int) -> list[Report]:
-        """Return what the attitude control gets when an iteration is not finished in its period: no vectors (Jacobs 1995
-        §4.3)."""
+        """Return the packets for an iteration that has not finished in its period: no vectors (Jacobs 1995 §4.3)."""
         has_place = self.prior.orbit is not None and self._memory.record.utc_offset_s is not None
         return [no_vectors(self.imager.stored(slot))] if has_place else []
 
     def attitude_report(self, problem: str = "") -> Report:
-        """Return the packet "attitude"; ``problem``: why there is no attitude."""
+        """Return the packet "attitude"; ``problem``: reason if there is no attitude."""
         solution = self.solution
         values: dict[str, Value] = {
             "frame_number": self.frame_number,
@@ -335,7 +337,7 @@ class StarTracker:
 
     @property
     def matched(self) -> int:
-        """Number of stars in the last identification."""
+        """Number of stars in the latest identification."""
         return min(255, len(self.matching.selected)) if self.matching is not None else 0
 
     def timing_report(self) -> Report:

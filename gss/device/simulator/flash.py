@@ -11,14 +11,14 @@ SECTOR_BYTES = 4096
 
 
 class FlashError(Exception):
-    """A bit was programmed from 0 to 1 without erasing its sector, or programming failed."""
+    """Raised when data would set a bit from 0 to 1 without erasing its sector, or when programming fails."""
 
 
 class Flash:
-    """Bytes whose bits programming can only clear.
+    """Flash cells: programming can only clear bits.
 
-    ``cells``: a bytearray, or a memory-mapped file. ``fail_next``: the next programming leaves half of its bytes
-    unwritten.
+    ``cells``: a bytearray, or a memory-mapped file. ``fail_next``: if True, the next programming operation fails after
+    half of its bytes.
     """
 
     def __init__(self, cells: bytearray | mmap.mmap) -> None:
@@ -33,13 +33,13 @@ class Flash:
         return bytes(self._cells[offset : offset + count])
 
     def erase(self, offset: int, count: int) -> None:
-        """Set all sectors that the range touches to FF."""
+        """Set all sectors that overlap the range to FF."""
         first = offset // SECTOR_BYTES * SECTOR_BYTES
         last = -(-(offset + count) // SECTOR_BYTES) * SECTOR_BYTES
         self._cells[first:last] = b"\xff" * (last - first)
 
     def program(self, offset: int, data: bytes) -> None:
-        """Clear bits. Writing the same data twice is harmless; data that would set a bit raises FlashError."""
+        """Clear bits. Writing the same data twice has no effect. Raises FlashError if the data would set a bit."""
         if self.fail_next:
             self.fail_next = False
             half = data[: len(data) // 2]

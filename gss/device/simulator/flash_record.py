@@ -1,4 +1,4 @@
-"""Small non-volatile record of the device: content of the banks, banks in use, processed requests, schedule."""
+"""Small non-volatile record of the device: bank contents, active banks, processed requests, schedule."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class BankRecord:
 
 @dataclass(frozen=True)
 class SuspendedUpload:
-    """An unfinished upload into a bank; ``held``: chunk ranges known to be in flash."""
+    """An unfinished upload into a bank; ``held``: ranges of the chunks stored in flash."""
 
     size: int
     chunk_bytes: int
@@ -66,7 +66,7 @@ class ScheduleEntry:
 
 @dataclass(frozen=True)
 class InUse:
-    """Active and previous bank of a table, and whether the active one still needs confirmation."""
+    """Active and previous bank of a table. ``unconfirmed``: True if the active bank still needs confirmation."""
 
     active: str = FACTORY
     previous: str = FACTORY
@@ -83,7 +83,7 @@ TABLE_AREAS = tuple(area_name(t, b) for t in TABLES for b in TABLE_BANKS)
 
 @dataclass
 class NonVolatileRecord:
-    """Non-volatile record; survives resets and restarts."""
+    """Non-volatile record, which survives resets and restarts."""
 
     boots: int = 0
     resets: int = 0
@@ -93,9 +93,9 @@ class NonVolatileRecord:
     next_session: int = 1
     last_request_id: int = 0
     accepted_counter: int = 0
-    """Highest counter of an authenticated command."""
+    """Highest packet counter accepted by the authentication."""
     forgotten_request_id: int = 0
-    """Highest request id whose report is no longer stored; ids up to it are refused."""
+    """Highest request id whose report is no longer stored; ids up to this value are rejected."""
     active: str = GOLDEN
     previous: str = GOLDEN
     unconfirmed: bool = False

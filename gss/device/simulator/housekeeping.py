@@ -1,4 +1,4 @@
-"""Housekeeping packet: values of all parts of the unit, collected once a second."""
+"""Housekeeping packet: values of all parts of the unit, collected once per second."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ UNKNOWN = float("nan")
 
 
 class Housekeeper:
-    """Collects the housekeeping values. The only side effect is Power's overheat check."""
+    """Collects the housekeeping values. The only side effect is the overheat check of Power."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class Housekeeper:
         self._loader, self._cycle, self._banks, self._schedule = loader, cycle, banks, schedule
 
     def values(self, sky_s: float, time_s: float, uptime_s: float) -> Returns:
-        """Return engineering values, or raw values for fields with a conversion.
+        """Return the values of the packet: raw for fields with a conversion, otherwise in engineering units.
 
         ``sky_s``: simulated time, ``time_s``: device time.
         """

@@ -1,4 +1,4 @@
-"""Camera of the unit: exposures into image memories, and their faults."""
+"""Camera of the unit: exposures into image memories, and imager faults."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DOT_SIGMA_PX = 1.2
 
 @dataclass
 class ImagerFaults:
-    """Faults that an instructor switches on. ``dots``: false stars per image."""
+    """Imager faults for training. ``dots``: number of false stars per image."""
 
     stuck: bool = False
     blinded: bool = False
@@ -28,9 +28,9 @@ class ImagerFaults:
 
 
 class Imager:
-    """Image memories filled from the simulated sky.
+    """Image memories, with exposures of the simulated sky.
 
-    ``timing``: start of the sensor, reading it out, and copying to the processor.
+    ``timing``: times of sensor start, readout, and copying to the processor.
     """
 
     def __init__(self, profile: CameraProfile, sky: SimulatedSky, memory: Memory, timing: UnitTiming) -> None:
@@ -48,18 +48,18 @@ class Imager:
 
     @property
     def frame_size(self) -> int:
-        """Bytes of one image."""
+        """Size of one image in bytes."""
         camera = self.profile.camera
         return camera.columns * camera.rows * (1 if self.profile.sensor.bits <= 8 else 2)
 
     @property
     def start_ms(self) -> float:
-        """Time to start the sensor, part of the time to capture an image."""
+        """Time in ms to start the sensor, which is part of the capture time."""
         return self._timing.sensor_start_ms
 
     @property
     def readout_ms(self) -> float:
-        """Time to read an image out of the sensor."""
+        """Time in ms to read an image out of the sensor."""
         return self.frame_size / self._timing.readout_bytes_ms
 
     def capture_ms(self, exposure_ms: int) -> float:
@@ -67,8 +67,9 @@ class Imager:
         return self._exposed_ms(exposure_ms) + self.readout_ms
 
     def _exposed_ms(self, exposure_ms: int) -> float:
-        """Time from the start of the sensor until the readout begins. A rolling-shutter imager first clocks out an image of
-        undefined exposure for a frame period, at the end of which the rows are exposed (Erlank 2013 app. D)."""
+        """Return the time from the start of the sensor until the readout begins. A rolling-shutter imager first reads
+        out an image of undefined exposure, which takes one frame period; the rows are exposed at the end of this period
+        (Erlank 2013 app. D)."""
         if not self._timing.frame_ms:
             return self._timing.sensor_start_ms + exposure_ms
         return min((t for t in self._timing.frame_ms if t >= exposure_ms), default=float(exposure_ms))
@@ -79,17 +80,18 @@ class Imager:
 
     @property
     def overlapped_ms(self) -> float:
-        """Part of the readout that takes place in the next period."""
+        """Part of the readout, in ms, that takes place in the next period."""
         return self.readout_ms if self._timing.readout_overlaps else 0.0
 
     @property
     def transfer_ms(self) -> float:
-        """Time to copy an image from the FPGA's memory to the processor's; 0 if the processor reads it where it is."""
+        """Time in ms to copy an image from the FPGA's memory to the processor; 0 if the processor uses the FPGA's
+        memory directly."""
         return self.frame_size / self._timing.copy_bytes_ms if self._timing.copy_bytes_ms else 0.0
 
     def longest_ms(self, period_ms: int) -> int:
-        """Return the longest exposure in a cycle. Start, exposure and readout share the period with the copy, which needs half of
-        it in CubeStar (Erlank 2013 §5.3.6), or have it to themselves (Jacobs 1995 §4.2)."""
+        """Return the longest exposure in a cycle, in ms. Start, exposure and readout use the whole period (Jacobs 1995
+        §4.2) or share it with the copy, which takes half of the period in CubeStar (Erlank 2013 §5.3.6)."""
         share = SHARED_PERIOD if self._timing.copy_bytes_ms else 1.0
         if self._timing.frame_ms:
             fitting = [t for t in self._timing.frame_ms if t <= share * period_ms - self.readout_ms]
@@ -97,16 +99,18 @@ class Imager:
         return max(1, int(share * period_ms - self.occupied_ms(0)))
 
     def middle_s(self, start_s: float, exposure_ms: int) -> float:
-        """Return the time of mid-exposure of an image commanded at ``start_s``; with a rolling shutter that of the middle row."""
+        """Return the time of mid-exposure of an image commanded at ``start_s``; with a rolling shutter, that of the
+        middle row."""
         rolled_ms = self.readout_ms / 2 if self._timing.frame_ms else 0.0
         return start_s + (self._exposed_ms(exposure_ms) - exposure_ms / 2 + rolled_ms) / 1000
 
     def capture(self, slot: int, exposure_ms: int, mid_s: float, device_s: float, mode: str) -> StoredFrame:
-        """Expose into an image memory. ``mid_s``: middle in simulated time, ``device_s``: the same by the device's clock."""
+        """Expose into an image memory. ``mid_s``: mid-exposure in simulated time; ``device_s``: mid-exposure in device
+        time."""
         record = self._memory.record
         record.frames += 1
         drawn = self._sky.expose(mid_s, exposure_ms / 1000, record.frames)
-        pixels = self._flawed(self._amplified(drawn.pixels), record.frames)
+        pixels = self._with_faults(self._amplified(drawn.pixels), record.frames)
         self.repeated = (
             self._last is not None and self._last.shape == pixels.shape and bool((self._last == pixels).all())
         )
@@ -117,7 +121,8 @@ class Imager:
         return frame
 
     def _amplified(self, pixels: Pixels) -> Pixels:
-        """Return bias plus the signal above it times the commanded gain, clipped at the converter's maximum."""
+        """Return the pixels with the signal above the bias multiplied by the commanded gain, clipped at the converter's
+        maximum."""
         if self.gain == 1:
             return pixels
         sensor = self.profile.sensor
@@ -129,7 +134,7 @@ class Imager:
         converted: Pixels = cut.astype(np.uint8) if like.dtype == np.uint8 else cut.astype(np.uint16)
         return converted
 
-    def _flawed(self, pixels: Pixels, number: int) -> Pixels:
+    def _with_faults(self, pixels: Pixels, number: int) -> Pixels:
         if self.faults.stuck and self._last is not None and self._last.shape == pixels.shape:
             return self._last
         top = self.profile.sensor.saturation_dn
@@ -161,13 +166,13 @@ class Imager:
         return frame
 
     def stored(self, slot: int) -> StoredFrame:
-        """Return the image in a slot. Raises Refusal if it is empty."""
+        """Return the image in a slot. Raises Rejection if it is empty."""
         if slot not in self.slots:
-            raise Rejection("no_image", f"slot {slot} holds no image")
+            raise Rejection("no_image", f"slot {slot} contains no image")
         return self.slots[slot]
 
     def sram(self, address: int, length: int) -> bytes:
-        """Return bytes of the consecutive image memories; zeros for empty ones."""
+        """Return bytes of the image memories, which follow each other; zeros for empty memories."""
         out, size = bytearray(), self.frame_size
         for at in range(address, address + length):
             frame = self.slots.get(at // size)

@@ -30,17 +30,17 @@ class StoredFrame:
 
     @property
     def data(self) -> bytes:
-        """Rows top to bottom; one byte per pixel up to eight bits, else two, high byte first."""
+        """Pixel bytes, rows from top to bottom; one byte per pixel up to eight bits, otherwise two, high byte first."""
         return frame_bytes(self.pixels)
 
 
 def frame_bytes(pixels: Pixels) -> bytes:
-    """Return the pixels as the link transmits them."""
+    """Return the pixel bytes in the order of the link."""
     return pixels.tobytes() if pixels.dtype == np.uint8 else pixels.astype(">u2").tobytes()
 
 
 def thumbnail(pixels: Pixels) -> Pixels:
-    """Return averages of 4x4 pixel blocks; incomplete blocks at the right and bottom edges are left out."""
+    """Return averages of 4x4 pixel blocks; incomplete blocks at the right and bottom edges are omitted."""
     n = THUMBNAIL_BINNING
     rows, columns = pixels.shape[0] // n * n, pixels.shape[1] // n * n
     blocks = pixels[:rows, :columns].reshape(rows // n, n, columns // n, n)

@@ -1,4 +1,4 @@
-"""Device side of the transfer protocol: sessions, flash writing, read-back, commit; and sending downloads."""
+"""Device side of the transfer protocol: sessions, flash writing, read-back, commit and downloads."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ MAX_SESSIONS = 8
 
 
 class Loader:
-    """All transfers of the device.
+    """Manages all transfers of the device.
 
-    ``news``: (event name, text) for the device to send. ``device_time``: converts line time to the device's clock.
+    ``news``: events for the device to send, as (name, text). ``device_time``: converts line time to device time.
     """
 
     def __init__(
@@ -49,11 +49,11 @@ class Loader:
 
     @property
     def open_sessions(self) -> int:
-        """Number of sessions that are not finished."""
+        """Number of unfinished sessions."""
         return sum(not s.committed for s in self._sessions.values())
 
     def restart(self) -> None:
-        """Restart after a reset: sessions and partial images are lost, partial uploads in flash stay suspended."""
+        """Restart after a reset: sessions and partial images are lost; partial uploads in flash stay suspended."""
         self._sessions.clear()
         self.openings.parts.clear()
         self._out.clear()
@@ -73,15 +73,15 @@ class Loader:
         return len(open_now)
 
     def busy_with(self, area: str) -> bool:
-        """True if an open upload writes this area."""
+        """True if an open upload writes to this area."""
         return any(s.receiver and s.area == area and not s.committed for s in self._sessions.values())
 
     def drop_images(self) -> None:
-        """Abort image transfers in both directions after image memory lost power."""
+        """Abort image transfers in both directions after the image memory has lost power."""
         self.openings.parts.clear()
         for session in list(self._sessions.values()):
             if not session.committed and not session.area and (session.receiver or session.frame_number):
-                self._abort(session.id, session.request_id, "powered_off", "image memory lost its power")
+                self._abort(session.id, session.request_id, "powered_off", "the image memory lost power")
                 del self._sessions[session.id]
 
     # --- messages -----------------------------------------------------------------------------------------------
@@ -110,12 +110,12 @@ class Loader:
         elif service in ("CLOSE", "PAUSE", "ABORT_TRANSFER"):
             self._end(session, service)
 
-    def refuse(self, request_id: int, reason: str, detail: str) -> None:
-        """Refuse an OPEN."""
+    def reject(self, request_id: int, reason: str, detail: str) -> None:
+        """Reject an OPEN."""
         self._abort(0, request_id, reason, detail)
 
     def _no_session(self, session_id: int, request_id: int, now_s: float) -> None:
-        """Report an unknown session, but not for every chunk of a window."""
+        """Report an unknown session. The reports are limited in rate, because a window contains many chunks."""
         if now_s - self._refused_s.get(session_id, -1e9) >= NO_SESSION_EVERY_S:
             self._refused_s = {session_id: now_s}
             self._abort(session_id, request_id, "no_session", "this session is not open")
@@ -130,8 +130,8 @@ class Loader:
             try:
                 make = self.openings.upload if service == "OPEN_UPLOAD" else self.openings.download
                 session = make(request_id, values, now_s)
-            except Rejection as refusal:
-                self.refuse(request_id, refusal.reason, refusal.detail)
+            except Rejection as rejection:
+                self.reject(request_id, rejection.reason, rejection.detail)
                 return
             self._supersede(session)
             self._sessions[session.id] = session
@@ -154,7 +154,7 @@ class Loader:
         )
 
     def _supersede(self, new: Session) -> None:
-        """Close an older upload to the same target, so that only the newest one writes there."""
+        """Close older uploads to the same target, so that only the latest one writes to it."""
         for old in list(self._sessions.values()):
             same = old.area == new.area if new.area else (old.kind, old.target) == (new.kind, new.target)
             if new.receiver and old.receiver and same and (new.area or not old.committed):
@@ -195,7 +195,7 @@ class Loader:
         self._out.append(Outgoing("STATUS", session.request_id, page.values(session.id), page.lists()))
 
     def _content(self, session: Session) -> bytes:
-        """Return the stored content, read back from flash where it is written there."""
+        """Return the stored content; an upload to flash is read back."""
         if not session.area:
             return bytes(session.data)
         return self._writer.read(session)
@@ -211,7 +211,7 @@ class Loader:
             Outgoing("VERIFIED", session.request_id, {"session": session.id, "equal": equal, "sha256": digest})
         )
         if not equal:
-            # The wrong chunk is unknown, so the next attempt starts from an empty bank.
+            # It is unknown which chunk is wrong, so the next attempt starts from an empty bank.
             del self._sessions[session.id]
             self.openings.parts.pop((session.kind, session.target), None)
             if session.area:
@@ -226,8 +226,8 @@ class Loader:
             if session.area:
                 try:
                     self._writer.commit(session, content)
-                except Rejection as refusal:
-                    self._abort(session.id, session.request_id, refusal.reason, refusal.detail)
+                except Rejection as rejection:
+                    self._abort(session.id, session.request_id, rejection.reason, rejection.detail)
                     return
             else:
                 tracker = self._tracker
@@ -249,7 +249,7 @@ class Loader:
     # --- down ---------------------------------------------------------------------------------------------------
 
     def next_chunk(self, now_s: float) -> Outgoing | None:
-        """Return the next chunk to send, taking sessions in turn."""
+        """Return the next chunk to send, from each session in turn."""
         senders = [s for s in self._sessions.values() if s.sender is not None]
         for step in range(len(senders)):
             session = senders[(self._turn + step) % len(senders)]
@@ -263,7 +263,7 @@ class Loader:
         return None
 
     def step(self, now_s: float) -> None:
-        """Send due STATUS_REQUESTs; suspend or remove sessions silent for ``SILENT_S``."""
+        """Send due STATUS_REQUESTs; suspend or remove sessions that were silent for ``SILENT_S``."""
         for session in list(self._sessions.values()):
             if session.sender is not None:
                 due = session.sender.request_due(now_s)
@@ -273,6 +273,6 @@ class Loader:
             if now_s - session.received_s > SILENT_S:
                 if not session.committed and not (session.sender and session.sender.complete):
                     self._end(session, "silence")
-                    self.news.append(("TRANSFER_SUSPENDED", f"{session.name} went silent"))
+                    self.news.append(("TRANSFER_SUSPENDED", f"{session.name}: no message received"))
                 else:
                     del self._sessions[session.id]

@@ -1,7 +1,7 @@
-"""The device as seen on the line: bytes in, frames out, boots, housekeeping. No I/O.
+"""Simulated device at the level of the line: received bytes, frames to send, boots and housekeeping. No I/O.
 
-All methods take ``now_s`` of the simulated clock. The device's own clock counts from its first start and continues
-across resets.
+``now_s`` in all methods is the simulated time. The device's clock counts from its first start and continues across
+resets.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from gss.instruments.package_files import TYPICAL, PowerRow, UnitTiming
 
 LAST_WORDS_S = 0.2
 MAX_OVERDUE = 30
-"""Housekeeping packets that are sent late after the simulator's process did not run."""
+"""Maximum number of housekeeping packets sent late after the simulator's process was suspended."""
 
 
 @dataclass(frozen=True)
 class Identity:
-    """Values that HELLO returns besides those of profile and dictionary. ``line_baud`` 0: not paced."""
+    """Values of HELLO that are not in profile or dictionary. ``line_baud`` 0: not paced."""
 
     serial: str = "SIM-0001"
     simulated: bool = True
@@ -50,8 +50,8 @@ class Identity:
 
 
 class SimulatedDevice:
-    """A star tracker on a line. ``timing``, ``power``: of the instrument's simulator.yaml. ``training``: fault
-    injection, also for tests."""
+    """A star tracker on a line. ``timing``, ``power``: from the instrument's simulator.yaml. ``training``: fault
+    injection, also used by tests."""
 
     def __init__(
         self,
@@ -84,10 +84,10 @@ class SimulatedDevice:
             lambda: self.power.on("sram"),
         )
         self._processor = CommandProcessor(dictionary, memory, self._outbox, self.housekeeping, self._command_completed)
-        self._make_rooms()
+        self._add_handlers()
         self._boot("power_on", now_s)
 
-    def _make_rooms(self) -> None:
+    def _add_handlers(self) -> None:
         """Create the handlers by subject, all with the same tracker, memory and outbox."""
         tracker, memory, outbox, loader, processor = (
             self._tracker,
@@ -105,7 +105,7 @@ class SimulatedDevice:
         self._unit = UnitHandlers(self.power, tracker, self._tracker_handlers, loader, memory, outbox, self._registers)
         settings = SettingHandlers(tracker, self._tracker_handlers, self.clock, outbox, lambda: self.sky_s)
         self.training = Training(
-            tracker, memory, self.power, self.clock, outbox, lambda: self.sky_s, self._ask_watchdog_reset
+            tracker, memory, self.power, self.clock, outbox, lambda: self.sky_s, self._request_watchdog_reset
         )
         self._housekeeper = Housekeeper(
             tracker,
@@ -118,10 +118,10 @@ class SimulatedDevice:
             self._banks,
             self._schedule,
         )
-        rooms = (self._tracker_handlers, self._banks, self._tables, self._schedule, self._unit, settings)
-        processor.add_handlers(self._own_handlers(), self._tracker_handlers.guards())
-        for room in rooms:
-            processor.add_handlers(room.handlers())
+        handler_groups = (self._tracker_handlers, self._banks, self._tables, self._schedule, self._unit, settings)
+        processor.add_handlers(self._device_handlers(), self._tracker_handlers.guards())
+        for group in handler_groups:
+            processor.add_handlers(group.handlers())
         if self._identity.simulated:
             processor.add_handlers(self.training.handlers())
 
@@ -137,7 +137,7 @@ class SimulatedDevice:
         self._reset: tuple[str, float] | None = None
         self._outbox.time_s = self.time_s
         if cause == "power_on":
-            # The time without power is unknown.
+            # The duration without power is unknown, so UTC is no longer valid.
             record.utc_offset_s = None
         self._loader.restart()
         self._receiver.restart()
@@ -153,21 +153,21 @@ class SimulatedDevice:
         self._memory.save()
 
     def reset(self, cause: str, now_s: float) -> None:
-        """Restart; everything not in flash is lost."""
+        """Restart the device; all content outside flash is lost."""
         self._now_s = max(now_s, self._now_s)
         self._memory.record.time_base_s = self.time_s
         self._outbox.clear()
         self._boot(cause, now_s)
 
     def shut_down(self, now_s: float) -> None:
-        """Power off cleanly; the device's clock continues from here at the next start."""
+        """Power off cleanly; at the next start the device's clock continues from this time."""
         self._now_s = max(now_s, self._now_s)
         self._memory.record.time_base_s = self.time_s
         self._memory.save()
 
     @property
     def sky_s(self) -> float:
-        """Simulated seconds of the sky; equal to the device's clock as long as that has no fault."""
+        """Simulated time of the sky in seconds; equal to the device time while the device's clock has no fault."""
         return self._now_s - self._origin_s
 
     @property
@@ -179,7 +179,7 @@ class SimulatedDevice:
         if name == "RESET":
             self._reset = ("command", self._now_s + LAST_WORDS_S)
 
-    def _ask_watchdog_reset(self) -> None:
+    def _request_watchdog_reset(self) -> None:
         self._reset = ("watchdog", self._now_s + LAST_WORDS_S)
 
     # --- line ---------------------------------------------------------------------------------------------------
@@ -191,7 +191,8 @@ class SimulatedDevice:
             return
         packets = self._receiver.feed(data)
         if self._verifier is not None and any(p.type is PacketType.COMMAND for p in packets):
-            # Before a command runs: after a restart its packet must not be accepted again.
+            # The counter is saved before the command runs, because after a restart its packet must not be accepted
+            # again.
             self._memory.record.accepted_counter = self._verifier.accepted
             self._memory.save()
         for packet in packets:
@@ -236,9 +237,10 @@ class SimulatedDevice:
             self._flush_loader()
 
     def _send_overdue_housekeeping(self, now_s: float) -> None:
-        """Send the housekeeping of periods in which this process did not run, with the time at which it was due.
+        """Send the housekeeping of periods in which this process was suspended, each with its due time.
 
-        A unit's processor never waits for others. At most ``MAX_OVERDUE`` packets; older periods are skipped.
+        The processor of a real unit is never suspended. Sends at most ``MAX_OVERDUE`` packets; older periods are
+        skipped.
         """
         if now_s < self._asleep_until_s:
             return
@@ -269,7 +271,7 @@ class SimulatedDevice:
         except CorruptData as error:
             if service.name in ("OPEN_UPLOAD", "OPEN_DOWNLOAD"):
                 right_length = len(packet.payload) == fixed_bytes(service.fields)
-                self._loader.refuse(packet.request_id, "out_of_range" if right_length else "bad_length", str(error))
+                self._loader.reject(packet.request_id, "out_of_range" if right_length else "bad_length", str(error))
                 self._flush_loader()
             return
         self._processor.note_id(packet.request_id)
@@ -282,7 +284,7 @@ class SimulatedDevice:
 
     # --- commands of the device as a whole ----------------------------------------------------------------------
 
-    def _own_handlers(self) -> dict[str, Handler]:
+    def _device_handlers(self) -> dict[str, Handler]:
         return {
             "HELLO": self._hello,
             "GET_STATUS": self._get_status,
@@ -329,7 +331,7 @@ class SimulatedDevice:
     # --- housekeeping -------------------------------------------------------------------------------------------
 
     def housekeeping(self) -> Returns:
-        """Return all values of the packet, raw for fields with a conversion."""
+        """Return all values of the housekeeping packet, raw for fields with a conversion."""
         faults = self.training.at_work if self._identity.simulated else 0
         return self._housekeeper.values(self.sky_s, self.time_s, self._now_s - self._booted_s) | {
             "utc_s": self.clock.utc_s(self.sky_s),
@@ -340,5 +342,5 @@ class SimulatedDevice:
         self._outbox.telemetry(("housekeeping", self.housekeeping(), {}), request_id)
 
     def _registers(self) -> bytes:
-        """Return settings and counters as bytes: those of a housekeeping packet."""
+        """Return settings and counters as the bytes of a housekeeping packet."""
         return encode(self._dictionary.packet("housekeeping").fields, self.housekeeping())

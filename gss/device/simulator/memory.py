@@ -51,18 +51,20 @@ KEPT_REQUESTS = 64
 
 @lru_cache(maxsize=8)
 def _layout(bank_bytes: int) -> dict[str, tuple[int, int]]:
-    """Return offset and capacity of every bank: catalogues, then triplets, calibrations, parameters."""
-    room = {**dict.fromkeys(BANKS, bank_bytes)}
-    room |= {area_name(t, b): TRIPLET_BYTES if t == "triplets" else TABLE_BYTES for t in TABLES for b in TABLE_BANKS}
+    """Return offset and capacity of every bank by name: catalogues, then triplets, calibrations, parameters."""
+    capacities = {**dict.fromkeys(BANKS, bank_bytes)}
+    capacities |= {
+        area_name(t, b): TRIPLET_BYTES if t == "triplets" else TABLE_BYTES for t in TABLES for b in TABLE_BANKS
+    }
     offsets, at = {}, 0
-    for name, size in room.items():
+    for name, size in capacities.items():
         offsets[name] = (at, size)
         at += -(-size // SECTOR_BYTES) * SECTOR_BYTES
     return offsets
 
 
 def flash_bytes(bank_bytes: int) -> int:
-    """Return the size of the whole flash."""
+    """Return the size of the flash in bytes."""
     return max(offset + -(-size // SECTOR_BYTES) * SECTOR_BYTES for offset, size in _layout(bank_bytes).values())
 
 
@@ -83,7 +85,7 @@ class Memory:
 
     @classmethod
     def in_directory(cls, directory: Path, bank_bytes: int = BANK_BYTES) -> Memory:
-        """Return a memory in two files, created if missing."""
+        """Return a memory stored in two files, which are created if missing."""
         directory.mkdir(parents=True, exist_ok=True)
         image, notes = directory / "flash.bin", directory / "record.json"
         size = flash_bytes(bank_bytes)
@@ -106,7 +108,7 @@ class Memory:
         self._save(json.dumps(asdict(self.record)))
 
     def offset(self, bank: str) -> int:
-        """Return the offset of a bank, or of a bank of a table."""
+        """Return the offset of a catalogue bank or table bank."""
         return _layout(self.bank_bytes)[bank][0]
 
     def capacity(self, bank: str) -> int:
@@ -114,7 +116,7 @@ class Memory:
         return _layout(self.bank_bytes)[bank][1]
 
     def content(self, bank: str) -> bytes:
-        """Return the content of a bank, with the length in its record."""
+        """Return the content of a bank; its record states the length."""
         return self.flash.read(self.offset(bank), self.record.banks[bank].size)
 
     def hash_of(self, bank: str) -> str:
@@ -127,7 +129,7 @@ class Memory:
         return content.state == "committed" and self.hash_of(bank) == content.sha256
 
     def set_state(self, bank: str, state: str) -> None:
-        """Store the state found by a read-back."""
+        """Store the state of a bank after a read-back."""
         self.record.banks[bank] = replace(self.record.banks[bank], state=state)
         self.save()
 
@@ -139,7 +141,7 @@ class Memory:
         self.save()
 
     def burn(self, bank: str, image: bytes, record: BankRecord) -> None:
-        """Program a bank at the factory."""
+        """Program a bank as at the factory."""
         self.erase_bank(bank)
         self.flash.program(self.offset(bank), image)
         digest = hashlib.sha256(image).hexdigest()
@@ -158,7 +160,8 @@ class Memory:
         self.save()
 
     def fall_back(self) -> str:
-        """Return to the previous bank, or the golden one if that is damaged. Returns its name."""
+        """Activate the previous bank, or the golden bank if the previous one is damaged. Returns the name of the
+        bank."""
         bank = self.record.previous if self.intact(self.record.previous) else GOLDEN
         self.record.active, self.record.previous, self.record.unconfirmed = bank, self.record.active, False
         self.save()
@@ -175,7 +178,8 @@ class Memory:
         self.save()
 
     def fall_back_table(self, table: str) -> str:
-        """Return to the table's previous bank, or the factory's if that is damaged. Returns its name."""
+        """Activate the table's previous bank, or the factory bank if the previous one is damaged. Returns the name of
+        the bank."""
         used = self.record.tables[table]
         bank = used.previous if self.intact(area_name(table, used.previous)) else FACTORY
         self.record.tables[table] = InUse(bank, used.active, False)
@@ -197,5 +201,5 @@ class Memory:
 
     @property
     def used_bytes(self) -> int:
-        """Bytes of flash in use by catalogues and tables."""
+        """Number of flash bytes that catalogues and tables occupy."""
         return sum(b.size for b in self.record.banks.values())

@@ -1,4 +1,4 @@
-"""Attitude motions besides those in ``orbit``: on an orbit, slewing to a target, tumbling, on the ground."""
+"""Further attitude motions: Earth-pointing with an offset, slew to a target, tumble, fixed to the ground."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.rotation import quaternion_from_matrix, rotation_from_vector
 
-# Symmetry axis and initial angular momentum of the tumbling body, in camera axes: oblique to the boresight.
+# Symmetry axis and initial angular momentum of the tumbling body, in camera axes; both are oblique to the boresight.
 TUMBLE_SPIN_AXIS = np.array([0.48, 0.6, 0.64])
 TUMBLE_MOMENTUM = np.array([0.64, 0.48, 0.6])
 TUMBLE_SPIN_SHARE = 0.4
@@ -20,7 +20,7 @@ TUMBLE_SPIN_SHARE = 0.4
 
 @dataclass(frozen=True)
 class EarthPointing:
-    """Body axes along the orbit's (Jacobs 1995 §1.4), offset by constant roll, pitch and yaw (eq. 1.13).
+    """Body axes aligned with the orbit axes (Jacobs 1995 §1.4), offset by constant roll, pitch and yaw (eq. 1.13).
 
     ``cam_from_body``: (3, 3) mounting.
     """
@@ -44,8 +44,8 @@ class EarthPointing:
 class Tumble:
     """Torque-free motion of a body of revolution.
 
-    It spins about its own (3,) axis, in camera axes, while that axis precesses around the (3,) angular momentum, in
-    ICRS. Angular speed is constant, its direction is not.
+    The body spins about its (3,) axis of symmetry, given in camera axes. This axis precesses around the (3,) angular
+    momentum, given in ICRS. The angular speed is constant, the direction of rotation is not.
     """
 
     start: Array
@@ -57,7 +57,7 @@ class Tumble:
 
     @classmethod
     def of_rate(cls, start: Array, rate_rad_s: float, since_s: float = 0.0) -> Tumble:
-        """Return a tumble with that angular speed, starting from a (3, 3) attitude."""
+        """Return a tumble with an angular speed, starting from a (3, 3) attitude."""
         spin = TUMBLE_SPIN_SHARE * TUMBLE_SPIN_AXIS
         scale = rate_rad_s / float(np.linalg.norm(spin + TUMBLE_MOMENTUM))
         return cls(start, TUMBLE_SPIN_AXIS, TUMBLE_SPIN_SHARE * scale, start.T @ TUMBLE_MOMENTUM, scale, since_s)
@@ -74,7 +74,7 @@ class Tumble:
 
 @dataclass(frozen=True)
 class SlewTo:
-    """Shortest turn from one (3, 3) attitude to another, at rest at both ends, with a smooth rate between."""
+    """Shortest rotation from one (3, 3) attitude to another, at rest at both ends, with a smooth rate in between."""
 
     start: Array
     target: Array

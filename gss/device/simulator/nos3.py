@@ -1,7 +1,9 @@
-"""Simulated generic star tracker of NOS3, made from public facts (github.com/nasa-itc/generic_star_tracker, 144a4e0).
+"""Simulated generic star tracker of NOS3, written from public facts (github.com/nasa-itc/generic_star_tracker,
+144a4e0).
 
-It answers requests and sends nothing without one. Documented behaviour: the counter advances once per well-formed request and
-once more per answer; unknown requests get no answer; the numbers of an invalid attitude are those of the last valid one.
+It sends packets only in response to requests. Documented behaviour: the counter advances once per well-formed request
+and once more per response; unknown requests have no response; an invalid attitude repeats the numbers of the last valid
+attitude.
 """
 
 from __future__ import annotations
@@ -21,21 +23,21 @@ README_OPCODES = {0: HOUSEKEEPING, 1: DATA}
 SAMPLE_S = 0.25
 SIGMA_ARCSEC = (2.0, 2.0, 20.0)
 FASTEST_RAD_S = float(np.radians(1.0))
-"""Above this rate the attitude is invalid; chosen."""
+"""Angular rate above which the attitude is invalid. Chosen."""
 TEST_PATTERN, README, BURSTS, DISABLED = "test-pattern", "readme", "one-write-one-command", "disabled"
 DIALECTS = (TEST_PATTERN, README, BURSTS, DISABLED)
 
 
 def open_unit(world: UnitWorld) -> Nos3Unit:
-    """Return the unit. Raises BadInput for an unknown dialect."""
+    """Create the unit. Raises BadInput for an unknown dialect."""
     check_dialects(world.dialects, DIALECTS)
     return Nos3Unit(world)
 
 
 class Nos3Unit:
-    """The unit. Dialects: ``test-pattern`` sends the n-th quaternion n·(0.001, 0.002, 0.003, 0.004), not normalised, which
-    overflows; ``readme`` has the numbers and lengths of the README; ``one-write-one-command`` drops two requests that are
-    received at once; ``disabled`` answers nothing."""
+    """Simulated unit. Dialects: ``test-pattern`` sends the n-th quaternion n·(0.001, 0.002, 0.003, 0.004), not
+    normalised, which overflows; ``readme`` has the numbers and lengths of the README; ``one-write-one-command`` drops
+    requests that arrive together; ``disabled`` sends no response."""
 
     def __init__(self, world: UnitWorld) -> None:
         self._world, self._counter, self._requests = world, 0, 0
@@ -50,13 +52,13 @@ class Nos3Unit:
         packets = self._framer.feed(data, (REQUEST.size,))
         while packets:
             for packet in packets:
-                self._obey(packet, now_s)
+                self._handle_request(packet, now_s)
             packets = self._framer.feed(b"", (REQUEST.size,))
 
     def _on(self, dialect: str) -> bool:
         return dialect in self._world.dialects
 
-    def _obey(self, packet: bytes, now_s: float) -> None:
+    def _handle_request(self, packet: bytes, now_s: float) -> None:
         opcode, _ = REQUEST.unpack(packet)
         self._count()
         if self._on(README):
@@ -91,16 +93,16 @@ class Nos3Unit:
         return self._last[1]
 
     def advance(self, now_s: float) -> None:
-        """Do nothing: the unit acts on requests only."""
+        """Do nothing: the unit only responds to requests."""
 
     def next_frame(self, now_s: float) -> bytes | None:
-        """Return the next frame to send, None without one."""
+        """Return the next frame to send, or None."""
         return self._out.popleft() if self._out else None
 
     def shut_down(self, now_s: float) -> None:
-        """Do nothing: there is nothing to keep."""
+        """Do nothing: the unit stores no state."""
 
 
 def quaternion_bytes(quaternion: list[float]) -> bytes:
-    """Return four components as the sensor scales them: truncated, and wrapped where they overflow."""
+    """Return the four components scaled as by the sensor: truncated, and wrapped around on overflow."""
     return struct.pack(">4H", *(int(q * 32767 + 32768) & 0xFFFF for q in quaternion))

@@ -1,4 +1,4 @@
-"""Opening of transfers on the device: what may be opened, and how much of it is already held."""
+"""Opening of transfers on the device: checks, and chunks stored by earlier attempts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CHUNK_RANGE = (16, 1536)
 
 
 class Openings:
-    """Creates sessions. Raises Refusal if nothing can be opened.
+    """Creates sessions. Raises Rejection if the transfer cannot be opened.
 
     ``parts``: unfinished images by kind and slot. ``image_memory``: returns True if image memory has power.
     """
@@ -54,7 +54,7 @@ class Openings:
         return size
 
     def upload(self, request_id: int, request: Mapping[str, Value], now_s: float) -> Session:
-        """Return the session for an OPEN_UPLOAD, with the data held from an earlier attempt."""
+        """Create the session for an OPEN_UPLOAD, with the chunks stored by an earlier attempt."""
         kind, target, size = str(request["kind"]), int(request["target"]), int(request["size_bytes"])
         chunk_bytes, digest = self._checked_chunk(request), bytes(request["sha256"])  # type: ignore[arg-type]  # bytes decode to bytes
         if kind in FLASH_KINDS:
@@ -63,14 +63,14 @@ class Openings:
             session.offered = self._writer.offered(request)
             return session
         if kind != "image" or target >= SLOTS:
-            raise Rejection("not_found", f"nothing to write: {kind} {target}")
-        self._need_image_memory()
+            raise Rejection("not_found", f"there is no place to write: {kind} {target}")
+        self._check_image_memory()
         if size != self._tracker.imager.frame_size:
             reason = "too_large" if size > self._tracker.imager.frame_size else "bad_length"
             raise Rejection(reason, f"an image has {self._tracker.imager.frame_size} B, got {size}")
         return self._open_image(request_id, target, size, chunk_bytes, digest, now_s)
 
-    def _need_image_memory(self) -> None:
+    def _check_image_memory(self) -> None:
         if not self._image_memory():
             raise Rejection("powered_off", "sram has no power")
 
@@ -106,7 +106,7 @@ class Openings:
             and stored_frame.source == "uploaded"
             and hashlib.sha256(stored_frame.data).digest() == digest
         ):
-            # The image was committed before, but the ground has not received COMMITTED.
+            # The image is already committed, but the ground has not received COMMITTED.
             data, resumed, number = bytearray(stored_frame.data), True, stored_frame.number
             stored = list(range(chunk_count(size, chunk_bytes)))
         session = Session(self._new_id(), request_id, "image", target, size, chunk_bytes, digest, data, now_s, resumed)
@@ -118,7 +118,7 @@ class Openings:
         return session
 
     def download(self, request_id: int, request: Mapping[str, Value], now_s: float) -> Session:
-        """Return the session for an OPEN_DOWNLOAD."""
+        """Create the session for an OPEN_DOWNLOAD."""
         kind, target, chunk_bytes = str(request["kind"]), int(request["target"]), self._checked_chunk(request)
         data, number = self._downloads.content(request)
         digest = hashlib.sha256(data).digest()
@@ -136,6 +136,6 @@ class Openings:
             number,
         )
         patience_s = request_patience_s(WINDOW_CHUNKS, chunk_bytes, self._bytes_per_s)
-        # The ground may hold a part; its STATUS pages report that before the first chunk is sent.
+        # The ground may have stored chunks; its STATUS pages report them before the first chunk is sent.
         session.sender = ChunkSender(chunk_count(len(data), chunk_bytes), WINDOW_CHUNKS, patience_s, resumed=True)
         return session

@@ -25,7 +25,7 @@ from gss.instruments.registry import shipped_registry
 
 DEFAULT_EPOCH_JYEAR = 2026.0
 MOTION_WORDS = (
-    "zenith, nadir: on an orbit, camera to the zenith; the others begin at --attitude (default: as the instrument says)"
+    "zenith, nadir: on an orbit, camera to the zenith; other motions begin at --attitude (default: from the instrument)"
 )
 FAULT_WORDS = "share of 64-byte pieces"
 
@@ -40,14 +40,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="shipped instrument, or the folder or .zip of a package (gss simulate: default GSS_INSTRUMENT)",
     )
-    add("--state-dir", type=Path, metavar="DIR", help="flash and record live here; without it they last for one run")
-    add("--seed", type=int, default=1, help="noise, detector and faults (default 1)")
+    add("--state-dir", type=Path, metavar="DIR", help="folder of flash and record; without it they last for one run")
+    add("--seed", type=int, default=1, help="seed of noise, detector and faults (default 1)")
     add(
         "--dialect",
         action="append",
         default=[],
         metavar="NAME",
-        help="reproduce a documented deviation of a third-party unit; may be repeated (docs/instruments.md)",
+        help="reproduce a documented deviation of a third-party unit; can be repeated (docs/instruments.md)",
     )
     _add_sky(parser.add_argument_group("sky and motion"))
     _add_line(parser.add_argument_group("line"))
@@ -65,14 +65,14 @@ def _add_sky(group: argparse._ArgumentGroup) -> None:
     add(
         "--aberration",
         action="store_true",
-        help="stars where they appear; results on the ground then differ by up to 26″",
+        help="stars at their apparent positions; ground results then differ by up to 26″",
     )
     add(
         "--lens-off",
         type=float,
         default=0.0,
         metavar="PERCENT",
-        help="focal length, centre and distortion of this unit against its document, which its flash holds (default 0)",
+        help="error of focal length, centre and distortion; the flash contains the values of the document (default 0)",
     )
     add("--epoch", type=float, metavar="JYEAR", help="Julian year of the sky (default 2026.0, or the TLE's)")
     add(
@@ -81,30 +81,35 @@ def _add_sky(group: argparse._ArgumentGroup) -> None:
         help=MOTION_WORDS,
     )
     add("--attitude", metavar="RA,DEC,ROLL", help="boresight and roll in degrees; ground: declination is the latitude")
-    add("--rate-deg-s", type=float, default=0.05, help="turn rate of slew and tumble (default 0.05)")
+    add("--rate-deg-s", type=float, default=0.05, help="angular rate of slew and tumble (default 0.05)")
     add("--tle", type=Path, metavar="FILE", help="orbit from a two-line element set")
-    add("--altitude-km", type=float, default=600.0, help="circular orbit (default 600)")
-    add("--inclination-deg", type=float, default=97.8, help="of the circular orbit (default 97.8)")
-    add("--raan-deg", type=float, default=84.0, help="its ascending node (default 84)")
-    add("--latitude-argument-deg", type=float, default=0.0, help="place on it at the start (default 0)")
+    add("--altitude-km", type=float, default=600.0, help="altitude of the circular orbit (default 600)")
+    add("--inclination-deg", type=float, default=97.8, help="inclination of the circular orbit (default 97.8)")
+    add("--raan-deg", type=float, default=84.0, help="ascending node of the circular orbit (default 84)")
+    add(
+        "--latitude-argument-deg",
+        type=float,
+        default=0.0,
+        help="position on the circular orbit at the start (default 0)",
+    )
     add(
         "--mounting",
         choices=ORBIT_LAWS,
-        help="how the camera sits in the body (default: as the instrument says)",
+        help="mounting of the camera in the body (default: from the instrument)",
     )
     add(
         "--roll-pitch-yaw",
         metavar="R,P,Y",
-        help="body against the orbit axes, degrees (default: as the instrument says)",
+        help="attitude of the body against the orbit axes in degrees (default: from the instrument)",
     )
     add(
         "--body",
         type=Path,
         metavar="FILE",
-        help="body that carries several simulated heads: common attitude and time, mountings, misalignment and its drift "
+        help="file of a body with several simulated heads: common attitude and time, mountings, misalignment and its drift "
         "(docs/heads.md)",
     )
-    add("--head", default="", metavar="NAME", help="which head of the body this is; a server names its units")
+    add("--head", default="", metavar="NAME", help="head of the body to simulate; a server uses the names of its units")
 
 
 def _add_line(group: argparse._ArgumentGroup) -> None:
@@ -121,13 +126,19 @@ def _add_line(group: argparse._ArgumentGroup) -> None:
     add("--symlink", type=Path, metavar="PATH", help="name for the pseudo-terminal")
     add("--baud", type=int, help="rate of the line, 8N1; 0 = not paced (default: the instrument's)")
     add("--keys", type=Path, default=None, metavar="FILE", help="accept only packets signed with these link keys")
-    add("--framing", choices=sorted(FRAMINGS), help="of the packets (default: the instrument's)")
-    add("--bit-error-rate", type=float, default=0.0, metavar="X", help="both directions, as all faults (default 0)")
+    add("--framing", choices=sorted(FRAMINGS), help="framing of the packets (default: the instrument's)")
+    add(
+        "--bit-error-rate",
+        type=float,
+        default=0.0,
+        metavar="X",
+        help="in both directions, like all line faults (default 0)",
+    )
     add("--burst-rate", type=float, default=0.0, metavar="X", help=f"{FAULT_WORDS} with up to 16 bytes of noise")
     add("--drop-rate", type=float, default=0.0, metavar="X", help=f"{FAULT_WORDS} lost (default 0)")
-    add("--duplicate-rate", type=float, default=0.0, metavar="X", help=f"{FAULT_WORDS} that come twice (default 0)")
+    add("--duplicate-rate", type=float, default=0.0, metavar="X", help=f"{FAULT_WORDS} sent twice (default 0)")
     add("--stall-rate", type=float, default=0.0, metavar="X", help="stalls of half a second per second (default 0)")
-    add("--delay-ms", type=float, default=0.0, metavar="X", help="every byte comes later (default 0)")
+    add("--delay-ms", type=float, default=0.0, metavar="X", help="delay of every byte (default 0)")
 
 
 def _add_time(group: argparse._ArgumentGroup) -> None:
@@ -138,7 +149,7 @@ def _add_time(group: argparse._ArgumentGroup) -> None:
         action="store_true",
         help="time is stopped until standard input receives: step SECONDS | skip SECONDS | run [X] | pause",
     )
-    add("--paced", action="store_true", help="keep the line's rate also while time is stepped")
+    add("--paced", action="store_true", help="limit the line to its rate also while time is stepped")
     add(
         "--housekeeping-hz",
         type=float,
@@ -163,8 +174,8 @@ def instrument_of(arguments: argparse.Namespace) -> Instrument:
 def make_environment(
     arguments: argparse.Namespace, camera: CameraProfile, instrument: Instrument, utc_zero_s: float = 0.0
 ) -> Environment:
-    """Return the environment that the options define. ``instrument``: gives mounting and motion where the options name none.
-    ``utc_zero_s``: UTC of simulated time zero, as Unix time, for a body with its own time zero."""
+    """Return the environment that the options define. ``instrument``: provides mounting and motion if the options do
+    not. ``utc_zero_s``: UTC of simulated time zero, as Unix time, for a body with a separate time zero."""
     orbit, epoch_jyear = _orbit(arguments)
     if arguments.body is None:
         motion, orbit = make_motion(arguments, instrument, orbit, epoch_jyear)
@@ -214,7 +225,7 @@ def _orbit(arguments: argparse.Namespace) -> tuple[Orbit, float]:
 def make_motion(
     arguments: argparse.Namespace, instrument: Instrument, orbit: Orbit, epoch_jyear: float
 ) -> tuple[Motion, Orbit]:
-    """Return attitude motion and position; a camera on the ground replaces the orbit by its site."""
+    """Return the attitude motion and the orbit; for a camera on the ground the site replaces the orbit."""
     kind = arguments.motion or (instrument.simulator or SimulatorFile()).motion
     if kind in ("zenith", "nadir") and arguments.attitude is None:
         return _earth_pointing(arguments, instrument.about.mounting, orbit), orbit
@@ -231,12 +242,14 @@ def make_motion(
 
 
 def _on_a_body(arguments: argparse.Namespace, orbit: Orbit, utc_zero_s: float) -> tuple[Motion, Orbit]:
-    """Return motion and position of one head of a body."""
+    """Return the motion and the orbit of one head of a body."""
     options = {"motion": "motion", "attitude": "attitude", "mounting": "mounting", "roll_pitch_yaw": "roll-pitch-yaw"}
     conflicting = [f"--{option}" for name, option in options.items() if getattr(arguments, name) is not None]
     if conflicting:
         raise BadInput(
-            "the body's file states its motion and mountings", expected="--body alone", got=", ".join(conflicting)
+            "the file of the body already states motion and mountings",
+            expected="--body alone",
+            got=", ".join(conflicting),
         )
     if arguments.stepped or arguments.speed != 1.0:
         raise BadInput("heads of one body need real time", expected="neither --speed nor --stepped with --body")
@@ -261,5 +274,5 @@ def _angles(text: str, option: str) -> tuple[float, float, float]:
     try:
         first, second, third = map(float, text.split(","))
     except ValueError:
-        raise BadInput("unreadable angles", expected=f"{option} in degrees", got=text) from None
+        raise BadInput("the angles cannot be read", expected=f"{option} in degrees", got=text) from None
     return first, second, third

@@ -1,6 +1,6 @@
-"""Position and attitude of the camera as closed-form functions of time, so that a time determines the image.
+"""Position and attitude of the camera as closed-form functions of time. The time alone thus determines the scene.
 
-Times are simulated seconds. More attitude motions are in ``motion``.
+Times are simulated seconds. Further attitude motions are in ``motion``.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class Motion(Protocol):
 
 
 class Orbit(Protocol):
-    """The camera's position: ((3,) km, (3,) km/s) from the Earth's centre in ICRS axes. ``grounded``: on the Earth's surface."""
+    """The camera's position: ((3,) km, (3,) km/s) from the Earth's centre in ICRS axes. ``grounded``: on the Earth's
+    surface."""
 
     @property
     def grounded(self) -> bool: ...
@@ -62,7 +63,7 @@ class CircularOrbit:
 
     @property
     def mean_motion_rad_s(self) -> float:
-        """Mean motion by Kepler's third law."""
+        """Mean motion in rad/s, from Kepler's third law."""
         return float(np.sqrt(EARTH_MU_KM3_S2 / (EARTH_RADIUS_KM + self.altitude_km) ** 3))
 
     def state(self, time_s: float) -> tuple[Array, Array]:
@@ -72,7 +73,7 @@ class CircularOrbit:
 
 
 class Sgp4Orbit:
-    """A satellite propagated by SGP4; ``epoch_jyear`` (Terrestrial Time) is time zero."""
+    """A satellite orbit propagated by SGP4. Time zero is ``epoch_jyear`` (Terrestrial Time)."""
 
     grounded = False
 
@@ -88,14 +89,14 @@ class Sgp4Orbit:
                 got=f"{away_days:.0f} days",
                 hint="omit the epoch to use that of the TLE",
             )
-        # SGP4's axes turn by 0.1″ a day, so one rotation is enough for a whole exercise.
+        # SGP4's axes rotate by 0.1″ per day, so one constant rotation is sufficient for an exercise.
         self._icrs_from_teme = teme_from_icrs(self.epoch_jyear).T
         self.state(0.0)
 
     def state(self, time_s: float) -> tuple[Array, Array]:
         days = (self.epoch_jyear - 2000.0) * DAYS_PER_YEAR + (time_s - TT_MINUS_UTC_S) / DAY_S
-        whole = np.floor(days)
-        error, place_km, velocity_km_s = self._satellite.sgp4(J2000_JD + float(whole), float(days - whole))
+        whole_days = np.floor(days)
+        error, place_km, velocity_km_s = self._satellite.sgp4(J2000_JD + float(whole_days), float(days - whole_days))
         if error:
             raise BadInput(
                 f"no orbit at {time_s:.0f} s of simulated time",
@@ -136,7 +137,7 @@ class Inertial:
     def pointing(
         cls, ra_rad: float, dec_rad: float, roll_rad: float, rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> Inertial:
-        """Return the motion starting from a boresight and roll."""
+        """Return a motion that starts at a boresight and roll."""
         return cls(cam_from_icrs(ra_rad, dec_rad, roll_rad), np.array(rate_rad_s, float))
 
     def at(self, time_s: float) -> Pose:
@@ -146,9 +147,9 @@ class Inertial:
 
 @dataclass(frozen=True)
 class Zenith:
-    """Earth-pointing satellite on a circular orbit without nodal precession, camera to the zenith.
+    """Earth-pointing satellite on a circular orbit without nodal precession, with the camera pointing to the zenith.
 
-    The default node puts the camera on Orion at the start, where bright stars make matching easy.
+    With the default node the camera points to Orion at the start, where bright stars make matching easy.
     """
 
     altitude_km: float = 600.0
@@ -163,12 +164,12 @@ class Zenith:
 
     @property
     def mean_motion_rad_s(self) -> float:
-        """Mean motion by Kepler's third law."""
+        """Mean motion in rad/s, from Kepler's third law."""
         return self.orbit.mean_motion_rad_s
 
     def at(self, time_s: float) -> Pose:
         latitude_rad = self.start_rad + self.mean_motion_rad_s * time_s
         orbit = orbit_from_icrs(self.raan_rad, self.inclination_rad, latitude_rad)
-        # The orbit frame turns about the orbit normal, which is its −y axis.
+        # The orbit frame rotates about the orbit normal, which is its −y axis.
         rate_orbit = np.array([0.0, -self.mean_motion_rad_s, 0.0])
         return Pose(CAM_FROM_ORBIT @ orbit, CAM_FROM_ORBIT @ rate_orbit)

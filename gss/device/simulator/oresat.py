@@ -1,8 +1,9 @@
-"""Simulated OreSat star tracker, made from public facts (oresat-configs 7e7351d, oresat-star-tracker-software 42825b3). Not
-compared with a unit.
+"""Simulated OreSat star tracker, written from public facts (oresat-configs 7e7351d, oresat-star-tracker-software
+42825b3). Not compared with a unit.
 
-Service data are answered by the server of the library ``canopen``, which the card's software uses too; it runs here without its
-bus and threads. The library has no block transfers: it answers a request for one with a segmented transfer, as the card does.
+The SDO server of the library ``canopen``, which the card's software also uses, answers service data; it runs without
+the library's bus and threads. The library does not support block transfers: like the card, it answers such a request
+with a segmented transfer.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ FOLLOWS: dict[int, tuple[int, ...]] = {
     CAPTURE: (*AWAKE, ERROR),
     ERROR: (OFF,),
 }
-"""Statuses that can follow one; BOOT ends without a command."""
+"""Statuses that a command can select, by current status. BOOT ends without a command."""
 BOOT_S = 70.0
 HEARTBEAT_S, CARD_S, UPDATER_S = 1.0, 30.0, 5.0
 EXPOSURE_S, SOLVE_S = 0.3, 0.7
-"""Chosen: neither is published."""
+"""Chosen, because no values are published."""
 SIGMA_ARCSEC = (10.0, 10.0, 60.0)
 FASTEST_RAD_S = float(np.radians(1.0))
-"""Chosen: accuracy and largest rate are not published."""
+"""Chosen, because accuracy and largest rate are not published."""
 START_UNIX_S = 1_767_225_600
 """Clock at power-up: 2026-01-01, the default date of the simulated sky."""
 DAY_S = 86_400
@@ -73,11 +74,11 @@ OBJECTS: tuple[tuple[int, int, str, int, str, int | None], ...] = (
 )
 """Index, subindex, name, type, access, default."""
 MAX_FILES = 255
-logging.getLogger("canopen").setLevel(logging.CRITICAL)  # it reports every message that it cannot read
+logging.getLogger("canopen").setLevel(logging.CRITICAL)  # the library logs every message that it cannot read
 
 
 def open_unit(world: UnitWorld) -> OresatUnit:
-    """Return the unit. Raises BadInput for an unknown dialect."""
+    """Create the unit. Raises BadInput for an unknown dialect."""
     check_dialects(world.dialects, DIALECTS)
     return OresatUnit(world)
 
@@ -95,8 +96,9 @@ class MemoryNetwork(canopen.network.Network):
 
 
 class OresatUnit:
-    """The unit. Dialects: ``block`` answers block transfers; ``oresat0`` has the older dictionary's attitude in whole degrees;
-    ``midnight`` states milliseconds since midnight instead of Unix seconds; ``boot`` begins when power is switched on."""
+    """Simulated unit. Dialects: ``block`` supports block transfers; ``oresat0`` sends the attitude in whole degrees, as
+    in the older dictionary; ``midnight`` sends milliseconds since midnight instead of Unix seconds; ``boot`` starts in
+    the status BOOT, as at power-up."""
 
     def __init__(self, world: UnitWorld) -> None:
         self._world, self._reader, self._network = world, CanReader(), MemoryNetwork()
@@ -118,7 +120,7 @@ class OresatUnit:
     # --- received -----------------------------------------------------------------------------------------------
 
     def feed(self, data: bytes, now_s: float) -> None:
-        """Process received records. Messages that the library cannot read have no answer."""
+        """Process received records. Messages that the library cannot read are not answered."""
         self._now_s = now_s
         for frame in self._reader.feed(data):
             if frame.extended or frame.remote:
@@ -139,7 +141,7 @@ class OresatUnit:
         try:
             self._network.notify(0x600 + NODE, bytearray(message), self._now_s)
         except (struct.error, TypeError):
-            return  # part of a transfer that the library's server has not begun
+            return  # the message belongs to a transfer that the library's server has not started
 
     def _content(self, index: int, subindex: int) -> bytes:
         return bytes(self._node.get_data(index, subindex, check_readable=True))
@@ -152,12 +154,12 @@ class OresatUnit:
         return self._now_s + self._ahead_s
 
     def _on_read(self, index: int, subindex: int, od: ODVariable) -> int | bytes | None:
-        """Return the value of an object that the card computes; None for a stored one."""
+        """Return the value of an object that the card computes; None for a stored object."""
         if index == 0x4000:
             return self._status
         if index == 0x2010:
-            whole = int(self._unix_s())
-            return whole | int((self._unix_s() - whole) * 1e6) << 32
+            whole_s = int(self._unix_s())
+            return whole_s | int((self._unix_s() - whole_s) * 1e6) << 32
         if (index, subindex) == (0x4001, 4):
             return b""
         if (index, subindex) == (0x4001, 5):
@@ -197,7 +199,7 @@ class OresatUnit:
         self._until_s = self._now_s + self._value(0x4001, 3)
 
     def advance(self, now_s: float) -> None:
-        """Send what is due, and take and solve images."""
+        """Send the messages that are due; take and solve images."""
         self._now_s = now_s
         if self._status == BOOT and now_s >= BOOT_S:
             self._enter(STANDBY)
@@ -237,7 +239,7 @@ class OresatUnit:
         self._pixels, self._captured_unix_s = exposed.pixels.astype(np.uint8), int(self._unix_s())
 
     def _passes_filter(self) -> bool:
-        """True if enough pixels are above the lower and below the upper bound; never while the filter is disabled."""
+        """True if enough pixels are above the lower and below the upper bound. False while the filter is disabled."""
         enabled, lower, lower_share, upper, upper_share = (self._value(0x4003, k) for k in range(1, 6))
         if not enabled or self._pixels is None:
             return False
@@ -270,7 +272,7 @@ class OresatUnit:
         self._network.send_message(0x181 + NODE, struct.pack("<2f", j, k))
 
     def next_frame(self, now_s: float) -> bytes | None:
-        """Return the next record to send, None without one."""
+        """Return the next record to send, or None."""
         return self._network.out.popleft() if self._network.out else None
 
     def shut_down(self, now_s: float) -> None:
@@ -278,7 +280,7 @@ class OresatUnit:
 
 
 def _degrees(lost_from_icrs: Array) -> tuple[int, int, int]:
-    """Return right ascension, declination and roll in whole degrees, truncated, as the solver counts them."""
+    """Return right ascension, declination and roll in whole degrees, truncated, in the solver's convention."""
     boresight, left, up = lost_from_icrs
     ra, dec = np.arctan2(boresight[1], boresight[0]) % (2 * np.pi), np.arcsin(np.clip(boresight[2], -1, 1))
     roll = np.arctan2(-left[2], up[2]) % (2 * np.pi)

@@ -1,6 +1,8 @@
-"""Simulated units of other makers: each a clean-room model made from public facts, found through ``gss.simulators``.
+"""Simulated third-party units: clean-room models written from public facts, registered in the entry point group
+``gss.simulators``.
 
-They share line, clock, motion and faults with the simulator of the shared protocol, and have none of its flash or firmware.
+They use the same line, clock, motion and faults as the simulator of the shared protocol, but not its flash and
+firmware.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ ARCSEC_RAD = float(np.radians(1 / 3600))
 
 
 class SimulatedUnit(Protocol):
-    """A unit on a line: bytes and simulated seconds in, frames out."""
+    """A simulated unit on a line. Inputs: bytes and simulated seconds; output: frames."""
 
     def feed(self, data: bytes, now_s: float) -> None: ...
 
@@ -37,7 +39,7 @@ class SimulatedUnit(Protocol):
 
 @dataclass(frozen=True)
 class UnitWorld:
-    """What a unit is built from. ``dialects``: documented deviations to copy, of those that the unit knows."""
+    """Parameters of a simulated unit. ``dialects``: documented deviations to reproduce; the unit must support them."""
 
     instrument: Instrument
     environment: Environment
@@ -46,7 +48,7 @@ class UnitWorld:
 
 
 def make_unit(program: str, instrument: Instrument, world: Environment, arguments: argparse.Namespace) -> SimulatedUnit:
-    """Return the simulated unit of an entry point. Raises NotFound, and BadInput for an unknown dialect."""
+    """Create the simulated unit of an entry point. Raises NotFound, and BadInput for an unknown dialect."""
     installed = entry_points(group=SIMULATORS)
     if program not in installed.names:
         raise NotFound("unknown simulator", expected=" | ".join(sorted(installed.names)), got=program)
@@ -55,14 +57,14 @@ def make_unit(program: str, instrument: Instrument, world: Environment, argument
 
 
 def check_dialects(chosen: frozenset[str], supported: tuple[str, ...]) -> None:
-    """Raise BadInput if a dialect is unknown to the unit."""
+    """Raise BadInput if the unit does not support a dialect."""
     for name in sorted(chosen - set(supported)):
         raise BadInput("this unit has no such dialect", expected=" | ".join(supported), got=name)
 
 
 def measured(world: UnitWorld, now_s: float, sigma_arcsec: tuple[float, float, float]) -> tuple[Array, Array]:
-    """Return the (4,) quaternion cam_from_icrs, scalar-last, with noise about the camera's axes, and the (3,) rate in rad/s.
-    The noise depends on seed and time only."""
+    """Return the (4,) quaternion cam_from_icrs, scalar-last, with noise about the camera's axes, and the (3,) rate in
+    rad/s. The noise depends only on seed and time."""
     pose = world.environment.motion.at(now_s)
     rng = np.random.default_rng(np.random.SeedSequence([world.seed, int(now_s * 1e3)]))
     noise_rad = rng.normal(size=3) * np.array(sigma_arcsec) * ARCSEC_RAD

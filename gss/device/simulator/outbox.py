@@ -1,4 +1,4 @@
-"""Output queue of the device: framed packets in order, until the line takes them."""
+"""Output queue of the device: framed packets in order, until the line accepts them."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ MAX_TEXT_LENGTH = 200
 
 
 def short_text(text: str) -> str:
-    """Return the text cut to the length of a text field, never inside a character."""
+    """Return the text truncated to the length of a text field, without splitting a character."""
     return text.encode()[:MAX_TEXT_LENGTH].decode(errors="ignore")
 
 
 class Outbox:
-    """Frames packets with the device's time, ``time_s``, which the owner sets."""
+    """Queue of framed packets. ``time_s``: device time of the packets, set by the owner."""
 
     def __init__(self, dictionary: Dictionary, framing: str = "cobs") -> None:
         self._dictionary = dictionary
@@ -58,15 +58,15 @@ class Outbox:
         self._add(self._sender.packet(kind, code, request_id, payload, self.time_s))
 
     def _add(self, frame: bytes) -> None:
-        """Queue a frame. Drops the oldest if the line does not drain the queue, to bound memory."""
+        """Queue a frame. Drops the oldest frame if the queue is full, to limit memory use."""
         self._frames.append(frame)
         if len(self._frames) > MAX_WAITING:
             self._frames.popleft()
 
     def take(self) -> bytes | None:
-        """Remove and return the next frame, or None."""
+        """Remove and return the next frame; None if the queue is empty."""
         return self._frames.popleft() if self._frames else None
 
     def clear(self) -> None:
-        """Discard all frames at power off."""
+        """Discard all frames, for example at power-off."""
         self._frames.clear()

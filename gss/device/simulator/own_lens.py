@@ -1,4 +1,5 @@
-"""Simulate a unit whose lens differs from its document, as in every real unit, so that calibration has a deviation to find."""
+"""Simulate a unit whose lens deviates from its document, like the lens of every real unit. Calibration can then measure
+the deviation."""
 
 from __future__ import annotations
 
@@ -12,16 +13,16 @@ from gss.domain.errors import BadInput
 
 MAX_PERCENT = 10.0
 CENTRE_PX = 4.0
-"""Shift per percent, in a direction determined by the seed."""
+"""Shift of the optical centre in pixels per percent of lens error; the seed determines its direction."""
 DISTORTION_SHARE = 0.03
-"""Change per percent, up or down for each coefficient as determined by the seed."""
+"""Relative change of each distortion coefficient per percent of lens error; the seed determines its sign."""
 
 
 def own_lens(profile: CameraProfile, percent: float, seed: int) -> CameraProfile:
-    """Return the profile with a lens that deviates from its document; 0 percent returns the profile itself.
+    """Return the profile with a lens that deviates from its document; with 0 percent, return the profile unchanged.
 
-    The focal length is off by ``percent``; for each percent the optical centre moves by 4 px and the distortion changes
-    by 3 %. The same seed (unit) always gives the same lens. Raises BadInput beyond ±10 percent.
+    The focal length changes by ``percent``; per percent, the optical centre moves by 4 px and the distortion changes by
+    3 %. The lens depends only on the profile, the percentage and the seed. Raises BadInput beyond ±10 percent.
     """
     if not abs(percent) <= MAX_PERCENT:
         expected = f"at most {MAX_PERCENT:g} %"
@@ -39,18 +40,18 @@ def own_lens(profile: CameraProfile, percent: float, seed: int) -> CameraProfile
         camera.focal_row_px * factor,
         camera.centre_col_px + shift_px * float(np.cos(angle)),
         camera.centre_row_px + shift_px * float(np.sin(angle)),
-        _bent(camera.distortion, percent, factor, rng),
+        _changed_distortion(camera.distortion, percent, factor, rng),
     )
     return replace(profile, camera=moved, focal_mm=profile.focal_mm * factor)
 
 
-def _bent(lens: Distortion, percent: float, factor: float, rng: np.random.Generator) -> Distortion:
-    def off() -> float:
+def _changed_distortion(lens: Distortion, percent: float, factor: float, rng: np.random.Generator) -> Distortion:
+    def change() -> float:
         return 1 + DISTORTION_SHARE * abs(percent) * float(rng.choice([-1.0, 1.0]))
 
     if isinstance(lens, RadialTilt):
-        radial = tuple(k * off() for k in lens.radial)
-        return RadialTilt(lens.focal_mm * factor, lens.tilt_max_rad * off(), lens.tilt_direction_rad, radial)
+        radial = tuple(k * change() for k in lens.radial)
+        return RadialTilt(lens.focal_mm * factor, lens.tilt_max_rad * change(), lens.tilt_direction_rad, radial)
     if isinstance(lens, Brown | BrownUndistort):
-        return replace(lens, **{f.name: getattr(lens, f.name) * off() for f in fields(lens)})
+        return replace(lens, **{f.name: getattr(lens, f.name) * change() for f in fields(lens)})
     return lens

@@ -1,7 +1,7 @@
-"""Power of the unit: three rails that can be switched and can latch up, their currents, temperatures.
+"""Power of the unit: three rails that can be switched and can latch up, their currents, and the temperatures.
 
-A latch-up raises a rail's current at once; after ``trip_s`` the protection switches the rail off, and it stays off
-until CLEAR_LATCHUP. Values are those of a healthy unit with a slow variation over the orbit's day and night.
+A latch-up raises a rail's current immediately; after ``trip_s`` the protection switches the rail off, and it stays off
+until CLEAR_LATCHUP. Other values are those of a healthy unit and vary slowly with the orbit's day and night.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ PROCESSOR_C_PER_LSB, PROCESSOR_MEAN, PROCESSOR_SWING, PROCESSOR_BUSY = 0.05, 165
 
 
 class Activity(StrEnum):
-    """What the unit does; the modes of Erlank 2013 Table 6.2."""
+    """Activity of the unit: the modes of Erlank 2013 Table 6.2."""
 
     IDLE = "idle"
     STARTING = "starting"
@@ -32,9 +32,10 @@ class Activity(StrEnum):
 
 @dataclass
 class Rail:
-    """One switched supply.
+    """One switched supply rail.
 
-    ``latched``: switched off by the protection. ``short_since_s``: start of a latch-up that draws current.
+    ``latched``: True if the protection switched the rail off. ``short_since_s``: start of a latch-up while it draws
+    current.
     """
 
     on: bool = True
@@ -45,7 +46,7 @@ class Rail:
 class Power:
     """State of the rails at simulated times. ``row``: currents and reaction time of the instrument.
 
-    ``news``: (event, text) for the device to send."""
+    ``news``: events for the device to send, as (name, text)."""
 
     def __init__(self, row: PowerRow) -> None:
         self._row = row
@@ -63,7 +64,8 @@ class Power:
             rail.on = not rail.latched
 
     def switch(self, name: str, on: bool) -> bool:
-        """Switch a rail (POWER); True if anything changed. The caller rejects switching on a rail that latched up."""
+        """Switch a rail (POWER). Returns True if its state changed. The caller must reject switching on a rail that
+        latched up."""
         rail = self.rails[name]
         changed = rail.on != on
         rail.on = on
@@ -72,13 +74,13 @@ class Power:
         return changed
 
     def latch_up(self, name: str, now_s: float) -> None:
-        """Start a latch-up; no effect on a rail that is off."""
+        """Start a latch-up; this has no effect on a rail that is off."""
         rail = self.rails[name]
         if rail.on and rail.short_since_s is None:
             rail.short_since_s = now_s
 
     def clear(self, name: str) -> bool:
-        """Switch a rail on again (CLEAR_LATCHUP); True if it was latched up."""
+        """Switch a latched rail on again (CLEAR_LATCHUP). Returns True if the rail was latched up."""
         rail = self.rails[name]
         was = rail.latched or rail.short_since_s is not None
         rail.on, rail.latched, rail.short_since_s = True, False, None
@@ -125,14 +127,14 @@ class Power:
         return values | {"latchups": self.latchups & 0xFFFF, "latched_rails": self.latched}
 
     def _current(self, name: str, rail: Rail, activity: Activity) -> int:
-        """Current of a rail in tenths of a milliampere."""
+        """Return the current of a rail in tenths of a milliampere."""
         currents = self._currents[name]
         if not rail.on:
             return round(self._row.off)
         return round(currents.latched) if rail.short_since_s is not None else _drawn(currents, activity)
 
     def _watch_heat(self, sensor_c: float, processor_raw: float) -> None:
-        """Report overheating once, and again only after cooling down."""
+        """Report overheating once; report it again only after the unit has cooled down."""
         processor_c = -60.0 + 0.05 * processor_raw + 1e-6 * processor_raw**2
         over_c = max(sensor_c - SENSOR_HOT_C, processor_c - PROCESSOR_HOT_C)
         if over_c > 0 and not self._hot:
@@ -143,7 +145,7 @@ class Power:
 
 
 def _drawn(currents: Currents, activity: Activity) -> int:
-    """Current of a healthy rail in tenths of a milliampere."""
+    """Return the current of a healthy rail in tenths of a milliampere."""
     drawn = {
         Activity.BUSY: currents.busy,
         Activity.STARTING: currents.starting,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 
 class Rejection(Exception):
-    """A command or transfer cannot be executed: the dictionary's reason and a sentence."""
+    """Raised when a command or transfer cannot be executed. ``reason``: name in the dictionary; ``detail``: a
+    sentence."""
 
     def __init__(self, reason: str, detail: str) -> None:
         super().__init__(detail)

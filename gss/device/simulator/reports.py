@@ -1,4 +1,4 @@
-"""Results of the sensor as telemetry packets, in the dictionary's units."""
+"""Convert results of the sensor to telemetry packets, in the dictionary's units."""
 
 from __future__ import annotations
 
@@ -57,7 +57,8 @@ def _centroid_rows(centroids: Centroids) -> list[Row]:
 
 
 def match_report(frame_number: int, matching: Matched) -> Report:
-    """Return the packet "matches": the stars used for the attitude, or the verified ones before it is known."""
+    """Return the packet "matches": the stars used for the attitude, or the verified stars before the attitude is
+    known."""
     rows: list[Row] = [
         {"centroid": int(i), "star": int(matching.row[i]), "weight": float(matching.weight[i])}
         for i in matching.selected
@@ -114,5 +115,5 @@ def pose_values(quaternion: NDArray[np.float64] | None) -> dict[str, Value]:
 
 
 def truth_report(frame_number: int, truth: Truth) -> Report:
-    """Return the packet "frame_truth", which real devices do not have."""
+    """Return the packet "frame_truth", which real devices do not send."""
     return "frame_truth", {"frame_number": frame_number} | pose_values(truth.quaternion), {}

@@ -1,7 +1,7 @@
-"""Simulated Sagitta of arcsec, made from public facts (ut-issl/c2a-aobc and s2e-aobc). Not compared with a unit.
+"""Simulated Sagitta of arcsec, written from public facts (ut-issl/c2a-aobc and s2e-aobc). Not compared with a unit.
 
-It starts in its bootloader, where it answers actions and parameters, but telemetry only after BOOT. Parameters keep what was set;
-the subscription sends telemetry at the interval of the camera.
+It starts in its bootloader, in which it answers actions and parameters. It sends telemetry only after BOOT. Parameters
+keep the values that were set; subscribed telemetry is sent at the interval of the camera.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ DEFAULTS = {
 
 
 def open_unit(world: UnitWorld) -> SagittaUnit:
-    """Return the unit. Raises BadInput for an unknown dialect."""
+    """Create the unit. Raises BadInput for an unknown dialect."""
     check_dialects(world.dialects, DIALECTS)
     return SagittaUnit(world)
 
 
 class SagittaUnit:
-    """The unit. Dialect ``booted``: the main program runs from the start."""
+    """Simulated unit. Dialect ``booted``: the main program runs from the start."""
 
     def __init__(self, world: UnitWorld) -> None:
         self._world, self._framer = world, DelimitedFramer("slip")
@@ -66,13 +66,13 @@ class SagittaUnit:
         self._out: deque[bytes] = deque()
 
     def feed(self, data: bytes, now_s: float) -> None:
-        """Process received bytes; damaged packets have no answer."""
+        """Process received bytes; damaged packets are not answered."""
         for frame in self._framer.feed(data):
             message = unpacked(frame)
             if message is not None:
-                self._obey(*message, now_s)
+                self._handle_request(*message, now_s)
 
-    def _obey(self, kind: int, number: int, content: bytes, now_s: float) -> None:
+    def _handle_request(self, kind: int, number: int, content: bytes, now_s: float) -> None:
         if kind == ACTION:
             self._send(REPLY | ACTION, number, self._act(number, content, now_s))
         elif kind == SET_PARAMETER:
@@ -170,7 +170,7 @@ class SagittaUnit:
         ]
 
     def advance(self, now_s: float) -> None:
-        """Send the telemetry that was subscribed to, five times a second."""
+        """Send the subscribed telemetry five times per second."""
         if not self._running or now_s < self._next_s:
             return
         self._next_s = now_s + SEND_S
@@ -179,7 +179,7 @@ class SagittaUnit:
                 self._send(REPLY | ASYNCHRONOUS, number, self._telemetry(number, now_s))
 
     def next_frame(self, now_s: float) -> bytes | None:
-        """Return the next frame to send, None without one."""
+        """Return the next frame to send, or None."""
         return self._out.popleft() if self._out else None
 
     def shut_down(self, now_s: float) -> None:

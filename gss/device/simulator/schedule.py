@@ -1,4 +1,4 @@
-"""Scheduled commands: stored in the flash record, checked and run by the command desk at their device time."""
+"""Scheduled commands: stored in the flash record; the command processor checks and runs them at their device time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NEVER = ("HELLO", "SCHEDULE", "ABORT")
 
 
 class Schedule:
-    """Handlers and execution of the schedule. ``time_s``: returns the device's clock."""
+    """Handlers and execution of the schedule. ``time_s``: returns the device time."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class Schedule:
 
     @property
     def waiting(self) -> list[ScheduleEntry]:
-        """Waiting entries, the next one first."""
+        """Waiting entries, sorted by time."""
         entries = [e for e in self._memory.record.schedule if e.state == "waiting"]
         return sorted(entries, key=lambda e: (e.at_s, e.schedule_id))
 
@@ -57,9 +57,11 @@ class Schedule:
         at_s, length, payload = float(arguments["at_s"]), int(arguments["length"]), bytes(arguments["payload"])  # type: ignore[arg-type]  # bytes decode to bytes
         self._check(int(arguments["command_code"]), payload[:length])
         if at_s <= self._time_s():
-            raise Rejection("out_of_range", f"it is {self._time_s():.1f} s already, requested {at_s:.1f} s")
+            raise Rejection(
+                "out_of_range", f"the device time is already {self._time_s():.1f} s, requested {at_s:.1f} s"
+            )
         if len(self.waiting) >= MAX_WAITING:
-            raise Rejection("schedule_full", f"{MAX_WAITING} commands wait already")
+            raise Rejection("schedule_full", f"{MAX_WAITING} commands are already waiting")
         record = self._memory.record
         entry = ScheduleEntry(
             record.next_schedule, at_s, int(arguments["command_code"]), payload[:length].hex(), request_id
@@ -71,7 +73,7 @@ class Schedule:
         return {"schedule_id": entry.schedule_id}
 
     def _check(self, code: int, payload: bytes) -> None:
-        """Check that the bytes are a valid command; its preconditions are checked when it runs. Raises Refusal."""
+        """Raise Rejection unless the bytes are a valid command. Its preconditions are checked when it runs."""
         command = self._dictionary.command_of_code(code)
         if command is None or command.name not in self._processor.handlers:
             raise Rejection("unknown_command", f"code {code}")
@@ -102,7 +104,7 @@ class Schedule:
     # --- execution ----------------------------------------------------------------------------------------------
 
     def restart(self) -> None:
-        """Restart after a reset: mark and report commands whose time passed while the processor was down."""
+        """Restart after a reset: mark and report commands whose time passed while the processor was not running."""
         for entry in self.waiting:
             if entry.at_s <= self._time_s():
                 self._put(replace(entry, state="missed"), 0)
@@ -113,7 +115,7 @@ class Schedule:
         for entry in self.waiting:
             if entry.at_s > self._time_s():
                 return
-            # Marked as failed before it runs, so that a reset leaves it failed and nothing runs twice.
+            # The entry is marked as failed before it runs, so that a reset leaves it failed and no command runs twice.
             self._put(replace(entry, state="failed", reason="reset"), 0, report=False)
             self._processor.run_scheduled(
                 entry.request_id,
@@ -136,7 +138,7 @@ class Schedule:
         return f"{command.name if command else entry.command_code} (schedule {entry.schedule_id})"
 
     def _put(self, entry: ScheduleEntry, request_id: int, *, report: bool = True) -> None:
-        """Replace an entry; only the last ``MAX_ENDED`` ended entries are kept."""
+        """Replace an entry. Of the ended entries, only the last ``MAX_ENDED`` are kept."""
         record = self._memory.record
         entries = [entry if e.schedule_id == entry.schedule_id else e for e in record.schedule]
         ended = [e.schedule_id for e in entries if e.state != "waiting"]

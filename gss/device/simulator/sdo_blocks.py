@@ -1,4 +1,5 @@
-"""Server for SDO block uploads (CiA 301 §7.2.4.2.10), which the CANopen library of the simulated card does not support. No I/O."""
+"""Server for SDO block uploads (CiA 301 §7.2.4.2.10), which the CANopen library of the simulated card does not support.
+No I/O."""
 
 from __future__ import annotations
 
@@ -14,8 +15,8 @@ BAD_SIZE, BAD_NUMBER, NO_OBJECT, NO_DATA = 0x0504_0002, 0x0504_0003, 0x0602_0000
 
 
 class BlockServer:
-    """Responds to the messages of an SDO client. ``read``: returns the content of an object, given its index and subindex; raises
-    SdoAbortedError, or KeyError if there is no such object."""
+    """Responds to the messages of an SDO client. ``read``: returns the content of an object by index and subindex; it
+    raises SdoAbortedError, or KeyError for an unknown object."""
 
     def __init__(self, read: Callable[[int, int], bytes]) -> None:
         self._read = read

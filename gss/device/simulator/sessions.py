@@ -1,4 +1,4 @@
-"""An open transfer on the device, and a message it sends."""
+"""An open transfer on the device, and a transfer message to send."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Session:
     """One open transfer. Exactly one of ``receiver`` (upload) and ``sender`` (download) is set.
 
     ``area``: the flash area that an upload writes, "" for images. ``offered``: stars, pairs and epoch that the ground
-    stated for a catalogue, by name; those it did not state are absent.
+    stated for a catalogue, by name, without values that it did not state.
     """
 
     id: int

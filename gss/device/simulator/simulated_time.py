@@ -1,4 +1,4 @@
-"""Simulated time: at real speed, faster, or stepped by command."""
+"""Simulated time: at real speed, at another speed, or stepped by commands."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ MAX_ORDER_BYTES = 200
 
 
 class SimulatedClock:
-    """Seconds since the start. ``real``: the real clock. While stopped, time changes only by ``advance``."""
+    """Simulated seconds since the start. ``real``: the real clock. While the clock is stopped, only ``advance`` changes
+    the time."""
 
     def __init__(
         self, speed: float = 1.0, *, stopped: bool = False, real: Callable[[], float] = time.monotonic
@@ -31,7 +32,7 @@ class SimulatedClock:
         return self._base_s if self.stopped else self._base_s + (self._real() - self._since_s) * self._speed
 
     def utc_zero_s(self) -> float:
-        """Return UTC at simulated time zero, as Unix time; correct as long as time runs at real speed."""
+        """Return UTC at simulated time zero, as Unix time; valid only while time runs at real speed."""
         return time.time() - self()
 
     def hold(self) -> None:
@@ -39,7 +40,7 @@ class SimulatedClock:
         self._base_s, self.stopped = self(), True
 
     def run(self, speed: float | None = None) -> None:
-        """Run with the real clock, at another speed if given."""
+        """Run with the real clock. ``speed``: new speed; None keeps the speed."""
         new_speed = self._speed if speed is None else _checked_speed(speed)
         self._base_s, self._since_s, self._speed, self.stopped = self(), self._real(), new_speed, False
 
@@ -51,7 +52,7 @@ class SimulatedClock:
 
 
 class Paced(Protocol):
-    """Interface of what is driven by time: the terminal."""
+    """Interface of an object that simulated time drives: the terminal."""
 
     paced: bool
 
@@ -61,10 +62,10 @@ class Paced(Protocol):
 class TimeControl:
     """Time commands, one per line: ``step SECONDS``, ``skip SECONDS``, ``run [SPEED]``, ``pause``, ``time``.
 
-    Each is answered by one line: ``time T``, ``running``, ``paused T`` or ``error …``. A step advances in ticks of 10
-    ms, and bytes received on the line are read before the first tick, so that the same commands at the same times
-    produce the same bytes. A skip advances in one tick: what happens in between is computed roughly, as after a pause of the
-    process.
+    Each command is answered by one line: ``time T``, ``running``, ``paused T`` or ``error …``. A step advances in ticks
+    of 10 ms; bytes received on the line are read before the first tick. The same commands at the same times thus
+    produce the same bytes. A skip advances in one tick: events in between are only approximated, as after a pause of
+    the process.
     """
 
     def __init__(self, clock: SimulatedClock, terminal: Paced, stopping: Callable[[], bool] = never) -> None:
@@ -78,9 +79,9 @@ class TimeControl:
         for line in lines:
             words = line.decode("utf-8", "replace").split()
             if words:
-                yield self._obey(words[0], words[1:])
+                yield self._execute(words[0], words[1:])
 
-    def _obey(self, order: str, words: list[str]) -> str:
+    def _execute(self, order: str, words: list[str]) -> str:
         try:
             if order == "step" and len(words) == 1:
                 self._step(_number(words[0], MAX_STEP_S))
@@ -114,13 +115,13 @@ class TimeControl:
                 return
 
 
-def _number(text: str, most: float) -> float:
+def _number(text: str, maximum: float) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise BadInput("unreadable number", expected="digits", got=text) from None
-    if not 0 < value <= most:
-        raise BadInput("number is out of range", expected=f"above 0, at most {most:g}", got=text)
+        raise BadInput("the number cannot be read", expected="digits", got=text) from None
+    if not 0 < value <= maximum:
+        raise BadInput("number is out of range", expected=f"above 0, at most {maximum:g}", got=text)
     return value
 
 

@@ -1,7 +1,8 @@
 """Images of the simulated camera: real stars at the simulated date, rendered with the profile's camera and sensor.
 
-With everything in the environment switched off: stars with proper motion only. Aberration changes the stars' directions
-but not the true attitude: that refers to ICRS axes, its star positions are the apparent ones.
+If all effects of the environment are switched off, the image contains only stars with proper motion. Aberration changes
+the directions of the stars but not the true attitude, which refers to ICRS axes; the true star positions in the image
+are the apparent ones.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class SimulatedSky:
         self._stars = propagate(load_stars(faintest), epoch_jyear)
 
     def expose(self, mid_time_s: float, exposure_s: float, frame_number: int) -> SimulatedExposure:
-        """Return the image whose mid-exposure is at ``mid_time_s`` (simulated time)."""
+        """Return an image with mid-exposure at ``mid_time_s`` (simulated time)."""
         world, profile = self.environment, self._profile
         pose = world.motion.at(mid_time_s)
         rng = np.random.default_rng(np.random.SeedSequence([self._seed, frame_number]))
@@ -90,7 +91,8 @@ class SimulatedSky:
         return replace(near, icrs=aberrate(near.icrs, self.environment.velocity_c(time_s)))
 
     def _lights(self, pose: Pose, time_s: float, trail_s: float) -> Lights | None:
-        """Return planets and the Moon's disc if near the field of view. A smeared disc needs fewer points."""
+        """Return the planets and the Moon's disc, if they are near the field of view. A smeared disc needs fewer
+        points."""
         world = self.environment
         if not (world.planets or world.moon):
             return None
@@ -105,11 +107,11 @@ class SimulatedSky:
             points, point_v_mag = moon_points(bodies, pixel_rad, 1 + trail_px)
             icrs.append(points)
             v_mag.append(np.full(len(points), point_v_mag))
-        places, brightness = np.concatenate(icrs), np.concatenate(v_mag)
+        directions, brightness = np.concatenate(icrs), np.concatenate(v_mag)
         if world.aberration:
-            places = aberrate(places, world.velocity_c(time_s))
-        near = places @ pose.cam_from_icrs[2] > self._near_cosine(NEAR_FIELD_RAD)
-        return Lights(places[near], brightness[near])
+            directions = aberrate(directions, world.velocity_c(time_s))
+        near = directions @ pose.cam_from_icrs[2] > self._near_cosine(NEAR_FIELD_RAD)
+        return Lights(directions[near], brightness[near])
 
     def _veil(self, pose: Pose, time_s: float) -> Veil | None:
         """Return stray light of Sun, Earth and Moon, and the Earth's disc."""
@@ -143,9 +145,9 @@ class SimulatedSky:
 
 
 def moon_points(bodies: Bodies, pixel_rad: float, smear: float = 1.0) -> tuple[Array, float]:
-    """Return (n, 3) directions spread evenly over the Moon's lit side, and the magnitude of each.
+    """Return (n, 3) directions distributed evenly over the Moon's lit side, and the magnitude of each direction.
 
-    ``smear``: divides the number of points.
+    ``smear``: divisor of the number of points.
     """
     moon = bodies.moon
     count = int(np.clip(6 * (moon.radius_rad / pixel_rad) ** 2 / smear, *MOON_POINTS))
@@ -153,7 +155,7 @@ def moon_points(bodies: Bodies, pixel_rad: float, smear: float = 1.0) -> tuple[A
     radius, angle = np.sqrt((order + 0.5) / count), order * GOLDEN_ANGLE_RAD
     toward_sun = bodies.sun.icrs * bodies.sun.distance_km - moon.icrs * moon.distance_km
     toward_sun /= np.linalg.norm(toward_sun)
-    east, north = _across(moon)
+    east, north = _perpendicular(moon)
     x, y = radius * np.cos(angle), radius * np.sin(angle)
     normal = x[:, None] * east + y[:, None] * north - np.sqrt(1 - radius**2)[:, None] * moon.icrs
     lit = normal @ toward_sun > 0
@@ -164,8 +166,8 @@ def moon_points(bodies: Bodies, pixel_rad: float, smear: float = 1.0) -> tuple[A
     return points / np.linalg.norm(points, axis=1, keepdims=True), moon.v_mag + 2.5 * float(np.log10(lit.sum()))
 
 
-def _across(disc: BodyDisc) -> tuple[Array, Array]:
-    """Return two directions perpendicular to that of a body and to each other."""
+def _perpendicular(disc: BodyDisc) -> tuple[Array, Array]:
+    """Return two directions that are perpendicular to the direction of a body and to each other."""
     helper = np.eye(3)[int(np.argmin(np.abs(disc.icrs)))]
     east = np.cross(helper, disc.icrs)
     east /= np.linalg.norm(east)

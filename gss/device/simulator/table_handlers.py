@@ -1,4 +1,4 @@
-"""Handlers of the table commands: the same life cycle as a catalogue bank, for triplets, calibration and parameters."""
+"""Handlers of the table commands. Triplets, calibration and parameters have the same life cycle as catalogue banks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from gss.instruments.package_files import UnitTiming
 
 
 class TableHandlers:
-    """Handlers for the tables. An activated table is on trial until CONFIRM_TABLE; a timeout or a reset ends the trial."""
+    """Handlers of the table commands. An activated table is on trial until CONFIRM_TABLE; a timeout or a reset ends the
+    trial."""
 
     def __init__(
         self, memory: Memory, tracker: StarTracker, loader: Loader, outbox: Outbox, timing: UnitTiming
@@ -47,7 +48,7 @@ class TableHandlers:
                 self._outbox.event("TABLE_FELL_BACK", text)
 
     def advance(self, now_s: float) -> None:
-        """Advance the time; trials may end."""
+        """Advance the time; trials can end."""
         self._now_s = now_s
         for table in [t for t, by_s in self._confirm_by_s.items() if now_s >= by_s]:
             self._fall_back(table, "was not confirmed in time", 0)
@@ -88,7 +89,7 @@ class TableHandlers:
         return {"count": len(TABLES) * len(TABLE_BANKS)}
 
     def _read_back(self, table: str, bank: str, request_id: int) -> Task:
-        """Return the SHA-256 of the flash content. A table that does not match its record becomes corrupt."""
+        """Read the bank and return its SHA-256. A table that does not match its record becomes corrupt."""
         area = area_name(table, bank)
         content = self._memory.record.banks[area]
         if content.state not in ("committed", "corrupt"):
@@ -100,7 +101,7 @@ class TableHandlers:
             self._memory.set_state(area, state)
         self._report_status(request_id, table, bank)
         if state == "corrupt":
-            text = f"{table} {bank} reads {digest[:12]}, should be {content.sha256[:12]}"
+            text = f"{table} {bank} has the hash {digest[:12]}, expected {content.sha256[:12]}"
             self._outbox.event("TABLE_CORRUPT", text, request_id)
             raise Rejection("bank_corrupt", f"{table} {bank} does not match its checksum")
         return {"sha256": bytes.fromhex(digest)}
@@ -112,9 +113,9 @@ class TableHandlers:
         table, bank, trial_s = str(arguments["table"]), str(arguments["bank"]), int(arguments["confirm_within_s"])
         used = self._memory.record.tables[table]
         if bank == used.active:
-            raise Rejection("bank_active", f"{table} {bank} is active already")
+            raise Rejection("bank_active", f"{table} {bank} is already active")
         if used.unconfirmed:
-            raise Rejection("wrong_state", f"{table} {used.active} waits for CONFIRM_TABLE")
+            raise Rejection("wrong_state", f"{table} {used.active} is waiting for CONFIRM_TABLE")
         yield from self._read_back(table, bank, request_id)
         content = self._memory.record.banks[area_name(table, bank)]
         if content.profile != self._tracker.profile.name:
@@ -148,7 +149,7 @@ class TableHandlers:
         table = str(arguments["table"])
         used = self._memory.record.tables[table]
         if used.previous == used.active:
-            raise Rejection("wrong_state", f"no other {table} table was active before")
+            raise Rejection("wrong_state", f"there is no previous {table} table")
         self._fall_back(table, "was rolled back", request_id)
         return {}
 
@@ -156,7 +157,7 @@ class TableHandlers:
         table, bank = str(arguments["table"]), str(arguments["bank"])
         used, area = self._memory.record.tables[table], area_name(table, bank)
         if bank == FACTORY:
-            raise Rejection("write_protected", "the factory's tables cannot be erased")
+            raise Rejection("write_protected", "the factory tables cannot be erased")
         if bank == used.active or (used.unconfirmed and bank == used.previous):
             raise Rejection("bank_active", f"{table} {bank} is in use")
         if self._loader.busy_with(area):

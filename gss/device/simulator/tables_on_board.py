@@ -18,7 +18,8 @@ from gss.skytables.triplets import TripletTable
 
 
 class Tables:
-    """Content of the active tables. For a table that cannot be read, the unit's defaults apply and the problem is reported."""
+    """Content of the active tables. If a table cannot be read, the unit's defaults apply and the problem is
+    reported."""
 
     def __init__(self, profile: CameraProfile, memory: Memory) -> None:
         self._default_profile, self._memory = profile, memory
@@ -29,7 +30,7 @@ class Tables:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Identifies the active tables; changes when another one becomes active."""
+        """Key of the active tables; it changes when another table becomes active."""
         record = self._memory.record
         areas = [area_name(t, record.tables[t].active) for t in TABLES]
         return tuple(f"{area} {record.banks[area].sha256}" for area in areas)
@@ -63,8 +64,8 @@ class Tables:
     def prepare(self, catalogue: OnboardCatalogue) -> Any:
         """Return the chain's prepared catalogue, with the active triplet table if the chain uses triplets.
 
-        The factory's triplet table belongs to the golden catalogue. It is not used for a bank that contains triplets or
-        that it was not made for; the chain then uses the bank's triplets or computes its own.
+        The factory triplet table belongs to the golden catalogue. It is not used if the bank contains triplets or holds
+        another catalogue; the chain then uses the bank's triplets or computes them.
         """
         prepared = self.chain.prepare(catalogue, self.profile)
         used = self._memory.record.tables["triplets"].active
@@ -75,7 +76,7 @@ class Tables:
         return prepare_with_triplets(catalogue, self.profile, self.triplets)
 
     def _belongs(self) -> bool:
-        """True if the active triplet table was made for the active bank."""
+        """True if the active triplet table belongs to the active bank."""
         record = self._memory.record
         table = self._memory.content(area_name("triplets", record.tables["triplets"].active))
         body_crc = int.from_bytes(self._memory.content(record.active)[56:60], "little")

@@ -1,6 +1,6 @@
-"""The device's end of a real line: a pseudo-terminal or one TCP connection, paced to the baud rate, with faults.
+"""Device end of a real line: a pseudo-terminal or one TCP connection, limited to the baud rate, with line faults.
 
-One thread, one loop. A missing listener is normal: as with a UART, bytes that cannot be written are lost.
+Runs in one loop of one thread. As on a UART, bytes that cannot be written, for example without a listener, are lost.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from gss.domain.errors import BadInput, Conflict
 
 READ_BYTES = 4096
 GIVE_UP_S = 5.0
-"""A reader on a busy machine can pause for seconds; bytes that no program reads for longer are lost."""
+"""Time after which unread bytes are lost; a reader on a busy machine can pause for seconds."""
 BURST_S = 0.02
 
 
 class DeviceLine(Protocol):
-    """The device's end of a line; never blocks."""
+    """Device end of a line; never blocks."""
 
     url: str
 
@@ -44,7 +44,8 @@ class DeviceLine(Protocol):
 
 
 class PtyLine:
-    """A pseudo-terminal in raw mode. Also keeps the slave end open, without which reads from the master fail with EIO."""
+    """A pseudo-terminal in raw mode. Keeps the slave end open, because otherwise reads from the master fail with
+    EIO."""
 
     def __init__(self, link: Path | None = None) -> None:
         self._link = link
@@ -78,7 +79,8 @@ class PtyLine:
         return b"" if self._cut else data
 
     def write(self, data: bytes) -> int | None:
-        """Write without blocking. Returns the number of bytes taken, 0 if the buffer is full, None if the line is disconnected."""
+        """Write without blocking. Returns the number of accepted bytes, 0 if the buffer is full, None if the line is
+        disconnected."""
         if self._cut or self._handles is None:
             return None
         try:
@@ -89,8 +91,8 @@ class PtyLine:
     def hang_up(self) -> None:
         """Disconnect the line.
 
-        With a symlink the port itself disappears. Without one it could not return under the same name, so it only stops
-        responding.
+        With a symlink the port disappears. Without a symlink it could not reappear under the same name, so it only
+        stops responding.
         """
         self._cut = True
         if self._link is not None:
@@ -115,7 +117,7 @@ class PtyLine:
 
 
 class TcpLine:
-    """One TCP connection at a time on the loopback interface; a second one is closed at once."""
+    """One TCP connection at a time on the loopback interface; a second connection is closed immediately."""
 
     def __init__(self, port: int) -> None:
         if not 0 <= port <= 65535:
@@ -127,7 +129,7 @@ class TcpLine:
         except OSError as error:
             self._listener.close()
             raise Conflict(
-                f"port {port} is taken", got=str(error), hint="choose another port, or 0 for a free one"
+                f"port {port} is in use", got=str(error), hint="choose another port, or 0 for a free one"
             ) from error
         self._listener.listen(1)
         self._listener.setblocking(False)
@@ -170,7 +172,8 @@ class TcpLine:
         return data
 
     def write(self, data: bytes) -> int | None:
-        """Write without blocking. Returns the number of bytes taken, 0 if the buffer is full, None without a client."""
+        """Write without blocking. Returns the number of accepted bytes, 0 if the buffer is full, None without a
+        client."""
         if self._peer is None:
             return None
         try:
@@ -184,7 +187,7 @@ class TcpLine:
             return None
 
     def hang_up(self) -> None:
-        """Close the connection and every new one."""
+        """Close the connection, and close new connections immediately."""
         self._cut = True
         self._drop()
 
@@ -200,8 +203,8 @@ class TcpLine:
 class Terminal:
     """Moves bytes between a line and a device.
 
-    ``bytes_per_s`` 0: no rate limit. ``clock``: the simulated one. ``paced`` False: no rate limit either, as required
-    while the clock is held.
+    ``bytes_per_s`` 0: no rate limit. ``clock``: simulated clock. ``paced``: False also removes the rate limit, as
+    required while the clock is stopped.
     """
 
     def __init__(
@@ -215,14 +218,14 @@ class Terminal:
         self._line, self._device, self._clock, self._rate = line, device, clock, bytes_per_s
         self._control, self._connected = control, True
         self.paced = True
-        self._pending = b""  # after faults, waiting for the line rate
-        self._out = b""  # after the delay, waiting for buffer space
+        self._pending = b""  # bytes after the faults, which wait for the line rate
+        self._out = b""  # bytes after the delay, which wait for buffer space
         self._blocked_s: float | None = None
         self._read_credit = self._write_credit = 0.0
         self._at_s = clock()
 
     def turn(self, wait_s: float, also: list[int] | None = None) -> list[int]:
-        """Wait up to ``wait_s``, then advance the device once. Returns which handles in ``also`` are ready."""
+        """Wait up to ``wait_s``, then advance the device once. Returns the handles in ``also`` that are ready."""
         handles = self._line.wait_handles() if self._may_read() else []
         ready, _, _ = select.select([*handles, *(also or [])], [], [], wait_s)
         now_s = self._clock()
@@ -255,10 +258,10 @@ class Terminal:
     def _refill(self, now_s: float) -> None:
         elapsed_s, self._at_s = max(0.0, now_s - self._at_s), now_s
         if self._limited:
-            # After a slow turn the line catches up on what it could have carried, up to a quarter second.
-            most = self._rate * max(BURST_S, min(elapsed_s, 0.25))
-            self._read_credit = min(self._read_credit + self._rate * elapsed_s, most)
-            self._write_credit = min(self._write_credit + self._rate * elapsed_s, most)
+            # After a slow iteration the line may carry the bytes of up to a quarter second at once.
+            max_credit = self._rate * max(BURST_S, min(elapsed_s, 0.25))
+            self._read_credit = min(self._read_credit + self._rate * elapsed_s, max_credit)
+            self._write_credit = min(self._write_credit + self._rate * elapsed_s, max_credit)
 
     def _receive(self, now_s: float) -> None:
         if self._control.up.stalled(now_s):

@@ -22,14 +22,15 @@ IMAGE_RAILS, PROCESS_RAILS = ("imager", "fpga", "sram"), ("sram",)
 
 @dataclass(eq=False)
 class _CycleTask:
-    """A task of the cycle and when it continues, in simulated time."""
+    """A task of the cycle. ``due_s``: simulated time at which it continues."""
 
     task: Task
     due_s: float
 
 
 class TrackerHandlers:
-    """Handlers for a StarTracker. ``clock``: returns (now, simulated seconds of the sky). ``cycle_ms``: period at power-on."""
+    """Handlers for a StarTracker. ``clock``: returns the current time and the simulated time of the sky. ``cycle_ms``:
+    period at power-on."""
 
     def __init__(
         self,
@@ -71,13 +72,13 @@ class TrackerHandlers:
         }
 
     def guards(self) -> dict[str, Guard]:
-        """Return the power checks by command name; a command without power is rejected."""
+        """Return the power checks by command name. A command is rejected if a rail that it needs has no power."""
         image = ("TAKE_IMAGE", "RUN_ITERATION", "START_CYCLE")
-        return {name: lambda _: self._need(IMAGE_RAILS) for name in image} | {
-            "FIND_CENTROIDS": lambda _: self._need(PROCESS_RAILS)
+        return {name: lambda _: self._check_power(IMAGE_RAILS) for name in image} | {
+            "FIND_CENTROIDS": lambda _: self._check_power(PROCESS_RAILS)
         }
 
-    def _need(self, rails: tuple[str, ...]) -> None:
+    def _check_power(self, rails: tuple[str, ...]) -> None:
         off = [rail for rail in rails if not self._power.on(rail)]
         if off:
             raise Rejection("powered_off", f"{', '.join(off)} {'has' if len(off) == 1 else 'have'} no power")
@@ -91,23 +92,23 @@ class TrackerHandlers:
 
     @property
     def activity(self) -> Activity:
-        """What the cycle does now."""
+        """Current activity of the cycle."""
         return self._stage if self.cycle_running else Activity.IDLE
 
     def restart(self) -> bool:
-        """Stop the cycle without an event; True if it was running."""
+        """Stop the cycle without an event. Returns True if it was running."""
         ran = self.cycle_running
         self._due_s = self._last_slot = None
         self._activities, self._stage = [], Activity.IDLE
         return ran
 
     def reset(self) -> None:
-        """Reset to power-on."""
+        """Reset to the power-on state."""
         self.restart()
         self.period_ms = self._cycle_ms
 
     def stop_without_power(self) -> None:
-        """Stop the cycle if a rail it needs has no power."""
+        """Stop the cycle if a rail that it needs has no power."""
         off = [rail for rail in IMAGE_RAILS if not self._power.on(rail)]
         if off and self.restart():
             self._outbox.event("CYCLE_STOPPED", f"{off[0]} has no power")
@@ -122,12 +123,12 @@ class TrackerHandlers:
             try:
                 first.due_s += next(first.task)
             except StopIteration:
-                if first in self._activities:  # STOP_CYCLE and a power failure end them all
+                if first in self._activities:  # STOP_CYCLE and a power failure end all activities
                     self._activities.remove(first)
         if self._due_s is None or now_s < self._due_s:
             return
         start_s, period_s = self._due_s, self.period_ms / 1000
-        # After a pause of the simulation the cycle continues with the next whole period; missed ones are skipped.
+        # After a pause of the simulation the cycle continues with the next whole period; missed periods are skipped.
         self._due_s += period_s * max(1.0, np.ceil((now_s - self._due_s) / period_s))
         if self._activities:
             # Processing longer than the period delays the next iteration by whole periods (Sunsat lost in space: 14 s).
@@ -142,8 +143,8 @@ class TrackerHandlers:
         self._activities = [a for a in (processing, exposing) if a is not None]
 
     def _expose_next(self, slot: int, start_s: float, sky_start_s: float, processing: _CycleTask | None) -> Task:
-        """Expose the next image during processing, then copy it, which needs the processor as well. If processing took longer than
-        the period, the image is too old by then and is exposed again at the next whole period."""
+        """Expose the next image during processing, then copy it; the copy needs the processor too. If processing took
+        longer than the period, the image is too old and is exposed again at the next whole period."""
         tracker, period_s = self._tracker, self.period_ms / 1000
         exposure_ms = min(tracker.exposure_ms, tracker.imager.longest_ms(self.period_ms))
         frame = tracker.capture(slot, exposure_ms, sky_start_s)
@@ -171,7 +172,8 @@ class TrackerHandlers:
         return {}
 
     def _process_last(self, slot: int) -> Task:
-        """Process the image of the last period, of which a sensor that integrates all the time is still reading out."""
+        """Process the image of the last period. A sensor with overlapped readout first completes the readout of this
+        image."""
         tracker = self._tracker
         frame, readout_ms = tracker.imager.stored(slot), tracker.imager.overlapped_ms
         if readout_ms:
@@ -211,9 +213,11 @@ class TrackerHandlers:
         tracker, mode = self._tracker, str(arguments["mode"])
         prior = tracker.prior
         if mode == "tracking" and prior.quaternion is None:
-            raise Rejection("wrong_state", "tracking needs an attitude: run an iteration first")
+            raise Rejection("wrong_state", "the mode tracking needs an attitude: run an iteration first")
         if mode == "assisted" and prior.usable(Mode.ASSISTED) is not Mode.ASSISTED:
-            raise Rejection("wrong_state", "assisted needs SET_ATTITUDE_HINT, or SET_ORBIT and SET_APRIORI, first")
+            raise Rejection(
+                "wrong_state", "the mode assisted needs SET_ATTITUDE_HINT, or SET_ORBIT and SET_APRIORI, first"
+            )
         before, tracker.mode = tracker.mode, mode
         if mode == STANDBY:
             self.stop_cycle({}, request_id)
@@ -235,14 +239,14 @@ class TrackerHandlers:
         frame = tracker.capture(slot, exposure_ms, self._clock()[1])
         yield (tracker.timing.capture_ms + tracker.timing.transfer_ms) / 1000
         if self._tracker.slots.get(slot) is not frame:
-            raise Rejection("powered_off", "the image memory lost its power")
+            raise Rejection("powered_off", "the image memory lost power")
         self._report_frame(frame, request_id)
         return {"frame_number": frame.number, "slot": slot}
 
     def _report_frame(self, frame: StoredFrame, request_id: int) -> None:
         self._outbox.telemetry(frame_report(frame), request_id)
         if self._tracker.imager.repeated:
-            self._outbox.event("IMAGE_REPEATED", f"frame {frame.number} is the one before", request_id)
+            self._outbox.event("IMAGE_REPEATED", f"frame {frame.number} repeats the previous image", request_id)
 
     def run_iteration(self, arguments: Arguments, request_id: int) -> Task:
         tracker, slot = self._tracker, int(arguments["slot"])

@@ -18,7 +18,7 @@ from gss.device.simulator.rejection import Rejection
 from gss.domain.errors import BadInput
 
 LASTING = ("stuck_sensor", "overheat", "stale_attitude", "clock_drift", "blinded", "false_stars")
-"""Faults that last for their duration or until they are removed; the others occur once."""
+"""Faults that last for their duration or until they are removed. All other faults occur once."""
 LIMITS: Mapping[str, tuple[float, float]] = {
     "bank_corruption": (0, len(BANKS) - 1),
     "overheat": (-100.0, 150.0),
@@ -27,7 +27,7 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "false_stars": (1, 500),
 }
 USUAL: Mapping[str, float] = {"overheat": 30.0, "clock_drift": 100.0, "clock_jump": 10.0, "false_stars": 20.0}
-"""Sizes used for value 0, with which the fault would have no effect: °C, parts per million, seconds, stars."""
+"""Default sizes, used for the value 0, which would have no effect: °C, parts per million, seconds, stars."""
 FLIPPED_BITS = 3
 CONTROL = {"orbit": "zenith", "inertial": "inertial", "slew": "slew", "tumble": "tumble", "earth_fixed": "ground"}
 STALL_S = 0.5
@@ -35,7 +35,7 @@ STALL_S = 0.5
 
 @dataclass(frozen=True)
 class PlannedFault:
-    """A fault of a plan. ``at_s``: simulated seconds of the sky. ``duration_s`` 0: until removed."""
+    """A planned fault. ``at_s``: simulated seconds of the sky. ``duration_s`` 0: until removed."""
 
     at_s: float
     fault: str
@@ -63,7 +63,7 @@ class Training:
         self._plan: list[PlannedFault] = []
 
     def handlers(self) -> dict[str, Handler]:
-        """Return the handlers by command name; a real unit has none of them."""
+        """Return the handlers by command name. Real units do not have these commands."""
         return {
             "SIM_INJECT": self.sim_inject,
             "SIM_SET_LINE": self.sim_set_line,
@@ -73,7 +73,7 @@ class Training:
 
     @property
     def at_work(self) -> int:
-        """Number of lasting faults in effect."""
+        """Number of lasting faults that are active."""
         return len(self._until_s)
 
     # --- faults -------------------------------------------------------------------------------------------------
@@ -83,14 +83,14 @@ class Training:
         self._plan = sorted([*self._plan, *faults], key=lambda f: f.at_s)
 
     def advance(self) -> None:
-        """Start planned faults and end lasting ones whose time has come."""
+        """Start planned faults and end lasting faults that are due."""
         now_s = self._sky_s()
         while self._plan and self._plan[0].at_s <= now_s:
             planned = self._plan.pop(0)
             try:
                 self.inject(planned.fault, planned.value, planned.duration_s)
-            except Rejection as refusal:
-                self._outbox.event("TRAINING", f"{planned.fault} was not injected: {refusal.detail}")
+            except Rejection as rejection:
+                self._outbox.event("TRAINING", f"{planned.fault} was not injected: {rejection.detail}")
         for fault in [f for f, until_s in self._until_s.items() if until_s is not None and now_s >= until_s]:
             self._end(fault)
             self._outbox.event("TRAINING", f"{fault} ended")
@@ -98,7 +98,7 @@ class Training:
     def inject(self, fault: str, value: float = 0.0, duration_s: float = 0.0, request_id: int = 0) -> None:
         """Inject a fault now; value 0 uses its default size. "none" removes all faults.
 
-        Raises Refusal if the value is out of range.
+        Raises Rejection if the value is out of range.
         """
         value = value or USUAL.get(fault, 0.0)
         if fault in LIMITS:
@@ -114,9 +114,9 @@ class Training:
             self._begin(fault, value)
             self._until_s[fault] = self._sky_s() + duration_s if duration_s > 0 else None
         else:
-            self._strike(fault, value, request_id)
+            self._apply_once(fault, value, request_id)
 
-    def _strike(self, fault: str, value: float, request_id: int) -> None:
+    def _apply_once(self, fault: str, value: float, request_id: int) -> None:
         if fault.startswith("latchup_"):
             self._power.latch_up(fault.removeprefix("latchup_"), self._sky_s())
         elif fault == "reset":
@@ -202,11 +202,11 @@ class Training:
             self._tracker.sky.environment.line.disconnect(seconds)
         except BadInput as error:
             raise Rejection("out_of_range", str(error)) from error
-        self._outbox.event("TRAINING", f"the port disappears for {seconds:.1f} s", request_id)
+        self._outbox.event("TRAINING", f"the port is disconnected for {seconds:.1f} s", request_id)
         return {}
 
     def sim_set_sky(self, arguments: Arguments, request_id: int) -> Returns:
-        """Set the motion. It starts from the given attitude, except "orbit", which returns to the orbit."""
+        """Set the motion. It starts at the attitude in the arguments; "orbit" returns to the orbit instead."""
         world, now_s, kind = self._tracker.sky.environment, self._sky_s(), str(arguments["motion"])
         if kind != "orbit":
             ra_rad, dec_rad, roll_rad = (
@@ -223,7 +223,7 @@ class Training:
 
 def _sentence(fault: str, value: float, duration_s: float) -> str:
     if fault == "none":
-        return "all faults are cleared"
+        return "all faults are removed"
     how_much = f" {value:g}" if fault in LIMITS else ""
     how_long = f" for {duration_s:g} s" if fault in LASTING and duration_s > 0 else ""
     return f"{fault}{how_much}{how_long}"

@@ -18,7 +18,7 @@ SWITCH_S = 0.1
 
 
 class UnitHandlers:
-    """Handlers for power and memories. ``registers``: returns settings and counters as bytes."""
+    """Handlers of the power and memory commands. ``registers``: returns settings and counters as bytes."""
 
     def __init__(
         self,
@@ -40,7 +40,7 @@ class UnitHandlers:
     def power(self, arguments: Arguments, request_id: int) -> Task:
         rail, on = str(arguments["rail"]), arguments["state"] == "on"
         if on and self._power.rails[rail].latched:
-            raise Rejection("wrong_state", f"{rail} latched up: CLEAR_LATCHUP switches it on again")
+            raise Rejection("wrong_state", f"{rail} latched up: send CLEAR_LATCHUP to switch it on again")
         yield SWITCH_S
         if self._power.switch(rail, on):
             self._outbox.event("POWER_CHANGED", f"{rail} {'on' if on else 'off'}", request_id)

@@ -15,13 +15,14 @@ from gss.pipeline.chains.sunsat_frames import attitude_angles_rad
 from gss.pipeline.chains.sunsat_vectors import matched_vectors
 
 J2000_UTC_S, DAY_S = 946_728_000.0, 86_400.0
-"""2000-01-01 12:00 in seconds since 1970; the difference of about a minute from UTC to TT does not affect a velocity."""
+"""2000-01-01 12:00 in seconds since 1970; the difference of about one minute between UTC and TT does not affect a
+velocity."""
 MAX_VECTORS = 255
 
 
 def no_vectors(frame: StoredFrame) -> Report:
-    """Return the packet "matched_vectors" without vectors, the answer to the attitude control if there is no attitude (Jacobs
-    1995 §4.1.7)."""
+    """Return the packet "matched_vectors" without vectors, which the attitude control receives if there is no attitude
+    (Jacobs 1995 §4.1.7)."""
     angles: dict[str, Value] = dict.fromkeys(("roll_deg", "pitch_deg", "yaw_deg"), float("nan"))
     return "matched_vectors", {"frame_number": frame.number, "frame_time_s": frame.time_s} | angles, {"items": []}
 
@@ -37,7 +38,7 @@ def vector_report(
 ) -> Report:
     """Return the packet "matched_vectors" of a solution with an attitude.
 
-    ``row``: (n,) catalogue row per centroid. Roll, pitch and yaw are those of the attitude found.
+    ``row``: (n,) catalogue row per centroid. Roll, pitch and yaw belong to the attitude of the solution.
     """
     if solution.attitude is None or solution.matches is None:
         return no_vectors(frame)
@@ -56,7 +57,8 @@ def vector_report(
     angles_rad = attitude_angles_rad(solution.attitude.cam_from_icrs, elements)
     days = (utc_s - J2000_UTC_S) / DAY_S
     vectors = matched_vectors(result, elements, angles_rad, days, orbit.speed_m_s)
-    # Stars that only confirm the match can be beyond the brightest ones that it used; they have no row and are not sent.
+    # Stars that only confirm the match can be fainter than the stars used for it. They have no catalogue row and are
+    # not sent.
     named = np.concatenate([row, np.full(len(detection.centroids) - len(row), -1)])
     stars = named[solution.matches.centroid]
     items: list[Row] = [

@@ -1,1 +1,1 @@
-"""The device interface as data: definitions, the reader of dictionary files, and the dictionaries that packages share."""
+"""The device interface as data: definitions, readers of dictionary files, and the dictionaries that packages share."""

@@ -1,8 +1,8 @@
 """Records of the device interface: commands, telemetry, events and service messages.
 
-The content is a YAML file such as ``gss-common.yaml``, read by :mod:`gss.instruments.dictionary.read_dictionary`. Codec,
-forms, the interface document and the simulator are driven by these records, so a new command needs only a new row. Units
-are those of the wire and the display (deg, ms, °C), as stated in the file's header.
+The content is a YAML file such as ``gss-common.yaml``, read by :mod:`gss.instruments.dictionary.read_dictionary`.
+Codec, forms, interface document and simulator use these records, so a new command needs only a new row in the file.
+Units are those of the wire and the display (deg, ms, °C), as the file's header states.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Precondition:
     text: str
 
     def met(self, housekeeping: Values | None) -> bool | None:
-        """True if the condition holds; None if it cannot be evaluated, e.g. without housekeeping."""
+        """True if the condition holds; None if it cannot be evaluated, for example without housekeeping."""
         if housekeeping is None or self.field not in housekeeping:
             return None
         left, right = housekeeping[self.field], self.value
@@ -74,8 +74,8 @@ class Precondition:
 class CommandDefinition:
     """One command.
 
-    ``any_dictionary``: the device accepts it even if the dictionaries differ. ``simulator_only``: a real unit rejects
-    it with ``unknown_command``.
+    ``any_dictionary``: the device accepts the command even if the dictionaries differ. ``simulator_only``: a real unit
+    rejects the command with ``unknown_command``.
     """
 
     name: str
@@ -96,7 +96,7 @@ class CommandDefinition:
     simulator_only: bool = False
 
     def hazard_for(self, arguments: Values) -> tuple[Hazard, str]:
-        """Return the worst hazard of the command and of the chosen enumeration values, with its reason."""
+        """Return the highest hazard of the command and of the selected enumeration values, with its reason."""
         worst, reason = self.hazard, self.hazard_reason
         for argument in self.arguments:
             chosen = arguments.get(argument.name, argument.default)
@@ -106,7 +106,7 @@ class CommandDefinition:
         return worst, reason
 
     def argument(self, name: str) -> Argument:
-        """Return the argument of that name. Raises NotFound."""
+        """Return an argument by its name. Raises NotFound."""
         for argument in self.arguments:
             if argument.name == name:
                 return argument
@@ -128,13 +128,13 @@ class PacketDefinition:
 
     @cached_property
     def values(self) -> tuple[TelemetryField, ...]:
-        """The fields that are not lists."""
+        """Fields of the packet that are not lists."""
         return tuple(f for f in self.fields if isinstance(f, TelemetryField))
 
 
 @dataclass(frozen=True)
 class EventDefinition:
-    """One event. ``severity``: ok, watch, warning, critical. ``action``: what an operator does when it occurs."""
+    """One event. ``severity``: ok, watch, warning, critical. ``action``: what the operator should do when it occurs."""
 
     name: str
     code: int
@@ -145,7 +145,7 @@ class EventDefinition:
 
 @dataclass(frozen=True)
 class Service:
-    """One message below the command level; ``packet``: report, event or transfer."""
+    """One message of the protocol below the level of commands. ``packet``: report, event or transfer."""
 
     name: str
     packet: str
@@ -156,7 +156,7 @@ class Service:
 
 @dataclass(frozen=True)
 class LimitSet:
-    """A set of limits that the operator can select."""
+    """A named set of limits that the operator can select."""
 
     name: str
     note: str = ""
@@ -164,10 +164,10 @@ class LimitSet:
 
 @dataclass(frozen=True)
 class Dictionary:
-    """The whole dictionary, with look-up by name and code.
+    """Dictionary of the device interface, with look-up by name and code.
 
-    ``hash``: SHA-256 of the content without descriptions. ``same_layout_as``: hashes that earlier versions of the same
-    layout had; their packets are read as own ones.
+    ``hash``: SHA-256 of the content without descriptions. ``same_layout_as``: hashes of earlier versions with the same
+    layout; packets with these hashes are decoded with this dictionary.
     """
 
     version: int
@@ -187,58 +187,58 @@ class Dictionary:
 
     @cached_property
     def prefix(self) -> int:
-        """First two bytes of the hash, contained in every packet."""
+        """First two bytes of the hash, which every packet contains."""
         return int.from_bytes(self.hash[:2], "big")
 
     def describes(self, dictionary_hash: bytes) -> bool:
-        """True if a device with that dictionary hash uses this layout."""
+        """True if a device with a dictionary hash uses this layout."""
         return dictionary_hash == self.hash or dictionary_hash in self.same_layout_as
 
     @cached_property
     def prefixes(self) -> frozenset[int]:
-        """Prefixes of packets in this layout."""
+        """Prefixes of the packets that use this layout."""
         return frozenset(int.from_bytes(h[:2], "big") for h in (self.hash, *self.same_layout_as))
 
     def command(self, name: str) -> CommandDefinition:
-        """Return the command of that name. Raises NotFound."""
+        """Return a command by its name. Raises NotFound."""
         for command in self.commands:
             if command.name == name:
                 return command
         raise NotFound("unknown command", expected=", ".join(c.name for c in self.commands), got=name)
 
     def command_of_code(self, code: int) -> CommandDefinition | None:
-        """Return the command with that code, None if there is none, because codes come from the line."""
+        """Return a command by its code. Returns None for an unknown code, because codes are received from the line."""
         return next((c for c in self.commands if c.code == code), None)
 
     def packet(self, name: str) -> PacketDefinition:
-        """Return the telemetry packet of that name. Raises NotFound."""
+        """Return a telemetry packet by its name. Raises NotFound."""
         for packet in self.telemetry:
             if packet.name == name:
                 return packet
         raise NotFound("unknown telemetry packet", expected=", ".join(p.name for p in self.telemetry), got=name)
 
     def packet_of_code(self, code: int) -> PacketDefinition | None:
-        """Return the telemetry packet with that code, or None."""
+        """Return a telemetry packet by its code, or None."""
         return next((p for p in self.telemetry if p.code == code), None)
 
     def event_named(self, name: str) -> EventDefinition:
-        """Return the event of that name. Raises NotFound."""
+        """Return an event by its name. Raises NotFound."""
         for event in self.events:
             if event.name == name:
                 return event
         raise NotFound("unknown event", expected=", ".join(e.name for e in self.events), got=name)
 
     def event_of_code(self, code: int) -> EventDefinition | None:
-        """Return the event with that code, or None."""
+        """Return an event by its code, or None."""
         return next((e for e in self.events if e.code == code), None)
 
     def service(self, name: str) -> Service:
-        """Return the service message of that name. Raises NotFound."""
+        """Return a service message by its name. Raises NotFound."""
         for service in self.services:
             if service.name == name:
                 return service
         raise NotFound("unknown service message", expected=", ".join(s.name for s in self.services), got=name)
 
     def service_of_code(self, packet: str, code: int) -> Service | None:
-        """Return the service message of a packet type with that code, or None."""
+        """Return a service message by packet type and code, or None."""
         return next((s for s in self.services if s.packet == packet and s.code == code), None)

@@ -25,7 +25,7 @@ FLOATS = ("f32", "f64")
 
 
 class Hazard(StrEnum):
-    """Hazard level of a command. WARNING needs a confirmation, CRITICAL the command's name typed."""
+    """Hazard level of a command. WARNING needs a confirmation; for CRITICAL the user must type the command's name."""
 
     NONE = "none"
     WATCH = "watch"
@@ -34,7 +34,7 @@ class Hazard(StrEnum):
 
     @property
     def rank(self) -> int:
-        """0 for NONE to 3 for CRITICAL."""
+        """Rank of the level, from 0 (NONE) to 3 (CRITICAL)."""
         return list(Hazard).index(self)
 
 
@@ -50,7 +50,8 @@ class EnumChoice:
 
 @dataclass(frozen=True)
 class Item:
-    """One value on the wire. ``size``: bytes of a ``bytes`` or ``str``. ``choices``: of an ``enum``, whose values are the names."""
+    """One value on the wire. ``size``: number of bytes of a ``bytes`` or ``str`` item. ``choices``: choices of an
+    ``enum`` item, whose values are the names."""
 
     name: str
     type: str
@@ -60,7 +61,7 @@ class Item:
     choices: tuple[EnumChoice, ...] = ()
 
     def choice(self, name: str) -> EnumChoice:
-        """Return the choice of that name. Raises BadInput listing the valid names."""
+        """Return a choice by its name. Raises BadInput with the valid names."""
         for choice in self.choices:
             if choice.name == name:
                 return choice
@@ -68,7 +69,7 @@ class Item:
         raise BadInput(f"{self.name} has no such choice", expected=expected, got=repr(name))
 
     def choice_name(self, value: int) -> str | None:
-        """Return the name of a numeric choice, None if the enumeration does not have it."""
+        """Return the name of a choice by its number; None for an unknown number."""
         return next((c.name for c in self.choices if c.value == value), None)
 
 
@@ -82,7 +83,7 @@ class Argument(Item):
 
     @property
     def range_text(self) -> str:
-        """ "0 – 255", or the names of the choices."""
+        """Range as text: "0 – 255", or the names of the choices."""
         if self.choices:
             return " | ".join(c.name for c in self.choices)
         if self.type == "bool":
@@ -92,7 +93,7 @@ class Argument(Item):
 
 @dataclass(frozen=True)
 class Conversion:
-    """Conversion from raw to engineering value: Σ cᵢ·rawⁱ. Without coefficients both are equal."""
+    """Conversion from raw to engineering value: Σ cᵢ·rawⁱ. Without coefficients, both values are equal."""
 
     coefficients: tuple[float, ...] = ()
 
@@ -110,10 +111,10 @@ class Conversion:
 class TelemetryField(Item):
     """One telemetry value.
 
-    ``valid``: range of values that the sensor can mean; a packet with another one is dropped. ``stale_after_s`` 0 = never stale.
-    ``page``: where the console shows it. ``persistence``: samples that must agree
-    before the limit state changes. ``sets``: limits in force while the set of that name is selected. ``action``: what an
-    operator does when a limit is violated.
+    ``valid``: range of valid values; a packet with a value outside of it is dropped. ``stale_after_s``: 0 = never
+    stale. ``page``: page of the console that shows the field. ``persistence``: number of consecutive samples that must
+    agree before the limit state changes. ``sets``: limits by limit set, active while the set is selected. ``action``:
+    what the operator should do when a limit is violated.
     """
 
     title: str = ""
@@ -130,8 +131,8 @@ class TelemetryField(Item):
 
 @dataclass(frozen=True)
 class Group:
-    """A list: the count, then the items, repeated count times. ``count``: type of the count. ``slots``: number of rows that
-    are always sent, of which the first ``count`` are valid; 0: as many as the count."""
+    """A list: a count, followed by that number of rows of items. ``count``: type of the count. ``slots``: fixed number
+    of rows in the packet, of which only the counted rows are valid; 0 = only the counted rows are sent."""
 
     name: str
     items: tuple[Item, ...]

@@ -57,7 +57,7 @@ DESCRIPTIONS = frozenset(
         "same_layout_as",
     ]
 )
-"""Keys that describe and arrange a row for people and do not change what is on the line."""
+"""Keys that describe a row for users and have no effect on the bytes on the line."""
 NAME = re.compile(r"[a-z][a-z0-9-]{0,39}")
 WRONG_ROW = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError, NotFound)
 T = TypeVar("T")
@@ -71,7 +71,7 @@ def load_dictionary() -> Dictionary:
 
 @lru_cache(maxsize=8)
 def shared_dictionary(name: str) -> Dictionary:
-    """Return a dictionary that several packages share, by its name. Raises NotFound."""
+    """Return a shared dictionary by its name. Raises NotFound."""
     file = resources.files("gss.instruments.dictionary").joinpath(f"{name}.yaml")
     if not NAME.fullmatch(name) or not file.is_file():
         raise NotFound(
@@ -94,7 +94,8 @@ def read_dictionary(name: str, data: bytes) -> Dictionary:
 
 
 def read_content(file: MarkedYaml, content_hash: bytes | None = None) -> Dictionary:
-    """Return the dictionary in rows; its hash is that of the rows, or the given one. Raises BadInput naming file, line and row."""
+    """Return the dictionary from the rows of a file. ``content_hash``: its hash; None computes the hash of the rows.
+    Raises BadInput naming file, line and row."""
     content = cast(Mapping[str, Any], file.content)
     try:
         return _dictionary(file, content, content_hash)
@@ -114,13 +115,14 @@ def _rows(file: MarkedYaml, content: Mapping[str, Any], section: str, read: Call
 
 
 def _placed(file: MarkedYaml, path: tuple[str | int, ...], error: Exception) -> BadInput:
-    """Return the error of a row with file and line. The text of a KeyError or TypeError names the missing key or type."""
+    """Return the error of a row with file and line. The text of a KeyError or TypeError names the missing key or
+    type."""
     if isinstance(error, BadInput):
         return BadInput(f"{file.name}, line {file.line(path)}: {error.message}", expected=error.expected, got=error.got)
     got = f"{type(error).__name__}: {error}"[:200]
     return BadInput(
-        f"{file.name}, line {file.line(path)}: a row has a missing key or a wrong type",
-        expected="its keys and types",
+        f"{file.name}, line {file.line(path)}: a key is missing from a row, or a value has the wrong type",
+        expected="the keys and types of this row",
         got=got,
     )
 
@@ -144,7 +146,7 @@ def _dictionary(file: MarkedYaml, content: Mapping[str, Any], content_hash: byte
         limit_sets=_rows(file, content, "limit_sets", _limit_set),
     )
     try:
-        _check_whole(dictionary)
+        _check_across_rows(dictionary)
     except BadInput as error:
         raise _placed(file, (), error) from error
     return dictionary
@@ -153,7 +155,7 @@ def _dictionary(file: MarkedYaml, content: Mapping[str, Any], content_hash: byte
 def layout_hash(content: Mapping[str, Any]) -> bytes:
     """Return the SHA-256 of the content without descriptions, as JSON with sorted keys.
 
-    Descriptions, comments and the file's layout do not affect it: a reworded purpose needs no other firmware.
+    Descriptions, comments and formatting do not affect the hash, so a reworded purpose needs no new firmware.
     """
     return hashlib.sha256(json.dumps(_layout(content), sort_keys=True, separators=(",", ":")).encode()).digest()
 
@@ -174,7 +176,7 @@ def _command(row: Row, enums: Enums) -> CommandDefinition:
     )
     hazard = Hazard(row.get("hazard", "none"))
     if hazard is not Hazard.NONE and not row.get("hazard_reason"):
-        raise BadInput(f"{name}: a hazard needs its reason")
+        raise BadInput(f"{name}: a hazard needs a hazard_reason")
     arguments = tuple(read_argument(name, r, enums) for r in row.get("arguments", ()))
     unique(name, [a.name for a in arguments])
     return CommandDefinition(
@@ -243,7 +245,7 @@ def _field(where: str, row: Row, enums: Enums, stale_after_s: float) -> Telemetr
 
 
 def _limits(where: str, row: Row) -> Limits:
-    """Return the limits in a row. Raises BadInput if one reaches beyond a more severe one."""
+    """Return the limits in a row. Raises BadInput if a limit lies outside a more severe limit."""
     limits = Limits(**{s.value: _pair(where, row[s.value]) for s in list(State)[1:] if s.value in row})
     try:
         return limits.checked()
@@ -270,19 +272,20 @@ def _limit_set(row: Row) -> LimitSet:
 def _pair(where: str, value: Sequence[float | None]) -> tuple[float | None, float | None]:
     low, high = value
     if low is not None and high is not None and low > high:
-        raise BadInput(f"{where}: limits are crossed", got=f"{low} > {high}")
+        raise BadInput(f"{where}: the lower limit is above the upper limit", got=f"{low} > {high}")
     return low, high
 
 
 def _valid(where: str, value: Sequence[float]) -> tuple[float, float]:
     low, high = map(float, value)
     if not low <= high:
-        raise BadInput(f"{where}: the valid range is crossed", got=f"{low:g} > {high:g}")
+        raise BadInput(f"{where}: the start of the valid range is above its end", got=f"{low:g} > {high:g}")
     return low, high
 
 
 def _conversion(where: str, row: Row) -> Conversion:
-    """Return the conversion ``{linear: [scale, offset]}`` or ``{polynomial: [c0, c1, …]}``; no other expression is evaluated."""
+    """Return the conversion ``{linear: [scale, offset]}`` or ``{polynomial: [c0, c1, …]}``. No other expressions are
+    supported."""
     if not row:
         return Conversion()
     if set(row) == {"linear"} and len(row["linear"]) == 2:
@@ -309,8 +312,9 @@ def _service(row: Row, enums: Enums) -> Service:
     return Service(name, packet, int(row["code"]), str(row["purpose"]), read_layout(name, row["fields"], enums))
 
 
-def _check_whole(dictionary: Dictionary) -> None:
-    """Check rules across rows: unique names and codes, one-byte codes, limit sets and precondition fields that exist."""
+def _check_across_rows(dictionary: Dictionary) -> None:
+    """Check rules across rows: unique names and codes, codes of one byte, existing limit sets and existing precondition
+    fields."""
     for where, rows in (
         ("commands", dictionary.commands),
         ("telemetry", dictionary.telemetry),
@@ -319,7 +323,7 @@ def _check_whole(dictionary: Dictionary) -> None:
         unique(where, [r.name for r in rows])
         unique(f"{where} codes", [r.code for r in rows])
         if any(not 0 <= r.code <= 0xFF for r in rows):
-            raise BadInput(f"{where}: codes must fit a byte")
+            raise BadInput(f"{where}: codes must fit in one byte")
     unique("services", [(s.packet, s.code) for s in dictionary.services])
     unique("limit sets", [s.name for s in dictionary.limit_sets])
     sets = {s.name for s in dictionary.limit_sets}

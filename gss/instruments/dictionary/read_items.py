@@ -1,4 +1,4 @@
-"""Parse the inner rows of ``dictionary.yaml``: choices, values, arguments, lists. Errors name the invalid row."""
+"""Read the inner rows of ``dictionary.yaml``: choices, values, arguments, lists. Errors name the invalid row."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def read_choices(name: str, rows: Sequence[Row]) -> tuple[EnumChoice, ...]:
     unique(f"enum {name}", [c.name for c in choices])
     unique(f"enum {name}", [c.value for c in choices])
     if any(not 0 <= c.value <= 0xFF for c in choices):
-        raise BadInput(f"enum {name} does not fit its byte", expected="values 0 – 255")
+        raise BadInput(f"enum {name}: a value does not fit in one byte", expected="values 0 – 255")
     return choices
 
 
@@ -42,7 +42,7 @@ def unique(where: str, keys: Sequence[object]) -> None:
     """Raise BadInput if a key occurs twice."""
     doubles = {k for k in keys if keys.count(k) > 1}
     if doubles:
-        raise BadInput(f"{where}: given twice", got=", ".join(map(str, sorted(doubles, key=str))))
+        raise BadInput(f"{where}: an entry appears twice", got=", ".join(map(str, sorted(doubles, key=str))))
 
 
 def known_keys(where: str, row: Row, keys: str) -> None:
@@ -53,7 +53,7 @@ def known_keys(where: str, row: Row, keys: str) -> None:
 
 
 class ItemFields(TypedDict):
-    """The constructor arguments that all kinds of Item share."""
+    """Constructor arguments that all types of Item share."""
 
     name: str
     type: str
@@ -64,7 +64,7 @@ class ItemFields(TypedDict):
 
 
 def read_item(where: str, row: Row, enums: Enums) -> ItemFields:
-    """Return the constructor arguments that all kinds of Item share."""
+    """Return the constructor arguments that all types of Item share."""
     name, kind = str(row["name"]), str(row["type"])
     sized = SIZED.fullmatch(kind)
     if not sized and kind not in PLAIN_TYPES:
@@ -84,7 +84,7 @@ def read_item(where: str, row: Row, enums: Enums) -> ItemFields:
 
 
 def read_argument(where: str, row: Row, enums: Enums) -> Argument:
-    """Return an argument. A number needs a range, and a default must be within it."""
+    """Return an argument. Raises BadInput for a number without range or a default outside the range."""
     known_keys(f"{where}.{row.get('name')}", row, "name type enum unit min max default purpose")
     argument = Argument(
         **read_item(where, row, enums), minimum=row.get("min"), maximum=row.get("max"), default=row.get("default")
@@ -107,19 +107,19 @@ def _check_default(where: str, argument: Argument, numeric: bool) -> None:
     default = argument.default
     if default is None:
         return
-    good = True
+    is_valid = True
     if numeric:
-        good = not isinstance(default, bool | str | bytes) and argument.minimum <= default <= argument.maximum  # type: ignore[operator]  # a number has both, checked above
+        is_valid = not isinstance(default, bool | str | bytes) and argument.minimum <= default <= argument.maximum  # type: ignore[operator]  # a number has both, checked above
     elif argument.choices:
-        good = any(c.name == default for c in argument.choices)
+        is_valid = any(c.name == default for c in argument.choices)
     elif argument.type == "bool":
-        good = isinstance(default, bool)
-    if not good:
+        is_valid = isinstance(default, bool)
+    if not is_valid:
         raise BadInput(f"{where}: default is not allowed", expected=argument.range_text, got=repr(default))
 
 
 def read_layout(where: str, rows: Sequence[Row], enums: Enums) -> Layout:
-    """Return values and lists in their order."""
+    """Return the values and lists in the order of the rows."""
     layout: list[Item | Group] = []
     for row in rows:
         if "list" in row:
@@ -131,13 +131,13 @@ def read_layout(where: str, rows: Sequence[Row], enums: Enums) -> Layout:
 
 
 def read_group(where: str, row: Row, enums: Enums) -> Group:
-    """Return a list. Raises BadInput for a count of another type, or a negative number of slots."""
+    """Return a list. Raises BadInput for an unsupported count type or an invalid number of slots."""
     where = f"{where}.{row['name']}"
     known_keys(where, row, "name list purpose count slots")
     count, slots = str(row.get("count", "u8")), int(row.get("slots", 0))
     if count not in COUNTS or not 0 <= slots <= MAX_SLOTS:
         expected = f"count {' or '.join(COUNTS)}, slots 0 – {MAX_SLOTS}"
-        raise BadInput(f"{where}: wrong count of a list", expected=expected, got=f"{count}, {slots}")
+        raise BadInput(f"{where}: invalid count or slots of a list", expected=expected, got=f"{count}, {slots}")
     return Group(str(row["name"]), read_items(where, row["list"], enums), str(row.get("purpose", "")), count, slots)
 
 
@@ -145,5 +145,5 @@ def read_items(where: str, rows: Sequence[Row], enums: Enums) -> tuple[Item, ...
     """Return the values in one row of a list."""
     items = tuple(Item(**read_item(where, row, enums)) for row in rows)
     if any(item.type == "rest" for item in items):
-        raise BadInput(f"{where}: rest cannot be inside a list")
+        raise BadInput(f"{where}: a value of the type rest cannot be inside a list")
     return items

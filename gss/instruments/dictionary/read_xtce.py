@@ -1,9 +1,9 @@
 """Read a dictionary from XTCE 1.2 or later, as an alternative to ``dictionary.yaml``.
 
-The document becomes rows as in the YAML file, which the same code checks, so that a document that ``gss export xtce`` wrote gives
-an equal dictionary. A construct without a row is refused by its name and line; nothing is skipped. The header of the packets is
-not part of a dictionary: containers without a base, and those marked as header, are the header that ``link.yaml`` or the driver
-describes; a comparison selects the code of a packet.
+The document is converted to the rows of the YAML file, which the same code checks. A document from ``gss export xtce``
+thus gives an equal dictionary. An unsupported construct is rejected with its name and line; no construct is skipped.
+Packet headers are not part of a dictionary: containers without a base, and containers marked as header, represent the
+header that ``link.yaml`` or the driver describes. A comparison states the code of a packet.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from gss.instruments.dictionary.xtce_values import NAME, NAMED, Row, Values, des
 from gss.instruments.marked_yaml import MarkedYaml, Place
 
 ACCEPT_S, COMPLETE_S = 5.0, 30.0
-"""Time limits of commands whose document has no verifiers."""
+"""Default time limits of commands without verifiers in the document."""
 SUBSYSTEM = "processor"
-"""Subsystem of commands whose document has none; it decides who may send them."""
+"""Default subsystem of commands without a subsystem in the document. It determines which users can send them."""
 COMMAND_FACTS = (
     "code subsystem role favourite idempotent any_dictionary simulator_only accept_s complete_s hazard_reason "
     "precondition_texts"
@@ -35,7 +35,7 @@ HAZARDS = {level: str(hazard) for hazard, level in LEVELS.items()} | {"normal": 
 
 @dataclass(frozen=True)
 class XtceDictionary:
-    """A dictionary, and the byte order of its numbers: big, little, or None if it has no number of several bytes."""
+    """A dictionary and the byte order of its numbers: big, little, or None if no number has more than one byte."""
 
     dictionary: Dictionary
     byte_order: str | None
@@ -53,7 +53,7 @@ def read_xtce(name: str, data: bytes) -> XtceDictionary:
 
 
 class _XtceReader:
-    """Rows under construction, with the line of each."""
+    """Converts a document to rows and stores the line of each row."""
 
     def __init__(self, root: Element) -> None:
         self._root = root.checked(f"{NAMED} Header TelemetryMetaData CommandMetaData", f"{NAME} operationalStatus")
@@ -72,7 +72,7 @@ class _XtceReader:
         self._arguments = Values(part.rows("ArgumentTypeSet") if part else (), "Argument", self._enums, self._orders)
 
     def dictionary(self) -> XtceDictionary:
-        """Return the checked dictionary."""
+        """Return the dictionary after all checks."""
         rows = self._containers.rows()
         content: Row = {
             "version": self._version(),
@@ -89,7 +89,7 @@ class _XtceReader:
         for key in ("limit_sets", "same_layout_as"):
             if key in self._facts:
                 content[key] = self._facts[key]
-        # An edited document has another layout, which the stated hash does not describe.
+        # In an edited document the layout has changed, so the stated hash does not apply.
         layout = layout_hash({key: value for key, value in content.items() if key != "same_layout_as"})
         stated = self._facts.get("layout") == layout.hex()
         if not stated:
@@ -109,11 +109,11 @@ class _XtceReader:
         return stated
 
     def _version(self) -> int:
-        """Return the whole part of the header's version, 1 without one."""
+        """Return the integer part of the header's version; 1 without a version."""
         header = self._root.child("Header")
         text = header.attributes.get("version", "") if header else ""
-        whole = text.partition(".")[0]
-        return int(whole) if whole.isdecimal() and len(whole) < 10 else 1
+        major = text.partition(".")[0]
+        return int(major) if major.isdecimal() and len(major) < 10 else 1
 
     # --- commands -----------------------------------------------------------------------------------------------------
 
@@ -177,7 +177,7 @@ class _XtceReader:
         chosen = [a for a in assigned if a.get("argumentName") == "CODE"] or assigned
         if len(chosen) != 1:
             return None
-        return chosen[0].whole(chosen[0].get("argumentValue"))
+        return chosen[0].integer(chosen[0].get("argumentValue"))
 
     def _argument(self, argument: Element) -> Row:
         argument.checked(NAMED, f"{NAME} argumentTypeRef initialValue")
@@ -199,7 +199,8 @@ class _XtceReader:
         return text if kind == "enum" or kind.startswith(("str", "bytes")) else argument.number(text)
 
     def _check_order(self, command: Element, arguments: list[str]) -> None:
-        """Raise BadInput unless the container has the arguments in their order, and behind them at most the checksum."""
+        """Raise BadInput unless the container has the arguments in their order, followed by no entry except the
+        checksum."""
         container = command.child("CommandContainer")
         if container is None:
             return
@@ -213,7 +214,7 @@ class _XtceReader:
             names.append(entry.checked("", "argumentRef").get("argumentRef"))
         if names != arguments:
             raise container.error(
-                "has other arguments than ArgumentList, or in another order", got=", ".join(names)[:200]
+                "does not have the arguments of ArgumentList in the same order", got=", ".join(names)[:200]
             )
 
     def _significance(self, command: Element) -> Row:
@@ -262,8 +263,8 @@ class _XtceReader:
 
 
 def dictionary_of(name: str, data: bytes, byte_order: str | None) -> Dictionary:
-    """Return the dictionary of a package's document. Raises BadInput if its numbers have not the byte order of ``link.yaml``;
-    None: the driver knows it."""
+    """Return the dictionary in a package's document. Raises BadInput if the byte order of its numbers differs from
+    ``byte_order``, unless that is None (the driver defines it)."""
     read = read_xtce(name, data)
     if None not in (byte_order, read.byte_order) and byte_order != read.byte_order:
         raise BadInput(

@@ -1,4 +1,5 @@
-"""XML with line numbers, parsed without document types, entities and external references, and with limits on size and depth."""
+"""Parse XML with line numbers. Document types, entities and external references are rejected; size and depth are
+limited."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ DEEPEST = 40
 
 @dataclass(frozen=True)
 class Element:
-    """One element. ``tag``: without its namespace. ``line``: of the start tag, from 1. ``text``: directly in the element."""
+    """One element. ``tag``: name without namespace. ``line``: line of the start tag, counted from 1. ``text``: text
+    directly in the element."""
 
     file: str
     tag: str
@@ -31,12 +33,12 @@ class Element:
         return "".join(self.texts)
 
     def error(self, reason: str, *, expected: str = "", got: str = "") -> BadInput:
-        """Return the error for this element, with file, line and the element's name."""
+        """Return an error about this element, with file, line and the element's name."""
         name = f" name={self.attributes['name']}" if "name" in self.attributes else ""
         return BadInput(f"{self.file}, line {self.line}: {self.tag}{name}: {reason}", expected=expected, got=got)
 
     def checked(self, children: str = "", attributes: str = "") -> Element:
-        """Return this element if it has no other children and attributes than these names; raise BadInput otherwise."""
+        """Return this element. Raises BadInput if it has children or attributes with other names than these."""
         allowed = children.split()
         for child in self.children:
             if child.tag not in allowed:
@@ -47,45 +49,45 @@ class Element:
         return self
 
     def child(self, tag: str) -> Element | None:
-        """Return the only child of that tag, None without one. Raises BadInput for a second one."""
+        """Return the only child with a tag, or None. Raises BadInput if there are several."""
         children = self.all(tag)
         if len(children) > 1:
             raise children[1].error("appears twice")
         return children[0] if children else None
 
     def need(self, tag: str) -> Element:
-        """Return the only child of that tag. Raises BadInput without one."""
+        """Return the only child with a tag. Raises BadInput if there is none."""
         child = self.child(tag)
         if child is None:
             raise self.error(f"has no {tag}")
         return child
 
     def all(self, tag: str) -> list[Element]:
-        """Return the children of that tag."""
+        """Return the children with a tag."""
         return [child for child in self.children if child.tag == tag]
 
     def rows(self, *tags: str) -> Iterator[Element]:
-        """Yield the grandchildren below these children."""
+        """Yield the grandchildren whose parents have these tags."""
         for tag in tags:
             child = self.child(tag)
             if child is not None:
                 yield from child.children
 
     def get(self, attribute: str) -> str:
-        """Return an attribute. Raises BadInput without it."""
+        """Return an attribute. Raises BadInput if it is missing."""
         if attribute not in self.attributes:
             raise self.error(f"the attribute {attribute} is missing")
         return self.attributes[attribute]
 
-    def whole(self, text: str) -> int:
-        """Return a whole number that this element has. Raises BadInput."""
+    def integer(self, text: str) -> int:
+        """Convert a text of this element to an integer. Raises BadInput."""
         try:
             return int(text) if len(text) < 30 else int("")
         except ValueError:
-            raise self.error("not a whole number", got=text[:60]) from None
+            raise self.error("not an integer", got=text[:60]) from None
 
     def number(self, text: str) -> int | float:
-        """Return a finite number that this element has, whole numbers exactly. Raises BadInput."""
+        """Convert a text of this element to a finite number; integers are exact. Raises BadInput."""
         try:
             value = float(text)
         except ValueError:
@@ -96,7 +98,8 @@ class Element:
 
 
 def parse_xml(file: str, data: bytes, namespaces: str) -> Element:
-    """Return the root. ``namespaces``: start of the namespace of every element. Raises BadInput with file and line."""
+    """Return the root element. ``namespaces``: required start of every element's namespace. Raises BadInput with file
+    and line."""
     if len(data) > MAX_BYTES:
         raise BadInput(f"{file} is too large", expected=f"at most {MAX_BYTES} bytes", got=str(len(data)))
     parser = expat.ParserCreate(namespace_separator=" ")
@@ -115,7 +118,10 @@ def parse_xml(file: str, data: bytes, namespaces: str) -> Element:
         count += 1
         namespace, _, tag = name.rpartition(" ")
         if count > MAX_ELEMENTS or len(path) >= DEEPEST:
-            raise line("too many or too deep elements", expected=f"{MAX_ELEMENTS} elements, {DEEPEST} levels")
+            raise line(
+                "too many elements, or elements nested too deeply",
+                expected=f"{MAX_ELEMENTS} elements, {DEEPEST} levels",
+            )
         if not namespace.startswith(namespaces):
             raise line(
                 f"{tag} is not in a supported namespace", expected=f"{namespaces}… (1.2 or later)", got=namespace[:100]

@@ -1,4 +1,5 @@
-"""Read the containers of an XTCE document into rows: telemetry packets, events, service messages, values that commands return."""
+"""Convert the containers of an XTCE document to rows: telemetry packets, events, service messages and values that
+commands return."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ ROLES = (terms.HEADER, terms.TELEMETRY, terms.EVENT, terms.SERVICE, terms.RETURN
 
 @dataclass(frozen=True)
 class ContainerRows:
-    """Rows of each section with their lines."""
+    """Rows of each section, with their line numbers."""
 
     telemetry: list[Row] = field(default_factory=list)
     events: list[Row] = field(default_factory=list)
@@ -30,7 +31,8 @@ class ContainerRows:
 
 
 class Containers:
-    """The containers and parameters of ``TelemetryMetaData``. ``returns``: values of a completed command by its name."""
+    """The containers and parameters of ``TelemetryMetaData``. ``returns``: values that a completed command returns, by
+    command name."""
 
     def __init__(self, telemetry: Element | None, values: Values) -> None:
         self._values = values
@@ -76,7 +78,7 @@ class Containers:
         return rows
 
     def check_returns(self, commands: Collection[str]) -> None:
-        """Raise BadInput for the values of a command that does not exist."""
+        """Raise BadInput if there are return values of an unknown command."""
         for command, container in self._return_containers.items():
             if command not in commands:
                 raise container.error(
@@ -84,12 +86,12 @@ class Containers:
                 )
 
     def is_checksum(self, parameter: str) -> bool:
-        """True if the parameter is the checksum behind the content."""
+        """True if the parameter is the checksum after the content."""
         element = self._parameters.get(parameter)
         return element is not None and facts_of(element, FIELD_FACTS).get(terms.ROLE) == terms.CHECKSUM
 
     def housekeeping(self, parameter: str) -> Row | None:
-        """Return the row of a parameter in the packet ``housekeeping``, None if it has none."""
+        """Return the row of a parameter in the packet ``housekeeping``; None if the packet does not contain it."""
         return self._housekeeping.get(parameter)
 
     # --- packets ------------------------------------------------------------------------------------------------------
@@ -110,7 +112,7 @@ class Containers:
         return terms.TELEMETRY
 
     def _check_bases(self, container: Element) -> None:
-        """Raise BadInput for a base between packet and header that has content."""
+        """Raise BadInput if a base between packet and header has content."""
         name, depth = _base(container), 0
         while name:
             base = self._containers.get(name)
@@ -149,9 +151,10 @@ class Containers:
         return row | ({"action": facts["action"]} if "action" in facts else {})
 
     def _code(self, name: str, container: Element) -> int:
-        """Return the code that selects a packet: stated, compared with CODE, or the only comparison."""
+        """Return the code of a packet: the stated code, the value compared with CODE, or the value of the only
+        comparison."""
         if "code" in self._facts[name]:
-            return container.whole(str(self._facts[name]["code"]))
+            return container.integer(str(self._facts[name]["code"]))
         base = container.child("BaseContainer")
         criteria = base.checked("RestrictionCriteria", "containerRef").child("RestrictionCriteria") if base else None
         if criteria is None:
@@ -169,15 +172,16 @@ class Containers:
         chosen = [c for c in comparisons if c.get("parameterRef") == "CODE"] or comparisons
         if len(chosen) != 1:
             raise criteria.error(
-                "more than one comparison, none with CODE: which one is the code is not known",
+                "more than one comparison and none with CODE: the code is ambiguous",
                 expected="a comparison with CODE, or code in AncillaryData gss",
             )
-        return chosen[0].whole(chosen[0].get("value"))
+        return chosen[0].integer(chosen[0].get("value"))
 
     # --- fields -------------------------------------------------------------------------------------------------------
 
     def _fields(self, owner: str, container: Element, *, telemetry: bool, is_row: bool = False) -> list[Row]:
-        """Return the values and lists of a container in their order. ``is_row``: of a row of a list, which holds values only."""
+        """Return the values and lists of a container in their order. ``is_row``: True for a row of a list, which can
+        contain only values."""
         entries = container.need("EntryList").children
         fields: list[Row] = []
         for at, entry in enumerate(entries):
@@ -220,7 +224,7 @@ class Containers:
 
     @staticmethod
     def _drop_count(entry: Element, fields: list[Row], parameter: str, owner: str) -> None:
-        """Raise BadInput unless the entry before is the number that gives the size."""
+        """Raise BadInput unless the previous entry is the number that states the size."""
         last = fields[-1]["name"] if fields and "type" in fields[-1] else ""
         if not last or (parameter and parameter.removeprefix(f"{owner}_") != last):
             raise entry.error("its count or length must be the entry directly before it")
@@ -240,7 +244,7 @@ class Containers:
             row["purpose"] = long or short
 
     def _list(self, parameter: Element, name: str, row_name: str, count: Row) -> Row:
-        """Return a list whose rows are bytes and whose row is described by a container."""
+        """Return a list that is exported as bytes; a container describes its row."""
         container = self._containers.get(row_name)
         if container is None:
             raise parameter.error(f"unknown container of rows {row_name}"[:120])
@@ -252,7 +256,7 @@ class Containers:
         return row | {"count": count["type"]} | {k: facts[k] for k in ("slots", "purpose") if k in facts}
 
     def _repeated(self, owner: str, entry: Element, count: Row) -> Row:
-        """Return a list whose rows are a container that is repeated as often as the number before it says."""
+        """Return a list that is exported as a repeated container; the number before it is the count."""
         repeat = entry.checked("RepeatEntry", "containerRef").need("RepeatEntry").checked("Count").need("Count")
         name = entry.get("containerRef")
         container = self._containers.get(name)
@@ -272,7 +276,7 @@ class Containers:
             "list": self._fields(name, container, telemetry=False, is_row=True),
         }
         if fixed is not None:
-            row["slots"] = fixed.whole(fixed.text.strip())
+            row["slots"] = fixed.integer(fixed.text.strip())
         return row | {"count": count["type"]} | {k: facts[k] for k in ("purpose",) if k in facts}
 
 

@@ -1,7 +1,7 @@
-"""Terms of XTCE 1.2 (CCSDS 660.0-B-2) that writer and reader of dictionaries share.
+"""Terms of XTCE 1.2 (CCSDS 660.0-B-2), shared by writer and reader of dictionaries.
 
-What XTCE has no element for is JSON in an ``AncillaryData`` of the name ``gss``; its keys are those of ``dictionary.yaml`` and
-those listed here.
+Properties for which XTCE has no element are JSON in an ``AncillaryData`` with the name ``gss``. The keys are those of
+``dictionary.yaml`` and the keys in this module.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ FAMILY = "http://www.omg.org/spec/XTCE/"
 """Start of the namespaces of XTCE 1.2 and later."""
 ANCILLARY, JSON_TYPE = "gss", "application/json"
 ROLE = "role_of_container"
-"""Key that states what a container or parameter is, by one of the values below. Without it, a selected container is a packet."""
+"""Key for the role of a container or parameter, with one of the values below. Without it, a container with a comparison
+is a packet."""
 HEADER, TELEMETRY, EVENT, SERVICE = "header", "telemetry", "event", "service"
 RETURNS, STAGE, ROW, CHECKSUM = "returns", "stage", "row", "checksum"
 LEVELS = {Hazard.WATCH: "user1", Hazard.WARNING: "vital", Hazard.CRITICAL: "critical"}
@@ -22,7 +23,7 @@ OPERATORS = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">=
 ALARMS = {"watch": "WatchRange", "warning": "WarningRange", "critical": "CriticalRange"}
 LITTLE_ENDIAN, BIG_ENDIAN = "leastSignificantByteFirst", "mostSignificantByteFirst"
 LONG = range(-(1 << 63), 1 << 63)
-"""Whole numbers of XTCE's ranges (xs:long)."""
+"""Range of the integers in XTCE (xs:long)."""
 
 
 def is_utc(name: str, kind: str) -> bool:

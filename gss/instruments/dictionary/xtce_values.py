@@ -1,4 +1,5 @@
-"""Read the types of XTCE parameters and arguments into rows of a dictionary. What has no row is refused by name and line."""
+"""Convert the types of XTCE parameters and arguments to dictionary rows. Rejects unsupported constructs with name and
+line."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ class Size:
 
 
 def facts_of(element: Element, allowed: str) -> Row:
-    """Return the JSON of our ``AncillaryData``. Raises BadInput for keys that are not allowed here. Data of others are ignored."""
+    """Return the JSON in the ``AncillaryData`` of GSS. Other ``AncillaryData`` are ignored. Raises BadInput for a key
+    that is not in ``allowed``."""
     facts: Row = {}
     for entry in element.rows("AncillaryDataSet"):
         if entry.attributes.get("name") != ANCILLARY:
@@ -55,7 +57,7 @@ def _refuse(constant: str) -> None:
 
 
 def described(element: Element) -> tuple[str, str]:
-    """Return the short and the long description; empty without one."""
+    """Return the short and the long description; "" for a missing description."""
     long = element.child("LongDescription")
     return element.attributes.get("shortDescription", ""), long.text if long else ""
 
@@ -69,10 +71,10 @@ def yes(element: Element, attribute: str, default: bool) -> bool:
 
 
 class Values:
-    """The types of a document. ``kind``: Parameter or Argument. Collects enumerations and the byte orders of the numbers.
+    """The types of a document. ``kind``: Parameter or Argument. Collects enumerations and byte orders of numbers.
 
-    Limitations: whole bytes; polynomials as the only calibrators; inclusive ranges; static alarm ranges outside of which a value
-    is in alarm.
+    Limitations: sizes are whole bytes; calibrators are polynomials; ranges are inclusive; alarm ranges are static, with
+    the alarm outside of the range.
     """
 
     def __init__(self, types: Iterable[Element], kind: str, enums: dict[str, list[Row]], orders: set[str]) -> None:
@@ -83,7 +85,8 @@ class Values:
         self._kind, self._enums, self._orders = kind, enums, orders
 
     def row(self, entry: Element, facts: Row) -> tuple[Row, Size | None]:
-        """Return the row of a parameter or argument without its name, and the size if it depends on a parameter or is text."""
+        """Return the row of a parameter or argument without its name, and its size if the size is variable or that of a
+        text."""
         reference = entry.get("parameterTypeRef" if self._kind == "Parameter" else "argumentTypeRef")
         element = self._types.get(reference)
         if element is None:
@@ -92,7 +95,7 @@ class Values:
         readers |= {"Enumerated": self._enumerated, "Binary": self._binary, "AbsoluteTime": self._time}
         read = readers.get(element.tag.removesuffix(f"{self._kind}Type"))
         if read is None:
-            raise element.error("this kind of type is not supported", expected=", ".join(readers))
+            raise element.error("this type is not supported", expected=", ".join(readers))
         row: Row = {}
         unit = self._unit(element)
         if unit:
@@ -109,7 +112,9 @@ class Values:
         self._checked(element, "IntegerDataEncoding", "sizeInBits signed")
         self._whole_number(element, row)
         if "conversion" in row:
-            raise element.error("a calibrated integer is a FloatParameterType here", expected="no DefaultCalibrator")
+            raise element.error(
+                "an integer with a calibrator must be a FloatParameterType", expected="no DefaultCalibrator"
+            )
         if yes(element, "signed", True) != row["type"].startswith("i"):
             raise element.error("signed differs from the encoding")
         self._ranges(element, row)
@@ -125,7 +130,7 @@ class Values:
         if encoding is None:
             self._whole_number(element, row)
             if self._kind == "Argument":
-                raise element.error("an argument has no calibrator here", expected="FloatDataEncoding")
+                raise element.error("calibrators of arguments are not supported", expected="FloatDataEncoding")
         else:
             self._float_encoding(encoding, row)
             self._calibrator(encoding, row)
@@ -155,7 +160,7 @@ class Values:
         choices = []
         for choice in element.need("EnumerationList").checked("Enumeration").children:
             choice.checked("", "value label shortDescription")
-            value: Row = {"name": choice.get("label"), "value": choice.whole(choice.get("value"))}
+            value: Row = {"name": choice.get("label"), "value": choice.integer(choice.get("value"))}
             note = choice.attributes.get("shortDescription")
             choices.append(value | ({"note": note} if note else {}))
         name = f"{self._kind} {element.get('name')}"
@@ -167,7 +172,7 @@ class Values:
         choices = self._enums.get(f"{self._kind} {element.get('name')}", [])
         names = {choice["name"]: choice for choice in choices}
         if not isinstance(hazards, dict) or not set(hazards) <= set(names):
-            raise element.error("choice_hazards names no choice of this type", got=str(hazards)[:100])
+            raise element.error("choice_hazards contains an unknown choice", got=str(hazards)[:100])
         for name, hazard in hazards.items():
             names[name]["hazard"] = hazard
 
@@ -235,7 +240,7 @@ class Values:
         encoding = element.need("IntegerDataEncoding").checked(
             "DefaultCalibrator", "sizeInBits encoding byteOrder bitOrder"
         )
-        bits = encoding.whole(encoding.attributes.get("sizeInBits", "8"))
+        bits = encoding.integer(encoding.attributes.get("sizeInBits", "8"))
         kind = INTEGERS.get((encoding.attributes.get("encoding", "unsigned"), bits))
         if kind is None or (only and kind != only):
             raise encoding.error(
@@ -266,13 +271,13 @@ class Values:
             return
         if self._kind == "Argument":
             raise calibrator.error(
-                "an argument has no calibrator here", expected="the argument in the unit of the line"
+                "calibrators of arguments are not supported", expected="the argument in the unit of the line"
             )
         coefficients: dict[int, float] = {}
         polynomial = calibrator.checked("PolynomialCalibrator", "name").need("PolynomialCalibrator")
         for term in polynomial.checked("Term").children:
             term.checked("", "coefficient exponent")
-            exponent = term.whole(term.get("exponent"))
+            exponent = term.integer(term.get("exponent"))
             if not 0 <= exponent <= 20 or exponent in coefficients:
                 raise term.error("exponent is out of range, or appears twice", expected="0 – 20", got=str(exponent))
             coefficients[exponent] = float(term.number(term.get("coefficient")))
@@ -294,12 +299,12 @@ class Values:
         if alarm is None:
             return
         alarm.checked("StaticAlarmRanges", "minViolations minConformance name")
-        count = alarm.whole(alarm.attributes.get("minViolations", "1"))
-        if alarm.whole(alarm.attributes.get("minConformance", str(count))) != count:
+        count = alarm.integer(alarm.attributes.get("minViolations", "1"))
+        if alarm.integer(alarm.attributes.get("minConformance", str(count))) != count:
             raise alarm.error("minViolations and minConformance must be equal")
         ranges = alarm.need("StaticAlarmRanges").checked(" ".join(ALARMS.values()), "rangeForm")
         if ranges.attributes.get("rangeForm", "outside") != "outside":
-            raise ranges.error("only ranges outside of which a value is in alarm are supported", expected="outside")
+            raise ranges.error("only alarms outside of a range are supported", expected="outside")
         row["persistence"] = count
         for level, tag in ALARMS.items():
             limits = ranges.child(tag)
@@ -339,7 +344,7 @@ class Values:
         return Size(0, reference.get("parameterRef"), int(slope), int(intercept))
 
     def _bytes(self, element: Element, text: str) -> int:
-        bits = element.whole(text.strip())
+        bits = element.integer(text.strip())
         if bits <= 0 or bits % 8 or bits > 8 * 999:
             raise element.error("only whole bytes, 1 to 999, are supported", got=f"{bits} bits")
         return bits // 8

@@ -1,6 +1,6 @@
 /**
- * The console's API requests by name. Paths, parameters, bodies and responses are type-checked against the server's
- * OpenAPI.
+ * The console's requests to the HTTP API. Paths, parameters, bodies and responses are type-checked against the server's
+ * OpenAPI document.
  */
 import { base } from '../lib/base';
 import { decode } from '../sky/decode';
@@ -9,14 +9,14 @@ import { body, fetched, given, http, multipart, OutlivingRequest } from './http'
 import type * as T from './types';
 import { views } from './views';
 
-export { ApiError, door, search } from './http';
+export { ApiError, sessionHooks, queryString } from './http';
 
 const { GET, POST, PUT, DELETE } = http;
-/** The query of a GET operation. */
+/** Query parameters of a GET operation. */
 export type Query<P extends keyof paths> = paths[P] extends { get: { parameters: { query?: infer Q } } }
   ? Partial<NonNullable<Q>>
   : never;
-/** The body of a POST operation. */
+/** Body of a POST operation. */
 export type Body<P extends keyof paths> = paths[P] extends {
   post: { requestBody: { content: { 'application/json': infer B } } };
 }
@@ -25,7 +25,7 @@ export type Body<P extends keyof paths> = paths[P] extends {
 type TableKind = Body<'/api/tables'>['kind'];
 type Arguments = Record<string, T.ArgumentValue>;
 
-/** False only if no connection to the server could be made. */
+/** Request the server's health. Returns false only if no connection to the server could be opened. */
 async function probe(signal: AbortSignal): Promise<boolean> {
   try {
     await fetch(`${base}/api/health`, { signal, cache: 'no-store' });
@@ -39,7 +39,7 @@ export interface RawImage {
   columns: number;
   rows: number;
   bits: number;
-  /** The values to paint: the pixel values, or 16-bit steps of a floating-point image. */
+  /** Values to paint: the pixel values, or the 16-bit steps of a floating-point image. */
   pixels: Uint8Array | Uint16Array;
   /** DN of a step: `offset + scale · step`. */
   offset: number;
@@ -55,8 +55,8 @@ async function raw(frame_id: number, signal?: AbortSignal): Promise<RawImage> {
   const header = (name: string): string | null => response.headers.get(name);
   const [columns, rows, bits] = [Number(header('X-Columns')), Number(header('X-Rows')), Number(header('X-Bits'))];
   const [buffer, dtype, count] = [data as ArrayBuffer, header('X-Dtype') ?? '', columns * rows];
-  const aside = buffer.byteLength >= count * 4 ? (await import('../sky/painter')).decodeAside : decode;
-  return { columns, rows, bits, ...(await aside(buffer, dtype, count)) };
+  const decoder = buffer.byteLength >= count * 4 ? (await import('../sky/painter')).decodeInWorker : decode;
+  return { columns, rows, bits, ...(await decoder(buffer, dtype, count)) };
 }
 
 const session = {
@@ -79,7 +79,7 @@ const session = {
   offerAuthority: (user: string, note: string) => body(POST('/api/authority/offer', { body: { user, note } })),
 };
 
-/** All units of the server; ABORT of one of them, whichever unit this page shows. */
+/** Requests for all units of the server, and ABORT of any unit. */
 const fleet = {
   fleet: () => body(GET('/api/fleet')),
   abortUnit: async (name: string): Promise<T.Abort> => {
@@ -145,7 +145,7 @@ const commanding = {
     body(POST('/api/commands/{command_id}/resolve', { params: { path: { command_id } }, body: { note } })),
   withdraw: (command_id: number) =>
     body(POST('/api/commands/{command_id}/withdraw', { params: { path: { command_id } } })),
-  /** Sent even if its page closes immediately. */
+  /** Send ABORT. The request is sent even if the page is closed immediately. */
   abort: (signal: AbortSignal) => body(POST('/api/commands/abort', { signal })),
   procedures: () => body(GET('/api/procedures')),
   stacks: () => body(GET('/api/stacks')),
@@ -161,7 +161,7 @@ const commanding = {
     body(POST('/api/stacks/{stack_id}/run', { params: { path: { stack_id } }, body: { confirm } })),
   stackRuns: () => body(GET('/api/stack-runs', { params: { query: { limit: 20 } } })),
   checkSteps: (steps: T.StackIn['steps']) => body(POST('/api/stacks/check', { body: { steps } })),
-  goOn: (run_id: number, skip: string, confirm: string[]) =>
+  continueStackRun: (run_id: number, skip: string, confirm: string[]) =>
     body(POST('/api/stack-runs/{run_id}/go-on', { params: { path: { run_id } }, body: { skip, confirm } })),
   runAction: (run_id: number, action: 'pause' | 'resume' | 'stop') =>
     body(POST(`/api/stack-runs/{run_id}/${action}`, { params: { path: { run_id } } })),

@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
-import { ApiError, body, door, given, http, multipart, search } from './http';
+import { ApiError, body, sessionHooks, given, http, multipart, queryString } from './http';
 
 const sent: Request[] = [];
 let answers: Response[] = [];
@@ -12,7 +12,7 @@ beforeEach(() => {
     const next = answers.shift();
     return next ? Promise.resolve(next) : Promise.reject(new TypeError('connection refused'));
   });
-  door.mark = 'csrf-1';
+  sessionHooks.csrfToken = 'csrf-1';
 });
 afterEach(() => vi.unstubAllGlobals());
 const post = (signal?: AbortSignal) =>
@@ -60,11 +60,11 @@ describe('answers', () => {
   });
   it('repeat a read after the next sign-in, never a change', async () => {
     let signIn = (): void => undefined;
-    door.refused = vi.fn(() => Promise.resolve());
-    door.back = () => new Promise((resolve) => (signIn = resolve));
+    sessionHooks.onUnauthorized = vi.fn(() => Promise.resolve());
+    sessionHooks.signedIn = () => new Promise((resolve) => (signIn = resolve));
     answers = [json(401, {}), json(200, { utc: 'now' })];
     const read = body(http.GET('/api/link', { baseUrl: 'http://gss' }));
-    await vi.waitFor(() => expect(door.refused).toHaveBeenCalledOnce());
+    await vi.waitFor(() => expect(sessionHooks.onUnauthorized).toHaveBeenCalledOnce());
     expect(sent).toHaveLength(1);
     await Promise.resolve();
     signIn();
@@ -78,8 +78,8 @@ describe('answers', () => {
 describe('parameters', () => {
   it('omit empty ones', () => {
     expect(given({ a: '', b: undefined, c: 0, d: 'x' })).toEqual({ c: 0, d: 'x' });
-    expect(search({ start: '', limit: 5 })).toBe('?limit=5');
-    expect(search({})).toBe('');
+    expect(queryString({ start: '', limit: 5 })).toBe('?limit=5');
+    expect(queryString({})).toBe('');
     expect([...multipart({ file: new Blob(['x']), profile: '' }).keys()]).toEqual(['file']);
   });
 });

@@ -1,5 +1,5 @@
 /** HTTP access to the server: typed by its OpenAPI document, so that a wrong path or body does not compile. */
-import { base, inside } from '../lib/base';
+import { base, localPath } from '../lib/base';
 import createClient from 'openapi-fetch';
 import type { paths } from './generated/schema';
 import type * as T from './types';
@@ -13,13 +13,16 @@ export class ApiError extends Error {
   }
 }
 
-/** What the session adds to requests, and whom it informs of a 401 (state/session.svelte.ts sets it). */
-export const door = {
-  mark: '1',
-  refused: (): Promise<void> => Promise.resolve(),
-  back: (): Promise<void> => Promise.resolve(),
+/**
+ * Values and callbacks of the session, set by state/session.svelte.ts: the CSRF token of requests, the reaction to a
+ * 401 response, and a promise that resolves after the next sign-in.
+ */
+export const sessionHooks = {
+  csrfToken: '1',
+  onUnauthorized: (): Promise<void> => Promise.resolve(),
+  signedIn: (): Promise<void> => Promise.resolve(),
 };
-/** Requests without a session: a 401 response is an answer and does not end the session. */
+/** Paths that need no session. A 401 response from them does not mean that the session has ended. */
 const OPEN = [
   '/api/session',
   '/api/session/password',
@@ -31,14 +34,14 @@ const OPEN = [
 const KEEPALIVE_BYTES = 32_768;
 
 function problemOf(status: number, body: unknown): T.Problem {
-  const given = (body ?? {}) as Partial<T.Problem> & { detail?: unknown };
-  const fallback = typeof given.detail === 'string' ? given.detail : `The server answered with status ${status}.`;
+  const problem = (body ?? {}) as Partial<T.Problem> & { detail?: unknown };
+  const fallback = typeof problem.detail === 'string' ? problem.detail : `The server answered with status ${status}.`;
   return {
-    id: given.id ?? '',
-    message: given.message ?? fallback,
-    expected: given.expected ?? '',
-    got: given.got ?? '',
-    hint: given.hint ?? '',
+    id: problem.id ?? '',
+    message: problem.message ?? fallback,
+    expected: problem.expected ?? '',
+    got: problem.got ?? '',
+    hint: problem.hint ?? '',
   };
 }
 
@@ -50,37 +53,40 @@ function aborted(signal: AbortSignal): Promise<never> {
   });
 }
 
-/** A change outlives its page: ABORT is sent even if the page is closed right after the key press. */
+/**
+ * Request that continues after its page is closed if it is a small change, so that ABORT is sent even if the page is
+ * closed directly after the key press.
+ */
 export class OutlivingRequest extends Request {
   constructor(input: RequestInfo | URL, init?: RequestInit) {
-    const small = init?.body == null || (typeof init.body === 'string' && init.body.length < KEEPALIVE_BYTES);
-    const change = init?.method !== undefined && init.method !== 'GET';
-    super(input, { ...init, keepalive: init?.keepalive ?? (change && small) });
+    const isSmall = init?.body == null || (typeof init.body === 'string' && init.body.length < KEEPALIVE_BYTES);
+    const isChange = init?.method !== undefined && init.method !== 'GET';
+    super(input, { ...init, keepalive: init?.keepalive ?? (isChange && isSmall) });
   }
 }
 
 /**
- * Return a successful response. Throw the problem that the server described. If the session has ended, a read waits
- * for the next sign-in and is repeated; a change is never repeated.
+ * Send a request and return its successful response. Throws the problem that the server described. If the session has
+ * ended, a read waits for the next sign-in and is then repeated; a change is never repeated.
  */
 export async function fetched(request: Request): Promise<Response> {
   const read = request.method === 'GET';
-  if (!read) request.headers.set('X-GSS', door.mark);
+  if (!read) request.headers.set('X-GSS', sessionHooks.csrfToken);
   let response: Response;
   try {
     response = await fetch(request);
   } catch (error) {
     if (error instanceof DOMException && error.name === 'AbortError') throw error;
     const hint = read
-      ? 'The page reads it again when the server is back.'
-      : 'The request is not repeated. Check whether it took effect before you repeat it.';
+      ? 'The page repeats the request when the server is reachable again.'
+      : 'The request is not repeated automatically. Check whether it took effect before you repeat it.';
     throw new ApiError(0, { id: '', message: 'No answer from the server.', expected: '', got: '', hint });
   }
   if (response.ok) return response;
-  if (response.status === 401 && !OPEN.includes(inside(new URL(request.url).pathname) ?? '')) {
-    await door.refused();
+  if (response.status === 401 && !OPEN.includes(localPath(new URL(request.url).pathname) ?? '')) {
+    await sessionHooks.onUnauthorized();
     if (read) {
-      await Promise.race([door.back(), aborted(request.signal)]);
+      await Promise.race([sessionHooks.signedIn(), aborted(request.signal)]);
       return fetched(request);
     }
   }
@@ -93,23 +99,23 @@ export const http = createClient<paths>({
   Request: OutlivingRequest,
 });
 
-/** The body of a response. `fetched` throws errors, so there always is a body, except after 204. */
+/** Return the body of a response. `fetched` throws errors, so a body exists, except after status 204. */
 export async function body<D>(answer: Promise<{ data?: D }>): Promise<D> {
   return (await answer).data as D;
 }
 
-/** The query parameters without the empty ones. */
+/** Return the query parameters that are not empty. */
 export function given<Q extends object>(query: Q): Q {
   return Object.fromEntries(Object.entries(query).filter(([, v]) => v !== undefined && v !== '')) as Q;
 }
 
-/** The query string of a link that the browser follows. */
-export function search(values: Record<string, string | number | undefined>): string {
+/** Return the query string of a link, with the parameters that are not empty. */
+export function queryString(values: Record<string, string | number | undefined>): string {
   const pairs = Object.entries(given(values)).map(([k, v]) => [k, String(v)] as [string, string]);
   return pairs.length ? `?${new URLSearchParams(pairs).toString()}` : '';
 }
 
-/** A multipart body from its fields; files are sent as they are. */
+/** Return a multipart body. Files are sent unchanged. */
 export function multipart(fields: Record<string, unknown>): FormData {
   const form = new FormData();
   for (const [name, value] of Object.entries(fields))

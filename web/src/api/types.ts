@@ -2,7 +2,7 @@
 import type { components } from './generated/schema';
 
 type S = components['schemas'];
-/** Types of the messages of the event stream, by topic. */
+/** Message types of the event stream, by topic. */
 export type Topics = S['StreamTopics'];
 export type Topic = keyof Topics;
 export type FleetUnit = S['FleetUnitOut'];
@@ -135,7 +135,7 @@ export type ReportPlot = S['Plot'];
 export type ReportArrows = S['Arrows'];
 export type ReportCells = S['Cells'];
 export type ReportWorld = S['WorldMap'];
-/** Who is signed in, as returned by GET /api/session. */
+/** The signed-in user, as returned by GET /api/session. */
 export type SessionInfo = S['SessionOut'];
 export type Spacecraft = S['SpacecraftOut'];
 export type OrbitIn = S['OrbitIn'];

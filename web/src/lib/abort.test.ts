@@ -121,7 +121,9 @@ describe('a press of ABORT', () => {
     await pass(200);
     expect(seen.presses[0]).toMatchObject({ fate: 'not_sent' });
     expect(headlineOf(seen.presses[0] as Press).word).toBe('ABORT NOT SENT');
-    expect(headlineOf(seen.presses[0] as Press).text).toContain('server could not be reached in 10 tries within 5 s');
+    expect(headlineOf(seen.presses[0] as Press).text).toContain(
+      'server could not be reached in 10 attempts within 5 s',
+    );
   });
   it('sends nothing after the window, however long the server is unreachable', async () => {
     const { presses, seen, pass, world } = rig(
@@ -367,7 +369,7 @@ describe('"not sent" is said only of what cannot have left', () => {
     await pass(1000);
     expect(shown(seen)).toMatchObject({ fate: 'unknown', answered: false });
     expect(shown(seen).reason).toBe(
-      'an earlier try broke before the server answered; the server answered 409: the line is down',
+      'an earlier attempt broke before the server answered; the server answered 409: the line is down',
     );
   });
   it('is not sent if the server refused the first attempt that reached it', async () => {

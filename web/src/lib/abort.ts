@@ -1,8 +1,8 @@
 /**
- * One press of ABORT, from the key to its end. A press is never lost: it is followed to the device's report, or it
- * ends as `not_sent` or `unknown`, which the strip shows until an operator acknowledges it.
- * The request is tried for WINDOW_MS after the press and then cancelled. Nothing is sent later: by then the state of
- * the sensor may have changed, and sending ABORT again is the operator's decision.
+ * Track each press of ABORT until its result. A press is never lost: it ends with the device's report, or as `not_sent`
+ * or `unknown`, which the strip shows until an operator acknowledges it. The request is retried until WINDOW_MS after
+ * the press and then cancelled. It is not sent later, because the state of the sensor may have changed; the operator
+ * decides whether to send ABORT again.
  */
 import { ApiError } from '../api/client';
 import type { Abort, Command, Stage } from '../api/types';
@@ -11,40 +11,41 @@ import { sentence } from './sentence';
 export const WINDOW_MS = 5_000;
 const PAUSE_MS = 500;
 /**
- * The server answers when ABORT is queued for the line, before it is sent and recorded. After this time without a
- * record its stages cannot be shown.
+ * Maximum time between the server's answer and the recorded command. The server answers as soon as ABORT is queued for
+ * the line; its stages can be shown only after it is recorded.
  */
 export const RECORD_MS = 10_000;
 /**
- * The server may record a command late: the interval of history searches, and the minimum age of a press before it is
- * reported as missing.
+ * Interval of the searches in the command history, and minimum age of a press before its command is reported as
+ * missing. The server can record a command late.
  */
 export const SEARCH_EVERY_MS = 3_000;
 export const SEARCH_UNTIL_MS = 60_000;
 /**
- * Clocks of page and server agree to about a second; a command recorded up to this long before the press can be its
- * command.
+ * Tolerance for the clocks of page and server, which agree to about a second. A command created up to this long before
+ * the press can still belong to it.
  */
 const CLOCK_MS = 2_000;
 
-/** `sending`: the request is under way. `taken`: the server queued ABORT for the line and has not recorded it yet.
- *  `recorded`: the server
- *  has the command and reports its stages. */
+/**
+ * State of a press. `sending`: the request is in progress. `taken`: the server queued ABORT for the line and has not
+ * recorded it yet. `recorded`: the server has recorded the command and reports its stages.
+ */
 export type Fate = 'sending' | 'taken' | 'recorded' | 'not_sent' | 'unknown';
 export interface Press {
   key: string;
   user: string;
-  /** UTC on the server's clock, milliseconds. */
+  /** UTC of the server's clock, in milliseconds. */
   pressedMs: number;
   fate: Fate;
   reason: string;
   tries: number;
-  /** The id on the line, once the server has taken the request. */
+  /** Request id on the line; null until the server has queued ABORT. */
   requestId: number | null;
   command: Command | null;
-  /** Whether the server's command history was searched since then and contains no ABORT of this press. */
+  /** True if a search of the server's command history found no ABORT for this press. */
   notInHistory: boolean;
-  /** Whether the server answered with an error. */
+  /** True if the server answered with an error. */
   answered: boolean;
 }
 export type Answer = Pick<Press, 'reason' | 'answered'> & { fate: 'not_sent' | 'unknown' };
@@ -53,11 +54,11 @@ export interface AbortParts {
   post: (signal: AbortSignal) => Promise<Abort>;
   /** ABORT commands created in a time span, from the server's history. */
   history: (startMs: number, endMs: number, signal: AbortSignal) => Promise<Command[]>;
-  /** Whether the event stream is open. */
+  /** True if the event stream is open. */
   online: () => boolean;
-  /** Request the server's health; false only if no connection could be made. */
+  /** Request the server's health. Returns false only if no connection could be opened. */
   probe: (signal: AbortSignal) => Promise<boolean>;
-  /** UTC on the server's clock, milliseconds. */
+  /** UTC of the server's clock, in milliseconds. */
   now: () => number;
   user: () => string;
   later: (run: () => void, ms: number) => () => void;
@@ -72,19 +73,23 @@ function isAnswer(error: unknown): error is ApiError {
 }
 
 /**
- * What an error means for the press. `mayHaveLeft`: an attempt ended without an answer while the server may have been
- * reachable. A browser reports a refused and a broken connection alike, so only two cases are "not sent": the server
- * refused the request, or no connection could be made. After an attempt that may have left, a later refusal says
- * nothing about the first one.
+ * Return the result of a press after an error. `mayHaveLeft`: an attempt ended without an answer while the server may
+ * have been reachable. A browser reports refused and broken connections identically, so a press is "not sent" in only
+ * two cases: the server rejected the request, or no connection could be opened. If an earlier attempt may have reached
+ * the server, a later rejection does not show whether that attempt was sent.
  */
 export function answerOf(error: unknown, mayHaveLeft: boolean, timedOut: boolean): Answer {
   if (isAnswer(error)) {
     const { message, got } = error.problem;
-    const words = `the server answered ${error.status}: ${message.replace(/\.$/, '')}${got ? ` (${got})` : ''}`;
-    if (error.status >= 500) return { fate: 'unknown', reason: words, answered: true };
+    const text = `the server answered ${error.status}: ${message.replace(/\.$/, '')}${got ? ` (${got})` : ''}`;
+    if (error.status >= 500) return { fate: 'unknown', reason: text, answered: true };
     return mayHaveLeft
-      ? { fate: 'unknown', reason: `an earlier try broke before the server answered; ${words}`, answered: false }
-      : { fate: 'not_sent', reason: words, answered: true };
+      ? {
+          fate: 'unknown',
+          reason: `an earlier attempt broke before the server answered; ${text}`,
+          answered: false,
+        }
+      : { fate: 'not_sent', reason: text, answered: true };
   }
   if (timedOut)
     return { fate: 'unknown', reason: `no answer from the server within ${WINDOW_MS / 1000} s`, answered: false };
@@ -93,8 +98,8 @@ export function answerOf(error: unknown, mayHaveLeft: boolean, timedOut: boolean
     : { fate: 'not_sent', reason: 'the server could not be reached', answered: false };
 }
 
-/** Attempts of one press that ended without an answer, and the results of the probes made with them. */
-class LostTries {
+/** Attempts of one press that ended without an answer, and the results of their probes. */
+class LostAttempts {
   private reachable = false;
   private pending = 0;
 
@@ -103,8 +108,8 @@ class LostTries {
     this.pending += 1;
     void probe
       .catch(() => true)
-      .then((reached) => {
-        this.reachable ||= reached;
+      .then((connected) => {
+        this.reachable ||= connected;
         this.pending -= 1;
       });
   }
@@ -116,7 +121,8 @@ class LostTries {
 }
 
 /**
- * True if this can be the command of that press: decided by its request id, or without one by the time of the press.
+ * True if the command can belong to the press: it has the same request id, or, if the press has no request id, it was
+ * created at about the time of the press.
  */
 function belongs(command: Command, press: Press): boolean {
   if (command.name !== 'ABORT' || command.user !== press.user) return false;
@@ -127,7 +133,7 @@ function belongs(command: Command, press: Press): boolean {
 
 export class Presses {
   private list: readonly Press[];
-  /** Commands as last reported; the answer to a request may arrive after a newer report. */
+  /** Commands as last reported; the answer to a request can arrive after a newer report. */
   private reported: readonly Command[] = [];
   private searching = false;
 
@@ -136,7 +142,7 @@ export class Presses {
     this.publish();
   }
 
-  /** Send ABORT. Returns when the press is recorded by the server, or has ended as not sent or unknown. */
+  /** Send ABORT. Returns when the server has answered, or when the press has ended as not sent or unknown. */
   async press(): Promise<void> {
     const key = `${this.parts.now()}-${this.list.length}`;
     const press: Press = {
@@ -154,29 +160,31 @@ export class Presses {
     this.put(press);
     const cancel = new AbortController();
     const stop = this.parts.later(() => cancel.abort(), WINDOW_MS);
-    const over = ended(cancel.signal);
-    const lost = new LostTries();
+    const windowEnd = rejectOnAbort(cancel.signal);
+    const lost = new LostAttempts();
     for (let tries = 1; ; tries += 1) {
       this.change(key, { tries });
       const online = this.parts.online();
       const request = this.parts.post(cancel.signal);
       const probe = this.parts.probe(cancel.signal);
       try {
-        const receipt = await Promise.race([request, over]);
+        const receipt = await Promise.race([request, windowEnd]);
         stop();
-        return this.taken(key, receipt);
+        return this.acceptReceipt(key, receipt);
       } catch (error) {
         const [answered, timedOut] = [isAnswer(error), cancel.signal.aborted];
         if (!answered) lost.add(online || this.parts.online(), probe);
         if (!answered && !timedOut) {
-          await Promise.race([this.pause(PAUSE_MS), over]).catch(() => undefined);
+          await Promise.race([this.pause(PAUSE_MS), windowEnd]).catch(() => undefined);
           if (!cancel.signal.aborted) continue;
         }
         stop();
         const answer = answerOf(error, lost.mayHaveLeft, timedOut);
-        const since =
-          answered || timedOut ? '' : ` in ${tries} ${tries === 1 ? 'try' : 'tries'} within ${WINDOW_MS / 1000} s`;
-        return this.change(key, { ...answer, reason: answer.reason + since });
+        const effort =
+          answered || timedOut
+            ? ''
+            : ` in ${tries} ${tries === 1 ? 'attempt' : 'attempts'} within ${WINDOW_MS / 1000} s`;
+        return this.change(key, { ...answer, reason: answer.reason + effort });
       }
     }
   }
@@ -185,7 +193,7 @@ export class Presses {
     return new Promise((next) => this.parts.later(next, ms));
   }
 
-  private taken(key: string, { request_id, command }: Abort): void {
+  private acceptReceipt(key: string, { request_id, command }: Abort): void {
     this.change(key, { fate: command ? 'recorded' : 'taken', requestId: request_id, command });
     this.reconcile(this.reported);
     if (command) return;
@@ -208,20 +216,20 @@ export class Presses {
     this.claim(commands);
   }
 
-  /** Assign to presses without a command the one that the server created for them. */
+  /** Assign to each press without a command the command that the server created for it. */
   private claim(commands: readonly Command[]): void {
-    const taken = new Set(this.list.map((p) => p.command?.id));
+    const assigned = new Set(this.list.map((p) => p.command?.id));
     for (const press of this.list.filter((p) => p.command === null && p.fate !== 'sending')) {
-      const command = commands.find((c) => !taken.has(c.id) && belongs(c, press));
+      const command = commands.find((c) => !assigned.has(c.id) && belongs(c, press));
       if (!command) continue;
-      taken.add(command.id);
+      assigned.add(command.id);
       this.change(press.key, { fate: 'recorded', command, reason: '' });
     }
   }
 
   /**
-   * Search the server's history for presses without an answer, repeatedly until each is found or is certainly missing.
-   * Ends when the event stream closes; call it again when the server is back.
+   * Search the server's command history for presses without an answer until each command is found or is certainly
+   * missing. Ends when the event stream closes; call it again after a reconnection.
    */
   async check(): Promise<void> {
     if (this.searching) return;
@@ -243,7 +251,7 @@ export class Presses {
     const end = press.requestId === null ? press.pressedMs + WINDOW_MS : this.parts.now();
     const commands = await Promise.race([
       this.parts.history(press.pressedMs - CLOCK_MS, end + CLOCK_MS, cancel.signal),
-      ended(cancel.signal),
+      rejectOnAbort(cancel.signal),
     ]).catch(() => null);
     stop();
     if (!commands) return;
@@ -251,15 +259,15 @@ export class Presses {
     if (old && !this.list.find((p) => p.key === press.key)?.command) this.change(press.key, { notInHistory: true });
   }
 
-  /** Acknowledge: remove every ended press from the strip. */
+  /** Remove every ended press from the strip. */
   acknowledge(): void {
     this.list = this.list.filter((p) => !isOver(p));
     this.publish();
   }
 
-  /** Only completed presses are removed for a new one. The others stay, however many there are. */
+  /** Add a press. Removes only completed presses; all others stay, whatever their number. */
   private put(press: Press): void {
-    this.list = [press, ...this.list.filter((p) => !isGood(p))];
+    this.list = [press, ...this.list.filter((p) => !isCompleted(p))];
     this.publish();
   }
 
@@ -273,12 +281,12 @@ export class Presses {
     try {
       this.parts.save(JSON.stringify(this.list));
     } catch {
-      /* Storage that is full or blocked must not prevent ABORT; the presses are then lost on a reload. */
+      /* Full or blocked storage must not prevent ABORT; the presses are then lost when the page is reloaded. */
     }
   }
 }
 
-/** Presses made before the page was reloaded; one that was in progress has lost its answer. */
+/** Return the presses stored before the page was reloaded. A press that was in progress has lost its answer. */
 function restored(load: () => string | null): Press[] {
   try {
     const list = JSON.parse(load() ?? '[]') as Press[];
@@ -289,8 +297,8 @@ function restored(load: () => string | null): Press[] {
             fate: 'unknown',
             reason:
               p.fate === 'sending'
-                ? 'the page was loaded again before the server answered'
-                : 'the page was loaded again before the server recorded it',
+                ? 'the page was reloaded before the server answered'
+                : 'the page was reloaded before the server recorded ABORT',
           }
         : p,
     );
@@ -299,18 +307,18 @@ function restored(load: () => string | null): Press[] {
   }
 }
 
-/** Rejects when the window is over, even if the request itself does not notice. */
-function ended(signal: AbortSignal): Promise<never> {
-  const over = new Promise<never>((_, reject) =>
+/** Return a promise that rejects when the signal aborts, even if the request ignores the signal. */
+function rejectOnAbort(signal: AbortSignal): Promise<never> {
+  const promise = new Promise<never>((_, reject) =>
     signal.addEventListener('abort', () => reject(new DOMException('no answer in time', 'AbortError')), { once: true }),
   );
-  over.catch(() => undefined);
-  return over;
+  promise.catch(() => undefined);
+  return promise;
 }
 
 const BAD_ENDS = ['rejected', 'failed', 'unknown', 'resolved', 'withdrawn'];
 
-/** True if nothing more is expected of the press without the operator. */
+/** True if the press has ended: no further report is expected. */
 export function isOver(p: Press): boolean {
   return (
     p.fate === 'not_sent' ||
@@ -325,13 +333,13 @@ export function isOpen(p: Press): boolean {
 }
 
 /** True if the device completed this ABORT. */
-export function isGood(p: Press): boolean {
+export function isCompleted(p: Press): boolean {
   return p.command?.result === 'completed';
 }
 
 /** True if the strip must stay until it is acknowledged. */
 export function needsOperator(p: Press): boolean {
-  return isOver(p) && !isGood(p);
+  return isOver(p) && !isCompleted(p);
 }
 
 export type Point = 'done' | 'now' | 'failed' | 'unknown' | 'to_come';
@@ -341,7 +349,7 @@ export interface Step {
   at: string | null;
 }
 
-/** Pressed, sent, accepted, completed: those of a command's seven stages that matter to an operator. */
+/** Return the steps that the strip shows: the press, and three of the command's seven stages. */
 export function stepsOf(press: Press): Step[] {
   const pressed: Step = { name: 'pressed', point: 'done', at: new Date(press.pressedMs).toISOString() };
   const sent: Point =
@@ -361,8 +369,8 @@ export function stepsOf(press: Press): Step[] {
   }));
   const next = steps.find((s) => s.point === 'to_come');
   if (next && !isOver(press) && !steps.some((s) => s.point === 'now')) next.point = 'now';
-  const broken = steps.some((s) => s.point === 'failed' || s.point === 'unknown');
-  if (next && isOver(press) && !broken) next.point = press.command.result === 'unknown' ? 'unknown' : 'failed';
+  const hasBadStep = steps.some((s) => s.point === 'failed' || s.point === 'unknown');
+  if (next && isOver(press) && !hasBadStep) next.point = press.command.result === 'unknown' ? 'unknown' : 'failed';
   return [pressed, ...steps];
 }
 
@@ -389,14 +397,14 @@ export interface Headline {
 
 const QUEUED = 'ABORT is queued for the line';
 
-/** The text of the strip: exactly what is known. */
+/** Return the text of the strip. It states only what the page knows. */
 export function headlineOf(press: Press): Headline {
   const history = press.notInHistory ? " The server's command history has no such ABORT." : '';
   switch (press.fate) {
     case 'sending':
       return {
         word: 'ABORT is being sent',
-        text: press.tries > 1 ? `Try ${press.tries}: the server does not answer.` : '',
+        text: press.tries > 1 ? `Attempt ${press.tries}: the server does not answer.` : '',
         level: 'progress',
       };
     case 'taken':

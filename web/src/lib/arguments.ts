@@ -1,5 +1,6 @@
 /**
- * Arguments of a command as text in a form, and back to values, with the range in the message if a value does not fit.
+ * Convert the arguments of a command to form texts and back to values. The message for an invalid value states the
+ * range.
  */
 import type { Argument, ArgumentValue, CommandDefinition, Value } from '../api/types';
 import { short } from './format';
@@ -26,9 +27,9 @@ export function rangeText(a: Argument, withDefault = true): string {
   return [range, start].filter(Boolean).join(', ');
 }
 
-const isText = (a: Argument): boolean => /str|text|hex|bytes|hash/.test(a.type);
-const isFlag = (a: Argument): boolean => /^bool/.test(a.type);
-const isWhole = (a: Argument): boolean => /^u?int|^[ui]\d/.test(a.type);
+export const isText = (a: Argument): boolean => /str|text|hex|bytes|hash/.test(a.type);
+export const isFlag = (a: Argument): boolean => /^bool/.test(a.type);
+const isInteger = (a: Argument): boolean => /^u?int|^[ui]\d/.test(a.type);
 
 export function parse(a: Argument, text: string): { value: ArgumentValue | null; problem: string } {
   if (a.choices.length || isText(a))
@@ -40,35 +41,30 @@ export function parse(a: Argument, text: string): { value: ArgumentValue | null;
   const low = a.min !== null && value < a.min;
   const high = a.max !== null && value > a.max;
   if (low || high) return { value: null, problem: `${rangeText(a, false)}, got ${short(value)}` };
-  if (isWhole(a) && !Number.isInteger(value))
+  if (isInteger(a) && !Number.isInteger(value))
     return { value: null, problem: `a whole number is needed, got ${short(value)}` };
   return { value, problem: '' };
 }
 
 const UNIT_SUFFIX = /_(s|ms|us|dn|px|c|v|ma|hz|deg|mag)$/;
 
-/** An argument's name in words, without the unit shown beside its value: "bit error rate", "duration". */
+/**
+ * Return an argument's name in words, without the unit that is shown beside its value: "Bit error rate", "Duration".
+ */
 export function nameInWords(a: Pick<Argument, 'name' | 'unit'>): string {
   return (a.unit ? a.name.replace(UNIT_SUFFIX, '') : a.name).replace(/_/g, ' ').replace(/^./, (c) => c.toUpperCase());
 }
 
-/** The telemetry value that shows the device's present value of an argument: same name, with or without its unit. */
+/** Return the telemetry value with the argument's name, with or without the unit suffix; null if there is none. */
 export function onBoard(a: Argument, values: ReadonlyMap<string, Value>): Value | null {
-  const bare = a.name.replace(UNIT_SUFFIX, '');
+  const nameWithoutUnit = a.name.replace(UNIT_SUFFIX, '');
   const exact = values.get(a.name);
   if (exact) return exact;
-  for (const [name, v] of values) if (name.replace(UNIT_SUFFIX, '') === bare) return v;
+  for (const [name, v] of values) if (name.replace(UNIT_SUFFIX, '') === nameWithoutUnit) return v;
   return null;
 }
 
-export function flag(a: Argument): boolean {
-  return isFlag(a);
-}
-export function textual(a: Argument): boolean {
-  return isText(a);
-}
-
-/** The values of a whole form; `problem` of the first invalid argument. */
+/** Return the values of a form, and the problem of each invalid argument. */
 export function collect(
   definition: CommandDefinition,
   texts: Readonly<Record<string, string>>,

@@ -1,7 +1,7 @@
 /**
- * A table or list is one stop of the Tab key; arrows, Home and End move inside it. One listener serves every table and
- * list under an element, including later ones. Text fields and their forms keep separate stops, because arrows move
- * the cursor there.
+ * Keyboard navigation: each table or list is one tab stop; the arrow keys, Home and End move inside it. One listener
+ * serves all tables and lists below an element, including those added later. Controls in forms keep separate tab stops,
+ * because the arrow keys move the text cursor there.
  */
 const GROUPS = 'table, [role="listbox"], [data-arrows]';
 const CONTROLS = 'a[href], button:not(:disabled), [role="option"]';
@@ -14,29 +14,29 @@ function controls(group: Element): HTMLElement[] {
 }
 
 /**
- * Exactly one control of the group is in the tab order: the last focused one, else that of the current row, else the
- * first.
+ * Put exactly one control of the group into the tab order: the last focused control, otherwise the control of the
+ * current row, otherwise the first control.
  */
 function settle(group: Element): void {
   const all = controls(group);
-  const kept =
+  const tabStop =
     all.find((e) => e === document.activeElement) ??
     all.find((e) => e.dataset['stop'] === 'yes') ??
     all.find((e) => e.getAttribute('aria-selected') === 'true' || e.closest('.current')) ??
     all[0];
-  for (const e of all) mark(e, e === kept);
+  for (const e of all) mark(e, e === tabStop);
 }
 
 function mark(e: HTMLElement, stop: boolean): void {
-  const wanted = stop ? '0' : '-1';
-  if (e.getAttribute('tabindex') !== wanted) e.setAttribute('tabindex', wanted);
+  const tabindex = stop ? '0' : '-1';
+  if (e.getAttribute('tabindex') !== tabindex) e.setAttribute('tabindex', tabindex);
   if (stop) e.dataset['stop'] = 'yes';
   else delete e.dataset['stop'];
 }
 
 /**
- * The control that a key leads to: same column in the row above or below, the neighbour in the row, the first or last
- * row.
+ * Return the control to which a key moves: the same column of the row above or below, the neighbour in the row, or the
+ * same column of the first or last row.
  */
 export function target(key: string, all: readonly HTMLElement[], from: HTMLElement): HTMLElement | null {
   const rows: HTMLElement[][] = [];
@@ -57,15 +57,15 @@ export function target(key: string, all: readonly HTMLElement[], from: HTMLEleme
   return (key === 'ArrowRight' ? rows[r]?.[c + 1] : key === 'ArrowLeft' ? rows[r]?.[c - 1] : undefined) ?? null;
 }
 
-/** A scrollable box without focusable content is a tab stop, so that the keyboard can scroll it. */
-function scrolling(box: HTMLElement): void {
-  const wanted =
+/** Make a scrollable box without focusable content a tab stop, so that it can be scrolled by keyboard. */
+function updateScrollStop(box: HTMLElement): void {
+  const needsStop =
     (box.scrollHeight > box.clientHeight + 1 || box.scrollWidth > box.clientWidth + 1) &&
     !box.querySelector('a[href], button, input, select, textarea, [tabindex]');
-  if (wanted && !box.hasAttribute('tabindex')) {
+  if (needsStop && !box.hasAttribute('tabindex')) {
     box.tabIndex = 0;
     box.dataset['scrolls'] = 'yes';
-  } else if (!wanted && box.dataset['scrolls']) {
+  } else if (!needsStop && box.dataset['scrolls']) {
     box.removeAttribute('tabindex');
     delete box.dataset['scrolls'];
   }
@@ -73,13 +73,13 @@ function scrolling(box: HTMLElement): void {
 
 export function arrows(root: HTMLElement): () => void {
   let waiting = 0;
-  const look = (): void => {
+  const update = (): void => {
     waiting = 0;
     for (const group of root.querySelectorAll(GROUPS)) settle(group);
-    for (const box of root.querySelectorAll<HTMLElement>('.scroll')) scrolling(box);
+    for (const box of root.querySelectorAll<HTMLElement>('.scroll')) updateScrollStop(box);
   };
   const later = (): void => {
-    waiting ||= requestAnimationFrame(look);
+    waiting ||= requestAnimationFrame(update);
   };
   const watcher = new MutationObserver(later);
   watcher.observe(root, { childList: true, subtree: true });

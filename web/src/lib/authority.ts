@@ -1,19 +1,19 @@
-/** Command authority from this user's view: what waits for an answer, and how authority was lost. */
+/** Command authority as this user sees it: the open request or offer, and how authority was lost. */
 import type { Authority } from '../api/types';
 import { clock } from './format';
 
-/** ``answer``: this user has to answer a request or offer. ``sent``: this user waits for the answer. */
+/** `answer`: this user must answer a request or an offer. `sent`: this user waits for an answer. */
 export type Waiting = 'answer' | 'sent' | 'none';
 
 export function waitingOf(authority: Authority | null, me: string): Waiting {
   const transfer = authority?.transfer;
   if (!authority || !transfer) return 'none';
-  const [maker, other] =
+  const [sender, recipient] =
     transfer.kind === 'request' ? [transfer.user, authority.holder] : [authority.holder, transfer.user];
-  return me === other ? 'answer' : me === maker ? 'sent' : 'none';
+  return me === recipient ? 'answer' : me === sender ? 'sent' : 'none';
 }
 
-/** What waits, as a sentence. Empty for users whom it does not concern. */
+/** Return the open request or offer as a sentence; empty for users who are not involved. */
 export function waitingText(authority: Authority | null, me: string): string {
   const transfer = authority?.transfer;
   if (!authority || !transfer) return '';
@@ -33,8 +33,8 @@ export function waitingText(authority: Authority | null, me: string): string {
 }
 
 /**
- * How this user lost authority by the act of another user; empty if it was not held before, is still held, or was given
- * up by this user.
+ * Return a sentence that states how another user took authority from this user. Empty if this user did not hold it,
+ * still holds it, or released it.
  */
 export function lossText(heldBefore: boolean, now: Authority | null, me: string): string {
   if (!heldBefore || !now || now.holder === me) return '';

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { clockAt, timeTicks, written } from './axis';
+import { clockAt, timeTicks, tickLabel } from './axis';
 
 describe('axes', () => {
   it('puts ticks at round times inside the span', () => {
@@ -11,8 +11,8 @@ describe('axes', () => {
     expect(clockAt(1_767_225_600, 31_536_000)).toBe('2026-01-01');
   });
   it('writes the decimals that the axis needs', () => {
-    expect(written(-0.5, 0.25)).toBe('−0.50');
-    expect(written(20, 10)).toBe('20');
+    expect(tickLabel(-0.5, 0.25)).toBe('−0.50');
+    expect(tickLabel(20, 10)).toBe('20');
     expect(clockAt(3600, 60)).toBe('01:00:00');
   });
 });

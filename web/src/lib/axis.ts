@@ -1,7 +1,10 @@
 const DAY_S = 86400;
 const DAYS = [1, 2, 7, 14, 30, 60, 120, 365];
 
-/** Round times on a time axis, and formatting of axis numbers; round numbers are in plot.ts. */
+/**
+ * Return round times for the ticks of a time axis, in Unix seconds, at most about six. plot.ts has the ticks of other
+ * axes.
+ */
 export function timeTicks(low: number, high: number): number[] {
   const step =
     [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 43200, ...DAYS.map((d) => d * DAY_S)].find(
@@ -12,8 +15,8 @@ export function timeTicks(low: number, high: number): number[] {
   return out;
 }
 
-/** The number with the decimals that its axis needs, and a true minus sign. */
-export function written(value: number, step: number): string {
+/** Return the number as text, with the decimals that the step of the axis needs and a true minus sign. */
+export function tickLabel(value: number, step: number): string {
   if (value === 0) return '0';
   const size = Math.abs(value);
   if (size < 1e-4 || size >= 1e6) return value.toExponential(1).replace('-', '−');

@@ -37,8 +37,8 @@ describe('banks', () => {
   });
   it('says when the uploaded content is no longer in its bank', () => {
     expect(replacedBy(up(), [bank('B', { catalogue_id: 7 })], later)).toBe('');
-    expect(replacedBy(up(), [bank('B')], later)).toBe('Bank B was changed since: it holds orion now.');
-    expect(replacedBy(up(), [empty('B')], later)).toBe('Bank B was changed since: it is empty now.');
+    expect(replacedBy(up(), [bank('B')], later)).toBe('Bank B has changed since: it now contains orion.');
+    expect(replacedBy(up(), [empty('B')], later)).toBe('Bank B has changed since: it is now empty.');
     expect(replacedBy(up(), [bank('B')], Date.parse('2026-12-01T18:00:02Z'))).toBe('');
     expect(replacedBy(up(), [], later)).toBe('');
   });
@@ -50,11 +50,11 @@ describe('banks', () => {
     ];
     const timeline = { stays } as unknown as Timeline;
     expect(rollbackText(previousBank(timeline, 'B'))).toBe('Returns to bank C, newer.');
-    expect(rollbackText(previousBank(null, 'B'))).toContain('not in the record');
+    expect(rollbackText(previousBank(null, 'B'))).toContain('is not recorded');
   });
   it('holds the activation of an empty bank', () => {
     expect(bankConditions('ACTIVATE_BANK', 'C', [empty('C')])).toEqual([
-      { text: 'Bank C holds a committed catalogue', met: false, value: 'empty' },
+      { text: 'Bank C contains a committed catalogue', met: false, value: 'empty' },
     ]);
     expect(bankConditions('ACTIVATE_BANK', 'B', [bank('B')])[0]?.met).toBe(true);
     expect(bankConditions('ACTIVATE_BANK', 'B', [])[0]?.met).toBe(null);

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { inside, unitOf } from './base';
+import { localPath, unitOf } from './base';
 
 describe('addresses of units', () => {
   it('names the unit of an address', () => {
@@ -9,12 +9,12 @@ describe('addresses of units', () => {
       expect(unitOf(path)).toBe('');
   });
   it('knows what is of this console', () => {
-    expect(inside('/units/FM1/frames/3', '/units/FM1')).toBe('/frames/3');
-    expect(inside('/units/FM1', '/units/FM1')).toBe('/');
-    expect(inside('/units/FM12/live', '/units/FM1')).toBeNull();
-    expect(inside('/fleet', '/units/FM1')).toBeNull();
-    expect(inside('/live', '')).toBe('/live');
-    expect(inside('/units/FM1/live', '')).toBeNull();
+    expect(localPath('/units/FM1/frames/3', '/units/FM1')).toBe('/frames/3');
+    expect(localPath('/units/FM1', '/units/FM1')).toBe('/');
+    expect(localPath('/units/FM12/live', '/units/FM1')).toBeNull();
+    expect(localPath('/fleet', '/units/FM1')).toBeNull();
+    expect(localPath('/live', '')).toBe('/live');
+    expect(localPath('/units/FM1/live', '')).toBeNull();
   });
 });
 

@@ -1,6 +1,6 @@
 /**
- * Where this console lives: at the root of a server of one unit, at /units/NAME for one of several. Changing the unit
- * reloads the page, so that nothing of another unit stays in memory.
+ * Base path of this console: the root on a server with one unit, /units/NAME on a server with several units. Changing
+ * the unit reloads the page, so that no data of another unit stays in memory.
  */
 export function unitOf(path: string): string {
   return /^\/units\/([A-Za-z0-9][A-Za-z0-9_-]*)(?=\/|$)/.exec(path)?.[1] ?? '';
@@ -8,16 +8,16 @@ export function unitOf(path: string): string {
 
 /** Name of the unit; empty at the root. */
 export const unit = unitOf(globalThis.location?.pathname ?? '');
-/** Begins every address of this console: pages and data. */
+/** Prefix of all paths of this console, for pages and data. */
 export const base = unit && `/units/${unit}`;
 
-/** The path without the base; null for an address outside of this console. */
-export function inside(path: string, of: string = base): string | null {
+/** Return the path without the base; null if the path is outside this console. */
+export function localPath(path: string, of: string = base): string | null {
   if (path === of || path === `${of}/`) return '/';
   return path.startsWith(`${of}/`) && unitOf(path) === unitOf(`${of}/`) ? path.slice(of.length) : null;
 }
 
-/** Name in the browser's storage for what must not be mixed between units. */
-export function ofUnit(name: string): string {
+/** Return a key for the browser's storage that is separate for each unit. */
+export function unitStorageKey(name: string): string {
   return unit ? `${name} ${unit}` : name;
 }

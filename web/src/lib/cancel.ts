@@ -1,12 +1,15 @@
-/** Who may cancel a job: the user who started it, and users who may start its kind. */
+/** A job can be cancelled by the user who started it and by users with the permission to start such jobs. */
 import type { Job } from '../api/types';
 
-/** Why this user may not cancel the job; empty if allowed. `lacks` states why a permission is missing. */
+/**
+ * Return the reason why this user cannot cancel the job; empty if allowed. `missing` returns the reason for a missing
+ * permission, or an empty text.
+ */
 export function noCancel(
   job: Pick<Job, 'user' | 'permission'>,
   name: string,
-  lacks: (permission: string) => string,
+  missing: (permission: string) => string,
 ): string {
-  const own = job.user === name && name !== '';
-  return lacks('jobs.cancel') || (own ? '' : lacks(job.permission));
+  const isOwnJob = job.user === name && name !== '';
+  return missing('jobs.cancel') || (isOwnJob ? '' : missing(job.permission));
 }

@@ -54,7 +54,7 @@ describe('a command written as a line', () => {
   it('reports what is wrong with the line', () => {
     expect(read('fly_home ').problem).toContain('Unknown command FLY_HOME');
     expect(read('get_status 3').problem).toContain('takes no values');
-    expect(read('set_mode tracking 2').problem).toContain('one too many');
+    expect(read('set_mode tracking 2').problem).toContain('remove “2”');
     expect(read('set_mode gain=2').problem).toContain('no argument gain');
   });
 });

@@ -1,4 +1,4 @@
-/** Parse a line of text as a command: its name, then values in the dictionary's order or as name=value. */
+/** Parse a line of text as a command: its name, followed by values in the dictionary's order or as name=value. */
 import type { Argument, CommandDefinition } from '../api/types';
 import { rangeText } from './arguments';
 import { best } from './fuzzy';
@@ -10,12 +10,12 @@ export interface Completion {
 }
 export interface Line {
   definition: CommandDefinition | null;
-  /** The text entered for each argument. */
+  /** Text entered for each argument. */
   texts: Record<string, string>;
-  /** What is wrong with the line itself; values are checked by the form's rules. */
+  /** Problem of the line; the values are checked by the rules of the form. */
   problem: string;
   completions: Completion[];
-  /** The argument being entered, to show its range. */
+  /** Argument that is being entered; its range is shown. */
   argument: Argument | null;
 }
 
@@ -24,7 +24,7 @@ interface Word {
   from: number;
 }
 
-/** Split at spaces; quotes keep a space inside a value. */
+/** Split a line at spaces. Quotation marks keep spaces inside a value. */
 export function split(line: string): Word[] {
   const out: Word[] = [];
   for (const m of line.matchAll(/(?:"[^"]*"?|[^\s"])+/g)) out.push({ text: m[0].replace(/"/g, ''), from: m.index });
@@ -35,7 +35,7 @@ export function readLine(line: string, commands: readonly CommandDefinition[]): 
   const words = split(line);
   const open = line === '' || /\s$/.test(line);
   const name = words[0]?.text ?? '';
-  if (words.length === 0 || (words.length === 1 && !open)) return naming(name, commands);
+  if (words.length === 0 || (words.length === 1 && !open)) return parseName(name, commands);
   const definition = commands.find((c) => c.name === name.toUpperCase()) ?? null;
   if (!definition)
     return {
@@ -45,10 +45,10 @@ export function readLine(line: string, commands: readonly CommandDefinition[]): 
       completions: [],
       argument: null,
     };
-  return arguing(definition, line, words.slice(1), open);
+  return parseArguments(definition, line, words.slice(1), open);
 }
 
-function naming(name: string, commands: readonly CommandDefinition[]): Line {
+function parseName(name: string, commands: readonly CommandDefinition[]): Line {
   const definition = commands.find((c) => c.name === name.toUpperCase()) ?? null;
   const hits = definition ? [] : best(name, commands, (c) => c.name, 8);
   const completions = hits.map((c) => ({
@@ -65,33 +65,33 @@ function naming(name: string, commands: readonly CommandDefinition[]): Line {
   };
 }
 
-function arguing(definition: CommandDefinition, line: string, words: readonly Word[], open: boolean): Line {
+function parseArguments(definition: CommandDefinition, line: string, words: readonly Word[], open: boolean): Line {
   const texts: Record<string, string> = {};
   let problem = '';
   let argument: Argument | null = null;
   words.forEach((w, i) => {
-    const [a, text, why] = take(definition, texts, w.text, open || i < words.length - 1);
-    if (why) problem ||= why;
+    const [a, text, wordProblem] = parseWord(definition, texts, w.text, open || i < words.length - 1);
+    if (wordProblem) problem ||= wordProblem;
     if (a && text !== null) texts[a.name] = text;
     argument = a;
   });
   const last = words.at(-1);
-  const writing = !open && last ? last : null;
-  if (!writing) argument = definition.arguments.find((a) => !(a.name in texts)) ?? null;
-  const before = writing ? line.slice(0, writing.from) : line;
+  const unfinished = !open && last ? last : null;
+  if (!unfinished) argument = definition.arguments.find((a) => !(a.name in texts)) ?? null;
+  const before = unfinished ? line.slice(0, unfinished.from) : line;
   return {
     definition,
     texts,
     problem,
     argument,
-    completions: complete(definition, texts, argument, writing?.text ?? '', before),
+    completions: complete(definition, texts, argument, unfinished?.text ?? '', before),
   };
 }
 
-/** The argument that a word belongs to, its text, and what is wrong with the word. */
-function take(
+/** Return the argument to which a word belongs, the argument's text, and the problem of the word. */
+function parseWord(
   definition: CommandDefinition,
-  sofar: Readonly<Record<string, string>>,
+  entered: Readonly<Record<string, string>>,
   word: string,
   finished: boolean,
 ): [Argument | null, string | null, string] {
@@ -102,28 +102,31 @@ function take(
       ? [named, word.slice(at + 1), '']
       : [null, null, `${definition.name} has no argument ${word.slice(0, at)}`];
   }
-  const free = definition.arguments.find((a) => !(a.name in sofar));
-  if (!free)
+  const nextArgument = definition.arguments.find((a) => !(a.name in entered));
+  if (!nextArgument)
     return [
       null,
       null,
       definition.arguments.length
         ? `${definition.name} takes ${definition.arguments.length} ` +
-          `value${definition.arguments.length === 1 ? '' : 's'}, “${word}” is one too many`
+          `value${definition.arguments.length === 1 ? '' : 's'}; remove “${word}”`
         : `${definition.name} takes no values`,
     ];
-  const begun = definition.arguments.find(
-    (a) => !(a.name in sofar) && word !== '' && a.name.startsWith(word.toLowerCase()),
+  const startedName = definition.arguments.find(
+    (a) => !(a.name in entered) && word !== '' && a.name.startsWith(word.toLowerCase()),
   );
-  const value = free.choices.length === 0 && /^[a-z_]/i.test(word) && !/bool|str|text|hex|bytes|hash/.test(free.type);
-  if (begun && value && !finished) return [begun, null, ''];
-  return [free, choice(free, word), ''];
+  const mayBeName =
+    nextArgument.choices.length === 0 &&
+    /^[a-z_]/i.test(word) &&
+    !/bool|str|text|hex|bytes|hash/.test(nextArgument.type);
+  if (startedName && mayBeName && !finished) return [startedName, null, ''];
+  return [nextArgument, choice(nextArgument, word), ''];
 }
 
-/** A choice is accepted in any case; booleans as yes and no. */
+/** Return the argument's value for a word: a choice in its correct case, or a boolean for on, off, yes, no, 1 or 0. */
 function choice(a: Argument, word: string): string {
-  const same = a.choices.find((c) => c.name.toLowerCase() === word.toLowerCase());
-  if (same) return same.name;
+  const match = a.choices.find((c) => c.name.toLowerCase() === word.toLowerCase());
+  if (match) return match.name;
   if (/^bool/.test(a.type))
     return /^(on|yes|true|1)$/i.test(word) ? 'true' : /^(off|no|false|0)$/i.test(word) ? 'false' : word;
   return word;
@@ -147,8 +150,8 @@ function complete(
           { name: 'off', note: '' },
         ]
       : argument.choices;
-    const whole = values.some((v) => v.name.toLowerCase() === typed.toLowerCase());
-    if (!whole)
+    const isComplete = values.some((v) => v.name.toLowerCase() === typed.toLowerCase());
+    if (!isComplete)
       for (const v of best(typed, values, (c) => c.name, 8))
         out.push({ text: v.name, note: v.note ?? '', replace: `${head}${v.name} ` });
     const start = argument.default;

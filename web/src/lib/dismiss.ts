@@ -1,7 +1,7 @@
-/** Closes a popover on Esc, wherever the focus is, and on a press outside it: `<div {@attach dismiss(close)}>`. */
+/** Close a popover on Esc, wherever the focus is, and on a press outside it: `<div {@attach dismiss(close)}>`. */
 import type { Attachment } from 'svelte/attachments';
 
-/** ``opener``: selector of the button that opens and closes the popover; presses on it are left to it. */
+/** `opener`: selector of the button that opens and closes the popover; presses on that button are not handled here. */
 export function dismiss(close: () => void, opener = ''): Attachment<HTMLElement> {
   return (element) => {
     const onKey = (e: KeyboardEvent): void => {

@@ -11,7 +11,7 @@ import {
   shortHash,
   sigma,
   span,
-  stored,
+  diskSize,
 } from './format';
 
 describe('numbers', () => {
@@ -76,7 +76,7 @@ describe('times and bytes', () => {
     ]);
   });
   it('writes disks in units of 1000, flash in units of 1024', () => {
-    expect([stored(0), stored(999), stored(129_400_000), stored(58_400_000_000)]).toEqual([
+    expect([diskSize(0), diskSize(999), diskSize(129_400_000), diskSize(58_400_000_000)]).toEqual([
       '0 B',
       '999 B',
       '129.4 MB',

@@ -1,4 +1,4 @@
-/** Format of numbers and times: true minus, thin group space, fixed decimals, UTC with Z. */
+/** Format numbers and times: true minus sign, thin space between groups of digits, fixed decimals, UTC with Z. */
 
 const MINUS = '\u2212';
 const THIN = '\u2009';
@@ -8,7 +8,7 @@ function grouped(digits: string): string {
   return digits.length < 4 ? digits : digits.replace(/\B(?=(\d{3})+(?!\d))/g, THIN);
 }
 
-/** A number with fixed decimals; null and NaN become a dash; `sign` adds + to positive numbers. */
+/** Format a number with fixed decimals. Null and NaN become a dash; `sign` adds + to positive numbers. */
 export function fixed(value: number | null | undefined, decimals = 0, sign = false): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
   const [whole = '0', part] = Math.abs(value).toFixed(decimals).split('.');
@@ -17,24 +17,23 @@ export function fixed(value: number | null | undefined, decimals = 0, sign = fal
   return (value < 0 && !zero ? MINUS : sign && !zero ? '+' : '') + text;
 }
 
-const HALF_TURN_ARCSEC = 180 * 3600;
+const HALF_ROTATION_ARCSEC = 180 * 3600;
 
-/** "2.1″": a standard deviation of an angle. One of more than half a turn says nothing: "not determined". */
+/** Format the standard deviation of an angle: "2.1″". Above 180° it is "not determined". */
 export function sigma(arcsec: number | null | undefined): string {
   if (arcsec === null || arcsec === undefined) return NONE;
-  return arcsec > HALF_TURN_ARCSEC ? 'not determined' : `${fixed(arcsec, 1)}″`;
+  return arcsec > HALF_ROTATION_ARCSEC ? 'not determined' : `${fixed(arcsec, 1)}″`;
 }
 
-/** "1 frame", "1 012 frames": a count with its noun. */
+/** Format a count with its noun: "1 frame", "1 012 frames". */
 export function counted(n: number, one: string, many = `${one}s`): string {
   return `${fixed(n)} ${n === 1 ? one : many}`;
 }
 
-/** The shortest form of a number. */
+/** Format a number with the fewest digits, at most six significant digits if it is not an integer. */
 export function short(value: number | null | undefined): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
-  const text = Number.isInteger(value) ? fixed(value) : String(Number(value.toPrecision(6))).replace('-', MINUS);
-  return text;
+  return Number.isInteger(value) ? fixed(value) : String(Number(value.toPrecision(6))).replace('-', MINUS);
 }
 
 export function degrees(value: number | null | undefined, decimals = 4, sign = false): string {
@@ -47,7 +46,7 @@ export function scientific(value: number | null | undefined): string {
   return value.toExponential(0).replace('-', MINUS).replace('+', '');
 }
 
-/** Age in the largest suitable unit. */
+/** Format a duration in the two largest suitable units: "12 s", "3 min 20 s", "2 d 4 h". */
 export function span(seconds: number | null | undefined): string {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return NONE;
   const s = Math.max(0, seconds);
@@ -57,7 +56,7 @@ export function span(seconds: number | null | undefined): string {
   return `${Math.floor(s / 86400)} d ${Math.floor((s % 86400) / 3600)} h`;
 }
 
-/** Age in one unit, for narrow places. */
+/** Format a duration in one unit, for narrow columns. */
 export function brief(seconds: number): string {
   const s = Math.max(0, seconds);
   return s < 60
@@ -71,7 +70,7 @@ export function brief(seconds: number): string {
 
 const SIGNS: Record<string, string> = { arcsec: '″', deg: '°', 'deg/s': '°/s' };
 
-/** The unit as displayed beside a value. */
+/** Return the unit as displayed beside a value. */
 export function unitSign(unit: string): string {
   return SIGNS[unit] ?? unit;
 }
@@ -82,7 +81,7 @@ export function daysLeft(days: number | null | undefined): string {
   return days < 1 ? `${Math.floor(days * 24)} h left` : `${Math.floor(days)} d left`;
 }
 
-/** Time of day, UTC, with Z. */
+/** Format the time of day in UTC, with Z. */
 export function clock(iso: string | null | undefined, decimals = 0): string {
   if (!iso) return NONE;
   const text = new Date(iso).toISOString();
@@ -101,15 +100,15 @@ export function kib(bytes: number): string {
   return `${fixed(bytes / 1024, 1)} KiB`;
 }
 
-/** Bytes in the largest suitable unit of 1024. */
+/** Format a number of bytes in the largest suitable binary unit (powers of 1024). */
 export function bytes(n: number): string {
   const units = ['B', 'KiB', 'MiB', 'GiB', 'TiB'];
   const step = n > 0 ? Math.min(units.length - 1, Math.floor(Math.log2(n) / 10)) : 0;
   return `${fixed(n / 1024 ** step, step === 0 ? 0 : 1)} ${units[step] ?? ''}`;
 }
 
-/** Bytes of disk space in units of 1000, as storage limits are set. */
-export function stored(n: number): string {
+/** Format disk space in decimal units (powers of 1000), as storage limits are entered. */
+export function diskSize(n: number): string {
   const units = ['B', 'kB', 'MB', 'GB', 'TB'];
   const step = n > 0 ? Math.min(units.length - 1, Math.floor(Math.log10(n) / 3)) : 0;
   return `${fixed(n / 1000 ** step, step === 0 ? 0 : 1)} ${units[step] ?? ''}`;
@@ -123,7 +122,7 @@ export function shortHash(sha: string | null | undefined): string {
   return !sha ? NONE : sha.length <= 10 ? sha : `${sha.slice(0, 4)}…${sha.slice(-4)}`;
 }
 
-/** "18 4d c0": a hex string in pairs. */
+/** Split a hex string into bytes: "18 4d c0". */
 export function pairs(hexText: string): string {
   return (hexText.replace(/\s/g, '').match(/../g) ?? []).join(' ');
 }

@@ -23,7 +23,7 @@ describe('age of a frame', () => {
   it('is not stated for an exposure after the time of the server', () => {
     expect(exposureOf(NOW + 60_000, conditions())).toMatchObject({
       live: false,
-      words: 'exposed after the time of the server',
+      words: 'exposure time is later than server time',
     });
   });
 });

@@ -1,8 +1,8 @@
 /**
- * How current an indicator is. Only this module decides it; docs/indicators.md lists every indicator with its source.
- * The source of an indicator is one of: `server` (command authority, open alarms, state of the port), `device` (mode,
- * cycle, banks, telemetry: known only through the line), `record` (an event that stays true, such as "completed
- * 14:02:11Z"; work in progress counts as `server`), `page` (a choice made on this page).
+ * Freshness of indicators. Only this module decides whether an indicator is current; docs/indicators.md lists every
+ * indicator with its source. Sources: `server` (command authority, open alarms, state of the port), `device` (mode,
+ * cycle, banks and telemetry, which are known only through the line), `record` (an event that stays true, such as
+ * "completed 14:02:11Z"; work in progress counts as `server`), `page` (a choice on this page).
  */
 import { clock, day, span } from './format';
 import type { LampState } from './lamp';
@@ -13,20 +13,20 @@ export type Source = 'server' | 'device' | 'record' | 'page';
  */
 export type Freshness = 'fresh' | 'ageing' | 'stale' | 'offline' | 'unknown';
 
-/** Server and device both report once a second. */
+/** Limits of the ages. Server and device each report once per second. */
 export const AGEING_AFTER_MS = 3_000;
 export const STALE_AFTER_MS = 10_000;
 
 /** Times are UTC on the server's clock, in milliseconds. */
 export interface Conditions {
   nowMs: number;
-  /** Whether the event stream is connected. */
+  /** True if the event stream is connected. */
   online: boolean;
-  /** When the server last reported its status. */
+  /** Time of the server's last status report. */
   serverMs: number | null;
-  /** Whether the port to the device is open, as last reported. */
+  /** True if the port to the device was open in the last report. */
   lineOpen: boolean;
-  /** When the last intact packet from the device arrived. */
+  /** Arrival time of the last intact packet from the device. */
   deviceMs: number | null;
 }
 
@@ -41,7 +41,7 @@ export function isCurrent(freshness: Freshness): boolean {
   return freshness === 'fresh' || freshness === 'ageing';
 }
 
-/** Freshness of a source. `atMs`: when this value was last reported, if it has a separate time. */
+/** Return the freshness of a source. `atMs`: time of the value's last report, if it differs from that of the source. */
 export function freshnessOf(source: Source, c: Conditions, atMs: number | null = lastReport(source, c)): Freshness {
   if (source === 'record' || source === 'page') return 'fresh';
   if (!c.online) return 'offline';
@@ -54,53 +54,59 @@ export function lastReport(source: Source, c: Conditions): number | null {
   return source === 'device' ? c.deviceMs : c.serverMs;
 }
 
-/** The source that a lamp depends on: work in progress is valid only while the server reports it. */
+/** Return the source on which a lamp depends: work in progress is valid only while the server reports it. */
 export function sourceOf(state: LampState, source: Source): Source {
   return source === 'record' && state === 'progress' ? 'server' : source;
 }
 
 /**
- * The lamp to draw: a state that is not current is `unreported`, grey and hatched. A hollow or struck lamp makes no
- * claim and does not change.
+ * Return the lamp to draw. A state that is not current becomes `unreported`, grey and hatched. The lamps `never` and
+ * `off` assert no state and do not change.
  */
 export function lampWhen(state: LampState, freshness: Freshness): LampState {
   return isCurrent(freshness) || state === 'never' || state === 'off' ? state : 'unreported';
 }
 
-/** "14:12:52Z", preceded by the day if it is not today. */
+/** Format the time of a report: "14:12:52Z", preceded by the date if it is not today. */
 export function reportTime(atMs: number, nowMs: number): string {
   const [at, now] = [new Date(atMs).toISOString(), new Date(nowMs).toISOString()];
   return day(at) === day(now) ? clock(at) : `${day(at)} ${clock(at)}`;
 }
 
-/** The text beside the value: nothing while fresh, its age while ageing, then the time of the last report. */
+/** Return the text beside a value: empty while fresh, its age while ageing, then the time of the last report. */
 export function noteOf(freshness: Freshness, atMs: number | null, nowMs: number): string {
   if (freshness === 'fresh') return '';
   if (atMs === null) return 'never reported';
   return freshness === 'ageing' ? `${span((nowMs - atMs) / 1000)} ago` : `last reported ${reportTime(atMs, nowMs)}`;
 }
 
-/** A frame exposed at most this long ago is labelled live. */
+/** Maximum age of a frame that is labelled live. */
 export const LIVE_FRAME_MS = 30_000;
 
-/** The age of a frame since its exposure, however late it was received. `live`: recent, and the device reports. */
+/**
+ * Return the age of a frame since its exposure, even if it was received late. `live`: the frame is recent and the
+ * device reports.
+ */
 export function exposureOf(takenMs: number, c: Conditions): { live: boolean; recent: boolean; words: string } {
   const ageMs = c.nowMs - takenMs;
-  if (ageMs < -AGEING_AFTER_MS) return { live: false, recent: false, words: 'exposed after the time of the server' };
+  if (ageMs < -AGEING_AFTER_MS) return { live: false, recent: false, words: 'exposure time is later than server time' };
   const recent = ageMs <= LIVE_FRAME_MS;
   const live = recent && isCurrent(freshnessOf('device', c));
   return { live, recent, words: `${live ? 'live, ' : ''}exposed ${span(Math.max(0, ageMs) / 1000)} ago` };
 }
 
 export interface Cycle {
-  /** null: not known at present. */
+  /** Null if unknown at present. */
   running: boolean | null;
   /** As last reported. */
   last: boolean | null;
   words: string;
 }
 
-/** The on-board cycle: a sensor continues its cycle without a link, so "stopped" is shown only while it is reported. */
+/**
+ * Return the state of the on-board cycle. The sensor continues its cycle without a link, so the page shows "stopped"
+ * only while the device reports it.
+ */
 export function cycleOf(last: boolean | null, atMs: number | null, c: Conditions): Cycle {
   const freshness = freshnessOf('device', c, atMs);
   const word = last ? 'running' : 'stopped';

@@ -1,4 +1,4 @@
-/** The guide chapter of each page; tests/house/test_help_links.py checks that each exists. */
+/** Guide chapter of each page; tests/house/test_help_and_roles_pages.py checks that each chapter exists. */
 const CHAPTERS: Record<string, string> = {
   fleet: 'operator#several-units',
   live: 'operator#during',

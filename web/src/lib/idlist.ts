@@ -1,4 +1,4 @@
-/** Frame numbers as users type them: "12-40, 45". */
+/** Parse frame numbers as users type them: "12-40, 45". */
 export function parseIds(text: string): number[] {
   const out = new Set<number>();
   for (const part of text.split(/[\s,;]+/).filter(Boolean)) {
@@ -11,7 +11,7 @@ export function parseIds(text: string): number[] {
   return [...out].sort((x, y) => x - y);
 }
 
-/** Frames selected by another page, as its link names them; none if it names no list. */
+/** Return the frame numbers in a link of another page; none if the text is not a list. */
 export function idsOf(text: string): number[] {
   try {
     return parseIds(text);
@@ -20,7 +20,7 @@ export function idsOf(text: string): number[] {
   }
 }
 
-/** The shortest notation of the list. */
+/** Return the shortest notation of the list. */
 export function writeIds(ids: readonly number[]): string {
   const sorted = [...new Set(ids)].sort((a, b) => a - b);
   const runs: [number, number][] = [];

@@ -1,4 +1,4 @@
-/** `unreported`: the source does not report, so the state is not known at present (decided by lib/freshness.ts). */
+/** `unreported`: the source does not report at present, so the state is unknown (lib/freshness.ts decides this). */
 export type LampState =
   | 'ok'
   | 'watch'
@@ -30,6 +30,6 @@ export function lampColour(state: LampState): string {
   return COLOURS[state];
 }
 
-export function lampOf(word: string | null | undefined): LampState {
-  return word && word in COLOURS ? (word as LampState) : word === 'none' || !word ? 'never' : 'unknown';
+export function lampOf(state: string | null | undefined): LampState {
+  return state && state in COLOURS ? (state as LampState) : state === 'none' || !state ? 'never' : 'unknown';
 }

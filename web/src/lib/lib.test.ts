@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import type { Argument, CommandDefinition, Stage } from '../api/types';
 import { collect, parse } from './arguments';
 import { place, zones } from './limits';
-import { countOf, missingBelow, words } from './ranges';
+import { countOf, missingBelow, rangesText } from './ranges';
 import { hasEnded, points, resultState, resultWords } from './stages';
 
 const number = (over: Partial<Argument> = {}): Argument => ({
@@ -75,7 +75,7 @@ describe('chunk ranges', () => {
       [97, 102],
       [121, 121],
     ]);
-    expect([countOf(gaps), words(gaps)]).toEqual([7, '97 – 102, 121']);
+    expect([countOf(gaps), rangesText(gaps)]).toEqual([7, '97 – 102, 121']);
   });
   it('have no gap in a complete transfer', () => {
     expect(missingBelow([[0, 10]])).toEqual([]);

@@ -22,7 +22,7 @@ export function domainOf(limits: Limits): [number, number] | null {
   return [hasLow ? low - span * 0.12 : low - span, hasHigh ? high + span * 0.12 : high + span];
 }
 
-/** Zones from 0 to 1 on the track, mildest first so that the more severe one is painted on top. */
+/** Return the zones as fractions of the track, mildest first, so that more severe zones are painted on top. */
 export function zones(limits: Limits): Zone[] {
   const domain = domainOf(limits);
   if (!domain) return [];

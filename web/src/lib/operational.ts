@@ -1,8 +1,8 @@
-/** Which solution is a frame's operational ground result, and how it is described. */
+/** Description of a frame's operational ground result, and the rule for choosing another one. */
 import type { Frame, Solution } from '../api/types';
 
-/** "reference chain, camera cubestar": how the shown ground result was computed. */
-export function madeWith(
+/** Return how a ground result was computed: "reference chain, camera cubestar". */
+export function chainAndCamera(
   of: Pick<Frame, 'chain' | 'camera_name'> | Pick<Solution, 'chain' | 'camera_name'> | null | undefined,
 ): string {
   if (!of?.chain) return '';

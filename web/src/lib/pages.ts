@@ -1,4 +1,4 @@
-/** The pages of the sidebar, in order; the number keys and the letters after g use the same order. */
+/** Pages of the sidebar, in order. The number keys use this order; `letter` is the key after g. */
 export interface Page {
   path: string;
   name: string;
@@ -6,7 +6,7 @@ export interface Page {
   icon: string;
   permission?: string;
 }
-/** The pages at the root of a server of several units. */
+/** Pages at the root of a server with several units. */
 export const ROOT_PAGES: readonly Page[] = [
   { path: '/fleet', name: 'Fleet', letter: 'u', icon: 'fleet' },
   { path: '/admin', name: 'Admin', letter: 'a', icon: 'admin', permission: 'admin.health' },

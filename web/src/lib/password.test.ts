@@ -1,12 +1,12 @@
 import { describe, expect, it } from 'vitest';
-import { judge, LEAST } from './password';
+import { judge, MIN_LENGTH } from './password';
 
 describe('judge', () => {
   it('states what is missing', () => {
     expect(judge('', 'ann').ok).toBe(false);
-    expect(judge('short', 'ann').text).toBe(`too short: 5 of ${LEAST} characters`);
+    expect(judge('short', 'ann').text).toBe(`too short: 5 of ${MIN_LENGTH} characters`);
     expect(judge('aaaaaaaaaaaaaaaa', 'ann').text).toContain('too simple');
-    expect(judge('Annabelle Orion', 'annabelle orion').text).toBe('it is the name');
+    expect(judge('Annabelle Orion', 'annabelle orion').text).toBe('same as the user name');
     expect(judge('x'.repeat(10) + 'abcdefgh'.repeat(30), 'ann').text).toContain('at most');
   });
   it('prefers length', () => {

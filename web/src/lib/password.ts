@@ -1,6 +1,6 @@
-/** Password requirements, in words. The server applies the same minimum length and the same refusals. */
-export const LEAST = 10;
-export const MOST = 200;
+/** Password requirements and their messages. The server applies the same rules. */
+export const MIN_LENGTH = 10;
+export const MAX_LENGTH = 200;
 
 export interface Verdict {
   ok: boolean;
@@ -8,7 +8,7 @@ export interface Verdict {
   text: string;
 }
 
-function monotone(password: string): boolean {
+function isRepetitive(password: string): boolean {
   return new Set(password.toLowerCase()).size < 5;
 }
 
@@ -18,15 +18,17 @@ export function judge(password: string, name: string): Verdict {
     return {
       ok: false,
       state: 'never',
-      text: `at least ${LEAST} characters; a few words you remember are better than signs`,
+      text: `at least ${MIN_LENGTH} characters; several words are better than special characters`,
     };
   const length = [...password].length;
-  if (length < LEAST) return { ok: false, state: 'critical', text: `too short: ${length} of ${LEAST} characters` };
-  if (length > MOST) return { ok: false, state: 'critical', text: `too long: ${length}, at most ${MOST} characters` };
-  if (monotone(password))
+  if (length < MIN_LENGTH)
+    return { ok: false, state: 'critical', text: `too short: ${length} of ${MIN_LENGTH} characters` };
+  if (length > MAX_LENGTH)
+    return { ok: false, state: 'critical', text: `too long: ${length}, at most ${MAX_LENGTH} characters` };
+  if (isRepetitive(password))
     return { ok: false, state: 'critical', text: 'too simple: fewer than five different characters' };
   if (name && password.toLowerCase() === name.toLowerCase())
-    return { ok: false, state: 'critical', text: 'it is the name' };
+    return { ok: false, state: 'critical', text: 'same as the user name' };
   return length < 16
     ? { ok: true, state: 'ok', text: `${length} characters: good enough` }
     : { ok: true, state: 'ok', text: `${length} characters: strong` };

@@ -1,4 +1,4 @@
-/** Description of a failed request: as the block that Problem.svelte shows, or in one line. */
+/** Return the description of a failed request, as Problem.svelte shows it. */
 import { ApiError } from '../api/client';
 import type { Problem } from '../api/types';
 import { sentence } from './sentence';
@@ -9,7 +9,7 @@ export function problemOf(error: unknown): Problem {
     : { id: '', message: sentence(String(error)), expected: '', got: '', hint: '' };
 }
 
-/** What was expected and received, as a sentence; empty if the server did not state it. */
+/** Return a sentence with the expected and the received value; empty if the server did not state them. */
 export function factsText(p: Problem): string {
   return sentence([p.expected && `expected ${p.expected}`, p.got && `got ${p.got}`].filter(Boolean).join('; '));
 }

@@ -1,7 +1,7 @@
-/** Inclusive chunk ranges, and the gaps between them. */
+/** Ranges of chunk numbers, both ends included, and the gaps between them. */
 export type Range = readonly [number, number];
 
-/** The gaps below the highest stored chunk: lost chunks, as opposed to chunks that are still to be sent. */
+/** Return the gaps below the highest stored chunk. These chunks were lost; higher chunks are not sent yet. */
 export function missingBelow(stored: readonly (readonly number[])[]): Range[] {
   const sorted = [...stored].map((r) => [r[0] ?? 0, r[1] ?? 0] as Range).sort((a, b) => a[0] - b[0]);
   const gaps: Range[] = [];
@@ -17,7 +17,7 @@ export function countOf(ranges: readonly Range[]): number {
   return ranges.reduce((sum, [a, b]) => sum + b - a + 1, 0);
 }
 
-export function words(ranges: readonly Range[], most = 3): string {
-  const text = ranges.slice(0, most).map(([a, b]) => (a === b ? `${a}` : `${a} – ${b}`));
-  return text.join(', ') + (ranges.length > most ? ' …' : '');
+export function rangesText(ranges: readonly Range[], limit = 3): string {
+  const text = ranges.slice(0, limit).map(([a, b]) => (a === b ? `${a}` : `${a} – ${b}`));
+  return text.join(', ') + (ranges.length > limit ? ' …' : '');
 }

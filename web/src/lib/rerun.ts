@@ -1,6 +1,5 @@
 /**
- * Loads the Rerun viewer of the installed SDK, from this origin, once per page, and opens stored and live recordings
- * in it.
+ * Load the Rerun viewer once per page, from the SDK installed on the server, and open stored and live recordings in it.
  */
 import { base } from './base';
 import { Pieces, readEvent, setTimeCursor, type ViewerEvent } from './rerun_control';
@@ -18,7 +17,7 @@ interface Bindgen {
   (options: { module_or_path: Promise<Response> }): Promise<unknown>;
   WebHandle: new (options: Record<string, unknown>) => Handle;
 }
-/** The viewer's script declares this at top level: a global binding, but not a property of window. */
+/** Declared at top level of the viewer's script: a global binding, but not a property of window. */
 declare const wasm_bindgen: Bindgen;
 
 const VIEWER = `${base}/api/rerun`;
@@ -33,8 +32,8 @@ function script(): Promise<void> {
       tag.remove();
       reject(
         new Error(
-          'The server has no Rerun viewer: its files are part of the Rerun SDK. Install it and restart the server. ' +
-            'You can still save the recording and open it elsewhere.',
+          'The server has no Rerun viewer, which is part of the Rerun SDK. Install the SDK and restart the server. ' +
+            'You can also save the recording and open it on another computer.',
         ),
       );
     };
@@ -42,9 +41,9 @@ function script(): Promise<void> {
   });
 }
 
-/** Pass a response through and report how much of it has been received. */
+/** Pass a response body through and report the number of bytes received. */
 function counted(response: Response, progress: (bytes: number) => void, done?: () => void): ReadableStream<Uint8Array> {
-  if (!response.body) throw new Error('the answer is empty');
+  if (!response.body) throw new Error('the response is empty');
   let bytes = 0;
   return response.body.pipeThrough(
     new TransformStream<Uint8Array, Uint8Array>({
@@ -60,7 +59,7 @@ function counted(response: Response, progress: (bytes: number) => void, done?: (
 
 async function wasm(progress: (text: string) => void): Promise<Response> {
   const response = await fetch(`${VIEWER}/re_viewer_bg.wasm`);
-  if (!response.ok) throw new Error(`The viewer's program could not be read (${response.status}).`);
+  if (!response.ok) throw new Error(`The viewer could not be loaded (status ${response.status}).`);
   const body = counted(
     response,
     (n) => progress(`Loading the viewer, ${(n / 1e6).toFixed(0)} MB`),
@@ -85,13 +84,10 @@ async function fetched(url: string, signal: AbortSignal): Promise<Response> {
   );
 }
 
-/**
- * One viewer on one canvas. This page fetches the data with its session; the viewer itself requests nothing from the
- * server.
- */
+/** A viewer on a canvas. The page fetches the data with its session; the viewer sends no requests to the server. */
 export class Viewer {
   private channels = 0;
-  private reading: AbortController | null = null;
+  private download: AbortController | null = null;
   private constructor(private readonly handle: Handle) {}
 
   static async on(
@@ -122,12 +118,12 @@ export class Viewer {
     return new Viewer(handle);
   }
 
-  /** A complete recording. Returns its size in bytes. */
+  /** Open a complete recording. Returns its size in bytes. */
   async open(url: string, progress: (text: string) => void): Promise<number> {
-    this.reading?.abort();
-    this.reading = new AbortController();
+    this.download?.abort();
+    this.download = new AbortController();
     progress('Writing the recording …');
-    const response = await fetched(url, this.reading.signal);
+    const response = await fetched(url, this.download.signal);
     const data = new Uint8Array(
       await new Response(
         counted(response, (n) => progress(`Loading the recording, ${(n / 1e6).toFixed(1)} MB`)),
@@ -137,11 +133,11 @@ export class Viewer {
     return data.length;
   }
 
-  /** A growing recording, until the viewer is closed. `grew` is called for each piece. */
+  /** Follow a growing recording until the viewer is closed. `grew` is called for each piece. */
   async follow(url: string, grew: (pieces: number, bytes: number) => void): Promise<void> {
-    this.reading?.abort();
-    const reading = (this.reading = new AbortController());
-    const response = await fetched(url, reading.signal);
+    this.download?.abort();
+    const download = (this.download = new AbortController());
+    const response = await fetched(url, download.signal);
     const id = this.channel('live');
     const pieces = new Pieces();
     let [count, bytes] = [0, 0];
@@ -165,7 +161,7 @@ export class Viewer {
     return id;
   }
 
-  /** Shows a frame of the open recording. False if none is open. */
+  /** Show a frame of the open recording. Returns false if no recording is open. */
   async showFrame(id: number): Promise<boolean> {
     return this.handle.viewer_control(setTimeCursor('frame', BigInt(id))).then(
       () => true,
@@ -173,13 +169,13 @@ export class Viewer {
     );
   }
 
-  /** Moves the cursor of the timeline `utc` to a time, in milliseconds. */
+  /** Move the cursor of the timeline `utc` to a time, in milliseconds. */
   showTime(atMs: number): void {
     this.handle.viewer_control(setTimeCursor('utc', BigInt(Math.round(atMs)) * 1_000_000n)).catch(() => undefined);
   }
 
   close(): void {
-    this.reading?.abort();
+    this.download?.abort();
     this.handle.destroy();
     this.handle.free();
   }

@@ -1,18 +1,18 @@
 /**
- * Requests to the embedded viewer in the format of its `viewer_control`: protobuf encoded by hand, because only one
- * message is sent.
+ * Requests to the embedded viewer in the format of its `viewer_control`. The protobuf is encoded manually, because only
+ * one message is needed.
  */
 
 const text = new TextEncoder();
 
 function varint(value: bigint): number[] {
   const out: number[] = [];
-  let rest = BigInt.asUintN(64, value);
-  while (rest > 127n) {
-    out.push(Number(rest & 127n) | 128);
-    rest >>= 7n;
+  let remaining = BigInt.asUintN(64, value);
+  while (remaining > 127n) {
+    out.push(Number(remaining & 127n) | 128);
+    remaining >>= 7n;
   }
-  return [...out, Number(rest)];
+  return [...out, Number(remaining)];
 }
 
 const bytes = (field: number, body: readonly number[]): number[] => [
@@ -23,12 +23,12 @@ const bytes = (field: number, body: readonly number[]): number[] => [
 const number = (field: number, value: bigint): number[] => [...varint(BigInt(field << 3)), ...varint(value)];
 
 /**
- * Moves the time cursor of the active recording: set_time_cursor { timeline { name }, time { time } } of the viewer's
- * control service.
+ * Return the request that moves the time cursor of the active recording: set_time_cursor { timeline { name }, time {
+ * time } } of the viewer's control service.
  */
 export function setTimeCursor(timeline: string, time: bigint): Uint8Array {
-  const wanted = [...bytes(2, bytes(1, [...text.encode(timeline)])), ...bytes(3, number(1, time))];
-  return Uint8Array.from(bytes(6, wanted));
+  const message = [...bytes(2, bytes(1, [...text.encode(timeline)])), ...bytes(3, number(1, time))];
+  return Uint8Array.from(bytes(6, message));
 }
 
 export interface Picked {
@@ -39,7 +39,7 @@ export interface Picked {
 export type ViewerEvent =
   { kind: 'opened' } | { kind: 'time'; timeline: string | null; time: number } | { kind: 'selection'; items: Picked[] };
 
-/** Parses one of the viewer's events; null for events that the page does not use. */
+/** Parse an event of the viewer. Returns null for events that the page does not use. */
 export function readEvent(data: string): ViewerEvent | null {
   const e = JSON.parse(data) as {
     type?: string;
@@ -68,16 +68,16 @@ export function readEvent(data: string): ViewerEvent | null {
 }
 
 /**
- * Splits a stream of pieces (length in four bytes, little endian, then a complete .rrd) at any chunk boundary. Empty
- * pieces are dropped.
+ * Split a stream into pieces, wherever its chunks end. Each piece is a length in four bytes, little endian, followed by
+ * a complete .rrd. Empty pieces are dropped.
  */
 export class Pieces {
-  private held = new Uint8Array(0);
+  private buffer = new Uint8Array(0);
 
   push(chunk: Uint8Array): Uint8Array[] {
-    const all = new Uint8Array(this.held.length + chunk.length);
-    all.set(this.held);
-    all.set(chunk, this.held.length);
+    const all = new Uint8Array(this.buffer.length + chunk.length);
+    all.set(this.buffer);
+    all.set(chunk, this.buffer.length);
     const out: Uint8Array[] = [];
     let at = 0;
     while (all.length - at >= 4) {
@@ -86,7 +86,7 @@ export class Pieces {
       if (length) out.push(all.slice(at + 4, at + 4 + length));
       at += 4 + length;
     }
-    this.held = all.slice(at);
+    this.buffer = all.slice(at);
     return out;
   }
 }

@@ -1,4 +1,4 @@
-/** Permissions in words, and the roles that hold them. */
+/** Permissions in words, and the roles that have them. */
 import { ROLE_PERMISSIONS } from '../api/generated/roles';
 
 export type Role = keyof typeof ROLE_PERMISSIONS;
@@ -6,14 +6,14 @@ export type Permission = (typeof ROLE_PERMISSIONS)[Role][number];
 export const ROLES = Object.keys(ROLE_PERMISSIONS) as Role[];
 
 /**
- * Description of each permission; commands of most subsystems share one entry. A permission without one does not
- * compile.
+ * Description of each permission. The commands of most subsystems share one entry. A permission without a description
+ * does not compile.
  */
 export const WORDS: Record<
   Exclude<Permission, `command.${string}`> | 'command' | 'command.catalogue' | 'command.imager',
   string
 > = {
-  view: 'looking',
+  view: 'viewing',
   command: 'commanding',
   'command.catalogue': 'commanding the catalogue banks',
   'command.imager': 'commanding the imager',
@@ -47,8 +47,8 @@ export const WORDS: Record<
   'admin.tokens': 'managing tokens',
   'admin.audit': 'reading the audit log',
   'admin.health': 'reading the health page',
-  'admin.retention': 'storage and retention',
-  'admin.backup': 'backups',
+  'admin.retention': 'managing storage and retention',
+  'admin.backup': 'managing backups',
   stop: 'stopping',
   metrics: 'reading the metrics',
 };
@@ -67,14 +67,14 @@ function owners(roles: readonly string[]): string {
   return named.map((r) => `${r}'s`).join(' or ');
 }
 
-/** Roles other than admin that include the permission; `command` alone means any command permission. */
+/** Return the roles other than admin that include the permission; `command` alone means any command permission. */
 export function holders(permission: string): readonly Role[] {
   const holds = (granted: string) =>
     granted === permission || (permission === 'command' && granted.startsWith('command.'));
   return ROLES.filter((role) => role !== 'admin' && ROLE_PERMISSIONS[role].some(holds));
 }
 
-/** "commanding needs the operator's role, you are a viewer". */
+/** Return why a permission is missing: "commanding needs the operator's role, you are a viewer". */
 export function lacking(permission: string, role: string): string {
   return `${wordsOf(permission)} needs the ${owners(holders(permission))} role, you are ${article(role || 'guest')}`;
 }

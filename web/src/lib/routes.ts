@@ -1,4 +1,7 @@
-/** URLs and their pages. A page is a folder in pages/, fetched when first shown; Live is part of the first download. */
+/**
+ * URLs and their pages. Each page is a folder in pages/ and is fetched when it is first shown; Live is part of the
+ * first download.
+ */
 import type { Component } from 'svelte';
 
 export interface Match {
@@ -11,8 +14,8 @@ interface Route {
 }
 
 /**
- * `:id` is an integer and becomes a property of the page. The first match wins. Gate shows set-up, welcome and sign-
- * in.
+ * `:id` is an integer and becomes a property of the page. The first match applies. Gate shows set-up, welcome and
+ * sign-in.
  */
 const ROUTES: readonly Route[] = [
   { path: '/fleet', page: 'fleet' },
@@ -46,16 +49,16 @@ const ID_OR_NULL = new Set(['builder', 'contacts', 'views']);
 export function matchRoute(path: string): Match | null {
   const parts = path.replace(/\/+$/, '').split('/');
   for (const r of ROUTES) {
-    const wanted = r.path.split('/');
-    if (wanted.length !== parts.length) continue;
+    const pattern = r.path.split('/');
+    if (pattern.length !== parts.length) continue;
     let id: number | null = null;
-    const fits = wanted.every((w, i) => {
+    const matches = pattern.every((expected, i) => {
       const part = parts[i] ?? '';
-      if (w !== ':id') return w === part;
+      if (expected !== ':id') return expected === part;
       id = /^\d+$/.test(part) ? Number(part) : null;
       return id !== null;
     });
-    if (fits) return { page: r.page, props: id !== null || ID_OR_NULL.has(r.page) ? { id } : {} };
+    if (matches) return { page: r.page, props: id !== null || ID_OR_NULL.has(r.page) ? { id } : {} };
   }
   return null;
 }

@@ -25,7 +25,7 @@ describe('the space bar', () => {
 
 /** Calls that make the server send something to the sensor. */
 const SENDING = new RegExp(
-  String.raw`sendCommand\(|abort\.send\(|api\.(abort|retry|runStack|goOn|addScheduled|cancelScheduled|` +
+  String.raw`sendCommand\(|abort\.send\(|api\.(abort|retry|runStack|continueStackRun|addScheduled|cancelScheduled|` +
     String.raw`refreshSchedule|upload|uploadTable|uploadFrame|startDownload|transferAction|runAction)\(`,
 );
 

@@ -1,14 +1,15 @@
 /**
- * The effect of the space bar. One rule for all pages:
- * 1. A page that assigns a function to Space (Live: freeze or follow) receives it, whichever button has the focus.
- * 2. Elsewhere Space never presses a button that sends something to the sensor (`data-sends`); Enter does.
- * 3. Every other control keeps its use of Space, as do text fields, check boxes, list options and open panels.
+ * Effect of the space bar, the same on all pages:
+ * 1. Text fields, check boxes, menus and list options always receive Space.
+ * 2. If the page assigns a function to Space (Live: freeze or follow) and no panel is open, the page receives it.
+ * 3. Otherwise Space never presses a button that sends something to the sensor (`data-sends`); Enter does.
+ * 4. Otherwise Space has its normal effect.
  */
 export type SpaceUse = 'page' | 'nothing' | 'native';
 export interface Focus {
-  /** A text field, check box, menu or list option, which uses Space. */
+  /** True for a text field, check box, menu or list option, which uses Space. */
   takesSpace: boolean;
-  /** A button that sends something to the sensor. */
+  /** True for a button that sends something to the sensor. */
   sends: boolean;
 }
 
@@ -18,11 +19,11 @@ export function spaceUse(focus: Focus, pageUsesSpace: boolean, panelOpen: boolea
   return pageUsesSpace && !panelOpen ? 'page' : 'native';
 }
 
-const OWN_SPACE =
+const USES_SPACE =
   'input, select, textarea, summary, [contenteditable=true], ' +
   '[role=option], [role=menuitem], [role=checkbox], [role=switch]';
 
 export function focusOf(target: EventTarget | null): Focus {
   if (!(target instanceof Element)) return { takesSpace: false, sends: false };
-  return { takesSpace: target.closest(OWN_SPACE) !== null, sends: target.closest('[data-sends]') !== null };
+  return { takesSpace: target.closest(USES_SPACE) !== null, sends: target.closest('[data-sends]') !== null };
 }

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { Command } from '../api/types';
-import { isUnsettled, joined, kept } from './stages';
+import { isUnsettled, mergeCommands, retained } from './stages';
 
 const command = (id: number, result = 'completed', resolved_note = ''): Command =>
   ({ id, result, resolved_note }) as Command;
@@ -14,8 +14,8 @@ describe('commands of unknown outcome', () => {
     ]);
   });
   it('stay in the list however old they are', () => {
-    const list = joined([command(9), command(8)], [command(2, 'unknown'), command(9)]);
+    const list = mergeCommands([command(9), command(8)], [command(2, 'unknown'), command(9)]);
     expect(list.map((c) => c.id)).toEqual([9, 8, 2]);
-    expect(kept(list, 1).map((c) => c.id)).toEqual([9, 2]);
+    expect(retained(list, 1).map((c) => c.id)).toEqual([9, 2]);
   });
 });

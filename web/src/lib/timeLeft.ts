@@ -1,11 +1,11 @@
 /**
- * Time left of long work, from the progress that this page has seen: work that waited in a queue or was resumed after a
- * restart did not progress since its creation.
+ * Estimate the remaining time of long work from the progress seen by this page. The creation time cannot be used,
+ * because the work may have waited in a queue or been resumed after a restart.
  */
 export class TimeLeft {
   private first: { id: unknown; done: number; atMs: number } | null = null;
 
-  /** Seconds left; null before the first progress of this work, and once it is complete. */
+  /** Return the remaining time in seconds; null before the first progress, and when the work is complete. */
   estimate(id: unknown, done: number, total: number, nowMs: number): number | null {
     if (this.first === null || this.first.id !== id || done < this.first.done) this.first = { id, done, atMs: nowMs };
     const progress = done - this.first.done;

@@ -1,12 +1,12 @@
 /**
- * Direction of a pixel from the solution's camera with its distortion, and its quaternion. For display only; results
- * are computed on the server.
+ * Compute the direction of a pixel from a solution's camera model and quaternion. For display only; the server computes
+ * all results.
  */
 export type Vec = readonly [number, number, number];
 export type Matrix = readonly [Vec, Vec, Vec];
 const RAD = Math.PI / 180;
 
-/** cam_from_icrs of a scalar-last quaternion. */
+/** Return the matrix cam_from_icrs of a scalar-last quaternion. */
 export function matrixOf(q: readonly number[]): Matrix {
   const [x = 0, y = 0, z = 0, w = 1] = q;
   const n = 2 / (x * x + y * y + z * z + w * w);
@@ -99,7 +99,9 @@ function unRadialTilt(d: Record<string, unknown>, [x, y]: Point): [number, numbe
   return [x * scale, y * scale];
 }
 
-/** Measured tangent-plane point to ideal; null for a camera model that this page does not support. */
+/**
+ * Convert a tangent-plane point from measured to ideal; null for a distortion model that this page does not support.
+ */
 export function undistort(d: Record<string, unknown>, p: Point): [number, number] | null {
   switch (d['model']) {
     case 'Pinhole':
@@ -115,7 +117,7 @@ export function undistort(d: Record<string, unknown>, p: Point): [number, number
   }
 }
 
-/** ICRS direction of a pixel; `exact` is false if the distortion model is not supported here. */
+/** Return the ICRS direction of a pixel in degrees. `exact` is false if the distortion model is not supported here. */
 export function pixelToSky(
   camera: Camera,
   q: readonly number[],

@@ -1,4 +1,4 @@
-/** The sky chart's drawing: stars by magnitude, lines, field, trail, bodies. */
+/** Drawing of the sky chart: stars by magnitude, constellation lines, field of view, trail and bodies. */
 import {
   geoArea,
   geoCentroid,
@@ -16,10 +16,11 @@ export interface ChartScene {
   field: readonly (readonly [number, number])[];
   boresight: { ra: number; dec: number } | null;
   trail: readonly (readonly [number, number])[];
-  /** Constellations; none if they are hidden. */
+  /** Constellations; empty if they are hidden. */
   figures: readonly Figure[];
   globe: boolean;
 }
+/** Maximum distance from the boresight at which a constellation is named. */
 const NAMED_RAD = 0.3;
 type Colour = (name: string) => string;
 type Body = Sky['bodies'][number];
@@ -36,7 +37,7 @@ export function chartProjection(scene: ChartScene, w: number, h: number): GeoPro
     .precision(0.3);
 }
 
-/** A closed ring in the orientation that d3 takes as its inside: the smaller side. */
+/** Return a closed ring, oriented so that d3 fills the smaller side; null for fewer than three points. */
 export function ringOf(
   points: readonly (readonly [number, number])[],
 ): { type: 'Polygon'; coordinates: [number, number][][] } | null {
@@ -80,7 +81,7 @@ export function drawChart(
   const projection = chartProjection(scene, w, h);
   const path = pather(projection, ctx);
   ground(ctx, projection, colour);
-  joined(ctx, projection, scene, colour);
+  constellations(ctx, projection, scene, colour);
   dots(ctx, projection, scene, colour('star'));
   bodies(ctx, projection, scene, colour, w);
   if (scene.trail.length > 1) {
@@ -107,10 +108,10 @@ export function drawChart(
   const p = b && visible(projection, scene, b.ra, b.dec);
   if (!p) return;
   cross(ctx, p, colour('tx1'));
-  word(
+  label(
     ctx,
     'boresight',
-    p[0] - 8 - measured(ctx, 'boresight') > 2 ? p[0] - 8 - measured(ctx, 'boresight') : p[0] + 9,
+    p[0] - 8 - textWidth(ctx, 'boresight') > 2 ? p[0] - 8 - textWidth(ctx, 'boresight') : p[0] + 9,
     p[1] - 8,
     colour('tx2'),
     colour,
@@ -130,8 +131,13 @@ function visible(projection: GeoProjection, scene: ChartScene, ra: number, dec: 
   return projection([ra, dec]);
 }
 
-/** Lines of the constellations, fainter than the stars that they join; the name of the one at the boresight. */
-function joined(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: ChartScene, colour: Colour): void {
+/** Draw the constellation lines, fainter than the stars, and the names of the constellations near the boresight. */
+function constellations(
+  ctx: CanvasRenderingContext2D,
+  projection: GeoProjection,
+  scene: ChartScene,
+  colour: Colour,
+): void {
   if (!scene.figures.length) return;
   ctx.globalAlpha = 0.3;
   ctx.strokeStyle = colour('star');
@@ -147,7 +153,7 @@ function joined(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene:
     const p = visible(projection, scene, middle[0], middle[1]);
     const at = visible(projection, scene, b.ra, b.dec);
     const under = p && at && Math.hypot(p[0] - at[0], p[1] - at[1]) < 24 ? at[1] + 20 : (p?.[1] ?? 0) + 4;
-    if (p) word(ctx, f.name, p[0] - measured(ctx, f.name) / 2, under, colour('tx3'), colour);
+    if (p) label(ctx, f.name, p[0] - textWidth(ctx, f.name) / 2, under, colour('tx3'), colour);
   }
 }
 
@@ -164,7 +170,10 @@ function dots(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: C
   ctx.globalAlpha = 1;
 }
 
-/** Earth first, because it is the background of the others; circles of the exclusion angles. */
+/**
+ * Draw the bodies and the circles of their exclusion angles, largest body first, because the Earth is the background of
+ * the others.
+ */
 function bodies(
   ctx: CanvasRenderingContext2D,
   projection: GeoProjection,
@@ -194,7 +203,7 @@ function bodies(
   }
 }
 
-/** Fills the current path with hatching and draws its edge. */
+/** Fill the current path with hatching and draw its edge. */
 function hatched(ctx: CanvasRenderingContext2D, ink: string, edge: string): void {
   ctx.save();
   ctx.strokeStyle = edge;
@@ -232,8 +241,8 @@ function bodyMark(
       ctx.fill();
     }
   }
-  const wide = measured(ctx, name);
-  word(
+  const wide = textWidth(ctx, name);
+  label(
     ctx,
     name,
     name === 'Earth' ? x - wide / 2 : x + 8 + wide > width - 2 ? x - 8 - wide : x + 8,
@@ -243,12 +252,12 @@ function bodyMark(
   );
 }
 
-function measured(ctx: CanvasRenderingContext2D, text: string): number {
+function textWidth(ctx: CanvasRenderingContext2D, text: string): number {
   ctx.font = "11.5px 'IBM Plex Sans'";
   return ctx.measureText(text).width;
 }
 
-function word(ctx: CanvasRenderingContext2D, text: string, x: number, y: number, ink: string, colour: Colour): void {
+function label(ctx: CanvasRenderingContext2D, text: string, x: number, y: number, ink: string, colour: Colour): void {
   ctx.font = "11.5px 'IBM Plex Sans'";
   ctx.lineWidth = 3;
   ctx.lineJoin = 'round';

@@ -1,6 +1,6 @@
 /**
- * Converts the bytes of a frame to a paintable image. Runs in a worker: a floating-point image of many megapixels
- * takes time.
+ * Convert the bytes of a frame to a paintable image. Runs in a worker for floating-point images, because many
+ * megapixels take time.
  */
 export interface Decoded {
   pixels: Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer>;

@@ -1,5 +1,5 @@
 /**
- * Labels beside marks: eight positions are tried, the first free one is used, and a label that would overlap is
+ * Placement of labels beside marks. Of eight positions, the first free one is used; a label without a free position is
  * omitted.
  */
 export interface Box {
@@ -7,8 +7,10 @@ export interface Box {
   y: number;
   w: number;
   h: number;
-  /** A reserved area: no label may be placed here, not even that of a mark inside it. */ strict?: boolean;
+  /** Reserved area: no label is placed here, not even the label of a mark inside it. */
+  strict?: boolean;
 }
+/** A label to place: position of its mark, gap between mark and label, size, and rank (lowest first). */
 export interface Want {
   key: string;
   x: number;
@@ -44,14 +46,18 @@ function sides(want: Want): Box[] {
   ];
 }
 
-/** Positions (top left) of the labels that fit, most important (lowest rank) first. `marks` are never covered. */
+/**
+ * Return the top-left positions of the labels that fit, lowest rank first. A label never covers a mark except its own.
+ */
 export function placeLabels(wants: readonly Want[], marks: readonly Box[], area: Box): Placed[] {
   const taken: Box[] = [];
   const placed: Placed[] = [];
   for (const want of [...wants].sort((a, b) => a.rank - b.rank)) {
     const free = sides(want).find(
       (b) =>
-        inside(b, area) && !taken.some((t) => overlaps(t, b)) && !marks.some((m) => overlaps(m, b) && !holds(m, want)),
+        inside(b, area) &&
+        !taken.some((t) => overlaps(t, b)) &&
+        !marks.some((m) => overlaps(m, b) && !isOwnMark(m, want)),
     );
     if (!free) continue;
     taken.push(free);
@@ -60,7 +66,7 @@ export function placeLabels(wants: readonly Want[], marks: readonly Box[], area:
   return placed;
 }
 
-function holds(mark: Box, want: Want): boolean {
+function isOwnMark(mark: Box, want: Want): boolean {
   return !mark.strict && want.x >= mark.x && want.x <= mark.x + mark.w && want.y >= mark.y && want.y <= mark.y + mark.h;
 }
 

@@ -25,7 +25,7 @@ function invert(x: number, y: number): [number, number] {
 
 const raw: GeoRawProjection = Object.assign(mollweideRaw, { invert });
 
-/** A d3 projection of [ra, dec] in degrees, centred at `centreRa`, that fills the box with a margin. */
+/** Return a d3 projection of [ra, dec] in degrees, centred at `centreRa`, that fills a box except for a margin. */
 export function skyProjection(width: number, height: number, centreRa = 180, margin = 6): GeoProjection {
   const scale = Math.min((width - 2 * margin) / (4 * Math.SQRT2), (height - 2 * margin) / (2 * Math.SQRT2));
   return geoProjection(raw)
@@ -44,7 +44,7 @@ export function pather(
   return (shape) => path(shape);
 }
 
-/** The ecliptic as [ra, dec] degrees, for an obliquity of 23.4393° (J2000). */
+/** Return the ecliptic as [ra, dec] in degrees, for an obliquity of 23.4393° (J2000). */
 export function ecliptic(): [number, number][] {
   const e = (23.4393 * Math.PI) / 180;
   return Array.from({ length: 181 }, (_, i) => {

@@ -1,4 +1,4 @@
-/** The pixels of a region, found again in the raw image, and the outline around them. */
+/** Pixels of a region, reconstructed from the raw image, and their outline. */
 import type { RawImage } from '../api/client';
 
 export interface Bounds {
@@ -8,13 +8,14 @@ export interface Bounds {
   row_max: number;
   area_px: number;
 }
-/** Edges of pixels as (col, row, col, row) of their ends; a pixel covers its number ± 0.5. */
+/** Edge of a pixel: (col, row, col, row) of its two ends. A pixel covers its number ± 0.5. */
 export type Edge = readonly [number, number, number, number];
 
 /**
- * Flat pixel numbers of a region, from its bounds and its area. Starting at the brightest pixel, the brightest
- * neighbour is added until the area is reached. A region is the connected set above a threshold around its peak: each
- * of its pixels is brighter than any neighbour outside, so this order finds exactly that set without the threshold.
+ * Return the pixel indices of a region from its bounds and area. Starting at the brightest pixel, the brightest
+ * neighbour is added until the area is reached. A region is the connected set of pixels above a threshold around its
+ * peak. Each of its pixels is brighter than any neighbour outside, so this order finds exactly this set without the
+ * threshold.
  */
 export function regionPixels(image: Pick<RawImage, 'columns' | 'rows' | 'pixels'>, region: Bounds): number[] {
   const [left, right] = [Math.max(0, region.col_min), Math.min(image.columns - 1, region.col_max)];
@@ -43,7 +44,7 @@ export function regionPixels(image: Pick<RawImage, 'columns' | 'rows' | 'pixels'
   return [...inside];
 }
 
-/** The sides where a pixel of the set meets a pixel outside it. */
+/** Return the edges between a pixel of the set and a pixel outside it. */
 export function edgesOf(pixels: readonly number[], columns: number): Edge[] {
   const inside = new Set(pixels);
   const edges: Edge[] = [];
@@ -58,13 +59,13 @@ export function edgesOf(pixels: readonly number[], columns: number): Edge[] {
   return edges;
 }
 
-const known = new WeakMap<object, { image: object; edges: Edge[] }>();
+const cache = new WeakMap<object, { image: object; edges: Edge[] }>();
 
-/** The outline of a region in this image, cached while both exist. */
+/** Return the outline of a region in this image. Cached while region and image exist. */
 export function outlineOf(image: RawImage, region: Bounds): Edge[] {
-  const before = known.get(region);
-  if (before?.image === image) return before.edges;
+  const cached = cache.get(region);
+  if (cached?.image === image) return cached.edges;
   const edges = edgesOf(regionPixels(image, region), image.columns);
-  known.set(region, { image, edges });
+  cache.set(region, { image, edges });
   return edges;
 }

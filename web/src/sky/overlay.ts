@@ -1,6 +1,6 @@
 /**
- * Marks over the image: lines of 1–1.3 px that do not cover the star and keep their size at any zoom. One file per
- * kind in overlay/.
+ * Marks on the image: lines of 1–1.3 px that do not cover the star and keep their size at any zoom. overlay/ has a file
+ * for each type of mark.
  */
 import { boresight, compass, grid, scaleBar } from './overlay/grid';
 import { missingRows } from './overlay/missing';
@@ -11,7 +11,7 @@ import { predicted, prominent, stars } from './overlay/stars';
 
 export type { Scene, Screen };
 
-/** Draws the enabled overlays; returns how many regions were drawn by their pixels. */
+/** Draw the enabled overlays. Returns the number of regions whose pixels were outlined. */
 export function drawOverlays(ctx: Ctx, s: Screen, scene: Scene, colour: Colour): number {
   missingRows(ctx, s, scene.frame, colour('unk'));
   const sol = scene.solution;

@@ -1,6 +1,6 @@
 /**
- * The page's interface to the painter: one worker for all images; an image requested while another is painted replaces
- * the waiting one.
+ * Interface to the painter, a worker for all images. An image that is requested during painting replaces the waiting
+ * image.
  */
 import type { RawImage } from '../api/client';
 import type { Decoded } from './decode';
@@ -8,37 +8,37 @@ import type { DecodeJob, PaintJob } from './painter.worker';
 import type { Stretch } from './stretch';
 
 interface Answer {
-  turn: number;
+  id: number;
   bitmap?: ImageBitmap | null;
   decoded?: Decoded;
 }
 let worker: Worker | null = null;
-let turn = 0;
+let id = 0;
 const waiting = new Map<number, (answer: Answer) => void>();
 const numbers = new WeakMap<RawImage, number>();
 let last = 0;
 let sent: number | null = null;
 
-function ask(job: (turn: number) => PaintJob | DecodeJob, transfer: Transferable[] = []): Promise<Answer> {
+function ask(job: (id: number) => PaintJob | DecodeJob, transfer: Transferable[] = []): Promise<Answer> {
   worker ??= (() => {
     const w = new Worker(new URL('./painter.worker.ts', import.meta.url), { type: 'module' });
     w.onmessage = (e: MessageEvent<Answer>) => {
-      waiting.get(e.data.turn)?.(e.data);
-      waiting.delete(e.data.turn);
+      waiting.get(e.data.id)?.(e.data);
+      waiting.delete(e.data.id);
     };
     return w;
   })();
-  const mine = ++turn;
+  const jobId = ++id;
   return new Promise((resolve) => {
-    waiting.set(mine, resolve);
-    worker?.postMessage(job(mine), transfer);
+    waiting.set(jobId, resolve);
+    worker?.postMessage(job(jobId), transfer);
   });
 }
 
-/** Values to paint, from the bytes of a floating-point frame. */
-export async function decodeAside(buffer: ArrayBuffer, dtype: string, count: number): Promise<Decoded> {
-  const { decoded } = await ask((t) => ({ turn: t, kind: 'decode', buffer, dtype, count }), [buffer]);
-  if (!decoded) throw new Error('the picture could not be decoded');
+/** Decode the bytes of a floating-point frame in the worker. */
+export async function decodeInWorker(buffer: ArrayBuffer, dtype: string, count: number): Promise<Decoded> {
+  const { decoded } = await ask((t) => ({ id: t, kind: 'decode', buffer, dtype, count }), [buffer]);
+  if (!decoded) throw new Error('the image could not be decoded');
   return decoded;
 }
 
@@ -46,19 +46,19 @@ async function paintOnce(image: RawImage, stretch: Stretch): Promise<ImageBitmap
   const number = numbers.get(image) ?? ++last;
   numbers.set(image, number);
   const { columns, rows, pixels, offset, scale } = image;
-  const fresh = sent === number ? null : { columns, rows, pixels, offset, scale };
+  const newPixels = sent === number ? null : { columns, rows, pixels, offset, scale };
   sent = number;
-  const { bitmap } = await ask((t) => ({ turn: t, kind: 'paint', image: number, stretch, fresh }));
+  const { bitmap } = await ask((t) => ({ id: t, kind: 'paint', image: number, stretch, newPixels }));
   return bitmap ?? null;
 }
 
-/** Paints for one canvas: calls `ready` with the newest requested image and skips outdated ones. */
+/** Paint for one canvas. Calls `ready` with the last requested image; outdated images are skipped. */
 export class Painter {
   private busy = false;
   private next: { image: RawImage; stretch: Stretch } | null = null;
   constructor(private readonly ready: (image: RawImage, stretch: Stretch, bitmap: ImageBitmap) => void) {}
 
-  want(image: RawImage, stretch: Stretch): void {
+  request(image: RawImage, stretch: Stretch): void {
     this.next = { image, stretch: { ...stretch } };
     if (!this.busy) void this.run();
   }

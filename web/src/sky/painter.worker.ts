@@ -1,28 +1,30 @@
-/** Decodes and paints frames outside the page's thread. Keeps the last image, so that a new stretch sends no pixels. */
+/**
+ * Worker that decodes and paints frames. It keeps the last image, so that a new stretch needs no transfer of pixels.
+ */
 import { decode } from './decode';
 import { paint, table, type Stretch } from './stretch';
 
 export interface PaintJob {
-  turn: number;
+  id: number;
   kind: 'paint';
   image: number;
   stretch: Stretch;
-  fresh: { columns: number; rows: number; pixels: Uint8Array | Uint16Array; offset: number; scale: number } | null;
+  newPixels: { columns: number; rows: number; pixels: Uint8Array | Uint16Array; offset: number; scale: number } | null;
 }
 export interface DecodeJob {
-  turn: number;
+  id: number;
   kind: 'decode';
   buffer: ArrayBuffer;
   dtype: string;
   count: number;
 }
 
-let held: { image: number; fresh: NonNullable<PaintJob['fresh']> } | null = null;
+let lastImage: { image: number; newPixels: NonNullable<PaintJob['newPixels']> } | null = null;
 
 function painted(job: PaintJob): ImageBitmap | null {
-  if (job.fresh) held = { image: job.image, fresh: job.fresh };
-  if (held?.image !== job.image) return null;
-  const { columns, rows, pixels, offset, scale } = held.fresh;
+  if (job.newPixels) lastImage = { image: job.image, newPixels: job.newPixels };
+  if (lastImage?.image !== job.image) return null;
+  const { columns, rows, pixels, offset, scale } = lastImage.newPixels;
   const canvas = new OffscreenCanvas(columns, rows);
   const ctx = canvas.getContext('2d');
   if (!ctx) return null;
@@ -40,10 +42,10 @@ function painted(job: PaintJob): ImageBitmap | null {
 addEventListener('message', (e: MessageEvent<PaintJob | DecodeJob>) => {
   const job = e.data;
   if (job.kind === 'decode') {
-    const done = decode(job.buffer, job.dtype, job.count);
-    postMessage({ turn: job.turn, decoded: done }, { transfer: [done.pixels.buffer] });
+    const decoded = decode(job.buffer, job.dtype, job.count);
+    postMessage({ id: job.id, decoded }, { transfer: [decoded.pixels.buffer] });
     return;
   }
   const bitmap = painted(job);
-  postMessage({ turn: job.turn, bitmap }, { transfer: bitmap ? [bitmap] : [] });
+  postMessage({ id: job.id, bitmap }, { transfer: bitmap ? [bitmap] : [] });
 });

@@ -1,7 +1,7 @@
-/** Attitude in a sensor's telemetry: order and direction of its quaternion as its package declares them. */
+/** Attitude from a sensor's telemetry. The instrument package declares order and direction of the quaternion. */
 import { apply, applyTransposed, matrixOf, raDec } from './camera';
 
-/** Hamilton product of two scalar-last quaternions. */
+/** Return the Hamilton product of two scalar-last quaternions. */
 function product(a: readonly number[], b: readonly number[]): number[] {
   const [ax = 0, ay = 0, az = 0, aw = 0] = a;
   const [bx = 0, by = 0, bz = 0, bw = 0] = b;
@@ -13,21 +13,24 @@ function product(a: readonly number[], b: readonly number[]): number[] {
   ];
 }
 
-/** The quaternion cam_from_icrs. `camFromOwn`: from the sensor's own frame to the camera's. Both are scalar-last. */
+/**
+ * Return the quaternion cam_from_icrs. `camFromSensor`: rotation from the sensor frame to the camera frame. Both are
+ * scalar-last.
+ */
 export function camFromIcrs(
   components: readonly number[],
   order: string,
   rotation: string,
-  camFromOwn: readonly number[],
+  camFromSensor: readonly number[],
 ): number[] {
   const [a = 0, b = 0, c = 0, d = 0] = components;
   const [x, y, z, w] = order === 'scalar_first' ? [b, c, d, a] : [a, b, c, d];
-  return product(camFromOwn, rotation === 'cam_from_icrs' ? [x, y, z, w] : [-x, -y, -z, w]);
+  return product(camFromSensor, rotation === 'cam_from_icrs' ? [x, y, z, w] : [-x, -y, -z, w]);
 }
 
 /**
- * Right ascension and declination of the boresight and roll in degrees (docs/icd.md, clause 5.11); null for a
- * quaternion of length zero.
+ * Return right ascension and declination of the boresight and the roll in degrees (docs/icd.md, clause 5.11); null for
+ * a quaternion of length zero.
  */
 export function boresight(quaternion: readonly number[]): { ra: number; dec: number; roll: number } | null {
   if (!quaternion.some((q) => q !== 0)) return null;
@@ -37,7 +40,7 @@ export function boresight(quaternion: readonly number[]): { ra: number; dec: num
   return { ...raDec(applyTransposed(matrix, [0, 0, 1])), roll: roll < 0 ? roll + 360 : roll };
 }
 
-/** Angle of the rotation between two attitudes, degrees. Both quaternions are unit quaternions. */
+/** Return the angle between two attitudes in degrees; NaN if a quaternion has length zero. */
 export function rotationBetween(a: readonly number[], b: readonly number[]): number {
   const cosine = Math.abs(a.reduce((sum, q, k) => sum + q * (b[k] ?? 0), 0));
   const norm = Math.hypot(...a) * Math.hypot(...b);

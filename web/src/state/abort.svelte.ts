@@ -1,11 +1,11 @@
-/** The presses of ABORT on this page, kept when it is reloaded. */
-import { ofUnit } from '../lib/base';
+/** The presses of ABORT on this page. They are kept in the session storage when the page is reloaded. */
+import { unitStorageKey } from '../lib/base';
 import { api } from '../api/client';
 import { Presses, type Press } from '../lib/abort';
 import { live } from './live.svelte';
 import { session } from './session.svelte';
 
-const KEY = ofUnit('gss-abort');
+const KEY = unitStorageKey('gss-abort');
 
 class Abort {
   presses = $state.raw<readonly Press[]>([]);
@@ -37,7 +37,7 @@ class Abort {
     },
   });
 
-  /** ABORT never waits for a dialog. */
+  /** Send ABORT immediately, without a confirmation. */
   send(): void {
     void this.sender.press();
   }

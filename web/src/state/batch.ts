@@ -1,6 +1,6 @@
 /**
- * Collects the messages of the stream, so that a page is drawn at most four times a second and not at all while its tab
- * is hidden.
+ * Collect the messages of the stream, so that a page is drawn at most four times per second, and never while its tab is
+ * hidden.
  */
 export interface BatchParts {
   hidden: () => boolean;
@@ -11,13 +11,13 @@ export interface BatchParts {
 /** Messages that the server publishes together arrive within this time. */
 export const TOGETHER_MS = 40;
 export const MIN_BETWEEN_MS = 250;
-/** If a hidden tab misses more messages, it reloads the state when it is shown. */
+/** Maximum number of messages kept for a hidden tab. With more messages, the tab reloads the state when it is shown. */
 export const MAX_HELD = 200;
 
 export class Batch {
   private waiting: (() => void)[] = [];
   private overflowed = false;
-  private planned = false;
+  private scheduled = false;
   private lastMs = -Infinity;
 
   constructor(
@@ -25,20 +25,20 @@ export class Batch {
     private readonly reload: () => void,
   ) {}
 
-  /** Run `handle` with the next drawing, after everything that was added before. */
+  /** Run `handle` at the next drawing, after all handlers that were added before. */
   add(handle: () => void): void {
     if (this.overflowed) return;
     this.waiting.push(handle);
     if (this.parts.hidden()) this.limit();
-    else this.plan();
+    else this.schedule();
   }
 
-  /** Call when the tab is shown again. */
+  /** Draw the collected messages, or reload the state. Call it when the tab is shown again. */
   shown(): void {
     if (this.overflowed) {
       this.overflowed = false;
       this.reload();
-    } else if (this.waiting.length) this.plan();
+    } else if (this.waiting.length) this.schedule();
   }
 
   private limit(): void {
@@ -47,15 +47,15 @@ export class Batch {
     this.overflowed = true;
   }
 
-  private plan(): void {
-    if (this.planned) return;
-    this.planned = true;
+  private schedule(): void {
+    if (this.scheduled) return;
+    this.scheduled = true;
     const waitMs = Math.max(TOGETHER_MS, this.lastMs + MIN_BETWEEN_MS - this.parts.now());
     this.parts.later(() => this.parts.frame(() => this.flush()), waitMs);
   }
 
   private flush(): void {
-    this.planned = false;
+    this.scheduled = false;
     if (this.parts.hidden()) return this.limit();
     this.lastMs = this.parts.now();
     const handles = this.waiting;

@@ -1,5 +1,5 @@
 /**
- * How current the indicators of this page are: the rules of lib/freshness with the state of stream, server and line.
+ * Freshness of the indicators on this page: the rules of lib/freshness applied to the state of stream, server and line.
  */
 import * as rules from '../lib/freshness';
 import type { LampState } from '../lib/lamp';
@@ -22,7 +22,7 @@ class Current {
   readonly server = $derived(rules.freshnessOf('server', this.conditions));
   readonly device = $derived(rules.freshnessOf('device', this.conditions));
   readonly serverNote = $derived(rules.noteOf(this.server, this.conditions.serverMs, this.conditions.nowMs));
-  /** Time of the newest housekeeping packet: mode, cycle and active bank are reported in it. */
+  /** Time of the latest housekeeping packet, which reports mode, cycle and active bank. */
   readonly housekeepingMs = $derived.by(() => {
     const at = live.byName.get('cycle_running')?.at ?? live.byName.get('mode')?.at;
     return at ? Date.parse(at) : this.conditions.deviceMs;
@@ -47,16 +47,16 @@ class Current {
   }
 
   lamp(state: LampState, source: rules.Source): LampState {
-    const from = rules.sourceOf(state, source);
-    return from === 'server'
+    const effective = rules.sourceOf(state, source);
+    return effective === 'server'
       ? rules.lampWhen(state, this.server)
-      : from === 'device'
+      : effective === 'device'
         ? rules.lampWhen(state, this.device)
         : state;
   }
 }
 
-/** A boolean field as the API returns it: a number or a word. */
+/** Convert a boolean field of the API, which is a number or a text. */
 function isTrue(value: string | number): boolean {
   return typeof value === 'number' ? value !== 0 : ['true', 'yes', 'on', '1'].includes(value.toLowerCase());
 }

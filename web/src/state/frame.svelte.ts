@@ -1,4 +1,4 @@
-/** The displayed frame: detail, raw pixels, histogram, chosen solution, selected star, stretch. */
+/** The displayed frame: details, raw pixels, histogram, chosen solution, selected star and stretch. */
 import { api, type RawImage } from '../api/client';
 import type { FrameDetail, Histogram, SolutionDetail } from '../api/types';
 import { problemText } from '../lib/problems';
@@ -6,12 +6,12 @@ import type { Stretch } from '../sky/stretch';
 import { live } from './live.svelte';
 import { view } from './view.svelte';
 
-/** The newest frame of the device, or the newest imported one if the device has none. */
-async function newest(): Promise<number | null> {
+/** Return the id of the device's latest frame, or of the latest imported frame if there is no device frame. */
+async function latestId(): Promise<number | null> {
   if (live.latestDeviceFrame !== null) return live.latestDeviceFrame;
   const device = await api.frames({ limit: 1, source: 'device' });
-  const any = device.frames.length ? device : await api.frames({ limit: 1 });
-  return any.frames[0]?.id ?? null;
+  const page = device.frames.length ? device : await api.frames({ limit: 1 });
+  return page.frames[0]?.id ?? null;
 }
 
 const LIVE_WITHIN_MS = 10_000;
@@ -22,29 +22,29 @@ export class FrameView {
   histogram = $state.raw<Histogram | null>(null);
   solution = $state.raw<SolutionDetail | null>(null);
   selected = $state<number | null>(null);
-  /** A position without a centroid for the pixel inspector. */
+  /** A position for the pixel inspector that is not a centroid. */
   look = $state<{ col: number; row: number } | null>(null);
-  /** The last frame with a ground result: shown beside the image while the newest one is being solved. */
+  /** The last frame with a ground result, shown beside the image while the latest frame is being solved. */
   lastSolved = $state.raw<{ detail: FrameDetail; solution: SolutionDetail | null } | null>(null);
-  /** The solution shown before a preview, which is a result that is not stored; undefined: no preview is open. */
+  /** The solution shown before a preview (a result that is not stored). Undefined if no preview is open. */
   beforePreview = $state.raw<SolutionDetail | null | undefined>(undefined);
   problem = $state('');
   loading = $state(false);
   stretch = $state<Stretch>({ low: 0, high: 255, kind: 'asinh', invert: view.theme === 'light' });
-  /** Milliseconds from storage of the frame to its pixels on this screen. */
+  /** Milliseconds from the storage of the frame to the display of its pixels. */
   latencyMs = $state<number | null>(null);
   private shown: string | null = null;
   private arrived: { image: RawImage; at: number } | null = null;
   private generation = 0;
-  /** Not reactive: an effect that starts a load must not run again because the load has started. */
+  /** Not reactive, so that an effect that starts a load does not run again when the load starts. */
   private busy = false;
   private following = false;
   private loadAgain = false;
 
-  /** Loads a frame, or the newest one; pixels only if they differ. */
+  /** Load a frame, or the latest one. The pixels are loaded only if they differ. */
   async load(id: number | 'latest'): Promise<void> {
-    // Frames may arrive faster than one is loaded: the one being loaded is shown, then the newest of those received
-    // in the meantime.
+    // Frames can arrive faster than they are loaded. The frame in progress is then shown first, and afterwards the
+    // latest frame.
     if (id === 'latest' && this.busy && this.following) {
       this.loadAgain = true;
       return;
@@ -59,23 +59,23 @@ export class FrameView {
   }
 
   private async read(id: number | 'latest'): Promise<void> {
-    const turn = ++this.generation;
+    const own = ++this.generation;
     this.loading = true;
     try {
-      const wantedId = id === 'latest' ? await newest() : id;
-      if (turn !== this.generation) return;
-      if (wantedId === null) {
+      const frameId = id === 'latest' ? await latestId() : id;
+      if (own !== this.generation) return;
+      if (frameId === null) {
         this.detail = null;
         this.problem = '';
         return;
       }
       // New pixels are loaded together with the results computed from them.
-      const ahead = wantedId === this.detail?.id ? null : this.readPixels(wantedId);
-      ahead?.catch(() => undefined);
-      const detail = await api.frame(wantedId);
-      if (turn !== this.generation) return;
-      await this.showPixels(detail, ahead, turn);
-      if (turn !== this.generation) return;
+      const pixels = frameId === this.detail?.id ? null : this.readPixels(frameId);
+      pixels?.catch(() => undefined);
+      const detail = await api.frame(frameId);
+      if (own !== this.generation) return;
+      await this.showPixels(detail, pixels, own);
+      if (own !== this.generation) return;
       const same = this.detail?.id === detail.id;
       this.detail = detail;
       this.problem = '';
@@ -87,14 +87,14 @@ export class FrameView {
       else if (id !== 'latest') this.lastSolved = null;
       if (!same) this.selected = null;
     } catch (error) {
-      if (turn !== this.generation) return;
+      if (own !== this.generation) return;
       this.problem = problemText(error);
     } finally {
-      if (turn === this.generation) this.loading = false;
+      if (own === this.generation) this.loading = false;
     }
   }
 
-  /** Discard the load in progress; the displayed frame stays. */
+  /** Discard the load in progress. The displayed frame stays. */
   stop(): void {
     this.generation += 1;
     this.loadAgain = false;
@@ -107,24 +107,24 @@ export class FrameView {
 
   private async showPixels(
     detail: FrameDetail,
-    ahead: Promise<[RawImage, Histogram]> | null,
-    turn: number,
+    pixels: Promise<[RawImage, Histogram]> | null,
+    own: number,
   ): Promise<void> {
     const key = `${detail.id} ${detail.sha256} ${detail.rows_held.map((r) => r.join('-')).join(',')}`;
     if (key === this.shown) return;
-    const [image, histogram] = await (ahead ?? this.readPixels(detail.id));
-    if (turn !== this.generation) return;
-    const first = this.shown;
+    const [image, histogram] = await (pixels ?? this.readPixels(detail.id));
+    if (own !== this.generation) return;
+    const previous = this.shown;
     this.image = image;
     this.histogram = histogram;
     this.stretch = { ...this.stretch, low: histogram.low, high: histogram.high };
     this.shown = key;
-    if (first !== null) this.arrived = { image, at: Date.parse(detail.received) };
+    if (previous !== null) this.arrived = { image, at: Date.parse(detail.received) };
   }
 
   /**
-   * Called when the image is on the canvas: measures the time since the frame was complete on the ground, only for one
-   * received while the page was open.
+   * Measure the time since the frame was complete on the ground. Called when the image is on the canvas; only frames
+   * received while the page is open are measured.
    */
   drawn(image: RawImage): void {
     const arrived = this.arrived;
@@ -136,14 +136,14 @@ export class FrameView {
     });
   }
 
-  /** Show a result that is not stored, or switch between it and the previous solution. */
+  /** Show a result that is not stored. Null hides it; the previous solution is kept for `endPreview`. */
   preview(result: SolutionDetail | null): void {
     if (this.beforePreview === undefined) this.beforePreview = this.solution;
     this.solution = result;
     this.selected = null;
   }
 
-  /** Return to the solution before the preview. */
+  /** Return to the solution that was shown before the preview. */
   endPreview(): void {
     if (this.beforePreview === undefined) return;
     this.solution = this.beforePreview;

@@ -1,4 +1,4 @@
-/** A command handed over from the command line, the palette or an alarm to the form on Commands. */
+/** A command that the command line, the palette or an alarm passes to the form on Commands. */
 import { go } from './router.svelte';
 
 export interface Handed {
@@ -11,7 +11,7 @@ class Handover {
 }
 export const handover = new Handover();
 
-/** Opens the form with these values; `confirm` opens its hazard block too. */
+/** Open the form with these values. `confirm` also opens its confirmation. */
 export function handOver(handed: Handed): void {
   handover.waiting = handed;
   go(`/commands?command=${handed.name}`);

@@ -1,4 +1,4 @@
-/** Keyboard: pages, go-to letters, ABORT; each page adds its keys. */
+/** Keyboard: page keys, letters after g, ABORT. Each page adds its own keys. */
 import { PAGES, type Page } from '../lib/pages';
 import { focusOf, spaceUse } from '../lib/spacekey';
 import { abort } from './abort.svelte';
@@ -7,16 +7,17 @@ import { view } from './view.svelte';
 
 export { PAGES, type Page };
 
-/** Keeps a key from the focused element. */
+/** Prevent the focused element from receiving a key. */
 function claim(e: KeyboardEvent): void {
   e.preventDefault();
   e.stopPropagation();
 }
 
 /**
- * The Rerun viewer has the focus: it keeps its keys, except r (shows and closes it) and Esc (gives the keyboard back).
+ * Handle a key while the Rerun viewer has the focus. The viewer receives all keys except r, which closes it, and Esc,
+ * which returns the keyboard to the page.
  */
-function guest(e: KeyboardEvent): void {
+function viewerKey(e: KeyboardEvent): void {
   if (e.ctrlKey || e.metaKey || e.altKey || typing(e.target)) return;
   if (e.key === 'Escape') {
     claim(e);
@@ -37,7 +38,10 @@ function typing(target: EventTarget | null): boolean {
   );
 }
 
-/** Listens in the capture phase: the Rerun canvas consumes every key it receives, and ABORT must come first. */
+/**
+ * Handle a key in the capture phase, because the Rerun canvas consumes every key that it receives and ABORT must come
+ * first.
+ */
 export function onKey(e: KeyboardEvent): void {
   if (e.key === 'Escape' && e.shiftKey) {
     claim(e);
@@ -50,7 +54,7 @@ export function onKey(e: KeyboardEvent): void {
     else view.open('palette');
     return;
   }
-  if (e.target instanceof Element && e.target.closest('[data-guest-keys]')) return guest(e);
+  if (e.target instanceof Element && e.target.closest('[data-guest-keys]')) return viewerKey(e);
   if (e.ctrlKey || e.metaKey || e.altKey || typing(e.target)) return;
   if (e.key === ' ') {
     pendingGo = false;
@@ -69,16 +73,16 @@ export function onKey(e: KeyboardEvent): void {
 }
 
 /**
- * The rule is in lib/spacekey.ts. Space is consumed, because some browsers press the focused button on key up and
- * repeat it on key down.
+ * Handle Space by the rules of lib/spacekey.ts. The event is consumed, because some browsers press the focused button
+ * on key up and repeat the press on key down.
  */
 function space(e: KeyboardEvent): void {
-  const own = view.allKeys.find((k) => k.key === ' ');
-  const use = spaceUse(focusOf(e.target), own !== undefined, view.opened !== 'none');
+  const pageKey = view.allKeys.find((k) => k.key === ' ');
+  const use = spaceUse(focusOf(e.target), pageKey !== undefined, view.opened !== 'none');
   claimedSpace = use !== 'native';
   if (!claimedSpace) return;
   claim(e);
-  if (use === 'page' && !e.repeat) own?.run();
+  if (use === 'page' && !e.repeat) pageKey?.run();
 }
 
 export function onKeyUp(e: KeyboardEvent): void {
@@ -88,9 +92,9 @@ export function onKeyUp(e: KeyboardEvent): void {
 }
 
 function handled(e: KeyboardEvent): boolean {
-  const own = view.allKeys.find((k) => k.key === e.key);
-  if (own) {
-    own.run();
+  const pageKey = view.allKeys.find((k) => k.key === e.key);
+  if (pageKey) {
+    pageKey.run();
     return true;
   }
   const page = PAGES[Number(e.key) - 1];

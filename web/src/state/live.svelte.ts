@@ -4,14 +4,14 @@ import { api } from '../api/client';
 import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
 import { problemOf, problemText } from '../lib/problems';
-import { hasEnded, joined, kept } from '../lib/stages';
+import { hasEnded, mergeCommands, retained } from '../lib/stages';
 import { session } from './session.svelte';
 import { Batch } from './batch';
 import { merged, mergedBy, UpdateLog } from './snapshot';
 import { Stream, type TopicHandlers } from './stream';
 import { toast } from './toasts.svelte';
 
-/** A field's name without its packet, whether or not the server prefixed it. */
+/** Return a field's name without its packet prefix, if it has one. */
 export function bare(v: { name: string }): string {
   return v.name.slice(v.name.lastIndexOf('.') + 1);
 }
@@ -23,7 +23,7 @@ export function keyOf(v: { name: string; packet: string }): string {
 const SPARK_POINTS = 60;
 const HISTORY = 300;
 
-/* Everything is replaced as a whole and never changed in place; otherwise each field of each row would be reactive. */
+/* Lists are replaced and never changed in place; otherwise each field of each row would be reactive. */
 class Live {
   link = $state.raw<T.Link | null>(null);
   dictionary = $state.raw<T.Dictionary | null>(null);
@@ -31,7 +31,7 @@ class Live {
   sparks = $state.raw<ReadonlyMap<string, readonly (number | null)[]>>(new Map());
   commands = $state.raw<T.Command[]>([]);
   authority = $state.raw<T.Authority | null>(null);
-  /** Open alarms: those outside their limits first, most severe first. */
+  /** Open alarms, most urgent first. */
   alarms = $state.raw<T.AlarmRow[]>([]);
   runs = $state.raw<T.StackRun[]>([]);
   schedule = $state.raw<T.Schedule | null>(null);
@@ -44,11 +44,11 @@ class Live {
   cycles = $state.raw<T.Cycle[]>([]);
   transfers = $state.raw<T.Transfer[]>([]);
   jobs = $state.raw<T.Job[]>([]);
-  /** Before that, an empty list of jobs has no meaning. */
+  /** True after the first load of the jobs. Before that, an empty list does not mean that there are no jobs. */
   jobsRead = $state(false);
   lastEvent = $state.raw<T.EventRow | null>(null);
   latestFrameId = $state<number | null>(null);
-  /** The newest frame that the stream announced from the device, so that its id need not be requested. */
+  /** Id of the latest device frame that the stream reported; it need not be requested from the server. */
   latestDeviceFrame: number | null = null;
   /** Incremented whenever a frame or one of its solutions changes; pages that show frames reload on it. */
   frameTick = $state(0);
@@ -58,10 +58,10 @@ class Live {
   offlineSince = $state<number | null>(null);
   filled = $state('');
   clockSkewMs = 0;
-  private dictionaryTurn = 0;
+  private dictionaryGeneration = 0;
   private readonly updates = new UpdateLog();
 
-  /** By plain name; housekeeping has priority if several packets contain the same field. */
+  /** Values by name without packet. If several packets contain the same field, housekeeping has priority. */
   readonly byName = $derived(
     new Map(
       [...this.values]
@@ -106,10 +106,10 @@ class Live {
       this.putFrame(frame.id, true);
     },
     solution: (solution) => this.putFrame(solution.frame_id, false),
-    session: () => undefined, // The server then ends the stream, and the page reads the session again.
+    session: () => undefined, // After this message the server ends the stream, and the page reads the session again.
   };
 
-  /** Process a message of the stream; rows that are being loaded keep what it reported. */
+  /** Process a message of the stream. A load in progress does not overwrite it. */
   put<K extends T.Topic>(topic: K, message: T.Topics[K]): void {
     this.updates.note(topic, message);
     this.topics[topic](message);
@@ -125,16 +125,16 @@ class Live {
 
   private putLink(link: T.Link): void {
     this.clockSkewMs = Date.parse(link.utc) - Date.now();
-    const changed =
+    const hashChanged =
       this.link?.device_dictionary_hash !== link.device_dictionary_hash ||
       this.link?.dictionary_hash !== link.dictionary_hash;
     const before = this.link;
     this.link = link;
-    const state =
+    const stateChanged =
       before !== null &&
       (before.cycle_running !== link.cycle_running || before.mode !== link.mode || before.connected !== link.connected);
-    /* The preconditions of commands come with the dictionary and change with the mode and the cycle. */
-    if (state || (changed && this.dictionary?.hash !== link.dictionary_hash)) void this.loadDictionary();
+    /* The dictionary contains the preconditions of commands, which change with the mode and the cycle. */
+    if (stateChanged || (hashChanged && this.dictionary?.hash !== link.dictionary_hash)) void this.loadDictionary();
   }
 
   private putTelemetry(latest: T.Latest): void {
@@ -149,8 +149,8 @@ class Live {
 
   private putAlarm(alarm: T.AlarmRow): void {
     const before = this.alarms.find((a) => a.id === alarm.id);
-    const rest = this.alarms.filter((a) => a.id !== alarm.id);
-    this.alarms = alarm.state === 'closed' ? rest : byUrgency([...rest, alarm]);
+    const others = this.alarms.filter((a) => a.id !== alarm.id);
+    this.alarms = alarm.state === 'closed' ? others : byUrgency([...others, alarm]);
     if (!before && alarm.state === 'raised' && alarm.worst !== 'watch')
       toast(alarm.worst === 'critical' ? 'critical' : 'warning', alarm.text, `alarm ${alarm.id}`);
   }
@@ -173,9 +173,9 @@ class Live {
 
   putCommand(command: T.Command): void {
     const before = this.commands.find((c) => c.id === command.id);
-    // A response may arrive after the stream reported the end.
+    // A response can arrive after the stream has reported the result.
     if (before && hasEnded(before) && !hasEnded(command)) return;
-    this.commands = kept(upsert(this.commands, command), HISTORY);
+    this.commands = retained(upsert(this.commands, command), HISTORY);
     if (before?.result !== command.result && ['rejected', 'failed', 'unknown'].includes(command.result))
       toast(
         command.result === 'unknown' ? 'unknown' : 'critical',
@@ -191,26 +191,26 @@ class Live {
   }
 
   async loadDictionary(): Promise<void> {
-    const turn = ++this.dictionaryTurn;
-    const read = await api.dictionary().catch(() => null);
-    if (read && turn === this.dictionaryTurn) this.dictionary = read;
+    const own = ++this.dictionaryGeneration;
+    const dictionary = await api.dictionary().catch(() => null);
+    if (dictionary && own === this.dictionaryGeneration) this.dictionary = dictionary;
   }
 
-  /** Reload everything. State that the stream reports during the load is newer and is kept. */
+  /** Reload all state. State that the stream reports during the load is newer and is kept. */
   async load(): Promise<void> {
     this.latestDeviceFrame = null;
     const updates = this.updates.begin();
-    const one =
+    const unlessUpdated =
       <V>(kind: string, put: (v: V) => void) =>
       (v: V): void => {
         if (!updates.has(kind)) put(v);
       };
     await Promise.allSettled([
-      api.link().then(one('link', (v) => this.putLink(v))),
+      api.link().then(unlessUpdated('link', (v) => this.putLink(v))),
       this.loadDictionary(),
-      api.latest().then(one('telemetry', (v) => this.putTelemetry(v))),
+      api.latest().then(unlessUpdated('telemetry', (v) => this.putTelemetry(v))),
       Promise.all([api.commands(100), api.findCommands({ result: ['unknown'] })]).then(([v, unknown]) => {
-        this.commands = merged('command', joined(v, unknown), this.commands, updates);
+        this.commands = merged('command', mergeCommands(v, unknown), this.commands, updates);
       }),
       api.cycles(12).then((v) => {
         this.cycles = mergedBy((c) => c.iteration, 'cycle', v, this.cycles, updates);
@@ -219,7 +219,7 @@ class Live {
         this.transfers = merged('transfer', v, this.transfers, updates);
       }),
       api.authority().then(
-        one('authority', (v) => {
+        unlessUpdated('authority', (v) => {
           this.authority = v;
         }),
       ),
@@ -230,17 +230,17 @@ class Live {
         this.runs = merged('stack_run', v, this.runs, updates);
       }),
       api.schedule().then(
-        one('schedule', (v) => {
+        unlessUpdated('schedule', (v) => {
           this.schedule = v;
         }),
       ),
       api.tablesOnBoard().then(
-        one('tables', (v) => {
+        unlessUpdated('tables', (v) => {
           this.onBoardTables = v;
         }),
       ),
       api.replay().then(
-        one('replay', (v) => {
+        unlessUpdated('replay', (v) => {
           this.replay = v;
         }),
       ),
@@ -262,7 +262,7 @@ class Live {
         now: () => performance.now(),
       },
       () => {
-        this.sparks = new Map(); // a curve must not join points across the gap
+        this.sparks = new Map(); // A curve must not connect points across the gap.
         void this.load();
       },
     );
@@ -297,13 +297,16 @@ class Live {
         },
       },
     );
-    // Data loaded before the stream is open could change unnoticed, so everything is loaded when it opens.
+    // Data that is loaded before the stream opens could change unnoticed, so all data is loaded when the stream opens.
     stream.start();
     return stream;
   }
 }
 
-/** A response may arrive after the stream reported the end: the end is kept. A resumed transfer starts a new life. */
+/**
+ * Insert or replace an item, unless it ended already: a response can arrive after the stream has reported the end.
+ * `revives`: an ended item can start again, as a resumed transfer does.
+ */
 function unlessEnded<R extends { id: number; finished: string | null; state: string }>(
   list: R[],
   item: R,
@@ -323,7 +326,7 @@ function upsert<R extends { id: number }>(list: R[], item: R): R[] {
 
 export const live = new Live();
 
-/** Runs a request and shows its failure in a toast. */
+/** Run a request. Shows a failure in a toast and returns null. */
 export async function attempt<R>(run: () => Promise<R>): Promise<R | null> {
   try {
     return await run();

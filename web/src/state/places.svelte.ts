@@ -1,4 +1,4 @@
-/** All targets of the palette: pages, commands, frames, catalogues, contacts, telemetry points, alarms, help. */
+/** Entries of the palette: pages, commands, frames, catalogues, contacts, telemetry, alarms and help. */
 import { api } from '../api/client';
 import type { Catalogue, Contact, Frame } from '../api/types';
 import { rank } from '../lib/rank';
@@ -26,7 +26,7 @@ class Places {
   catalogues = $state.raw<Catalogue[]>([]);
   contacts = $state.raw<Contact[]>([]);
 
-  /** Loads what the stream does not contain, each time the palette opens. */
+  /** Load the entries that the stream does not report. Called each time the palette opens. */
   async read(): Promise<void> {
     await Promise.allSettled([
       api.frames({ limit: 50 }).then((p) => (this.frames = p.frames)),
@@ -52,11 +52,11 @@ class Places {
     { kind: 'page', text: 'Shared views', note: 'pages with their state', run: to('/views') },
     {
       kind: 'page',
-      text: 'Store this page as a view',
+      text: 'Save this page as a view',
       note: 'Shared views',
       run: () => go(`/views?save=${encodeURIComponent(route.path + route.search)}`),
     },
-    ...views.list.map((v) => ({ kind: 'view', text: v.name, note: `of ${v.owner}`, run: to(v.path) })),
+    ...views.list.map((v) => ({ kind: 'view', text: v.name, note: `by ${v.owner}`, run: to(v.path) })),
     { kind: 'page', text: 'Night analyses', note: 'Calibration', run: to('/calibration?tab=analyses') },
     ...live.alarms.map((a) => ({
       kind: 'alarm',
@@ -103,11 +103,11 @@ class Places {
       run: to(`/contacts?contact=${c.id}`),
     })),
     { kind: 'help', text: 'All keys', note: '?', run: () => view.open('keys') },
-    { kind: 'help', text: 'First attitude, a tour', note: 'five steps on Live', run: to('/live?tour=1') },
+    { kind: 'help', text: 'Tour: first attitude', note: 'five steps on Live', run: to('/live?tour=1') },
     {
       kind: 'help',
-      text: 'Documents',
-      note: 'guide by role, reference',
+      text: 'Documentation',
+      note: 'guides by role, reference',
       run: () => void window.open('/help', 'gss-help'),
     },
     { kind: 'help', text: 'Command line', note: ':', run: () => view.open('line') },
@@ -119,21 +119,23 @@ class Places {
     },
   ]);
 
-  /** The best places for a query; a number alone is first of all a frame, and #161 a command. */
-  find(query: string, most: number): Place[] {
+  /**
+   * Return the best entries for a query. A number finds the frame with this number first; #161 finds only the command.
+   */
+  find(query: string, limit: number): Place[] {
     const text = query.trim();
     const request = /^#\d{1,15}$/.test(text) ? this.all.filter((p) => p.text === text) : [];
     if (request.length) return request;
-    const hits = rank(text, this.all, most);
+    const hits = rank(text, this.all, limit);
     if (!/^\d{1,15}$/.test(text)) return hits;
-    const known = this.all.find((p) => p.text === `Frame ${text}`);
-    const frame = known ?? {
+    const loaded = this.all.find((p) => p.text === `Frame ${text}`);
+    const frame = loaded ?? {
       kind: 'frame',
       text: `Frame ${text}`,
-      note: 'by its number',
+      note: 'by number',
       run: to(`/frames/${text}`),
     };
-    return [frame, ...hits.filter((p) => p.text !== frame.text)].slice(0, most);
+    return [frame, ...hits.filter((p) => p.text !== frame.text)].slice(0, limit);
   }
 }
 

@@ -1,14 +1,14 @@
-/** URLs of the History API: every state of the console has a link. */
-import { base, inside } from '../lib/base';
+/** Routing with the History API: each state of the console has a URL. */
+import { base, localPath } from '../lib/base';
 
-export const route = $state({ path: inside(location.pathname) ?? '/', search: location.search });
+export const route = $state({ path: localPath(location.pathname) ?? '/', search: location.search });
 
 function read(): void {
-  route.path = inside(location.pathname) ?? '/';
+  route.path = localPath(location.pathname) ?? '/';
   route.search = location.search;
 }
 
-/** Goes to a path of this console; the base of its unit is put before it. */
+/** Go to a path of this console. The base path of its unit is added. */
 export function go(to: string, replace = false): void {
   if (replace) history.replaceState(null, '', base + to);
   else history.pushState(null, '', base + to);
@@ -19,7 +19,7 @@ export function query(name: string): string {
   return new URLSearchParams(route.search).get(name) ?? '';
 }
 
-/** Sets or clears one query parameter of the present URL without a history entry. */
+/** Set or clear one query parameter of the present URL, without a history entry. */
 export function setQuery(name: string, value: string): void {
   const q = new URLSearchParams(location.search);
   if (value) q.set(name, value);
@@ -43,7 +43,7 @@ export function startRouter(): void {
       a.hasAttribute('download')
     )
       return;
-    const path = inside(a.pathname);
+    const path = localPath(a.pathname);
     if (a.origin !== location.origin || path === null || path.startsWith('/api/')) return;
     e.preventDefault();
     go(path + a.search);

@@ -1,6 +1,6 @@
 /**
- * The server's time, for all parts of a page: one tick at each full second, so that everything that counts seconds is
- * drawn together. It rests while the tab is hidden.
+ * The server's time for all parts of a page. It ticks at each full second, so that all counters are drawn together, and
+ * pauses while the tab is hidden.
  */
 import { live } from './live.svelte';
 
@@ -9,7 +9,7 @@ const SECOND_MS = 1000;
 class ServerTime {
   nowMs = $state(Date.now());
 
-  /** Call once when the page starts. */
+  /** Start the ticks. Call it once when the page starts. */
   start(): void {
     document.addEventListener('visibilitychange', () => this.read());
     const tick = (): void => {

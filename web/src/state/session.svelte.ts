@@ -1,18 +1,18 @@
-/** The signed-in user: name, role, permissions; and what happens when the server rejects the session. */
+/** The session: user name, role and permissions, and the reaction to an ended session. */
 import { base } from '../lib/base';
-import { api, door } from '../api/client';
+import { api, sessionHooks } from '../api/client';
 import type { SessionInfo } from '../api/types';
 import { lacking } from '../lib/roles';
 
 class Session {
-  /** False until the server has reported for the first time whether the user is signed in. */
-  known = $state(false);
+  /** True after the server's first report of the session. */
+  loaded = $state(false);
   info = $state<SessionInfo | null>(null);
-  /** Time at which the session ended; the page below keeps its state. */
+  /** Time at which the session ended; null if it has not ended. The page keeps its state below the sign-in form. */
   endedAt = $state<number | null>(null);
   problem = $state('');
   private waiting: (() => void)[] = [];
-  private turn = 0;
+  private generation = 0;
 
   readonly signedIn = $derived(this.info?.signed_in ?? false);
   readonly name = $derived(this.info?.name ?? '');
@@ -24,51 +24,59 @@ class Session {
     return this.permissions.has(permission);
   }
 
-  /** Why the role may not do it, as a sentence; empty if it may. */
-  lacks(permission: string): string {
+  /** Return why the role does not have the permission; empty if it does. */
+  permissionProblem(permission: string): string {
     return this.can(permission) || !this.signedIn ? '' : lacking(permission, this.role);
   }
 
-  /** Why the role may send no command at all; each group of commands has a separate permission. */
-  lacksCommanding(): string {
-    return [...this.permissions].some((p) => p.startsWith('command.')) ? '' : this.lacks('command.attitude');
+  /**
+   * Return why the role cannot send any command; empty if it can send some. Each group of commands has a separate
+   * permission.
+   */
+  commandingProblem(): string {
+    return [...this.permissions].some((p) => p.startsWith('command.'))
+      ? ''
+      : this.permissionProblem('command.attitude');
   }
 
   put(info: SessionInfo): void {
-    this.known = true;
+    this.loaded = true;
     this.problem = '';
     if (info.signed_in) {
       this.info = info;
       this.endedAt = null;
-      door.mark = info.csrf;
-      const again = this.waiting;
+      sessionHooks.csrfToken = info.csrf;
+      const resolvers = this.waiting;
       this.waiting = [];
-      for (const run of again) run();
-    } else this.over(info);
+      for (const resolve of resolvers) resolve();
+    } else this.end(info);
   }
 
-  private over(info: SessionInfo): void {
+  private end(info: SessionInfo): void {
     if (!this.info?.signed_in) this.info = info;
     else if (this.endedAt === null) this.endedAt = Date.now();
   }
 
-  /** Query the session; reports a problem if the server does not answer. A response older than a sign-in is ignored. */
+  /**
+   * Query the session. Sets `problem` if the server does not answer. A response that is older than a sign-in is
+   * ignored.
+   */
   async read(): Promise<void> {
-    const turn = this.turn;
+    const own = this.generation;
     try {
       const info = await api.session();
-      if (turn === this.turn) this.put(info);
+      if (own === this.generation) this.put(info);
     } catch (error) {
       this.problem = error instanceof Error ? error.message : String(error);
     }
   }
 
   private enter(info: SessionInfo): void {
-    this.turn += 1;
+    this.generation += 1;
     this.put(info);
   }
 
-  /** Resolves when a user is signed in; rejected reads then continue, changes never do. */
+  /** Wait until a user is signed in. Reads that the server rejected are then repeated; changes are not. */
   back(): Promise<void> {
     if (this.signedIn && this.endedAt === null) return Promise.resolve();
     return new Promise((resolve) => this.waiting.push(resolve));
@@ -86,14 +94,15 @@ class Session {
     this.enter(await api.welcome(token, password));
   }
 
-  /** Reload the page: no data of this user stays in memory. */
+  /** Sign out and reload the page, so that no data of this user stays in memory. */
   async signOut(): Promise<void> {
     await api.signOut();
     location.assign(`${base}/live`);
   }
 
   /**
-   * The server answered 401, possibly for a request older than the present session: query whether the session is over.
+   * Query whether the session has ended. Called after a 401 response, which can belong to a request that is older than
+   * the present session.
    */
   refused(): Promise<void> {
     return this.read();
@@ -101,5 +110,5 @@ class Session {
 }
 
 export const session = new Session();
-door.refused = () => session.refused();
-door.back = () => session.back();
+sessionHooks.onUnauthorized = () => session.refused();
+sessionHooks.signedIn = () => session.back();

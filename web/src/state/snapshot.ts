@@ -1,4 +1,7 @@
-/** A requested snapshot is older than what the stream reports while it is loading: the stream has priority. */
+/**
+ * Log of the items that the stream reports while a snapshot is loading. They are newer than the snapshot and have
+ * priority.
+ */
 export class UpdateLog {
   private readonly open = new Set<Set<string>>();
 
@@ -13,7 +16,7 @@ export class UpdateLog {
     this.open.delete(updates);
   }
 
-  /** The stream reported this kind of item, with its id if it has one. */
+  /** Record that the stream reported this kind of item, with its id if it has one. */
   note(kind: string, data: unknown): void {
     const row = data as { id?: number; iteration?: number } | null;
     for (const updates of this.open) updates.add(kind).add(`${kind} ${row?.id ?? row?.iteration}`);
@@ -21,8 +24,8 @@ export class UpdateLog {
 }
 
 /**
- * The rows of a snapshot, newest first, with items that the stream reported in the meantime replaced by their held
- * state (or removed, if it closed them).
+ * Return the rows of a snapshot, newest first. Items that the stream reported during the load are replaced by their
+ * present state, or removed if they were closed. `held`: the present rows.
  */
 export function merged<R extends { id: number }>(
   kind: string,

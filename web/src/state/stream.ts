@@ -1,4 +1,4 @@
-/** The one event stream: parses, remembers the last sequence number, reconnects and fetches missed events. */
+/** The event stream: parses messages, stores the last sequence number, reconnects and fetches missed events. */
 import type { EventRow, Topic, Topics } from '../api/types';
 
 export interface StreamSource {
@@ -13,7 +13,7 @@ export interface StreamParts {
   later: (run: () => void, ms: number) => unknown;
   now: () => number;
 }
-/** Handlers of the messages by topic; an unknown or missing topic does not compile. */
+/** Handlers of the messages, by topic. An unknown or missing topic does not compile. */
 export type TopicHandlers = { [K in Topic]: (message: Topics[K]) => void };
 export interface StreamHandlers {
   topics: TopicHandlers;
@@ -25,7 +25,7 @@ const MAX_WAIT_MS = 8000;
 
 export class Stream {
   lastSeq = 0;
-  /** Count of the newest state message on this connection; 0 before the first, and after an announced loss. */
+  /** Count of the latest state message on this connection; 0 before the first message and after a reported loss. */
   private lastCount = 0;
   private source: StreamSource | null = null;
   private wait = FIRST_WAIT_MS;
@@ -40,7 +40,7 @@ export class Stream {
   start(): void {
     this.source = this.parts.open(this.lastSeq);
     this.source.onopen = () => void this.opened();
-    this.source.onerror = () => this.broke();
+    this.source.onerror = () => this.failed();
     for (const topic of Object.keys(this.handlers.topics) as Topic[])
       this.source.addEventListener(topic, (e) => this.received(topic, e.data, e.lastEventId));
   }
@@ -51,9 +51,9 @@ export class Stream {
   }
 
   /**
-   * Process a message. A recorded event is handled once, however often it arrives; messages of state always. A number
-   * that jumps shows a loss: recorded events are fetched, and `dropped` is reported even if the server could not send
-   * it. `id` is "12" for recorded events, else "12.345".
+   * Process a message. A recorded event is handled once, even if it arrives repeatedly; state messages are always
+   * handled. A gap in the numbers shows a loss: recorded events are then fetched, and `dropped` is reported even if the
+   * server could not send it. `id` is "12" for recorded events, otherwise "12.345".
    */
   received<K extends Topic>(topic: K, text: string, id: string): void {
     const message = JSON.parse(text) as Topics[K];
@@ -67,7 +67,7 @@ export class Stream {
 
   private recorded(event: EventRow): void {
     const before = this.lastSeq;
-    if (!this.fresh(event.seq)) return;
+    if (!this.isNew(event.seq)) return;
     if (before > 0 && event.seq > before + 1) void this.recover(before, event.seq);
     this.handlers.topics.event(event);
   }
@@ -83,10 +83,10 @@ export class Stream {
   private async recover(after: number, before: number): Promise<void> {
     const missed = await this.parts.backfill(after).catch(() => []);
     for (const e of missed)
-      if (e.seq < before && (before !== Infinity || this.fresh(e.seq))) this.handlers.topics.event(e);
+      if (e.seq < before && (before !== Infinity || this.isNew(e.seq))) this.handlers.topics.event(e);
   }
 
-  private fresh(seq: number): boolean {
+  private isNew(seq: number): boolean {
     if (seq <= this.lastSeq) return false;
     this.lastSeq = seq;
     return true;
@@ -98,7 +98,7 @@ export class Stream {
     const wasLost = this.lost !== null;
     this.lost = null;
     if (!wasLost) return this.handlers.online(null);
-    const missed = (await this.parts.backfill(this.lastSeq).catch(() => [])).filter((e) => this.fresh(e.seq));
+    const missed = (await this.parts.backfill(this.lastSeq).catch(() => [])).filter((e) => this.isNew(e.seq));
     for (const e of missed) this.handlers.topics.event(e);
     const first = missed[0];
     const last = missed[missed.length - 1];
@@ -107,7 +107,7 @@ export class Stream {
     );
   }
 
-  private broke(): void {
+  private failed(): void {
     this.source?.close();
     if (this.lost === null) {
       this.lost = this.parts.now();

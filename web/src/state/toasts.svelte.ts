@@ -8,15 +8,15 @@ export interface Toast {
 }
 export const toasts = $state<{ list: Toast[] }>({ list: [] });
 const SHOWN_MS = 9000;
-const MOST = 4;
+const MAX_TOASTS = 4;
 let next = 1;
 
-/** An error stays until it is closed; a success message disappears automatically. */
+/** Show a message. Critical messages stay until they are closed; all others disappear after SHOWN_MS. */
 export function toast(state: LampState, text: string, id = ''): void {
   const key = next++;
-  const again = toasts.list.filter((t) => t.text !== text || t.state !== state);
-  const gone = again.length < MOST ? null : (again.find((t) => t.state !== 'critical') ?? again[0]);
-  toasts.list = [...again.filter((t) => t !== gone), { key, state, text, id }];
+  const others = toasts.list.filter((t) => t.text !== text || t.state !== state);
+  const dropped = others.length < MAX_TOASTS ? null : (others.find((t) => t.state !== 'critical') ?? others[0]);
+  toasts.list = [...others.filter((t) => t !== dropped), { key, state, text, id }];
   if (state !== 'critical') setTimeout(() => dismiss(key), SHOWN_MS);
 }
 

@@ -1,4 +1,4 @@
-/** The user's settings on this screen: theme, overlays, freeze, keys of the current page. */
+/** State of the user interface: theme, overlays, freeze, window size and keys of the current page. */
 import { untrack } from 'svelte';
 
 export type Overlay = 'regions' | 'centroids' | 'matched' | 'predicted' | 'rejected' | 'residual' | 'grid';
@@ -7,7 +7,7 @@ export interface PageKey {
   text: string;
   run: () => void;
 }
-/** The panel that was opened by keyboard beside the page. */
+/** The panel that is open beside the page. */
 export type Opened = 'none' | 'keys' | 'palette' | 'line';
 
 class View {
@@ -27,19 +27,19 @@ class View {
   keys = $state<PageKey[]>([]);
   offers = $state.raw<readonly (readonly PageKey[])[]>([]);
   wide = $state(innerWidth >= 1400);
-  /** Room for one more column. */
+  /** Wide enough for an additional column. */
   vast = $state(innerWidth >= 1700);
   /** Tablet width: the side columns are tabs. */
   narrow = $state(innerWidth < 1200);
   /** Pages flow in one column. */
   phone = $state(innerWidth < 600);
   readonly allKeys = $derived([...this.keys, ...this.offers.flat()]);
-  /** The element that had the focus before a panel opened; it gets the focus back. */
+  /** The element that had the focus before a panel opened. It receives the focus again when the panel closes. */
   private before: HTMLElement | null = null;
 
-  open(what: Opened): void {
+  open(panel: Opened): void {
     if (this.opened === 'none' && document.activeElement instanceof HTMLElement) this.before = document.activeElement;
-    this.opened = what;
+    this.opened = panel;
   }
 
   close(): void {
@@ -57,13 +57,13 @@ class View {
 
 export const view = new View();
 
-/** Keys of a component while it is shown; call this during its creation. */
+/** Register the keys of a component while it is shown. Call this while the component is created. */
 export function offerKeys(keys: () => readonly PageKey[]): void {
   $effect(() => {
-    const mine = keys();
-    untrack(() => (view.offers = [...view.offers, mine]));
+    const offered = keys();
+    untrack(() => (view.offers = [...view.offers, offered]));
     return () => {
-      view.offers = view.offers.filter((o) => o !== mine);
+      view.offers = view.offers.filter((o) => o !== offered);
     };
   });
 }

@@ -1,16 +1,16 @@
 /** Shared views: pages with their state, stored on the server and opened by link. */
 import { api } from '../api/client';
 import type { View } from '../api/types';
-import { ofUnit } from '../lib/base';
+import { unitStorageKey } from '../lib/base';
 import { session } from './session.svelte';
 
-/** A page of telemetry that a user put together, as the address of a view states it. */
+/** A telemetry page that a user defined; the URL of the view contains its fields. */
 export interface TelemetryView {
   view: View;
   fields: string[];
 }
-/** Pages that earlier versions kept in the browser. */
-const KEPT = ofUnit('gss-telemetry-pages');
+/** Storage key of the pages that earlier versions stored in the browser. */
+const KEPT = unitStorageKey('gss-telemetry-pages');
 export interface KeptPage {
   name: string;
   fields: string[];
@@ -31,9 +31,9 @@ export function telemetryViews(list: readonly View[]): TelemetryView[] {
 
 export function keptPages(text: string | null): KeptPage[] {
   try {
-    const found: unknown = JSON.parse(text ?? '[]');
-    return Array.isArray(found)
-      ? found.filter(
+    const value: unknown = JSON.parse(text ?? '[]');
+    return Array.isArray(value)
+      ? value.filter(
           (p): p is KeptPage =>
             typeof p === 'object' &&
             p !== null &&
@@ -60,14 +60,14 @@ class Views {
     this.list = await api.views();
   }
 
-  /** Stores a page under its name, or under one with the user's if that is taken. */
+  /** Store a page under its name. If another view has this name, the user's name is added. */
   private async keep(page: KeptPage): Promise<void> {
     const taken = this.list.some((v) => v.name === page.name);
     const name = taken ? `${page.name} (${session.name})` : page.name;
     await api.addView({ name, path: telemetryPath({ ...page, name }), note: '', open: false }).catch(() => undefined);
   }
 
-  /** Stores a page under a name: a new view, or the next version of the user's own or an open one. */
+  /** Save a page as a view: a new view, or the next version of an existing view with this name. */
   async save(name: string, path: string): Promise<View> {
     const before = this.list.find((v) => v.name === name);
     const view = before

@@ -1,4 +1,7 @@
-/** Requests of the administration pages; separate from client.ts, so that they are fetched only with the page. */
+/**
+ * Requests of the administration pages. They are separate from client.ts, so that the browser loads them only with
+ * these pages.
+ */
 import { body, given, http } from '../../api/http';
 import type { components, paths } from '../../api/generated/schema';
 
@@ -16,10 +19,10 @@ export type Notifications = S['NotificationsOut'];
 export type Backup = S['BackupOut'];
 export type Policy = S['RetentionPolicy'];
 export type Retention = S['RetentionOut'];
-/** What a policy would delete now. */
+/** The data that a policy would delete now. */
 export type Removal = S['RemovalOut'];
 
-/** The confirmation of exactly this preview. */
+/** Return the confirmation of exactly this preview. */
 export function confirmationOf({ at, frames, frames_bytes, packets, to_thin, events }: Removal): S['ConfirmedRemoval'] {
   return { at, frames, frames_bytes, packets, to_thin, events };
 }

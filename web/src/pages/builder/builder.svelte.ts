@@ -1,4 +1,4 @@
-/** The catalogue builder's form as text, its checks, and the live preview. */
+/** State of the catalogue builder: the form as text, its checks, and the live preview. */
 import { api } from '../../api/client';
 import type { CatalogueDetail, CatalogueRequest, Heads, Preview, Profile, StarList } from '../../api/types';
 import { short } from '../../lib/format';
@@ -9,7 +9,7 @@ type Form = Required<CatalogueRequest>;
 export type Law = Form['pointing'];
 export type Corrections = Required<Form['corrections']>;
 const WAIT_MS = 150;
-const USUAL: Corrections = {
+const DEFAULT_CORRECTIONS: Corrections = {
   proper_motion: true,
   parallax: false,
   annual_aberration: false,
@@ -32,17 +32,17 @@ const NOTHING: NonNullable<CatalogueRequest['occultation']> = {
 export type Screening = Required<NonNullable<Form['screening']>>;
 export type MountedBy = 'law' | 'turns' | 'matrix' | 'heads';
 const MARKS = { doubles: true, variables: true, fast: true };
-const SAME = '1 0 0\n0 1 0\n0 0 1';
+const IDENTITY = '1 0 0\n0 1 0\n0 0 1';
 export const ORBIT_LAWS: readonly Law[] = ['zenith', 'nadir', 'sunsat', 'target'];
 
 export class Builder {
   /** Defaults of a new catalogue. */
   first = $state.raw<Texts>(START);
-  readonly usual = USUAL;
+  readonly usual = DEFAULT_CORRECTIONS;
   texts = $state<Texts>({ ...START });
-  corrections = $state<Corrections>({ ...USUAL });
+  corrections = $state<Corrections>({ ...DEFAULT_CORRECTIONS });
   name = $state('');
-  /** Empty: the server uses the camera of the connected unit and its format. */
+  /** If empty, the server uses the camera and the format of the connected unit. */
   profile = $state('');
   format = $state('');
   orbit = $state<Form['orbit']>('none');
@@ -58,20 +58,23 @@ export class Builder {
   moon = $state(false);
   dropVariables = $state(false);
   kVector = $state(false);
-  /** Limits that are not symmetric about zero come from the command line or an older build and stay until edited. */
+  /**
+   * Attitude limits that are not symmetric about zero. They come from the command line or an older build and stay until
+   * edited.
+   */
   skewed = $state.raw<Partial<Record<'roll' | 'pitch' | 'yaw', [number, number]>>>({});
   /**
-   * Mounting of the camera in the body: as the pointing law defines, by three rotations, by nine matrix elements in
-   * rows, or those of all heads of a spacecraft.
+   * Mounting of the camera in the body: as defined by the pointing law, by three rotations (`turns`), by nine matrix
+   * elements in rows, or the mountings of all heads of a spacecraft.
    */
   mountedBy = $state<MountedBy>('law');
   heads = $state.raw<Form['heads']>([]);
-  matrix = $state(SAME);
+  matrix = $state(IDENTITY);
   screen = $state<Screening['action']>('off');
   marks = $state({ ...MARKS });
   thinning = $state<Form['thinning']>('circles');
   reduced = $state(false);
-  /** Draw where triangles are ambiguous instead of the time in the field. */
+  /** True if the map shows similar triangles instead of the time in the field. */
   mistakes = $state(false);
   /** Camera and format of a new catalogue. */
   unit = $state.raw({ profile: '', format: '' });
@@ -94,7 +97,7 @@ export class Builder {
     return Number.isFinite(v) && v >= a && v <= b ? '' : `${short(a)} – ${short(b)}, got ${text || 'nothing'}`;
   }
 
-  /** Only the fields of the chosen pointing law are checked and sent. */
+  /** True if all fields are valid and the selected sources are complete. */
   get valid(): boolean {
     const listed = this.source !== 'list' || this.starList !== null;
     return (
@@ -106,12 +109,12 @@ export class Builder {
     );
   }
 
-  /** False while the heads are to be those of a spacecraft, and none is selected. */
+  /** False if the mounting is that of a spacecraft's heads and no spacecraft is selected. */
   get mounted(): boolean {
     return this.mountedBy !== 'heads' || this.heads.length > 0;
   }
 
-  get nine(): number[] {
+  get matrixElements(): number[] {
     return this.matrix
       .trim()
       .split(/[\s,;]+/)
@@ -120,20 +123,20 @@ export class Builder {
 
   get matrixProblem(): string {
     if (this.mountedBy !== 'matrix') return '';
-    const m = this.nine;
+    const m = this.matrixElements;
     return m.length === 9 && m.every(Number.isFinite)
       ? ''
       : `nine numbers by rows, got ${m.filter(Number.isFinite).length}`;
   }
 
-  get turning(): boolean {
+  get rotatesWithOrbit(): boolean {
     return ORBIT_LAWS.includes(this.pointing);
   }
 
   get request(): CatalogueRequest {
     const t = this.texts;
-    const maybe = (text: string): number | null => (text.trim() ? number(text) : null);
-    const both = (key: 'roll' | 'pitch' | 'yaw'): [number, number] =>
+    const optional = (text: string): number | null => (text.trim() ? number(text) : null);
+    const symmetric = (key: 'roll' | 'pitch' | 'yaw'): [number, number] =>
       this.skewed[key] ?? [-number(t[key]), number(t[key])];
     return {
       name: this.name,
@@ -142,19 +145,19 @@ export class Builder {
       orbit: this.orbit,
       inclination_deg: number(t.inclination_deg),
       raan_deg: [number(t.raan_from), number(t.raan_to)],
-      altitude_km: this.orbit === 'tle' ? null : maybe(t.altitude_km),
+      altitude_km: this.orbit === 'tle' ? null : optional(t.altitude_km),
       tle: this.tle,
       start: this.start,
       days: number(t.days),
       pointing: this.pointing,
-      roll_deg: both('roll'),
-      pitch_deg: both('pitch'),
-      yaw_deg: both('yaw'),
+      roll_deg: symmetric('roll'),
+      pitch_deg: symmetric('pitch'),
+      yaw_deg: symmetric('yaw'),
       ra_deg: number(t.ra_deg),
       dec_deg: number(t.dec_deg),
       field_roll_deg: number(t.field_roll_deg),
       off_nadir_deg: number(t.off_nadir_deg),
-      body_from_cam: this.mountedBy === 'matrix' ? this.nine : null,
+      body_from_cam: this.mountedBy === 'matrix' ? this.matrixElements : null,
       mounting_deg: this.mountedBy === 'turns' ? [number(t.turn_x), number(t.turn_y), number(t.turn_z)] : null,
       heads: this.mountedBy === 'heads' ? this.heads : [],
       margin_deg: number(t.margin_deg),
@@ -166,18 +169,18 @@ export class Builder {
         earth: this.earth,
         earth_margin_deg: number(t.earth_margin_deg),
         sun: this.sun,
-        sun_deg: maybe(t.sun_deg),
+        sun_deg: optional(t.sun_deg),
         moon: this.moon,
-        moon_deg: maybe(t.moon_deg),
+        moon_deg: optional(t.moon_deg),
       },
-      epoch_jyear: maybe(t.epoch_jyear),
+      epoch_jyear: optional(t.epoch_jyear),
       faint_mag: number(t.faint_mag),
       bright_mag: number(t.bright_mag),
       min_separation_deg: number(t.min_separation_deg),
       brightest_per_field: Math.round(number(t.brightest_per_field)),
       drop_variables: this.dropVariables,
       pair_min_deg: number(t.pair_min_deg),
-      pair_max_deg: maybe(t.pair_max_deg),
+      pair_max_deg: optional(t.pair_max_deg),
       bank_bytes: null,
       k_vector: this.kVector,
       thinning: this.thinning,
@@ -185,7 +188,7 @@ export class Builder {
         action: this.screen,
         ...this.marks,
         most_companions: wholeOr(t.companions),
-        most_false: maybe(t.false_triples),
+        most_false: optional(t.false_triples),
         arc_deg: number(t.ring_arc),
         tolerance_deg: number(t.ring_tolerance),
       },
@@ -200,14 +203,16 @@ export class Builder {
     };
   }
 
-  /** Select a camera: its limit, and its own format if it cannot use the selected one. */
+  /** Select a camera and its magnitude limit. Also selects its format if it does not support the present one. */
   pick(camera: Profile): void {
     this.profile = camera.name;
     this.texts.faint_mag = String(camera.faint_mag);
     if (!camera.formats.includes(this.format)) this.format = camera.formats[0] ?? this.format;
   }
 
-  /** Start with the camera of the unit on the line, unless one is selected. A limit typed before stays. */
+  /**
+   * Start with the camera of the connected unit, unless a camera is selected. A magnitude limit entered before stays.
+   */
   startWith(cameras: readonly Profile[]): void {
     const own = cameras.find((camera) => camera.unit);
     if (!own) return;
@@ -219,7 +224,7 @@ export class Builder {
     if (edited) this.texts.faint_mag = typed;
   }
 
-  /** Load the request of an existing catalogue. */
+  /** Fill the form with the request of an existing catalogue. */
   fill(detail: CatalogueDetail): void {
     const r = detail.request as Partial<Form>;
     const o: NonNullable<CatalogueRequest['occultation']> = r.occultation ?? NOTHING;
@@ -236,7 +241,9 @@ export class Builder {
     this.starList = r.star_list ?? null;
     this.heads = r.heads ?? [];
     this.mountedBy = this.heads.length ? 'heads' : r.body_from_cam ? 'matrix' : r.mounting_deg ? 'turns' : 'law';
-    this.matrix = r.body_from_cam ? [0, 3, 6].map((i) => r.body_from_cam?.slice(i, i + 3).join(' ')).join('\n') : SAME;
+    this.matrix = r.body_from_cam
+      ? [0, 3, 6].map((i) => r.body_from_cam?.slice(i, i + 3).join(' ')).join('\n')
+      : IDENTITY;
     const s = r.screening;
     this.screen = s?.action ?? 'off';
     this.marks = { doubles: s?.doubles ?? true, variables: s?.variables ?? true, fast: s?.fast ?? true };
@@ -245,7 +252,7 @@ export class Builder {
     this.dropVariables = r.drop_variables ?? false;
     this.kVector = r.k_vector ?? false;
     [this.earth, this.sun, this.moon] = [o.earth ?? false, o.sun ?? false, o.moon ?? false];
-    this.corrections = { ...USUAL, ...r.corrections };
+    this.corrections = { ...DEFAULT_CORRECTIONS, ...r.corrections };
     this.skewed = Object.fromEntries(
       (['roll', 'pitch', 'yaw'] as const).flatMap((k) => {
         const range = r[`${k}_deg`];
@@ -283,26 +290,26 @@ export class Builder {
     this.problem = '';
   }
 
-  /** Use the mountings of all heads of a spacecraft, as they are now. */
+  /** Use the present mountings of all heads of a spacecraft. */
   mount(spacecraft: Heads): void {
     this.heads = spacecraft.heads.map((h) => ({ unit: h.unit, body_from_cam: null, mounting_deg: h.mounting_deg }));
   }
 
-  /** Change the limit of a rotation; from now on it is symmetric. */
-  turn(key: 'roll' | 'pitch' | 'yaw', value: string): void {
+  /** Set the limit of an angle. The limit is then symmetric. */
+  setLimit(key: 'roll' | 'pitch' | 'yaw', value: string): void {
     this.texts[key] = value;
     this.skewed = { ...this.skewed, [key]: undefined };
   }
 
-  /** Request a preview shortly after the last change; an older response never replaces a newer one. */
+  /** Request a preview shortly after the last change. An older response never replaces a newer one. */
   changed(): void {
     if (this.timer) clearTimeout(this.timer);
     this.stop?.abort();
     if (!this.valid) return;
-    this.timer = setTimeout(() => void this.ask(), WAIT_MS);
+    this.timer = setTimeout(() => void this.loadPreview(), WAIT_MS);
   }
 
-  private async ask(): Promise<void> {
+  private async loadPreview(): Promise<void> {
     const stop = new AbortController();
     this.stop = stop;
     this.busy = true;

@@ -1,6 +1,6 @@
 /**
- * Drawing of a catalogue's map: time in field, edges of validity, fields along the path, stars and why they are
- * rejected.
+ * Drawing of a catalogue's map: time in field, borders at start and end of validity, fields along the path, and stars
+ * by their state.
  */
 import type { GeoProjection } from 'd3-geo';
 import type { Envelope, Quality, SkyStar, Wanderer } from '../../api/types';
@@ -37,13 +37,13 @@ function stroke(pen: Pen, line: Line, ink: string, width: number, dash: readonly
   ctx.restore();
 }
 
-/** The border at the start of validity is solid, at its end dashed. */
+/** Draw the border of the envelope: solid at the start of validity, dashed at its end. */
 export function edges(pen: Pen, e: Envelope): void {
   for (const line of e.outline_start) stroke(pen, line, 'ac', 1.1);
   for (const line of e.outline_end) stroke(pen, line, 'ac', 1.1, [5, 4]);
 }
 
-/** The field at one position of its path, bold; earlier positions are thin and fade. */
+/** Draw the field at a position of its path with a bold line; earlier positions are thin and fade. */
 export function fields(pen: Pen, e: Envelope, at: number): void {
   const n = e.sweep.length;
   if (n === 0) return;
@@ -71,14 +71,14 @@ export function fields(pen: Pen, e: Envelope, at: number): void {
   ctx.stroke();
 }
 
-/** Position of the field's label. */
+/** Return the label of the field. */
 export function fieldLabel(pen: Pen, e: Envelope, at: number, text: string): Want | null {
   const place = e.boresights[at];
   const p = place && pen.projection([place[0], place[1]]);
   return p ? { key: text, x: p[0], y: p[1], gap: 9, w: pen.ctx.measureText(text).width + 2, h: 13, rank: 1 } : null;
 }
 
-/** Time in the field as one hue: each point of the map is looked up in its HEALPix pixel. */
+/** Return an image of the time in the field in one hue. The value of each point is that of its HEALPix pixel. */
 export function shaded(
   e: Shade,
   peak: number,
@@ -108,7 +108,7 @@ export function shaded(
   return off;
 }
 
-/** Kept: solid. Thinned: hollow. Rejected: ×. The rest of the sky: faint. */
+/** Draw the stars. Kept: solid. Thinned: hollow. Rejected: ×. Other stars: faint. */
 export function stars(pen: Pen, list: readonly SkyStar[]): void {
   const { ctx, colour } = pen;
   for (const s of list) {
@@ -144,7 +144,7 @@ export function stars(pen: Pen, list: readonly SkyStar[]): void {
   }
 }
 
-/** Path of the Sun, the Moon or a planet during the validity, and the position of its label. */
+/** Draw the path of the Sun, the Moon or a planet during the validity. Returns its label. */
 export function wander(pen: Pen, p: Wanderer, rank: number): Want | null {
   const [first] = p.way;
   const at = first ? pen.projection([first[0], first[1]]) : null;
@@ -163,7 +163,7 @@ export function wander(pen: Pen, p: Wanderer, rank: number): Want | null {
   return { key: p.name, x: at[0], y: at[1], gap: 7, w: ctx.measureText(p.name).width + 2, h: 13, rank };
 }
 
-/** The field with the fewest stars, dashed; a square at its position if an old record has no outline. */
+/** Draw the field with the fewest stars, dashed, or a square if an old record has no outline. Returns its label. */
 export function worst(pen: Pen, q: Quality): Want | null {
   const at = pen.projection([q.worst_ra_deg, q.worst_dec_deg]);
   if (!at) return null;
@@ -184,15 +184,15 @@ export function axis(pen: Pen): void {
   pen.ctx.font = "11px 'IBM Plex Sans'";
   for (let hour = 2; hour < 24; hour += 2) {
     const at = pen.projection([hour * 15, 0]);
-    if (at) say(pen, `${hour}h`, at[0] - 8, at[1] - 4, 'tx3', 'chart');
+    if (at) drawText(pen, `${hour}h`, at[0] - 8, at[1] - 4, 'tx3', 'chart');
   }
   for (const dec of [60, 30, -30, -60]) {
     const at = pen.projection([359.9, dec]);
-    if (at) say(pen, `${dec > 0 ? '+' : '−'}${Math.abs(dec)}°`, at[0] - 28, at[1] + 4, 'tx3', 'bg1');
+    if (at) drawText(pen, `${dec > 0 ? '+' : '−'}${Math.abs(dec)}°`, at[0] - 28, at[1] + 4, 'tx3', 'bg1');
   }
 }
 
-export function say(pen: Pen, text: string, x: number, y: number, ink: string, back: string): void {
+export function drawText(pen: Pen, text: string, x: number, y: number, ink: string, back: string): void {
   const { ctx } = pen;
   ctx.lineWidth = 3;
   ctx.lineJoin = 'round';

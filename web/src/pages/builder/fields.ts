@@ -1,4 +1,4 @@
-/** The text fields of the catalogue builder's form: ranges and defaults. */
+/** Text fields of the catalogue builder, with their ranges and defaults. */
 
 export interface Texts {
   inclination_deg: string;

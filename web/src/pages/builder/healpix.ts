@@ -1,4 +1,4 @@
-/** Direction of a HEALPix pixel in ring order (Górski et al. 2005 §5.1). */
+/** Return the centre of a HEALPix pixel in ring order, in degrees (Górski et al. 2005 §5.1). */
 export function pixelCentre(nside: number, pixel: number): { ra: number; dec: number } {
   const count = 12 * nside * nside;
   const cap = 2 * nside * (nside - 1);
@@ -10,9 +10,9 @@ export function pixelCentre(nside: number, pixel: number): { ra: number; dec: nu
     z = 1 - (ring * ring) / (3 * nside * nside);
     phi = ((inRing + 0.5) * Math.PI) / (2 * ring);
   } else if (pixel < count - cap) {
-    const rest = pixel - cap;
-    const ring = Math.floor(rest / (4 * nside)) + nside;
-    const inRing = rest % (4 * nside);
+    const beltIndex = pixel - cap;
+    const ring = Math.floor(beltIndex / (4 * nside)) + nside;
+    const inRing = beltIndex % (4 * nside);
     const shift = (ring + nside) % 2 === 0 ? 0.5 : 0;
     z = (2 * nside - ring) * (2 / (3 * nside));
     phi = ((inRing + shift) * Math.PI) / (2 * nside);
@@ -26,13 +26,13 @@ export function pixelCentre(nside: number, pixel: number): { ra: number; dec: nu
   return { ra: (phi * 180) / Math.PI, dec: (Math.asin(z) * 180) / Math.PI };
 }
 
-/** HEALPix pixel in ring order that contains a direction (Górski et al. 2005, inverse of the above). */
+/** Return the HEALPix pixel in ring order that contains a direction (Górski et al. 2005; inverse of `pixelCentre`). */
 export function pixelAt(nside: number, raDeg: number, decDeg: number): number {
   const z = Math.sin((decDeg * Math.PI) / 180);
-  const turns = (((raDeg / 90) % 4) + 4) % 4;
+  const quadrants = (((raDeg / 90) % 4) + 4) % 4;
   const absZ = Math.abs(z);
   if (absZ <= 2 / 3) {
-    const a = nside * (0.5 + turns);
+    const a = nside * (0.5 + quadrants);
     const b = nside * z * 0.75;
     const rising = Math.floor(a - b);
     const falling = Math.floor(a + b);
@@ -42,9 +42,9 @@ export function pixelAt(nside: number, raDeg: number, decDeg: number): number {
     const wrapped = ((inRing % (4 * nside)) + 4 * nside) % (4 * nside);
     return 2 * nside * (nside - 1) + (ring - 1) * 4 * nside + wrapped;
   }
-  const within = turns - Math.floor(turns);
+  const within = quadrants - Math.floor(quadrants);
   const span = nside * Math.sqrt(3 * (1 - absZ));
   const ring = Math.floor(within * span) + Math.floor((1 - within) * span) + 1;
-  const inRing = Math.min(4 * ring - 1, Math.floor(turns * ring));
+  const inRing = Math.min(4 * ring - 1, Math.floor(quadrants * ring));
   return z > 0 ? 2 * ring * (ring - 1) + inRing : 12 * nside * nside - 2 * ring * (ring + 1) + inRing;
 }

@@ -1,6 +1,6 @@
 /**
- * Numbers pasted from a table: one row per line, separated by commas, semicolons, tabs or spaces. Lines of words are
- * headings.
+ * Parse numbers pasted from a table: one row per line, separated by commas, semicolons, tabs or spaces. Lines that do
+ * not start with a number are headings and are ignored.
  */
 export function parseRows(text: string, columns: number): number[][] {
   const out: number[][] = [];

@@ -1,18 +1,21 @@
-/** A chain of the comparison as text in the URL, and as the parameters of its report. */
+/** Identification of a chain as text in the URL, and as parameters of the report request. */
 import type { ChainRecord } from '../../api/types';
 
 type Key = Pick<ChainRecord, 'chain' | 'version' | 'options'>;
 
-const BETWEEN = '~';
+const SEPARATOR = '~';
 
-export const keyOf = (c: Key): string => [c.chain, c.version, c.options].join(BETWEEN);
+export const keyOf = (c: Key): string => [c.chain, c.version, c.options].join(SEPARATOR);
 
 export function keyFrom(text: string): Key | null {
-  const [chain, version, ...options] = text.split(BETWEEN);
-  return chain && version ? { chain, version, options: options.join(BETWEEN) } : null;
+  const [chain, version, ...options] = text.split(SEPARATOR);
+  return chain && version ? { chain, version, options: options.join(SEPARATOR) } : null;
 }
 
-/** Parameters of the report of one chain against another; without it against the operational ground result. */
+/**
+ * Return the parameters of a chain's report, compared with another chain or, if null, with the operational ground
+ * result.
+ */
 export function pairOf(mine: Key, against: Key | null): Record<string, string> & Key {
   const { chain, version, options } = mine;
   const other = against && {
@@ -23,7 +26,7 @@ export function pairOf(mine: Key, against: Key | null): Record<string, string> &
   return { chain, version, options, ...other };
 }
 
-/** Changed constants as a request takes them, from "NAME=VALUE, …"; null: unreadable. */
+/** Parse changed constants from "NAME=VALUE, …"; null if the text is invalid. */
 export function optionsFrom(text: string): Record<string, string> | null {
   const out: Record<string, string> = {};
   for (const part of text.split(/[,;]\s+|\s+/).filter(Boolean)) {

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { StackRun } from '../../api/types';
-import { mayGoOn, stepsLeft } from './runs';
+import { canContinue, stepsLeft } from './runs';
 
 const step = (command: string, state: string): StackRun['steps'][number] => ({
   command,
@@ -23,11 +23,11 @@ describe('a run that failed', () => {
     expect(stepsLeft(RUN, true).map((s) => s.command)).toEqual(['C']);
   });
   it('can be resumed while it is the newest', () => {
-    expect(mayGoOn({ id: 3, state: 'failed' }, [{ id: 3 }, { id: 2 }])).toBe(true);
-    expect(mayGoOn({ id: 2, state: 'failed' }, [{ id: 3 }, { id: 2 }])).toBe(false);
+    expect(canContinue({ id: 3, state: 'failed' }, [{ id: 3 }, { id: 2 }])).toBe(true);
+    expect(canContinue({ id: 2, state: 'failed' }, [{ id: 3 }, { id: 2 }])).toBe(false);
   });
   it('is not resumed if a user stopped it', () => {
-    expect(mayGoOn({ id: 3, state: 'stopped' }, [{ id: 3 }])).toBe(false);
-    expect(mayGoOn(null, [])).toBe(false);
+    expect(canContinue({ id: 3, state: 'stopped' }, [{ id: 3 }])).toBe(false);
+    expect(canContinue(null, [])).toBe(false);
   });
 });

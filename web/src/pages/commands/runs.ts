@@ -1,9 +1,9 @@
-/** Runs of stacks: the remaining steps of a failed run, and whether it can be resumed. */
+/** Stack runs: the remaining steps of a failed run, and whether it can be continued. */
 import type { StackIn, StackRun } from '../../api/types';
 
 type Step = StackIn['steps'][number];
 
-/** The remaining steps, in the format of a stack. */
+/** Return the remaining steps in the format of a stack. `skip`: without the present step. */
 export function stepsLeft(run: Pick<StackRun, 'steps' | 'step'>, skip: boolean): Step[] {
   return run.steps
     .slice(run.step + Number(skip))
@@ -13,7 +13,10 @@ export function stepsLeft(run: Pick<StackRun, 'steps' | 'step'>, skip: boolean):
     );
 }
 
-/** Only the newest run, and only if a step failed: a run stopped by a user or ABORT starts from the beginning. */
-export function mayGoOn(run: Pick<StackRun, 'id' | 'state'> | null, all: readonly Pick<StackRun, 'id'>[]): boolean {
+/**
+ * True if the run can be continued: it is the latest run and ended at a failed step. A run that was stopped by a user
+ * or by ABORT must start from the beginning.
+ */
+export function canContinue(run: Pick<StackRun, 'id' | 'state'> | null, all: readonly Pick<StackRun, 'id'>[]): boolean {
   return run !== null && run.state === 'failed' && all.every((r) => r.id <= run.id);
 }

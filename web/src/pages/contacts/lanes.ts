@@ -1,4 +1,4 @@
-/** The lanes of a contact's timeline, and the description of its record. Times are Unix seconds. */
+/** Lanes of a contact's timeline, and the description of its record. Times are in Unix seconds. */
 import type { ContactDetail, ContactRecord } from '../../api/types';
 import { counted, fixed, span } from '../../lib/format';
 import type { LampState } from '../../lib/lamp';
@@ -8,14 +8,14 @@ import { resultState } from '../../lib/stages';
 export interface Mark {
   key: string;
   from: number;
-  /** Equal to `from` for an instant. */
+  /** Equal to `from` for a point in time. */
   to: number;
   state: LampState;
   text: string;
 }
 export interface Lane {
   name: string;
-  /** gaps: hatched parts of a full bar; ticks: instants; bars: spans; boxes: frames. */
+  /** gaps: hatched parts of a full bar; ticks: points in time; bars: periods; boxes: frames. */
   kind: 'gaps' | 'ticks' | 'bars' | 'boxes';
   marks: Mark[];
 }
@@ -83,12 +83,12 @@ export function lanes(c: ContactDetail, record: ContactRecord | null, endS: numb
   ];
 }
 
-/** The share of expected packets that are stored, rounded down: 100 only if no packet is missing. */
+/** Return the percentage of the expected packets that are stored, rounded down: 100 only if no packet is missing. */
 export function coverage(record: ContactRecord): string {
   return fixed(Math.floor(10_000 * record.share) / 100, 2);
 }
 
-/** "16 gaps, 18 packets missing, all explained"; the pass report states the same. */
+/** Return a summary of the record, as in the pass report: "16 gaps, 18 packets missing, all explained". */
 export function recordWords(record: ContactRecord): string {
   if (!record.gaps.length) return 'no gap';
   const missing = record.gaps.reduce((sum, g) => sum + g.missing, 0);

@@ -1,6 +1,6 @@
-/** Details of the opened contact and the check of its record. Nothing of another contact is shown. */
+/** Details of the opened contact and the check of its record. Data of a previously opened contact is never shown. */
 import type { ContactDetail, ContactRecord } from '../../api/types';
-import { Newest } from '../../lib/newest';
+import { LatestRequest } from '../../lib/latestRequest';
 import { problemText } from '../../lib/problems';
 
 export interface ContactSource {
@@ -15,17 +15,17 @@ export class ContactReading {
   private recordProblem = $state('');
   readonly problem = $derived(this.detailProblem || this.recordProblem);
   private id: number | null = null;
-  private readonly details = new Newest();
-  private readonly records = new Newest();
+  private readonly details = new LatestRequest();
+  private readonly records = new LatestRequest();
 
   constructor(private readonly source: ContactSource) {}
 
-  /** Forget the contact opened before, with its answers that have not arrived yet. */
-  private turnTo(id: number): void {
+  /** Change to another contact: discard the previous data and outstanding responses. */
+  private switchTo(id: number): void {
     if (id === this.id) return;
     this.id = id;
-    this.details.forget();
-    this.records.forget();
+    this.details.discard();
+    this.records.discard();
     this.detail = null;
     this.record = null;
     this.detailProblem = '';
@@ -33,35 +33,35 @@ export class ContactReading {
   }
 
   readDetail(id: number): Promise<void> {
-    this.turnTo(id);
-    return this.details.ask(
+    this.switchTo(id);
+    return this.details.run(
       this.source.contact(id),
-      (found) => this.put(found),
+      (response) => this.put(response),
       (e) => (this.detailProblem = problemText(e)),
     );
   }
 
   readRecord(id: number): Promise<void> {
-    this.turnTo(id);
-    return this.records.ask(
+    this.switchTo(id);
+    return this.records.run(
       this.source.contactRecord(id),
-      (found) => {
-        this.record = found;
+      (response) => {
+        this.record = response;
         this.recordProblem = '';
       },
       (e) => (this.recordProblem = problemText(e)),
     );
   }
 
-  /** Details that a change returned. Answers requested before it are older. */
-  changed(found: ContactDetail): void {
-    if (found.id !== this.id) return;
-    this.details.forget();
-    this.put(found);
+  /** Store the details that a change returned. Responses requested before it are discarded, because they are older. */
+  changed(response: ContactDetail): void {
+    if (response.id !== this.id) return;
+    this.details.discard();
+    this.put(response);
   }
 
-  private put(found: ContactDetail): void {
-    this.detail = found;
+  private put(response: ContactDetail): void {
+    this.detail = response;
     this.detailProblem = '';
   }
 }

@@ -1,4 +1,4 @@
-/** What the page of derived parameters asks and changes, fetched with the page only. */
+/** Requests of the derived-parameter page. The browser loads them only with this page. */
 import { body, http } from '../../api/http';
 import type { components } from '../../api/generated/schema';
 
@@ -11,7 +11,7 @@ export type Range = [number | null, number | null];
 export const LEVELS = ['watch', 'warning', 'critical'] as const;
 
 export const requests = {
-  every: () => body(GET('/api/telemetry/derived')),
+  list: () => body(GET('/api/telemetry/derived')),
   trial: (expression: string, signal?: AbortSignal) =>
     body(POST('/api/telemetry/derived/check', { body: { expression }, signal, keepalive: false })),
   add: (request: DerivedRequest) => body(POST('/api/telemetry/derived', { body: request })),
@@ -22,7 +22,7 @@ export const requests = {
     body(POST('/api/telemetry/derived/{name}/recompute', { params: { path: { name } }, body: { start, end } })),
 };
 
-/** A bound as typed: null where the field is empty, undefined where it is not a number. */
+/** Parse a limit: null if the text is empty, undefined if it is not a number. */
 export function bound(text: string): number | null | undefined {
   const trimmed = text.trim().replace('−', '-');
   if (!trimmed) return null;
@@ -30,7 +30,7 @@ export function bound(text: string): number | null | undefined {
   return Number.isFinite(value) ? value : undefined;
 }
 
-/** Low and high of a level as typed; undefined where one is not a number. */
+/** Parse the low and high limit of a level; undefined if a text is not a number. */
 export function range(low: string, high: string): Range | undefined {
   const [from, to] = [bound(low), bound(high)];
   return from === undefined || to === undefined ? undefined : [from, to];

@@ -1,4 +1,4 @@
-/** The camera being designed: its form as text, changed fields, URL, quick estimate and full count. */
+/** State of the design page: parameters of the camera as text, changed fields, URL, quick estimate and full count. */
 import { api } from '../../api/client';
 import type { Design, DesignCameras, DesignQuestion } from '../../api/types';
 import { short } from '../../lib/format';
@@ -51,7 +51,7 @@ export const GROUPS: readonly { name: string; fields: readonly DesignField[] }[]
   {
     name: 'Baffle',
     fields: [
-      { key: 'exclusion_deg', label: 'Keeps out from', unit: '°' },
+      { key: 'exclusion_deg', label: 'Excludes beyond', unit: '°' },
       { key: 'spare_mm', label: 'Spare width', unit: 'mm' },
     ],
   },
@@ -82,7 +82,7 @@ export type Pointing = 'zenith' | 'nadir' | 'sunsat';
 export class Desk {
   known = $state.raw<DesignCameras | null>(null);
   profile = $state('');
-  /** Only fields that differ from the profile, as typed. */
+  /** Texts of the fields that differ from the profile. */
   edits = $state<Record<string, string>>({});
   sky = $state<'whole' | 'orbit'>('whole');
   pointing = $state<Pointing>('zenith');
@@ -128,8 +128,8 @@ export class Desk {
     const same =
       numberOf(text) === Number(this.baseOf(key).toPrecision(6)) ||
       (text.trim() === '' && !Number.isFinite(this.baseOf(key)));
-    const rest = Object.fromEntries(Object.entries(this.edits).filter(([k]) => k !== key));
-    this.edits = same ? rest : { ...rest, [key]: text };
+    const others = Object.fromEntries(Object.entries(this.edits).filter(([k]) => k !== key));
+    this.edits = same ? others : { ...others, [key]: text };
     this.later();
   }
 
@@ -167,7 +167,7 @@ export class Desk {
     return { profile: this.profile, ...camera, ...orbit } as DesignQuestion;
   }
 
-  /** The camera as a URL: the profile and the changed fields. */
+  /** Return the camera as a query string: the profile and the changed fields. */
   search(view: string): string {
     const q = new URLSearchParams({
       profile: this.profile,
@@ -202,16 +202,16 @@ export class Desk {
         : '';
   }
 
-  /** Request an estimate shortly after the last change; an older response never replaces a newer one. */
+  /** Request an estimate shortly after the last change. An older response never replaces a newer one. */
   later(wait = WAIT_MS): void {
     if (this.timer) clearTimeout(this.timer);
     this.stop?.abort();
     this.busy = false;
     if (!this.valid) return;
-    this.timer = setTimeout(() => void this.ask(), wait);
+    this.timer = setTimeout(() => void this.loadEstimate(), wait);
   }
 
-  private async ask(): Promise<void> {
+  private async loadEstimate(): Promise<void> {
     const stop = new AbortController();
     this.stop = stop;
     this.busy = true;
@@ -236,13 +236,13 @@ export class Desk {
   }
   private runOf = '';
 
-  /** Load the full count when its job is done, unless the camera was changed in the meantime. */
+  /** Show the full count when its job is complete, unless the camera was changed in the meantime. */
   take(): void {
     const job = this.job;
     if (job?.state !== 'done') return;
-    const found = job.result['design'] as Design | undefined;
+    const design = job.result['design'] as Design | undefined;
     this.jobId = null;
-    if (found && this.runOf === JSON.stringify(this.request)) this.answer = found;
+    if (design && this.runOf === JSON.stringify(this.request)) this.answer = design;
   }
 }
 

@@ -1,4 +1,4 @@
-/** The words of the Fleet page: what is known of a unit, and how old it is. */
+/** Cells of the Fleet page: state of a unit and age of its last report. */
 import type { FleetUnit } from '../../api/types';
 import { daysLeft, degrees, fixed, span } from '../../lib/format';
 import { lampOf, type LampState } from '../../lib/lamp';
@@ -8,7 +8,10 @@ export interface Cell {
   word: string;
 }
 
-/** Only a unit that reports now has a state; that of any other one is unknown, with the age of its last report. */
+/**
+ * Return the state of a unit's process. A unit that does not report at present is unknown; its text states the age of
+ * the last report.
+ */
 export function processOf(u: FleetUnit): Cell {
   if (u.current) return { state: 'ok', word: 'running' };
   const last = u.age_s === null ? 'no report yet' : `last report ${span(u.age_s)} ago`;
@@ -45,7 +48,7 @@ export function attitudeOf(u: FleetUnit): Cell {
   return { state, word: `${degrees(a.ra_deg, 3)} ${degrees(a.dec_deg, 3, true)}${sigma}, ${span(age)} ago${lost}` };
 }
 
-/** The next pass, or why none is known. */
+/** Return the next pass, or the reason why it is unknown. */
 export function passOf(u: FleetUnit, nowMs: number): Cell {
   const pass = u.link?.next_pass;
   if (!pass || !u.current) return { state: 'unknown', word: 'unknown' };

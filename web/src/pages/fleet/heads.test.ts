@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { Head, HeadPair } from '../../api/types';
-import { draft, headOf, lines, measured, newDraft, onPaper, requestOf } from './heads';
+import { draft, headOf, lines, measured, newDraft, project, requestOf } from './heads';
 
 const head: Head = {
   unit: 'A',
@@ -31,8 +31,8 @@ describe('heads of a spacecraft', () => {
     expect(measured([60.2, -3], [2.52, 1], '″')).toEqual(['+60.2 ± 2.5″', '−3.0 ± 1.0″']);
   });
   it('draws z up and y to the right', () => {
-    expect(onPaper([0, 0, 1], 10)).toEqual([0, -10]);
-    expect(onPaper([0, 1, 0], 10)).toEqual([10, 0]);
+    expect(project([0, 0, 1], 10)).toEqual([0, -10]);
+    expect(project([0, 1, 0], 10)).toEqual([10, 0]);
   });
   it('makes lines with bands of the history', () => {
     const point = {

@@ -1,4 +1,4 @@
-/** Words, drawings and requests of several heads on one spacecraft. Rotations are about the body's axes. */
+/** Texts, drawings and requests for spacecraft with several heads. Rotations are about the body axes. */
 import type { Head, HeadPair, Heads, SpacecraftRequest } from '../../api/types';
 import { degrees, fixed, span } from '../../lib/format';
 import type { Cell } from './fleet';
@@ -6,7 +6,7 @@ import type { Cell } from './fleet';
 export type Vector = readonly [number, number, number];
 export const AXES = ['x', 'y', 'z'] as const;
 
-/** State of one head: whether its attitude is used, and why not. */
+/** Return the state of a head: whether its attitude is used, or why it is not. */
 export function headOf(h: Head): Cell {
   if (!h.served) return { state: 'unknown', word: h.problem };
   const age = h.age_s === null ? 'nothing received' : `${span(h.age_s)} old`;
@@ -14,23 +14,25 @@ export function headOf(h: Head): Cell {
   return h.problem ? { state: 'watch', word: `not used: ${h.problem}` } : { state: 'ok', word: age };
 }
 
-/** "3.1″ 3.2″ 8.0″" */
+/** Format angles: "3.1″ 3.2″ 8.0″". */
 export function arcsecs(values: readonly number[], decimals = 1): string {
   return values.map((v) => `${fixed(v, decimals)}″`).join(' ');
 }
 
-/** Right ascension, declination and roll of the body. */
+/** Format right ascension, declination and roll of the body. */
 export function pointing(a: { ra_deg: number; dec_deg: number; roll_deg: number }): string {
   return `${degrees(a.ra_deg)} ${degrees(a.dec_deg, 4, true)} ${degrees(a.roll_deg)}`;
 }
 
-/** "+60.2 ± 2.5″" of each axis. */
+/** Format the value of each axis: "+60.2 ± 2.5″". */
 export function measured(values: readonly number[], sigmas: readonly number[], unit: string): string[] {
   return values.map((v, i) => `${fixed(v, 1, true)} ± ${fixed(sigmas[i], 1)}${unit}`);
 }
 
-/** A direction of the body on paper: x to the lower left, y to the right, z up; the length is kept along y and z. */
-export function onPaper([x, y, z]: Vector, size: number): [number, number] {
+/**
+ * Project a body direction to the drawing: x to the lower left, y to the right, z up. Lengths along y and z are true.
+ */
+export function project([x, y, z]: Vector, size: number): [number, number] {
   return [size * (y - 0.5 * x), size * (0.36 * x - z)];
 }
 
@@ -42,7 +44,7 @@ export interface BandLine {
   s: number[];
 }
 
-/** The history of one head as lines with bands. */
+/** Return the history of a head as lines with bands. */
 export function lines(points: readonly HeadPair[]): {
   angle: BandLine[];
   chi2: BandLine[];
@@ -50,11 +52,11 @@ export function lines(points: readonly HeadPair[]): {
   drift: BandLine[];
 } {
   const x = points.map((p) => Date.parse(p.at) / 1000);
-  const none = points.map(() => 0);
-  const each = (label: string, y: number[], s: number[]): BandLine => ({ label, x, y, s });
+  const zeros = points.map(() => 0);
+  const line = (label: string, y: number[], s: number[]): BandLine => ({ label, x, y, s });
   const axes = (values: (p: HeadPair) => readonly number[], sigmas: (p: HeadPair) => readonly number[]): BandLine[] =>
     AXES.map((axis, i) =>
-      each(
+      line(
         axis,
         points.map((p) => values(p)[i] ?? 0),
         points.map((p) => sigmas(p)[i] ?? 0),
@@ -62,22 +64,22 @@ export function lines(points: readonly HeadPair[]): {
     );
   return {
     angle: [
-      each(
+      line(
         'between the attitudes',
         points.map((p) => p.angle_arcsec),
         points.map((p) => p.angle_sigma_arcsec),
       ),
-      each(
+      line(
         'between the boresights, minus nominal',
         points.map((p) => p.boresight_arcsec),
         points.map((p) => p.boresight_sigma_arcsec),
       ),
     ],
     chi2: [
-      each(
+      line(
         'χ²',
         points.map((p) => p.chi2),
-        none,
+        zeros,
       ),
     ],
     misalignment: axes(
@@ -91,7 +93,7 @@ export function lines(points: readonly HeadPair[]): {
   };
 }
 
-/** One head as the form holds it, in texts. */
+/** Texts of a head in the form. */
 export interface HeadDraft {
   unit: string;
   x: string;
@@ -127,10 +129,10 @@ export const newDraft = (unit: string): HeadDraft => ({
   roll: '',
 });
 
-/** The number that a field holds; null for an empty one, NaN for anything else. */
+/** Parse a field: null if it is empty, NaN if it is not a number. */
 export function numberOf(field: string): number | null {
-  const words = field.trim().replace('−', '-').replace(',', '.');
-  return words === '' ? null : Number(words);
+  const text = field.trim().replace('−', '-').replace(',', '.');
+  return text === '' ? null : Number(text);
 }
 
 export interface Draft {
@@ -155,9 +157,9 @@ export const draft = (s: Heads | null, units: readonly string[]): Draft => ({
   heads: s ? s.heads.map(draftOf) : units.slice(0, 2).map(newDraft),
 });
 
-/** The request of a form, or the first mistake in words. */
+/** Return the request of a form, or a message about its first problem. */
 export function requestOf(d: Draft): SpacecraftRequest | string {
-  const wrong = (what: string): string => `${what} is not a number.`;
+  const notANumber = (name: string): string => `${name} is not a number.`;
   const required = (v: string): number | null => {
     const n = numberOf(v);
     return n === null || Number.isNaN(n) ? null : n;
@@ -167,9 +169,9 @@ export function requestOf(d: Draft): SpacecraftRequest | string {
   const heads: SpacecraftRequest['heads'] = [];
   for (const h of d.heads) {
     const [x, y, z, sigma] = [h.x, h.y, h.z, h.sigma].map(required);
-    if (x == null || y == null || z == null || sigma == null) return wrong(`The mounting of ${h.unit}`);
+    if (x == null || y == null || z == null || sigma == null) return notANumber(`The mounting of ${h.unit}`);
     const [cross, roll] = [numberOf(h.cross), numberOf(h.roll)];
-    if (Number.isNaN(cross) || Number.isNaN(roll)) return wrong(`The attitude σ of ${h.unit}`);
+    if (Number.isNaN(cross) || Number.isNaN(roll)) return notANumber(`The attitude σ of ${h.unit}`);
     heads.push({
       unit: h.unit,
       mounting_deg: [x, y, z],
@@ -179,15 +181,15 @@ export function requestOf(d: Draft): SpacecraftRequest | string {
     });
   }
   const [tolerance, stale] = [required(d.tolerance), required(d.stale)];
-  if (tolerance === null) return wrong('The tolerance');
-  if (stale === null) return wrong('The time after which a head is silent');
+  if (tolerance === null) return notANumber('The tolerance');
+  if (stale === null) return notANumber('The time after which a head is silent');
   const optional = [
     ['The largest rate', d.rate],
     ['The limit of misalignment', d.misalignment],
     ['The limit of drift', d.drift],
   ].map(([what, v]) => [what, numberOf(v ?? '')] as const);
   const bad = optional.find(([, v]) => Number.isNaN(v));
-  if (bad) return wrong(bad[0] ?? '');
+  if (bad) return notANumber(bad[0] ?? '');
   const [rate, misalignment, drift] = optional.map(([, v]) => v);
   return {
     name: d.name.trim(),

@@ -11,8 +11,8 @@ const option = (name: string, kind: ChainOption['kind'], value: string): ChainOp
 
 describe('constants of a chain', () => {
   it('have a slider around their value', () => {
-    expect(sliderOf(option('min_area_px', 'integer', '6'))).toEqual({ least: 1, most: 24, step: 1 });
-    expect(sliderOf(option('threshold_dn', 'number', '12'))).toEqual({ least: 1, most: 48, step: 1 });
+    expect(sliderOf(option('min_area_px', 'integer', '6'))).toEqual({ min: 1, max: 24, step: 1 });
+    expect(sliderOf(option('threshold_dn', 'number', '12'))).toEqual({ min: 1, max: 48, step: 1 });
     expect(sliderOf(option('threshold_dn', 'number', '0.5')).step).toBeCloseTo(0.01);
   });
 

@@ -30,7 +30,7 @@ const causeOf = (over: Partial<Run>): [string, string | undefined] => {
 describe('the likely cause of a run without a solution', () => {
   it.each([
     ['mirrored', { reason: 'the frame is mirrored: only its reverse is in the sky' }, 'mirrored', undefined],
-    ['scale', { reason: 'it is not this focal length' }, 'another scale', 'Solve without a camera'],
+    ['scale', { reason: 'it is not this focal length' }, 'scale of the image differs', 'Solve without a camera'],
     [
       'trails',
       { regions: Array.from({ length: 8 }, () => region(20, 2)), found: 8 },
@@ -50,7 +50,7 @@ describe('the likely cause of a run without a solution', () => {
       'Run the reference chain',
     ],
     ['few stars', { found: 2, regions: [region(3, 3), region(3, 3)] }, 'Too few stars', 'Run the reference chain'],
-    ['wrong camera', {}, 'enough stars', 'Solve without a camera'],
+    ['wrong camera', {}, 'Enough stars', 'Solve without a camera'],
   ])('%s', (_, over, words, label) => {
     const e = explain(run(over), frame);
     expect(e.cause).toContain(words);

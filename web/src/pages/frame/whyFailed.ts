@@ -1,7 +1,7 @@
-/** Explains a run without a solution: stages with their numbers, the likely cause, and a run that may help. */
+/** Explanation of a run without a solution: stages with their numbers, the likely cause, and a run that may succeed. */
 import type { FrameDetail, SolutionDetail } from '../../api/types';
 
-/** A run to try. */
+/** A run that may succeed. */
 export interface Remedy {
   label: string;
   chain: string;
@@ -10,7 +10,7 @@ export interface Remedy {
 }
 export interface Stage {
   name: string;
-  /** null: the run ended before it. */
+  /** Null if the run ended before this stage. */
   passed: boolean | null;
   words: string;
 }
@@ -21,14 +21,14 @@ export interface Explanation {
 }
 type Run = Pick<SolutionDetail, 'chain' | 'reason' | 'found' | 'matched' | 'regions' | 'stars' | 'camera_name'>;
 
-/** Any chain needs this many stars for an attitude that can be verified. */
+/** Minimum number of stars for an attitude that can be verified. */
 export const MIN_STARS = 4;
-/** From this number of stars on, a known camera fails for another reason than a lack of stars. */
-const PLENTY = 12;
+/** Number of stars from which a lack of stars is not the cause of a failure. */
+const SUFFICIENT_STARS = 12;
 const LONG = 3;
 const HOT_SHARE = 0.6;
 
-/** The most frequent reason for which regions were rejected, without its numbers. */
+/** Return the most frequent reason for rejected regions, without its numbers. */
 export function mainRejection(regions: Run['regions']): { words: string; count: number } | null {
   const counts = new Map<string, number>();
   for (const r of regions)
@@ -40,7 +40,7 @@ export function mainRejection(regions: Run['regions']): { words: string; count: 
   return first ? { words: first[0], count: first[1] } : null;
 }
 
-/** Length over width of a region's box; a round star gives about 1. */
+/** Return the ratio of length to width of a region's box; about 1 for a round star. */
 export function elongation(r: Run['regions'][number]): number {
   const [w, h] = [r.col_max - r.col_min + 1, r.row_max - r.row_min + 1];
   return Math.max(w, h) / Math.max(1, Math.min(w, h));
@@ -70,7 +70,7 @@ export function explain(run: Run, frame: Pick<FrameDetail, 'profile' | 'complete
       passed: run.matched >= MIN_STARS,
       words: `${run.matched} matched`,
     },
-    { name: 'Verification', passed: false, words: 'no attitude passed it' },
+    { name: 'Verification', passed: false, words: 'no attitude was accepted' },
   ];
   const failed = stages.findIndex((s) => !s.passed);
   stages.forEach((s, i) => {
@@ -94,16 +94,15 @@ function causeOf(
   if (/mirrored/.test(run.reason))
     return { cause: 'The image is mirrored. Reverse the file from left to right and import it again.', remedy: null };
   if (/focal length/.test(run.reason))
-    return { cause: 'The image has another scale than the camera that was assumed.', remedy: isBlind ? null : blind };
+    return { cause: 'The scale of the image differs from that of the assumed camera.', remedy: isBlind ? null : blind };
   const boxes = run.regions.filter((r) => r.area_px >= 6);
   if (boxes.length >= MIN_STARS && median(boxes.map(elongation)) >= LONG)
     return {
-      cause:
-        'The stars are trails: the camera turned during the exposure. Shorten it, or use a chain that accepts trails.',
+      cause: 'The stars are trails: the camera rotated during the exposure. Shorten it, or use a chain for trails.',
       remedy: reference,
     };
   const tiny = run.regions.filter((r) => r.area_px <= 2).length;
-  if (run.regions.length > 2 * PLENTY && tiny > HOT_SHARE * run.regions.length)
+  if (run.regions.length > 2 * SUFFICIENT_STARS && tiny > HOT_SHARE * run.regions.length)
     return {
       cause: 'Most regions are one or two pixels: hot pixels or noise. Raise the threshold, or use a dark frame.',
       remedy: reference,
@@ -111,23 +110,26 @@ function causeOf(
   if (run.found < MIN_STARS) {
     if (rejected > run.found)
       return {
-        cause: 'Most regions were rejected: cloud, stray light, or limits of area that do not fit.',
+        cause: 'Most regions were rejected because of clouds, stray light, or unsuitable area limits.',
         remedy: reference,
       };
     return {
-      cause: 'Too few stars: a cloud, a short exposure, or a threshold that is too high.',
+      cause: 'Too few stars were detected because of clouds, a short exposure, or a high threshold.',
       remedy: reference,
     };
   }
-  if (run.found >= PLENTY && !isBlind)
-    return { cause: 'There are enough stars: the camera, and so the scale, is probably another one.', remedy: blind };
+  if (run.found >= SUFFICIENT_STARS && !isBlind)
+    return {
+      cause: 'Enough stars were detected. The assumed camera, and so the scale, is probably wrong.',
+      remedy: blind,
+    };
   return {
-    cause: 'The stars do not form a figure of the catalogue: false detections, or stars fainter than the catalogue.',
+    cause: 'The stars do not match the catalogue because of false detections, or stars fainter than the catalogue.',
     remedy: reference ?? (isBlind ? null : blind),
   };
 }
 
-/** "14.52° × 9.71°, 51.1″/px" of a solved camera; the scale is that at the centre. */
+/** Format the field of view of a solution and its scale at the centre: "14.52° × 9.71°, 51.1″/px". */
 export function fieldWords(s: Pick<SolutionDetail, 'fov_deg'> & Partial<Pick<SolutionDetail, 'camera'>>): string {
   if (!s.fov_deg) return '';
   const [w, h] = s.fov_deg;

@@ -1,4 +1,4 @@
-/** Image files on their way to the server, one after another; the queue continues while other pages are open. */
+/** Queue of image files, uploaded one after another. It continues while other pages are open. */
 import { ApiError, api } from '../../api/client';
 import type { FrameDetail } from '../../api/types';
 import { problemText } from '../../lib/problems';
@@ -17,7 +17,10 @@ interface WaitingFile {
   profile: string;
 }
 
-/** False if the next file would fail for the same reason: no answer, signed out, too many requests, no room. */
+/**
+ * True if the error concerns only this file. False if the next file would fail for the same reason: no answer, signed
+ * out, too many requests, or a server error.
+ */
 function concernsTheFile(error: unknown): boolean {
   return (
     error instanceof ApiError && error.status >= 400 && error.status < 500 && ![401, 403, 429].includes(error.status)
@@ -29,9 +32,9 @@ export class ImportQueue {
   sending = $state.raw<WaitingFile | null>(null);
   rejected = $state.raw<RejectedFile[]>([]);
   stored = $state.raw<FrameDetail[]>([]);
-  /** Files of other kinds, which were not sent. */
+  /** Number of files of other types, which were not sent. */
   leftOut = $state(0);
-  /** Why the queue waits for the user; empty while it works. */
+  /** Reason why the queue waits for the user; empty while it runs. */
   stopped = $state('');
   left = $state<number | null>(null);
   readonly total = $derived(this.waiting.length + (this.sending ? 1 : 0) + this.rejected.length + this.stored.length);
@@ -41,7 +44,7 @@ export class ImportQueue {
 
   constructor(private readonly send: (file: File, profile: string) => Promise<FrameDetail>) {}
 
-  /** Add files. A queue that has ended begins again with them. */
+  /** Add files. If the queue has ended, its results are cleared first. */
   add(files: readonly File[], profile: string): void {
     if (!this.sending && !this.waiting.length) this.clear();
     const images = files.filter((file) => IMAGES.test(file.name));
@@ -50,25 +53,25 @@ export class ImportQueue {
     void this.work();
   }
 
-  /** Send what waits, after the server was lost. */
+  /** Continue after a connection loss. */
   resume(): void {
     void this.work();
   }
 
-  /** Send the rejected files again. */
+  /** Upload the rejected files again. */
   retry(): void {
     this.waiting = [...this.waiting, ...this.rejected.map(({ file, profile }) => ({ file, profile }))];
     this.rejected = [];
     void this.work();
   }
 
-  /** Drop the files that wait. The one being sent is completed. */
+  /** Discard the waiting files. The file in progress is completed. */
   cancel(): void {
     this.waiting = [];
     this.stopped = '';
   }
 
-  /** Forget the results. */
+  /** Clear the results. */
   clear(): void {
     [this.rejected, this.stored, this.leftOut, this.stopped, this.left] = [[], [], 0, '', null];
     this.batch += 1;

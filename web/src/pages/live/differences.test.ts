@@ -30,6 +30,6 @@ describe('differences over time', () => {
     expect(large).toMatchObject({ y: 2, height: 20, agree: false });
   });
   it('are summarized', () => {
-    expect(summary([row(1, 1), row(2, 6.4), row(3, 2)])).toBe('median 2.0″, most 6.4″ of 3 frames');
+    expect(summary([row(1, 1), row(2, 6.4), row(3, 2)])).toBe('median 2.0″, maximum 6.4″, 3 frames');
   });
 });

@@ -1,4 +1,4 @@
-/** The strip of differences between the attitudes of sensor and ground, oldest first. */
+/** Strip of the differences between on-board and ground attitude, oldest first. */
 import type { Comparison, Difference } from '../../api/types';
 import { fixed } from '../../lib/format';
 
@@ -27,19 +27,19 @@ export interface Bar {
   height: number;
 }
 
-/** One bar for each frame; the highest one fills the height. */
+/** Return a bar for each frame. The largest difference has the full height. */
 export function bars(rows: readonly Difference[], width: number, height: number): Bar[] {
-  const most = Math.max(...rows.map((r) => r.cross_arcsec), 1e-9);
+  const max = Math.max(...rows.map((r) => r.cross_arcsec), 1e-9);
   const step = width / Math.max(rows.length, 10);
   return rows.map((r, i) => {
-    const high = Math.max(1, (r.cross_arcsec / most) * (height - 2));
+    const high = Math.max(1, (r.cross_arcsec / max) * (height - 2));
     const place = { x: i * step, y: height - high, width: Math.max(1, step - 1), height: high };
     return { id: r.frame_id, taken: r.taken, arcsec: r.cross_arcsec, agree: r.agree, ...place };
   });
 }
 
-/** "median 2.1″, most 6.4″ of 60 frames" */
+/** Return a summary: "median 2.1″, maximum 6.4″, 60 frames". */
 export function summary(rows: readonly Difference[]): string {
   const sorted = rows.map((r) => r.cross_arcsec).sort((a, b) => a - b);
-  return `median ${fixed(sorted[sorted.length >> 1], 1)}″, most ${fixed(sorted.at(-1), 1)}″ of ${rows.length} frames`;
+  return `median ${fixed(sorted[sorted.length >> 1], 1)}″, maximum ${fixed(sorted.at(-1), 1)}″, ${rows.length} frames`;
 }

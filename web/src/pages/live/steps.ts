@@ -1,14 +1,13 @@
-/**
- * The four steps of the chain and the image that each result belongs to, so that no result is shown for another image.
- */
+/** The four steps of the chain. A result is shown only for the image to which it belongs. */
 import type { Command } from '../../api/types';
 
 export const CHAIN = ['TAKE_IMAGE', 'FIND_CENTROIDS', 'MATCH_STARS', 'CALCULATE_ATTITUDE'] as const;
-const WHOLE = ['RUN_ITERATION', 'START_CYCLE', 'STOP_CYCLE'];
+const ALL_STEPS = ['RUN_ITERATION', 'START_CYCLE', 'STOP_CYCLE'];
 
 /**
- * ``own``: the step's own command. ``within``: done by an iteration or the cycle. ``older``: its newest result belongs
- * to an image or a step that has been replaced since. ``none``: not in this contact.
+ * Source of a step's result. `own`: the step's own command. `iteration`, `cycle`: a command that runs all steps.
+ * `older`: the latest result belongs to an earlier image or to an earlier result of a preceding step. `none`: no result
+ * in this contact.
  */
 export type StepResult =
   | { by: 'own'; command: Command }
@@ -16,31 +15,31 @@ export type StepResult =
   | { by: 'older'; command: Command }
   | { by: 'none' };
 
-/** The newest command with one of those names in that contact (commands are numbered in the order of creation). */
-function newest(
+/** Return the latest command with one of the names in a contact. Ids increase in the order of creation. */
+function latestOf(
   commands: readonly Command[],
   contact: number | null,
   names: readonly string[],
   done: boolean,
 ): Command | undefined {
-  let found: Command | undefined;
+  let latest: Command | undefined;
   for (const c of commands) {
     if (c.contact_id !== contact || !names.includes(c.name) || (done && c.result !== 'completed')) continue;
-    if (!found || c.id > found.id) found = c;
+    if (!latest || c.id > latest.id) latest = c;
   }
-  return found;
+  return latest;
 }
 
 /**
- * The display of a step: results of another contact, or from before the newest image or the newest previous step, are
- * not current.
+ * Return the result of a step. Results of another contact are ignored; results older than the latest image or the
+ * latest result of a preceding step are marked as older.
  */
 export function stepResult(step: string, commands: readonly Command[], contact: number | null): StepResult {
-  const own = newest(commands, contact, [step], false);
+  const own = latestOf(commands, contact, [step], false);
   const at = CHAIN.findIndex((n) => n === step);
-  const whole = at < 0 ? undefined : newest(commands, contact, WHOLE, true);
-  const before = newest(commands, contact, CHAIN.slice(0, Math.max(0, at)), true);
-  const latest = whole && (!own || whole.id > own.id) ? whole : own;
+  const combined = at < 0 ? undefined : latestOf(commands, contact, ALL_STEPS, true);
+  const before = latestOf(commands, contact, CHAIN.slice(0, Math.max(0, at)), true);
+  const latest = combined && (!own || combined.id > own.id) ? combined : own;
   if (!latest) return { by: 'none' };
   if (before && before.id > latest.id) return { by: 'older', command: latest };
   if (latest === own) return { by: 'own', command: latest };

@@ -1,36 +1,36 @@
-/** The newest attitude in the sensor's telemetry, read through the roles of its dictionary. */
+/** Latest attitude in the sensor's telemetry. The roles of the dictionary name its fields. */
 import { lampOf, type LampState } from '../../lib/lamp';
 import { boresight, camFromIcrs } from '../../sky/reported';
 import { current } from '../../state/current.svelte';
 import { live } from '../../state/live.svelte';
 
 class TelemetryAttitude {
-  private readonly place = $derived(live.dictionary?.roles.attitude ?? null);
-  private readonly values = $derived(live.values.filter((v) => v.packet === this.place?.packet));
-  private readonly named = $derived(new Map(this.values.map((v) => [v.name, v])));
+  private readonly role = $derived(live.dictionary?.roles.attitude ?? null);
+  private readonly values = $derived(live.values.filter((v) => v.packet === this.role?.packet));
+  private readonly byName = $derived(new Map(this.values.map((v) => [v.name, v])));
   private readonly first = $derived(this.values[0]);
-  /** Time of the packet, ms; null before the first one. */
+  /** Time of the packet in milliseconds; null before the first packet. */
   readonly atMs = $derived(this.first?.at ? Date.parse(this.first.at) : null);
-  /** False while the sensor reports no attitude; the values are then those of its last attitude. */
+  /** False while the sensor reports no attitude. The values are then those of its last attitude. */
   readonly solved = $derived.by(() => {
-    const outcome = this.place ? this.value(this.place.outcome) : undefined;
+    const outcome = this.role ? this.value(this.role.outcome) : undefined;
     return outcome === undefined || outcome === 'solved';
   });
-  /** cam_from_icrs, scalar-last; null before the first attitude. */
+  /** Quaternion cam_from_icrs, scalar-last; null before the first attitude. */
   readonly quaternion = $derived.by(() => {
-    const place = this.place;
-    if (!place) return null;
-    const numbers = place.quaternion.map((name) => this.value(name));
+    const role = this.role;
+    if (!role) return null;
+    const numbers = role.quaternion.map((name) => this.value(name));
     return numbers.length === 4 && numbers.every((n) => typeof n === 'number')
-      ? camFromIcrs(numbers as number[], place.order, place.rotation, place.cam_from_own)
+      ? camFromIcrs(numbers as number[], role.order, role.rotation, role.cam_from_own)
       : null;
   });
   readonly angles = $derived(this.quaternion ? boresight(this.quaternion) : null);
-  /** The state of the packet by its age in the dictionary, and by the freshness of the line. */
+  /** State of the packet, from its permitted age in the dictionary and the freshness of the line. */
   readonly state: LampState = $derived(this.first ? current.lamp(lampOf(this.first.state), 'device') : 'never');
 
   private value(name: string): unknown {
-    return (this.named.get(name) ?? this.named.get(`${this.place?.packet}.${name}`))?.value;
+    return (this.byName.get(name) ?? this.byName.get(`${this.role?.packet}.${name}`))?.value;
   }
 }
 

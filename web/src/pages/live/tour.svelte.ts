@@ -1,4 +1,7 @@
-/** The tour: shown automatically for an empty store with a simulated sensor, until it is closed; reopened from help. */
+/**
+ * State of the tour. It opens automatically for an empty store with a simulated sensor, stays until it is closed, and
+ * can be reopened from the help.
+ */
 import { api } from '../../api/client';
 import { done, type Facts } from './tour';
 import { live } from '../../state/live.svelte';
@@ -11,7 +14,7 @@ class Tour {
   empty = $state(false);
   private counted = $state({ frames: 0, ground: false });
 
-  /** The steps need the commands of a sensor with images. */
+  /** True if the sensor has the commands that the tour needs. */
   private readonly possible = $derived(live.dictionary?.commands.some((c) => c.name === 'TAKE_IMAGE') ?? false);
 
   readonly shown = $derived(
@@ -22,21 +25,25 @@ class Tour {
         this.possible &&
         session.can('command.attitude')),
   );
-  private readonly mine = $derived(live.commands.filter((c) => c.contact_id === (live.link?.contact_id ?? null)));
-  private readonly down = $derived(live.transfers.find((t) => t.direction === 'down' && t.finished === null) ?? null);
+  private readonly contactCommands = $derived(
+    live.commands.filter((c) => c.contact_id === (live.link?.contact_id ?? null)),
+  );
+  private readonly downlink = $derived(
+    live.transfers.find((t) => t.direction === 'down' && t.finished === null) ?? null,
+  );
   readonly facts = $derived<Facts>({
     connected: live.link?.connected ?? false,
     mine: live.authority?.holder === session.name,
     other: live.authority?.holder && live.authority.holder !== session.name ? live.authority.holder : '',
-    commands: this.mine,
+    commands: this.contactCommands,
     frames: this.counted.frames,
-    coming: this.down ? this.down.stored_bytes / Math.max(1, this.down.size) : null,
+    coming: this.downlink ? this.downlink.stored_bytes / Math.max(1, this.downlink.size) : null,
     ground: this.counted.ground,
   });
   readonly step = $derived(done(this.facts));
 
-  /** Query what is stored; an empty store opens the tour, which stays open until it is closed. */
-  async look(): Promise<void> {
+  /** Query the stored frames. An empty store opens the tour. */
+  async refresh(): Promise<void> {
     const page = await api.frames({ limit: 1, source: 'device' }).catch(() => null);
     if (!page) return;
     if (page.total === 0) this.empty = true;

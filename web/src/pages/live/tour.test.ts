@@ -15,14 +15,14 @@ describe('the tour', () => {
     expect(done(f)).toBe(1);
     f.commands = [ran('TAKE_IMAGE')];
     expect(done(f)).toBe(1);
-    expect(news(f)).toContain('comes down');
+    expect(news(f)).toContain('downlink of the frame follows');
     f.frames = 1;
     expect(done(f)).toBe(2);
     f.commands = [ran('CALCULATE_ATTITUDE'), ...f.commands];
     expect(done(f)).toBe(2);
     f.commands = [ran('MATCH_STARS', { matched: 0 }), ran('FIND_CENTROIDS'), ran('TAKE_IMAGE')];
     expect(done(f)).toBe(3);
-    expect(news(f)).toContain('No star');
+    expect(news(f)).toContain('No stars matched');
     f.commands = [
       ran('CALCULATE_ATTITUDE'),
       ran('MATCH_STARS', { matched: 9 }),
@@ -30,7 +30,7 @@ describe('the tour', () => {
       ran('TAKE_IMAGE'),
     ];
     expect(done(f)).toBe(4);
-    expect(news(f)).toContain('still solving');
+    expect(news(f)).toContain('ground solution of the frame is in progress');
     expect(done({ ...f, ground: true })).toBe(STEPS.length);
   });
   it('counts an iteration as all of its steps', () => {

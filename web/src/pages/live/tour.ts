@@ -1,22 +1,22 @@
 /**
- * Five steps to the first attitude: what to press, what will happen, and the evidence that it happened. Clicks are not
- * counted.
+ * Tour to the first attitude in five steps: what to press, what happens, and how the page detects that the step is
+ * complete. Clicks are not counted.
  */
 import type { Command } from '../../api/types';
 
 export interface Facts {
   connected: boolean;
-  /** The user holds command authority. */
+  /** True if the user holds command authority. */
   mine: boolean;
-  /** Another user holds it. */
+  /** Name of another user who holds command authority; empty if there is none. */
   other: string;
   /** Commands of the present contact, newest first. */
   commands: readonly Pick<Command, 'name' | 'result' | 'detail' | 'values'>[];
-  /** Frames of the device that are stored on the ground. */
+  /** Number of device frames stored on the ground. */
   frames: number;
-  /** Received part of the frame being downlinked, 0 to 1; null if there is none. */
+  /** Received fraction of the frame being downlinked, 0 to 1; null if no frame is being downlinked. */
   coming: number | null;
-  /** The ground has also solved the newest frame. */
+  /** True if the latest frame is solved on the ground. */
   ground: boolean;
 }
 
@@ -29,32 +29,32 @@ export interface Step {
 export const STEPS: readonly Step[] = [
   {
     name: 'Authority',
-    press: 'Open “no user holds it” at the top right and press Take it.',
-    then: 'One person at a time commands a sensor; from now on it is you, and everybody sees it.',
+    press: 'Open “no user holds it” at the top right and press Take authority.',
+    then: 'Only one user at a time can command the sensor. The header shows all users who holds authority.',
     target: 'authority-open',
   },
   {
     name: 'Image',
     press: 'Press Take image.',
-    then: 'The sensor exposes a frame of its sky and downlinks it. It appears above, and the ground solves it at once.',
+    then: 'The sensor exposes a frame and downlinks it. It is shown above and solved automatically on the ground.',
     target: 'cmd-TAKE_IMAGE',
   },
   {
     name: 'Centroids',
     press: 'Press Centroids.',
-    then: 'The sensor looks for stars in its image. Crosses are centroids, dashed squares are rejected regions.',
+    then: 'The sensor detects stars in its image. Crosses are centroids; dashed squares are rejected regions.',
     target: 'cmd-FIND_CENTROIDS',
   },
   {
     name: 'Match',
     press: 'Press Match.',
-    then: 'It names them with the catalogue of its active bank: green circles, names and magnitudes.',
+    then: 'The sensor identifies the stars with its active catalogue. Matched stars have green circles and names.',
     target: 'cmd-MATCH_STARS',
   },
   {
     name: 'Attitude',
     press: 'Press Attitude.',
-    then: 'This is the sensor’s attitude, beside the ground’s with another solver and the difference in arcseconds.',
+    then: 'The sensor computes its attitude. It is shown beside the result of a different solver on the ground.',
     target: 'cmd-CALCULATE_ATTITUDE',
   },
 ];
@@ -74,26 +74,26 @@ function ran(f: Facts, step: number): boolean {
   );
 }
 
-/** Number of completed steps, in order: a step counts only if those before it are complete. */
+/** Return the number of completed steps. A step counts only if all preceding steps are complete. */
 export function done(f: Facts): number {
   const passed = [f.mine, f.frames > 0 && ran(f, 1), ran(f, 2), ran(f, 3), ran(f, 4) && f.ground];
   const first = passed.indexOf(false);
   return first < 0 ? STEPS.length : first;
 }
 
-/** What delays the present step, or its progress; empty while it waits for the user. */
+/** Return the progress of the present step or the reason for its delay; empty while it waits for the user. */
 export function news(f: Facts): string {
   const step = done(f);
-  if (!f.connected) return 'The link is closed: open it below first.';
-  if (step === 0)
-    return f.other ? `${f.other} holds command authority: ask for its release, or break it with a reason.` : '';
-  if (step === 1 && f.coming !== null) return `The frame is coming down, ${Math.round(100 * f.coming)} %.`;
-  if (step === 1 && ran(f, 1)) return 'The image is taken; its frame comes down next.';
-  if (step === 4 && ran(f, 4)) return 'The sensor has its attitude; the ground is still solving the same frame.';
+  if (!f.connected) return 'The link is closed. Open it below first.';
+  if (step === 0) return f.other ? `${f.other} holds command authority. Request it, or break it with a reason.` : '';
+  if (step === 1 && f.coming !== null) return `Downlinking the frame, ${Math.round(100 * f.coming)} %.`;
+  if (step === 1 && ran(f, 1)) return 'The image was exposed. The downlink of the frame follows.';
+  if (step === 4 && ran(f, 4))
+    return 'The sensor has computed its attitude. The ground solution of the frame is in progress.';
   const last = f.commands.find((c) => c.name === COMMANDS[step]);
   if (!last) return '';
   if (['rejected', 'failed', 'unknown'].includes(last.result))
-    return `The last try was ${last.result}${last.detail ? `: ${last.detail}` : ''}. Press it again.`;
-  if (last.result !== 'completed') return `It is ${last.result.replace(/_/g, ' ')} …`;
-  return step === 3 ? 'No star was matched: take another image and find its centroids first.' : '';
+    return `The last command was ${last.result}${last.detail ? `: ${last.detail}` : ''}. Press the button again.`;
+  if (last.result !== 'completed') return `The command is ${last.result.replace(/_/g, ' ')} …`;
+  return step === 3 ? 'No stars matched. Take another image and press Centroids first.' : '';
 }

@@ -1,4 +1,4 @@
-/** Words and geometry of passes. Angles in degrees, times ISO 8601. */
+/** Texts and geometry of passes. Angles are in degrees, times in ISO 8601. */
 import type { Pass, Plan, StationIn, TrackPoint } from '../../api/types';
 import type { LampState } from '../../lib/lamp';
 
@@ -9,43 +9,46 @@ export interface MaskPoint {
 
 const POINTS = ['N', 'NE', 'E', 'SE', 'S', 'SW', 'W', 'NW'];
 
-/** "NE 47°" of an azimuth from north by east. */
+/** Format an azimuth, measured from north towards east: "NE 47°". */
 export function compass(azimuth: number): string {
   const turn = ((azimuth % 360) + 360) % 360;
   return `${POINTS[Math.round(turn / 45) % 8] ?? 'N'} ${Math.round(turn) % 360}°`;
 }
 
-/** Position in a sky plot of this radius about 0, 0: zenith in the middle, north up, east to the right as on a map. */
+/**
+ * Return the position in a sky plot with the centre 0, 0: zenith in the centre, north up, east to the right as on a
+ * map.
+ */
 export function inSky(azimuth: number, elevation: number, radius: number): [number, number] {
   const r = (radius * (90 - Math.max(0, elevation))) / 90;
   const a = (azimuth * Math.PI) / 180;
   return [r * Math.sin(a), -r * Math.cos(a)];
 }
 
-/** The track as SVG paths, a new one where the spacecraft enters or leaves the Earth's shadow. */
+/** Return the track as SVG paths. A new path starts where the spacecraft enters or leaves the Earth's shadow. */
 export function tracks(points: readonly TrackPoint[], radius: number): { path: string; sunlit: boolean }[] {
   const out: { path: string; sunlit: boolean }[] = [];
   points.forEach((p, i) => {
     const [x, y] = inSky(p.azimuth_deg, p.elevation_deg, radius);
-    const word = `${x.toFixed(1)} ${y.toFixed(1)}`;
+    const point = `${x.toFixed(1)} ${y.toFixed(1)}`;
     const last = out.at(-1);
-    if (last) last.path += `L${word}`;
+    if (last) last.path += `L${point}`;
     if (!last || last.sunlit !== p.sunlit) {
       if (i === points.length - 1) return;
-      out.push({ path: `M${word}`, sunlit: p.sunlit });
+      out.push({ path: `M${point}`, sunlit: p.sunlit });
     }
   });
   return out;
 }
 
-/** The pass under way, else the next one. */
+/** Return the pass in progress, otherwise the next pass; null if there is none. */
 export function nextPass(passes: readonly Pass[], nowMs: number): Pass | null {
   return passes.find((p) => Date.parse(p.set) > nowMs) ?? null;
 }
 
 export const underWay = (p: Pass, nowMs: number): boolean => Date.parse(p.rise) <= nowMs && nowMs < Date.parse(p.set);
 
-/** "in 1 h 02 min 03 s" to a rise, "sets in 2 min 04 s" during a pass. */
+/** Format the time to the rise, "in 1 h 02 min 03 s", or during a pass the time to the set, "sets in 2 min 04 s". */
 export function countdown(p: Pass, nowMs: number): string {
   if (Date.parse(p.set) <= nowMs) return 'over';
   const under = underWay(p, nowMs);
@@ -60,7 +63,7 @@ export function lasting(seconds: number): string {
   return h ? `${h} h ${two(m)} min ${two(s % 60)} s` : m ? `${m} min ${two(s % 60)} s` : `${s} s`;
 }
 
-/** Lines "azimuth, elevation" as points in order of azimuth; a string says which line is wrong. */
+/** Parse lines "azimuth, elevation" to points in order of azimuth. Returns a message if a line is invalid. */
 export function readMask(text: string): MaskPoint[] | string {
   const points: MaskPoint[] = [];
   for (const [i, line] of text.split('\n').entries()) {

@@ -1,4 +1,4 @@
-/** Options of a rehearsal as a person types them: a line for each answer and for each loss of signal. */
+/** Parser for the options of a rehearsal: texts with a line for each answer and for each loss of signal. */
 export interface Outage {
   pass_number: number;
   after_s: number;
@@ -7,11 +7,11 @@ export interface Outage {
 
 export interface TypedOptions {
   options: { answers: Record<string, string>; outages: Outage[] };
-  /** The first line that cannot be read, in words; empty if all can. */
+  /** Message about the first invalid line; empty if all lines are valid. */
   problem: string;
 }
 
-const filled = (text: string): string[] =>
+const nonEmptyLines = (text: string): string[] =>
   text
     .split('\n')
     .map((line) => line.trim())
@@ -20,16 +20,16 @@ const filled = (text: string): string[] =>
 export function rehearsalOptions(answers: string, losses: string): TypedOptions {
   const options: TypedOptions['options'] = { answers: {}, outages: [] };
   let problem = '';
-  for (const line of filled(answers)) {
+  for (const line of nonEmptyLines(answers)) {
     const [step = '', answer = ''] = line.split(/:(.*)/).map((part) => part.trim());
     if (step && answer) options.answers[step] = answer;
-    else problem ||= `“${line}” is not an answer. Write the step, a colon and the answer.`;
+    else problem ||= `“${line}” is not an answer. Enter the step, a colon and the answer.`;
   }
-  for (const line of filled(losses)) {
+  for (const line of nonEmptyLines(losses)) {
     const [number = NaN, after = NaN, long = NaN, ...more] = line.split(',').map((part) => Number(part.trim() || NaN));
     if (Number.isInteger(number) && number >= 1 && after >= 0 && long > 0 && !more.length)
       options.outages.push({ pass_number: number, after_s: after, for_s: long });
-    else problem ||= `“${line}” is not a loss of signal. Write pass, seconds after rise, seconds long.`;
+    else problem ||= `“${line}” is not a loss of signal. Enter pass, seconds after rise, duration in seconds.`;
   }
   return { options, problem };
 }

@@ -1,4 +1,4 @@
-/** What the page of procedures asks and changes, fetched with the page only; and the states of steps in words. */
+/** Requests of the procedure page, which the browser loads only with this page, and texts and lamps of steps. */
 import { body, http } from '../../api/http';
 import type { components } from '../../api/generated/schema';
 import type { LampState } from '../../lib/lamp';
@@ -12,9 +12,9 @@ export type RunDetail = S['ProcedureRunDetailOut'];
 export type Step = S['ProcedureStepOut'];
 export type Entry = S['ProcedureEntryOut'];
 
-const of = (run_id: number): { params: { path: { run_id: number } } } => ({ params: { path: { run_id } } });
+const withRunId = (run_id: number): { params: { path: { run_id: number } } } => ({ params: { path: { run_id } } });
 export const requests = {
-  every: () => body(GET('/api/procedures')),
+  list: () => body(GET('/api/procedures')),
   check: (text: string, signal?: AbortSignal) =>
     body(POST('/api/procedures/check', { body: { text }, signal, keepalive: false })),
   save: (text: string, procedure_id: number | null) =>
@@ -28,19 +28,19 @@ export const requests = {
       POST('/api/procedures/{procedure_id}/start', { params: { path: { procedure_id } }, body: { automatic: false } }),
     ),
   runs: () => body(GET('/api/procedure-runs', { params: { query: { limit: 50 } } })),
-  run: (run_id: number) => body(GET('/api/procedure-runs/{run_id}', of(run_id))),
+  run: (run_id: number) => body(GET('/api/procedure-runs/{run_id}', withRunId(run_id))),
   step: (run_id: number, step: S['StepRunIn']) =>
-    body(POST('/api/procedure-runs/{run_id}/step', { ...of(run_id), body: step })),
+    body(POST('/api/procedure-runs/{run_id}/step', { ...withRunId(run_id), body: step })),
   skip: (run_id: number, step: string, reason: string) =>
-    body(POST('/api/procedure-runs/{run_id}/skip', { ...of(run_id), body: { step, reason } })),
+    body(POST('/api/procedure-runs/{run_id}/skip', { ...withRunId(run_id), body: { step, reason } })),
   automatic: (run_id: number, automatic: boolean) =>
-    body(POST('/api/procedure-runs/{run_id}/automatic', { ...of(run_id), body: { automatic } })),
-  resume: (run_id: number) => body(POST('/api/procedure-runs/{run_id}/resume', of(run_id))),
+    body(POST('/api/procedure-runs/{run_id}/automatic', { ...withRunId(run_id), body: { automatic } })),
+  resume: (run_id: number) => body(POST('/api/procedure-runs/{run_id}/resume', withRunId(run_id))),
   stop: (run_id: number, reason: string) =>
-    body(POST('/api/procedure-runs/{run_id}/stop', { ...of(run_id), body: { reason } })),
+    body(POST('/api/procedure-runs/{run_id}/stop', { ...withRunId(run_id), body: { reason } })),
 };
 
-/** What the button of a step does. */
+/** Label of the button of a step, by the kind of the step. */
 export const VERBS: Record<Step['kind'], string> = {
   text: 'Done',
   check: 'Check',
@@ -68,12 +68,12 @@ export function lampOfRun(run: Run): LampState {
   return run.state === 'running' ? 'progress' : run.state === 'completed' ? 'ok' : 'watch';
 }
 
-/** The last entry of a step; a step may be run again. */
+/** Return the last entry of a step. A step can be run repeatedly. */
 export function lastOf(entries: readonly Entry[], step: string): Entry | undefined {
   return entries.filter((e) => e.step === step).at(-1);
 }
 
-/** The telemetry that a condition used, in words. */
+/** Format the telemetry values that a condition used. */
 export function valuesText(values: Entry['values']): string {
   return Object.entries(values ?? {})
     .map(([name, value]) => `${name} = ${value === null ? 'unknown' : String(value)}`)
@@ -82,7 +82,7 @@ export function valuesText(values: Entry['values']): string {
 
 export const EXAMPLE = `# Warm start
 
-Bring the sensor to a state in which it can measure.
+Prepare the sensor for measurements.
 
 ## ready: Check the temperature
 The detector must not be warmer than 40 °C.
@@ -92,7 +92,7 @@ within: 60 s
 else: warm
 \`\`\`
 
-## status: Ask for the status
+## status: Request the status
 \`\`\`command
 GET_STATUS
 \`\`\`
@@ -104,7 +104,7 @@ yes: confirm
 no: end
 \`\`\`
 
-## warm: Wait until it is cooler
+## warm: Wait until the detector has cooled
 \`\`\`wait
 1 min
 \`\`\`

@@ -1,4 +1,4 @@
-/** Figures of a performance sheet as text. */
+/** Text of the figures in a performance sheet. */
 import type { SheetFigure } from '../../api/types';
 
 const SIGNS: Readonly<Record<string, string>> = {
@@ -9,7 +9,7 @@ const SIGNS: Readonly<Record<string, string>> = {
   'deg/s²': '°/s²',
 };
 
-/** Three significant digits, without an exponent for the sizes that a sheet has. */
+/** Format a number with three significant digits, without an exponent for values from 1e-5 to 1e5. */
 export function digits(value: number | null): string {
   if (value === null) return '–';
   if (value === 0) return '0';

@@ -1,4 +1,4 @@
-/** Gaps of a series, and how plots share an axis. Times in seconds since 1970. */
+/** Gaps of a series, and the grouping of series in plots. Times are in seconds since 1970. */
 export interface Gap {
   from: number;
   to: number;
@@ -6,14 +6,18 @@ export interface Gap {
 const FACTOR = 4;
 const MIN_S = 4;
 
-/** Spans between samples much longer than usual: at least four times the median step and at least four seconds. */
+/**
+ * Return the gaps: intervals between samples longer than four times the median interval and longer than four seconds.
+ */
 export function gapsOf(t: readonly number[]): Gap[] {
   const steps = t.slice(1).map((v, i) => v - (t[i] ?? v));
-  const usual = [...steps].sort((a, b) => a - b)[Math.floor(steps.length / 2)] ?? 0;
-  return steps.flatMap((s, i) => (s > Math.max(MIN_S, FACTOR * usual) ? [{ from: t[i] ?? 0, to: t[i + 1] ?? 0 }] : []));
+  const median = [...steps].sort((a, b) => a - b)[Math.floor(steps.length / 2)] ?? 0;
+  return steps.flatMap((s, i) =>
+    s > Math.max(MIN_S, FACTOR * median) ? [{ from: t[i] ?? 0, to: t[i + 1] ?? 0 }] : [],
+  );
 }
 
-/** The same series with a break in each gap, so that no line crosses it. */
+/** Return the series with a null after the start of each gap, so that no line crosses the gap. */
 export function broken(t: readonly number[], y: readonly (number | null)[]): [number[], (number | null)[]] {
   const gaps = gapsOf(t);
   const ts: number[] = [];
@@ -31,8 +35,8 @@ export function broken(t: readonly number[], y: readonly (number | null)[]): [nu
 }
 
 /**
- * Several series on one time axis: every time of any of them; `undefined` where a series has no sample, `null` where
- * it has a break.
+ * Align several series on one time axis that contains the times of all series. A series without a sample at a time has
+ * `undefined`, with a break `null`.
  */
 export function joined(
   series: readonly (readonly [readonly number[], readonly (number | null)[]])[],
@@ -50,16 +54,17 @@ export function joined(
 }
 
 /**
- * Adjacent parameters with one unit share a plot, at most three; words and counts without a unit have separate plots.
+ * Group series in plots. At most three numeric series with the same unit share a plot; series without a unit have
+ * separate plots.
  */
-export function grouped<T extends { unit: string; kind: string }>(list: readonly T[], most = 3): T[][] {
+export function grouped<T extends { unit: string; kind: string }>(list: readonly T[], maxSeries = 3): T[][] {
   const out: T[][] = [];
   for (const s of list) {
-    const with_ =
+    const group =
       s.unit !== '' && s.kind === 'number'
-        ? out.find((g) => g[0]?.unit === s.unit && g[0].kind === 'number' && g.length < most)
+        ? out.find((g) => g[0]?.unit === s.unit && g[0].kind === 'number' && g.length < maxSeries)
         : undefined;
-    if (with_) with_.push(s);
+    if (group) group.push(s);
     else out.push([s]);
   }
   return out;

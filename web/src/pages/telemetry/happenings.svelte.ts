@@ -1,4 +1,4 @@
-/** Commands and events of a span, for the lane above the plots and the log of a contact. */
+/** Commands and events of a period, for the lane above the plots and the details of an alarm. */
 import { api } from '../../api/client';
 import type { Command, EventRow } from '../../api/types';
 import type { LampState } from '../../lib/lamp';
@@ -38,12 +38,12 @@ export function ofEvent(e: EventRow): Happening {
   };
 }
 
-/** Events of the device and abnormal events; the console's own storage events are not marked. */
-const worth = (e: EventRow): boolean => e.kind === 'device' || !['ok', 'info'].includes(e.severity);
+/** True for events of the device and for abnormal events. Normal events of the server are not shown. */
+const isShown = (e: EventRow): boolean => e.kind === 'device' || !['ok', 'info'].includes(e.severity);
 
 export async function happened(start: string, end: string): Promise<Happening[]> {
   const [commands, events] = await Promise.all([api.findCommands({ start, end }), api.eventsOf(start, end)]);
-  return [...commands.filter((c) => c.source !== 'server').map(ofCommand), ...events.filter(worth).map(ofEvent)].sort(
+  return [...commands.filter((c) => c.source !== 'server').map(ofCommand), ...events.filter(isShown).map(ofEvent)].sort(
     (a, b) => a.t - b.t,
   );
 }

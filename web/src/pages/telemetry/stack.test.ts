@@ -3,7 +3,7 @@ import type { FieldDefinition } from '../../api/types';
 
 // uPlot reads the screen when it is loaded; these calculations do not need it.
 vi.mock('uplot', () => ({ default: class {} }));
-const { axisTexts, reach, reading, timeText } = await import('./stack');
+const { axisTexts, yRange, reading, timeText } = await import('./stack');
 const field = (watch: [number | null, number | null]): FieldDefinition =>
   ({
     watch,
@@ -15,12 +15,12 @@ const field = (watch: [number | null, number | null]): FieldDefinition =>
 
 describe('a plot', () => {
   it('shows a limit that is near its values and not one far away', () => {
-    expect(reach(38, 44, field([null, 45]))[1]).toBeGreaterThan(45);
-    expect(reach(7, 8, field([null, 450]))[1]).toBeLessThan(10);
+    expect(yRange(38, 44, field([null, 45]))[1]).toBeGreaterThan(45);
+    expect(yRange(7, 8, field([null, 450]))[1]).toBeLessThan(10);
   });
   it('does not extend below zero for values that never do', () => {
-    expect(reach(0, 20, undefined)[0]).toBe(0);
-    expect(reach(null, null, undefined)).toEqual([0, 1]);
+    expect(yRange(0, 20, undefined)[0]).toBe(0);
+    expect(yRange(null, null, undefined)).toEqual([0, 1]);
   });
   it('reads the sample at or before the cursor, or the newest without a cursor', () => {
     const s = {

@@ -1,4 +1,4 @@
-/** Options of uPlot for a stack of plots: limits, gaps, cursor, drag to zoom. */
+/** uPlot options for a stack of plots with limits, gaps, cursor and zoom by dragging. */
 import uPlot from 'uplot';
 import type { FieldDefinition, History } from '../../api/types';
 import { fixed, unitSign } from '../../lib/format';
@@ -21,7 +21,7 @@ export interface PlotParts {
 export const LEFT = 52;
 export const RIGHT = 64;
 const FONT = "11px 'IBM Plex Sans'";
-/** First series in the accent colour, second grey, others light and dashed. */
+/** Colours and dashes: first series in the accent colour, second series grey, others light and dashed. */
 export const INKS: readonly [string, number[]][] = [
   ['ac', []],
   ['tx2', []],
@@ -40,7 +40,7 @@ export function options(p: PlotParts): uPlot.Options {
     cursor: { sync: { key: 'telemetry' }, points: { size: 6 }, drag: { x: true, y: false, setScale: false } },
     scales: {
       x: { time: true, range: () => p.span() },
-      y: { range: (_u, low, high) => reach(low, high, p.fields[0]) },
+      y: { range: (_u, low, high) => yRange(low, high, p.fields[0]) },
     },
     axes: [
       {
@@ -89,8 +89,8 @@ export function options(p: PlotParts): uPlot.Options {
   };
 }
 
-/** The range of the values with a margin, and the limits near them. */
-export function reach(low: number | null, high: number | null, f: FieldDefinition | undefined): [number, number] {
+/** Return the range of the y axis: the values and nearby limits, with a margin. */
+export function yRange(low: number | null, high: number | null, f: FieldDefinition | undefined): [number, number] {
   if (low === null || high === null || !Number.isFinite(low) || !Number.isFinite(high)) return [0, 1];
   const near = Math.max(high - low, 0.35 * Math.max(Math.abs(low), Math.abs(high)));
   const lines = [...(f?.watch ?? []), ...(f?.warning ?? []), ...(f?.critical ?? [])].filter(
@@ -101,7 +101,7 @@ export function reach(low: number | null, high: number | null, f: FieldDefinitio
   return [a >= 0 && a - air < 0 ? 0 : a - air, b + air];
 }
 
-/** As many decimals as the grid step has: steps of a quarter are not shown as 0.3, 0.5, 0.8. */
+/** Format the axis values with the decimals of the grid step, so that steps of 0.25 are not shown as 0.3, 0.5, 0.8. */
 export function axisTexts(vs: number[]): string[] {
   const step = Math.abs((vs[1] ?? 1) - (vs[0] ?? 0));
   const decimals = [0, 1, 2, 3].find((d) => Math.abs(step * 10 ** d - Math.round(step * 10 ** d)) < 1e-6) ?? 3;
@@ -118,8 +118,8 @@ export function timeText(t: number, [from, to]: readonly [number, number]): stri
 }
 
 /**
- * Limits of the first series: watch dotted, warning dashed, critical solid, each labelled with level and number at the
- * right; labels do not overlap.
+ * Draw the limits of the first series: watch dotted, warning dashed, critical solid. Level and value are at the right;
+ * labels that would overlap are omitted.
  */
 function limits(u: uPlot, f: FieldDefinition | undefined, css: Css): void {
   const { ctx, bbox } = u;
@@ -128,7 +128,7 @@ function limits(u: uPlot, f: FieldDefinition | undefined, css: Css): void {
   ctx.save();
   ctx.lineWidth = ratio;
   ctx.textBaseline = 'middle';
-  ctx.textAlign = 'left'; // Reset the text style that uPlot leaves.
+  ctx.textAlign = 'left'; // Reset the text alignment that uPlot has set.
   ctx.font = `${11 * ratio}px 'IBM Plex Sans'`;
   for (const [name, pair, dash, ink] of [
     ['crit', f?.critical, [], 'crit'],
@@ -155,7 +155,7 @@ function limits(u: uPlot, f: FieldDefinition | undefined, css: Css): void {
   ctx.restore();
 }
 
-/** No data: hatched from edge to edge, labelled with its length where there is room. */
+/** Hatch the gaps. A gap is labelled with its length if there is space. */
 function hatch(u: uPlot, p: PlotParts): void {
   const { ctx, bbox } = u;
   const ratio = devicePixelRatio;
@@ -168,7 +168,7 @@ function hatch(u: uPlot, p: PlotParts): void {
   ctx.textAlign = 'left';
   ctx.textBaseline = 'alphabetic';
   ctx.font = `${11 * ratio}px 'IBM Plex Sans'`;
-  let written = -Infinity;
+  let labelEnd = -Infinity;
   for (const g of p.gaps()) {
     const [a, b] = [u.valToPos(g.from, 'x', true), u.valToPos(g.to, 'x', true)];
     if (b < bbox.left || a > bbox.left + bbox.width) continue;
@@ -189,16 +189,16 @@ function hatch(u: uPlot, p: PlotParts): void {
       const text = seconds < 100 ? `no data ${fixed(seconds)} s` : `no data ${fixed(seconds / 60)} min`;
       const wide = ctx.measureText(text).width;
       const before = a - wide - 4 * ratio;
-      const at = before > Math.max(bbox.left, written) ? before : b + 4 * ratio;
-      if (at <= written || at + wide > bbox.left + bbox.width) continue;
+      const at = before > Math.max(bbox.left, labelEnd) ? before : b + 4 * ratio;
+      if (at <= labelEnd || at + wide > bbox.left + bbox.width) continue;
       ctx.fillText(text, at, bbox.top + bbox.height - 6 * ratio);
-      written = at + wide + 6 * ratio;
+      labelEnd = at + wide + 6 * ratio;
     }
   }
   ctx.restore();
 }
 
-/** "Sensor temperature °C 45.0" at the time under the cursor, else the newest value. */
+/** Return name and value of a series at the cursor, or its latest value: "Sensor temperature °C" and "45.0". */
 export function reading(s: Series, f: FieldDefinition | undefined, at: number | null): { name: string; value: string } {
   let i = s.t.length - 1;
   if (at !== null) {

@@ -1,4 +1,4 @@
-/** The displayed span and its history: following the clock, or fixed in the past. Live values are appended. */
+/** Telemetry of the displayed period, which follows the clock or is fixed in the past. Live values are appended. */
 import { api } from '../../api/client';
 import type { History } from '../../api/types';
 import { problemText } from '../../lib/problems';
@@ -14,7 +14,7 @@ export class TelemetryHistory {
   happenings = $state.raw<Happening[]>([]);
   problem = $state('');
 
-  /** Load the whole span; `stop` discards a response that is no longer needed. */
+  /** Load the whole period. A response after `stop` is discarded. */
   async read(fields: readonly string[], start: string, end: string, stop: AbortSignal): Promise<void> {
     try {
       const [history, list] = await Promise.all([
@@ -30,7 +30,7 @@ export class TelemetryHistory {
     }
   }
 
-  /** Append the values that the stream delivered to each series and move the span. */
+  /** Append the latest values of the stream to each series, and move the period to the present time. */
   follow(seconds: number): void {
     const h = this.history;
     if (!h) return;

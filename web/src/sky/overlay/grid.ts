@@ -1,10 +1,10 @@
-/** Celestial lines: grid with degrees at the edge, north and east with the roll, boresight, scale. */
+/** Celestial grid with degrees at the edge, compass with the roll, boresight and scale bar. */
 import type { SolutionDetail } from '../../api/types';
 import { fixed } from '../../lib/format';
 import { overlaps, type Box } from '../labels';
 import { at, corners, halo, plate, type Colour, type Ctx, type Scene, type Screen } from './screen';
 
-/** Draws the grid and returns the areas of its labels; a label that would touch another is omitted. */
+/** Draw the grid. Returns the areas of its labels; a label that would overlap another is omitted. */
 export function grid(ctx: Ctx, s: Screen, sol: SolutionDetail, photo: Box, colour: Colour): Box[] {
   const taken: Box[] = [];
   ctx.save();
@@ -96,7 +96,7 @@ export function scaleBar(ctx: Ctx, s: Screen, scene: Scene, colour: Colour): voi
   ctx.restore();
 }
 
-/** The boresight on the detector: four lines around an open centre. */
+/** Draw the boresight: four lines around an open centre. */
 export function boresight(ctx: Ctx, s: Screen, sol: SolutionDetail, ink: string): void {
   const [x, y] = at(s, sol.camera.centre_col_px, sol.camera.centre_row_px);
   ctx.strokeStyle = ink;

@@ -1,4 +1,4 @@
-/** Rows and parts that were not received: hatched, never black. */
+/** Hatch the rows and parts that were not received. They are never drawn black. */
 import type { Frame } from '../../api/types';
 import type { Ctx, Screen } from './screen';
 

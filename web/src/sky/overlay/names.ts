@@ -1,8 +1,8 @@
-/** Names and magnitudes beside their marks, and why a region was rejected; placed without overlap. */
+/** Labels beside the marks, placed without overlap: names, magnitudes, and why a region was rejected. */
 import { fixed } from '../../lib/format';
 import { placeLabels, type Box, type Want } from '../labels';
 import { at, corners, halo, seen, type Colour, type Ctx, type Scene, type Screen } from './screen';
-import { faintestMatched } from './stars';
+import { medianMatchedFlux } from './stars';
 
 interface Text {
   parts: { text: string; ink: string }[][];
@@ -23,7 +23,7 @@ export function labels(
   const texts = new Map<string, Text>();
   const wants: Want[] = [];
   const marks: Box[] = [...corners(s), ...gridLabels];
-  const plain = faintestMatched(sol);
+  const minFlux = medianMatchedFlux(sol);
   const add = (key: string, col: number, row: number, rank: number, parts: Text['parts'], gap = 14): void => {
     const [x, y] = at(s, col, row);
     if (!seen(s, x, y)) return;
@@ -34,10 +34,10 @@ export function labels(
   for (const star of sol.stars) {
     if (!main.has(star.index) && scene.selected !== star.index) continue;
     const [x, y] = at(s, star.col_px, star.row_px);
-    if (star.hip !== null || star.flux_dn >= plain) marks.push({ x: x - 10, y: y - 10, w: 20, h: 20 });
+    if (star.hip !== null || star.flux_dn >= minFlux) marks.push({ x: x - 10, y: y - 10, w: 20, h: 20 });
     if (!show.matched) continue;
     if (star.hip === null) {
-      if (star.flux_dn >= plain)
+      if (star.flux_dn >= minFlux)
         add(`c${star.index}`, star.col_px, star.row_px, 6, [[{ text: 'no match', ink: colour('ov-nomatch') }]]);
     } else
       add(`s${star.index}`, star.col_px, star.row_px, star.v_mag ?? 5, [
@@ -47,8 +47,8 @@ export function labels(
         ],
       ]);
   }
-  const missed = sol.predicted.filter((p) => !p.detected);
-  for (const p of missed) {
+  const undetected = sol.predicted.filter((p) => !p.detected);
+  for (const p of undetected) {
     const region = show.rejected
       ? sol.regions.find(
           (r) =>
@@ -59,16 +59,16 @@ export function labels(
             p.row_px < r.row_max + 4,
         )
       : undefined;
-    const said = region && (p.v_mag < 1.5 || s.scale >= 2);
-    const ink = said ? colour('ov-txt') : colour('ov-pred');
+    const showReason = region && (p.v_mag < 1.5 || s.scale >= 2);
+    const ink = showReason ? colour('ov-txt') : colour('ov-pred');
     const lines: Text['parts'] = [
       [
         { text: `${p.name} `, ink },
         { text: fixed(p.v_mag, 2), ink: colour('ov-mag') },
       ],
     ];
-    if (said && region) lines.push([{ text: `rejected: ${region.rejected}`, ink: colour('ov-rej') }]);
-    if (show.predicted || said) add(`p${p.hip}`, p.col_px, p.row_px, said ? -3 : p.v_mag + 2, lines, 15);
+    if (showReason && region) lines.push([{ text: `rejected: ${region.rejected}`, ink: colour('ov-rej') }]);
+    if (show.predicted || showReason) add(`p${p.hip}`, p.col_px, p.row_px, showReason ? -3 : p.v_mag + 2, lines, 15);
   }
   const area = { x: photo.x + 2, y: photo.y + 2, w: photo.w - 4, h: photo.h - 4 };
   for (const placed of placeLabels(wants, marks, area)) {

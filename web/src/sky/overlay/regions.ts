@@ -1,17 +1,17 @@
-/** Detected and rejected regions: a box, and from 4:1 the outline of the region's pixels. */
+/** Marks of detected and rejected regions: a box, and from zoom 4:1 the outline of the region's pixels. */
 import type { Region, SolutionDetail } from '../../api/types';
 import { outlineOf } from '../outline';
 import { at, seen, type Ctx, type Scene, type Screen } from './screen';
 import { PROMINENT } from './stars';
 
-/** From this zoom a region is drawn by its pixels. */
+/** Zoom from which the pixels of a region are outlined. */
 export const OUTLINE_FROM = 4;
 
-/** Outlines the region's pixels and returns how many regions it drew; none if the image is not loaded. */
-function outlines(ctx: Ctx, s: Screen, scene: Scene, which: readonly Region[]): number {
+/** Outline the pixels of the visible regions. Returns the number of outlined regions; 0 if the image is not loaded. */
+function outlines(ctx: Ctx, s: Screen, scene: Scene, candidates: readonly Region[]): number {
   const image = scene.image;
   if (!image) return 0;
-  const inView = which.filter(
+  const inView = candidates.filter(
     (r) => seen(s, ...at(s, r.col_max, r.row_max)) || seen(s, ...at(s, r.col_min, r.row_min)),
   );
   ctx.beginPath();
@@ -24,7 +24,7 @@ function outlines(ctx: Ctx, s: Screen, scene: Scene, which: readonly Region[]): 
   return inView.length;
 }
 
-/** Returns how many were drawn by their pixels. */
+/** Draw the accepted regions. Returns the number of regions whose pixels were outlined. */
 export function regions(
   ctx: Ctx,
   s: Screen,
@@ -34,15 +34,15 @@ export function regions(
   ink: string,
 ): number {
   ctx.strokeStyle = ink;
-  const good = sol.regions.filter((r) => !r.rejected);
+  const accepted = sol.regions.filter((r) => !r.rejected);
   if (s.scale >= OUTLINE_FROM) {
     ctx.lineWidth = 1.2;
-    return outlines(ctx, s, scene, good);
+    return outlines(ctx, s, scene, accepted);
   }
   const shown = sol.stars.filter((star) => main.has(star.index));
   ctx.globalAlpha = 0.5;
   ctx.lineWidth = 1;
-  for (const r of good) {
+  for (const r of accepted) {
     if (
       sol.stars.length > PROMINENT &&
       !shown.some(
@@ -64,12 +64,12 @@ export function regions(
 
 export function rejected(ctx: Ctx, s: Screen, scene: Scene, sol: SolutionDetail, ink: string): void {
   ctx.strokeStyle = ink;
-  const bad = sol.regions.filter((q) => q.rejected);
+  const rejectedRegions = sol.regions.filter((q) => q.rejected);
   if (s.scale >= OUTLINE_FROM) {
     ctx.lineWidth = 1.2;
-    outlines(ctx, s, scene, bad);
+    outlines(ctx, s, scene, rejectedRegions);
   }
-  for (const r of bad) {
+  for (const r of rejectedRegions) {
     const [cx, cy] = at(s, (r.col_min + r.col_max) / 2, (r.row_min + r.row_max) / 2);
     if (!seen(s, cx, cy)) continue;
     const half = Math.max(7, ((r.col_max - r.col_min + 1) * s.scale) / 2 + 2);

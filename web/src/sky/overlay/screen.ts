@@ -1,5 +1,6 @@
 /**
- * Shared by the overlays: screen position of a pixel, enabled overlays, and text that is readable on any background.
+ * Shared functions of the overlays: screen position of a pixel, visibility, and text that is readable on any
+ * background.
  */
 import type { Frame, SolutionDetail } from '../../api/types';
 import type { RawImage } from '../../api/client';
@@ -31,7 +32,7 @@ export const at = (s: Screen, col: number, row: number): [number, number] => [
 export const seen = (s: Screen, x: number, y: number): boolean =>
   x > -20 && y > -20 && x < s.width + 20 && y < s.height + 20;
 
-/** The part of the canvas covered by the image. */
+/** Return the part of the canvas that the image covers. */
 export function picture(s: Screen, frame: Frame): Box {
   const [x, y] = [Math.max(0, s.x), Math.max(0, s.y)];
   return {
@@ -42,7 +43,7 @@ export function picture(s: Screen, frame: Frame): Box {
   };
 }
 
-/** Reserved corners: compass with the roll on the left, scale bar on the right. */
+/** Return the reserved corners: compass and roll on the left, scale bar on the right. */
 export function corners(s: Screen): Box[] {
   return [
     { x: 0, y: s.height - 114, w: 112, h: 114, strict: true },
@@ -61,7 +62,7 @@ export function halo(ctx: Ctx, text: string, x: number, y: number, ink: string, 
   ctx.restore();
 }
 
-/** A background behind a line of text, so that marks do not cross its letters. */
+/** Draw a background behind a line of text, so that marks do not cross its letters. */
 export function plate(ctx: Ctx, text: string, x: number, y: number, ground: string): void {
   ctx.save();
   ctx.globalAlpha = 0.82;

@@ -6,11 +6,12 @@ import type { SolutionDetail } from '../../api/types';
 import { at, seen, type Colour, type Ctx, type Scene, type Screen } from './screen';
 
 const MATCH_RADIUS = 10;
-/** Number of visible stars with full marks; the others are dots until the user zooms in. */
+/** Maximum number of visible stars with full marks. The others are dots until the user zooms in. */
 export const PROMINENT = 40;
 
 /**
- * The brightest visible stars, by index: a deep solution names hundreds, and an image has room for a few dozen marks.
+ * Return the indices of the brightest visible stars. A deep solution names hundreds of stars, but an image has room for
+ * only a few dozen marks.
  */
 export function prominent(sol: SolutionDetail, s: Screen): ReadonlySet<number> {
   const inView = sol.stars.filter((star) => seen(s, ...at(s, star.col_px, star.row_px)));
@@ -47,8 +48,11 @@ export function predicted(ctx: Ctx, s: Screen, sol: SolutionDetail, ink: string)
   }
 }
 
-/** Flux above which an unmatched centroid gets a mark: the median of the matched ones. Fainter ones keep a plus. */
-export function faintestMatched(sol: SolutionDetail): number {
+/**
+ * Return the flux from which an unmatched centroid has a diamond: the median flux of the matched stars. Fainter
+ * centroids have only a plus.
+ */
+export function medianMatchedFlux(sol: SolutionDetail): number {
   const fluxes = sol.stars
     .filter((x) => x.hip !== null)
     .map((x) => x.flux_dn)
@@ -57,7 +61,7 @@ export function faintestMatched(sol: SolutionDetail): number {
 }
 
 export function stars(ctx: Ctx, s: Screen, scene: Scene, main: ReadonlySet<number>, colour: Colour): void {
-  const plain = scene.solution ? faintestMatched(scene.solution) : 0;
+  const minFlux = scene.solution ? medianMatchedFlux(scene.solution) : 0;
   for (const star of scene.solution?.stars ?? []) {
     const [x, y] = at(s, star.col_px, star.row_px);
     if (!seen(s, x, y)) continue;
@@ -68,7 +72,7 @@ export function stars(ctx: Ctx, s: Screen, scene: Scene, main: ReadonlySet<numbe
     }
     if (scene.show.centroids) plus(ctx, x, y, colour('ov-centroid'));
     if (star.hip !== null && scene.show.matched) ring(ctx, x, y, colour('ov-match'));
-    if (star.hip === null && scene.show.matched && star.flux_dn >= plain) diamond(ctx, x, y, colour('ov-nomatch'));
+    if (star.hip === null && scene.show.matched && star.flux_dn >= minFlux) diamond(ctx, x, y, colour('ov-nomatch'));
     if (scene.show.residual && star.dx_px !== null && star.dy_px !== null)
       arrow(
         ctx,

@@ -1,16 +1,17 @@
-/** A form with one request to the server: busy while it waits, then done, or its problem is shown in the form. */
+/** The request of a form: `busy` while it is in progress, `problem` after a failure. */
 import type { Problem } from '../api/types';
 import { problemOf } from '../lib/problems';
 
-export class Asking {
+export class FormRequest {
   busy = $state(false);
   problem = $state<Problem | null>(null);
 
-  async run(ask: () => Promise<unknown>): Promise<boolean> {
+  /** Send the request. Returns true if it succeeded. */
+  async run(send: () => Promise<unknown>): Promise<boolean> {
     this.busy = true;
     this.problem = null;
     try {
-      await ask();
+      await send();
     } catch (error) {
       this.problem = problemOf(error);
     }

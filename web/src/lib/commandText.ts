@@ -1,8 +1,8 @@
-/** Arguments of a command, in words; a command for the device's schedule is shown by name, not by its bytes. */
+/** Return a command as text. A command for the device's schedule is shown by its name, not by its bytes. */
 import type { Command, CommandDefinition } from '../api/types';
 import { fixed } from './format';
 
-export function saidOf(
+export function commandText(
   command: Pick<Command, 'name' | 'text' | 'arguments'>,
   commands: readonly Pick<CommandDefinition, 'name' | 'code'>[],
 ): string {

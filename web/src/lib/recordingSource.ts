@@ -1,8 +1,8 @@
 import { base } from './base';
 import { writeIds } from './idlist';
 
-/** Which recording, as other pages name it, as the URL contains it, and as the server expects it. */
-export type RerunOf =
+/** Source of a recording; the functions below convert it to the URL of the page and to the request to the server. */
+export type RecordingSource =
   | { frames: readonly number[] }
   | { contact: number }
   | { calibration: number }
@@ -11,13 +11,13 @@ export type RerunOf =
   | { live: true };
 const KINDS = ['frames', 'contact', 'calibration', 'analysis', 'campaign'] as const;
 
-export function rerunQuery(of: RerunOf): string {
+export function rerunQuery(of: RecordingSource): string {
   if ('live' in of) return 'live=1';
   const [kind, value] = Object.entries(of)[0] as [string, number | readonly number[]];
   return `${kind}=${typeof value === 'number' ? value : writeIds(value).replaceAll(' ', '')}`;
 }
 
-/** The recording that a URL requests: the server's URL of it and a description; null if it requests none. */
+/** Return the recording that a page URL requests: its URL on the server and a description; null if there is none. */
 export function recordingOf(
   query: (name: string) => string,
 ): { url: string; live: boolean; words: string; back: string } | null {
