@@ -17,8 +17,8 @@ class Use(StrEnum):
 
 
 def blueprint(use: Use) -> Any:
-    """Return the viewer layout with sky, picture, plots and log for a use. Contacts use the UTC timeline, all other recordings
-    the frame timeline. A live recording follows the latest data."""
+    """Return the viewer layout with sky, picture, plots and log for a use. Contacts use the UTC timeline, all other
+    recordings the frame timeline. A live recording follows the latest data."""
     import rerun.blueprint as rrb  # imported here because the import takes 0.5 s and 100 MB
 
     sky = rrb.Spatial3DView(origin="/sky", name="Sky", line_grid=rrb.LineGrid3D(visible=False))

@@ -15,8 +15,8 @@ Log = Callable[[datetime, str, str | None], None]
 
 
 class Lanes:
-    """Writes each change of a state. ``log`` receives the time, the path of the lane and the new state; None ends the state.
-    Not thread-safe."""
+    """Writes each change of a state. ``log`` receives the time, the path of the lane and the new state; None ends the
+    state. Not thread-safe."""
 
     def __init__(self, log: Log) -> None:
         self._log = log

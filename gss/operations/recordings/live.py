@@ -18,15 +18,16 @@ from gss.store import frames
 from gss.store.engine import Database
 
 MAX_OPEN, MAX_PER_USER = 6, 2
-"""Maximum number of concurrent live recordings, in total and per user. Each recording renders its pictures separately."""
+"""Maximum number of concurrent live recordings, in total and per user. Each recording renders its pictures
+separately."""
 BEGIN_WITH = 10
 """Number of earlier frames in the first piece, so that something is visible immediately."""
 TOPICS = ("frame", "solution", "telemetry", "command", "event")
 
 
 class LiveRecording:
-    """The live recording of one viewer. ``piece`` blocks while it draws, but never waits for data. Call it in a background
-    thread after each call of ``wake``."""
+    """The live recording of one viewer. ``piece`` blocks while it draws, but never waits for data. Call it in a
+    background thread after each call of ``wake``."""
 
     def __init__(
         self, recorder: Recorder, recordings: Recordings, bus: EventBus, now: Now, wake: Callable[[], None], user: str
@@ -88,7 +89,8 @@ class LiveRecordings:
         self._lock = threading.Lock()
 
     def open(self, wake: Callable[[], None], user: str) -> tuple[bytes, LiveRecording]:
-        """Return the first piece with earlier frames, and the live recording. Raises Conflict if too many recordings are open."""
+        """Return the first piece with earlier frames, and the live recording. Raises Conflict if too many recordings
+        are open."""
         self._reserve(user)
         with contextlib.ExitStack() as cleanup:
             cleanup.callback(self._release, user)

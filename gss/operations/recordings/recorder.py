@@ -54,7 +54,8 @@ class Recorder:
         self._sky(stars)
 
     def take(self) -> bytes:
-        """Return the data written since the last call as a complete .rrd. The first piece contains the layout and the sky."""
+        """Return the data written since the last call as a complete .rrd. The first piece contains the layout and the
+        sky."""
         return bytes(self._memory.read(flush=True) or b"")
 
     # --- content --------------------------------------------------------------------------------------------------
@@ -98,8 +99,8 @@ class Recorder:
     # --- drawing --------------------------------------------------------------------------------------------------
 
     def _at(self, moment: datetime, frame_id: int | None = None) -> None:
-        """Set the time of the following entries. Entries without a frame are assigned to the previous frame, so that they
-        appear on both timelines."""
+        """Set the time of the following entries. Entries without a frame are assigned to the previous frame, so that
+        they appear on both timelines."""
         self._frame_id = frame_id if frame_id is not None else self._frame_id
         self._stream.reset_time()
         if self._frame_id is not None:
@@ -185,7 +186,8 @@ class Recorder:
         self._stream.log("log/solutions", self._rr.TextLog(message, level="INFO" if solved else "WARN"))
 
     def _figures(self, detail: FrameDetail) -> None:
-        """Plot the matched stars, error and residual of each chain, and the difference of the on-board and ground attitudes."""
+        """Plot the matched stars, error and residual of each chain, and the difference of the on-board and ground
+        attitudes."""
         scalars = self._rr.Scalars
         for solution in reversed(detail.solutions):
             name = "on_board" if solution.origin == "on board" else solution.chain

@@ -19,8 +19,8 @@ MARGIN_S = 30.0
 
 @dataclass(frozen=True)
 class Scope:
-    """Content of one recording. ``name``: name of the recording and its file; ``frame_ids``: oldest frame first; ``start``,
-    ``end``: time span of telemetry, commands and events."""
+    """Content of one recording. ``name``: name of the recording and its file; ``frame_ids``: oldest frame first;
+    ``start``, ``end``: time span of telemetry, commands and events."""
 
     name: str
     use: Use

@@ -17,8 +17,8 @@ from gss.store import commands, events, frames, telemetry
 from gss.store.engine import Database
 
 MAX_PICTURES = 60
-"""Maximum number of pictures. If there are more frames, only every n-th frame has its picture, because a viewer loads the
-complete recording."""
+"""Maximum number of pictures. If there are more frames, only every n-th frame has its picture, because a viewer loads
+the complete recording."""
 MAX_LINES = 5000
 MAX_PACKETS = 3600
 MAX_SPAN = timedelta(days=2)

@@ -1,4 +1,5 @@
-"""Rehearses a pass plan on a simulated unit: advances time, switches the signal on and off, and runs the steps of persons."""
+"""Rehearses a pass plan on a simulated unit: advances time, switches the signal on and off, and runs the steps of
+persons."""
 
 from __future__ import annotations
 
@@ -51,8 +52,8 @@ Report = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class Ground:
-    """The ground's services that a rehearsal uses. ``tickers``: functions to call once a second; ``stopwatch_s``: clock of real
-    time."""
+    """The ground's services that a rehearsal uses. ``tickers``: functions to call once a second; ``stopwatch_s``: clock
+    of real time."""
 
     link: LinkService
     plans: PlanService

@@ -1,5 +1,5 @@
-"""Rehearses pass plans as jobs. Each rehearsal runs in a separate process, with a folder that contains a copy of the plan. It has
-no access to the server's line, database and settings.
+"""Rehearses pass plans as jobs. Each rehearsal runs in a separate process, with a folder that contains a copy of the
+plan. It has no access to the server's line, database and settings.
 """
 
 from __future__ import annotations
@@ -40,8 +40,9 @@ Framing = Literal["", "cobs", "slip"]
 
 @dataclass(frozen=True)
 class RehearsalOrder:
-    """Task of a rehearsal process, stored in its folder. ``packages``: folder of instrument packages; ``framing``: framing of the
-    line, "" for the instrument's; ``auto_download``: true if the ground downloads each new frame, as the server does."""
+    """Task of a rehearsal process, stored in its folder. ``packages``: folder of instrument packages; ``framing``:
+    framing of the line, "" for the instrument's; ``auto_download``: true if the ground downloads each new frame, as the
+    server does."""
 
     plan_id: int
     instrument: str
@@ -101,8 +102,9 @@ class RehearsalService:
         return {"report": REPORT.dump_python(report, mode="json")}
 
     def run(self, plan_id: int, options: RehearsalOptions, progress: Callable[[float, str], None]) -> RehearsalReport:
-        """Rehearse a plan and return the report. ``progress``: called with the completed share and the state of the plan; raises
-        an exception to cancel. Raises NotFound, and GssError with the reason if the plan cannot be armed or the rehearsal fails."""
+        """Rehearse a plan and return the report. ``progress``: called with the completed share and the state of the
+        plan; raises an exception to cancel. Raises NotFound, and GssError with the reason if the plan cannot be armed
+        or the rehearsal fails."""
         self._folder.mkdir(parents=True, exist_ok=True)
         self._remove_abandoned()
         with tempfile.TemporaryDirectory(dir=self._folder, ignore_cleanup_errors=True) as name:
@@ -134,7 +136,8 @@ class RehearsalService:
 
     @staticmethod
     def _run(folder: Path, progress: Callable[[float, str], None]) -> RehearsalReport:
-        """Run a rehearsal process, which writes one JSON object per line. It does not inherit the settings of this server."""
+        """Run a rehearsal process, which writes one JSON object per line. It does not inherit the settings of this
+        server."""
         environment = {name: value for name, value in os.environ.items() if not name.startswith("GSS_")}
         command = [sys.executable, "-m", "gss", "rehearse", "--prepared", str(folder)]
         with (folder / "rehearsal.log").open("w+b") as log:

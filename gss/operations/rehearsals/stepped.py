@@ -1,7 +1,7 @@
 """Mission time of a rehearsal, the simulated unit that follows this time, and the line between ground and unit.
 
-Time advances in steps, and only after ground and unit have finished all work that was due. A rehearsal therefore runs as fast as
-the machine permits, and its results do not depend on the load of the machine.
+Time advances in steps, and only after ground and unit have finished all work that was due. A rehearsal therefore runs
+as fast as the machine permits, and its results do not depend on the load of the machine.
 """
 
 from __future__ import annotations
@@ -83,7 +83,8 @@ class SteppedUnit:
 def stepped_unit(
     package: Path, link: LinkFile, folder: Path, baud: int, seed: int, options: Sequence[str]
 ) -> Iterator[SteppedUnit]:
-    """Run a simulated unit with new flash during the ``with`` block. ``baud`` 0: use the instrument's rate. Raises GssError."""
+    """Run a simulated unit with new flash during the ``with`` block. ``baud`` 0: use the instrument's rate. Raises
+    GssError."""
     folder.mkdir(parents=True, exist_ok=True)
     line_option = ["--can", "0"] if link.framing == CAN else ["--tcp", "0"]
     command = [sys.executable, "-m", "gss.device.simulator", "--instrument", str(package), *line_option]
@@ -114,11 +115,11 @@ def stepped_unit(
 
 
 class RehearsalLine:
-    """The ground's end of the line. It always connects to the simulated unit, regardless of the address. Each read waits until
-    the rehearsal grants a round. Outside a pass, data in both directions are lost.
+    """The ground's end of the line. It always connects to the simulated unit, regardless of the address. Each read
+    waits until the rehearsal grants a round. Outside a pass, data in both directions are lost.
 
-    ``in_view``: true while the signal is present; ``lost``: bytes that the ground sent without a signal; ``up``, ``down``: bytes
-    carried.
+    ``in_view``: true while the signal is present; ``lost``: bytes that the ground sent without a signal; ``up``,
+    ``down``: bytes carried.
     """
 
     url = URL
@@ -136,7 +137,8 @@ class RehearsalLine:
         return self
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """Wait for the next round and return the data that the unit has sent. Raises LinkDown at the end of the rehearsal."""
+        """Wait for the next round and return the data that the unit has sent. Raises LinkDown at the end of the
+        rehearsal."""
         del timeout_s
         with self._condition:
             self._waiting = True
@@ -161,7 +163,8 @@ class RehearsalLine:
         """Do nothing, because the rehearsal owns the unit."""
 
     def round(self) -> None:
-        """Let the ground read and write once, and wait until it has finished. Raises GssError after ROUND_WITHIN_S seconds."""
+        """Let the ground read and write once, and wait until it has finished. Raises GssError after ROUND_WITHIN_S
+        seconds."""
         with self._condition:
             if self._condition.wait_for(lambda: self._waiting, ROUND_WITHIN_S):
                 self._granted = True

@@ -27,7 +27,8 @@ def decades(low: float, high: float) -> list[float]:
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Return the powers of ten from low to high. If there are fewer than three, also return their double and fivefold."""
+    """Return the powers of ten from low to high. If there are fewer than three, also return their double and
+    fivefold."""
     powers = decades(low, high)
     if len(powers) >= 3:
         return powers
@@ -55,8 +56,8 @@ def written(value: float, step: float) -> str:
 
 
 def clock(unix_s: float, span_s: float) -> str:
-    """Format the time of day in UTC. An axis of a day or more also shows the date; an axis of more than 12 days shows only the
-    date."""
+    """Format the time of day in UTC. An axis of a day or more also shows the date; an axis of more than 12 days shows
+    only the date."""
     form = "%H:%M:%S" if span_s < 3600 else "%H:%M" if span_s < DAY_S else "%m-%d %H:%M"
     form = "%Y-%m-%d" if span_s > 12 * DAY_S else form
     return datetime.fromtimestamp(unix_s, UTC).strftime(form)

@@ -1,4 +1,5 @@
-"""Draws a map of the Earth: values over latitude and longitude, coasts and a graticule, in equirectangular projection."""
+"""Draws a map of the Earth: values over latitude and longitude, coasts and a graticule, in equirectangular
+projection."""
 
 from __future__ import annotations
 

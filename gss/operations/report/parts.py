@@ -1,4 +1,5 @@
-"""The parts of a report. They contain only plain values, because a report is stored as JSON, sent to pages and rendered later.
+"""The parts of a report. They contain only plain values, because a report is stored as JSON, sent to pages and rendered
+later.
 
 All values are already in the unit that is stated with them.
 """
@@ -85,7 +86,8 @@ class Arrows(ReportPart):
 
 @dataclass(frozen=True)
 class Cells(ReportPart):
-    """A map over the detector. ``values``: rows of values, None for cells without data; ``unit``: unit of the values."""
+    """A map over the detector. ``values``: rows of values, None for cells without data; ``unit``: unit of the
+    values."""
 
     title: str
     columns: int
@@ -111,9 +113,9 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True)
 class SkyMap(ReportPart):
-    """The whole sky in Mollweide projection, ICRS, right ascension increasing to the left. ``values``: HEALPix ring pixels
-    of ``nside``; pixels with None or 0 are white. ``stars``: right ascension, declination in degrees and V. ``solid``, ``dashed``:
-    lines. ``mark``: a position and its label."""
+    """The whole sky in Mollweide projection, ICRS, right ascension increasing to the left. ``values``: HEALPix ring
+    pixels of ``nside``; pixels with None or 0 are white. ``stars``: right ascension, declination in degrees and V.
+    ``solid``, ``dashed``: lines. ``mark``: a position and its label."""
 
     title: str
     nside: int
@@ -128,8 +130,8 @@ class SkyMap(ReportPart):
 
 @dataclass(frozen=True)
 class WorldMap(ReportPart):
-    """A map of the Earth. ``values``: rows of values from north to south and from 180° west to 180° east, None for cells without
-    data. ``unit``: unit of the values. ``coasts``: lines of (east, north) in degrees."""
+    """A map of the Earth. ``values``: rows of values from north to south and from 180° west to 180° east, None for
+    cells without data. ``unit``: unit of the values. ``coasts``: lines of (east, north) in degrees."""
 
     title: str
     values: list[list[Number]]

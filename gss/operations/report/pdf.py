@@ -31,7 +31,8 @@ MAX_ROWS = 400
 
 
 def as_pdf(report: Report, created: datetime) -> bytes:
-    """Return the PDF file. ``created``: creation date of the file. The same report with the same date gives the same bytes."""
+    """Return the PDF file. ``created``: creation date of the file. The same report with the same date gives the same
+    bytes."""
     sheet = _Sheet(report.title)
     sheet.pdf.set_creation_date(created)
     sheet.words(report.title, size=15, bold=True, gap=3)

@@ -16,8 +16,8 @@ Measure = Callable[[str, float], float]
 
 @dataclass(frozen=True)
 class TableLayout:
-    """Layout of a table. ``size``: letter size; ``widths``: column widths with the gap, both in points; ``rows``: lines of text of
-    each cell."""
+    """Layout of a table. ``size``: letter size; ``widths``: column widths with the gap, both in points; ``rows``: lines
+    of text of each cell."""
 
     size: float
     widths: list[float]
@@ -25,7 +25,8 @@ class TableLayout:
 
 
 def table_layout(rows: Sequence[Sequence[str]], across: float, measure: Measure) -> TableLayout:
-    """Lay out rows of equal length in a width of ``across`` points. Columns that are wider than their share are wrapped."""
+    """Lay out rows of equal length in a width of ``across`` points. Columns that are wider than their share are
+    wrapped."""
     for size in SIZES:
         full_widths = [max(measure(r[k], size) for r in rows) + GAP for k in range(len(rows[0]))]
         word_widths = [

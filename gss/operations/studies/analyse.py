@@ -40,16 +40,16 @@ KINDS = (
 )
 FRAME_KINDS = KINDS[:-1]
 DEEPER_MAG = 4.0
-"""Number of magnitudes fainter than the profile's limit up to which catalogue stars are searched for, so that the true limit lies
-within the range."""
+"""Number of magnitudes fainter than the profile's limit up to which catalogue stars are searched for, so that the true
+limit lies within the range."""
 FOUND_PX = 2.5
 EDGE_PX = 8.0
 
 
 @dataclass(frozen=True)
 class AnalysisResult:
-    """Result of an analysis. ``figures``: values of the report for programs, in radians, seconds and pixels, with the names of the
-    pipeline."""
+    """Result of an analysis. ``figures``: values of the report for programs, in radians, seconds and pixels, with the
+    names of the pipeline."""
 
     kind: str
     report: Report
@@ -88,7 +88,8 @@ def check_kind(kind: str, commanded_rad_s: float | None, other_count: int) -> No
 def run_frames(
     solver: Solver, shots: Sequence[Shot], profile: CameraProfile, chain: str, progress: ProgressCallback
 ) -> AnalysisRun:
-    """Run a chain on every shot. A shot of another camera counts as not solved. Raises BadInput if no shot is solved."""
+    """Run a chain on every shot. A shot of another camera counts as not solved. Raises BadInput if no shot is
+    solved."""
     ordered = sorted(shots, key=lambda s: (s.taken, s.name))
     results: list[SolveResult | None] = []
     reason = ""
@@ -167,9 +168,9 @@ def _sensitivity(run: AnalysisRun, solver: Solver) -> AnalysisResult:
 def detected_stars(
     result: SolveResult, solver: Solver, shot: Shot, faintest_mag: float
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the magnitudes of the catalogue stars on the detector up to ``faintest_mag``, and for each star whether a centroid was
-    detected at its predicted position. A star with a brighter star nearby is excluded, because the centroid could belong to the
-    brighter star."""
+    """Return the magnitudes of the catalogue stars on the detector up to ``faintest_mag``, and for each star whether a
+    centroid was detected at its predicted position. A star with a brighter star nearby is excluded, because the
+    centroid could belong to the brighter star."""
     assert result.attitude is not None  # noqa: S101 - the caller has checked it
     stars = apparent_stars(solver, shot).brighter_than(faintest_mag)
     cam = stars.icrs @ result.attitude.cam_from_icrs.T

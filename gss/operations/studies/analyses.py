@@ -91,15 +91,16 @@ class AnalysisService:
         bus: EventBus,
         now: Now,
     ) -> None:
-        """``orbit_at``: function that returns name and orbit of the spacecraft at a time; None if no orbit covers the time."""
+        """``orbit_at``: function that returns name and orbit of the spacecraft at a time; None if no orbit covers the
+        time."""
         self._database, self._jobs, self._shots, self._solver = database, jobs, shots, solver
         self._book, self._contacts, self._bus, self._now = book, contacts, bus, now
         self._orbit_at = orbit_at
         jobs.register(JobKind("analysis", AnalysisJob, self._analyse, older=earlier_request))
 
     def start(self, request: AnalysisRequest, *, user: str) -> Job:
-        """Queue an analysis. The result of the job contains the id of the stored row. Raises BadInput or NotFound before the job is
-        queued."""
+        """Queue an analysis. The result of the job contains the id of the stored row. Raises BadInput or NotFound
+        before the job is queued."""
         job = AnalysisJob(request, user=user)
         name, work = self._work(job)
         return self._jobs.begin("analysis", name, job, work)
@@ -257,8 +258,8 @@ class AnalysisService:
             return store.analysis(session, analysis_id)
 
     def export(self, analysis_id: int, kind: str) -> bytes:
-        """Return an analysis as a file. ``kind``: html or pdf for the report, json for all data, tdm for the tracks of moving
-        objects, csv for warm pixels."""
+        """Return an analysis as a file. ``kind``: html or pdf for the report, json for all data, tdm for the tracks of
+        moving objects, csv for warm pixels."""
         row = self.get(analysis_id)
         if kind == "tdm":
             if row.kind != "moving":
@@ -278,7 +279,8 @@ class AnalysisService:
 
 
 def attitudes_of(database: Database, contact_id: int, start: datetime, end: datetime) -> AttitudeSeries:
-    """Return the attitudes of a contact in order of device time, one per frame. Raises BadInput if there are none or too many."""
+    """Return the attitudes of a contact in order of device time, one per frame. Raises BadInput if there are none or
+    too many."""
     attitudes: dict[float, tuple[Any, ...]] = {}
     for row in telemetry.rows(database, "attitude", COLUMNS, start, end, contact_id=contact_id):
         if row.values[0] is not None:
@@ -305,8 +307,8 @@ def attitudes_of(database: Database, contact_id: int, start: datetime, end: date
 
 
 def temperatures(database: Database, status: Status, start: datetime, end: datetime) -> tuple[Array, Array] | None:
-    """Return Unix seconds and °C of the unit's temperatures during a time span and shortly before and after it; None if the unit
-    does not report its temperature."""
+    """Return Unix seconds and °C of the unit's temperatures during a time span and shortly before and after it; None if
+    the unit does not report its temperature."""
     if not (status.packet and status.sensor_temperature):
         return None
     margin = timedelta(seconds=NEAR_S)

@@ -75,8 +75,9 @@ class TelemetryAnalysis(Request):
 
 
 class SheetRequest(Request):
-    """Performance sheet of stored frames or of a simulated unit. ``other_*``: frames of a second head on the same body, taken at
-    the same times; ``mounting``: quaternion camera from second head, scalar last, as measured on the ground."""
+    """Performance sheet of stored frames or of a simulated unit. ``other_*``: frames of a second head on the same body,
+    taken at the same times; ``mounting``: quaternion camera from second head, scalar last, as measured on the
+    ground."""
 
     kind: Literal["sheet"]
     profile: str = Field(max_length=40)
@@ -110,10 +111,10 @@ class SheetRequest(Request):
 
 
 class MovingRequest(Request):
-    """Moving objects in stored frames of one sequence. ``objects``: two-line elements of objects to identify; ``orbit``: TLE, OMM
-    or OEM of the spacecraft with the camera; ``site``: latitude and longitude in degrees and height in metres of a camera on the
-    ground. Without orbit and site, the imported orbit is used if it covers the frames. ``top_rate_deg_s``: maximum rate to search
-    for."""
+    """Moving objects in stored frames of one sequence. ``objects``: two-line elements of objects to identify;
+    ``orbit``: TLE, OMM or OEM of the spacecraft with the camera; ``site``: latitude and longitude in degrees and height
+    in metres of a camera on the ground. Without orbit and site, the imported orbit is used if it covers the frames.
+    ``top_rate_deg_s``: maximum rate to search for."""
 
     kind: Literal["moving"]
     profile: str = Field(max_length=40)
@@ -145,8 +146,8 @@ class MovingRequest(Request):
 
 
 class HealthRequest(Request):
-    """Health of a sensor from ordinary frames of a mission. ``orbit``: TLE, OMM or OEM of the spacecraft, or the element sets of
-    the complete mission. Without it, the imported orbits are used if they cover the frames."""
+    """Health of a sensor from ordinary frames of a mission. ``orbit``: TLE, OMM or OEM of the spacecraft, or the
+    element sets of the complete mission. Without it, the imported orbits are used if they cover the frames."""
 
     kind: Literal["health"]
     profile: str = Field(max_length=40)

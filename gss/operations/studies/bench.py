@@ -1,5 +1,5 @@
-"""Bench calibrations from dots, pairs of stars, checkerboards, dark currents and focus runs. Each method determines one part of a
-camera with its uncertainty. The results of PRIOR_KINDS can be priors of a calibration from stars."""
+"""Bench calibrations from dots, pairs of stars, checkerboards, dark currents and focus runs. Each method determines one
+part of a camera with its uncertainty. The results of PRIOR_KINDS can be priors of a calibration from stars."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ STEADY_SIGMA_PX = 0.02
 
 
 def centre(dots_px: Rows) -> CalibrationInput:
-    """Determine the optical centre from positions (col, row) of one dot while the camera rotates about its axis (Jacobs 1995
-    §6.2.1)."""
+    """Determine the optical centre from positions (col, row) of one dot while the camera rotates about its axis (Jacobs
+    1995 §6.2.1)."""
     dots = table(dots_px, 2, "positions of a dot: col, row")
     result = optical_centre(dots)
     content = dict(as_record(replace(result, warnings=()))) | {"dots_px": as_record(dots)}
@@ -59,8 +59,8 @@ def centre(dots_px: Rows) -> CalibrationInput:
 
 
 def tilt(pairs_px: Rows, profile: CameraProfile) -> CalibrationInput:
-    """Determine the detector's tilt from the positions (col, row, col, row) of two dots, the first near the centre and the second
-    far from it (eq. 6.15)."""
+    """Determine the detector's tilt from the positions (col, row, col, row) of two dots, the first near the centre and
+    the second far from it (eq. 6.15)."""
     pairs = table(pairs_px, 4, "positions of two dots: inner col, row, outer col, row")
     result = detector_tilt(pairs[:, :2], pairs[:, 2:], profile.camera, profile.focal_mm)
     return _input_of("bench-tilt", {"tilt": dict(as_record(replace(result, warnings=())))}, result.warnings)
@@ -206,8 +206,8 @@ def table(rows: Rows, columns: int, title: str) -> np.ndarray[Any, np.dtype[np.f
 
 
 def priors_of(results: Sequence[tuple[str, Mapping[str, Any]]]) -> dict[str, Prior]:
-    """Return the priors for a camera from bench results (kind, result). A later result replaces an earlier result for the same
-    value. Raises BadInput for a kind that is not in PRIOR_KINDS."""
+    """Return the priors for a camera from bench results (kind, result). A later result replaces an earlier result for
+    the same value. Raises BadInput for a kind that is not in PRIOR_KINDS."""
     out: dict[str, Prior] = {}
     for kind, result in results:
         if kind == "bench-centre":

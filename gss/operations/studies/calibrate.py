@@ -36,7 +36,8 @@ PSF_SHOTS = 8
 
 @dataclass(frozen=True)
 class CalibrationInput:
-    """A calibration before it is stored. ``values``: values of the sensor's table, empty for a camera without a profile."""
+    """A calibration before it is stored. ``values``: values of the sensor's table, empty for a camera without a
+    profile."""
 
     kind: str
     values: JsonObject
@@ -121,8 +122,9 @@ def _first_solved(
     fov_rad: float | None,
     progress: ProgressCallback,
 ) -> SolvedFrame:
-    """Solve the shots with the documented camera. If fewer than half are solved, the documented lens is probably wrong, so the
-    shots are also solved with only the width of its field of view. Return the solution with more matched stars."""
+    """Solve the shots with the documented camera. If fewer than half are solved, the documented lens is probably wrong,
+    so the shots are also solved with only the width of its field of view. Return the solution with more matched
+    stars."""
     if profile is None:
         return solve_shots(solver, shots, None, fov_rad, progress)
     problem: BadInput | None = None
@@ -158,8 +160,8 @@ def from_darks(
     keep: Callable[[DarkCalibration, Response | None], JsonObject] | None = None,
 ) -> CalibrationInput:
     """Determine pattern, hot and dead pixels, noise and gain from dark frames of one exposure and pairs of flat fields.
-    ``keep``: function that stores the dark frame for reruns and returns its entry for the result. Raises BadInput for different
-    exposures."""
+    ``keep``: function that stores the dark frame for reruns and returns its entry for the result. Raises BadInput for
+    different exposures."""
     progress(0.0, counted(len(darks), "dark frame"))
     exposures = {shot.exposure_s for shot in darks}
     if len(exposures) > 1:

@@ -21,7 +21,8 @@ MAX_PIXELS = 5000
 
 
 def geometry(calibration: CameraCalibration) -> JsonObject:
-    """Return camera, uncertainties, model comparison, maps before and after, and up to MAX_POINTS residuals for the plot."""
+    """Return camera, uncertainties, model comparison, maps before and after, and up to MAX_POINTS residuals for the
+    plot."""
     thinned = replace(calibration, stars=_thinned(calibration.stars), warnings=())
     return dict(as_record(thinned))
 
@@ -55,7 +56,8 @@ def psf(psf_field: PsfField, advice: FocusAdvice) -> JsonObject:
 
 
 def dark(dark: DarkCalibration) -> JsonObject:
-    """Return statistics and the hot pixels, hottest first. The maps are not included, because they are stored as blobs."""
+    """Return statistics and the hot pixels, hottest first. The maps are not included, because they are stored as
+    blobs."""
     order = np.argsort(dark.hot_excess_dn)[::-1][:MAX_PIXELS]
     maps = {"median_dn", "noise_map_dn", "warnings"}
     small = replace(dark, hot=dark.hot[order], hot_excess_dn=dark.hot_excess_dn[order], noisy=dark.noisy[:MAX_PIXELS])

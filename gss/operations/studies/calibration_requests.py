@@ -34,8 +34,8 @@ class _Calibration(Request):
 
 
 class StarCalibration(_Calibration):
-    """Calibration from star frames. ``profile``: "" for a camera without a profile, which is solved blind. ``models``: lens
-    models to compare, empty for all. ``fov_deg``: width of the field of view, None if unknown."""
+    """Calibration from star frames. ``profile``: "" for a camera without a profile, which is solved blind. ``models``:
+    lens models to compare, empty for all. ``fov_deg``: width of the field of view, None if unknown."""
 
     kind: Literal["stars"]
     profile: str = Field(default="", max_length=40)
@@ -135,7 +135,8 @@ class BenchRadial(_BenchFrames):
 
 
 class BenchCheckerboard(_BenchFrames):
-    """Camera model from pictures of a checkerboard. ``corners``: inner corners across and down; ``square_mm``: side of a square."""
+    """Camera model from pictures of a checkerboard. ``corners``: inner corners across and down; ``square_mm``: side of
+    a square."""
 
     kind: Literal["bench-checkerboard"]
     corners: Annotated[list[Annotated[int, Field(ge=3, le=100)]], Field(min_length=2, max_length=2)]
@@ -151,7 +152,8 @@ class BenchDarkLaw(BenchCalibration):
 
 
 class BenchFocus(BenchCalibration):
-    """Best focus, from pictures at several lens settings, in the order of ``positions``, or from measured star widths."""
+    """Best focus, from pictures at several lens settings, in the order of ``positions``, or from measured star
+    widths."""
 
     kind: Literal["bench-focus"]
     frame_ids: FrameIds = Field(default=[])

@@ -1,5 +1,5 @@
-"""Calibrations of a camera from its stored frames. They are computed as jobs, stored as versions, compared, used for reruns, and
-sent to the sensor."""
+"""Calibrations of a camera from its stored frames. They are computed as jobs, stored as versions, compared, used for
+reruns, and sent to the sensor."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ FOREIGN = "foreign"
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of two calibrations. ``geometry``: difference over the detector after the best common rotation; ``changed``:
-    values that differ, (older, newer) by name."""
+    """Comparison of two calibrations. ``geometry``: difference over the detector after the best common rotation;
+    ``changed``: values that differ, (older, newer) by name."""
 
     older: Calibration
     newer: Calibration
@@ -86,8 +86,8 @@ class CalibrationService:
     # --- computation --------------------------------------------------------------------------------------------
 
     def start(self, request: CalibrationRequest, *, user: str) -> Job:
-        """Queue a calibration. The result of the job contains the id of the stored row. Raises BadInput before the job is
-        queued."""
+        """Queue a calibration. The result of the job contains the id of the stored row. Raises BadInput before the job
+        is queued."""
         job = CalibrationJob(request, user=user)
         title, work = self._work(job)
         return self._jobs.begin("calibration", title, job, work)
@@ -143,7 +143,8 @@ class CalibrationService:
         return f"calibrate {camera_name} from {source}", work
 
     def _camera(self, request: CalibrationRequest) -> CameraProfile | None:
-        """Return the documented camera. For a calibration from stars, the active detector calibration is applied to it."""
+        """Return the documented camera. For a calibration from stars, the active detector calibration is applied to
+        it."""
         if not request.profile:
             if isinstance(request, BenchCalibration) and not isinstance(request, BenchCheckerboard | BenchCentre):
                 raise BadInput("this method needs a camera", expected="a profile", got="none")
@@ -194,8 +195,8 @@ class CalibrationService:
         return replace(calibration, result=calibration.result | {"dark_frame": dark}) if dark else calibration
 
     def from_health(self, analysis_id: int, *, user: str) -> Calibration:
-        """Store the calibration that a health analysis proposes: values of the sensor, and bad pixels in addition to those of the
-        active dark frame. Raises NotFound, and BadInput for another kind of analysis."""
+        """Store the calibration that a health analysis proposes: values of the sensor, and bad pixels in addition to
+        those of the active dark frame. Raises NotFound, and BadInput for another kind of analysis."""
         with self._database.unit_of_work() as session:
             analysis = store.analysis(session, analysis_id)
         if analysis.kind != "health":
@@ -225,8 +226,8 @@ class CalibrationService:
         return row
 
     def _with_bad(self, camera_name: str, bad_pixels: NDArray[np.intp]) -> DarkPattern:
-        """Return the active dark frame with additional bad pixels; without an active dark frame, a map that only replaces the bad
-        pixels."""
+        """Return the active dark frame with additional bad pixels; without an active dark frame, a map that only
+        replaces the bad pixels."""
         key, profile = self.book.dark_of(camera_name), self.book.profile(camera_name)
         if not key:
             flat = np.zeros((profile.camera.rows, profile.camera.columns), np.float32)
@@ -277,8 +278,8 @@ class CalibrationService:
         self._bus.record("calibration", "ok", f"{profile_name}: {user} selected the documented camera for reruns")
 
     def table(self, calibration_id: int, *, user: str) -> DeviceTable:
-        """Return the calibration as a table for the sensor, which can be uploaded, verified and activated. The table is created
-        on the first call."""
+        """Return the calibration as a table for the sensor, which can be uploaded, verified and activated. The table is
+        created on the first call."""
         row = self.get(calibration_id)
         if row.table_id is not None:
             return self._tables.get(row.table_id)

@@ -42,7 +42,8 @@ class CameraBook:
         return self._instruments.camera(name) if active is None else active[1]
 
     def status_of(self, name: str) -> Status:
-        """Return the quantities that contain the state in the telemetry of an instrument. Raises NotFound for an unknown name."""
+        """Return the quantities that contain the state in the telemetry of an instrument. Raises NotFound for an
+        unknown name."""
         return self._instruments.get(name).roles.quantities.status
 
     def profiles(self) -> dict[str, CameraProfile]:

@@ -21,8 +21,8 @@ MAX_CONCURRENT = 40
 
 
 class ExperimentsRequest(Request):
-    """Experiments to run. The result of the job contains a record with columns, rows, conditions, notes and series for each
-    experiment."""
+    """Experiments to run. The result of the job contains a record with columns, rows, conditions, notes and series for
+    each experiment."""
 
     names: list[str] = Field(min_length=1, max_length=MAX_CONCURRENT)
     trials: int | None = Field(default=None, ge=1, le=10_000_000)
@@ -38,8 +38,8 @@ class ExperimentsJob(JobRequest):
 
 @dataclass(frozen=True)
 class ChainRecord:
-    """All ground results of one chain, version and set of changed constants (``options``). Medians are over the solved frames; None
-    without data."""
+    """All ground results of one chain, version and set of changed constants (``options``). Medians are over the solved
+    frames; None without data."""
 
     chain: str
     version: str
@@ -62,8 +62,8 @@ class CampaignService:
         jobs.register(JobKind("experiments", ExperimentsJob, self._run, older=nested_request))
 
     def run_experiments(self, spec: ExperimentsRequest, *, user: str) -> Job:
-        """Queue experiments. The result of the job contains a record of each experiment. Raises NotFound or BadInput before the job
-        is queued."""
+        """Queue experiments. The result of the job contains a record of each experiment. Raises NotFound or BadInput
+        before the job is queued."""
         for name in spec.names:
             experiments.check(name, spec.trials, spec.seed)
         title = spec.names[0] if len(spec.names) == 1 else f"{len(spec.names)} experiments"
@@ -73,8 +73,8 @@ class CampaignService:
         return _experiments(request.asked, run, self._executor)
 
     def compare(self) -> list[ChainRecord]:
-        """Return a record for each chain, version and set of changed constants that ran on stored frames. Only the latest result
-        per frame counts."""
+        """Return a record for each chain, version and set of changed constants that ran on stored frames. Only the
+        latest result per frame counts."""
         with self._database.unit_of_work() as session:
             rows = store.newest_by_chain(session)
         groups: dict[tuple[str, str, str], list[store.SolutionOutcome]] = {}
@@ -84,8 +84,8 @@ class CampaignService:
 
 
 def _experiments(spec: ExperimentsRequest, run: JobRun, executor: Executor) -> JobResult:
-    """Run all experiments. Each completed experiment is added to the checkpoint; after a crash, only the experiments in progress
-    are rerun."""
+    """Run all experiments. Each completed experiment is added to the checkpoint; after a crash, only the experiments in
+    progress are rerun."""
     names = spec.names
     completed_records = list((run.checkpoint or {}).get("experiments", ()))
     remaining = [(name, spec.trials, spec.seed) for name in names[len(completed_records) :]]

@@ -64,8 +64,8 @@ class ChainReports:
         self._database = database
 
     def report(self, key: ChainKey, against: ChainKey | None = None) -> ChainReport:
-        """Return the report of a chain compared with another chain, or with each frame's operational result if ``against`` is None.
-        Raises NotFound if one of the chains has no results."""
+        """Return the report of a chain compared with another chain, or with each frame's operational result if
+        ``against`` is None. Raises NotFound if one of the chains has no results."""
         with self._database.unit_of_work() as session:
             own_runs = store.runs_of(session, key, MAX_FRAMES)
             ids = [run.frame_id for run in own_runs]
@@ -102,8 +102,9 @@ class ChainReports:
 
 @dataclass(frozen=True)
 class _Judged:
-    """Result of a frame compared with the other chain. ``state``: agrees, differs, none (no solution of the other chain) or missing
-    (the other chain was not run); ``cross_rad``, ``about_rad``: difference of the attitudes, NaN if an attitude is missing."""
+    """Result of a frame compared with the other chain. ``state``: agrees, differs, none (no solution of the other
+    chain) or missing (the other chain was not run); ``cross_rad``, ``about_rad``: difference of the attitudes, NaN if
+    an attitude is missing."""
 
     solved: bool
     state: str
@@ -181,7 +182,8 @@ def _differences(judged: Sequence[_Judged], compared: str) -> Plot | None:
 
 
 def _histogram(title: str, values: Sequence[float]) -> Plot | None:
-    """Return a histogram with logarithmic bins. Differences below a thousandth of an arcsecond count in the first bin."""
+    """Return a histogram with logarithmic bins. Differences below a thousandth of an arcsecond count in the first
+    bin."""
     if not values:
         return None
     clipped = np.clip(values, 1e-3, None)
@@ -209,7 +211,8 @@ def _over_time(runs: Sequence[FrameRun]) -> Plot:
 
 
 def _over_sky(runs: Sequence[FrameRun], other_by_frame: Mapping[int, FrameRun]) -> Plot:
-    """Plot the boresights of the frames. For a frame without a solution, the boresight of the other result is plotted."""
+    """Plot the boresights of the frames. For a frame without a solution, the boresight of the other result is
+    plotted."""
     attitude_runs = [(run.solved, run if run.solved else other_by_frame.get(run.frame_id)) for run in runs]
 
     def dots(label: str, select: Callable[[bool], bool]) -> Series:
@@ -221,7 +224,8 @@ def _over_sky(runs: Sequence[FrameRun], other_by_frame: Mapping[int, FrameRun]) 
 
 
 def _reasons(runs: Sequence[FrameRun]) -> Section:
-    """Count the reasons of frames without a solution. Numbers in a reason are replaced, so that similar reasons count together."""
+    """Count the reasons of frames without a solution. Numbers in a reason are replaced, so that similar reasons count
+    together."""
     counts: dict[str, int] = {}
     for run in runs:
         if not run.solved:

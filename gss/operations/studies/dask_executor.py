@@ -1,5 +1,5 @@
-"""Runs long work on a Dask cluster. If a worker dies, the scheduler reruns its work on another worker. Each result is used only
-once."""
+"""Runs long work on a Dask cluster. If a worker dies, the scheduler reruns its work on another worker. Each result is
+used only once."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ REPORT_EVERY_S = 0.1
 
 
 class DaskExecutor:
-    """Client of an external cluster. ``url``: ``tcp://host:port`` of the scheduler, or ``tls://`` with the TLS settings of Dask.
+    """Client of an external cluster. ``url``: ``tcp://host:port`` of the scheduler, or ``tls://`` with the TLS settings
+    of Dask.
 
-    Scheduler and workers unpickle received data, so they must be on an isolated network. The workers must run the same version
-    of the program and access the blobs by the same URL.
+    Scheduler and workers unpickle received data, so they must be on an isolated network. The workers must run the same
+    version of the program and access the blobs by the same URL.
     """
 
     def __init__(self, url: str, no_worker_s: float = NO_WORKER_S, connect_s: float = CONNECT_S) -> None:

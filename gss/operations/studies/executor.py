@@ -1,5 +1,5 @@
-"""Executors for long work in the calling thread, in worker processes of this host, or on a Dask cluster. The results and their
-order do not depend on the executor."""
+"""Executors for long work in the calling thread, in worker processes of this host, or on a Dask cluster. The results
+and their order do not depend on the executor."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ ShareCallback = Callable[[float], None]
 Work = Callable[[Item, ShareCallback], Result]
 """Function that processes an item. It must be a module-level function, because other processes import it by name."""
 Waiting = Callable[[float], None]
-"""Function called a few times a second with the completed share of the oldest open item. It can raise an exception to end the
-run."""
+"""Function called a few times a second with the completed share of the oldest open item. It can raise an exception to
+end the run."""
 
 AHEAD = 3
 """Number of queued items per worker. It keeps the workers busy, and a cancelled run still ends quickly."""
@@ -39,16 +39,16 @@ class Executor(Protocol):
     def in_order(
         self, work: Work[Item, Result], items: Iterable[Item], waiting: Waiting | None = None
     ) -> Generator[Result, None, None]:
-        """Yield the result of each item once, in the order of the items, even if workers die. Exceptions of the work are raised
-        here. Closing the iterator stops work in progress. Raises GssError if workers die repeatedly."""
+        """Yield the result of each item once, in the order of the items, even if workers die. Exceptions of the work
+        are raised here. Closing the iterator stops work in progress. Raises GssError if workers die repeatedly."""
 
     def stop(self) -> None:
         """Stop the workers started by this executor."""
 
 
 class HereExecutor:
-    """Runs the items one after the other in the calling thread. Progress is reported within items, and a run can be cancelled
-    within an item."""
+    """Runs the items one after the other in the calling thread. Progress is reported within items, and a run can be
+    cancelled within an item."""
 
     workers = 1
 
@@ -64,7 +64,8 @@ class HereExecutor:
 
 
 class LocalExecutor:
-    """Runs the items in worker processes of this host, which stay alive between runs. A run continues if workers die."""
+    """Runs the items in worker processes of this host, which stay alive between runs. A run continues if workers
+    die."""
 
     def __init__(self, workers: int, idle_s: float = IDLE_S) -> None:
         self._pool = WarmPool(workers, idle_s)
@@ -81,7 +82,8 @@ class LocalExecutor:
     def in_order(
         self, work: Work[Item, Result], items: Iterable[Item], waiting: Waiting | None = None
     ) -> Generator[Result, None, None]:
-        """See :class:`Executor`. If a worker dies, only items in progress and queued items are rerun; returned results are kept."""
+        """See :class:`Executor`. If a worker dies, only items in progress and queued items are rerun; returned results
+        are kept."""
         remaining, open_items, deaths = iter(items), deque[Item](), 0
         while True:
             try:

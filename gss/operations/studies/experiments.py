@@ -1,5 +1,6 @@
-"""Access to the package ``validation``, which contains the documents' experiments and is installed with the extra ``validation``.
-Only this module imports the package. If it is not installed, the functions of this module raise Conflict."""
+"""Access to the package ``validation``, which contains the documents' experiments and is installed with the extra
+``validation``. Only this module imports the package. If it is not installed, the functions of this module raise
+Conflict."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Report of the health of a sensor: trends with forecasts, warm pixels, dark level, radiation over the Earth, and proposed
-calibration."""
+"""Report of the health of a sensor: trends with forecasts, warm pixels, dark level, radiation over the Earth, and
+proposed calibration."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Solves uploaded lists of measured stars as a job. The file and the results are blobs, which a database row references.
+"""Solves uploaded lists of measured stars as a job. The file and the results are blobs, which a database row
+references.
 
-The lists are read twice: at the upload, so that an invalid file is rejected immediately, and by the job, which uses only its
-stored request. Workers receive batches of lists and return results, as in reprocessing.
+The lists are read twice: at the upload, so that an invalid file is rejected immediately, and by the job, which uses
+only its stored request. Workers receive batches of lists and return results, as in reprocessing.
 """
 
 from __future__ import annotations
@@ -56,8 +57,9 @@ BATCH = 64
 
 
 class ListRunRequest(Request):
-    """Options for solving the lists of a file. ``no_distortion``: true if the positions are free of lens distortion; ``sigma_px``:
-    error of a position per axis; ``epoch_jyear``: epoch of the star positions, None for the current epoch."""
+    """Options for solving the lists of a file. ``no_distortion``: true if the positions are free of lens distortion;
+    ``sigma_px``: error of a position per axis; ``epoch_jyear``: epoch of the star positions, None for the current
+    epoch."""
 
     camera: str = Field(min_length=1, max_length=40)
     no_distortion: bool = False
@@ -97,8 +99,8 @@ class ListRow(_Pointing, ListRecord):
 
 
 class ListRunService:
-    """Stores uploaded lists, solves them as a job and returns their results. ``upkeep_lock``: lock file of a running backup, which
-    needs every blob that its rows reference."""
+    """Stores uploaded lists, solves them as a job and returns their results. ``upkeep_lock``: lock file of a running
+    backup, which needs every blob that its rows reference."""
 
     def __init__(
         self,
@@ -120,7 +122,8 @@ class ListRunService:
         jobs.register(JobKind(KIND, ListRunJob, self._solve))
 
     def start(self, data: bytes, filename: str, spec: ListRunRequest, *, user: str) -> tuple[ListRun, Job]:
-        """Store the file and queue its job. Raises BadInput with file, row and reason, and NotFound for an unknown camera."""
+        """Store the file and queue its job. Raises BadInput with file, row and reason, and NotFound for an unknown
+        camera."""
         filename = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in filename)[:120]
         if len(data) > MAX_BYTES:
             raise BadInput(
@@ -166,8 +169,8 @@ class ListRunService:
             return store.get(session, run_id)
 
     def remove(self, run_id: int) -> None:
-        """Delete a run with its file and its results. If its job is running, it fails when it ends. Raises NotFound, and Conflict
-        during a backup."""
+        """Delete a run with its file and its results. If its job is running, it fails when it ends. Raises NotFound,
+        and Conflict during a backup."""
         with self._storing, named_lock(self._upkeep_lock, "a backup or a removal is running"):
             with self._database.unit_of_work() as session:
                 keys = store.remove(session, run_id)
@@ -177,8 +180,8 @@ class ListRunService:
                 self._blobs.delete(key)
 
     def results(self, run: ListRun, offset: int = 0, limit: int | None = None) -> Iterator[ListRow]:
-        """Return a row of values for each list from ``offset`` on. Other rows are not decoded. Raises NotFound if the run has not
-        been solved."""
+        """Return a row of values for each list from ``offset`` on. Other rows are not decoded. Raises NotFound if the
+        run has not been solved."""
         if not run.results_sha256:
             raise NotFound(
                 "these star lists have no results",

@@ -1,4 +1,5 @@
-"""Detects, links and identifies moving objects in a sequence of frames, and returns them as a record for programs and as TDM."""
+"""Detects, links and identifies moving objects in a sequence of frames, and returns them as a record for programs and
+as TDM."""
 
 from __future__ import annotations
 
@@ -40,8 +41,8 @@ UNKNOWN_PLACE = "position of the camera not known"
 
 @dataclass(frozen=True)
 class CameraPlace:
-    """Position of the camera. ``name``: name for the report and the TDM; ``at``: function that returns (n, 3) km from the Earth's
-    centre in ICRS axes at (n,) Unix seconds."""
+    """Position of the camera. ``name``: name for the report and the TDM; ``at``: function that returns (n, 3) km from
+    the Earth's centre in ICRS axes at (n,) Unix seconds."""
 
     name: str
     at: Callable[[Array], Array]
@@ -53,8 +54,8 @@ def place_of_orbit(name: str, orbit: Trajectory) -> CameraPlace:
 
 
 def place_of(orbit: str, site: tuple[float, float, float] | None) -> CameraPlace | None:
-    """Return the position of a camera from the text of an orbit file, or from a site with latitude and longitude in degrees and
-    height in metres; None if neither is given. Raises BadInput."""
+    """Return the position of a camera from the text of an orbit file, or from a site with latitude and longitude in
+    degrees and height in metres; None if neither is given. Raises BadInput."""
     if orbit and site is not None:
         raise BadInput(
             "two positions of the camera are given", expected="an orbit or a site", got="an orbit and a site"
@@ -78,8 +79,8 @@ def moving_objects(
     created: datetime,
     progress: ProgressCallback,
 ) -> AnalysisResult:
-    """Return the objects that move across the solved frames of a run. ``objects``: two-line elements of objects to identify. Raises
-    BadInput."""
+    """Return the objects that move across the solved frames of a run. ``objects``: two-line elements of objects to
+    identify. Raises BadInput."""
     catalogue = catalogue_of(read_objects(objects))
     frames, shots = _sources(solver, run, progress)
     if not frames:

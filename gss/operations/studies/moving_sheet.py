@@ -21,11 +21,12 @@ MAX_LISTED = 100
 
 @dataclass(frozen=True)
 class TrackRecord:
-    """One object. ``streak``: True if it is in only one frame, so that its direction of motion is not known. ``name``: the
-    identified object. ``times_s`` (n,): Unix seconds of mid exposure; ``ra_rad``, ``dec_rad`` (n,): in the system of the star
-    catalogue, with ``covariance_rad2`` (n, 2, 2) east and north; ``rate_rad_s`` (2,): east and north at the middle of the track,
-    with ``rate_covariance``; ``chance``: expected number of such tracks by accident; ``ends_ra_rad``, ``ends_dec_rad``,
-    ``ends_sigma_rad`` (n, 2): both ends of the trail in the order of the motion, NaN for a point source."""
+    """One object. ``streak``: True if it is in only one frame, so that its direction of motion is not known. ``name``:
+    the identified object. ``times_s`` (n,): Unix seconds of mid exposure; ``ra_rad``, ``dec_rad`` (n,): in the system
+    of the star catalogue, with ``covariance_rad2`` (n, 2, 2) east and north; ``rate_rad_s`` (2,): east and north at the
+    middle of the track, with ``rate_covariance``; ``chance``: expected number of such tracks by accident;
+    ``ends_ra_rad``, ``ends_dec_rad``, ``ends_sigma_rad`` (n, 2): both ends of the trail in the order of the motion, NaN
+    for a point source."""
 
     label: str
     streak: bool
@@ -62,9 +63,9 @@ class RejectedSource:
 
 @dataclass(frozen=True)
 class MovingRecord:
-    """Result of a sequence. ``used``: number of frames with an attitude; ``place``: position of the camera; ``known_objects``:
-    number of element sets compared; ``limit_mag``: magnitude of the faintest detectable point; ``reasons``: number of rejected
-    sources by reason; ``tdm``: tracks as CCSDS TDM."""
+    """Result of a sequence. ``used``: number of frames with an attitude; ``place``: position of the camera;
+    ``known_objects``: number of element sets compared; ``limit_mag``: magnitude of the faintest detectable point;
+    ``reasons``: number of rejected sources by reason; ``tdm``: tracks as CCSDS TDM."""
 
     frames: int
     used: int

@@ -52,8 +52,8 @@ class NewInstrumentService:
         jobs.register(JobKind(KIND, NewInstrumentJob, self._create))
 
     def start(self, request: PhotographsRequest, *, user: str) -> Job:
-        """Queue the job. Its result contains the name of the instrument and a row for each photograph. Raises Conflict if the name
-        exists, NotFound for an unknown frame or model, and BadInput for an incomplete frame."""
+        """Queue the job. Its result contains the name of the instrument and a row for each photograph. Raises Conflict
+        if the name exists, NotFound for an unknown frame or model, and BadInput for an incomplete frame."""
         check_new_name(self._instruments, request.name)
         model_of(self._instruments, request)
         self._photographs(request)
@@ -110,7 +110,8 @@ def check_new_name(instruments: Registry, name: str) -> None:
 
 
 def model_of(instruments: Registry, options: PhotographOptions) -> Instrument | None:
-    """Return the instrument from which everything except the camera is copied; None if none is stated. Raises NotFound."""
+    """Return the instrument from which everything except the camera is copied; None if none is stated. Raises
+    NotFound."""
     return instruments.get(options.model) if options.model else None
 
 

@@ -17,10 +17,10 @@ MAX_PHOTOGRAPHS = 200
 
 
 class PhotographOptions(Request):
-    """Known properties of the camera. ``name``: name of the new instrument. ``model``: instrument from which link, dictionary,
-    formats and simulated unit are copied; "" for a package that describes only the camera. ``fov_min_deg``, ``fov_max_deg``:
-    range of the horizontal field of view. ``exposure_s``, ``date``: values for photographs whose files do not state them.
-    ``atmosphere``: False if the photographs were taken in space or simulated."""
+    """Known properties of the camera. ``name``: name of the new instrument. ``model``: instrument from which link,
+    dictionary, formats and simulated unit are copied; "" for a package that describes only the camera. ``fov_min_deg``,
+    ``fov_max_deg``: range of the horizontal field of view. ``exposure_s``, ``date``: values for photographs whose files
+    do not state them. ``atmosphere``: False if the photographs were taken in space or simulated."""
 
     name: str = Field(pattern=NAME_PATTERN)
     title: str = Field(default="", max_length=200)

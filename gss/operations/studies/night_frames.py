@@ -73,9 +73,9 @@ class StoredShots:
         self._database, self._frames = database, frames
 
     def of(self, ids: Sequence[int], aberration: bool | None = None) -> list[Shot]:
-        """Return the frames with the given ids, oldest first. Raises BadInput if a frame has missing rows. ``aberration``: whether
-        aberration is corrected; None: corrected if the time of observation is known, except in frames of the simulator, which
-        contain no aberration."""
+        """Return the frames with the given ids, oldest first. Raises BadInput if a frame has missing rows.
+        ``aberration``: whether aberration is corrected; None: corrected if the time of observation is known, except in
+        frames of the simulator, which contain no aberration."""
         with self._database.unit_of_work() as session:
             rows = [store.get(session, i) for i in ids]
         incomplete = [row.id for row in rows if not row.complete]
@@ -108,8 +108,8 @@ def solve_shots(
     chain: str = "reference",
     camera: Camera | None = None,
 ) -> SolvedFrame:
-    """Solve shots with a known camera, with a known width of the field of view, or blind. ``camera``: geometry that replaces that
-    of the profile. Raises BadInput if no shot is solved."""
+    """Solve shots with a known camera, with a known width of the field of view, or blind. ``camera``: geometry that
+    replaces that of the profile. Raises BadInput if no shot is solved."""
     used: list[tuple[Shot, SolveResult, FrameStars]] = []
     account: list[ShotAccount] = []
     for k, shot in enumerate(shots):
@@ -137,7 +137,8 @@ def solve_shots(
 
 
 def stack(shots: Sequence[Shot], profile: CameraProfile) -> NDArray[Any]:
-    """Return the (m, rows, columns) pixels of m shots. Raises BadInput if a frame does not have the size of the camera."""
+    """Return the (m, rows, columns) pixels of m shots. Raises BadInput if a frame does not have the size of the
+    camera."""
     images = []
     for shot in shots:
         image = shot.pixels()
@@ -154,8 +155,8 @@ def stack(shots: Sequence[Shot], profile: CameraProfile) -> NDArray[Any]:
 def request_of(
     shot: Shot, profile: CameraProfile | None, fov_rad: float | None, chain: str, camera: Camera | None = None
 ) -> SolveRequest:
-    """Return the request to solve a shot with a known camera, with a known width of the field of view, or blind. ``camera``:
-    geometry that replaces that of the profile."""
+    """Return the request to solve a shot with a known camera, with a known width of the field of view, or blind.
+    ``camera``: geometry that replaces that of the profile."""
     request = SolveRequest(
         chain=chain, epoch_jyear=epoch_at(shot.taken), observer=shot.observer, exposure_s=shot.exposure_s
     )
@@ -184,8 +185,8 @@ def matched_stars(
 
 
 def apparent_stars(solver: Solver, shot: Shot) -> StarTable:
-    """Return the stars at the date of a shot, displaced by aberration. Aberration changes the image scale by up to 1e-4, which
-    would otherwise appear as an error of the fitted focal length."""
+    """Return the stars at the date of a shot, displaced by aberration. Aberration changes the image scale by up to
+    1e-4, which would otherwise appear as an error of the fitted focal length."""
     stars = solver.cache.stars(epoch_at(shot.taken))
     if shot.observer is None:
         return stars

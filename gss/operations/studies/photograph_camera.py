@@ -1,5 +1,5 @@
-"""Measures the camera of a set of photographs: geometry, magnitudes, star width, detection limit, and level and noise of the
-sky."""
+"""Measures the camera of a set of photographs: geometry, magnitudes, star width, detection limit, and level and noise
+of the sky."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PhotographCamera:
-    """Measured properties of the camera. ``same_field``: True if all photographs show one field and therefore count as one
-    measurement of the geometry. ``missing``: quantities that could not be measured, with the reason. ``linear``: False if the pixel
-    values are not proportional to the light."""
+    """Measured properties of the camera. ``same_field``: True if all photographs show one field and therefore count as
+    one measurement of the geometry. ``missing``: quantities that could not be measured, with the reason. ``linear``:
+    False if the pixel values are not proportional to the light."""
 
     photographs: SortedPhotographs
     geometry: CameraCalibration
@@ -53,7 +53,8 @@ class PhotographCamera:
 
 
 def measure(solver: Solver, photographs: SortedPhotographs, progress: ProgressCallback) -> PhotographCamera:
-    """Calibrate one camera from all photographs together. Raises BadInput if fewer than three photographs can be used."""
+    """Calibrate one camera from all photographs together. Raises BadInput if fewer than three photographs can be
+    used."""
     start_camera = max(photographs.used, key=lambda s: len(s.stars)).result.camera
     geometry = _calibrated(photographs, start_camera, lambda share: progress(0.2 * share, "Fitting the camera"))
     solved_again = _solved_again(solver, photographs, geometry.camera, lambda s, text: progress(0.2 + 0.4 * s, text))
@@ -89,7 +90,8 @@ def measure(solver: Solver, photographs: SortedPhotographs, progress: ProgressCa
 
 
 def _shots_for_width(photographs: SortedPhotographs) -> int:
-    """Return the number of photographs needed to measure the star width. It is limited, because each star takes 0.05 s."""
+    """Return the number of photographs needed to measure the star width. It is limited, because each star takes 0.05
+    s."""
     return min(PSF_SHOTS, math.ceil(WIDTH_STARS / float(np.median([len(s.stars) for s in photographs.used]))))
 
 
@@ -117,8 +119,8 @@ def _calibrated(photographs: SortedPhotographs, start: Camera, progress: Callabl
 def _solved_again(
     solver: Solver, photographs: SortedPhotographs, camera: Camera, progress: ProgressCallback
 ) -> SortedPhotographs:
-    """Solve the photographs again with the calibrated geometry, which identifies more stars near the edge. A photograph without a
-    new solution keeps its previous solution."""
+    """Solve the photographs again with the calibrated geometry, which identifies more stars near the edge. A photograph
+    without a new solution keeps its previous solution."""
     used = []
     for k, solved in enumerate(photographs.used):
         shot = solved.photograph.shot

@@ -15,8 +15,8 @@ from gss.pipeline.calibration.lens_models import BROWN
 from gss.pipeline.calibration.robust import robust_sigma
 
 REFRACTION = 4e-4
-"""Relative error of the scale due to refraction, which compresses the sky by 2.8e-4 at the zenith and vertically by twice this
-value at 45°."""
+"""Relative error of the scale due to refraction, which compresses the sky by 2.8e-4 at the zenith and vertically by
+twice this value at 45°."""
 ABERRATION = 6e-5
 """Relative error of the scale for an unknown date, because aberration changes the scale by up to 1e-4 during a year."""
 CENTRE_SHARE = 0.12
@@ -32,8 +32,8 @@ MEDIAN = 1.2533  # standard error of a median over that of a mean
 
 @dataclass(frozen=True)
 class Stated:
-    """Properties of the camera that the user or the files state; None if unknown. ``atmosphere``: False for frames from space and
-    for simulated frames."""
+    """Properties of the camera that the user or the files state; None if unknown. ``atmosphere``: False for frames from
+    space and for simulated frames."""
 
     pixel_um: float | None
     focal_mm: float | None
@@ -42,8 +42,8 @@ class Stated:
 
 
 class FileNumber(TypedDict):
-    """A number of the file. ``source``: source of a measured number; ``chosen``: reason for a chosen number; ``sigma``: standard
-    deviation."""
+    """A number of the file. ``source``: source of a measured number; ``chosen``: reason for a chosen number; ``sigma``:
+    standard deviation."""
 
     value: float
     unit: str
@@ -91,7 +91,8 @@ def rounded(value: float, sigma: float) -> float:
 
 
 def camera_file(measured: PhotographCamera, stated: Stated, origin: str) -> CameraFile:
-    """Return the camera file. ``origin``: source of the measured numbers. Raises BadInput if a number is outside its range."""
+    """Return the camera file. ``origin``: source of the measured numbers. Raises BadInput if a number is outside its
+    range."""
     numbers = _Numbers(origin)
     geometry, gain = _geometry(measured, stated, numbers), _gain(measured, numbers)
     return CameraFile.model_validate(
@@ -106,8 +107,8 @@ def camera_file(measured: PhotographCamera, stated: Stated, origin: str) -> Came
 
 
 def spread_factor(measured: PhotographCamera) -> float:
-    """Return the factor for all uncertainties of the geometry. Photographs of one field have the same errors, so they count as one
-    measurement."""
+    """Return the factor for all uncertainties of the geometry. Photographs of one field have the same errors, so they
+    count as one measurement."""
     return math.sqrt(len(measured.photographs.used)) if measured.same_field else 1.0
 
 

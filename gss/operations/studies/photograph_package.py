@@ -25,14 +25,15 @@ from gss.operations.studies.photograph_numbers import Stated, camera_file, model
 from gss.operations.studies.photographs import Photograph, PhotographRow, SortedPhotographs, sort_out, words_of
 
 WORSE_TOGETHER = 2.0
-"""Limit of the ratio between the residual of all photographs together and the residual of each photograph alone. A higher ratio
-indicates different cameras."""
+"""Limit of the ratio between the residual of all photographs together and the residual of each photograph alone. A
+higher ratio indicates different cameras."""
 MAX_NOTES = 3900
 
 
 @dataclass(frozen=True)
 class PackageTrial:
-    """Result of solving one photograph with the new package. ``rms_arcsec``: residual per axis; ``seconds``: processing time."""
+    """Result of solving one photograph with the new package. ``rms_arcsec``: residual per axis; ``seconds``: processing
+    time."""
 
     name: str
     solved: bool
@@ -44,8 +45,9 @@ class PackageTrial:
 
 @dataclass(frozen=True)
 class PhotographPackage:
-    """A new instrument package. ``files``: files of the package; ``instrument``: instrument read from these files; ``rows``: a
-    row for every photograph file; ``trials``: tests on the used photographs; ``warnings``: warnings of the calibration."""
+    """A new instrument package. ``files``: files of the package; ``instrument``: instrument read from these files;
+    ``rows``: a row for every photograph file; ``trials``: tests on the used photographs; ``warnings``: warnings of the
+    calibration."""
 
     files: Files
     instrument: Instrument
@@ -76,8 +78,9 @@ def make_package(
     stopwatch_s: Monotonic,
     progress: ProgressCallback,
 ) -> PhotographPackage:
-    """Return a tested package. Nothing is written to disk. ``model``: instrument from which everything except the camera is copied.
-    Raises BadInput with a reason for each file if fewer than three photographs of one camera can be used."""
+    """Return a tested package. Nothing is written to disk. ``model``: instrument from which everything except the
+    camera is copied. Raises BadInput with a reason for each file if fewer than three photographs of one camera can be
+    used."""
     timed = _with_exposure(_with_date(photographs, options.taken), options.exposure_s)
     limits = options.fov_limits_rad
     sorted_out = sort_out(solver, timed, unreadable, limits, lambda share, text: progress(0.6 * share, text))
@@ -120,8 +123,8 @@ def _with_date(photographs: Sequence[Photograph], taken: datetime | None) -> lis
 
 
 def _with_exposure(photographs: Sequence[Photograph], stated_s: float | None) -> list[Photograph]:
-    """Set the exposure stated by the user for photographs without an exposure. If it is not stated, remove all exposures unless
-    every photograph has one, because otherwise magnitudes cannot be compared."""
+    """Set the exposure stated by the user for photographs without an exposure. If it is not stated, remove all
+    exposures unless every photograph has one, because otherwise magnitudes cannot be compared."""
     all_stated = all(p.shot.exposure_s for p in photographs)
     return [
         p

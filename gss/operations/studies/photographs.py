@@ -34,8 +34,8 @@ class Photograph:
 
 @dataclass(frozen=True)
 class PhotographRow:
-    """Result for one file. ``reason``: why it was not used; ``spots``: number of detected stars; ``matched``: number of identified
-    stars; ``fov_deg``: horizontal field of view of this photograph solved alone; ``rms_px``: residual."""
+    """Result for one file. ``reason``: why it was not used; ``spots``: number of detected stars; ``matched``: number of
+    identified stars; ``fov_deg``: horizontal field of view of this photograph solved alone; ``rms_px``: residual."""
 
     name: str
     used: bool
@@ -99,8 +99,8 @@ def sort_out(
     fov_limits_rad: tuple[float, float] | None,
     progress: ProgressCallback,
 ) -> SortedPhotographs:
-    """Solve the photographs blind and select the photographs of one camera. ``unreadable``: files without an image. Raises BadInput
-    with a reason for each file if fewer than three photographs remain."""
+    """Solve the photographs blind and select the photographs of one camera. ``unreadable``: files without an image.
+    Raises BadInput with a reason for each file if fewer than three photographs remain."""
     sorting = _Sorting(unreadable)
     remaining = _of_most_common_size(_without_copies(photographs, sorting), sorting)
     sorting.check(len(remaining))
@@ -172,7 +172,8 @@ def _solved(
     sorting: _Sorting,
     progress: ProgressCallback,
 ) -> list[SolvedPhotograph]:
-    """Solve each photograph. The field of view of the last solved photograph is tried first, which saves most of the time."""
+    """Solve each photograph. The field of view of the last solved photograph is tried first, which saves most of the
+    time."""
     solved: list[SolvedPhotograph] = []
     for k, photograph in enumerate(photographs):
         shot = photograph.shot
@@ -199,8 +200,8 @@ def _solve(solver: Solver, pixels: Pixels, blind: SolveRequest, fov_rad: float |
 
 
 def _of_one_scale(solved: list[SolvedPhotograph], sorting: _Sorting) -> list[SolvedPhotograph]:
-    """Return the largest group of photographs without a gap in their focal lengths. All other photographs are of another camera, or
-    were cropped and enlarged."""
+    """Return the largest group of photographs without a gap in their focal lengths. All other photographs are of
+    another camera, or were cropped and enlarged."""
     focal = np.array([s.result.camera.focal_col_px for s in solved])
     order = np.argsort(focal)
     groups = np.split(order, np.flatnonzero(np.diff(np.log(focal[order])) > SCALE_GAP) + 1)
@@ -231,8 +232,8 @@ def _sharp(solved: list[SolvedPhotograph], sorting: _Sorting) -> list[SolvedPhot
 
 
 def without(sorted_out: SortedPhotographs, excluded: Mapping[str, str]) -> SortedPhotographs:
-    """Return the photographs without the excluded photographs. ``excluded``: reason by name. Raises BadInput if fewer than three
-    photographs remain."""
+    """Return the photographs without the excluded photographs. ``excluded``: reason by name. Raises BadInput if fewer
+    than three photographs remain."""
     sorting = _Sorting(sorted_out.rows)
     for name, reason in excluded.items():
         sorting.rows[name] = replace(sorting.rows[name], used=False, reason=reason)

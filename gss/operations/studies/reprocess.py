@@ -1,9 +1,11 @@
-"""Runs a chain over many stored frames as a resumable job on worker processes or a cluster, with progress and cancelling.
+"""Runs a chain over many stored frames as a resumable job on worker processes or a cluster, with progress and
+cancelling.
 
-Workers receive blob keys and return plain values. Only this process writes the database: it stores the results of each batch and
-the checkpoint of the job in one transaction, in the order of the frames. An interrupted job therefore leaves only complete
-solutions, and continues after them when the server restarts. The same frames, chain and version give the same values on any
-number of workers. Overlays other than stars and regions are derived from attitude and camera, and are computed on request.
+Workers receive blob keys and return plain values. Only this process writes the database: it stores the results of each
+batch and the checkpoint of the job in one transaction, in the order of the frames. An interrupted job therefore leaves
+only complete solutions, and continues after them when the server restarts. The same frames, chain and version give the
+same values on any number of workers. Overlays other than stars and regions are derived from attitude and camera, and
+are computed on request.
 """
 
 from __future__ import annotations
@@ -44,9 +46,9 @@ MAX_FRAMES = 100_000
 
 
 class ReprocessRequest(Request):
-    """Frames to reprocess, by id or by filter. ``profile``: camera for frames without a camera; if it is missing, these frames are
-    solved blind (reference chain only). ``again``: include frames that already have a result of this version of the chain.
-    ``options``: constants of the chain to change."""
+    """Frames to reprocess, by id or by filter. ``profile``: camera for frames without a camera; if it is missing, these
+    frames are solved blind (reference chain only). ``again``: include frames that already have a result of this version
+    of the chain. ``options``: constants of the chain to change."""
 
     chain: str = Field(min_length=1, max_length=30)
     frame_ids: list[Id] = Field(default_factory=list, max_length=MAX_FRAMES)
@@ -59,8 +61,8 @@ class ReprocessRequest(Request):
 
 @dataclass(frozen=True)
 class ReprocessJob(JobRequest):
-    """Job request of a reprocessing. ``version``: version of the program; ``frames``: number of frames; ``up_to``: id of the last
-    frame."""
+    """Job request of a reprocessing. ``version``: version of the program; ``frames``: number of frames; ``up_to``: id
+    of the last frame."""
 
     asked: ReprocessRequest
     version: str
@@ -80,8 +82,8 @@ def _of_version_0_4(stored: JsonObject) -> JsonObject:
 
 @dataclass
 class ReprocessProgress:
-    """Progress of a job. ``frames``: number of frames with a result; ``last_id``: id of the last of these frames; ``counts``:
-    numbers of outcomes and verdicts. Its plain values are the checkpoint of the job."""
+    """Progress of a job. ``frames``: number of frames with a result; ``last_id``: id of the last of these frames;
+    ``counts``: numbers of outcomes and verdicts. Its plain values are the checkpoint of the job."""
 
     frames: int = 0
     last_id: int = 0
@@ -108,8 +110,8 @@ class ReprocessResult(TypedDict):
 
 
 class ReprocessService:
-    """Starts reprocessing jobs. Results are stored in addition to the operational ground result of each frame. A result of
-    ``operational_chain`` with the frame's camera becomes operational only if the frame has no operational result."""
+    """Starts reprocessing jobs. Results are stored in addition to the operational ground result of each frame. A result
+    of ``operational_chain`` with the frame's camera becomes operational only if the frame has no operational result."""
 
     def __init__(
         self,
@@ -130,8 +132,8 @@ class ReprocessService:
         jobs.register(JobKind(KIND, ReprocessJob, self._resume, older=_of_version_0_4))
 
     def start(self, spec: ReprocessRequest, *, user: str) -> Job:
-        """Queue the job. Raises BadInput if there is no frame to run, the chain is unknown, or the chain rejects a changed
-        constant."""
+        """Queue the job. Raises BadInput if there is no frame to run, the chain is unknown, or the chain rejects a
+        changed constant."""
         if spec.chain not in CHAINS:
             raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=spec.chain)
         tasks = self.tasks(spec)
@@ -166,8 +168,8 @@ class ReprocessService:
         return [_task(f, request) for f in rows]
 
     def _resume(self, job: ReprocessJob, run: JobRun) -> JobResult:
-        """Run a job from its stored request, starting after its checkpoint. Raises Conflict if the version of the program has
-        changed."""
+        """Run a job from its stored request, starting after its checkpoint. Raises Conflict if the version of the
+        program has changed."""
         if job.version != __version__:
             raise Conflict(
                 "the software version changed since this job started",

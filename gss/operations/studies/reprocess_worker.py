@@ -1,5 +1,5 @@
-"""Worker side of reprocessing: solves pixels and returns the columns of a solution. It does not use the database, so it starts
-quickly."""
+"""Worker side of reprocessing: solves pixels and returns the columns of a solution. It does not use the database, so it
+starts quickly."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class Task:
 
 @dataclass(frozen=True)
 class BatchSettings:
-    """Settings of a batch. ``documented``: documented cameras by name; ``profiles``: active cameras by name; ``options``: changed
-    constants of the chain."""
+    """Settings of a batch. ``documented``: documented cameras by name; ``profiles``: active cameras by name;
+    ``options``: changed constants of the chain."""
 
     blobs_url: str
     epoch_jyear: float

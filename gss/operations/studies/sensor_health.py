@@ -25,20 +25,22 @@ from gss.pipeline.health.mission import mission_health
 from gss.pipeline.health.proposal import Proposal, proposed
 
 GroundPlaces = Callable[[Array], Array]
-"""Function that returns (n, 2) latitude and longitude in radians below the camera at (n,) Unix seconds; NaN if unknown."""
+"""Function that returns (n, 2) latitude and longitude in radians below the camera at (n,) Unix seconds; NaN if
+unknown."""
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Conditions of the frames. ``temperature``: Unix seconds and °C of the unit; ``places``: positions below the camera. Both are
-    None if unknown."""
+    """Conditions of the frames. ``temperature``: Unix seconds and °C of the unit; ``places``: positions below the
+    camera. Both are None if unknown."""
 
     temperature: tuple[Array, Array] | None = None
     places: GroundPlaces | None = None
 
 
 def places_below(orbit_at: Callable[[float], Trajectory | None]) -> GroundPlaces:
-    """Return a function for the positions below a spacecraft. ``orbit_at``: returns the orbit at a Unix time, None if unknown."""
+    """Return a function for the positions below a spacecraft. ``orbit_at``: returns the orbit at a Unix time, None if
+    unknown."""
 
     def places(times_s: Array) -> Array:
         positions = np.full((len(times_s), 2), np.nan)
@@ -53,7 +55,8 @@ def places_below(orbit_at: Callable[[float], Trajectory | None]) -> GroundPlaces
 
 
 def orbit_within(trajectories: Sequence[Trajectory]) -> Callable[[float], Trajectory | None]:
-    """Return a function that returns the nearest of the given orbits at a Unix time; None if no orbit covers the time."""
+    """Return a function that returns the nearest of the given orbits at a Unix time; None if no orbit covers the
+    time."""
     return lambda at_s: orbit_covering(trajectories, datetime.fromtimestamp(at_s, UTC))
 
 
@@ -92,7 +95,8 @@ def health_frames(solver: Solver, run: AnalysisRun, surroundings: Surroundings) 
 
 
 def proposal_record(proposal: Proposal) -> JsonObject:
-    """Return a proposed calibration as values of the sensor's table and bad pixels, which is the form of stored calibrations."""
+    """Return a proposed calibration as values of the sensor's table and bad pixels, which is the form of stored
+    calibrations."""
     return {
         "values": dict(calibration_values(proposal.profile)),
         "changes": as_record(proposal.changes),

@@ -27,8 +27,8 @@ def sheet_of_frames(
     temperature: tuple[Array, Array] | None = None,
     seed: int = 1,
 ) -> AnalysisResult:
-    """Return the performance sheet of solved frames. ``second``: frames of a second head; ``mounting``: quaternion camera from
-    second head; ``temperature``: Unix seconds and °C of the unit."""
+    """Return the performance sheet of solved frames. ``second``: frames of a second head; ``mounting``: quaternion
+    camera from second head; ``temperature``: Unix seconds and °C of the unit."""
     profile, series = run.profile, run.series
     # The shots are in the same order as the series, which is sorted by time.
     observers = [s.observer for s in run.shots]

@@ -24,7 +24,8 @@ def notes(warnings: Iterable[Advice]) -> list[Note]:
 
 
 def axes_table(axes: Sequence[AxisFigures], paper: dict[str, tuple[float, float]] | None = None) -> Table:
-    """Return a table of values per axis in arcseconds. ``paper``: values of a paper for comparison, 1σ and 3σ in degrees."""
+    """Return a table of values per axis in arcseconds. ``paper``: values of a paper for comparison, 1σ and 3σ in
+    degrees."""
     column_titles = ["axis", "1σ ″", "95 %", "3σ ″", "frame to frame ″", "reported σ ″", "drift ″/s"]
     rows = []
     for axis in axes:

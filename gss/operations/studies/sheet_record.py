@@ -50,8 +50,8 @@ class SheetSource:
 
 
 class BoundedValue(TypedDict):
-    """One figure with its interval. ``unit``: arcsec, arcsec/K, arcsec/day, deg/s, deg/s², s, %, px, frames, or "" for a number.
-    ``low``, ``high``: None without a bound."""
+    """One figure with its interval. ``unit``: arcsec, arcsec/K, arcsec/day, deg/s, deg/s², s, %, px, frames, or "" for
+    a number. ``low``, ``high``: None without a bound."""
 
     name: str
     value: float | None
@@ -61,7 +61,8 @@ class BoundedValue(TypedDict):
 
 
 class RowValues(TypedDict):
-    """One row of a sheet. ``conditions``: conditions of the figures; ``needs``: data that are missing for the measurement."""
+    """One row of a sheet. ``conditions``: conditions of the figures; ``needs``: data that are missing for the
+    measurement."""
 
     key: str
     title: str
@@ -74,8 +75,8 @@ class RowValues(TypedDict):
 
 
 class SheetValues(TypedDict):
-    """Performance sheet of a unit. ``confidence``: confidence level of the intervals; ``subject``: frames, camera, time and chain;
-    ``seed``: seed of the bootstrap and of simulated frames."""
+    """Performance sheet of a unit. ``confidence``: confidence level of the intervals; ``subject``: frames, camera, time
+    and chain; ``seed``: seed of the bootstrap and of simulated frames."""
 
     schema_name: Literal["gss-performance-sheet-1"]
     standard: str

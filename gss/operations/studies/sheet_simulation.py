@@ -1,4 +1,5 @@
-"""Input of the performance sheet of a simulated unit. Its frames are solved by its chain and compared with the truth."""
+"""Input of the performance sheet of a simulated unit. Its frames are solved by its chain and compared with the
+truth."""
 
 from __future__ import annotations
 
@@ -52,8 +53,8 @@ AGED = (
     ("1 % of the pixels hot", 1.0, 1.0, 0.01),
     ("all three", 10.0, 0.8, 0.01),
 )
-"""(title, factor of the dark current, factor of the light, share of hot pixels). These values are assumptions, not the result of a
-radiation analysis."""
+"""(title, factor of the dark current, factor of the light, share of hot pixels). These values are assumptions, not the
+result of a radiation analysis."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,8 @@ class _Bench:
     chain: str
 
     def unit(self, light: float = 1.0, defects: Defects | None = None, seed: int = 1) -> RenderedUnit:
-        """Return the simulated unit. ``light``: factor of the light; ``defects``: None for the defects of the profile."""
+        """Return the simulated unit. ``light``: factor of the light; ``defects``: None for the defects of the
+        profile."""
         profile = self.profile
         sensor = replace(profile.sensor, zero_point_e_s=profile.sensor.zero_point_e_s * light)
         chip = make_chip(profile.defects if defects is None else defects, sensor, profile.camera, seed)

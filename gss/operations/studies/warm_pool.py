@@ -1,4 +1,5 @@
-"""A pool of worker processes that stay alive for some time after a job, so that the next job does not have to start processes."""
+"""A pool of worker processes that stay alive for some time after a job, so that the next job does not have to start
+processes."""
 
 from __future__ import annotations
 
@@ -11,12 +12,13 @@ from multiprocessing.context import ForkServerContext
 
 IDLE_S = 300.0
 PRELOADED = ("gss.operations.studies.reprocess_worker", "gss.operations.studies.list_runs")
-"""Modules that are imported once, in the process from which workers are forked. Importing them in each worker would take 3 s of
-processor time per worker."""
+"""Modules that are imported once, in the process from which workers are forked. Importing them in each worker would
+take 3 s of processor time per worker."""
 
 
 class WarmPool:
-    """Pool of at most ``workers`` processes, which end ``idle_s`` seconds after the last job or when :meth:`stop` is called."""
+    """Pool of at most ``workers`` processes, which end ``idle_s`` seconds after the last job or when :meth:`stop` is
+    called."""
 
     def __init__(self, workers: int, idle_s: float = IDLE_S) -> None:
         self._workers, self._idle_s = workers, idle_s
@@ -32,8 +34,8 @@ class WarmPool:
 
     @contextmanager
     def borrowed(self) -> Iterator[ProcessPoolExecutor]:
-        """Provide the processes for one job. If the job raises an exception, the processes end, because a process can have died
-        or can still be running abandoned work."""
+        """Provide the processes for one job. If the job raises an exception, the processes end, because a process can
+        have died or can still be running abandoned work."""
         with self._lock:
             self._stop_timer()
             if self._pool is None:

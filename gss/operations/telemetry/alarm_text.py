@@ -22,7 +22,8 @@ SIGNAL: Key = (LINK, "housekeeping")
 
 @dataclass(frozen=True)
 class AlarmView:
-    """An alarm's row with its current level and display texts. ``action``: what the operator should do, "" if not stated."""
+    """An alarm's row with its current level and display texts. ``action``: what the operator should do, "" if not
+    stated."""
 
     row: Alarm
     level: State
@@ -71,7 +72,8 @@ ACTIONS = {
 
 
 def action_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
-    """Return the operator action for an alarm: from the instrument's dictionary, or from ACTIONS for an alarm of the server."""
+    """Return the operator action for an alarm: from the instrument's dictionary, or from ACTIONS for an alarm of the
+    server."""
     if row.packet == EVENT:
         return next((e.action for e in dictionary.events if e.name == row.field), "")
     field = field_of(dictionary, row)

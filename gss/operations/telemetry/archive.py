@@ -35,8 +35,8 @@ class Column:
 
 @dataclass(frozen=True)
 class TelemetrySeries:
-    """Values of a field over a time span. ``t``: Unix seconds; ``y``: values; ``samples``: number of samples in the span;
-    ``thinned``: True if only some of the samples are included."""
+    """Values of a field over a time span. ``t``: Unix seconds; ``y``: values; ``samples``: number of samples in the
+    span; ``thinned``: True if only some of the samples are included."""
 
     key: str
     packet: str
@@ -49,8 +49,8 @@ class TelemetrySeries:
 
 @dataclass
 class Thinner:
-    """Decimates samples, which must be added in time order, to at most ``points``. If there are more samples, it keeps only the
-    minimum and maximum of each of points // 2 equal parts of the span. Memory: O(points)."""
+    """Decimates samples, which must be added in time order, to at most ``points``. If there are more samples, it keeps
+    only the minimum and maximum of each of points // 2 equal parts of the span. Memory: O(points)."""
 
     start_s: float
     end_s: float
@@ -125,8 +125,8 @@ class Archive:
         self.dictionary, self.database, self._rollups = dictionary, database, rollups
 
     def column(self, key: str) -> Column:
-        """Return the field for a key ``name`` or ``packet.name``. A key without a packet selects the first packet that contains the
-        field, housekeeping first. Raises NotFound."""
+        """Return the field for a key ``name`` or ``packet.name``. A key without a packet selects the first packet that
+        contains the field, housekeeping first. Raises NotFound."""
         packet_name, _, name = key.rpartition(".")
         packets: Sequence[PacketDefinition] = (
             [self.dictionary.stored_packet(packet_name)] if packet_name else [*self.dictionary.telemetry]
@@ -138,8 +138,8 @@ class Archive:
         raise NotFound("unknown telemetry field", got=key, hint="see the dictionary")
 
     def history(self, keys: Sequence[str], start: datetime, end: datetime, points: int) -> list[TelemetrySeries]:
-        """Return each field over a span with at most ``points`` samples, preserving spikes. Enumerations are returned as their
-        numbers, yes as 1. Raises BadInput for fields that cannot be plotted."""
+        """Return each field over a span with at most ``points`` samples, preserving spikes. Enumerations are returned
+        as their numbers, yes as 1. Raises BadInput for fields that cannot be plotted."""
         columns = self._checked(keys, start, end)
         for column in columns:
             if isinstance(column.field, Group) or kind(column.field) not in PLOTTED:
@@ -157,8 +157,8 @@ class Archive:
     def _thinned(
         self, packet: str, fields: Sequence[TelemetryField], start: datetime, end: datetime, points: int
     ) -> list[Thinner]:
-        """Return the decimated fields, from rollups if these are fine enough for the plot, otherwise from packets. Rollups are also
-        used if packets were removed or thinned, because the rollups then contain more samples."""
+        """Return the decimated fields, from rollups if these are fine enough for the plot, otherwise from packets.
+        Rollups are also used if packets were removed or thinned, because the rollups then contain more samples."""
         stretches = self._rollups.read(packet, [f.name for f in fields], start, end)
         sample_count = sum(int(stretch.of[fields[0].name].count.sum()) for stretch in stretches)
         coarse = (end - start).total_seconds() / max(1, points // 2) >= 2 * BUCKET_S
@@ -184,7 +184,8 @@ class Archive:
         end: datetime,
         points: int,
     ) -> list[Thinner]:
-        """Return the decimated fields, from rollups for the hours that have a rollup and from packets for the remaining time."""
+        """Return the decimated fields, from rollups for the hours that have a rollup and from packets for the remaining
+        time."""
         thinners, position = [Thinner(start.timestamp(), end.timestamp(), points) for _ in fields], start
         for stretch in stretches:
             self._take_packets(packet, fields, position, start_of(stretch.first) - MOMENT, thinners)
@@ -212,7 +213,8 @@ class Archive:
     def rows(
         self, keys: Sequence[str], start: datetime, end: datetime
     ) -> tuple[list[Column], Iterator[tuple[store.Row, list[object]]]]:
-        """Return the columns, and an iterator of (row, a value per column) over the packets that contain a column, oldest first."""
+        """Return the columns, and an iterator of (row, a value per column) over the packets that contain a column,
+        oldest first."""
         columns = self._checked(keys, start, end)
         return columns, self._merged(columns, start, end)
 
@@ -251,7 +253,8 @@ class Archive:
         contact_id: int | None = None,
         after_id: int | None = None,
     ) -> list[TelemetryPacket]:
-        """Return a page of stored packets, latest first; with ``after_id``, the packets that follow this packet, oldest first."""
+        """Return a page of stored packets, latest first; with ``after_id``, the packets that follow this packet, oldest
+        first."""
         if packet is not None:
             self.dictionary.stored_packet(packet)
         with self.database.unit_of_work() as session:

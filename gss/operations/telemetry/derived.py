@@ -1,9 +1,10 @@
-"""Derived parameters: expressions over telemetry, which are computed when a packet arrives and then handled as telemetry.
+"""Derived parameters: expressions over telemetry, which are computed when a packet arrives and then handled as
+telemetry.
 
-The parameter ``power_w`` is the field ``power_w`` of the packet ``derived_power_w``, so that its history, limits, alarms, plots and
-exports work as for any other field. It is computed whenever one of the packets that it refers to arrives, from the latest packet
-of each type. A packet older than the staleness limit in its dictionary has no current value. Derived parameters cannot refer to
-each other, so there are no cycles.
+The parameter ``power_w`` is the field ``power_w`` of the packet ``derived_power_w``, so that its history, limits,
+alarms, plots and exports work as for any other field. It is computed whenever one of the packets that it refers to
+arrives, from the latest packet of each type. A packet older than the staleness limit in its dictionary has no current
+value. Derived parameters cannot refer to each other, so there are no cycles.
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ def kinds_of(definitions: TelemetryDefinitions) -> dict[str, ValueKind]:
 def evaluate(
     expression: Expression, fresh_s: Mapping[str, float], received: Received, at: datetime
 ) -> tuple[Evaluation, dict[str, Quantity | None]]:
-    """Return the value of an expression at a time, and the values that it used. ``fresh_s``: age in seconds up to which the values
-    of each packet are current; 0: always."""
+    """Return the value of an expression at a time, and the values that it used. ``fresh_s``: age in seconds up to which
+    the values of each packet are current; 0: always."""
     values: dict[str, Quantity | None] = {}
     for reference in expression.references:
         latest, limit_s = received(reference.packet), fresh_s[reference.packet]
@@ -91,8 +92,8 @@ class DerivedRequest(Request):
 
 @dataclass(frozen=True)
 class ComputedParameter:
-    """A derived parameter with its parsed expression. ``fresh_s``: age in seconds up to which the values of each packet are
-    current; 0: always."""
+    """A derived parameter with its parsed expression. ``fresh_s``: age in seconds up to which the values of each packet
+    are current; 0: always."""
 
     row: DerivedParameter
     expression: Expression
@@ -116,7 +117,8 @@ class ComputedParameter:
 
 
 class DerivedParameters:
-    """Stores the definitions, computes the values, and adds the parameters to the instrument's dictionary. Thread-safe."""
+    """Stores the definitions, computes the values, and adds the parameters to the instrument's dictionary.
+    Thread-safe."""
 
     def __init__(self, dictionary: Dictionary, database: Database, bus: EventBus, now: Now) -> None:
         self._dictionary, self._database, self._bus, self._now = dictionary, database, bus, now
@@ -128,8 +130,8 @@ class DerivedParameters:
         self.load()
 
     def load(self) -> None:
-        """Read the definitions from the database. A definition that the dictionary no longer supports stays stored but is not
-        computed."""
+        """Read the definitions from the database. A definition that the dictionary no longer supports stays stored but
+        is not computed."""
         parameters = {}
         for row in self.every():
             with suppress(BadInput):  # ``problem`` reports the reason
@@ -163,8 +165,8 @@ class DerivedParameters:
         return parameter.packet if parameter else self._dictionary.packet(name)
 
     def stored_packet(self, name: str) -> PacketDefinition:
-        """Return a packet like ``packet``, but read derived parameters from the database, because the definitions in an API worker
-        can be outdated."""
+        """Return a packet like ``packet``, but read derived parameters from the database, because the definitions in an
+        API worker can be outdated."""
         if name.startswith(PREFIX):
             self.load()
         return self.packet(name)
@@ -222,7 +224,8 @@ class DerivedParameters:
         return row
 
     def change(self, name: str, request: DerivedRequest, *, user: str) -> DerivedParameter:
-        """Replace a definition. The stored history does not change until it is recomputed. Raises BadInput, NotFound."""
+        """Replace a definition. The stored history does not change until it is recomputed. Raises BadInput,
+        NotFound."""
         if request.name != name:
             raise BadInput("The name of a derived parameter cannot be changed", expected=name, got=request.name)
         with self._lock, self._database.unit_of_work() as session:
@@ -233,7 +236,8 @@ class DerivedParameters:
         return row
 
     def delete(self, name: str, *, user: str) -> None:
-        """Delete a definition. The stored history is kept, and is shown again if the name is defined again. Raises NotFound."""
+        """Delete a definition. The stored history is kept, and is shown again if the name is defined again. Raises
+        NotFound."""
         with self._lock, self._database.unit_of_work() as session:
             store.delete(session, store.named(session, name))
         self._changed(name, f"{user} deleted the derived parameter {name}")
@@ -302,8 +306,8 @@ class DerivedParameters:
         return computed
 
     def trial(self, text: str, received: Received) -> tuple[ValueKind, Sequence[str], Evaluation]:
-        """Evaluate an expression with the latest packets, regardless of their age. Return kind, references and value. Raises
-        BadInput."""
+        """Evaluate an expression with the latest packets, regardless of their age. Return kind, references and value.
+        Raises BadInput."""
         expression, kind = self.check(text)
         values: dict[str, Quantity | None] = {}
         for reference in expression.references:

@@ -1,4 +1,5 @@
-"""Recomputes the history of a derived parameter from stored telemetry, as a job that can continue after an interruption."""
+"""Recomputes the history of a derived parameter from stored telemetry, as a job that can continue after an
+interruption."""
 
 from __future__ import annotations
 
@@ -58,8 +59,8 @@ class DerivedHistory:
         jobs.register(JobKind("derive", DeriveJob, self._work))
 
     def recompute(self, name: str, start: datetime, end: datetime, *, user: str) -> Job:
-        """Start a job that replaces the stored values of a time span. Packets that arrive later are computed on arrival. Raises
-        NotFound, BadInput."""
+        """Start a job that replaces the stored values of a time span. Packets that arrive later are computed on
+        arrival. Raises NotFound, BadInput."""
         self._derived.parameter(name)
         end = min(end, self._now())
         if not start < end or end - start > MAX_SPAN:
@@ -91,7 +92,8 @@ class DerivedHistory:
         return {"values": recomputed.values, "unknown": recomputed.unknown}
 
     def _next_step(self, parameter: ComputedParameter, at: datetime, end: datetime) -> _TimeStep:
-        """Return the next time span to replace, at most ``STEP`` long. It starts at the first stored packet from ``at`` on."""
+        """Return the next time span to replace, at most ``STEP`` long. It starts at the first stored packet from ``at``
+        on."""
         with self._database.unit_of_work() as session:
             names = [*parameter.fresh_s, parameter.packet.name]
             first = store.first_received(session, names, at, end)
@@ -99,7 +101,8 @@ class DerivedHistory:
         return _TimeStep(start, min(start + STEP, end))
 
     def _computed(self, parameter: ComputedParameter, step: _TimeStep) -> Iterator[Mapping[str, Any]]:
-        """Yield the rows of a time step. Earlier packets are also read, because their values can still be current at its start."""
+        """Yield the rows of a time step. Earlier packets are also read, because their values can still be current at
+        its start."""
         newest: dict[str, tuple[datetime, Values]] = {}
         lead_time = timedelta(seconds=max(parameter.fresh_s.values()) or STEP.total_seconds())
         for row, values in self._packets(parameter, step.start - lead_time, step.end):
@@ -119,7 +122,8 @@ class DerivedHistory:
     def _packets(
         self, parameter: ComputedParameter, start: datetime, end: datetime
     ) -> Iterator[tuple[packets.Row, Values]]:
-        """Yield the packets that the parameter refers to, with the fields that it uses, oldest first, excluding ``end``."""
+        """Yield the packets that the parameter refers to, with the fields that it uses, oldest first, excluding
+        ``end``."""
         fields: dict[str, list[str]] = {}
         for reference in parameter.expression.references:
             fields.setdefault(reference.packet, []).append(reference.field)

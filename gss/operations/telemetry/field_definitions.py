@@ -1,5 +1,5 @@
-"""The definitions that telemetry services need. The instrument's dictionary provides them; derived parameters are added at run
-time."""
+"""The definitions that telemetry services need. The instrument's dictionary provides them; derived parameters are added
+at run time."""
 
 from __future__ import annotations
 

@@ -27,9 +27,10 @@ UNKNOWN_BOOL, NO_CONTACT = -1, -1
 
 
 def hdf5_file(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) -> Iterator[bytes]:
-    """Return the file in pieces. ``rows``: received, device_time_s, contact and packet, then a value per column. Numbers are
-    float64, NaN if unknown; yes/no is int8, -1 if unknown; other values are text, empty if unknown. The file is first
-    written to the disk, because HDF5 completes the beginning of a file at the end. At most BLOCK_ROWS rows are in memory."""
+    """Return the file in pieces. ``rows``: received, device_time_s, contact and packet, then a value per column.
+    Numbers are float64, NaN if unknown; yes/no is int8, -1 if unknown; other values are text, empty if unknown. The
+    file is first written to the disk, because HDF5 completes the beginning of a file at the end. At most BLOCK_ROWS
+    rows are in memory."""
     import h5py
 
     with tempfile.TemporaryFile() as file:

@@ -12,7 +12,8 @@ class HeldChannel:
         self._link, self._held_s = link, float("-inf")
 
     def held_within(self, seconds: float) -> bool:
-        """True if a transfer occupied the channel and the sensor answered within the last ``seconds``. Must be called regularly."""
+        """True if a transfer occupied the channel and the sensor answered within the last ``seconds``. Must be called
+        regularly."""
         now_s, last_s = self._link.monotonic_s(), self._link.counters.last_good_s
         if self._link.session.transfers.holds_channel:
             self._held_s = now_s

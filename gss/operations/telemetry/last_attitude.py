@@ -23,16 +23,16 @@ from gss.operations.line.line_events import LineBatch, ServiceEvent
 
 SOLVED = "solved"
 RECEPTION_SIGMA_S = 1.0
-"""Uncertainty in seconds of an attitude's time if only the time of reception is known: line and processing delay it by up to
-about this time."""
+"""Uncertainty in seconds of an attitude's time if only the time of reception is known: line and processing delay it by
+up to about this time."""
 Clock = Callable[[], Correlation | None]
 
 
 @dataclass(frozen=True)
 class ReportedAttitude:
-    """Boresight of the last solved attitude. ``age_s``: time since its reception on the ground; ``sigma_cross_arcsec``: None if
-    the sensor does not report it; ``newest_outcome``: outcome of the latest report, which can be a later report without a
-    solution."""
+    """Boresight of the last solved attitude. ``age_s``: time since its reception on the ground; ``sigma_cross_arcsec``:
+    None if the sensor does not report it; ``newest_outcome``: outcome of the latest report, which can be a later report
+    without a solution."""
 
     ra_deg: float
     dec_deg: float
@@ -43,8 +43,8 @@ class ReportedAttitude:
 
 @dataclass(frozen=True)
 class AttitudeSample:
-    """One attitude with its time. ``quaternion``: cam_from_icrs; standard deviations are None if unknown; ``utc_sigma_s``:
-    uncertainty of ``utc``."""
+    """One attitude with its time. ``quaternion``: cam_from_icrs; standard deviations are None if unknown;
+    ``utc_sigma_s``: uncertainty of ``utc``."""
 
     source: Literal["on board", "ground"]
     quaternion: tuple[float, float, float, float]
@@ -55,8 +55,8 @@ class AttitudeSample:
 
 
 class LastAttitude:
-    """Stores the last solved attitude. ``role``: fields of the instrument's telemetry that contain it; ``clock``: returns the
-    relation of the sensor's clock to UTC. Thread-safe."""
+    """Stores the last solved attitude. ``role``: fields of the instrument's telemetry that contain it; ``clock``:
+    returns the relation of the sensor's clock to UTC. Thread-safe."""
 
     def __init__(self, role: AttitudeRole, monotonic_s: Monotonic, clock: Clock) -> None:
         self._role, self._monotonic_s, self._clock = role, monotonic_s, clock
@@ -108,7 +108,8 @@ class LastAttitude:
                 self._solved = (batch.at_s, math.degrees(float(ra_rad)), math.degrees(float(dec_rad)), sample)
 
     def _time(self, frame_time_s: Value | None, received: datetime) -> tuple[datetime, float]:
-        """Return UTC of the exposure and its uncertainty, or UTC of the reception if the sensor's clock is not correlated."""
+        """Return UTC of the exposure and its uncertainty, or UTC of the reception if the sensor's clock is not
+        correlated."""
         correlation = self._clock()
         if correlation is None or not isinstance(frame_time_s, int | float) or not math.isfinite(frame_time_s):
             return received, RECEPTION_SIGMA_S

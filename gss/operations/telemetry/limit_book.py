@@ -25,8 +25,8 @@ LIMITED_TYPES = (*INTEGER_RANGES, *FLOATS, "bool")
 
 @dataclass(frozen=True)
 class Rule:
-    """Active limits of one field. ``origin``: dictionary, set or operator. ``changed_by``, ``changed`` and ``note`` are set only
-    for an operator's override."""
+    """Active limits of one field. ``origin``: dictionary, set or operator. ``changed_by``, ``changed`` and ``note`` are
+    set only for an operator's override."""
 
     limits: Limits
     persistence: int
@@ -49,7 +49,8 @@ class LimitBook:
         self._load()
 
     def subscribe(self, listener: Callable[[str | None], None]) -> None:
-        """Call ``listener`` with ``packet.name`` of each field whose limits change, or with None if all limits change."""
+        """Call ``listener`` with ``packet.name`` of each field whose limits change, or with None if all limits
+        change."""
         self._listeners.append(listener)
 
     def definition_changed(self, key: str) -> None:
@@ -130,7 +131,8 @@ class LimitBook:
         return rule
 
     def find(self, key: str) -> tuple[str, TelemetryField]:
-        """Return (packet, field) for a key ``packet.name`` of a field that can have limits. Raises BadInput or NotFound."""
+        """Return (packet, field) for a key ``packet.name`` of a field that can have limits. Raises BadInput or
+        NotFound."""
         packet, _, name = key.partition(".")
         for field in self._dictionary.packet(packet).values:
             if field.name == name:

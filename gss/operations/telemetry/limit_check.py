@@ -1,4 +1,5 @@
-"""Checks telemetry against limits with persistence. The states depend only on the packets, so that replays can use this code."""
+"""Checks telemetry against limits with persistence. The states depend only on the packets, so that replays can use this
+code."""
 
 from __future__ import annotations
 
@@ -33,8 +34,8 @@ RuleOf = Callable[[str, TelemetryField], Rule]
 
 @dataclass(frozen=True)
 class Judgement:
-    """Result of checking one sample against limits. ``judged``: False if limits were not applied, because the sample is of an
-    iteration that has ended."""
+    """Result of checking one sample against limits. ``judged``: False if limits were not applied, because the sample is
+    of an iteration that has ended."""
 
     packet: str
     field: TelemetryField
@@ -46,8 +47,9 @@ class Judgement:
 
 @dataclass(slots=True)
 class _Watched:
-    """A field with limits. ``calm``: True if a further sample from ``low`` to ``high`` changes no state, which allows a fast path
-    for nearly all samples; NaN and infinities are outside every range. ``unknown``: True if a further NaN changes no state."""
+    """A field with limits. ``calm``: True if a further sample from ``low`` to ``high`` changes no state, which allows a
+    fast path for nearly all samples; NaN and infinities are outside every range. ``unknown``: True if a further NaN
+    changes no state."""
 
     key: Key
     field: TelemetryField
@@ -84,7 +86,8 @@ class LimitCheck:
         self._lock = threading.RLock()
 
     def take(self, packet: Telemetry) -> list[Judgement]:
-        """Check each field of a packet that has limits. A field that stays within its limits is reported only if it is followed."""
+        """Check each field of a packet that has limits. A field that stays within its limits is reported only if it is
+        followed."""
         with self._lock:
             if packet.packet == "housekeeping":
                 self._housekeeping = packet.values
@@ -161,8 +164,9 @@ class LimitCheck:
         return Judgement(packet.packet, field, float(value), after.counted, rule)
 
     def _iterating(self) -> bool:
-        """True if limits apply to results and timing of iterations: the cycle is running and has produced a result since it
-        started. A sensor at rest finds no stars, and the first iteration after a rest can still use the previous pointing."""
+        """True if limits apply to results and timing of iterations: the cycle is running and has produced a result
+        since it started. A sensor at rest finds no stars, and the first iteration after a rest can still use the
+        previous pointing."""
         if not self._housekeeping.get("cycle_running"):
             return False
         iteration = self._housekeeping.get("iteration")
@@ -188,8 +192,9 @@ class LimitCheck:
             return self._runs.get(key, Persistence()).counted
 
     def states(self, key: Key) -> tuple[FieldState, FieldState]:
-        """Return the state of a field after persistence, and the state of its latest sample alone. The first state is "stale" if
-        the sample is out of limits in an iteration that has ended, because it is neither an alarm nor a good value."""
+        """Return the state of a field after persistence, and the state of its latest sample alone. The first state is
+        "stale" if the sample is out of limits in an iteration that has ended, because it is neither an alarm nor a good
+        value."""
         with self._lock:
             sample = self._samples.get(key, State.OK)
             if key in self._unjudged and sample is not State.OK:

@@ -1,5 +1,6 @@
-"""Rollups: minimum and maximum of each field in every ten seconds, with their times. With them, a plot of a week needs only a few
-hundred rows and still shows every spike. A background thread computes the rollup of each hour after the hour has ended."""
+"""Rollups: minimum and maximum of each field in every ten seconds, with their times. With them, a plot of a week needs
+only a few hundred rows and still shows every spike. A background thread computes the rollup of each hour after the hour
+has ended."""
 
 from __future__ import annotations
 
@@ -39,9 +40,9 @@ EARLIEST = datetime(1970, 1, 2, tzinfo=UTC)
 
 @dataclass(frozen=True)
 class Buckets:
-    """Ten-second spans that have packets, in time order. All arrays are (n,). ``count``: number of packets, with or without the
-    value; ``low_s``, ``low``, ``high_s``, ``high``: Unix seconds and value of the minimum and maximum, NaN if no packet of the
-    span has the value."""
+    """Ten-second spans that have packets, in time order. All arrays are (n,). ``count``: number of packets, with or
+    without the value; ``low_s``, ``low``, ``high_s``, ``high``: Unix seconds and value of the minimum and maximum, NaN
+    if no packet of the span has the value."""
 
     count: NDArray[np.int64]
     low_s: Array
@@ -150,7 +151,8 @@ class Rollups:
         return count
 
     def _missing(self, packet: str, end_hour: int) -> Iterator[int]:
-        """Yield the hours before ``end_hour`` that have packets but no rollup. Each gap without packets needs one index lookup."""
+        """Yield the hours before ``end_hour`` that have packets but no rollup. Each gap without packets needs one index
+        lookup."""
         with self._database.unit_of_work() as session:
             done_hours = store.done_hours(session, packet, 0, end_hour)
         self._newest[packet] = done_hours[-1] if done_hours else None
@@ -184,8 +186,8 @@ class Rollups:
         return rollup
 
     def wrote(self, session: Any, packets: Sequence[str], at: datetime) -> None:
-        """Remove the rollup of an hour in which packets are stored late, for example after the clock was set back. Plots then read
-        the packets of this hour. Called in the transaction that stores packets received at ``at``."""
+        """Remove the rollup of an hour in which packets are stored late, for example after the clock was set back.
+        Plots then read the packets of this hour. Called in the transaction that stores packets received at ``at``."""
         hour = store.hour_of(at)
         late = [
             name for name in dict.fromkeys(packets) if name in self._fields and hour <= self._newest_of(session, name)

@@ -43,8 +43,9 @@ OLD_EVERY_S = 60.0
 class FieldValue:
     """Latest value of one field as responses and pages show it.
 
-    ``state``: state after persistence and staleness; clients never compute it. ``sample_state``: state of this sample alone,
-    before persistence. ``raw_text``: raw value in hexadecimal. ``text``: state as text. ``alarm_id``: open alarm of the field.
+    ``state``: state after persistence and staleness; clients never compute it. ``sample_state``: state of this sample
+    alone, before persistence. ``raw_text``: raw value in hexadecimal. ``text``: state as text. ``alarm_id``: open alarm
+    of the field.
     """
 
     name: str
@@ -73,7 +74,8 @@ class Judged(ServiceEvent):
 
 
 class TelemetryBoard:
-    """Stores the latest packet of each type and checks it against limits. Thread-safe. ``alarms``: open alarms by field."""
+    """Stores the latest packet of each type and checks it against limits. Thread-safe. ``alarms``: open alarms by
+    field."""
 
     def __init__(self, dictionary: TelemetryDefinitions, rule: RuleOf, alarms: Mapping[Key, Alarm]) -> None:
         self.limits = LimitCheck(dictionary, rule, alarms)
@@ -197,8 +199,8 @@ class TelemetryService:
         return [Judged(tuple(judgements))]
 
     def _take(self, current: Sequence[Telemetry], at: datetime) -> tuple[list[Judgement], list[Telemetry]]:
-        """Check packets and the derived parameters that depend on them, and store them as the latest. Return the judgements and the
-        derived packets."""
+        """Check packets and the derived parameters that depend on them, and store them as the latest. Return the
+        judgements and the derived packets."""
         judgements: list[Judgement] = []
         computed: list[Telemetry] = []
         for packet in current:
@@ -229,8 +231,8 @@ class TelemetryService:
         )
 
     def _store(self, packets: Sequence[Telemetry], batch: LineBatch) -> None:
-        """Store all packets or none. Limits are always checked, because alarms must not depend on the disk. While the store is
-        down, only one attempt is made per ``TRY_EVERY_S``, because each attempt can block for seconds."""
+        """Store all packets or none. Limits are always checked, because alarms must not depend on the disk. While the
+        store is down, only one attempt is made per ``TRY_EVERY_S``, because each attempt can block for seconds."""
         if not packets:
             return
         cause = "" if self._has_room() else "the disk is full"
@@ -282,7 +284,8 @@ class TelemetryService:
         return latest[1] if latest else None
 
     def values(self) -> list[FieldValue]:
-        """Return every field of the dictionary and every derived parameter with its current state, housekeeping first."""
+        """Return every field of the dictionary and every derived parameter with its current state, housekeeping
+        first."""
         values = self.board.values(self._now())
         return [self._with_reason(value) if value.page == PAGE else value for value in values]
 

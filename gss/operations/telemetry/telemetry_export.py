@@ -1,4 +1,5 @@
-"""Exports telemetry fields over a time span as CSV, Parquet or HDF5, block by block, with the values that pages display."""
+"""Exports telemetry fields over a time span as CSV, Parquet or HDF5, block by block, with the values that pages
+display."""
 
 from __future__ import annotations
 
@@ -32,8 +33,8 @@ def export(
 ) -> Iterator[bytes]:
     """Return the file in pieces; at most BLOCK_ROWS rows are in memory. Raises BadInput before the first piece.
 
-    Columns: received (UTC), device_time_s, contact, packet, then one per key. ``form``: "converted" for stored engineering values,
-    "raw" for transmitted values, "formatted" for displayed text.
+    Columns: received (UTC), device_time_s, contact, packet, then one per key. ``form``: "converted" for stored
+    engineering values, "raw" for transmitted values, "formatted" for displayed text.
     """
     for name, value, valid in (("form", form, FORMS), ("format", file_format, tuple(FORMATS))):
         if value not in valid:
@@ -127,7 +128,8 @@ def _parquet(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) ->
 
 
 def _arrow_type(pa: Any, column: Column, form: str) -> Any:
-    """Return the type of a column. It does not depend on the values, so that files of different spans can be read together."""
+    """Return the type of a column. It does not depend on the values, so that files of different spans can be read
+    together."""
     item = column.field
     if isinstance(item, Group) or form == "formatted":
         return pa.string()

@@ -50,7 +50,8 @@ def as_number(value: Any) -> float | int | None:
 
 
 def formatted(value: Any, decimals: int) -> str:
-    """Format a value with the dictionary's decimals and a true minus sign; Booleans as yes or no; an unknown value as a dash."""
+    """Format a value with the dictionary's decimals and a true minus sign; Booleans as yes or no; an unknown value as a
+    dash."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return UNKNOWN
     if isinstance(value, bool):

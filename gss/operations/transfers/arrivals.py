@@ -1,5 +1,5 @@
-"""Received content of transfers: the events that report it, the answers of the services that store it, and the thread on
-which they store it. Content is stored in order of arrival, and a slow store does not delay telemetry."""
+"""Received content of transfers: the events that report it, the answers of the services that store it, and the thread
+on which they store it. Content is stored in order of arrival, and a slow store does not delay telemetry."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ from gss.operations.metrics import MetricSample
 from gss.store.models import Transfer
 
 MAX_WAITING = 4
-"""Maximum number of waiting jobs. When it is reached, no further download is started, and the caller that delivers more content
-must wait."""
+"""Maximum number of waiting jobs. When it is reached, no further download is started, and the caller that delivers more
+content must wait."""
 
 
 class Writer:
     """Runs one job at a time on a background thread. An event is recorded each time the queue is full.
 
-    It does not use ThreadPoolExecutor, because Python waits for the threads of an executor at exit and a store can hang.
+    It does not use ThreadPoolExecutor, because Python waits for the threads of an executor at exit and a store can
+    hang.
     """
 
     def __init__(self, monotonic_s: Monotonic, bus: EventBus, max_waiting: int = MAX_WAITING) -> None:
@@ -92,8 +93,8 @@ MAX_TRIES = 3
 
 
 class Later:
-    """Links that are available after ``work`` has stored the content. ``links``: function that returns the links for the result of
-    ``work``; it is called on the dispatcher's thread."""
+    """Links that are available after ``work`` has stored the content. ``links``: function that returns the links for
+    the result of ``work``; it is called on the dispatcher's thread."""
 
     def __init__(
         self,
@@ -171,7 +172,8 @@ class ContentArrived(ServiceEvent):
 
 @dataclass(frozen=True)
 class PartArrived(ServiceEvent):
-    """A download was interrupted. ``data``: (size,) bytes, zeros for missing chunks; ``ranges``: ranges of received chunks."""
+    """A download was interrupted. ``data``: (size,) bytes, zeros for missing chunks; ``ranges``: ranges of received
+    chunks."""
 
     transfer: Transfer
     data: bytes
@@ -182,8 +184,8 @@ class PartArrived(ServiceEvent):
 
 @dataclass
 class Storing:
-    """A transfer whose content is being stored. ``transfer_id``: id of the transfer in the session, None for an interrupted
-    transfer; ``deferred``: updates received while the content is stored, which are published afterwards."""
+    """A transfer whose content is being stored. ``transfer_id``: id of the transfer in the session, None for an
+    interrupted transfer; ``deferred``: updates received while the content is stored, which are published afterwards."""
 
     row: Transfer
     answers: Answers

@@ -1,7 +1,7 @@
 """History and plan of the catalogues in each bank of each device, recorded from the device's reports.
 
-A row describes one state and content of a bank, from the first report with this state and content to the first report that
-differs. Planned content is derived from uploads in progress and from activations in the device's schedule.
+A row describes one state and content of a bank, from the first report with this state and content to the first report
+that differs. Planned content is derived from uploads in progress and from activations in the device's schedule.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ class BankPeriod:
 
 @dataclass(frozen=True)
 class Planned:
-    """Planned content of a bank. ``kind``: upload or activation; ``at``: time of the change, None for the end of the upload."""
+    """Planned content of a bank. ``kind``: upload or activation; ``at``: time of the change, None for the end of the
+    upload."""
 
     bank: str
     kind: str
@@ -77,8 +78,8 @@ Planner = Callable[[Mapping[str, BankPeriod]], list[Planned]]
 
 
 class BankHistoryService:
-    """Records the device's reports. Can be read from any thread. ``planners``: functions that return the planned content for the
-    current content."""
+    """Records the device's reports. Can be read from any thread. ``planners``: functions that return the planned
+    content for the current content."""
 
     def __init__(self, link: LinkService, database: Database, now: Now, planners: Sequence[Planner]) -> None:
         self._link, self._database, self._now = link, database, now
@@ -236,7 +237,8 @@ class BankHistoryService:
 
     @staticmethod
     def _period(session: Any, row: BankHistory) -> BankPeriod:
-        """Return a row with its catalogue. The catalogue is looked up for each query, because it can be stored after the row."""
+        """Return a row with its catalogue. The catalogue is looked up for each query, because it can be stored after
+        the row."""
         return BankPeriod(row, catalogues.by_sha256(session, row.sha256) if row.sha256 else None)
 
 

@@ -29,7 +29,8 @@ UNKNOWN_HIP = -1
 
 @dataclass(frozen=True)
 class BankView:
-    """A bank as reported by the device. ``catalogue``: catalogue with the same hash, None if the ground does not have it."""
+    """A bank as reported by the device. ``catalogue``: catalogue with the same hash, None if the ground does not have
+    it."""
 
     bank: str
     state: str
@@ -92,8 +93,8 @@ class BankService:
         return self._decoded[sha256]
 
     def adopt(self, image: bytes) -> Catalogue | None:
-        """Store a bank image that was read back from the device, and identify its stars by position. Return None if the image is
-        not a catalogue."""
+        """Store a bank image that was read back from the device, and identify its stars by position. Return None if the
+        image is not a catalogue."""
         try:
             header = read_header(image)
             bank = decode(image)
@@ -128,9 +129,9 @@ class BankService:
 
 
 def recognise(bank: OnboardCatalogue, stars: StarTable) -> list[int]:
-    """Return the Hipparcos number of each row: the brightest star within 5′ that is not assigned to another row. The distance of
-    5′ covers 60 years of α Centauri's motion. The stars of a close pair are assigned in order of brightness; if the format
-    contains no magnitudes, in row order, which is also by brightness."""
+    """Return the Hipparcos number of each row: the brightest star within 5′ that is not assigned to another row. The
+    distance of 5′ covers 60 years of α Centauri's motion. The stars of a close pair are assigned in order of
+    brightness; if the format contains no magnitudes, in row order, which is also by brightness."""
     tree = cKDTree(stars.icrs)
     chord = 2 * np.sin(SAME_STAR_WITHIN_RAD / 2)
     near_rows = tree.query_ball_point(np.asarray(bank.icrs, float), chord)

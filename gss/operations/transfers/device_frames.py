@@ -1,4 +1,5 @@
-"""Pure functions that convert the bytes of a complete or partial image transfer to pixels, and mark the received pixels."""
+"""Pure functions that convert the bytes of a complete or partial image transfer to pixels, and mark the received
+pixels."""
 
 from __future__ import annotations
 
@@ -37,9 +38,9 @@ class Shape:
 
 @dataclass(frozen=True)
 class DeviceImage:
-    """Image with its received parts. ``pixels``: (rows, columns), 0 for missing pixels; ``rows_held``: inclusive row ranges with
-    received pixels; ``boxes``: received rectangles if only a part was requested; ``complete``: True for a full image without
-    gaps."""
+    """Image with its received parts. ``pixels``: (rows, columns), 0 for missing pixels; ``rows_held``: inclusive row
+    ranges with received pixels; ``boxes``: received rectangles if only a part was requested; ``complete``: True for a
+    full image without gaps."""
 
     pixels: Pixels
     rows_held: tuple[tuple[int, int], ...]
@@ -48,15 +49,16 @@ class DeviceImage:
 
 
 def shape_of(info: Mapping[str, Any], columns: int, rows: int, bits: int) -> Shape:
-    """Return the format from the report of the image. Values that the report does not contain are those of the detector."""
+    """Return the format from the report of the image. Values that the report does not contain are those of the
+    detector."""
     return Shape(int(info.get("columns") or columns), int(info.get("rows") or rows), int(info.get("bits") or bits or 8))
 
 
 def picture_of(
     kind: str, data: bytes, shape: Shape, part: Part | None, held_bytes: Sequence[tuple[int, int]]
 ) -> DeviceImage:
-    """Return the pixels of a transfer. ``held_bytes``: half-open ranges of received bytes, empty if all bytes were received.
-    Raises CorruptData."""
+    """Return the pixels of a transfer. ``held_bytes``: half-open ranges of received bytes, empty if all bytes were
+    received. Raises CorruptData."""
     if kind == "star_windows":
         return _windows(data)
     if kind == "region" and part is not None:
@@ -78,7 +80,8 @@ def _grid(data: bytes, columns: int, wire: np.dtype[Any]) -> Pixels:
 
 
 def _complete_rows(held_bytes: Sequence[tuple[int, int]], row_bytes: int, rows: int) -> tuple[tuple[int, int], ...]:
-    """Return inclusive ranges of completely received rows. An empty ``held_bytes`` means that all rows were received."""
+    """Return inclusive ranges of completely received rows. An empty ``held_bytes`` means that all rows were
+    received."""
     if not held_bytes:
         return ((0, rows - 1),)
     row_ranges = ((math.ceil(a / row_bytes), min(b // row_bytes, rows) - 1) for a, b in held_bytes)
@@ -113,7 +116,8 @@ def _windows(data: bytes) -> DeviceImage:
 
 
 def wire_bytes(pixels: NDArray[np.generic], shape: Shape) -> bytes:
-    """Convert a stored frame to the format of the image memory. Raises BadInput if the frame does not fit the detector."""
+    """Convert a stored frame to the format of the image memory. Raises BadInput if the frame does not fit the
+    detector."""
     if pixels.shape != (shape.rows, shape.columns):
         got = f"{pixels.shape[1]} x {pixels.shape[0]} px"
         raise BadInput("the frame does not fit the detector", expected=f"{shape.columns} x {shape.rows} px", got=got)

@@ -1,4 +1,5 @@
-"""Creates, stores and uploads the sensor's tables (calibrations, parameter sets, triplets), and returns its reports of them."""
+"""Creates, stores and uploads the sensor's tables (calibrations, parameter sets, triplets), and returns its reports of
+them."""
 
 from __future__ import annotations
 
@@ -72,8 +73,8 @@ class DeviceTableService:
     # --- creation -----------------------------------------------------------------------------------------------
 
     def create(self, kind: str, name: str, profile_name: str, content: Mapping[str, Any], *, user: str) -> DeviceTable:
-        """Create a table from the default values of the camera and the values in ``content``, which take precedence. Triplets need
-        content["catalogue_id"]. Raises BadInput."""
+        """Create a table from the default values of the camera and the values in ``content``, which take precedence.
+        Triplets need content["catalogue_id"]. Raises BadInput."""
         if kind == "triplets":
             data, values, profile_name = self._triplets(profile_name, content)
         else:
@@ -156,7 +157,8 @@ class DeviceTableService:
         return self._blobs.get(sha256)
 
     def upload(self, table_id: int, bank: str) -> TransferView:
-        """Upload a table to an inactive bank. It is then read back, verified and committed. Raises BadInput or Conflict."""
+        """Upload a table to an inactive bank. It is then read back, verified and committed. Raises BadInput or
+        Conflict."""
         row = self.get(table_id)
         if row.kind not in table_content.KINDS:
             raise BadInput(

@@ -24,8 +24,8 @@ UPLOADED_IMAGE = "image"
 
 
 def permission_of(kind: str) -> str:
-    """Return the permission needed to download a kind of content, or to resume such a transfer in either direction. An unknown
-    kind needs an admin permission."""
+    """Return the permission needed to download a kind of content, or to resume such a transfer in either direction. An
+    unknown kind needs an admin permission."""
     if kind in (*IMAGE_KINDS, UPLOADED_IMAGE):
         return "frames.transfer"
     return "catalogues.upload" if kind in CATALOGUE_PARTS else "tables" if kind in TABLE_KINDS else "admin.users"
@@ -40,7 +40,8 @@ class StoredFrames(Protocol):
 
 
 class Downloads:
-    """Checks download requests before they are sent to the device. An image that is already stored is not downloaded again."""
+    """Checks download requests before they are sent to the device. An image that is already stored is not downloaded
+    again."""
 
     def __init__(self, link: LinkService, transfers: TransferService, frames: StoredFrames) -> None:
         self._link, self._transfers, self._frames = link, transfers, frames
@@ -69,7 +70,8 @@ class Downloads:
         return self._transfers.download(kind, number, f"{subject} of bank {name}", target=name)
 
     def _stored(self, slot: int) -> StoredContent | None:
-        """Return the latest stored image of a slot, whose hash the device will compare; None if no such image can be used."""
+        """Return the latest stored image of a slot, whose hash the device will compare; None if no such image can be
+        used."""
         hello = self._link.hello
         frame = self._frames.newest_in_slot(slot, hello.bits) if hello is not None else None
         if hello is None or frame is None or frame.number is None:

@@ -25,8 +25,8 @@ HOLDS_DATA = ("loaded", "committed")
 
 @dataclass(frozen=True)
 class BankFamily:
-    """Banks with the same messages. ``query``: operation that requests their reports; ``verify``: operation whose argument defines
-    their numbers; ``changes``: operations after which the reports can be out of date."""
+    """Banks with the same messages. ``query``: operation that requests their reports; ``verify``: operation whose
+    argument defines their numbers; ``changes``: operations after which the reports can be out of date."""
 
     query: Operation
     verify: Operation
@@ -61,7 +61,8 @@ def family_of(kind: str) -> BankFamily:
 
 @dataclass(frozen=True)
 class BankReport:
-    """A bank as reported by the device. ``sha256``: hash of its content, "" if it is empty; ``values``: the complete packet."""
+    """A bank as reported by the device. ``sha256``: hash of its content, "" if it is empty; ``values``: the complete
+    packet."""
 
     kind: str
     bank: str
@@ -104,8 +105,8 @@ class FlashBanks:
             return [report for report in self._reports.values() if family_of(report.kind) is family]
 
     def target(self, kind: str, bank: str) -> tuple[int, HelloReceived]:
-        """Return the number of an inactive bank for an upload, and the device. Raises Conflict if no device has answered or the
-        bank is active, and BadInput if the bank does not exist."""
+        """Return the number of an inactive bank for an upload, and the device. Raises Conflict if no device has
+        answered or the bank is active, and BadInput if the bank does not exist."""
         hello = self._link.hello
         if hello is None:
             raise Conflict("no device has answered", got=self._link.reason or "silence", hint="open the port first")

@@ -44,8 +44,8 @@ def defaults(kind: str, profile: CameraProfile) -> dict[str, Scalar]:
 
 
 def _triplet_defaults(profile: CameraProfile) -> dict[str, Scalar]:
-    """Return the default values: 3′ and 25 % as by Liebe, neighbours within half the field of view, and the faintest magnitude
-    for which a star list that is complete to the camera's limit is sufficient."""
+    """Return the default values: 3′ and 25 % as by Liebe, neighbours within half the field of view, and the faintest
+    magnitude for which a star list that is complete to the camera's limit is sufficient."""
     deepest_mag = profile.sensor.faint_limit_mag + 2.5 * math.log10(1 - BRIGHTNESS_ERROR)
     return {
         "uncertainty_arcsec": 180.0,
@@ -56,8 +56,8 @@ def _triplet_defaults(profile: CameraProfile) -> dict[str, Scalar]:
 
 
 def table_bytes(kind: str, profile: CameraProfile, changes: Mapping[str, Any]) -> tuple[bytes, dict[str, Scalar]]:
-    """Return bytes and values of a calibration or parameter set, which has the default values with ``changes``. Raises BadInput
-    with the name of the invalid value."""
+    """Return bytes and values of a calibration or parameter set, which has the default values with ``changes``. Raises
+    BadInput with the name of the invalid value."""
     values = _changed(kind, defaults(kind, profile), changes)
     if kind == "calibration":
         calibrated(profile, values)
@@ -82,7 +82,8 @@ def _model_values() -> set[str]:
 def triplet_bytes(
     stars: StarTable, profile: CameraProfile, image: bytes, changes: Mapping[str, Any]
 ) -> tuple[bytes, dict[str, Scalar]]:
-    """Return the bytes and statistics of the triplet table for a bank image. ``stars``: star list of the image. Raises BadInput."""
+    """Return the bytes and statistics of the triplet table for a bank image. ``stars``: star list of the image. Raises
+    BadInput."""
     parameters = _triplet_defaults(profile) | dict(changes)
     unknown = set(parameters) - set(TRIPLET_LIMITS)
     if unknown:
@@ -117,8 +118,8 @@ def _triplet_figures(data: bytes) -> dict[str, Scalar]:
 
 
 def read_back(kind: str, data: bytes) -> tuple[str, int, dict[str, Scalar]]:
-    """Return profile, format and values of a table received from a device; the profile is "" if the bytes do not contain it.
-    Raises CorruptData or BadInput for an invalid table."""
+    """Return profile, format and values of a table received from a device; the profile is "" if the bytes do not
+    contain it. Raises CorruptData or BadInput for an invalid table."""
     if kind in CHAIN_KINDS:
         profile_name, values = decode_table(kind, data)
         return profile_name, TABLE_FORMAT, values
@@ -128,8 +129,8 @@ def read_back(kind: str, data: bytes) -> tuple[str, int, dict[str, Scalar]]:
 
 
 def star_list(image: bytes, stars: StarTable, hips: list[int]) -> StarTable:
-    """Return the stars of a bank image in row order, with the bank's positions and the ground's magnitudes. Raises BadInput
-    if a star is not in the ground's catalogue."""
+    """Return the stars of a bank image in row order, with the bank's positions and the ground's magnitudes. Raises
+    BadInput if a star is not in the ground's catalogue."""
     bank = decode_bank(image)
     unknown = [hip for hip in hips if hip not in stars.row_of_hip]
     if unknown or len(hips) != len(bank):

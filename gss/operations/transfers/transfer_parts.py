@@ -12,8 +12,8 @@ KEPT_PARTS = 16
 
 
 class PartStore:
-    """Stores one data file and one file of notes per transfer, named by the transfer's id. A damaged or missing part is ignored,
-    because the hash of the complete content is checked at the end."""
+    """Stores one data file and one file of notes per transfer, named by the transfer's id. A damaged or missing part is
+    ignored, because the hash of the complete content is checked at the end."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

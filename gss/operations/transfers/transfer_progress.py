@@ -40,8 +40,8 @@ class TransferView:
 
 
 class TransferProgress:
-    """Maps rows to transfers in the session, handles the events of transfers, and publishes their content as ContentArrived and
-    PartArrived."""
+    """Maps rows to transfers in the session, handles the events of transfers, and publishes their content as
+    ContentArrived and PartArrived."""
 
     def __init__(
         self, link: LinkService, database: Database, bus: EventBus, now: Now, parts: PartStore, writer: Writer
@@ -71,8 +71,8 @@ class TransferProgress:
         return TransferView(row, self._live.get(row.id))
 
     def busy(self, direction: Direction) -> bool:
-        """True if a transfer in a direction is in progress. A transfer whose content is only being stored does not count. For
-        downloads, also true while the writer's queue is full."""
+        """True if a transfer in a direction is in progress. A transfer whose content is only being stored does not
+        count. For downloads, also true while the writer's queue is full."""
         storing_ids = {storing.row.id for storing in self._storing}
         return (direction is Direction.DOWN and self._writer.full) or any(
             update.direction is direction and update.state not in AT_REST and row_id not in storing_ids
@@ -125,7 +125,8 @@ class TransferProgress:
         self._link.events.publish(self._interrupted_parts())
 
     def _complete(self, storing: Storing) -> None:
-        """Record the outcome, then the updates received while the content was stored. After StoreDown, the next call continues."""
+        """Record the outcome, then the updates received while the content was stored. After StoreDown, the next call
+        continues."""
         if not storing.linked:
             self._link_to(storing)
             storing.linked = True
@@ -211,8 +212,8 @@ class TransferProgress:
         self._parts_arrived.append(part)
 
     def _link_to(self, storing: Storing) -> None:
-        """Store the links to the rows created from the content, or the reason why there are none. If valid content could not be
-        stored, the received part is kept, so that the download can be resumed."""
+        """Store the links to the rows created from the content, or the reason why there are none. If valid content
+        could not be stored, the received part is kept, so that the download can be resumed."""
         row = storing.row
         try:
             if storing.answers.missing and storing.transfer_id is not None and row.direction == Direction.DOWN:

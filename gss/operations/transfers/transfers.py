@@ -1,8 +1,8 @@
-"""Transfers: downloads of frames and bank content; uploads of catalogues, tables and images. Progress counts the data that the
-receiving side reports as stored.
+"""Transfers: downloads of frames and bank content; uploads of catalogues, tables and images. Progress counts the data
+that the receiving side reports as stored.
 
-All data needed to resume after a crash are stored before they are used: the content of an upload as a blob, the received part of
-a download on disk, and all other data in the options of the row.
+All data needed to resume after a crash are stored before they are used: the content of an upload as a blob, the
+received part of a download on disk, and all other data in the options of the row.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from gss.store.engine import Database
 from gss.store.models import Transfer
 
 STORE_WITHIN_S = 5.0
-"""Maximum time in seconds that a stopping server waits for content to be stored. After this time, the download must be completed
-again from its stored part."""
+"""Maximum time in seconds that a stopping server waits for content to be stored. After this time, the download must be
+completed again from its stored part."""
 
 HELD_CHUNK_BYTES = 1024
 """Chunk size of stored content. The session converts it to the chunk size of the line."""
@@ -64,8 +64,8 @@ Start = Callable[[Driver], int]
 
 
 def prepare(row: Transfer, blobs: BlobStore, partial: HeldPart | None = None, paused: str | None = None) -> Start:
-    """Read the data for the transfer of ``row``, and return a function that starts it in a session. ``partial``, ``paused``: see
-    ``DriverTransfers``. Raises BadInput."""
+    """Read the data for the transfer of ``row``, and return a function that starts it in a session. ``partial``,
+    ``paused``: see ``DriverTransfers``. Raises BadInput."""
     options = row.options
     if "slot" not in options:
         raise BadInput("the transfer was started by an older version of GSS", hint="start a new transfer")
@@ -114,8 +114,8 @@ class TransferService:
         self._blobs, self._parts, self._progress = blobs, parts, progress
 
     def start(self) -> None:
-        """Restore the transfers that were open when the server stopped. They are paused until the device answers; transfers that an
-        operator paused remain paused."""
+        """Restore the transfers that were open when the server stopped. They are paused until the device answers;
+        transfers that an operator paused remain paused."""
         self._parts.prune()
         with self._database.unit_of_work() as session:
             rows = store.unfinished(session)
@@ -147,9 +147,9 @@ class TransferService:
         target: str = "",
         stored: StoredContent | None = None,
     ) -> TransferView:
-        """Queue a download. ``slot``: number of the image memory or bank; ``target``: name of the bank, "" without a name;
-        ``facts``: JSON values needed to store the content; ``stored``: an earlier download. If the device has the same content,
-        no chunk is sent again."""
+        """Queue a download. ``slot``: number of the image memory or bank; ``target``: name of the bank, "" without a
+        name; ``facts``: JSON values needed to store the content; ``stored``: an earlier download. If the device has the
+        same content, no chunk is sent again."""
         self._link.roles.operations.require(DOWNLOADS.get(kind, Operation.READ_BACK))
         self._check_line()
         self._check_room("a download")
@@ -175,8 +175,8 @@ class TransferService:
         options: Mapping[str, Any] | None = None,
         **links: int | None,
     ) -> TransferView:
-        """Queue an upload to a bank or a slot. It is then verified and committed automatically. ``links``: catalogue_id, frame_id,
-        table_id."""
+        """Queue an upload to a bank or a slot. It is then verified and committed automatically. ``links``:
+        catalogue_id, frame_id, table_id."""
         self._link.roles.operations.require(UPLOADS.get(kind, Operation.UPLOAD_PARAMETERS))
         self._check_line()
         self._check_room("an upload")
@@ -189,8 +189,8 @@ class TransferService:
         return self._control(transfer_id, self._link.session.transfers.pause)
 
     def resume(self, transfer_id: int) -> TransferView:
-        """Resume a transfer with the missing chunks, also if it failed, was aborted, or was started before the last restart. Raises
-        Conflict if it cannot be resumed."""
+        """Resume a transfer with the missing chunks, also if it failed, was aborted, or was started before the last
+        restart. Raises Conflict if it cannot be resumed."""
         if self._progress.session_id(transfer_id) is not None:
             return self._control(transfer_id, self._link.session.transfers.resume)
         row = self.get(transfer_id).row
@@ -280,8 +280,8 @@ class TransferService:
         return view
 
     def _start_again(self, row: Transfer, paused: str | None) -> None:
-        """Start a stored transfer in the session again. ``paused``: "" pauses it until an operator resumes it, a reason pauses it
-        until the device answers, None does not pause it."""
+        """Start a stored transfer in the session again. ``paused``: "" pauses it until an operator resumes it, a reason
+        pauses it until the device answers, None does not pause it."""
         start = prepare(row, self._blobs, self._parts.load(row.id), paused)
         with self._link.hold_events():
             with self._link.lock:

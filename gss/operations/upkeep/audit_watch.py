@@ -17,7 +17,8 @@ AUDIT: Key = (STORE, "audit log")
 
 
 class AuditWatch:
-    """Raises and ends the alarm of the audit log. ``state``: text for the health page; ``problem``: "" if the log is intact."""
+    """Raises and ends the alarm of the audit log. ``state``: text for the health page; ``problem``: "" if the log is
+    intact."""
 
     def __init__(self, audit: AuditService, alarms: AlarmService) -> None:
         self._audit, self._alarms = audit, alarms
@@ -42,8 +43,8 @@ class AuditWatch:
         log.info("the audit log has %d rows, last hash %s", verdict.rows, verdict.last_hash)
 
     def compare(self) -> None:
-        """Compare the log with its latest anchor. After a problem, verify the log completely, because only this shows that the
-        problem is solved."""
+        """Compare the log with its latest anchor. After a problem, verify the log completely, because only this shows
+        that the problem is solved."""
         if self.problem:
             self.verify()
         else:

@@ -1,8 +1,8 @@
 """Backups of a running server: a consistent copy of the database and of all blobs that it references.
 
-Each backup is a folder with a copy of the database and a manifest. Frames, images and captures are stored as files named by
-their hashes in a folder that all backups share, so that each backup copies only new files. A backup is atomic: it is written
-under a temporary name and renamed after all data are on disk.
+Each backup is a folder with a copy of the database and a manifest. Frames, images and captures are stored as files
+named by their hashes in a folder that all backups share, so that each backup copies only new files. A backup is atomic:
+it is written under a temporary name and renamed after all data are on disk.
 """
 
 from __future__ import annotations
@@ -95,14 +95,14 @@ class BackupService:
         return result | {"removed": removed}
 
     def needed_bytes(self) -> int:
-        """Estimate the bytes that the next backup will write. Only the database counts, because the size of new blobs is not known
-        in advance."""
+        """Estimate the bytes that the next backup will write. Only the database counts, because the size of new blobs
+        is not known in advance."""
         with self._database.unit_of_work() as session:
             return store.database_bytes(session)
 
     def make(self, progress: Progress = no_progress) -> Manifest:
-        """Create a backup now. The database is copied before the blobs that it references, because blobs are stored before their
-        rows."""
+        """Create a backup now. The database is copied before the blobs that it references, because blobs are stored
+        before their rows."""
         self._folder.mkdir(parents=True, exist_ok=True)
         with named_lock(self._lock, BUSY):
             for unfinished in self._folder.glob(f"*{UNFINISHED}"):
@@ -154,9 +154,9 @@ class BackupService:
         )
 
     def _copy(self, pool: BlobStore, key: str) -> int | None:
-        """Copy a blob into the pool and return its size. Return None if the source is missing or damaged; the store check reports
-        such blobs. Raises StoreDown if the blob store does not respond, because its blobs can be intact. Blobs that an earlier
-        backup copied are read and verified, to detect disk errors."""
+        """Copy a blob into the pool and return its size. Return None if the source is missing or damaged; the store
+        check reports such blobs. Raises StoreDown if the blob store does not respond, because its blobs can be intact.
+        Blobs that an earlier backup copied are read and verified, to detect disk errors."""
         if pool.exists(key):
             try:
                 return len(pool.get(key))
@@ -213,8 +213,9 @@ class BackupService:
         return read_manifest(self._folder / name)
 
     def prune(self, keep: int, just_made: str) -> list[str]:
-        """Remove all backups except the latest ``keep``, which include ``just_made``, and the blobs that no remaining backup needs.
-        Nothing is removed while the clock is in doubt. Backups dated in the future are neither counted nor removed."""
+        """Remove all backups except the latest ``keep``, which include ``just_made``, and the blobs that no remaining
+        backup needs. Nothing is removed while the clock is in doubt. Backups dated in the future are neither counted
+        nor removed."""
         doubt = self._trust.state().doubt
         if doubt:
             self._bus.record("upkeep", "warning", f"Old backups were not removed: the server's clock is {doubt}")

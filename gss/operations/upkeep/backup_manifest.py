@@ -25,8 +25,8 @@ BLOCK = 1 << 20
 
 @dataclass(frozen=True)
 class Manifest:
-    """Content of a backup. ``blobs``: size in bytes by hash; ``captures``: hash by file name; ``schema``: migration of the
-    database."""
+    """Content of a backup. ``blobs``: size in bytes by hash; ``captures``: hash by file name; ``schema``: migration of
+    the database."""
 
     name: str
     created: str
@@ -57,8 +57,8 @@ class Manifest:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Return the manifest in the folder of a backup. Raises NotFound if it is missing, CorruptData if it was changed, and BadInput
-    if it has another format."""
+    """Return the manifest in the folder of a backup. Raises NotFound if it is missing, CorruptData if it was changed,
+    and BadInput if it has another format."""
     if not (folder / MANIFEST).is_file() or not (folder / SEAL).is_file():
         raise NotFound("the folder is not a backup", expected=f"{MANIFEST} and {SEAL}", got=str(folder))
     data = (folder / MANIFEST).read_bytes()

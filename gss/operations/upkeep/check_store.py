@@ -1,5 +1,5 @@
-"""Checks that all stored data are present and intact: the database, the blobs that it references, captures, and the audit
-chain."""
+"""Checks that all stored data are present and intact: the database, the blobs that it references, captures, and the
+audit chain."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ class StoreReport:
         return all(f.state != ERROR for f in self.findings)
 
     def add(self, name: str, problems: list[str], text: str, problem: str, level: str = ERROR) -> None:
-        """Add a finding. Its text is ``text`` without problems, otherwise the number of ``problems`` and the text ``problem``."""
+        """Add a finding. Its text is ``text`` without problems, otherwise the number of ``problems`` and the text
+        ``problem``."""
         if problems:
             self.findings.append(Finding(name, level, f"{len(problems)} {problem}", tuple(problems[:SHOWN])))
         else:

@@ -1,9 +1,9 @@
 """Decides whether the server's clock may be used to choose data for deletion.
 
-The database contains the last trusted time, which advances every ten minutes while the clock is plausible. The clock is in doubt
-if it is behind the trusted time, or further ahead than a plausible downtime of the server. While it is in doubt, retention and the
-rotation of backups delete nothing, even if a user starts them, until a user confirms the clock or the clock is corrected. Without a
-stored trusted time, the clock is also in doubt.
+The database contains the last trusted time, which advances every ten minutes while the clock is plausible. The clock is
+in doubt if it is behind the trusted time, or further ahead than a plausible downtime of the server. While it is in
+doubt, retention and the rotation of backups delete nothing, even if a user starts them, until a user confirms the clock
+or the clock is corrected. Without a stored trusted time, the clock is also in doubt.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ HINT = "check the server's date and time; if they are correct, confirm the clock
 
 @dataclass(frozen=True)
 class ClockState:
-    """State of the clock. ``trusted``: last trusted time, None if none is stored; ``doubt``: why the clock is in doubt, "" if it is
-    plausible."""
+    """State of the clock. ``trusted``: last trusted time, None if none is stored; ``doubt``: why the clock is in doubt,
+    "" if it is plausible."""
 
     now: datetime
     trusted: datetime | None
@@ -44,8 +44,8 @@ class ClockTrust:
         self._database, self._bus, self._now, self._pause = database, bus, now, pause
 
     def start(self) -> None:
-        """Initialize the trusted time if none is stored, from the latest stored row or, in an empty store, from the clock. Must be
-        called before the server stores rows."""
+        """Initialize the trusted time if none is stored, from the latest stored row or, in an empty store, from the
+        clock. Must be called before the server stores rows."""
         if self._trusted() is not None:
             return
         with self._database.unit_of_work() as session:
@@ -81,8 +81,8 @@ class ClockTrust:
             )
 
     def confirm(self, displayed: datetime, *, user: str) -> ClockState:
-        """Record that a user has checked the server's clock. ``displayed``: the time that the user saw. Raises BadInput if it
-        differs from the clock."""
+        """Record that a user has checked the server's clock. ``displayed``: the time that the user saw. Raises BadInput
+        if it differs from the clock."""
         now = self._now()
         if abs(now - displayed) > SEEN_WITHIN:
             raise BadInput(

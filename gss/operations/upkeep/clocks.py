@@ -1,4 +1,5 @@
-"""Compares the server's clock with the monotonic clock. Jumps are reported, and daily jobs wait until the clock is steady."""
+"""Compares the server's clock with the monotonic clock. Jumps are reported, and daily jobs wait until the clock is
+steady."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ STEADY_AFTER_S = 3600.0
 
 
 class ClockWatch:
-    """Compares the clocks once a second. ``jumped``: functions called with the seconds of each jump, to correct stored times."""
+    """Compares the clocks once a second. ``jumped``: functions called with the seconds of each jump, to correct stored
+    times."""
 
     def __init__(
         self, bus: EventBus, now: Now, monotonic_s: Monotonic, jumped: Sequence[Callable[[float], None]]

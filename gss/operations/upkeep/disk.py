@@ -1,7 +1,8 @@
 """Disk space: large writes are rejected before the disk is full, so that no file is written only in part.
 
-Below ``watch`` an alarm is raised. Below ``stop`` imports, downloads, builds and backups are rejected. Below a quarter of
-``stop`` decoded telemetry is no longer stored; the raw capture, which has priority and can be decoded later, still contains it.
+Below ``watch`` an alarm is raised. Below ``stop`` imports, downloads, builds and backups are rejected. Below a quarter
+of ``stop`` decoded telemetry is no longer stored; the raw capture, which has priority and can be decoded later, still
+contains it.
 """
 
 from __future__ import annotations
@@ -59,7 +60,8 @@ class DiskGuard:
         return DiskState(free, total, level, text)
 
     def check(self, purpose: str, needed_bytes: int = 0) -> None:
-        """Raise StoreDown if writing ``needed_bytes`` would leave too little space. ``purpose``: operation, for the message."""
+        """Raise StoreDown if writing ``needed_bytes`` would leave too little space. ``purpose``: operation, for the
+        message."""
         free, _ = self._usage(self.folder)
         if free - needed_bytes < self.stop_bytes:
             raise StoreDown(
@@ -70,7 +72,8 @@ class DiskGuard:
             )
 
     def has_room_for_rows(self) -> bool:
-        """True if there is enough space for decoded telemetry. The last space is reserved for captures, commands and alarms."""
+        """True if there is enough space for decoded telemetry. The last space is reserved for captures, commands and
+        alarms."""
         return self._usage(self.folder)[0] >= self.stop_bytes // LAST_SHARE
 
 

@@ -20,10 +20,10 @@ YOUNGEST_DAYS = 1 / 24
 
 @dataclass(frozen=True)
 class Forecast:
-    """Forecast of disk usage. ``bytes_per_day``: growth of data that retention does not limit, over the last week or the shorter
-    life of the store; None if the store is too young. ``full_in_days``: None if the growth is unknown or zero.
-    ``backups_bytes``: backups on the same disk, which count as used but not as growing. ``next_removal``: None if nothing will be
-    removed."""
+    """Forecast of disk usage. ``bytes_per_day``: growth of data that retention does not limit, over the last week or
+    the shorter life of the store; None if the store is too young. ``full_in_days``: None if the growth is unknown or
+    zero. ``backups_bytes``: backups on the same disk, which count as used but not as growing. ``next_removal``: None if
+    nothing will be removed."""
 
     database_bytes: int
     frames_bytes: int

@@ -1,4 +1,5 @@
-"""Health of the installation: checks of conditions that can degrade slowly, and the same values as Prometheus metrics."""
+"""Health of the installation: checks of conditions that can degrade slowly, and the same values as Prometheus
+metrics."""
 
 from __future__ import annotations
 

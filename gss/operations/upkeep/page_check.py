@@ -13,7 +13,8 @@ log = logging.getLogger("gss.upkeep")
 
 
 class PageCheck:
-    """Reads all pages once, on a background thread. ``state``: text for the health page; "" if the startup has read the pages."""
+    """Reads all pages once, on a background thread. ``state``: text for the health page; "" if the startup has read the
+    pages."""
 
     def __init__(self, database: Database, bus: EventBus) -> None:
         self._database, self._bus = database, bus

@@ -1,6 +1,6 @@
 """Exports the store as Parquet files in hive-style folders
-(``telemetry/packet=housekeeping/day=2026-12-01/part-0.parquet``), readable by DuckDB, pandas and pyarrow. Units are in each
-column's metadata, and in schema.json and README.md."""
+(``telemetry/packet=housekeeping/day=2026-12-01/part-0.parquet``), readable by DuckDB, pandas and pyarrow. Units are in
+each column's metadata, and in schema.json and README.md."""
 
 from __future__ import annotations
 
@@ -126,8 +126,9 @@ def export_parquet(
     last: date | None = None,
     on_folder: OnFolder = no_progress,
 ) -> Written:
-    """Export complete UTC days from ``first`` to ``last``, inclusive, into ``out``. Existing days are replaced. At most one block
-    of rows is in memory. A file gets its final name when it is complete. Raises BadInput if ``out`` contains other files."""
+    """Export complete UTC days from ``first`` to ``last``, inclusive, into ``out``. Existing days are replaced. At most
+    one block of rows is in memory. A file gets its final name when it is complete. Raises BadInput if ``out`` contains
+    other files."""
     start, end = first or FIRST_DAY, last or LAST_DAY
     if end < start:
         raise BadInput("the time span is empty", expected="a start before the end", got=f"{start} … {end}")
@@ -212,7 +213,8 @@ def _field(item: Item | Group) -> pa.Field:
 
 
 def _type(item: Item) -> pa.DataType:
-    """Return the type of a column. It does not depend on the values, so that the files of all days can be read together."""
+    """Return the type of a column. It does not depend on the values, so that the files of all days can be read
+    together."""
     converted = isinstance(item, TelemetryField) and bool(item.conversion.coefficients)
     if kind(item) == "number":
         is_integer = item.type in INTEGER_RANGES and item.type != "u64" and not converted

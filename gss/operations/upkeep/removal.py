@@ -13,10 +13,11 @@ from gss.operations.requests import Request
 from gss.store import upkeep as store
 
 ARRIVED_FACTOR = 1.5
-"""A daily removal removes about as much data as arrived since the last run. Up to this multiple of the arrived data is not
-unusual, regardless of the share."""
+"""A daily removal removes about as much data as arrived since the last run. Up to this multiple of the arrived data is
+not unusual, regardless of the share."""
 ARRIVED_WITHIN = timedelta(days=2)
-"""Maximum age of the last run for this rule. After a longer pause, most of the stored data would count as arrived since the run."""
+"""Maximum age of the last run for this rule. After a longer pause, most of the stored data would count as arrived since
+the run."""
 FEW = {"frames": 100, "frames_bytes": 100_000_000, "packets": 20_000, "events": 2_000}
 """Amounts that are never unusual, so that removals from small stores need no confirmation."""
 CONFIRM_WITHIN = timedelta(hours=1)
@@ -31,9 +32,9 @@ LABELS = {
 
 @dataclass(frozen=True)
 class Removal:
-    """Amounts that a policy removes as of ``at``. ``frames_bytes``: size of the frames' pixels; ``to_thin``: packets to be thinned
-    to one per minute, without packets already thinned; ``unusual``: why a user must confirm the removal, "" if no confirmation is
-    needed."""
+    """Amounts that a policy removes as of ``at``. ``frames_bytes``: size of the frames' pixels; ``to_thin``: packets to
+    be thinned to one per minute, without packets already thinned; ``unusual``: why a user must confirm the removal, ""
+    if no confirmation is needed."""
 
     at: datetime
     frames: int
@@ -66,8 +67,8 @@ def recent(last_run: datetime | None, at: datetime) -> datetime | None:
 
 
 def unusual(removal: Removal, amounts: store.Amounts, share: float) -> str:
-    """Return the kinds of data whose removal exceeds both ``share`` of the stored data and ``ARRIVED_FACTOR`` times the data that
-    arrived since a recent run, with their amounts; "" if there are none."""
+    """Return the kinds of data whose removal exceeds both ``share`` of the stored data and ``ARRIVED_FACTOR`` times the
+    data that arrived since a recent run, with their amounts; "" if there are none."""
     removed = asdict(removal) | {"packets": removal.packets + removal.to_thin}
     reasons = []
     for kind, small_amount in FEW.items():

@@ -1,5 +1,5 @@
-"""Restores a backup to a data folder with which a server can be started. The backup is verified first, and existing data are
-never overwritten."""
+"""Restores a backup to a data folder with which a server can be started. The backup is verified first, and existing
+data are never overwritten."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from gss.store.dump import SQLITE, load
 from gss.store.engine import Database, known_schemas, migrate, open_engine
 
 NEW_IDS = 1_000_000
-"""Number of command ids skipped after a restore, because the device remembers the ids of commands sent after the backup."""
+"""Number of command ids skipped after a restore, because the device remembers the ids of commands sent after the
+backup."""
 KEYS_ENDED = (
     "All sessions have ended, and one-time links and tokens are invalid. Users, roles and passwords are those of the backup. "
     "Later changes, for example disabled users, are lost: check Admin, People first."
@@ -61,9 +62,9 @@ def restore(
     audit_anchor: Path | None = None,
     on_step: OnStep = no_progress,
 ) -> Restored:
-    """Restore a backup (a folder or a tar file) to an empty or new folder. A PostgreSQL backup is loaded into the empty database
-    ``database_url``. Blobs are stored in ``blobs_url`` if it is given. ``audit_anchor``: anchor file of the audit log, if it is
-    not in the data folder. Raises Conflict, CorruptData or BadInput before anything is restored."""
+    """Restore a backup (a folder or a tar file) to an empty or new folder. A PostgreSQL backup is loaded into the empty
+    database ``database_url``. Blobs are stored in ``blobs_url`` if it is given. ``audit_anchor``: anchor file of the
+    audit log, if it is not in the data folder. Raises Conflict, CorruptData or BadInput before anything is restored."""
     into = into.resolve()
     if into.exists() and (not into.is_dir() or any(into.iterdir())):
         raise Conflict("the target folder is not empty", expected="an empty or new folder", got=str(into))
@@ -201,8 +202,8 @@ def _accept_log(url: str, now: Now, anchors: AnchorFile, name: str) -> None:
 
 
 def _make_ready(url: str, now: Now) -> None:
-    """Migrate the database to the latest schema, skip command ids that may have been used after the backup, and invalidate all
-    sessions, links and tokens, because revocations after the backup are unknown."""
+    """Migrate the database to the latest schema, skip command ids that may have been used after the backup, and
+    invalidate all sessions, links and tokens, because revocations after the backup are unknown."""
     migrate(url)
     database = Database(open_engine(url))
     try:

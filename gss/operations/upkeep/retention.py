@@ -1,9 +1,9 @@
-"""Retention: removes old data in a defined order. Rows of frames, their solutions, commands, alarms, contacts and the audit log are
-always kept. Pixels, telemetry packets, old events and the oldest raw captures can be removed.
+"""Retention: removes old data in a defined order. Rows of frames, their solutions, commands, alarms, contacts and the
+audit log are always kept. Pixels, telemetry packets, old events and the oldest raw captures can be removed.
 
-Nothing is removed until a user has set a policy. A removal runs as a job in small transactions, so that the line never waits for
-it. After a crash it continues from its checkpoint. It does not run while the server's clock is in doubt, and needs confirmation if
-it would remove an unusual share of the stored data.
+Nothing is removed until a user has set a policy. A removal runs as a job in small transactions, so that the line never
+waits for it. After a crash it continues from its checkpoint. It does not run while the server's clock is in doubt, and
+needs confirmation if it would remove an unusual share of the stored data.
 """
 
 from __future__ import annotations
@@ -128,7 +128,8 @@ class RetentionService:
         return self._link.capture.retention.keep_bytes
 
     def preview(self, policy: RetentionPolicy, at: datetime | None = None) -> Removal:
-        """Return the amounts that a removal with ``policy`` would remove, as of ``at`` (default: now). Nothing is removed."""
+        """Return the amounts that a removal with ``policy`` would remove, as of ``at`` (default: now). Nothing is
+        removed."""
         at = at or self._now()
         thinned_text = retention_choice(self._database, DONE).get("thinned_before")
         thinned = datetime.fromisoformat(thinned_text) if thinned_text else None
@@ -155,8 +156,8 @@ class RetentionService:
         return datetime.fromisoformat(at) if at else None
 
     def removed_before(self) -> datetime | None:
-        """Return the time before which retention can have caused gaps in housekeeping; None if it has not removed or thinned
-        packets."""
+        """Return the time before which retention can have caused gaps in housekeeping; None if it has not removed or
+        thinned packets."""
         choice = retention_choice(self._database, DONE)
         moments = [datetime.fromisoformat(choice[k]) for k in ("packets_before", "thinned_before") if choice.get(k)]
         return max(moments, default=None)
@@ -169,7 +170,8 @@ class RetentionService:
             return self._remove(request, run)
 
     def _remove(self, request: RemovalJob, run: JobRun) -> JobResult:
-        """Remove data in steps. The checkpoint contains the removed amounts and the blobs whose rows are already marked."""
+        """Remove data in steps. The checkpoint contains the removed amounts and the blobs whose rows are already
+        marked."""
         self._trust.require("retention")
         policy, confirmed = request.policy, request.confirmed
         progress = run.checkpoint or {"at": (confirmed.at if confirmed else self._now()).isoformat(), "pending": []}

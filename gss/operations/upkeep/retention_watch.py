@@ -39,8 +39,8 @@ class RetentionWatch:
 
 
 class DailyRetention:
-    """Starts a removal once a day, except within an hour after the server's start or a jump of the clock, and while the clock is
-    in doubt."""
+    """Starts a removal once a day, except within an hour after the server's start or a jump of the clock, and while the
+    clock is in doubt."""
 
     def __init__(self, retention: RetentionService, clocks: ClockWatch, trust: ClockTrust, now: Now) -> None:
         self._retention, self._clocks, self._trust, self._now = retention, clocks, trust, now

@@ -215,7 +215,8 @@ class StatusService:
         return conditions
 
     def _latched_alarms(self, silent: bool) -> list[StatusAlarm]:
-        """Return the open alarms that are not shelved. If ``silent``, omit the loss of signal, which is already reported."""
+        """Return the open alarms that are not shelved. If ``silent``, omit the loss of signal, which is already
+        reported."""
         views = [v for v in self._latched.opened() if not v.shelved]
         return [
             StatusAlarm(f"alarm-{v.row.id}", v.row.worst, v.text, v.row.raised)

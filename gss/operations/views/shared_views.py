@@ -19,8 +19,8 @@ MAX_PATH_LENGTH = 4000
 
 
 class ViewRequest(Request):
-    """View to store. ``path``: address of a page within the unit, with its query; ``open``: every user with the permission may
-    change it."""
+    """View to store. ``path``: address of a page within the unit, with its query; ``open``: every user with the
+    permission may change it."""
 
     name: str = Field(min_length=1, max_length=80)
     path: str = Field(min_length=1, max_length=MAX_PATH_LENGTH)
@@ -37,7 +37,8 @@ class ViewDetail:
 
 
 class SharedViews:
-    """Stores shared views. ``manages``, a parameter of its methods, is true if the user may change the views of other users."""
+    """Stores shared views. ``manages``, a parameter of its methods, is true if the user may change the views of other
+    users."""
 
     def __init__(self, database: Database, now: Now) -> None:
         self._database, self._now = database, now
@@ -66,8 +67,8 @@ class SharedViews:
         return row
 
     def change(self, view_id: int, version: int, content: ViewRequest, *, user: str, manages: bool) -> SharedView:
-        """Store a new version of a view. ``version``: the one that the user saw. Raises NotFound, NotPermitted, BadInput, and
-        Conflict if another user has changed the view since."""
+        """Store a new version of a view. ``version``: the one that the user saw. Raises NotFound, NotPermitted,
+        BadInput, and Conflict if another user has changed the view since."""
         checked = _checked(content)
         with self._database.unit_of_work() as session:
             row = store.get(session, view_id, lock=True)
