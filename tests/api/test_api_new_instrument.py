@@ -117,7 +117,7 @@ def test_an_instrument_is_made_from_photographs(server: Server) -> None:
         assert 0 < number["sigma"] < 0.15 * abs(value) + 1e-9, (name, number)
         assert abs(number["values"][0] - value) < 4 * number["sigma"], (name, number, value)
     assert 5.5 < numbers["faintest"]["values"][0] < 8
-    assert numbers["pitch_column"]["chosen"] == "size of a pixel as stated by the user or the files"
+    assert numbers["pitch_column"]["chosen"] == "pixel size as stated by the user or the files"
     again = server.client.post(PATH, json=body)
     assert again.status_code == 409, again.text
     assert "An instrument of this name exists" in again.text

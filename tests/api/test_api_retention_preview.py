@@ -37,7 +37,7 @@ def test_only_an_admin_confirms_the_clock(client, client_of):
     """
     app = client.app.state.services
     now = app.base.trust.state().now
-    app.base.trust._keep(now - timedelta(days=3652), "test")
+    app.base.trust._store_trusted(now - timedelta(days=3652), "test")
     found = client.get("/api/admin/retention").json()["clock"]
     assert "3652 days ahead" in found["doubt"]
     refused = client.post("/api/admin/retention/run")

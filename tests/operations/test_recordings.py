@@ -10,7 +10,7 @@ import pytest
 
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.operations.recordings.lanes import Lanes
-from gss.operations.recordings.live import AT_ONCE, EACH
+from gss.operations.recordings.live import MAX_OPEN, MAX_PER_USER
 from gss.operations.recordings.ranges import ids_of
 from gss.settings import Settings
 from gss.store.models import Command, CommandStage, TelemetryPacket
@@ -118,7 +118,7 @@ def test_a_live_recording_grows_with_events_and_frames(services: Services, tmp_p
 
 def test_the_number_of_live_recordings_is_limited(services):
     """One more is rejected with a message, and closing one frees its place."""
-    opened = [services.recordings.live.open(lambda: None, f"user {k // EACH}")[1] for k in range(AT_ONCE)]
+    opened = [services.recordings.live.open(lambda: None, f"user {k // MAX_PER_USER}")[1] for k in range(MAX_OPEN)]
     try:
         with pytest.raises(Conflict, match="too many"):
             services.recordings.live.open(lambda: None, "another user")
@@ -131,9 +131,9 @@ def test_the_number_of_live_recordings_is_limited(services):
 
 def test_one_user_leaves_live_recordings_to_others(services):
     """More than two are rejected although places are free."""
-    opened = [services.recordings.live.open(lambda: None, "ann")[1] for _ in range(EACH)]
+    opened = [services.recordings.live.open(lambda: None, "ann")[1] for _ in range(MAX_PER_USER)]
     try:
-        with pytest.raises(Conflict, match="of one user"):
+        with pytest.raises(Conflict, match="per user"):
             services.recordings.live.open(lambda: None, "ann")
         opened.append(services.recordings.live.open(lambda: None, "ben")[1])
     finally:
@@ -157,7 +157,7 @@ def test_a_failed_opening_leaves_no_subscriber(services, monkeypatch):
     listening = len(services.base.bus._subscriptions)
     with monkeypatch.context() as patch:
         patch.setattr(services.recordings.stored, "frame", broken)
-        for _ in range(AT_ONCE + 1):
+        for _ in range(MAX_OPEN + 1):
             with pytest.raises(OSError, match="disk"):
                 services.recordings.live.open(lambda: None, "ann")
     assert len(services.base.bus._subscriptions) == listening

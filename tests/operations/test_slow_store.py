@@ -204,7 +204,7 @@ def test_frames_beyond_the_queue_limit_are_counted_and_recorded(bus: EventBus) -
         go.set()  # the writer reads the time when it begins to wait
         return value
 
-    writer = Writer(monotonic_s, bus, most=1)
+    writer = Writer(monotonic_s, bus, max_waiting=1)
 
     def first() -> None:
         begun.set()

@@ -18,7 +18,7 @@ from gss.api.schemas.calibrations import (
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.tables import TableDetailOut
 from gss.operations.studies.calibration_export import KINDS, export_calibration
-from gss.operations.studies.calibration_requests import Wanted
+from gss.operations.studies.calibration_requests import CalibrationRequest
 from gss.store.models import Calibration
 from gss.wiring.services import Services
 
@@ -41,7 +41,7 @@ def list_calibrations(
 
 
 @router.post("", status_code=202, dependencies=[need("calibrate")])
-def calibrate(app: App, user: User, body: Wanted) -> JobOut:
+def calibrate(app: App, user: User, body: CalibrationRequest) -> JobOut:
     """Run a calibration as a job; its result names the calibration."""
     return present.records.job(app.studies.calibrations.start(body, user=user))
 

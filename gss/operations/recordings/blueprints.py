@@ -17,13 +17,13 @@ class Use(StrEnum):
 
 
 def blueprint(use: Use) -> Any:
-    """Return the layout of sky, picture, plots and log for a use. Sequences are ordered by frame, contacts by UTC; live ones
-    follow."""
-    import rerun.blueprint as rrb  # imported late: it takes 0.5 s and 100 MB
+    """Return the viewer layout with sky, picture, plots and log for a use. Contacts use the UTC timeline, all other
+    recordings the frame timeline. A live recording follows the latest data."""
+    import rerun.blueprint as rrb  # imported here because the import takes 0.5 s and 100 MB
 
     sky = rrb.Spatial3DView(origin="/sky", name="Sky", line_grid=rrb.LineGrid3D(visible=False))
     picture = rrb.Spatial2DView(origin="/camera/image", name="Frame", contents=["/camera/image/**"])
-    # Next to a page's own panels a legend would cover the lines; names are shown under the cursor instead.
+    # On the frame page the plot is so small that a legend would cover the lines; the cursor shows the names instead.
     legend = rrb.PlotLegend(visible=use is not Use.FRAME)
     attitude = rrb.TimeSeriesView(origin="/attitude", name="Attitude, arcseconds", plot_legend=legend)
     stars = rrb.TimeSeriesView(origin="/stars", name="Stars")
@@ -42,8 +42,8 @@ def blueprint(use: Use) -> Any:
         plots = rrb.Vertical(attitude, stars, row_shares=[1, 1])
         body = rrb.Horizontal(rrb.Vertical(plots, log, row_shares=[3, 1]), rrb.Vertical(picture, sky))
     elif use is Use.CONTACT:
-        above = rrb.Horizontal(picture, sky, log, column_shares=[3, 3, 2])
-        body = rrb.Vertical(above, states, rrb.Horizontal(telemetry, attitude, stars), row_shares=[6, 2, 4])
+        top_row = rrb.Horizontal(picture, sky, log, column_shares=[3, 3, 2])
+        body = rrb.Vertical(top_row, states, rrb.Horizontal(telemetry, attitude, stars), row_shares=[6, 2, 4])
     else:
         side = rrb.Vertical(picture, attitude, rrb.Tabs(states, log, telemetry, stars), row_shares=[2, 1, 1])
         body = rrb.Horizontal(sky, side, column_shares=[3, 2])

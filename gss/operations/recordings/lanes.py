@@ -9,13 +9,14 @@ from typing import Any
 from gss.store.models import Command
 
 LANES = {"mode": "mode", "active_bank": "bank"}
-"""Fields of housekeeping that have a lane, and its name."""
+"""Housekeeping fields that have a lane, with the name of the lane."""
 SILENT_AFTER = timedelta(seconds=5)
 Log = Callable[[datetime, str, str | None], None]
 
 
 class Lanes:
-    """Writes a state where it changes. ``log`` writes the state of a lane at a time; None ends it. Not thread-safe."""
+    """Writes each change of a state. ``log`` receives the time, the path of the lane and the new state; None ends the
+    state. Not thread-safe."""
 
     def __init__(self, log: Log) -> None:
         self._log = log
@@ -23,7 +24,8 @@ class Lanes:
         self._last_packet: datetime | None = None
 
     def telemetry(self, received: datetime, values: Mapping[str, Any]) -> None:
-        """Take a packet: the link is up, and was silent before if the previous packet is old."""
+        """Record the states in a packet. Also record that the link was silent if the previous packet is older
+        than SILENT_AFTER."""
         last = self._last_packet
         if last is not None and received - last > SILENT_AFTER:
             self._change(last + SILENT_AFTER, "link", "no packets")
@@ -34,7 +36,7 @@ class Lanes:
                 self._change(received, lane, str(values[field]))
 
     def command(self, row: Command) -> None:
-        """Take a command with its stages; the lane is empty between commands."""
+        """Record the stages of a command. The lane is empty between commands."""
         for stage in row.stages:
             self._log(stage.at, "states/command", f"{row.name} {stage.stage}")
         if row.finished is not None:

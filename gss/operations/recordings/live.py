@@ -1,4 +1,4 @@
-"""A live recording: each new frame, attitude, command, event and packet becomes a piece when it arrives."""
+"""Live recordings: new frames, attitudes, commands, events and packets are sent in pieces when they arrive."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from gss.operations.recordings.stored import READ, Recordings
 from gss.store import frames
 from gss.store.engine import Database
 
-AT_ONCE, EACH = 6, 2
-"""Maximum number of concurrent live recordings, in all and of one user, because each renders its pictures separately."""
+MAX_OPEN, MAX_PER_USER = 6, 2
+"""Maximum number of concurrent live recordings, in total and per user. Each recording renders its pictures
+separately."""
 BEGIN_WITH = 10
-"""Number of earlier frames in the first piece, so that something is visible at once."""
+"""Number of earlier frames in the first piece, so that something is visible immediately."""
 TOPICS = ("frame", "solution", "telemetry", "command", "event")
 
 
 class LiveRecording:
-    """The recording of one listener. ``piece`` blocks while drawing, never while waiting for data; call it in a thread after
-    a wake."""
+    """The live recording of one viewer. ``piece`` blocks while it draws, but never waits for data. Call it in a
+    background thread after each call of ``wake``."""
 
     def __init__(
         self, recorder: Recorder, recordings: Recordings, bus: EventBus, now: Now, wake: Callable[[], None], user: str
@@ -40,7 +41,7 @@ class LiveRecording:
         self._bus.unsubscribe(self._mailbox)
 
     def piece(self) -> bytes:
-        """Return everything since the last piece as a complete .rrd; empty if nothing of it is shown."""
+        """Return the data received since the last piece as a complete .rrd; empty if none of the data is shown."""
         messages, dropped = self._mailbox.take()
         relevant = [m for m in messages if m.topic in TOPICS]
         if not relevant and not dropped:
@@ -51,36 +52,36 @@ class LiveRecording:
         }
         pictures = {m.payload.id for m in relevant if m.topic == "frame"}
         for message in relevant:
-            self._small(message)
+            self._add_message(message)
         for frame_id in sorted(frame_ids):
             self._frame(frame_id, picture=frame_id in pictures)
         return self._recorder.take()
 
     def begin(self, frame_ids: Iterable[int]) -> bytes:
-        """Return the first piece: layout, sky, and these frames."""
+        """Return the first piece, which contains the layout, the sky and the given frames."""
         for frame_id in frame_ids:
             self._frame(frame_id, picture=True)
         return self._recorder.take()
 
     def _frame(self, frame_id: int, *, picture: bool) -> None:
-        with contextlib.suppress(NotFound):  # removed meanwhile
+        with contextlib.suppress(NotFound):  # the frame was removed in the meantime
             self._recordings.frame(self._recorder, frame_id, picture)
 
-    def _small(self, message: Message) -> None:
+    def _add_message(self, message: Message) -> None:
         payload: Any = message.payload
         if message.topic == "event":
             self._recorder.event(payload)
         elif message.topic == "command" and payload.row.finished is not None:
             self._recorder.command(payload.row)
         elif message.topic == "telemetry":
-            fresh = {
+            current_values = {
                 v.name.rpartition(".")[2]: v.value for v in payload if v.packet == "housekeeping" and v.state != "stale"
             }
-            self._recorder.telemetry(self._now(), {n: fresh[n] for n in READ if n in fresh})
+            self._recorder.telemetry(self._now(), {n: current_values[n] for n in READ if n in current_values})
 
 
 class LiveRecordings:
-    """Opens live recordings, up to ``AT_ONCE`` at a time and ``EACH`` of one user."""
+    """Opens live recordings: at most ``MAX_OPEN`` at the same time and ``MAX_PER_USER`` per user."""
 
     def __init__(self, recordings: Recordings, database: Database, bus: EventBus, now: Now) -> None:
         self._recordings, self._database, self._bus, self._now = recordings, database, bus, now
@@ -88,32 +89,33 @@ class LiveRecordings:
         self._lock = threading.Lock()
 
     def open(self, wake: Callable[[], None], user: str) -> tuple[bytes, LiveRecording]:
-        """Return the first piece with earlier frames, and the live recording. Raises Conflict if too many are open."""
-        self._take_place(user)
-        with contextlib.ExitStack() as unless_it_opens:
-            unless_it_opens.callback(self._free_place, user)
+        """Return the first piece with earlier frames, and the live recording. Raises Conflict if too many recordings
+        are open."""
+        self._reserve(user)
+        with contextlib.ExitStack() as cleanup:
+            cleanup.callback(self._release, user)
             recorder = self._recordings.recorder("gss-live", Use.LIVE)
             live = LiveRecording(recorder, self._recordings, self._bus, self._now, wake, user)
-            unless_it_opens.callback(live.close)
+            cleanup.callback(live.close)
             with self._database.unit_of_work() as session:
                 ids = [f.id for f in frames.page(session, BEGIN_WITH, 0)[1]]
             first = live.begin(reversed(ids))
-            unless_it_opens.pop_all()
+            cleanup.pop_all()
         return first, live
 
     def close(self, live: LiveRecording) -> None:
-        """Close a live recording and free its place."""
+        """Close a live recording. It no longer counts against the limits."""
         live.close()
-        self._free_place(live.user)
+        self._release(live.user)
 
-    def _take_place(self, user: str) -> None:
+    def _reserve(self, user: str) -> None:
         with self._lock:
-            if self._open[user] >= EACH or self._open.total() >= AT_ONCE:
-                expected = f"at most {EACH} of one user, {AT_ONCE} in all"
+            if self._open[user] >= MAX_PER_USER or self._open.total() >= MAX_OPEN:
+                expected = f"at most {MAX_PER_USER} per user and {MAX_OPEN} in total"
                 raise Conflict("too many live recordings", expected=expected, hint="close another recording")
             self._open[user] += 1
 
-    def _free_place(self, user: str) -> None:
+    def _release(self, user: str) -> None:
         with self._lock:
             self._open[user] -= 1
-            self._open += Counter()  # drops users without a recording
+            self._open += Counter()  # removes users without a recording

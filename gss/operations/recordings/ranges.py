@@ -7,11 +7,11 @@ from gss.operations.requests import MAX_ID
 
 MAX_PER_RANGE = 10_000
 MAX_DIGITS = 100
-"""Longer numbers are not converted at all."""
+"""Longer numbers are rejected without conversion."""
 
 
 def ids_of(text: str) -> list[int]:
-    """Return the numbers in the order written. Raises BadInput for anything else."""
+    """Return the numbers in the order of the text. Raises BadInput if the text is not a list of numbers and ranges."""
     ids: list[int] = []
     for part in text.split(","):
         first, _, last = part.partition("-")

@@ -1,4 +1,4 @@
-"""Writes frames, attitudes, telemetry, commands and events into one Rerun recording, which is read piece by piece."""
+"""Writes frames, attitudes, telemetry, commands and events to a Rerun recording, which is read in pieces."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class Recorder:
     """One recording on the timelines ``frame`` (the frame's id in the store) and ``utc``. Not thread-safe."""
 
     def __init__(self, recording_id: str, use: Use, stars: StarTable, place_at: PlaceAt) -> None:
-        import rerun as rr  # imported late: it takes 0.5 s and 100 MB
+        import rerun as rr  # imported here because the import takes 0.5 s and 100 MB
 
         self._rr, self._place_at = rr, place_at
         self._stream = rr.RecordingStream("gss", recording_id=recording_id[:120], send_properties=True)
-        self._stream.set_log_time_enabled(False)  # the time of writing is meaningless
+        self._stream.set_log_time_enabled(False)  # viewers do not need the time of writing
         self._memory = self._stream.binary_stream()
         self._stream.send_blueprint(blueprint(use), make_active=True, make_default=True)
         self._path: list[Array] = []
@@ -54,7 +54,8 @@ class Recorder:
         self._sky(stars)
 
     def take(self) -> bytes:
-        """Return what was written since the last call, as a complete .rrd; the first piece contains layout and sky."""
+        """Return the data written since the last call as a complete .rrd. The first piece contains the layout and the
+        sky."""
         return bytes(self._memory.read(flush=True) or b"")
 
     # --- content --------------------------------------------------------------------------------------------------
@@ -98,8 +99,8 @@ class Recorder:
     # --- drawing --------------------------------------------------------------------------------------------------
 
     def _at(self, moment: datetime, frame_id: int | None = None) -> None:
-        """Set the time of the following entries. Entries without a frame are assigned to the previous one, so that they
-        appear on both timelines."""
+        """Set the time of the following entries. Entries without a frame are assigned to the previous frame, so that
+        they appear on both timelines."""
         self._frame_id = frame_id if frame_id is not None else self._frame_id
         self._stream.reset_time()
         if self._frame_id is not None:
@@ -108,7 +109,7 @@ class Recorder:
 
     def _state(self, moment: datetime, path: str, state: str | None) -> None:
         """Write the state of a lane; None ends it."""
-        import pyarrow as pa  # late, as rerun, which uses it
+        import pyarrow as pa  # imported here because rerun, which uses it, is also imported late
 
         self._at(moment)
         self._stream.log(path, self._rr.StateChange(state=pa.array([state], pa.string())))
@@ -131,10 +132,10 @@ class Recorder:
 
     def _overlays(self, solution: Solution) -> None:
         detail = solution.detail
-        bad = [r for r in detail["regions"] if r["rejected"]]
-        corners = np.array([[r["col_min"], r["row_min"]] for r in bad], float).reshape(-1, 2)
-        ends = np.array([[r["col_max"] + 1, r["row_max"] + 1] for r in bad], float).reshape(-1, 2)
-        reasons = [r["rejected"] for r in bad]
+        rejected = [r for r in detail["regions"] if r["rejected"]]
+        corners = np.array([[r["col_min"], r["row_min"]] for r in rejected], float).reshape(-1, 2)
+        ends = np.array([[r["col_max"] + 1, r["row_max"] + 1] for r in rejected], float).reshape(-1, 2)
+        reasons = [r["rejected"] for r in rejected]
         boxes = self._rr.Boxes2D(mins=corners, sizes=ends - corners, colors=ORANGE, labels=reasons, show_labels=False)
         self._stream.log("camera/image/rejected", boxes)
         self._points("camera/image/centroids", detail["stars"], WHITE, 1.0)
@@ -144,16 +145,18 @@ class Recorder:
     def _points(
         self, path: str, rows: Sequence[StarOverlay | PredictedStar], colour: tuple[int, int, int], radius: float
     ) -> None:
-        # Rerun's origin is the corner of a pixel, ours its centre. An empty list removes the marks of the previous
+        # Rerun counts pixels from the corner, GSS from the centre. An empty list removes the marks of the previous
         # frame.
-        at = np.array([[row["col_px"] + 0.5, row["row_px"] + 0.5] for row in rows], float).reshape(-1, 2)
-        named = [f"{r['name']} {r['v_mag']:.2f}" if r.get("name") and r.get("v_mag") is not None else "" for r in rows]
-        self._stream.log(path, self._rr.Points2D(at, colors=colour, radii=radius, labels=named, show_labels=False))
+        positions = np.array([[row["col_px"] + 0.5, row["row_px"] + 0.5] for row in rows], float).reshape(-1, 2)
+        labels = [f"{r['name']} {r['v_mag']:.2f}" if r.get("name") and r.get("v_mag") is not None else "" for r in rows]
+        self._stream.log(
+            path, self._rr.Points2D(positions, colors=colour, radii=radius, labels=labels, show_labels=False)
+        )
 
     def _camera(self, solution: Solution, taken_at: datetime) -> None:
         rr, cam_from_icrs = self._rr, matrix_from_quaternion(np.array(solution.quaternion, float))
-        place = self._place_at(taken_at)
-        eye = np.zeros(3) if place is None else place.km / EARTH_RADIUS_KM * EARTH_RADIUS
+        position = self._place_at(taken_at)
+        eye = np.zeros(3) if position is None else position.km / EARTH_RADIUS_KM * EARTH_RADIUS
         camera = camera_from(solution.camera)
         outline = camera.outline(12) @ cam_from_icrs * SPHERE_RADIUS
         rays = [np.stack([eye, corner @ cam_from_icrs * SPHERE_RADIUS]) for corner in camera.corners()]
@@ -163,13 +166,14 @@ class Recorder:
         axes = rr.Arrows3D(origins=[eye] * 3, vectors=[cam_from_icrs[k] * 2.0 for k in range(3)], colors=AXES)
         self._stream.log("sky/body_axes", axes)
         sky_bodies = bodies(taken_at)
-        at, names = [b.icrs * SPHERE_RADIUS for b in sky_bodies], [b.name for b in sky_bodies]
-        self._stream.log("sky/bodies", rr.Points3D(at, radii=0.18, colors=[(227, 197, 76), GREY], labels=names))
-        if place is None:
+        positions, names = [b.icrs * SPHERE_RADIUS for b in sky_bodies], [b.name for b in sky_bodies]
+        self._stream.log("sky/bodies", rr.Points3D(positions, radii=0.18, colors=[(227, 197, 76), GREY], labels=names))
+        if position is None:
             return
         self._path.append(eye)
         self._stream.log(
-            "sky/orbit/position", rr.Points3D([eye], radii=0.08, colors=WHITE, labels=[place.source], show_labels=False)
+            "sky/orbit/position",
+            rr.Points3D([eye], radii=0.08, colors=WHITE, labels=[position.source], show_labels=False),
         )
         self._stream.log("sky/orbit/path", rr.LineStrips3D([np.array(self._path)], colors=BLUE, radii=0.01))
         ball = rr.Ellipsoids3D(half_sizes=[[EARTH_RADIUS] * 3], colors=(39, 80, 110), fill_mode="solid")
@@ -182,7 +186,8 @@ class Recorder:
         self._stream.log("log/solutions", self._rr.TextLog(message, level="INFO" if solved else "WARN"))
 
     def _figures(self, detail: FrameDetail) -> None:
-        """Plot residual and error per chain, on board against ground, and stars."""
+        """Plot the matched stars, error and residual of each chain, and the difference of the on-board and ground
+        attitudes."""
         scalars = self._rr.Scalars
         for solution in reversed(detail.solutions):
             name = "on_board" if solution.origin == "on board" else solution.chain
@@ -206,7 +211,7 @@ class Recorder:
 
 
 def residual_rms_arcsec(solution: Solution) -> float | None:
-    """Return the root mean square of the stars' residuals; None without residuals."""
+    """Return the root mean square of the stars' residuals; None if no star has a residual."""
     residuals = [(s["dx_arcsec"], s["dy_arcsec"]) for s in solution.detail["stars"] if s.get("dx_arcsec") is not None]
     return float(np.sqrt(np.mean(np.square(np.hypot(*np.array(residuals).T))))) if residuals else None
 

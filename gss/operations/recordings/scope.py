@@ -1,4 +1,4 @@
-"""The content of a recording: frames, time span of telemetry and log, and use."""
+"""The content of a recording: its frames, the time span of telemetry and log, and its use."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ MARGIN_S = 30.0
 
 @dataclass(frozen=True)
 class Scope:
-    """``name``: of the recording and its file; frames oldest first; time span of telemetry, commands and events."""
+    """Content of one recording. ``name``: name of the recording and its file; ``frame_ids``: oldest frame first;
+    ``start``, ``end``: time span of telemetry, commands and events."""
 
     name: str
     use: Use
@@ -35,21 +36,21 @@ class Scopes:
         self._database, self._now = database, now
 
     def of_frames(self, ids: list[int]) -> Scope:
-        """Return the scope of these frames. Raises NotFound if one does not exist."""
+        """Return the scope of these frames. Raises NotFound if a frame does not exist."""
         if not ids:
             raise BadInput("no frames given", expected="numbers and ranges such as 3,5-9")
         name = f"gss-frame-{ids[0]}" if len(ids) == 1 else f"gss-frames-{min(ids)}-{max(ids)}"
         return self._around(name, Use.FRAME if len(ids) == 1 else Use.SEQUENCE, ids)
 
     def around(self, frame_id: int, each_side: int) -> Scope:
-        """Return the scope of a frame with its neighbours."""
+        """Return the scope of a frame with up to ``each_side`` frames before and after it."""
         with self._database.unit_of_work() as session:
             frames.get(session, frame_id)
             ids = frames.ids_around(session, frame_id, each_side)
         return self._around(f"gss-frame-{frame_id}", Use.FRAME, ids)
 
     def of_contact(self, contact_id: int) -> Scope:
-        """Return the scope of a contact, from opening to closing the line."""
+        """Return the scope of a contact, from the opening to the closing of the line."""
         with self._database.unit_of_work() as session:
             contact, _ = devices.get_contact(session, contact_id)
             ids = frames.ids_of_contact(session, contact_id, MAX_FRAMES)
@@ -57,7 +58,7 @@ class Scopes:
         return Scope(f"gss-contact-{contact_id}", Use.CONTACT, tuple(ids), contact.started, end)
 
     def of_calibration(self, calibration_id: int) -> Scope:
-        """Return the scope of the frames that a camera was calibrated from."""
+        """Return the scope of the frames from which a camera was calibrated."""
         with self._database.unit_of_work() as session:
             row = studies.calibration(session, calibration_id)
         return self._study(row, "calibration")
@@ -69,18 +70,18 @@ class Scopes:
         return self._study(row, "analysis")
 
     def of_campaign(self, job_id: int) -> Scope:
-        """Return the scope of the stored frames that a campaign ran a chain on."""
+        """Return the scope of the stored frames on which a campaign ran a chain."""
         with self._database.unit_of_work() as session:
             job = jobs.get(session, job_id)
             chain, end = job.request.get("chain"), job.finished or self._now()
             ids = [] if chain is None else frames.ids_solved(session, chain, job.created, end, MAX_FRAMES)
         return self._around(f"gss-campaign-{job_id}", Use.CAMPAIGN, ids, "this campaign used no stored frames")
 
-    def _study(self, row: Calibration | Analysis, word: str) -> Scope:
+    def _study(self, row: Calibration | Analysis, study: str) -> Scope:
         ids = sorted({int(i) for key in ("frame_ids", "dark_ids", "other_ids") for i in row.request.get(key) or ()})
         with self._database.unit_of_work() as session:
             existing_ids = frames.existing_ids(session, ids[:MAX_FRAMES])
-        return self._around(f"gss-{word}-{row.id}", Use.CAMPAIGN, existing_ids, f"this {word} used no stored frames")
+        return self._around(f"gss-{study}-{row.id}", Use.CAMPAIGN, existing_ids, f"this {study} used no stored frames")
 
     def _around(self, name: str, use: Use, ids: list[int], empty: str = "no frames found") -> Scope:
         if not ids:

@@ -1,4 +1,4 @@
-"""Creates a recording from the store: frames, telemetry, commands and events of a scope in order of time."""
+"""Creates recordings from stored frames, telemetry, commands and events, in order of time."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from gss.store import commands, events, frames, telemetry
 from gss.store.engine import Database
 
 MAX_PICTURES = 60
-"""With more frames, only every n-th has its picture, because a recording is loaded as a whole."""
+"""Maximum number of pictures. If there are more frames, only every n-th frame has its picture, because a viewer loads
+the complete recording."""
 MAX_LINES = 5000
 MAX_PACKETS = 3600
 MAX_SPAN = timedelta(days=2)
-"""For frames further apart, telemetry and log between them are omitted."""
+"""Longest time span with telemetry and log. A longer recording contains only the frames, unless it is of a contact."""
 PLOTTED = (
     "sensor_temperature_c",
     "processor_temperature_c",
@@ -59,9 +60,9 @@ class Recordings:
     def _pictures(self, recorder: Recorder, scope: Scope) -> Iterator[Step]:
         with self._database.unit_of_work() as session:
             times = sorted((frames.get(session, i).taken, i) for i in scope.frame_ids)
-        every = -(-len(times) // MAX_PICTURES)
+        picture_interval = -(-len(times) // MAX_PICTURES)
         for k, (moment, frame_id) in enumerate(times):
-            yield moment, 0, partial(self.frame, recorder, frame_id, k % every == 0)
+            yield moment, 0, partial(self.frame, recorder, frame_id, k % picture_interval == 0)
 
     def frame(self, recorder: Recorder, frame_id: int, picture: bool = True) -> None:
         """Add one stored frame with its solutions."""
@@ -72,10 +73,10 @@ class Recordings:
         if scope.end - scope.start > MAX_SPAN and scope.use is not Use.CONTACT:
             return
         with self._database.unit_of_work() as session:
-            lines = events.between(session, scope.start, scope.end, MAX_LINES)
-            sent = commands.page(session, commands.Filter(start=scope.start, end=scope.end), MAX_LINES)
-        steps: list[Step] = [(e.at, 2, partial(recorder.event, e)) for e in lines]
-        steps += [(c.finished or c.created, 1, partial(recorder.command, c)) for c in sent]
+            event_rows = events.between(session, scope.start, scope.end, MAX_LINES)
+            command_rows = commands.page(session, commands.Filter(start=scope.start, end=scope.end), MAX_LINES)
+        steps: list[Step] = [(e.at, 2, partial(recorder.event, e)) for e in event_rows]
+        steps += [(c.finished or c.created, 1, partial(recorder.command, c)) for c in command_rows]
         rows = list(telemetry.rows(self._database, "housekeeping", READ, scope.start, scope.end))
         for row in rows[:: -(-len(rows) // MAX_PACKETS) or 1]:
             values = dict(zip(READ, row.values, strict=True))

@@ -1,1 +1,1 @@
-"""Rehearsals: a pass plan carried out on a simulated unit, in a separate process with a separate store, faster than real time."""
+"""Rehearsals of pass plans on a simulated unit, in a separate process with a separate store, faster than real time."""

@@ -1,4 +1,5 @@
-"""Carries out a pass plan on a simulated unit: advances time, shows and hides the signal, and acts for the people."""
+"""Rehearses a pass plan on a simulated unit: advances time, switches the signal on and off, and runs the steps of
+persons."""
 
 from __future__ import annotations
 
@@ -35,22 +36,24 @@ from gss.store.models import PassPlan, ProcedureRun
 
 PERSON, SECOND = "rehearsal", "second person"
 BUSY_STEP_S, QUIET_STEP_S, DARK_STEP_S = 0.02, 0.1, 1.0
-"""Steps of time while the ground sends, while it waits, and without a signal."""
+"""Time steps while the ground sends, while it waits, and while no signal is present."""
 MIN_STEP_S = 0.001
 BUSY_FOR_S = 1.0
 """Time advances in small steps for this long after the ground has sent something."""
 YIELD_S = 0.0003
-"""Lets the threads that an event woke run before time advances."""
+"""Real time in which threads that an event woke can run before simulated time advances."""
 STORED_WITHIN_S = 30.0
-PEOPLE = ("question", "hold", "sign")
+PERSON_STEPS = ("question", "hold", "sign")
+"""Types of the steps that only a person runs."""
 
 Report = Callable[[float, str], None]
-"""Called with the share done, 0 to 1, and the time and state of the plan."""
+"""Called with the completed share, 0 to 1, and a text with the time and the state of the plan."""
 
 
 @dataclass(frozen=True)
 class Ground:
-    """The ground's parts that a rehearsal drives. ``tickers``: called once a second; ``stopwatch_s``: real time."""
+    """The ground's services that a rehearsal uses. ``tickers``: functions to call once a second; ``stopwatch_s``: clock
+    of real time."""
 
     link: LinkService
     plans: PlanService
@@ -79,20 +82,20 @@ class Director:
         self._waits: tuple[tuple[int, str, int], float] | None = None
 
     def run(self, plan_id: int, report: Report) -> RehearsalReport:
-        """Arm the plan, carry it out until it ends, and return the report. Raises Conflict if it cannot be armed."""
+        """Arm the plan, run it to its end, and return the report. Raises Conflict if the plan cannot be armed."""
         began_s, plans = self._ground.stopwatch_s(), self._ground.plans
         plan = plans.get(plan_id)
         end = plan.rise + timedelta(days=MAX_DAYS)
         self._passes = self._windows(plan, end)
-        self._edges = self._changes()
+        self._edges = self._signal_changes()
         plan = plans.arm(plan_id, plans.to_confirm(plan, user=PERSON), user=PERSON)
         self._ground.link.open_later(URL)
         while plan.state in ACTIVE and self._clock.now() < end:
             self._skip_to(plan)
             self._advance(plan)
             if self._clock.monotonic_s() >= self._tick_s:
-                plan = self._second(plan_id)
-                report(_share(plan), f"{self._clock.now():%Y-%m-%d %H:%M:%S} UTC, plan {plan.state}")
+                plan = self._tick(plan_id)
+                report(_completed_share(plan), f"{self._clock.now():%Y-%m-%d %H:%M:%S} UTC, plan {plan.state}")
         simulated_s = (self._clock.now() - self._passes[0].rise).total_seconds()
         return self._report(plan, simulated_s, self._ground.stopwatch_s() - began_s)
 
@@ -101,14 +104,14 @@ class Director:
         station = ground_station(self._ground.stations.get(plan.station_id))
         orbit = self._ground.spacecraft.require().orbit
         return [
-            RehearsedPass(found_pass.rise, found_pass.set, 0.0, 0, 0)
-            for found_pass in find_passes(orbit, station, plan.rise - EARLY, min(end, orbit.end))
+            RehearsedPass(station_pass.rise, station_pass.set, 0.0, 0, 0)
+            for station_pass in find_passes(orbit, station, plan.rise - EARLY, min(end, orbit.end))
         ]
 
     # --- time ---------------------------------------------------------------------------------------------------
 
     def _skip_to(self, plan: PassPlan) -> None:
-        """Skip the time until shortly before the plan's next pass: nothing happens in it."""
+        """Skip to shortly before the plan's next pass, because nothing happens until then."""
         gap_s = (plan.rise - EARLY - self._clock.now()).total_seconds()
         if plan.state in ("armed", "waiting") and gap_s > QUIET_STEP_S:
             self._line.in_view = False
@@ -122,9 +125,9 @@ class Director:
         if self._line.wrote:
             self._line.wrote, self._busy_until_s = False, now_s + BUSY_FOR_S
         number = self._pass_number()
-        self._line.in_view = number is not None and not self._is_out(number)
+        self._line.in_view = number is not None and not self._in_outage(number)
         step_s = self._step_s(now_s < self._busy_until_s)
-        up, down = self._line.up, self._line.down
+        up_before, down_before = self._line.up, self._line.down
         self._clock.advance(step_s)
         self._unit.step(step_s)
         self._settle()
@@ -136,8 +139,8 @@ class Director:
             self._passes[number] = replace(
                 current,
                 used_s=current.used_s + used_s,
-                bytes_up=current.bytes_up + self._line.up - up,
-                bytes_down=current.bytes_down + self._line.down - down,
+                bytes_up=current.bytes_up + self._line.up - up_before,
+                bytes_down=current.bytes_down + self._line.down - down_before,
             )
         if plan.state == "running":
             for k, item in enumerate(items_of(plan)):
@@ -145,7 +148,7 @@ class Director:
                     self._active_s[k] = self._active_s.get(k, 0.0) + step_s
 
     def _settle(self) -> None:
-        """Wait until the ground has read, handled and stored everything."""
+        """Wait until the ground has read, handled and stored all received data."""
         self._line.round()
         if not self._ground.link.events.wait_until_handled(STORED_WITHIN_S):
             raise GssError("the rehearsal stopped", got=f"events were not handled within {STORED_WITHIN_S:g} s")
@@ -153,26 +156,26 @@ class Director:
         time.sleep(YIELD_S)
 
     def _step_s(self, busy: bool) -> float:
-        """Return the next step, which ends no later than the signal changes."""
+        """Return the length of the next time step, which ends no later than the next change of the signal."""
         now = self._clock.now()
         step_s = BUSY_STEP_S if busy and self._line.in_view else QUIET_STEP_S if self._line.in_view else DARK_STEP_S
-        left_s = next(((edge - now).total_seconds() for edge in self._edges if edge > now), step_s)
-        return max(MIN_STEP_S, min(step_s, left_s))
+        until_change_s = next(((edge - now).total_seconds() for edge in self._edges if edge > now), step_s)
+        return max(MIN_STEP_S, min(step_s, until_change_s))
 
-    def _changes(self) -> list[datetime]:
-        """Return when the signal appears or disappears, in order."""
+    def _signal_changes(self) -> list[datetime]:
+        """Return the times at which the signal appears or disappears, in order."""
         edges = [edge for rehearsed in self._passes for edge in (rehearsed.rise, rehearsed.set)]
         for outage in self._options.outages:
             if outage.pass_number <= len(self._passes):
-                lost = self._passes[outage.pass_number - 1].rise + timedelta(seconds=outage.after_s)
-                edges += [lost, lost + timedelta(seconds=outage.for_s)]
+                lost_at = self._passes[outage.pass_number - 1].rise + timedelta(seconds=outage.after_s)
+                edges += [lost_at, lost_at + timedelta(seconds=outage.for_s)]
         return sorted(edges)
 
     def _pass_number(self) -> int | None:
         now = self._clock.now()
         return next((k for k, rehearsed in enumerate(self._passes) if rehearsed.rise <= now < rehearsed.set), None)
 
-    def _is_out(self, number: int) -> bool:
+    def _in_outage(self, number: int) -> bool:
         since_s = (self._clock.now() - self._passes[number].rise).total_seconds()
         return any(
             o.pass_number == number + 1 and o.after_s <= since_s < o.after_s + o.for_s for o in self._options.outages
@@ -180,7 +183,7 @@ class Director:
 
     # --- once a second ------------------------------------------------------------------------------------------
 
-    def _second(self, plan_id: int) -> PassPlan:
+    def _tick(self, plan_id: int) -> PassPlan:
         self._tick_s = self._clock.monotonic_s() + 1.0
         for tick in self._ground.tickers:
             tick()
@@ -189,12 +192,12 @@ class Director:
             self._transitions.append(Transition(self._clock.now(), plan.state, plan.reason))
         item = next((item for item in items_of(plan) if item.state == "running"), None)
         if plan.state == "running" and item is not None and item.kind == "procedure" and item.started_id is not None:
-            self._act_for_people(plan, item, item.started_id)
+            self._act_for_person(plan, item, item.started_id)
             plan = self._ground.plans.get(plan_id)
         return plan
 
-    def _act_for_people(self, plan: PassPlan, item: PlanItem, run_id: int) -> None:
-        """Run the step that waits for a person, after the time that a person takes; end the plan if a step failed."""
+    def _act_for_person(self, plan: PassPlan, item: PlanItem, run_id: int) -> None:
+        """Run the step that waits for a person after ``person_s`` seconds. Stop the plan if the step has failed."""
         row, waiting = self._ground.procedures.state(run_id)
         if not waiting:
             self._waits = None
@@ -214,7 +217,7 @@ class Director:
         answer = self._options.answers.get(step.id, step.branches[0].when) if step.kind == "question" else ""
         user = SECOND if step.kind == "hold" else PERSON
         self._ground.procedures.run_step(row.id, step.id, user=user, answer=answer)
-        if step.kind in PEOPLE:
+        if step.kind in PERSON_STEPS:
             self._person.append(PersonStep(self._clock.now(), step.id, step.kind, answer, user))
         if self._ground.procedures.get(row.id).state == "running":
             self._ground.procedures.set_automatic(row.id, True, user=PERSON)
@@ -230,8 +233,8 @@ class Director:
                 item.detail,
                 item.estimated_s,
                 round(self._active_s.get(k, 0.0), 2),
-                _moment(item.started),
-                _moment(item.finished),
+                _parsed_time(item.started),
+                _parsed_time(item.finished),
             )
             for k, item in enumerate(items_of(plan))
         ]
@@ -261,15 +264,17 @@ class Director:
 
 def _steps(row: ProcedureRun) -> Sequence[RehearsedStep]:
     return [
-        RehearsedStep(row.name, e.step, e.kind, e.state, e.detail, datetime.fromisoformat(e.began), _moment(e.ended))
+        RehearsedStep(
+            row.name, e.step, e.kind, e.state, e.detail, datetime.fromisoformat(e.began), _parsed_time(e.ended)
+        )
         for e in entries_of(row)
     ]
 
 
-def _share(plan: PassPlan) -> float:
+def _completed_share(plan: PassPlan) -> float:
     items = items_of(plan)
     return sum(item.state == "done" for item in items) / len(items)
 
 
-def _moment(text: str) -> datetime | None:
+def _parsed_time(text: str) -> datetime | None:
     return datetime.fromisoformat(text) if text else None

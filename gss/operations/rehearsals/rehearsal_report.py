@@ -14,7 +14,8 @@ MAX_DAYS = 3.0
 
 
 class Outage(Request):
-    """Loss of signal in a pass. ``pass_number``: 1 for the first; ``after_s``: since its rise."""
+    """Loss of signal in a pass. ``pass_number``: 1 for the first pass; ``after_s``: seconds after the rise; ``for_s``:
+    duration."""
 
     pass_number: int = Field(ge=1, le=50)
     after_s: float = Field(ge=0, le=7200)
@@ -22,8 +23,9 @@ class Outage(Request):
 
 
 class RehearsalOptions(Request):
-    """How to rehearse. ``answers``: of questions by step name, the first answer of a step that is not named; ``person_s``: how
-    long a person takes for a step; ``bit_error_rate``, ``drop_rate``: faults of the line; ``outages``: losses of signal."""
+    """Options of a rehearsal. ``answers``: answers to questions by step name; a step without an entry gets its first
+    answer. ``person_s``: seconds that a person needs for a step. ``bit_error_rate``, ``drop_rate``: faults of the line.
+    ``outages``: losses of signal."""
 
     answers: dict[
         Annotated[str, Field(min_length=1, max_length=40)], Annotated[str, Field(min_length=1, max_length=200)]
@@ -37,7 +39,8 @@ class RehearsalOptions(Request):
 
 @dataclass(frozen=True)
 class RehearsedItem:
-    """An item of the plan. ``active_s``: how long it ran while the signal was present; ``estimated_s``: as planned."""
+    """An item of the plan. ``active_s``: seconds that the item ran while the plan was running; ``estimated_s``: planned
+    seconds."""
 
     title: str
     kind: str
@@ -51,7 +54,8 @@ class RehearsedItem:
 
 @dataclass(frozen=True)
 class RehearsedPass:
-    """A pass of the rehearsal. ``used_s``: how long the plan ran in it; ``bytes_up`` and ``bytes_down``: on the line."""
+    """A pass of the rehearsal. ``used_s``: seconds that the plan ran during the pass; ``bytes_up``, ``bytes_down``:
+    bytes on the line."""
 
     rise: datetime
     set: datetime
@@ -76,7 +80,7 @@ class Transition:
 
 @dataclass(frozen=True)
 class PersonStep:
-    """A step that a person runs in a real pass. ``user``: who ran it in the rehearsal."""
+    """A step that a person runs in a real pass. ``user``: the user name under which the rehearsal ran it."""
 
     at: datetime
     step: str
@@ -100,8 +104,9 @@ class RehearsedStep:
 
 @dataclass(frozen=True)
 class RehearsalReport:
-    """Result of a rehearsal. ``state`` and ``reason``: of the plan at its end; ``simulated_s``: from the first rise to the end of
-    the plan; ``real_s``: how long the rehearsal took; ``bytes_lost``: sent while no signal was present."""
+    """Result of a rehearsal. ``state``, ``reason``: final state of the plan; ``simulated_s``: simulated time from the
+    first rise to the end of the plan; ``real_s``: duration of the rehearsal; ``bytes_lost``: bytes sent while no signal
+    was present."""
 
     plan_id: int
     plan: str

@@ -1,5 +1,5 @@
-"""Rehearses pass plans as jobs. Each runs in a separate process and folder, which hold a copy of the plan. The server's line, its
-record and its settings do not exist there.
+"""Rehearses pass plans as jobs. Each rehearsal runs in a separate process, with a folder that contains a copy of the
+plan. It has no access to the server's line, database and settings.
 """
 
 from __future__ import annotations
@@ -33,15 +33,16 @@ from gss.store.models import Job
 KIND = "rehearsal"
 ORDER_FILE = "rehearsal.json"
 PER_MILLE = 1000
-LEFT_BEHIND_S = 86_400.0
-"""A folder that was not written to for so long is of a rehearsal whose server was killed."""
+ABANDONED_AFTER_S = 86_400.0
+"""A folder that has not changed for this time belongs to a rehearsal whose server was killed."""
 Framing = Literal["", "cobs", "slip"]
 
 
 @dataclass(frozen=True)
 class RehearsalOrder:
-    """What the process of a rehearsal does, stored in its folder. ``packages``: folder of instrument packages; ``framing``: of
-    the line, "" for the instrument's; ``auto_download``: the ground downloads each new frame, as the server does."""
+    """Task of a rehearsal process, stored in its folder. ``packages``: folder of instrument packages; ``framing``:
+    framing of the line, "" for the instrument's; ``auto_download``: true if the ground downloads each new frame, as the
+    server does."""
 
     plan_id: int
     instrument: str
@@ -63,7 +64,7 @@ class RehearsalJob(JobRequest):
 
 
 class RehearsalService:
-    """Starts rehearsals and returns their reports. ``folder``: where the folders of rehearsals are created."""
+    """Starts rehearsals and returns their reports. ``folder``: parent folder of the rehearsals' folders."""
 
     def __init__(
         self,
@@ -89,7 +90,7 @@ class RehearsalService:
         return self._jobs.begin(KIND, title, RehearsalJob(plan_id, options, user=user))
 
     def newest(self, plan_id: int, limit: int) -> list[Job]:
-        """Return the newest rehearsals of a plan first."""
+        """Return the rehearsals of a plan, latest first."""
         with self._database.unit_of_work() as session:
             rows = job_store.newest_of_kind(session, KIND, 200)
         return [row for row in rows if row.request.get("plan_id") == plan_id][:limit]
@@ -101,28 +102,29 @@ class RehearsalService:
         return {"report": REPORT.dump_python(report, mode="json")}
 
     def run(self, plan_id: int, options: RehearsalOptions, progress: Callable[[float, str], None]) -> RehearsalReport:
-        """Rehearse a plan and return the report. ``progress``: called with the share done and the state of the plan; raises to
-        cancel. Raises NotFound, and GssError with the reason if the plan cannot be armed or the rehearsal fails."""
+        """Rehearse a plan and return the report. ``progress``: called with the completed share and the state of the
+        plan; raises an exception to cancel. Raises NotFound, and GssError with the reason if the plan cannot be armed
+        or the rehearsal fails."""
         self._folder.mkdir(parents=True, exist_ok=True)
-        self._remove_left_behind()
+        self._remove_abandoned()
         with tempfile.TemporaryDirectory(dir=self._folder, ignore_cleanup_errors=True) as name:
             self._prepare(Path(name), plan_id, options)
             return self._run(Path(name), progress)
 
-    def _remove_left_behind(self) -> None:
+    def _remove_abandoned(self) -> None:
         for folder in self._folder.iterdir():
-            if self._now().timestamp() - folder.stat().st_mtime > LEFT_BEHIND_S:
+            if self._now().timestamp() - folder.stat().st_mtime > ABANDONED_AFTER_S:
                 shutil.rmtree(folder, ignore_errors=True)
 
     def _prepare(self, folder: Path, plan_id: int, options: RehearsalOptions) -> None:
-        """Copy the plan and what it needs into a new store."""
+        """Copy the plan and the data that it needs into a new store."""
         url = f"sqlite:///{folder / 'gss.db'}"
         migrate(url)
         target = Database(open_engine(url))
         try:
-            with self._database.unit_of_work() as ours, target.unit_of_work() as theirs:
-                keys = store.copy_plan(ours, theirs, plan_id)
-                store.add_users(theirs, [PERSON, SECOND], self._now())
+            with self._database.unit_of_work() as server_session, target.unit_of_work() as copy_session:
+                keys = store.copy_plan(server_session, copy_session, plan_id)
+                store.add_users(copy_session, [PERSON, SECOND], self._now())
         finally:
             target.close()
         blobs = BlobStore(str(folder / "blobs"))
@@ -134,7 +136,8 @@ class RehearsalService:
 
     @staticmethod
     def _run(folder: Path, progress: Callable[[float, str], None]) -> RehearsalReport:
-        """Run the process of a rehearsal; it writes one JSON object per line. It inherits no setting of this server."""
+        """Run a rehearsal process, which writes one JSON object per line. It does not inherit the settings of this
+        server."""
         environment = {name: value for name, value in os.environ.items() if not name.startswith("GSS_")}
         command = [sys.executable, "-m", "gss", "rehearse", "--prepared", str(folder)]
         with (folder / "rehearsal.log").open("w+b") as log:
@@ -155,5 +158,5 @@ class RehearsalService:
                 if process.stdout:
                     process.stdout.close()
             log.seek(0)
-            last = log.read()[-500:].decode("utf-8", "replace").strip().splitlines()[-1:]
-        raise GssError("the process of the rehearsal ended without a report", got=last[0] if last else "no message")
+            last_line = log.read()[-500:].decode("utf-8", "replace").strip().splitlines()[-1:]
+        raise GssError("the rehearsal process ended without a report", got=last_line[0] if last_line else "no message")

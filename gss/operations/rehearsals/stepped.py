@@ -1,7 +1,7 @@
-"""Mission time of a rehearsal, the simulated unit that follows it, and the line between them.
+"""Mission time of a rehearsal, the simulated unit that follows this time, and the line between ground and unit.
 
-Time advances in steps, and only after the ground and the unit have done everything that was due. A rehearsal is therefore as
-fast as the machine permits, and a busy machine changes none of its results.
+Time advances in steps, and only after ground and unit have finished all work that was due. A rehearsal therefore runs
+as fast as the machine permits, and its results do not depend on the load of the machine.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ URL = "rehearsal://simulated-unit"
 
 
 class SteppedClock:
-    """A clock that advances when the rehearsal advances it."""
+    """A clock that only the rehearsal advances."""
 
     def __init__(self, start: datetime) -> None:
         self._start, self._elapsed_s = start, 0.0
@@ -41,7 +41,7 @@ class SteppedClock:
         return MONOTONIC_START_S + self._elapsed_s
 
     def advance(self, seconds: float) -> None:
-        """Advance both."""
+        """Advance UTC and monotonic time."""
         self._elapsed_s += seconds
 
     @property
@@ -57,11 +57,11 @@ class SteppedUnit:
         self._process, self.stream = process, stream
 
     def step(self, seconds: float) -> None:
-        """Advance the unit; what it sends meanwhile can then be read."""
+        """Advance the unit. The data that it sends in this time can be read afterwards."""
         self._order(f"step {seconds:.6f}")
 
     def skip(self, seconds: float) -> None:
-        """Advance the unit's clock at once; what it would have sent meanwhile is lost."""
+        """Set the unit's clock forward in one jump. The data that it would have sent in this time are lost."""
         self._order(f"skip {seconds:.6f}")
 
     def _order(self, order: str) -> None:
@@ -74,17 +74,20 @@ class SteppedUnit:
         except OSError as error:
             raise GssError("the simulated unit ended", got=str(error)) from error
         if not answer.startswith("time "):
-            raise GssError("the simulated unit did not obey", expected="time T", got=answer or "it ended")
+            raise GssError(
+                "the simulated unit did not confirm a step", expected="time T", got=answer or "the unit ended"
+            )
 
 
 @contextlib.contextmanager
 def stepped_unit(
     package: Path, link: LinkFile, folder: Path, baud: int, seed: int, options: Sequence[str]
 ) -> Iterator[SteppedUnit]:
-    """Run a simulated unit with new flash for the duration of the block. ``baud`` 0: the instrument's rate. Raises GssError."""
+    """Run a simulated unit with new flash during the ``with`` block. ``baud`` 0: use the instrument's rate. Raises
+    GssError."""
     folder.mkdir(parents=True, exist_ok=True)
-    place = ["--can", "0"] if link.framing == CAN else ["--tcp", "0"]
-    command = [sys.executable, "-m", "gss.device.simulator", "--instrument", str(package), *place]
+    line_option = ["--can", "0"] if link.framing == CAN else ["--tcp", "0"]
+    command = [sys.executable, "-m", "gss.device.simulator", "--instrument", str(package), *line_option]
     command += ["--baud", str(baud or link.baud), "--seed", str(seed), "--stepped", "--paced", *options]
     with (folder / "simulator.log").open("ab") as log:
         process = subprocess.Popen(  # noqa: S603 - our own
@@ -112,33 +115,35 @@ def stepped_unit(
 
 
 class RehearsalLine:
-    """The ground's end of the line. It leads to the simulated unit only, whatever address is opened. Each read waits until the
-    rehearsal grants a round; outside the pass both directions are lost.
+    """The ground's end of the line. It always connects to the simulated unit, regardless of the address. Each read
+    waits until the rehearsal grants a round. Outside a pass, data in both directions are lost.
 
-    ``in_view``: whether the signal is present; ``lost``: bytes sent while it was not; ``up``, ``down``: bytes carried.
+    ``in_view``: true while the signal is present; ``lost``: bytes that the ground sent without a signal; ``up``,
+    ``down``: bytes carried.
     """
 
     url = URL
 
     def __init__(self, unit: ByteStream) -> None:
         self._unit = unit
-        self._turn = threading.Condition()
+        self._condition = threading.Condition()
         self._granted, self._waiting, self._ended = False, False, False
         self.in_view, self.wrote = False, False
         self.lost = self.up = self.down = 0
 
     def open(self, url: str, baud: int) -> ByteStream:
-        """Return this line; for the wiring."""
+        """Return this line. The arguments are ignored."""
         del url, baud
         return self
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """Wait for the next round and return what the unit has sent. Raises LinkDown at the end of the rehearsal."""
+        """Wait for the next round and return the data that the unit has sent. Raises LinkDown at the end of the
+        rehearsal."""
         del timeout_s
-        with self._turn:
+        with self._condition:
             self._waiting = True
-            self._turn.notify_all()
-            self._turn.wait_for(lambda: self._granted or self._ended)
+            self._condition.notify_all()
+            self._condition.wait_for(lambda: self._granted or self._ended)
             if self._ended:
                 raise LinkDown("the rehearsal has ended")
             self._granted = self._waiting = False
@@ -147,7 +152,7 @@ class RehearsalLine:
         return data if self.in_view else b""
 
     def write(self, data: bytes) -> None:
-        """Send to the unit, or lose the bytes without a signal."""
+        """Send bytes to the unit. The bytes are lost if no signal is present."""
         if not self.in_view:
             self.lost += len(data)
             return
@@ -155,20 +160,21 @@ class RehearsalLine:
         self.up, self.wrote = self.up + len(data), True
 
     def close(self) -> None:
-        """Do nothing: the rehearsal owns the unit."""
+        """Do nothing, because the rehearsal owns the unit."""
 
     def round(self) -> None:
-        """Let the ground read and write once, and wait until it has. Raises GssError if it does not."""
-        with self._turn:
-            if self._turn.wait_for(lambda: self._waiting, ROUND_WITHIN_S):
+        """Let the ground read and write once, and wait until it has finished. Raises GssError after ROUND_WITHIN_S
+        seconds."""
+        with self._condition:
+            if self._condition.wait_for(lambda: self._waiting, ROUND_WITHIN_S):
                 self._granted = True
-                self._turn.notify_all()
-                if self._turn.wait_for(lambda: self._waiting and not self._granted, ROUND_WITHIN_S):
+                self._condition.notify_all()
+                if self._condition.wait_for(lambda: self._waiting and not self._granted, ROUND_WITHIN_S):
                     return
         raise GssError("the rehearsal stopped", got=f"the line made no progress for {ROUND_WITHIN_S:g} s")
 
     def end(self) -> None:
-        """Let the reader of the line end."""
-        with self._turn:
+        """End the line: a waiting read raises LinkDown."""
+        with self._condition:
             self._ended = True
-            self._turn.notify_all()
+            self._condition.notify_all()

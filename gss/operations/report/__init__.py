@@ -1,1 +1,1 @@
-"""Reports: figures, tables and plots that are rendered alike by a page, as HTML and as PDF."""
+"""Reports with values, tables and plots. A page, the HTML file and the PDF file show the same content."""

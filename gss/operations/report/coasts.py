@@ -1,4 +1,4 @@
-"""Coasts as coarse polygons: east and north in degrees. They only help to recognise places on a small map."""
+"""Coasts as coarse polygons of (east, north) in degrees, for orientation on a small map."""
 
 from __future__ import annotations
 

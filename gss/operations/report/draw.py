@@ -19,7 +19,7 @@ SHARES_HEIGHT, OUTLINE_HEIGHT = 54.0, 180.0
 
 
 def height_of(drawing: Drawn) -> float:
-    """Return the height of a drawing of the full width."""
+    """Return the height in points of a drawing of full width."""
     if isinstance(drawing, Plot):
         return PLOT_HEIGHT
     if isinstance(drawing, SkyMap):
@@ -34,7 +34,7 @@ def height_of(drawing: Drawn) -> float:
 
 
 def draw(pen: Pen, drawing: Drawn) -> None:
-    """Draw a drawing with its upper left corner at (0, 0)."""
+    """Render a drawing with its upper left corner at (0, 0)."""
     if isinstance(drawing, Plot):
         _plot(pen, drawing)
     elif isinstance(drawing, SkyMap):
@@ -79,38 +79,40 @@ def _share(value: float, low: float, high: float, log: bool) -> float:
 
 def _plot(pen: Pen, plot: Plot) -> None:
     pen.text(LEFT, 11, plot.title, size=8.5)
-    frame = _frame(plot)
-    if frame is None:
+    area = _plot_area(plot)
+    if area is None:
         pen.text(LEFT, PLOT_HEIGHT / 2, "nothing to draw", colour=SOFT)
         return
-    _axes(pen, plot, frame)
+    _axes(pen, plot, area)
     for level in plot.levels:
-        _level(pen, frame, level.value, level.label, level.vertical)
+        _level(pen, area, level.value, level.label, level.vertical)
     for k, series in enumerate(plot.series):
-        _series(pen, frame, series, COLOURS[k % len(COLOURS)])
+        _series(pen, area, series, COLOURS[k % len(COLOURS)])
     if len(plot.series) > 1:
-        at = WIDTH - RIGHT
+        right_edge = WIDTH - RIGHT
         for k, series in reversed(list(enumerate(plot.series))):
-            pen.text(at, 11, series.label, colour=COLOURS[k % len(COLOURS)], anchor="end")
-            at -= 5.0 * len(series.label) + 14
+            pen.text(right_edge, 11, series.label, colour=COLOURS[k % len(COLOURS)], anchor="end")
+            right_edge -= 5.0 * len(series.label) + 14
 
 
-def _frame(plot: Plot) -> _PlotArea | None:
+def _plot_area(plot: Plot) -> _PlotArea | None:
     xs = [x for s in plot.series for x in s.x] + [v.value for v in plot.levels if v.vertical]
     ys = [y for s in plot.series for y in s.y if y is not None] + [v.value for v in plot.levels if not v.vertical]
     xs = [x for x in xs if x > 0] if plot.log_x else xs
     ys = [y for y in ys if y > 0] if plot.log_y else ys
     if not xs or not ys:
         return None
-    x0, x1 = (min(xs) / 1.02, max(xs) * 1.02) if plot.log_x else _room(min(xs), max(xs), 0.0 if plot.time else 0.01)
+    x0, x1 = (
+        (min(xs) / 1.02, max(xs) * 1.02) if plot.log_x else _with_margin(min(xs), max(xs), 0.0 if plot.time else 0.01)
+    )
     if plot.log_y:
         return _PlotArea(x0, x1, min(ys) / 1.15, max(ys) * 1.15, plot.log_x, True)
     bars = any(s.style == "bars" for s in plot.series)
-    low, high = _room(min(0.0, *ys) if bars else min(ys), max(ys), 0.06)
+    low, high = _with_margin(min(0.0, *ys) if bars else min(ys), max(ys), 0.06)
     return _PlotArea(x0, x1, 0.0 if bars and min(ys) >= 0 else low, high, plot.log_x, False)
 
 
-def _room(low: float, high: float, share: float) -> tuple[float, float]:
+def _with_margin(low: float, high: float, share: float) -> tuple[float, float]:
     if high - low <= 1e-12 * max(1.0, abs(high)):
         return low - 0.5, high + 0.5
     return low - share * (high - low), high + share * (high - low)
@@ -176,15 +178,15 @@ def _series(pen: Pen, area: _PlotArea, series: Series, colour: str) -> None:
                 )
         return
     for run in _runs(series, area.log_y):
-        places = [(area.x(x), area.y(y)) for x, y in run]
-        if series.style == "dots" or len(places) == 1:
-            pen.dots(places, colour, 1.2)
+        points = [(area.x(x), area.y(y)) for x, y in run]
+        if series.style == "dots" or len(points) == 1:
+            pen.dots(points, colour, 1.2)
         else:
-            pen.line(places, colour, 1.1)
+            pen.line(points, colour, 1.1)
 
 
 def _runs(series: Series, log_y: bool = False) -> list[list[Point]]:
-    """Split the points at gaps."""
+    """Split the points of a series at gaps."""
     runs: list[list[Point]] = [[]]
     for x, y in zip(series.x, series.y, strict=True):
         if y is None or not math.isfinite(y) or (log_y and y <= 0):
@@ -200,13 +202,13 @@ def _runs(series: Series, log_y: bool = False) -> list[list[Point]]:
 
 def _shares(pen: Pen, shares: Shares) -> None:
     pen.text(0, 11, shares.title, size=8.5)
-    at, label_x = 0.0, 0.0
+    left, label_x = 0.0, 0.0
     for k, (name, size) in enumerate(shares.parts):
         colour, length = COLOURS[k % len(COLOURS)], WIDTH * size / max(shares.whole, 1e-9)
-        pen.box(at, TOP, length, 13, fill=colour)
+        pen.box(left, TOP, length, 13, fill=colour)
         label = f"{name} {size:.0f} {shares.unit}"
         pen.text(label_x, TOP + 25, label, size=7.5, colour=colour)
-        at, label_x = at + length, label_x + 4.2 * len(label) + 12
+        left, label_x = left + length, label_x + 4.2 * len(label) + 12
     pen.box(0, TOP, WIDTH, 13, stroke=SOFT)
 
 
@@ -216,15 +218,15 @@ def _extent(outline: Outline) -> Point:
 
 
 def _outline_scale(outline: Outline) -> float:
-    across, up = _extent(outline)
-    return min((WIDTH - 20) / max(across, 1e-9), OUTLINE_HEIGHT / max(up, 1e-9))
+    width, height = _extent(outline)
+    return min((WIDTH - 20) / max(width, 1e-9), OUTLINE_HEIGHT / max(height, 1e-9))
 
 
 def _outline(pen: Pen, outline: Outline) -> None:
     pen.text(0, 11, outline.title, size=8.5)
     scale = _outline_scale(outline)
-    every = [p for line in (*outline.lines, *outline.bold) for p in line]
-    left, top = min(x for x, _ in every), max(y for _, y in every)
+    points = [p for line in (*outline.lines, *outline.bold) for p in line]
+    left, top = min(x for x, _ in points), max(y for _, y in points)
     for lines, colour, width in ((outline.lines, INK, 1.0), (outline.bold, COLOURS[0], 2.5)):
         for line in lines:
             pen.line([(10 + scale * (x - left), TOP + 4 + scale * (top - y)) for x, y in line], colour, width)
@@ -242,19 +244,19 @@ def _detector(pen: Pen, title: str, columns: int, rows: int) -> Callable[[float,
 
 
 def _arrows(pen: Pen, arrows: Arrows) -> None:
-    place = _detector(pen, arrows.title, arrows.columns, arrows.rows)
+    to_point = _detector(pen, arrows.title, arrows.columns, arrows.rows)
     for col, row, d_col, d_row in zip(arrows.col, arrows.row, arrows.d_col, arrows.d_row, strict=True):
         if d_col is None or d_row is None:
             continue
-        start, end = place(col, row), place(col + arrows.scale * d_col, row + arrows.scale * d_row)
+        start, end = to_point(col, row), to_point(col + arrows.scale * d_col, row + arrows.scale * d_row)
         pen.line([start, end], COLOURS[0], 0.8)
         pen.dots([start], COLOURS[0], 1.0)
     one_px = arrows.scale * DETECTOR_WIDTH / arrows.columns
-    _key(pen, arrows.rows * DETECTOR_WIDTH / arrows.columns + TOP + 10, one_px, arrows.note)
+    _scale_bar(pen, arrows.rows * DETECTOR_WIDTH / arrows.columns + TOP + 10, one_px, arrows.note)
 
 
-def _key(pen: Pen, y: float, one_px: float, note: str) -> None:
-    """Draw a bar of known length."""
+def _scale_bar(pen: Pen, y: float, one_px: float, note: str) -> None:
+    """Draw the scale: a bar with its length in pixels."""
     length = next(v for v in (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.0) if v * one_px <= 120)
     if length:
         pen.line([(LEFT, y), (LEFT + length * one_px, y)], COLOURS[0], 1.2)
@@ -263,17 +265,17 @@ def _key(pen: Pen, y: float, one_px: float, note: str) -> None:
 
 
 def _cells(pen: Pen, cells: Cells) -> None:
-    place = _detector(pen, cells.title, cells.columns, cells.rows)
+    to_point = _detector(pen, cells.title, cells.columns, cells.rows)
     numbers = [v for line in cells.values for v in line if v is not None]
     low, high = (min(numbers), max(numbers)) if numbers else (0.0, 1.0)
-    across, down = cells.columns / len(cells.values[0]), cells.rows / len(cells.values)
+    cell_columns, cell_rows = cells.columns / len(cells.values[0]), cells.rows / len(cells.values)
     for j, line in enumerate(cells.values):
         for i, value in enumerate(line):
             if value is None:
                 continue
             (x0, y0), (x1, y1) = (
-                place(i * across - 0.5, j * down - 0.5),
-                place((i + 1) * across - 0.5, (j + 1) * down - 0.5),
+                to_point(i * cell_columns - 0.5, j * cell_rows - 0.5),
+                to_point((i + 1) * cell_columns - 0.5, (j + 1) * cell_rows - 0.5),
             )
             pen.box(x0, y0, x1 - x0, y1 - y0, fill=shade(value, low, high))
             if (x1 - x0) > 24:

@@ -23,7 +23,7 @@ MARK = COLOURS[1]
 
 
 def draw_sky(pen: Pen, sky: SkyMap) -> None:
-    """Draw it with its upper left corner at (0, 0)."""
+    """Draw the map with its upper left corner at (0, 0)."""
     pen.text(0, 11, sky.title, size=8.5)
     _shade(pen, sky.nside, sky.values)
     _graticule(pen)
@@ -36,8 +36,8 @@ def draw_sky(pen: Pen, sky: SkyMap) -> None:
     if sky.mark:
         x, y = place(sky.mark[0], sky.mark[1])
         pen.box(x - 5, y - 5, 10, 10, stroke=MARK)
-        near_edge, wide = x > WIDTH * 0.7, 3.9 * len(sky.mark[2]) + 4
-        pen.box(x - 8 - wide if near_edge else x + 6, y - 5, wide, 10, fill="#ffffff")
+        near_edge, label_width = x > WIDTH * 0.7, 3.9 * len(sky.mark[2]) + 4
+        pen.box(x - 8 - label_width if near_edge else x + 6, y - 5, label_width, 10, fill="#ffffff")
         pen.text(
             x + (-10 if near_edge else 8),
             y + 3,
@@ -52,7 +52,7 @@ def draw_sky(pen: Pen, sky: SkyMap) -> None:
 
 
 def place(ra_deg: float, dec_deg: float) -> Point:
-    """Return the coordinates of a direction; 180° is in the middle."""
+    """Return the map coordinates of a direction. The centre of the map is at right ascension 180°."""
     lat, theta = math.radians(dec_deg), math.radians(dec_deg)
     for _ in range(12):
         slope = 2 + 2 * math.cos(2 * theta)
@@ -64,7 +64,7 @@ def place(ra_deg: float, dec_deg: float) -> Point:
 
 
 def _shade(pen: Pen, nside: int, values: Sequence[Number]) -> None:
-    """Draw runs of equal tone along the rows of the map."""
+    """Shade the map. Adjacent cells of equal tone in a row are drawn as one box."""
     numbers = np.array([math.nan if v is None else v for v in values], float)
     peak = float(np.nanmax(numbers, initial=0.0))
     if peak <= 0:
@@ -78,14 +78,20 @@ def _shade(pen: Pen, nside: int, values: Sequence[Number]) -> None:
     _, pixel = cKDTree(centres(nside)).query(unit_from_ra_dec(np.pi - lon, np.broadcast_to(dec[:, None], lon.shape)))
     tone = np.nan_to_num(np.ceil(LEVELS * numbers[pixel] / peak)).astype(int)
     tone[np.abs(lon) > np.pi] = 0
-    wide, high = 2 * ACROSS / columns, 2 * UP / rows
+    cell_width, cell_height = 2 * ACROSS / columns, 2 * UP / rows
     for row in range(rows):
         edges = np.flatnonzero(np.diff(np.concatenate([[-1], tone[row], [-1]])))
         for a, b in itertools.pairwise(edges.tolist()):
             if tone[row, a] > 0:
                 ink = 235 - 15 * int(tone[row, a])
                 fill = f"#{ink - 10:02x}{ink + 5:02x}f5"
-                pen.box(WIDTH / 2 - ACROSS + a * wide, TOP + row * high, (b - a) * wide + 0.15, high + 0.15, fill=fill)
+                pen.box(
+                    WIDTH / 2 - ACROSS + a * cell_width,
+                    TOP + row * cell_height,
+                    (b - a) * cell_width + 0.15,
+                    cell_height + 0.15,
+                    fill=fill,
+                )
 
 
 def _graticule(pen: Pen) -> None:

@@ -1,4 +1,5 @@
-"""Draws a map of the Earth: values over latitude and longitude, coasts and a graticule, in equirectangular projection."""
+"""Draws a map of the Earth: values over latitude and longitude, coasts and a graticule, in equirectangular
+projection."""
 
 from __future__ import annotations
 
@@ -14,16 +15,16 @@ STEP_DEG = 30
 
 
 def draw_world(pen: Pen, world: WorldMap) -> None:
-    """Draw it with its upper left corner at (0, 0)."""
+    """Draw the map with its upper left corner at (0, 0)."""
     pen.text(LEFT, 11, world.title, size=8.5)
     levels = [v for line in world.values for v in line if v is not None]
     low, high = (min(levels), max(levels)) if levels else (0.0, 1.0)
-    down, across = 180.0 / len(world.values), 360.0 / len(world.values[0])
+    lat_step_deg, lon_step_deg = 180.0 / len(world.values), 360.0 / len(world.values[0])
     for j, line in enumerate(world.values):
         for i, value in enumerate(line):
             if value is not None:
-                x, y = _place(-180 + i * across, 90 - j * down)
-                pen.box(x, y, across * SCALE, down * SCALE, fill=shade(value, low, high))
+                x, y = _place(-180 + i * lon_step_deg, 90 - j * lat_step_deg)
+                pen.box(x, y, lon_step_deg * SCALE, lat_step_deg * SCALE, fill=shade(value, low, high))
     for degrees in range(-180 + STEP_DEG, 180, STEP_DEG):
         pen.line([_place(degrees, 90), _place(degrees, -90)], HAIR, 0.4)
     for degrees in range(-90 + STEP_DEG, 90, STEP_DEG):

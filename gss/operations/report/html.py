@@ -1,4 +1,4 @@
-"""A report as a single HTML file: no scripts, no external resources, drawings inline."""
+"""Renders a report as a single HTML file with inline drawings, without scripts and external resources."""
 
 from __future__ import annotations
 
@@ -40,9 +40,11 @@ def as_html(report: Report) -> str:
 
 
 def _note(note: Note) -> str:
-    word = "Do not rely on this" if note.severe else "Note"
-    kind = "note severe" if note.severe else "note"
-    return f"<p class='{kind}'><b>{word}:</b> {escape(note.text)} <span class='soft'>{escape(note.hint)}</span></p>"
+    label = "Do not rely on this" if note.severe else "Note"
+    css_class = "note severe" if note.severe else "note"
+    return (
+        f"<p class='{css_class}'><b>{label}:</b> {escape(note.text)} <span class='soft'>{escape(note.hint)}</span></p>"
+    )
 
 
 def _section(section: Section) -> str:

@@ -1,6 +1,7 @@
-"""The parts of a report. Plain values only: a report is stored as JSON, sent to pages and rendered later.
+"""The parts of a report. They contain only plain values, because a report is stored as JSON, sent to pages and rendered
+later.
 
-Values are already in the unit that is given with them.
+All values are already in the unit that is stated with them.
 """
 
 from __future__ import annotations
@@ -13,11 +14,11 @@ from pydantic import ConfigDict, Field, TypeAdapter
 from gss.domain.json_object import JsonObject
 
 Number = float | None
-"""None where there is nothing to draw."""
+"""A value to draw; None if there is no value."""
 
 
 class ReportPart:
-    """Base of the parts; the API document states their fields as always present."""
+    """Base class of the parts. The API document describes all their fields as always present."""
 
     __pydantic_config__: ClassVar = ConfigDict(json_schema_serialization_defaults_required=True)
 
@@ -34,7 +35,7 @@ class Fact(ReportPart):
 
 @dataclass(frozen=True)
 class Series(ReportPart):
-    """Data of a plot. ``style``: line, dots, or bars (x: left edges and one last right edge)."""
+    """Data of a plot. ``style``: line, dots, or bars (``x``: the left edges, then the right edge of the last bar)."""
 
     label: str
     x: list[float]
@@ -44,7 +45,7 @@ class Series(ReportPart):
 
 @dataclass(frozen=True)
 class Level(ReportPart):
-    """A labelled horizontal line; ``vertical``: a vertical one."""
+    """A labelled line, horizontal or ``vertical``."""
 
     value: float
     label: str
@@ -53,7 +54,8 @@ class Level(ReportPart):
 
 @dataclass(frozen=True)
 class Plot(ReportPart):
-    """Axes with series. ``log_x``, ``log_y``: logarithmic axes. ``time``: x are Unix seconds."""
+    """Axes with series. ``log_x``, ``log_y``: logarithmic axes. ``time``: x values are Unix
+    seconds."""
 
     title: str
     x_label: str
@@ -68,7 +70,7 @@ class Plot(ReportPart):
 
 @dataclass(frozen=True)
 class Arrows(ReportPart):
-    """Vectors over the detector: (col, row) and (d col, d row) in pixels, drawn ``scale`` times too long."""
+    """Vectors over the detector: (col, row) and (d col, d row) in pixels. Arrows are drawn ``scale`` times as long."""
 
     title: str
     columns: int
@@ -84,7 +86,8 @@ class Arrows(ReportPart):
 
 @dataclass(frozen=True)
 class Cells(ReportPart):
-    """A map over the detector: rows of values, None where there are no data; ``unit`` of the values."""
+    """A map over the detector. ``values``: rows of values, None for cells without data; ``unit``: unit of the
+    values."""
 
     title: str
     columns: int
@@ -105,14 +108,14 @@ class Picture(ReportPart):
 
 
 Place = tuple[float, float]
-"""On the sky: right ascension and declination in degrees. On a scale drawing: millimetres across and up."""
+"""A position. On the sky: right ascension and declination in degrees. On a scale drawing: millimetres across and up."""
 
 
 @dataclass(frozen=True)
 class SkyMap(ReportPart):
-    """The whole sky in Mollweide projection, ICRS, right ascension increasing to the left. ``values``: HEALPix ring pixels
-    of ``nside``, white where None or 0. ``stars``: right ascension, declination in degrees and V. ``solid``, ``dashed``:
-    lines. ``mark``: a position and its label."""
+    """The whole sky in Mollweide projection, ICRS, right ascension increasing to the left. ``values``: HEALPix ring
+    pixels of ``nside``; pixels with None or 0 are white. ``stars``: right ascension, declination in degrees and V.
+    ``solid``, ``dashed``: lines. ``mark``: a position and its label."""
 
     title: str
     nside: int
@@ -127,8 +130,8 @@ class SkyMap(ReportPart):
 
 @dataclass(frozen=True)
 class WorldMap(ReportPart):
-    """The Earth: rows of values from north to south and from 180° west to 180° east, None where there are no data; ``unit`` of
-    the values. ``coasts``: lines of (east, north) in degrees."""
+    """A map of the Earth. ``values``: rows of values from north to south and from 180° west to 180° east, None for
+    cells without data. ``unit``: unit of the values. ``coasts``: lines of (east, north) in degrees."""
 
     title: str
     values: list[list[Number]]
@@ -140,7 +143,7 @@ class WorldMap(ReportPart):
 
 @dataclass(frozen=True)
 class Shares(ReportPart):
-    """Parts of a whole side by side, in ``unit``."""
+    """Parts of a total, drawn side by side. ``whole``: the total; all values are in ``unit``."""
 
     title: str
     parts: list[tuple[str, float]]
@@ -151,7 +154,7 @@ class Shares(ReportPart):
 
 @dataclass(frozen=True)
 class Outline(ReportPart):
-    """A scale drawing in millimetres, y upwards: the cross-section of an object. ``bold``: the aperture."""
+    """A scale drawing of the cross-section of an object, in millimetres, y upwards. ``bold``: lines of the aperture."""
 
     title: str
     lines: list[list[Place]]
@@ -204,7 +207,7 @@ class Report(ReportPart):
     notes: list[Note] = field(default_factory=list)
 
     def as_dict(self) -> JsonObject:
-        """Return plain values."""
+        """Return the report as plain values."""
         return asdict(self)
 
 

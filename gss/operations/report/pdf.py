@@ -1,4 +1,4 @@
-"""Write a report as PDF on A4, with the parts and drawings of the page."""
+"""Renders a report as an A4 PDF file with the same parts and drawings as the page."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ if TYPE_CHECKING:
 
 FONTS = Path(__file__).parent.parent.parent / "web" / "fonts"
 FACES = {"latin": "ibm-plex-sans-latin", "greek": "ibm-plex-sans-greek"}
-"""Font of the console, from the built pages. Its glyphs are split into two files."""
+"""Font of the console, from the built pages. Its glyphs are in two files."""
 PLAIN = str.maketrans({"≤": "<=", "≥": ">=", "→": "to", "√": "root ", "⁻": "-", "₁": "1", "₂": "2", "₃": "3"})
 BARE = str.maketrans({"σ": "sigma", "χ": "chi", "µ": "u", "″": '"', "′": "'", "−": "-", "×": "x", "Δ": "d", "ρ": "r"})
 """Replacements for an installation without built pages, which can only use the glyphs of the standard PDF fonts."""
 MARGIN, LINE, LEADING = 42.0, 12.0, 1.3
 MAX_ROWS = 400
-"""Maximum number of rows of a table. The report states how many rows were omitted; the CSV file has all of them."""
+"""Maximum number of rows of a table. The report states the number of omitted rows; the CSV file contains all rows."""
 
 
 def as_pdf(report: Report, created: datetime) -> bytes:
-    """Return the PDF file. ``created`` is its creation date, so that the same report gives the same bytes."""
+    """Return the PDF file. ``created``: creation date of the file. The same report with the same date gives the same
+    bytes."""
     sheet = _Sheet(report.title)
     sheet.pdf.set_creation_date(created)
     sheet.words(report.title, size=15, bold=True, gap=3)
@@ -76,14 +77,14 @@ class _Sheet:
 
     def note(self, note: Note) -> None:
         """Add a warning with its hint."""
-        word = "Do not rely on this: " if note.severe else "Note: "
+        label = "Do not rely on this: " if note.severe else "Note: "
         stop = "" if not note.hint or note.text.endswith((".", "!", "?")) else "."
-        self.words(f"{word}{note.text}{stop} {note.hint}", colour="#a04600", gap=4)
+        self.words(f"{label}{note.text}{stop} {note.hint}", colour="#a04600", gap=4)
 
     def section(self, section: Section) -> None:
         """Add a heading with its content. A page break never separates the heading from the first drawing or lines."""
-        first = 0.0 if section.facts or not section.drawings else self._drawn_height(section.drawings[0])
-        self.room(60 + first)
+        drawing_height = 0.0 if section.facts or not section.drawings else self._drawn_height(section.drawings[0])
+        self.room(60 + drawing_height)
         self.y += 8
         self.words(section.title, size=11, bold=True, gap=1)
         self.pdf.set_draw_color("#999999")
@@ -117,7 +118,7 @@ class _Sheet:
         self.y += height + 4
 
     def picture(self, picture: Picture) -> None:
-        """Add a picture across the page, its caption above it."""
+        """Add a picture across the page, with its caption above it."""
         image = Image.open(io.BytesIO(base64.b64decode(picture.png)))
         across = self.pdf.w - 2 * MARGIN
         height = across * image.height / image.width
@@ -156,12 +157,12 @@ class _Sheet:
         self.y += self._row_height(row, layout)
 
     def _width(self, text: str, size: float) -> float:
-        """Return the width of a text."""
-        wide = 0.0
+        """Return the width of a text in points."""
+        width = 0.0
         for face, run in _runs(text, self._faces):
             self._use(face, size, False)
-            wide += self.pdf.get_string_width(run)
-        return wide
+            width += self.pdf.get_string_width(run)
+        return width
 
     def put(
         self,
@@ -174,7 +175,7 @@ class _Sheet:
         anchor: str = "start",
         bold: bool = False,
     ) -> None:
-        """Draw text on its baseline, each run of letters in the font that contains them."""
+        """Draw text on its baseline. Each run of letters uses the font that contains these letters."""
         runs = list(_runs(text, self._faces))
         widths = []
         for face, run in runs:
@@ -204,28 +205,28 @@ def _faces(pdf: FPDF) -> bool:
 
 
 def _runs(text: str, faces: bool) -> Iterator[tuple[str, str]]:
-    """Yield (font, letters) in order."""
+    """Split a text into runs of letters of one font. Yield (font, letters) in order."""
     text = text.translate(PLAIN)
     if not faces:
         yield "helvetica", text.translate(BARE).encode("latin-1", "replace").decode("latin-1")
         return
     face, run = "latin", ""
     for letter in text:
-        of = "greek" if "\u0370" <= letter <= "\u03ff" else "latin"
-        if of != face and run:
+        letter_face = "greek" if "\u0370" <= letter <= "\u03ff" else "latin"
+        if letter_face != face and run:
             yield face, run
             run = ""
-        face, run = of, run + letter
+        face, run = letter_face, run + letter
     if run:
         yield face, run
 
 
 def _lines(text: str, size: float, across: float) -> list[str]:
-    """Wrap at words; a letter is assumed to be half as wide as high."""
-    most = int(across / (size * 0.5))
+    """Wrap a text at words, assuming that letters are half as wide as they are high."""
+    max_letters = int(across / (size * 0.5))
     lines, line = [], ""
     for word in text.split():
-        if line and len(line) + 1 + len(word) > most:
+        if line and len(line) + 1 + len(word) > max_letters:
             lines.append(line)
             line = word
         else:

@@ -9,7 +9,7 @@ from typing import Protocol
 Point = tuple[float, float]
 INK, SOFT, HAIR = "#1b222a", "#5a6672", "#c9d0d8"
 COLOURS = ("#0a66ad", "#b04f00", "#11704a", "#6a43bf", "#8a6d00")
-"""Colours of series in order; labels distinguish them as well."""
+"""Colours of the series, in order. The labels distinguish the series as well."""
 
 
 class Pen(Protocol):
@@ -63,7 +63,7 @@ class SvgPen:
         )
 
     def dots(self, points: Sequence[Point], colour: str, radius: float) -> None:
-        # One path of zero-length strokes with round caps, so that thousands of dots are one element.
+        # All dots are zero-length strokes with round caps in one path, so that thousands of dots need one element.
         path = " ".join(f"M{x:.1f},{y:.1f}h0" for x, y in points)
         self._parts.append(f"<path d='{path}' stroke='{colour}' stroke-width='{2 * radius:g}' stroke-linecap='round'/>")
 
@@ -78,9 +78,9 @@ class SvgPen:
         anchor: str = "start",
         up: bool = False,
     ) -> None:
-        turn = f" transform='rotate(-90 {x:.1f} {y:.1f})'" if up else ""
+        rotation = f" transform='rotate(-90 {x:.1f} {y:.1f})'" if up else ""
         self._parts.append(
-            f"<text x='{x:.1f}' y='{y:.1f}' font-size='{size:g}' text-anchor='{anchor}' fill='{colour}'{turn}>"
+            f"<text x='{x:.1f}' y='{y:.1f}' font-size='{size:g}' text-anchor='{anchor}' fill='{colour}'{rotation}>"
             f"{escape(text)}</text>"
         )
 

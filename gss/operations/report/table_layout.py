@@ -1,4 +1,4 @@
-"""Column widths of a printed table, and its cells wrapped at words."""
+"""Layout of a printed table: column widths, and cells wrapped at words."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from dataclasses import dataclass
 GAP = 9.0
 """Points between two columns."""
 SIZES = (8.0, 7.2, 6.4, 5.6, 4.8)
-"""Letter sizes in points; the largest is used at which no word is wider than its column."""
+"""Letter sizes in points. The layout uses the largest size at which every word fits into its column."""
 
 Measure = Callable[[str, float], float]
-"""Width in points of a text at a letter size."""
+"""Function that returns the width in points of a text at a letter size."""
 
 
 @dataclass(frozen=True)
 class TableLayout:
-    """``size``: of the letters; ``widths``: of the columns with the gap; ``rows``: the lines of each cell."""
+    """Layout of a table. ``size``: letter size; ``widths``: column widths with the gap, both in points; ``rows``: lines
+    of text of each cell."""
 
     size: float
     widths: list[float]
@@ -24,39 +25,42 @@ class TableLayout:
 
 
 def table_layout(rows: Sequence[Sequence[str]], across: float, measure: Measure) -> TableLayout:
-    """Lay out rows of equal length in the width. Columns that are wider than their share are wrapped."""
+    """Lay out rows of equal length in a width of ``across`` points. Columns that are wider than their share are
+    wrapped."""
     for size in SIZES:
-        longest = [max(measure(r[k], size) for r in rows) + GAP for k in range(len(rows[0]))]
-        word = [max(measure(w, size) for r in rows for w in (r[k].split() or [""])) + GAP for k in range(len(rows[0]))]
-        if sum(word) <= across:
+        full_widths = [max(measure(r[k], size) for r in rows) + GAP for k in range(len(rows[0]))]
+        word_widths = [
+            max(measure(w, size) for r in rows for w in (r[k].split() or [""])) + GAP for k in range(len(rows[0]))
+        ]
+        if sum(word_widths) <= across:
             break
     else:
-        shrink = across / sum(word)
-        word = [w * shrink for w in word]
-    widths = _shared(longest, word, across)
+        shrink = across / sum(word_widths)
+        word_widths = [w * shrink for w in word_widths]
+    widths = _shared(full_widths, word_widths, across)
     wrapped = [
         [_wrapped(cell, width - GAP, size, measure) for cell, width in zip(row, widths, strict=True)] for row in rows
     ]
     return TableLayout(size, widths, wrapped)
 
 
-def _shared(longest: Sequence[float], word: Sequence[float], across: float) -> list[float]:
-    """Give narrow columns what they need and divide the rest evenly among the wide ones."""
-    if sum(longest) <= across:
-        return list(longest)
-    widths = list(word)
-    open_columns = list(range(len(longest)))
+def _shared(full_widths: Sequence[float], word_widths: Sequence[float], across: float) -> list[float]:
+    """Return the column widths. Narrow columns get their full width; wide columns share the remaining width equally."""
+    if sum(full_widths) <= across:
+        return list(full_widths)
+    widths = list(word_widths)
+    open_columns = list(range(len(full_widths)))
     while open_columns:
         share = (across - sum(widths[k] for k in range(len(widths)) if k not in open_columns)) / len(open_columns)
-        settled = [k for k in open_columns if longest[k] <= share or word[k] >= share]
+        settled = [k for k in open_columns if full_widths[k] <= share or word_widths[k] >= share]
         if not settled:
             for k in open_columns:
                 widths[k] = share
             break
         # Columns that need more than a share are settled first, because they leave less for the others.
-        large = [k for k in settled if word[k] >= share]
+        large = [k for k in settled if word_widths[k] >= share]
         for k in large or settled:
-            widths[k] = word[k] if large else longest[k]
+            widths[k] = word_widths[k] if large else full_widths[k]
             open_columns.remove(k)
     return widths
 

@@ -1,1 +1,1 @@
-"""Long computations on many frames: calibrations, night analyses, experiments, reprocessing."""
+"""Computations on many frames, run as jobs: calibrations, night analyses, experiments, reprocessing."""

@@ -1,4 +1,4 @@
-"""Turns the frames of a night, or the attitudes of a contact, into a report; used by both the server and the command line."""
+"""Analyses the frames of a night or the attitudes of a contact, for the server and the command line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gss.domain.words import counted
 from gss.operations.frames.solve import Solver
 from gss.operations.report.parts import Report
 from gss.operations.studies import analysis_sheets as sheets
-from gss.operations.studies.night_frames import ProgressCallback, Shot, request_of, seen_stars
+from gss.operations.studies.night_frames import ProgressCallback, Shot, apparent_stars, request_of
 from gss.pipeline.analysis.integration import noise_equivalent_angle
 from gss.pipeline.analysis.sensitivity import detection_limit
 from gss.pipeline.analysis.series import AttitudeSeries, series_of
@@ -40,16 +40,16 @@ KINDS = (
 )
 FRAME_KINDS = KINDS[:-1]
 DEEPER_MAG = 4.0
-"""Magnitudes below the profile's limit to which catalogue stars are searched for, so that the true limit lies within the
-range."""
+"""Number of magnitudes fainter than the profile's limit up to which catalogue stars are searched for, so that the true
+limit lies within the range."""
 FOUND_PX = 2.5
 EDGE_PX = 8.0
 
 
 @dataclass(frozen=True)
 class AnalysisResult:
-    """A report, and the same values as a record for programs (radians, seconds, pixels, with the names used by the
-    pipeline)."""
+    """Result of an analysis. ``figures``: values of the report for programs, in radians, seconds and pixels, with the
+    names of the pipeline."""
 
     kind: str
     report: Report
@@ -58,7 +58,7 @@ class AnalysisResult:
 
 @dataclass(frozen=True)
 class AnalysisRun:
-    """Shots of one camera with their results, in order of time; None for a shot that could not be run."""
+    """Shots of one camera with their results, in order of time. A result is None if the shot could not be processed."""
 
     shots: list[Shot]
     results: list[SolveResult | None]
@@ -70,25 +70,26 @@ class AnalysisRun:
         return series_of([s.taken.timestamp() for s in self.shots], self.results)
 
 
-def check_kind(kind: str, commanded_rad_s: float | None, others: int) -> None:
-    """Raise BadInput if the kind does not exist or lacks a required argument."""
+def check_kind(kind: str, commanded_rad_s: float | None, other_count: int) -> None:
+    """Raise BadInput if the kind does not exist or an argument that it requires is missing."""
     if kind not in KINDS:
         raise BadInput("unknown analysis", expected=" | ".join(KINDS), got=kind)
     if kind == "slew" and not (commanded_rad_s is not None and 0 < commanded_rad_s < math.radians(20)):
         got = "none" if commanded_rad_s is None else f"{math.degrees(commanded_rad_s):g}°/s"
         raise BadInput("a slew test needs the commanded rate", expected="above 0, below 20°/s", got=got)
-    if (kind == "two-cameras") != (others > 0):
+    if (kind == "two-cameras") != (other_count > 0):
         raise BadInput(
-            "frames of a second camera are missing or not used",
-            expected="for two-cameras, and only for it",
-            got=counted(others, "frame"),
+            "frames of a second camera are missing or cannot be used",
+            expected="a second camera for two-cameras, and only for this analysis",
+            got=counted(other_count, "frame"),
         )
 
 
 def run_frames(
     solver: Solver, shots: Sequence[Shot], profile: CameraProfile, chain: str, progress: ProgressCallback
 ) -> AnalysisRun:
-    """Run a chain on every shot. A shot of another camera counts as not solved. Raises BadInput if none is solved."""
+    """Run a chain on every shot. A shot of another camera counts as not solved. Raises BadInput if no shot is
+    solved."""
     ordered = sorted(shots, key=lambda s: (s.taken, s.name))
     results: list[SolveResult | None] = []
     reason = ""
@@ -100,12 +101,12 @@ def run_frames(
             results.append(None)
             reason = reason or str(error)
     if not any(r is not None and r.attitude is not None for r in results):
-        first = next((r.reason for r in results if r is not None), reason)
+        first_reason = next((r.reason for r in results if r is not None), reason)
         raise BadInput(
             "no frame could be solved",
             expected="frames of stars",
-            got=first,
-            hint="check that the camera is the right one",
+            got=first_reason,
+            hint="check that the frames were taken with this camera",
         )
     return AnalysisRun(ordered, results, profile)
 
@@ -132,10 +133,10 @@ def analyse(
     return makers[kind]()
 
 
-def analyse_telemetry(series: AttitudeSeries, of: str) -> AnalysisResult:
-    """Analyse performance from attitudes alone."""
+def analyse_telemetry(series: AttitudeSeries, subject: str) -> AnalysisResult:
+    """Analyse performance from attitudes alone, without frames. ``subject``: subtitle of the report."""
     statistics = telemetry_statistics(series)
-    return AnalysisResult("telemetry", sheets.telemetry(statistics, series, of), dict(as_record(statistics)))
+    return AnalysisResult("telemetry", sheets.telemetry(statistics, series, subject), dict(as_record(statistics)))
 
 
 def _steady(kind: str, run: AnalysisRun) -> AnalysisResult:
@@ -155,7 +156,7 @@ def _sensitivity(run: AnalysisRun, solver: Solver) -> AnalysisResult:
     for shot, result in zip(run.shots, run.results, strict=True):
         if result is None or result.attitude is None:
             continue
-        v, hit = looked_for(result, solver, shot, run.profile.sensor.faint_limit_mag + DEEPER_MAG)
+        v, hit = detected_stars(result, solver, shot, run.profile.sensor.faint_limit_mag + DEEPER_MAG)
         v_mag.append(v)
         detected.append(hit)
     limit = detection_limit(np.concatenate(v_mag), np.concatenate(detected))
@@ -164,26 +165,29 @@ def _sensitivity(run: AnalysisRun, solver: Solver) -> AnalysisResult:
     )
 
 
-def looked_for(result: SolveResult, solver: Solver, shot: Shot, faintest_mag: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the magnitudes of catalogue stars on the detector to ``faintest_mag``, and whether a centroid was found at the
-    predicted position of each. Stars with a brighter one nearby are excluded, because the centroid could belong to the other."""
-    assert result.attitude is not None  # noqa: S101 - the caller has looked
-    stars = seen_stars(solver, shot).brighter_than(faintest_mag)
+def detected_stars(
+    result: SolveResult, solver: Solver, shot: Shot, faintest_mag: float
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the magnitudes of the catalogue stars on the detector up to ``faintest_mag``, and for each star whether a
+    centroid was detected at its predicted position. A star with a brighter star nearby is excluded, because the
+    centroid could belong to the brighter star."""
+    assert result.attitude is not None  # noqa: S101 - the caller has checked it
+    stars = apparent_stars(solver, shot).brighter_than(faintest_mag)
     cam = stars.icrs @ result.attitude.cam_from_icrs.T
     ahead = cam[:, 2] > math.cos(result.camera.diagonal_rad / 2 + 0.02)
-    place = np.full((len(stars), 2), np.nan)
-    place[ahead] = result.camera.project(cam[ahead])
+    pixels = np.full((len(stars), 2), np.nan)
+    pixels[ahead] = result.camera.project(cam[ahead])
     limit = np.array([result.camera.columns, result.camera.rows]) - 0.5 - EDGE_PX
-    on = ahead & ((place > EDGE_PX - 0.5) & (place < limit)).all(axis=1)
+    on_detector = ahead & ((pixels > EDGE_PX - 0.5) & (pixels < limit)).all(axis=1)
     spots = result.centroids.pixels
-    places, v = place[on], stars.v_mag[on]
-    gap = np.linalg.norm(places[:, None] - places[None, :], axis=2)
+    star_pixels, v = pixels[on_detector], stars.v_mag[on_detector]
+    gap = np.linalg.norm(star_pixels[:, None] - star_pixels[None, :], axis=2)
     np.fill_diagonal(gap, np.inf)
-    alone = ~((gap < 2 * FOUND_PX) & (v[None, :] <= v[:, None])).any(axis=1)
+    isolated = ~((gap < 2 * FOUND_PX) & (v[None, :] <= v[:, None])).any(axis=1)
     if not len(spots):
-        return v[alone], np.zeros(int(alone.sum()), bool)
-    near = np.linalg.norm(places[:, None] - spots[None, :], axis=2).min(axis=1)
-    return v[alone], np.asarray(near[alone] <= FOUND_PX)
+        return v[isolated], np.zeros(int(isolated.sum()), bool)
+    nearest_px = np.linalg.norm(star_pixels[:, None] - spots[None, :], axis=2).min(axis=1)
+    return v[isolated], np.asarray(nearest_px[isolated] <= FOUND_PX)
 
 
 def _nea(run: AnalysisRun) -> AnalysisResult:
@@ -205,18 +209,18 @@ def _spatial(run: AnalysisRun) -> AnalysisResult:
     pixels, residual = [], []
     for result in run.results:
         if result is not None and result.matches is not None and result.attitude is not None:
-            used = result.matches.weight > 0
-            pixels.append(result.centroids.pixels[result.matches.centroid[used]])
-            residual.append(result.matches.residual_px[used])
-    at, off = np.concatenate(pixels), np.concatenate(residual)
-    report, figures = sheets.spatial(at, off, run.profile.camera, subject_of(run))
+            weighted = result.matches.weight > 0
+            pixels.append(result.centroids.pixels[result.matches.centroid[weighted]])
+            residual.append(result.matches.residual_px[weighted])
+    pixels_px, residual_px = np.concatenate(pixels), np.concatenate(residual)
+    report, figures = sheets.spatial(pixels_px, residual_px, run.profile.camera, subject_of(run))
     return AnalysisResult("spatial", report, figures)
 
 
 def _two(first: AnalysisRun, second: AnalysisRun) -> AnalysisResult:
     comparison = two_cameras(first.series, second.series)
-    of = f"{subject_of(first)}, and {subject_of(second)}"
-    return AnalysisResult("two-cameras", sheets.two_cameras(comparison, of), dict(as_record(comparison)))
+    subject = f"{subject_of(first)}, and {subject_of(second)}"
+    return AnalysisResult("two-cameras", sheets.two_cameras(comparison, subject), dict(as_record(comparison)))
 
 
 def subject_of(run: AnalysisRun) -> str:

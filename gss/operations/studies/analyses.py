@@ -24,9 +24,7 @@ from gss.operations.report.html import as_html
 from gss.operations.report.parts import report_from
 from gss.operations.report.pdf import as_pdf
 from gss.operations.requests import as_stored
-from gss.operations.studies.analyse import AnalysisResult as Made
-from gss.operations.studies.analyse import AnalysisRun as FrameRun
-from gss.operations.studies.analyse import analyse, analyse_telemetry, run_frames
+from gss.operations.studies.analyse import AnalysisResult, AnalysisRun, analyse, analyse_telemetry, run_frames
 from gss.operations.studies.analysis_requests import (
     AnalysisJob,
     AnalysisRequest,
@@ -93,15 +91,16 @@ class AnalysisService:
         bus: EventBus,
         now: Now,
     ) -> None:
-        """``orbit_at``: name and orbit of the spacecraft at a time, None if no orbit covers it."""
+        """``orbit_at``: function that returns name and orbit of the spacecraft at a time; None if no orbit covers the
+        time."""
         self._database, self._jobs, self._shots, self._solver = database, jobs, shots, solver
         self._book, self._contacts, self._bus, self._now = book, contacts, bus, now
         self._orbit_at = orbit_at
         jobs.register(JobKind("analysis", AnalysisJob, self._analyse, older=earlier_request))
 
     def start(self, request: AnalysisRequest, *, user: str) -> Job:
-        """Queue an analysis; its result contains the id of the stored row. Raises BadInput or NotFound before anything is
-        queued."""
+        """Queue an analysis. The result of the job contains the id of the stored row. Raises BadInput or NotFound
+        before the job is queued."""
         job = AnalysisJob(request, user=user)
         name, work = self._work(job)
         return self._jobs.begin("analysis", name, job, work)
@@ -110,25 +109,25 @@ class AnalysisService:
         return self._work(job)[1](run)
 
     def _work(self, job: AnalysisJob) -> tuple[str, Work]:
-        """Return the name and work function of an analysis, after looking up its inputs."""
+        """Look up the inputs of an analysis, and return its title and the function that runs it."""
         analysis_request = job.wanted
-        first: list[Shot] = []
-        other: list[Shot] = []
+        shots: list[Shot] = []
+        other_shots: list[Shot] = []
         if isinstance(analysis_request, TelemetryAnalysis):
             self._contacts.detail(analysis_request.contact)
-            kind, of = "telemetry", f"contact {analysis_request.contact}"
+            kind, subject = "telemetry", f"contact {analysis_request.contact}"
         elif isinstance(analysis_request, MovingRequest | HealthRequest):
             self._book.profile(analysis_request.profile)
-            first = self._shots.of(analysis_request.frame_ids)
+            shots = self._shots.of(analysis_request.frame_ids)
             kind = "health" if isinstance(analysis_request, HealthRequest) else "moving objects"
-            of = counted(len(first), "frame")
+            subject = counted(len(shots), "frame")
         else:
             self._book.profile(analysis_request.profile)
             if analysis_request.other_ids:
                 self._book.profile(analysis_request.other_profile)
-            first, other = self._shots.of(analysis_request.frame_ids), self._shots.of(analysis_request.other_ids)
-            kind, of = analysis_request.kind, "simulated unit" if not first else counted(len(first), "frame")
-        name = analysis_request.title or f"{kind}, {of}"
+            shots, other_shots = self._shots.of(analysis_request.frame_ids), self._shots.of(analysis_request.other_ids)
+            kind, subject = analysis_request.kind, "simulated unit" if not shots else counted(len(shots), "frame")
+        name = analysis_request.title or f"{kind}, {subject}"
 
         def work(run: JobRun) -> JobResult:
             if run.checkpoint:  # the row was stored before the server stopped
@@ -136,13 +135,13 @@ class AnalysisService:
             if isinstance(analysis_request, TelemetryAnalysis):
                 outcome = self._of_contact(analysis_request)
             elif isinstance(analysis_request, SheetRequest):
-                outcome = self._sheet(analysis_request, first, other, run.progress)
+                outcome = self._sheet(analysis_request, shots, other_shots, run.progress)
             elif isinstance(analysis_request, MovingRequest):
-                outcome = self._moving(analysis_request, first, run.progress)
+                outcome = self._moving(analysis_request, shots, run.progress)
             elif isinstance(analysis_request, HealthRequest):
-                outcome = self._health(analysis_request, first, run.progress)
+                outcome = self._health(analysis_request, shots, run.progress)
             else:
-                outcome = self._of_frames(analysis_request, first, other, run.progress)
+                outcome = self._of_frames(analysis_request, shots, other_shots, run.progress)
             row = Analysis(
                 kind=outcome.kind,
                 title=name[:120],
@@ -155,25 +154,29 @@ class AnalysisService:
             with self._database.unit_of_work() as session:
                 store.add_analysis(session, row)
                 run.keep({"analysis_id": row.id}, session)
-            self._bus.record("analysis", "ok", f"Analysis {row.id} made: {row.title}, by {job.user}")
+            self._bus.record("analysis", "ok", f"Analysis {row.id} completed for {job.user}: {row.title}")
             return {"analysis_id": row.id}
 
         return name[:120], work
 
-    def _of_frames(self, request: FrameAnalysis, first: list[Shot], other: list[Shot], progress: Progress) -> Made:
-        run, second = self._runs(request, first, other, progress)
+    def _of_frames(
+        self, request: FrameAnalysis, shots: list[Shot], other_shots: list[Shot], progress: Progress
+    ) -> AnalysisResult:
+        run, second = self._runs(request, shots, other_shots, progress)
         progress(round(0.92 * STEPS), STEPS, "Calculating the results")
         return analyse(request.kind, self._solver, run, second=second, commanded_rad_s=request.commanded_rad_s)
 
-    def _sheet(self, request: SheetRequest, first: list[Shot], other: list[Shot], progress: Progress) -> Made:
+    def _sheet(
+        self, request: SheetRequest, shots: list[Shot], other_shots: list[Shot], progress: Progress
+    ) -> AnalysisResult:
         profile = self._book.profile(request.profile)
 
-        def report(done: float, text: str) -> None:
-            progress(round(0.92 * STEPS * done), STEPS, text)
+        def report(completed: float, text: str) -> None:
+            progress(round(0.92 * STEPS * completed), STEPS, text)
 
         if request.simulated:
             return sheet_of_simulation(self._solver, profile, request.chain, request.seed, report)
-        run, second = self._runs(request, first, other, progress)
+        run, second = self._runs(request, shots, other_shots, progress)
         progress(round(0.92 * STEPS), STEPS, "Calculating the rows")
         mounting = None if request.mounting is None else tuple(request.mounting)
         warmth = None
@@ -182,61 +185,61 @@ class AnalysisService:
             warmth = temperatures(self._database, status, run.shots[0].taken, run.shots[-1].taken)
         return sheet_of_frames(run, second=second, mounting=mounting, temperature=warmth, seed=request.seed)
 
-    def _moving(self, request: MovingRequest, shots: list[Shot], progress: Progress) -> Made:
-        def report(done: float, text: str) -> None:
-            progress(round(STEPS * done), STEPS, text)
+    def _moving(self, request: MovingRequest, shots: list[Shot], progress: Progress) -> AnalysisResult:
+        def report(completed: float, text: str) -> None:
+            progress(round(STEPS * completed), STEPS, text)
 
-        place = request.place
-        if place is None and (orbit := self._orbit_at(shots[0].taken)) is not None:
-            place = place_of_orbit(*orbit)
+        camera_place = request.place
+        if camera_place is None and (orbit := self._orbit_at(shots[0].taken)) is not None:
+            camera_place = place_of_orbit(*orbit)
         profile = self._book.profile(request.profile)
         return moving_objects(
             self._solver,
             run_frames(self._solver, shots, profile, request.chain, lambda s, t: report(0.5 * s, t)),
             objects=request.objects,
-            place=place,
+            place=camera_place,
             top_rate_rad_s=request.top_rate_rad_s,
             created=self._now(),
             progress=report,
         )
 
-    def _health(self, request: HealthRequest, shots: list[Shot], progress: Progress) -> Made:
-        def report(done: float, text: str) -> None:
-            progress(round(STEPS * done), STEPS, text)
+    def _health(self, request: HealthRequest, shots: list[Shot], progress: Progress) -> AnalysisResult:
+        def report(completed: float, text: str) -> None:
+            progress(round(STEPS * completed), STEPS, text)
 
-        def stored(at_s: float) -> Trajectory | None:
-            named = self._orbit_at(datetime.fromtimestamp(at_s, UTC))
-            return None if named is None else named[1]
+        def imported_orbit(at_s: float) -> Trajectory | None:
+            named_orbit = self._orbit_at(datetime.fromtimestamp(at_s, UTC))
+            return None if named_orbit is None else named_orbit[1]
 
         trajectories = request.trajectories
-        orbit = orbit_within(trajectories) if trajectories else stored
+        orbit = orbit_within(trajectories) if trajectories else imported_orbit
         profile = self._book.profile(request.profile)
         run = run_frames(self._solver, shots, profile, request.chain, lambda s, t: report(0.5 * s, t))
         status = self._book.status_of(request.profile)
-        warmth = temperatures(self._database, status, run.shots[0].taken, run.shots[-1].taken)
-        beside = Surroundings(warmth, places_below(orbit))
-        return sensor_health(self._solver, run, beside, lambda s, t: report(0.5 + 0.5 * s, t))
+        unit_temperatures = temperatures(self._database, status, run.shots[0].taken, run.shots[-1].taken)
+        surroundings = Surroundings(unit_temperatures, places_below(orbit))
+        return sensor_health(self._solver, run, surroundings, lambda s, t: report(0.5 + 0.5 * s, t))
 
     def _runs(
-        self, request: FrameAnalysis | SheetRequest, first: list[Shot], other: list[Shot], progress: Progress
-    ) -> tuple[FrameRun, FrameRun | None]:
+        self, request: FrameAnalysis | SheetRequest, shots: list[Shot], other_shots: list[Shot], progress: Progress
+    ) -> tuple[AnalysisRun, AnalysisRun | None]:
         """Run the chain on the frames of both cameras."""
-        share = 0.9 * len(first) / max(1, len(first) + len(other))
+        share = 0.9 * len(shots) / max(1, len(shots) + len(other_shots))
 
-        def report(done: float, text: str) -> None:
-            progress(round(STEPS * done), STEPS, text)
+        def report(completed: float, text: str) -> None:
+            progress(round(STEPS * completed), STEPS, text)
 
         profile = self._book.profile(request.profile)
-        run = run_frames(self._solver, first, profile, request.chain, lambda s, t: report(share * s, t))
-        if not other:
+        run = run_frames(self._solver, shots, profile, request.chain, lambda s, t: report(share * s, t))
+        if not other_shots:
             return run, None
         camera = self._book.profile(request.other_profile)
         second = run_frames(
-            self._solver, other, camera, request.chain, lambda s, t: report(share + (0.9 - share) * s, t)
+            self._solver, other_shots, camera, request.chain, lambda s, t: report(share + (0.9 - share) * s, t)
         )
         return run, second
 
-    def _of_contact(self, request: TelemetryAnalysis) -> Made:
+    def _of_contact(self, request: TelemetryAnalysis) -> AnalysisResult:
         detail = self._contacts.detail(request.contact)
         end = max(detail.end, detail.row.started + timedelta(seconds=1))
         series = attitudes_of(self._database, request.contact, detail.row.started, end)
@@ -245,7 +248,7 @@ class AnalysisService:
         )
 
     def newest(self, limit: int, kind: str = "") -> list[Analysis]:
-        """Return the newest analyses first."""
+        """Return up to ``limit`` analyses, latest first."""
         with self._database.unit_of_work() as session:
             return store.analyses(session, limit, kind)
 
@@ -255,7 +258,8 @@ class AnalysisService:
             return store.analysis(session, analysis_id)
 
     def export(self, analysis_id: int, kind: str) -> bytes:
-        """Return the report as HTML or PDF, all data as JSON, the tracks of moving objects as TDM, or warm pixels as CSV."""
+        """Return an analysis as a file. ``kind``: html or pdf for the report, json for all data, tdm for the tracks of
+        moving objects, csv for warm pixels."""
         row = self.get(analysis_id)
         if kind == "tdm":
             if row.kind != "moving":
@@ -275,7 +279,8 @@ class AnalysisService:
 
 
 def attitudes_of(database: Database, contact_id: int, start: datetime, end: datetime) -> AttitudeSeries:
-    """Return the attitudes of a contact by device time, each frame once. Raises BadInput if there are none or too many."""
+    """Return the attitudes of a contact in order of device time, one per frame. Raises BadInput if there are none or
+    too many."""
     attitudes: dict[float, tuple[Any, ...]] = {}
     for row in telemetry.rows(database, "attitude", COLUMNS, start, end, contact_id=contact_id):
         if row.values[0] is not None:
@@ -302,8 +307,8 @@ def attitudes_of(database: Database, contact_id: int, start: datetime, end: date
 
 
 def temperatures(database: Database, status: Status, start: datetime, end: datetime) -> tuple[Array, Array] | None:
-    """Return Unix seconds and °C of the unit from its state during these times and shortly before and after; None if it
-    reports no temperature."""
+    """Return Unix seconds and °C of the unit's temperatures during a time span and shortly before and after it; None if
+    the unit does not report its temperature."""
     if not (status.packet and status.sensor_temperature):
         return None
     margin = timedelta(seconds=NEAR_S)
@@ -313,5 +318,5 @@ def temperatures(database: Database, status: Status, start: datetime, end: datet
 
 
 def _number(value: Any) -> float:
-    """Return the number, NaN if the packet has none."""
+    """Return a value as a number; NaN if the packet does not contain it."""
     return math.nan if value is None else float(value)

@@ -1,4 +1,4 @@
-"""Requests for analyses, in user units: of the API and the job store."""
+"""Requests for analyses in user units, for the API and the job store."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def check_chain(name: str) -> None:
 
 
 def check_different(ids: Sequence[int]) -> None:
-    """Raise BadInput if a frame is named twice."""
+    """Raise BadInput if a frame id occurs twice."""
     if len(set(ids)) != len(ids):
         raise BadInput("frames cannot be used", expected="different frames", got=f"{len(ids)} with duplicates")
 
 
 class FrameAnalysis(Request):
     """Analysis of stored frames. ``profile``: camera of the frames; ``commanded_deg_s``: commanded rate of a slew;
-    ``other_*``: second camera, for two-cameras only."""
+    ``other_*``: second camera, only for two-cameras."""
 
     kind: Literal["earth-fixed", "celestial-fixed", "slew", "sensitivity", "nea", "spatial", "two-cameras"]
     profile: str = Field(max_length=40)
@@ -52,7 +52,7 @@ class FrameAnalysis(Request):
 
     @property
     def commanded_rad_s(self) -> float | None:
-        """Commanded rate of a slew."""
+        """Commanded rate of a slew in radians per second."""
         return None if self.commanded_deg_s is None else math.radians(self.commanded_deg_s)
 
     @model_validator(mode="after")
@@ -75,9 +75,9 @@ class TelemetryAnalysis(Request):
 
 
 class SheetRequest(Request):
-    """Performance sheet from stored frames, or of a simulated unit. ``other_*``: frames of a second head on the
-    same body, taken at the same times; ``mounting``: quaternion camera from second head, scalar last, as aligned on
-    the ground."""
+    """Performance sheet of stored frames or of a simulated unit. ``other_*``: frames of a second head on the same body,
+    taken at the same times; ``mounting``: quaternion camera from second head, scalar last, as measured on the
+    ground."""
 
     kind: Literal["sheet"]
     profile: str = Field(max_length=40)
@@ -97,18 +97,24 @@ class SheetRequest(Request):
         check_different(self.other_ids)
         if self.simulated == bool(self.frame_ids):
             got = "both" if self.simulated else "neither"
-            raise BadInput("a sheet is of frames or of a simulated unit", expected="one of the two", got=got)
+            raise BadInput(
+                "a performance sheet needs frames or a simulated unit", expected="one of these inputs", got=got
+            )
         if self.other_ids and (self.simulated or not self.other_profile):
-            raise BadInput("frames of a second head are incomplete", expected="its profile, and frames of the unit")
+            raise BadInput(
+                "the input of a second head is incomplete",
+                expected="the profile and frames of the second head, and frames of the unit",
+            )
         if self.mounting is not None and abs(math.hypot(*self.mounting) - 1) > MOUNTING_SLACK:
             raise BadInput("the mounting is not a unit quaternion", got=f"length {math.hypot(*self.mounting):g}")
         return self
 
 
 class MovingRequest(Request):
-    """Moving objects in stored frames of one sequence. ``objects``: two-line elements that may name them; ``orbit``: TLE, OMM
-    or OEM of the spacecraft with the camera, or ``site``: latitude and longitude in degrees and height in metres of a camera on
-    the ground; without either, the imported orbit where it covers the frames. ``top_rate_deg_s``: largest rate searched for."""
+    """Moving objects in stored frames of one sequence. ``objects``: two-line elements of objects to identify;
+    ``orbit``: TLE, OMM or OEM of the spacecraft with the camera; ``site``: latitude and longitude in degrees and height
+    in metres of a camera on the ground. Without orbit and site, the imported orbit is used if it covers the frames.
+    ``top_rate_deg_s``: maximum rate to search for."""
 
     kind: Literal["moving"]
     profile: str = Field(max_length=40)
@@ -122,12 +128,12 @@ class MovingRequest(Request):
 
     @property
     def top_rate_rad_s(self) -> float:
-        """Largest rate searched for."""
+        """Maximum rate to search for, in radians per second."""
         return math.radians(self.top_rate_deg_s)
 
     @property
     def place(self) -> CameraPlace | None:
-        """Place of the camera, None if it is not given."""
+        """Position of the camera; None if neither orbit nor site is given."""
         return place_of(self.orbit, None if self.site is None else (self.site[0], self.site[1], self.site[2]))
 
     @model_validator(mode="after")
@@ -140,8 +146,8 @@ class MovingRequest(Request):
 
 
 class HealthRequest(Request):
-    """Health of a sensor from ordinary frames of a mission. ``orbit``: TLE, OMM or OEM of the spacecraft, or the element sets
-    of the whole mission; without it, the imported orbits where they cover the frames."""
+    """Health of a sensor from ordinary frames of a mission. ``orbit``: TLE, OMM or OEM of the spacecraft, or the
+    element sets of the complete mission. Without it, the imported orbits are used if they cover the frames."""
 
     kind: Literal["health"]
     profile: str = Field(max_length=40)
@@ -152,7 +158,7 @@ class HealthRequest(Request):
 
     @property
     def trajectories(self) -> list[Trajectory]:
-        """Orbits of the spacecraft, empty if none is given."""
+        """Orbits of the spacecraft; empty if none is given."""
         return read_orbits(self.orbit) if self.orbit else []
 
     @model_validator(mode="after")
@@ -170,13 +176,13 @@ AnalysisRequest = Annotated[
 
 @dataclass(frozen=True)
 class AnalysisJob(JobRequest):
-    """An analysis as a job."""
+    """Job request of an analysis."""
 
     wanted: AnalysisRequest
 
 
 def earlier_request(stored: JsonObject) -> JsonObject:
-    """Convert a request that version 0.4 stored, with radians and the title beside it."""
+    """Convert a request stored by version 0.4, which contains radians and stores the title separately."""
     if "title" not in stored:
         return stored
     request = dict(stored["wanted"])

@@ -32,11 +32,11 @@ from gss.pipeline.calibration.plain_values import as_record
 from gss.pipeline.calibration.residual_figures import residual_map
 
 ERLANK_DEG = {"RA · cos Dec": (0.0051, 0.0154), "Dec": (0.0072, 0.0215), "rotation": (0.0203, 0.0608)}
-"""Erlank 2013 Table 6.1: 1σ and 3σ of the original test."""
+"""1σ and 3σ of the original test, Erlank 2013 Table 6.1."""
 TITLES = {"earth-fixed": "Earth-fixed test", "celestial-fixed": "Celestial-fixed test"}
 
 
-def steady(kind: str, result: SteadyTest, series: AttitudeSeries, of: str) -> Report:
+def steady(kind: str, result: SteadyTest, series: AttitudeSeries, subject: str) -> Report:
     """Return the report of an Earth-fixed or celestial-fixed test."""
     expected = float(np.linalg.norm(result.expected_icrs_rad_s))
     speed = float(np.linalg.norm(result.rate_icrs_rad_s))
@@ -49,7 +49,7 @@ def steady(kind: str, result: SteadyTest, series: AttitudeSeries, of: str) -> Re
     pole = np.degrees(np.arccos(np.clip(result.rate_icrs_rad_s[2] / max(speed, 1e-300), -1, 1)))
     if expected:
         facts.append(Fact("angle between rotation axis and pole", number(float(pole), 3), "°"))
-    at = series.times_s
+    times_s = series.times_s
     deviation = result.deviation_rad / ARCSEC_RAD
     sections = [
         Section(
@@ -65,20 +65,20 @@ def steady(kind: str, result: SteadyTest, series: AttitudeSeries, of: str) -> Re
             "",
             [],
             [
-                over_time("Deviation across the boresight", at, deviation[:, :2], ("x", "y"), "arcsec"),
-                over_time("Deviation about the boresight", at, deviation[:, 2:], ("about",), "arcsec"),
+                over_time("Deviation across the boresight", times_s, deviation[:, :2], ("x", "y"), "arcsec"),
+                over_time("Deviation about the boresight", times_s, deviation[:, 2:], ("about",), "arcsec"),
                 over_time(
-                    "Stars", at, np.column_stack([series.centroids, series.matches]), ("found", "matched"), "stars"
+                    "Stars", times_s, np.column_stack([series.centroids, series.matches]), ("found", "matched"), "stars"
                 ),
             ],
         ),
         Section("Distribution", "", [], [bars(a.name, deviation[:, k]) for k, a in enumerate(result.body)]),
     ]
-    return Report(TITLES[kind], of, sections, notes(result.warnings))
+    return Report(TITLES[kind], subject, sections, notes(result.warnings))
 
 
-def slew(result: SlewTest, series: AttitudeSeries, of: str) -> Report:
-    """Return the report of a slew test: measured rates against the commanded one."""
+def slew(result: SlewTest, series: AttitudeSeries, subject: str) -> Report:
+    """Return the report of a slew test, which compares the measured rates with the commanded rate."""
     degree = np.degrees
     uncertain = number(float(degree(result.mean_sigma_rad_s)), 2)
     facts = [
@@ -98,7 +98,7 @@ def slew(result: SlewTest, series: AttitudeSeries, of: str) -> Report:
             number(float(np.hypot(*result.sigma_rad_s[1:]) / np.sqrt(2) / ARCSEC_RAD)),
             "″/s",
         ),
-        Fact("σ by the chain's covariances", number(result.claimed_rad_s / ARCSEC_RAD), "″/s", "mean of the axes"),
+        Fact("σ from the chain's covariances", number(result.claimed_rad_s / ARCSEC_RAD), "″/s", "mean of the axes"),
         Fact("frames with an attitude", number(100 * result.solved_share, 4), "%"),
         Fact("stars matched", number(result.mean_matches, 3), "", "mean"),
         Fact("rotation axis", ", ".join(number(float(a), 3) for a in result.axis), "", "camera x, y, z"),
@@ -115,10 +115,10 @@ def slew(result: SlewTest, series: AttitudeSeries, of: str) -> Report:
     stars = over_time(
         "Stars", series.times_s, np.column_stack([series.centroids, series.matches]), ("found", "matched"), "stars"
     )
-    return Report("Slew test", of, [Section("Rate", "", facts, [plot, stars])], notes(result.warnings))
+    return Report("Slew test", subject, [Section("Rate", "", facts, [plot, stars])], notes(result.warnings))
 
 
-def sensitivity(result: Sensitivity, profile: CameraProfile, of: str) -> Report:
+def sensitivity(result: Sensitivity, profile: CameraProfile, subject: str) -> Report:
     """Return the report of the detection limit."""
     profile_limit = profile.sensor.faint_limit_mag
     facts = [
@@ -146,11 +146,11 @@ def sensitivity(result: Sensitivity, profile: CameraProfile, of: str) -> Report:
         for lo, hi, n, f in zip(result.edges_mag, result.edges_mag[1:], result.stars, result.found, strict=False)
     ]
     table = Table("By magnitude", ["V", "stars", "found", "%"], rows)
-    return Report("Sensitivity", of, [Section("Limit", "", facts, [curve], [table])], notes(result.warnings))
+    return Report("Sensitivity", subject, [Section("Limit", "", facts, [curve], [table])], notes(result.warnings))
 
 
-def nea(curve: NeaCurve, of: str) -> Report:
-    """Return the report of noise equivalent angle against integration time."""
+def nea(curve: NeaCurve, subject: str) -> Report:
+    """Return the report of the noise equivalent angle as a function of the integration time."""
     facts = [Fact("exponent of integration time", number(curve.exponent, 3), "", f"±{number(curve.exponent_sigma, 2)}")]
     across, about = curve.across_rad / ARCSEC_RAD, curve.about_rad / ARCSEC_RAD
     plot = Plot(
@@ -176,14 +176,19 @@ def nea(curve: NeaCurve, of: str) -> Report:
         )
     ]
     table = Table("By integration time", ["s", "across ″", "about ″", "± %", "frames", "stars"], rows)
-    text = "Photon noise gives −0.5, read noise −1; 0 means that another error dominates (Moniteq 1983 §4.4)."
+    text = (
+        "Photon noise gives the exponent −0.5, read noise −1; 0 means that another error dominates (Moniteq 1983 §4.4)."
+    )
     return Report(
-        "Noise against integration time", of, [Section("Curve", text, facts, [plot], [table])], notes(curve.warnings)
+        "Noise against integration time",
+        subject,
+        [Section("Curve", text, facts, [plot], [table])],
+        notes(curve.warnings),
     )
 
 
-def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple[Report, dict[str, object]]:
-    """Return the report, and its values, of systematic centroid errors over the detector and within a pixel."""
+def spatial(pixels: Array, residual_px: Array, camera: Camera, subject: str) -> tuple[Report, dict[str, object]]:
+    """Return the report of systematic centroid errors over the detector and within a pixel, and its values."""
     size = (camera.columns, camera.rows)
     field = residual_map(pixels, residual_px, size)
     mean = np.nan_to_num(np.hypot(field.mean_px[..., 0], field.mean_px[..., 1]))
@@ -221,12 +226,12 @@ def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple
         Fact("systematic within a pixel", number(rms(phase[0] + phase[1])), "px", "rms of phase means"),
         Fact("stars", number(len(pixels))),
     ]
-    text = "Neighbouring arrows in one direction are calibration errors; periodic errors within a pixel are centroid errors."
-    report = Report("Spatial error", of, [Section("Over the detector", text, facts, [arrows, cells, within])], [])
+    text = "Neighbouring arrows with the same direction are calibration errors; periodic errors within a pixel are centroid errors."
+    report = Report("Spatial error", subject, [Section("Over the detector", text, facts, [arrows, cells, within])], [])
     return report, {"map": as_record(field), "phase_col_px": phase[0], "phase_row_px": phase[1], "rms_px": scatter}
 
 
-def two_cameras(result: Consistency, of: str) -> Report:
+def two_cameras(result: Consistency, subject: str) -> Report:
     """Return the report of the relative mounting of two cameras."""
     facts = [
         Fact("pairs", number(result.pairs)),
@@ -242,11 +247,11 @@ def two_cameras(result: Consistency, of: str) -> Report:
         "Deviation from the mean mounting", result.times_s, result.deviation_rad / ARCSEC_RAD, ("x", "y", "z"), "arcsec"
     )
     section = Section("Mounting", "In the second camera's axes.", facts, [plot], [axes_table(result.axes)])
-    return Report("Two cameras", of, [section], notes(result.warnings))
+    return Report("Two cameras", subject, [section], notes(result.warnings))
 
 
-def telemetry(figures: TelemetryFigures, series: AttitudeSeries, of: str) -> Report:
-    """Return the report of performance from attitudes alone."""
+def telemetry(figures: TelemetryFigures, series: AttitudeSeries, subject: str) -> Report:
+    """Return the report of a performance analysis from attitudes alone."""
     facts = [
         Fact("attitudes", f"{int(series.solved.sum())} of {len(series)}", "", f"{100 * figures.availability:.1f} %"),
         Fact("longest outage", number(figures.longest_outage_s, 3), "s"),
@@ -276,4 +281,6 @@ def telemetry(figures: TelemetryFigures, series: AttitudeSeries, of: str) -> Rep
         ("x", "y", "about"),
         "arcsec",
     )
-    return Report("Telemetry statistics", of, [Section("Noise", "", facts, [plot], [table])], notes(figures.warnings))
+    return Report(
+        "Telemetry statistics", subject, [Section("Noise", "", facts, [plot], [table])], notes(figures.warnings)
+    )

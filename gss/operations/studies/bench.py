@@ -1,5 +1,5 @@
-"""Bench calibrations: dots, pairs of stars, checkerboards, dark current over temperature, focus runs. Each determines one
-part of a camera, with its uncertainty, and can serve as a prior for a calibration from stars."""
+"""Bench calibrations from dots, pairs of stars, checkerboards, dark currents and focus runs. Each method determines one
+part of a camera with its uncertainty. The results of PRIOR_KINDS can be priors of a calibration from stars."""
 
 from __future__ import annotations
 
@@ -46,33 +46,33 @@ MAX_POINTS = 2000
 MIN_SETTINGS = 4
 ZERO_C_K = 273.15
 STEADY_SIGMA_PX = 0.02
-"""Lower limit in px for the σ of a centre or focal length from the bench, because clamps and tables have play."""
+"""Minimum σ in px of a centre or focal length measured on a bench, because clamps and tables have play."""
 
 
 def centre(dots_px: Rows) -> CalibrationInput:
-    """Determine the optical centre from positions (col, row) of one dot while the camera rotates about its axis (Jacobs 1995
-    §6.2.1)."""
-    dots = table(dots_px, 2, "places of a dot: col, row")
+    """Determine the optical centre from positions (col, row) of one dot while the camera rotates about its axis (Jacobs
+    1995 §6.2.1)."""
+    dots = table(dots_px, 2, "positions of a dot: col, row")
     result = optical_centre(dots)
     content = dict(as_record(replace(result, warnings=()))) | {"dots_px": as_record(dots)}
-    return _found("bench-centre", {"centre": content}, result.warnings)
+    return _input_of("bench-centre", {"centre": content}, result.warnings)
 
 
 def tilt(pairs_px: Rows, profile: CameraProfile) -> CalibrationInput:
-    """Determine the detector's tilt from positions of two dots, one near the centre and one far out: col, row, col, row (eq.
-    6.15)."""
-    pairs = table(pairs_px, 4, "places of two dots: inner col, row, outer col, row")
+    """Determine the detector's tilt from the positions (col, row, col, row) of two dots, the first near the centre and
+    the second far from it (eq. 6.15)."""
+    pairs = table(pairs_px, 4, "positions of two dots: inner col, row, outer col, row")
     result = detector_tilt(pairs[:, :2], pairs[:, 2:], profile.camera, profile.focal_mm)
-    return _found("bench-tilt", {"tilt": dict(as_record(replace(result, warnings=())))}, result.warnings)
+    return _input_of("bench-tilt", {"tilt": dict(as_record(replace(result, warnings=())))}, result.warnings)
 
 
 def dark_law(rows: Rows) -> CalibrationInput:
-    """Determine dark current against temperature from rows of °C and electrons per second (eq. H.2)."""
+    """Determine the dark current as a function of temperature from rows of °C and electrons per second (eq. H.2)."""
     points = table(rows, 2, "temperature in °C, dark current in e⁻/s")
     law = dark_against_temperature(points[:, 0] + ZERO_C_K, points[:, 1])
     content = dict(as_record(replace(law, warnings=())))
     content |= {"temperature_c": as_record(points[:, 0]), "dark_e_s": as_record(points[:, 1])}
-    return _found("bench-dark-law", {"dark_law": content}, law.warnings)
+    return _input_of("bench-dark-law", {"dark_law": content}, law.warnings)
 
 
 def focal(
@@ -82,24 +82,25 @@ def focal(
     solved = solve_shots(solver, shots, profile, None, lambda share, text: progress(0.9 * share, text))
     result = focal_from_pairs(solved.stars, profile.camera, radius_px=radius_px)
     pick = np.linspace(0, len(result.values_px) - 1, min(len(result.values_px), MAX_POINTS)).astype(int)
-    thin = replace(result, warnings=(), values_px=result.values_px[pick], radius_px=result.radius_px[pick])
-    content = dict(as_record(thin)) | {
+    thinned = replace(result, warnings=(), values_px=result.values_px[pick], radius_px=result.radius_px[pick])
+    content = dict(as_record(thinned)) | {
         "documented_px": float(np.sqrt(profile.camera.focal_col_px * profile.camera.focal_row_px))
     }
-    return _found("bench-focal", {"focal": content, "account": solved.account}, result.warnings)
+    return _input_of("bench-focal", {"focal": content, "account": solved.account}, result.warnings)
 
 
 def radial(
     solver: Solver, shots: Sequence[Shot], profile: CameraProfile, progress: ProgressCallback, order: int
 ) -> CalibrationInput:
-    """Determine the polynomial of lens aberration from the distances of all stars to one near the centre (eq. 6.16–6.17)."""
+    """Determine the polynomial of lens aberration from the distances of all stars to a star near the centre (eq.
+    6.16–6.17)."""
     if not 1 <= order <= 4:
         raise BadInput("unsupported order of the polynomial", expected="1 to 4", got=str(order))
     solved = solve_shots(solver, shots, profile, None, lambda share, text: progress(0.9 * share, text))
     polynomial = radial_polynomial(solved.stars, profile.camera, profile.focal_mm, order)
     pick = np.linspace(0, len(polynomial.r_mm) - 1, min(len(polynomial.r_mm), MAX_POINTS)).astype(int)
-    thin = {n: getattr(polynomial, n)[pick] for n in ("r_mm", "delta_mm", "residual_mm", "used")}
-    content = dict(as_record(replace(polynomial, warnings=(), **thin)))
+    thinned = {n: getattr(polynomial, n)[pick] for n in ("r_mm", "delta_mm", "residual_mm", "used")}
+    content = dict(as_record(replace(polynomial, warnings=(), **thinned)))
     values: JsonObject = {}
     lens = profile.camera.distortion
     if isinstance(lens, RadialTilt):
@@ -135,15 +136,15 @@ def focus(
     progress: ProgressCallback,
     wished_sigma_px: float,
 ) -> CalibrationInput:
-    """Determine the best focus setting from pictures of stars at several settings, one or more at each."""
+    """Determine the best focus setting from one or more pictures of stars at each of several settings."""
     if len(positions) != len(shots):
         raise BadInput(
             "each image of a focus run needs its setting", expected=f"{len(shots)} settings", got=str(len(positions))
         )
     by_setting: dict[float, list[Shot]] = {}
-    for place, shot in zip(positions, shots, strict=True):
-        by_setting.setdefault(float(place), []).append(shot)
-    at, widths, skipped = [], [], []
+    for position, shot in zip(positions, shots, strict=True):
+        by_setting.setdefault(float(position), []).append(shot)
+    settings, widths, skipped = [], [], []
     for k, (setting, pictures) in enumerate(sorted(by_setting.items())):
         progress(k / len(by_setting), f"Setting {setting:g}, {k + 1} of {len(by_setting)}")
         try:
@@ -157,39 +158,41 @@ def focus(
             names = ", ".join(picture.name for picture in pictures)
             skipped.append({"name": f"setting {setting:g}: {names}", "used": False, "reason": str(error)})
             continue
-        at.append(setting)
+        settings.append(setting)
         widths.append(float(field.centre_sigma_px))
-    if skipped and len(at) < MIN_SETTINGS:
+    if skipped and len(settings) < MIN_SETTINGS:
         raise BadInput(
             "star width measured at too few settings",
             expected=f"{MIN_SETTINGS} settings",
-            got=f"{len(at)}; {skipped[0]['name']}: {skipped[0]['reason']}",
+            got=f"{len(settings)}; {skipped[0]['name']}: {skipped[0]['reason']}",
             hint="take several images at each setting, of a field with bright stars",
         )
-    return _focus_found(at, widths, wished_sigma_px, skipped)
+    return _focus_result(settings, widths, wished_sigma_px, skipped)
 
 
 def focus_of_widths(rows: Rows, wished_sigma_px: float) -> CalibrationInput:
-    """As ``focus``, from widths that were already measured: setting, σ in px."""
+    """Determine the best focus setting from rows of setting and measured star width σ in px."""
     points = table(rows, 2, "setting of the lens, σ of the stars in px")
-    return _focus_found(points[:, 0].tolist(), points[:, 1].tolist(), wished_sigma_px, [])
+    return _focus_result(points[:, 0].tolist(), points[:, 1].tolist(), wished_sigma_px, [])
 
 
-def _focus_found(at: list[float], widths: list[float], wished_px: float, skipped: list[JsonObject]) -> CalibrationInput:
+def _focus_result(
+    settings: list[float], widths: list[float], wished_px: float, skipped: list[JsonObject]
+) -> CalibrationInput:
     if not wished_px > 0:
         raise BadInput("invalid star width", expected="σ above 0 px", got=f"{wished_px:g} px")
-    best = best_focus(np.array(at), np.array(widths), wished_px)
+    best = best_focus(np.array(settings), np.array(widths), wished_px)
     advice = focus_advice(max(best.smallest_sigma_px, 0.05))
-    content = dict(as_record(best)) | {"positions": at, "sigma_px": widths, "advice": as_record(advice)}
-    return _found("bench-focus", {"focus_run": content, "account": skipped}, ())
+    content = dict(as_record(best)) | {"positions": settings, "sigma_px": widths, "advice": as_record(advice)}
+    return _input_of("bench-focus", {"focus_run": content, "account": skipped}, ())
 
 
-def _found(kind: str, result: JsonObject, warnings: Sequence[Any]) -> CalibrationInput:
+def _input_of(kind: str, result: JsonObject, warnings: Sequence[Any]) -> CalibrationInput:
     return CalibrationInput(kind, {}, result | {"warnings": [as_record(w) for w in warnings]})
 
 
 def table(rows: Rows, columns: int, title: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return (n, columns) numbers. Raises BadInput naming the first invalid row."""
+    """Return rows as (n, columns) numbers. Raises BadInput with the number of the first invalid row."""
     if not 1 <= len(rows) <= MAX_ROWS:
         raise BadInput(f"invalid data: not {title}", expected=f"1 to {MAX_ROWS} rows", got=str(len(rows)))
     for k, row in enumerate(rows):
@@ -203,8 +206,8 @@ def table(rows: Rows, columns: int, title: str) -> np.ndarray[Any, np.dtype[np.f
 
 
 def priors_of(results: Sequence[tuple[str, Mapping[str, Any]]]) -> dict[str, Prior]:
-    """Return the priors for a camera from bench results ((kind, result) of each); a later result replaces an earlier one for
-    the same value. Raises BadInput for a kind that gives no prior for its geometry."""
+    """Return the priors for a camera from bench results (kind, result). A later result replaces an earlier result for
+    the same value. Raises BadInput for a kind that is not in PRIOR_KINDS."""
     out: dict[str, Prior] = {}
     for kind, result in results:
         if kind == "bench-centre":
@@ -236,8 +239,8 @@ def _of_checkerboard(content: Mapping[str, Any]) -> dict[str, Prior]:
     value = dict(zip(content["names"], content["values"], strict=True))
     sigma = dict(zip(content["names"], content["sigma"], strict=True))
     focal_px = float(np.sqrt(value["focal_col_px"] * value["focal_row_px"]))
-    # A camera focused on a board is not focused on stars, so its focal length is known only to half a percent, not to
-    # its own σ.
+    # The camera was focused on the board and not on stars, so the focal length for stars is uncertain by half a percent,
+    # which is more than the σ of the measurement.
     out = {"focal_px": Prior(focal_px, max(sigma["focal_col_px"], 0.005 * focal_px))}
     for name in ("centre_col_px", "centre_row_px"):
         out[name] = Prior(value[name], max(sigma[name], STEADY_SIGMA_PX))

@@ -1,4 +1,4 @@
-"""Runs a bench calibration as requested; used by both the server and the command line."""
+"""Runs a requested bench calibration, for the server and the command line."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def run_bench(
     shots: Sequence[Shot],
     progress: ProgressCallback,
 ) -> CalibrationInput:
-    """Return the result of the method. ``shots`` in the order of ``wanted.frames``. Raises BadInput."""
+    """Return the result of the requested method. ``shots``: in the order of ``request.frames``. Raises BadInput."""
     match request:
         case BenchCentre():
             return bench.centre(request.dots_px)
@@ -51,4 +51,4 @@ def run_bench(
             return bench.radial(solver, shots, profile, progress, request.order)
         case BenchFocus():
             return bench.focus(request.positions, shots, profile, progress, request.wished_sigma_px)
-    raise BadInput("unknown method of the bench", expected=" | ".join(bench.KINDS), got=type(request).__name__)
+    raise BadInput("unknown method of bench calibration", expected=" | ".join(bench.KINDS), got=type(request).__name__)

@@ -1,4 +1,4 @@
-"""Bench results as sections of a report."""
+"""Sections of a report for the results of bench calibrations."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def _centre(centre: Mapping[str, Any]) -> list[Section]:
         Fact("radius of the circle", number(centre["radius_px"], 3), "px"),
         Fact("extent of the positions", f"{number(centre['box_px'][0], 3)} x {number(centre['box_px'][1], 3)}", "px"),
     ]
-    series = [Series("places", [d[0] for d in centre["dots_px"]], [d[1] for d in centre["dots_px"]], "dots")]
+    series = [Series("positions", [d[0] for d in centre["dots_px"]], [d[1] for d in centre["dots_px"]], "dots")]
     if centre["circle"]:
-        turns = [2 * math.pi * k / CIRCLE_POINTS for k in range(CIRCLE_POINTS + 1)]
-        col = [centre["col_px"] + centre["radius_px"] * math.cos(t) for t in turns]
-        row: list[float | None] = [centre["row_px"] + centre["radius_px"] * math.sin(t) for t in turns]
+        angles = [2 * math.pi * k / CIRCLE_POINTS for k in range(CIRCLE_POINTS + 1)]
+        col = [centre["col_px"] + centre["radius_px"] * math.cos(t) for t in angles]
+        row: list[float | None] = [centre["row_px"] + centre["radius_px"] * math.sin(t) for t in angles]
         series.append(Series("circle", col, row))
     plot = Plot("Dot during the camera rotation", "column, px", "row, px", series)
     return [Section("Optical centre from a dot", "Jacobs 1995 §6.2.1.", facts, [plot])]
@@ -59,12 +59,12 @@ def _tilt(tilt: Mapping[str, Any]) -> list[Section]:
 def _focal(focal: Mapping[str, Any]) -> list[Section]:
     facts = [
         Fact("focal length", number(focal["focal_px"], 7), "px", f"σ {number(focal['sigma_px'], 2)} px"),
-        Fact("by the small-angle form", number(focal["erlank_px"], 7), "px", "Erlank 2013 eq. 5.4.1"),
+        Fact("from the small-angle form", number(focal["erlank_px"], 7), "px", "Erlank 2013 eq. 5.4.1"),
         Fact("documented", number(focal["documented_px"], 7), "px"),
         Fact("pairs", number(focal["pairs"]), "", f"of {focal['frames']} frames"),
     ]
     plot = Plot(
-        "Focal length of every pair",
+        "Focal length of each pair",
         "distance of the farther star from the centre, px",
         "px",
         [Series("pairs", focal["radius_px"], focal["values_px"], "dots")],
@@ -125,7 +125,7 @@ def _checkerboard(checkerboard: Mapping[str, Any]) -> list[Section]:
         )
     ]
     tables = [Table("Parameters", ["name", "value", "σ"], rows), Table("Pictures", ["", "board", "rms px"], pictures)]
-    text = "A camera focused on a board is not focused on stars: determine the focal length from stars."
+    text = "A camera that is focused on a board is not focused on stars. Determine the focal length from stars."
     return [Section("Checkerboard", text, facts, arrows, tables)]
 
 

@@ -1,4 +1,4 @@
-"""Calibrates a camera from shots; used by both the server and the command line."""
+"""Calibrates a camera from shots, for the server and the command line."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from gss.pipeline.calibration.self_calibrate import calibrate_camera
 from gss.pipeline.calibration.sightings import FrameStars
 
 PSF_SHOTS = 8
-"""Number of shots whose star widths are measured; more would only take longer."""
+"""Number of shots whose star widths are measured. More shots would take longer without a better result."""
 
 
 @dataclass(frozen=True)
 class CalibrationInput:
-    """A calibration before it is stored. ``values``: in the form of the sensor's table, empty for a camera without a
+    """A calibration before it is stored. ``values``: values of the sensor's table, empty for a camera without a
     profile."""
 
     kind: str
@@ -63,8 +63,8 @@ def from_stars(
     psf: bool = True,
     priors: Mapping[str, Prior] | None = None,
 ) -> CalibrationInput:
-    """Calibrate geometry, magnitudes and spot widths from frames of stars. ``profile`` None: an unknown camera, solved blind.
-    ``priors``: from the bench."""
+    """Calibrate geometry, magnitudes and spot widths from frames of stars. ``profile``: None for an unknown
+    camera, which is solved blind; ``priors``: priors from bench calibrations."""
     check_models(models)
     solved = _first_solved(solver, shots, profile, fov_rad, lambda share, text: progress(0.5 * share, text))
     focal_mm = profile.focal_mm if profile else None
@@ -72,23 +72,23 @@ def from_stars(
     def fit(stars: Sequence[FrameStars], begin: float) -> CameraCalibration:
         progress(begin, "Fitting the camera")
         lenses = tuple(models) or tuple(LENS_MODELS)
-        carried = {*GEOMETRY, *(n for lens in lenses for n in LENS_MODELS[lens])}
+        parameter_names = {*GEOMETRY, *(n for lens in lenses for n in LENS_MODELS[lens])}
         return calibrate_camera(
             stars,
             solved.start,
             models=lenses,
             focal_mm=focal_mm,
-            priors={n: p for n, p in (priors or {}).items() if n in carried},
+            priors={n: p for n, p in (priors or {}).items() if n in parameter_names},
             progress=lambda share: progress(begin + 0.1 * share, "Fitting the camera"),
         )
 
     geometry = fit(solved.stars, 0.5)
-    # If the assumed geometry was wrong, stars at the edge were not matched, so solve again with the fitted geometry.
-    again = solve_shots(
+    # With a wrong initial geometry, stars at the edge are not matched, so the shots are solved again with the fitted geometry.
+    solved_again = solve_shots(
         solver, shots, profile, fov_rad, lambda share, text: progress(0.6 + 0.15 * share, text), camera=geometry.camera
     )
-    if _matched(again) > _matched(solved):
-        solved = replace(again, start=solved.start)
+    if _matched_count(solved_again) > _matched_count(solved):
+        solved = replace(solved_again, start=solved.start)
         geometry = fit(solved.stars, 0.75)
     result: JsonObject = {"geometry": report.geometry(geometry), "account": solved.account}
     light = None
@@ -98,7 +98,7 @@ def from_stars(
         try:
             light = calibrate_photometry(solved.stars, geometry.camera, gain_e_per_dn=gain_e_per_dn)
             result["photometry"] = report.photometry(light)
-        except BadInput as error:  # the geometry is worth storing even without photometry
+        except BadInput as error:  # the geometry is also stored without photometry
             result["photometry_problem"] = str(error)
     if psf:
         progress(0.92, "Measuring the spots")
@@ -106,8 +106,8 @@ def from_stars(
         images = [solver.cleaned(s.pixels(), profile, s.exposure_s)[0] for s in solved.shots[:PSF_SHOTS]]
         e_per_dn = profile.sensor.gain_e_per_dn if profile else 0.0
         try:
-            width = psf_over_field(images, geometry.camera, e_per_dn=e_per_dn, saturation_dn=full_dn)
-            result["psf"] = report.psf(width, focus_advice(width.centre_sigma_px))
+            spot_width = psf_over_field(images, geometry.camera, e_per_dn=e_per_dn, saturation_dn=full_dn)
+            result["psf"] = report.psf(spot_width, focus_advice(spot_width.centre_sigma_px))
         except BadInput as error:
             result["psf_problem"] = str(error)
     result["warnings"] = report.warnings(geometry, light)
@@ -122,8 +122,9 @@ def _first_solved(
     fov_rad: float | None,
     progress: ProgressCallback,
 ) -> SolvedFrame:
-    """Solve the shots with the documented camera. If fewer than half are solved, its lens is probably wrong: then solve them
-    blind using only the width of its field of view, and keep whichever matches more stars."""
+    """Solve the shots with the documented camera. If fewer than half are solved, the documented lens is probably wrong,
+    so the shots are also solved with only the width of its field of view. Return the solution with more matched
+    stars."""
     if profile is None:
         return solve_shots(solver, shots, None, fov_rad, progress)
     problem: BadInput | None = None
@@ -141,13 +142,13 @@ def _first_solved(
         if with_profile is None and problem is not None:
             raise problem from None
         blind = None
-    if with_profile is not None and (blind is None or _matched(with_profile) >= _matched(blind)):
+    if with_profile is not None and (blind is None or _matched_count(with_profile) >= _matched_count(blind)):
         return with_profile
-    assert blind is not None  # noqa: S101 - one of the two is there, or the problem was raised
+    assert blind is not None  # noqa: S101 - otherwise the problem was raised above
     return replace(blind, start=profile.camera)
 
 
-def _matched(solved: SolvedFrame) -> int:
+def _matched_count(solved: SolvedFrame) -> int:
     return sum(len(stars.hip) for stars in solved.stars)
 
 
@@ -159,7 +160,8 @@ def from_darks(
     keep: Callable[[DarkCalibration, Response | None], JsonObject] | None = None,
 ) -> CalibrationInput:
     """Determine pattern, hot and dead pixels, noise and gain from dark frames of one exposure and pairs of flat fields.
-    ``keep`` stores the map for reruns and returns its entry for the result. Raises BadInput for different exposures."""
+    ``keep``: function that stores the dark frame for reruns and returns its entry for the result. Raises BadInput for
+    different exposures."""
     progress(0.0, counted(len(darks), "dark frame"))
     exposures = {shot.exposure_s for shot in darks}
     if len(exposures) > 1:
@@ -176,7 +178,7 @@ def from_darks(
         curve = photon_transfer(
             [FlatPair(f[0], f[1]) for f in flats], saturation_dn=float(profile.sensor.saturation_dn)
         )
-        even = pixel_response(_alike(np.concatenate(flats) - dark.median_dn), 0.0)
+        even = pixel_response(_same_level(np.concatenate(flats) - dark.median_dn), 0.0)
         result |= {"photon_transfer": report.photon_transfer(curve), "response": report.response(even)}
         parts += [curve, even]
     bias_dn = curve.bias_dn if curve is not None and math.isfinite(curve.bias_dn) else profile.sensor.bias_dn
@@ -190,7 +192,7 @@ def from_darks(
     return CalibrationInput("detector", values, result)
 
 
-def _alike(flats: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Scale frames to a common median level, so that only the response of individual pixels remains."""
+def _same_level(flats: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Scale frames to the same median level, so that they differ only by the response of individual pixels."""
     levels = np.median(flats.reshape(len(flats), -1), axis=1)
     return np.asarray(flats * (np.median(levels) / np.maximum(levels, 1e-6))[:, None, None], np.float32)

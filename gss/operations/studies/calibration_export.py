@@ -1,5 +1,4 @@
-"""Exports a calibration for other programs: JSON with everything, ECSV with the parameters and their uncertainties; or as a
-report."""
+"""Exports a calibration as JSON with all data, as ECSV with the parameters and their uncertainties, or as a report."""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ KINDS = {
 
 
 def export_calibration(row: Calibration, kind: str) -> bytes:
-    """Return the bytes of the file."""
+    """Return a calibration as a file. ``kind``: one of KINDS."""
     if kind == "html":
         return as_html(calibration_sheet(row)).encode()
     if kind == "pdf":
@@ -38,7 +37,8 @@ def _json(row: Calibration) -> bytes:
 
 
 def _ecsv(row: Calibration) -> bytes:
-    """Return Enhanced CSV 1.0 (astropy APE 6): one row per parameter of the geometry, or per value if there is no geometry."""
+    """Return Enhanced CSV 1.0 (astropy APE 6): one row per parameter of the geometry, or per value without a
+    geometry."""
     parameters = row.result.get("geometry", {}).get("parameters") or [
         {"name": name, "value": value, "sigma": None, "unit": ""}
         for name, value in row.values.items()

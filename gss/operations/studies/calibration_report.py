@@ -1,4 +1,4 @@
-"""Content of a calibration's page: the pipeline's records as plain values, with long lists thinned."""
+"""Results of a calibration for its page: plain values of the pipeline's records, with thinned lists."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ MAX_PIXELS = 5000
 
 
 def geometry(calibration: CameraCalibration) -> JsonObject:
-    """Return camera, uncertainties, model comparison, maps before and after, and up to 4000 residuals for the plot."""
+    """Return camera, uncertainties, model comparison, maps before and after, and up to MAX_POINTS residuals for the
+    plot."""
     thinned = replace(calibration, stars=_thinned(calibration.stars), warnings=())
     return dict(as_record(thinned))
 
@@ -43,7 +44,7 @@ def _thinned(stars: StarResiduals) -> StarResiduals:
 
 
 def photometry(calibration: PhotometricCalibration) -> JsonObject:
-    """Return constants, histogram, and up to 4000 stars."""
+    """Return constants, histogram, and up to MAX_POINTS stars."""
     pick = np.linspace(0, len(calibration.v_mag) - 1, min(len(calibration.v_mag), MAX_POINTS)).astype(int)
     per_star = {name: getattr(calibration, name)[pick] for name in ("frame", "hip", "v_mag", "error_mag", "used")}
     return dict(as_record(replace(calibration, warnings=(), **per_star)))
@@ -55,7 +56,8 @@ def psf(psf_field: PsfField, advice: FocusAdvice) -> JsonObject:
 
 
 def dark(dark: DarkCalibration) -> JsonObject:
-    """Return statistics and the hot pixels, hottest first; the maps are stored as blobs."""
+    """Return statistics and the hot pixels, hottest first. The maps are not included, because they are stored as
+    blobs."""
     order = np.argsort(dark.hot_excess_dn)[::-1][:MAX_PIXELS]
     maps = {"median_dn", "noise_map_dn", "warnings"}
     small = replace(dark, hot=dark.hot[order], hot_excess_dn=dark.hot_excess_dn[order], noisy=dark.noisy[:MAX_PIXELS])
@@ -64,7 +66,7 @@ def dark(dark: DarkCalibration) -> JsonObject:
 
 
 def response(response_map: Response) -> JsonObject:
-    """Return dead pixels, and the spread in the response of the others."""
+    """Return the dead pixels, and the scatter of the response of all other pixels."""
     return {
         "dead": as_record(response_map.dead[:MAX_PIXELS]),
         "dead_count": len(response_map.dead),

@@ -1,4 +1,4 @@
-"""Requests for calibrations, in user units: of the API, the command line and the job store."""
+"""Requests for calibrations in user units, for the API, the command line and the job store."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAX_FRAMES = 2000
 LARGEST = 1e6
 FrameIds = Annotated[list[Id], Field(max_length=MAX_FRAMES)]
 Measured = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-"""Bench measurement; the range excludes NaN and infinity."""
+"""A measured value. The range excludes NaN and infinities."""
 
 
 class _Calibration(Request):
@@ -34,8 +34,8 @@ class _Calibration(Request):
 
 
 class StarCalibration(_Calibration):
-    """Calibration from star frames. ``profile``: "" for a camera without a profile, solved blind. ``models``: lens models to choose
-    from, all if empty. ``fov_deg``: width of the field of view, if known."""
+    """Calibration from star frames. ``profile``: "" for a camera without a profile, which is solved blind. ``models``:
+    lens models to compare, empty for all. ``fov_deg``: width of the field of view, None if unknown."""
 
     kind: Literal["stars"]
     profile: str = Field(default="", max_length=40)
@@ -52,7 +52,7 @@ class StarCalibration(_Calibration):
 
     @property
     def fov_rad(self) -> float | None:
-        """Width of the field of view, if known."""
+        """Width of the field of view in radians; None if unknown."""
         return None if self.fov_deg is None else math.radians(self.fov_deg)
 
     @model_validator(mode="after")
@@ -110,14 +110,14 @@ class BenchCentre(BenchCalibration):
     """Optical centre from positions of one dot while the camera is rotated."""
 
     kind: Literal["bench-centre"]
-    dots_px: _rows(2, "[col, row] of each turn")  # type: ignore[valid-type]  # a made type
+    dots_px: _rows(2, "[col, row] at each rotation")  # type: ignore[valid-type]  # a type created by a call
 
 
 class BenchTilt(BenchCalibration):
     """Detector tilt from positions of two dots."""
 
     kind: Literal["bench-tilt"]
-    pairs_px: _rows(4, "[inner col, inner row, outer col, outer row] of each turn")  # type: ignore[valid-type]  # a made type
+    pairs_px: _rows(4, "[inner col, inner row, outer col, outer row] at each rotation")  # type: ignore[valid-type]  # a type created by a call
 
 
 class BenchFocal(_BenchFrames):
@@ -128,14 +128,15 @@ class BenchFocal(_BenchFrames):
 
 
 class BenchRadial(_BenchFrames):
-    """Lens distortion polynomial from stars around one near the centre."""
+    """Lens distortion polynomial from the distances of stars to a star near the centre."""
 
     kind: Literal["bench-radial"]
     order: int = Field(default=3, ge=1, le=4)
 
 
 class BenchCheckerboard(_BenchFrames):
-    """Camera model from pictures of a checkerboard. ``corners``: inner corners across and down; ``square_mm``: side of a square."""
+    """Camera model from pictures of a checkerboard. ``corners``: inner corners across and down; ``square_mm``: side of
+    a square."""
 
     kind: Literal["bench-checkerboard"]
     corners: Annotated[list[Annotated[int, Field(ge=3, le=100)]], Field(min_length=2, max_length=2)]
@@ -147,11 +148,12 @@ class BenchDarkLaw(BenchCalibration):
     """Dark current as a function of temperature."""
 
     kind: Literal["bench-dark-law"]
-    points: _rows(2, "[temperature in °C, dark current in electrons per second]")  # type: ignore[valid-type]  # a made type
+    points: _rows(2, "[temperature in °C, dark current in electrons per second]")  # type: ignore[valid-type]  # a type created by a call
 
 
 class BenchFocus(BenchCalibration):
-    """Best focus, from pictures at several lens settings, in the order of ``positions``, or from measured star widths."""
+    """Best focus, from pictures at several lens settings, in the order of ``positions``, or from measured star
+    widths."""
 
     kind: Literal["bench-focus"]
     frame_ids: FrameIds = Field(default=[])
@@ -172,7 +174,7 @@ class BenchFocus(BenchCalibration):
         return self
 
 
-Wanted = Annotated[
+CalibrationRequest = Annotated[
     StarCalibration
     | DetectorCalibration
     | BenchCentre
@@ -198,9 +200,9 @@ def check_frames(purpose: str, ids: Sequence[int], fewest: int) -> None:
 
 @dataclass(frozen=True)
 class CalibrationJob(JobRequest):
-    """A calibration as a job."""
+    """Job request of a calibration."""
 
-    wanted: Wanted
+    wanted: CalibrationRequest
 
 
 MEASURED = {"bench-centre": "dots_px", "bench-tilt": "pairs_px", "bench-dark-law": "points", "bench-focus": "widths"}
@@ -208,18 +210,28 @@ MEASURED = {"bench-centre": "dots_px", "bench-tilt": "pairs_px", "bench-dark-law
 
 
 def earlier_request(stored: JsonObject) -> JsonObject:
-    """Convert a request that version 0.4 stored, with radians and the name beside it."""
+    """Convert a request stored by version 0.4, which contains radians and stores the name separately."""
     if "name" not in stored:
         return stored
-    old = dict(stored["wanted"])
-    new: JsonObject = {"profile": old["profile"], "name": stored["name"], "note": stored["note"]}
-    if "dark_ids" in old:
-        new |= {"kind": "detector", "dark_ids": old["dark_ids"], "flat_pairs": old["flat_pairs"]}
-    elif "options" in old:
-        pictures = {"frame_ids": old["frame_ids"], "positions": old["positions"]}
-        new |= {"kind": old["kind"]} | {name: ids for name, ids in pictures.items() if ids} | old["options"]
-        new |= {MEASURED[old["kind"]]: old["rows"]} if old["rows"] else {}
+    old_request = dict(stored["wanted"])
+    new_request: JsonObject = {"profile": old_request["profile"], "name": stored["name"], "note": stored["note"]}
+    if "dark_ids" in old_request:
+        new_request |= {
+            "kind": "detector",
+            "dark_ids": old_request["dark_ids"],
+            "flat_pairs": old_request["flat_pairs"],
+        }
+    elif "options" in old_request:
+        pictures = {"frame_ids": old_request["frame_ids"], "positions": old_request["positions"]}
+        new_request |= (
+            {"kind": old_request["kind"]}
+            | {name: ids for name, ids in pictures.items() if ids}
+            | old_request["options"]
+        )
+        new_request |= {MEASURED[old_request["kind"]]: old_request["rows"]} if old_request["rows"] else {}
     else:
-        fov_rad = old.pop("fov_rad", None)
-        new = old | new | {"kind": "stars", "fov_deg": None if fov_rad is None else math.degrees(fov_rad)}
-    return {"wanted": new, "user": stored.get("user", "")}
+        fov_rad = old_request.pop("fov_rad", None)
+        new_request = (
+            old_request | new_request | {"kind": "stars", "fov_deg": None if fov_rad is None else math.degrees(fov_rad)}
+        )
+    return {"wanted": new_request, "user": stored.get("user", "")}

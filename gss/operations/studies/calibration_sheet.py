@@ -1,4 +1,4 @@
-"""A stored calibration as a report: results, comparison before and after, and warnings."""
+"""Report of a stored calibration: results, comparison before and after, and warnings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gss.operations.studies.bench_sheet import BENCH
 from gss.store.models import Calibration
 
 ARROW_CELL_SHARE = 0.9
-"""Length of a map's longest arrow as a share of a cell."""
+"""Length of the longest arrow in a map as a share of a cell."""
 
 
 def calibration_sheet(row: Calibration) -> Report:
@@ -53,7 +53,7 @@ def calibration_sheet(row: Calibration) -> Report:
 
 
 def _health(health: Mapping[str, Any]) -> list[Section]:
-    """Changes that a health analysis proposes."""
+    """Return the changes that a health analysis proposes."""
     rows = [
         [
             c["name"],
@@ -64,8 +64,8 @@ def _health(health: Mapping[str, Any]) -> list[Section]:
         ]
         for c in health["changes"]
     ]
-    text = "Proposed from the trends of ordinary frames. Other values are unchanged."
-    table = Table("Changes", ["value", "before", "now", "95 %", "unit"], rows)
+    text = "Proposed from the trends of ordinary frames. All other values are unchanged."
+    table = Table("Changes", ["value", "before", "after", "95 %", "unit"], rows)
     return [Section("Health of the sensor", text, [], [], [table])]
 
 
@@ -93,11 +93,11 @@ def _geometry(geometry: Mapping[str, Any]) -> list[Section]:
     ]
     if geometry["frozen"]:
         rows_held = [[f["name"], number(f["value"], 6), f["reason"]] for f in geometry["frozen"]]
-        tables.append(Table("Fixed: not determined by the data", ["name", "value", "why"], rows_held))
+        tables.append(Table("Fixed: not determined by the data", ["name", "value", "reason"], rows_held))
     tables.append(
         Table(
             "Lens models on the same stars",
-            ["model", "parameters", "BIC", "AICc", "rms px", "left out px", ""],
+            ["model", "parameters", "BIC", "AICc", "rms px", "left-out px", ""],
             [
                 [
                     m["model"],
@@ -129,7 +129,7 @@ def _arrow_scale(field: Mapping[str, Any], columns: int) -> float:
 
 
 def _arrows(title: str, field: Mapping[str, Any], columns: int, rows: int, scale: float) -> Arrows:
-    places = [
+    means = [
         (c, r, cell)
         for r, line in zip(field["row_px"], field["mean_px"], strict=True)
         for c, cell in zip(field["col_px"], line, strict=True)
@@ -138,10 +138,10 @@ def _arrows(title: str, field: Mapping[str, Any], columns: int, rows: int, scale
         title,
         columns,
         rows,
-        [c for c, _, _ in places],
-        [r for _, r, _ in places],
-        [cell[0] for _, _, cell in places],
-        [cell[1] for _, _, cell in places],
+        [c for c, _, _ in means],
+        [r for _, r, _ in means],
+        [cell[0] for _, _, cell in means],
+        [cell[1] for _, _, cell in means],
         scale,
         "mean of each cell",
     )
@@ -153,7 +153,7 @@ def _against_radius(geometry: Mapping[str, Any]) -> Plot:
         ((c - camera["centre_col_px"]) ** 2 + (r - camera["centre_row_px"]) ** 2) ** 0.5 for c, r in stars["pixels"]
     ]
     return Plot(
-        "Residual of every star against its distance from the optical centre",
+        "Residual of each star against its distance from the optical centre",
         "distance, px",
         "residual, px",
         [
@@ -273,11 +273,13 @@ def _photon_transfer(transfer: Mapping[str, Any]) -> list[Section]:
 def _dead(dark: Mapping[str, Any]) -> list[Section]:
     rows = [[number(int(c)), number(int(r))] for c, r in dark["dead"][:40]]
     facts = [Fact("pixels without light", number(dark["dead_count"]))]
-    return [Section("Dead pixels", "", facts, [], [Table("The first", ["column", "row"], rows)] if rows else [])]
+    return [
+        Section("Dead pixels", "", facts, [], [Table("First dead pixels", ["column", "row"], rows)] if rows else [])
+    ]
 
 
 def _dark_frame(dark: Any) -> list[Section]:
-    """Describe the map that reruns subtract from frames; a calibration from stars only states that one was used."""
+    """Describe the dark frame that reruns subtract. A calibration from stars only states that a dark frame was used."""
     if not isinstance(dark, Mapping):
         return [Section("Dark frame", "The active dark frame was applied to the frames.")]
     picture = dark["picture"]
@@ -285,16 +287,21 @@ def _dark_frame(dark: Any) -> list[Section]:
     if picture is None:
         return [Section("Bad pixels", "No dark frame is subtracted.", [replaced])]
     facts = [
-        Fact("exposure", number(dark["exposure_s"], 3), "s", "the pattern is subtracted from frames within 20 % of it"),
+        Fact(
+            "exposure",
+            number(dark["exposure_s"], 3),
+            "s",
+            "the pattern is subtracted from frames whose exposure is within 20 %",
+        ),
         replaced,
     ]
     low_dn, high_dn = number(picture["low_dn"], 3), number(picture["high_dn"], 3)
-    caption = f"black {low_dn} DN, white {high_dn} DN or more, against the typical pixel"
+    caption = f"black {low_dn} DN, white {high_dn} DN or more, relative to the typical pixel"
     return [Section("Dark frame", "", facts, [Picture("Median dark frame", picture["png"], caption)])]
 
 
 def _account(result: Mapping[str, Any]) -> list[Section]:
-    """List which frames were used."""
+    """Return a table of the frames, with the reason for each unused frame."""
     fits = {f["name"]: f for f in result.get("geometry", {}).get("frames", [])}
     rows = []
     for entry in result.get("account", []):

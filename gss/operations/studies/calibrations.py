@@ -1,5 +1,5 @@
-"""Calibrations of a camera from its own stored frames: computed as jobs, stored as versions, compared, used, sent to the
-sensor."""
+"""Calibrations of a camera from its stored frames. They are computed as jobs, stored as versions, compared, used for
+reruns, and sent to the sensor."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from gss.operations.studies.calibration_requests import (
     BenchCentre,
     BenchCheckerboard,
     CalibrationJob,
+    CalibrationRequest,
     DetectorCalibration,
     StarCalibration,
-    Wanted,
     earlier_request,
 )
 from gss.operations.studies.camera_book import CameraBook
@@ -48,12 +48,13 @@ from gss.store.models import Calibration, DeviceTable, Job
 
 STEPS = 1000
 FOREIGN = "foreign"
-"""Camera name of calibrations without a profile: these can be used, but not sent to a sensor."""
+"""Camera name of calibrations without a profile, which can be used for a frame but not sent to a sensor."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two calibrations compared: the difference of their geometries over the detector, after the best common rotation."""
+    """Comparison of two calibrations. ``geometry``: difference over the detector after the best common rotation;
+    ``changed``: values that differ, (older, newer) by name."""
 
     older: Calibration
     newer: Calibration
@@ -84,8 +85,9 @@ class CalibrationService:
 
     # --- computation --------------------------------------------------------------------------------------------
 
-    def start(self, request: Wanted, *, user: str) -> Job:
-        """Queue a calibration; its result contains the id of the stored row. Raises BadInput before anything is queued."""
+    def start(self, request: CalibrationRequest, *, user: str) -> Job:
+        """Queue a calibration. The result of the job contains the id of the stored row. Raises BadInput before the job
+        is queued."""
         job = CalibrationJob(request, user=user)
         title, work = self._work(job)
         return self._jobs.begin("calibration", title, job, work)
@@ -94,21 +96,21 @@ class CalibrationService:
         return self._work(job)[1](run)
 
     def _work(self, job: CalibrationJob) -> tuple[str, Work]:
-        """Return the title and work function of a calibration, after looking up its inputs."""
+        """Look up the inputs of a calibration, and return its title and the function that runs it."""
         calibration_request = job.wanted
         profile = self._camera(calibration_request)
-        of = profile.name if profile else FOREIGN
+        camera_name = profile.name if profile else FOREIGN
         shots = self._shots.of(calibration_request.frames)
-        # Restores the order of frame_ids, which matches the settings of a focus run.
+        # The settings of a focus run are in the order of frame_ids, so this order is restored.
         if isinstance(calibration_request, BenchCalibration):
-            place = {frame_id: k for k, frame_id in enumerate(calibration_request.frames)}
-            shots.sort(key=lambda shot: place[shot.frame_id or 0])
+            position = {frame_id: k for k, frame_id in enumerate(calibration_request.frames)}
+            shots.sort(key=lambda shot: position[shot.frame_id or 0])
         pairs = (
             [self._shots.of(pair) for pair in calibration_request.flat_pairs]
             if isinstance(calibration_request, DetectorCalibration)
             else []
         )
-        priors = self._priors(calibration_request, of)
+        priors = self._priors(calibration_request, camera_name)
 
         def work(run: JobRun) -> JobResult:
             if run.checkpoint:  # the row was stored before the server stopped
@@ -117,11 +119,11 @@ class CalibrationService:
             def progress(share: float, text: str) -> None:
                 run.progress(round(STEPS * share), STEPS, text)
 
-            calibration = self._make(calibration_request, profile, shots, pairs, priors, progress)
+            calibration = self._computed(calibration_request, profile, shots, pairs, priors, progress)
             row = Calibration(
-                profile=of,
+                profile=camera_name,
                 kind=calibration.kind,
-                name=calibration_request.name or f"{of} {calibration.kind}",
+                name=calibration_request.name or f"{camera_name} {calibration.kind}",
                 created=self._now(),
                 author=job.user,
                 tool=f"gss {__version__}",
@@ -134,36 +136,39 @@ class CalibrationService:
                 store.add_calibration(session, row)
                 result = {"calibration_id": row.id, "warnings": len(calibration.result["warnings"])}
                 run.keep(result, session)
-            self._bus.record("calibration", "ok", f"Calibration {row.id} of {of} made, by {job.user}")
+            self._bus.record("calibration", "ok", f"Calibration {row.id} of {camera_name} completed for {job.user}")
             return result
 
         source = counted(len(shots), "frame") if shots else "the bench"
-        return f"calibrate {of} from {source}", work
+        return f"calibrate {camera_name} from {source}", work
 
-    def _camera(self, request: Wanted) -> CameraProfile | None:
-        """Return the documented camera; for a calibration from stars, with the detector calibration if one is in use."""
+    def _camera(self, request: CalibrationRequest) -> CameraProfile | None:
+        """Return the documented camera. For a calibration from stars, the active detector calibration is applied to
+        it."""
         if not request.profile:
             if isinstance(request, BenchCalibration) and not isinstance(request, BenchCheckerboard | BenchCentre):
                 raise BadInput("this method needs a camera", expected="a profile", got="none")
             return None
         profile = self._instruments.camera(request.profile)
         if isinstance(request, StarCalibration) and self.book.dark_of(profile.name):
-            used = self.book.profile(profile.name)
-            return replace(used, camera=profile.camera, focal_mm=profile.focal_mm)
+            active = self.book.profile(profile.name)
+            return replace(active, camera=profile.camera, focal_mm=profile.focal_mm)
         return profile
 
-    def _priors(self, request: Wanted, of: str) -> dict[str, Prior]:
+    def _priors(self, request: CalibrationRequest, camera_name: str) -> dict[str, Prior]:
         if not isinstance(request, StarCalibration) or not request.prior_ids:
             return {}
         rows = [self.get(k) for k in request.prior_ids]
-        other = [row for row in rows if row.profile not in (of, FOREIGN)]
-        if other:
-            raise BadInput("the prior was measured on another camera", expected=of, got=other[0].profile)
+        other_cameras = [row for row in rows if row.profile not in (camera_name, FOREIGN)]
+        if other_cameras:
+            raise BadInput(
+                "the prior was measured on another camera", expected=camera_name, got=other_cameras[0].profile
+            )
         return bench.priors_of([(row.kind, row.result) for row in rows])
 
-    def _make(
+    def _computed(
         self,
-        request: Wanted,
+        request: CalibrationRequest,
         profile: CameraProfile | None,
         shots: Sequence[Shot],
         pairs: Sequence[Sequence[Shot]],
@@ -190,19 +195,19 @@ class CalibrationService:
         return replace(calibration, result=calibration.result | {"dark_frame": dark}) if dark else calibration
 
     def from_health(self, analysis_id: int, *, user: str) -> Calibration:
-        """Store the calibration that a health analysis proposes: the sensor's values, and the bad pixels added to those of the
-        dark frame in use. Raises NotFound, or BadInput for another kind of analysis."""
+        """Store the calibration that a health analysis proposes: values of the sensor, and bad pixels in addition to
+        those of the active dark frame. Raises NotFound, and BadInput for another kind of analysis."""
         with self._database.unit_of_work() as session:
             analysis = store.analysis(session, analysis_id)
         if analysis.kind != "health":
             raise BadInput("this analysis proposes no calibration", expected="kind health", got=analysis.kind)
-        of, proposal = str(analysis.request["profile"]), analysis.result["figures"]["proposal"]
+        camera_name, proposal = str(analysis.request["profile"]), analysis.result["figures"]["proposal"]
         result: JsonObject = {"health": {"changes": proposal["changes"]}, "warnings": []}
-        bad = np.array(proposal["bad"], np.intp).reshape(-1, 2)
-        if len(bad) or self.book.dark_of(of):
-            result["dark_frame"] = self._darks.keep_pattern(self._with_bad(of, bad))
+        bad_pixels = np.array(proposal["bad"], np.intp).reshape(-1, 2)
+        if len(bad_pixels) or self.book.dark_of(camera_name):
+            result["dark_frame"] = self._darks.keep_pattern(self._with_bad(camera_name, bad_pixels))
         row = Calibration(
-            profile=of,
+            profile=camera_name,
             kind="health",
             name=f"health, analysis {analysis_id}",
             created=self._now(),
@@ -216,23 +221,24 @@ class CalibrationService:
         with self._database.unit_of_work() as session:
             store.add_calibration(session, row)
         self._bus.record(
-            "calibration", "ok", f"Calibration {row.id} of {of} proposed by analysis {analysis_id}, by {user}"
+            "calibration", "ok", f"Calibration {row.id} of {camera_name} proposed by analysis {analysis_id}, by {user}"
         )
         return row
 
-    def _with_bad(self, of: str, bad: NDArray[np.intp]) -> DarkPattern:
-        """Return the dark frame in use with further bad pixels; without one, a map that only replaces them."""
-        key, profile = self.book.dark_of(of), self.book.profile(of)
+    def _with_bad(self, camera_name: str, bad_pixels: NDArray[np.intp]) -> DarkPattern:
+        """Return the active dark frame with additional bad pixels; without an active dark frame, a map that only
+        replaces the bad pixels."""
+        key, profile = self.book.dark_of(camera_name), self.book.profile(camera_name)
         if not key:
             flat = np.zeros((profile.camera.rows, profile.camera.columns), np.float32)
-            return DarkPattern(flat, bad, profile.sensor.exposure_s)
+            return DarkPattern(flat, bad_pixels, profile.sensor.exposure_s)
         stored_pattern = self._darks.pattern(key)
-        return replace(stored_pattern, bad=np.unique(np.concatenate([stored_pattern.bad, bad]), axis=0))
+        return replace(stored_pattern, bad=np.unique(np.concatenate([stored_pattern.bad, bad_pixels]), axis=0))
 
     # --- queries ------------------------------------------------------------------------------------------------
 
     def newest(self, limit: int, profile_name: str = "") -> list[Calibration]:
-        """Return the newest calibrations first."""
+        """Return up to ``limit`` calibrations, latest first."""
         with self._database.unit_of_work() as session:
             return store.calibrations(session, limit, profile_name)
 
@@ -258,22 +264,22 @@ class CalibrationService:
     # --- use ----------------------------------------------------------------------------------------------------
 
     def use(self, calibration_id: int, *, user: str) -> Calibration:
-        """Use this calibration for reruns from now on. Raises BadInput if it does not define a profile's camera."""
+        """Use a calibration for reruns from now on. Raises BadInput if it does not define the camera of a profile."""
         row = self.get(calibration_id)
         if not row.values:
             raise _no_values(row)
         self.book.use(calibration_id, user=user)
-        self._bus.record("calibration", "ok", f"{row.profile}: calibration {row.id} is used for reruns, by {user}")
+        self._bus.record("calibration", "ok", f"{row.profile}: {user} selected calibration {row.id} for reruns")
         return row
 
     def use_documented(self, profile_name: str, *, user: str) -> None:
         """Use the documented camera for reruns again."""
         self.book.use_documented(profile_name)
-        self._bus.record("calibration", "ok", f"{profile_name}: the documented camera is used for reruns, by {user}")
+        self._bus.record("calibration", "ok", f"{profile_name}: {user} selected the documented camera for reruns")
 
     def table(self, calibration_id: int, *, user: str) -> DeviceTable:
-        """Return the calibration as a table for the sensor, created on first use; it can then be uploaded, verified and
-        activated."""
+        """Return the calibration as a table for the sensor, which can be uploaded, verified and activated. The table is
+        created on the first call."""
         row = self.get(calibration_id)
         if row.table_id is not None:
             return self._tables.get(row.table_id)
@@ -291,7 +297,7 @@ class CalibrationService:
         record = row.result.get("geometry", row.result).get("camera")
         if record is None:
             raise BadInput(
-                "this calibration does not cover a whole camera", expected="stars or a checkerboard", got=row.kind
+                "this calibration covers only part of a camera", expected="stars or a checkerboard", got=row.kind
             )
         return camera_from(record)
 
@@ -301,7 +307,7 @@ def _no_values(row: Calibration) -> BadInput:
     if row.kind in bench.KINDS and row.profile != FOREIGN:
         prior = row.kind in bench.PRIOR_KINDS
         return BadInput(
-            "a bench result covers only part of a camera",
+            "a bench calibration covers only part of a camera",
             expected="a calibration from stars or darks",
             got=row.kind,
             hint="calibrate from stars and select it as a prior" if prior else "see its report",

@@ -1,4 +1,4 @@
-"""The cameras that the ground uses for each profile: the documented one, or a calibration chosen for reruns."""
+"""The active camera of each profile: the documented camera, or a calibration selected for reruns."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from gss.store.models import Calibration
 
 PREFIX = "camera."
 SOURCE = "calibration"
-"""Key in a profile's ``sources`` that names the calibration it comes from."""
+"""Key in ``sources`` of a profile whose value names the calibration of its values."""
 
 
 class CameraBook:
-    """The cameras in use. Changes take effect with the next frame; stored solutions keep their camera."""
+    """Provides the active cameras. Changes apply from the next frame on; stored solutions keep their camera."""
 
     def __init__(self, database: Database, instruments: Registry, now: Now) -> None:
         self._database, self._instruments, self._now = database, instruments, now
@@ -36,31 +36,32 @@ class CameraBook:
                     self._used[name] = calibration_id, self._camera_of(row)
 
     def profile(self, name: str) -> CameraProfile:
-        """Return the camera in use for a profile. Raises NotFound for an unknown name."""
+        """Return the active camera of a profile. Raises NotFound for an unknown name."""
         with self._lock:
-            used = self._used.get(name)
-        return self._instruments.camera(name) if used is None else used[1]
+            active = self._used.get(name)
+        return self._instruments.camera(name) if active is None else active[1]
 
     def status_of(self, name: str) -> Status:
-        """Return where the telemetry of an instrument has its state. Raises NotFound for an unknown name."""
+        """Return the quantities that contain the state in the telemetry of an instrument. Raises NotFound for an
+        unknown name."""
         return self._instruments.get(name).roles.quantities.status
 
     def profiles(self) -> dict[str, CameraProfile]:
-        """Return every camera, for workers in other processes."""
+        """Return all active cameras by name, for workers in other processes."""
         return {name: self.profile(name) for name in self._instruments.cameras()}
 
     def in_use(self, name: str) -> int | None:
-        """Return the id of the calibration in use; None for the documented camera."""
+        """Return the id of the active calibration; None for the documented camera."""
         with self._lock:
-            used = self._used.get(name)
-        return None if used is None else used[0]
+            active = self._used.get(name)
+        return None if active is None else active[0]
 
     def dark_of(self, name: str) -> str:
-        """Return the key of the dark frame in use with the camera; "" if there is none."""
+        """Return the key of the dark frame of the active camera; "" if there is none."""
         return self.profile(name).sources.get(DARK, "")
 
     def use(self, calibration_id: int, *, user: str) -> None:
-        """Use this calibration for its camera from now on."""
+        """Use a calibration for its camera from now on."""
         with self._database.unit_of_work() as session:
             row = studies.calibration(session, calibration_id)
             camera = self._camera_of(row)
@@ -69,7 +70,7 @@ class CameraBook:
             self._used[row.profile] = calibration_id, camera
 
     def use_documented(self, name: str) -> None:
-        """Use the documented camera again. Raises NotFound if no calibration is in use."""
+        """Use the documented camera again. Raises NotFound if no calibration is active."""
         self._instruments.get(name)
         with self._database.unit_of_work() as session:
             if not choices.forget(session, PREFIX + name):
@@ -78,12 +79,12 @@ class CameraBook:
             self._used.pop(name, None)
 
     def with_values(self, name: str, values: dict[str, float | str], calibration_id: int) -> CameraProfile:
-        """Return the documented camera with the values of a calibration, naming the calibration in ``sources``."""
+        """Return the documented camera with the values of a calibration. Its ``sources`` name the calibration."""
         camera = calibrated(self._instruments.camera(name), values)
         return replace(camera, sources={**camera.sources, SOURCE: f"calibration {calibration_id}"})
 
     def _camera_of(self, row: Calibration) -> CameraProfile:
-        """Return the camera of a calibration, with the dark frame that it used or contains."""
+        """Return the camera of a calibration, with the dark frame that the calibration used or contains."""
         camera = self.with_values(row.profile, row.values, row.id)
         dark = row.result.get("dark_frame")
         key = dark.get("key", "") if isinstance(dark, dict) else str(dark or "")

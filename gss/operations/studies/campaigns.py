@@ -1,4 +1,4 @@
-"""Long studies as jobs: the documents' experiments, and a comparison of the chains' results on stored frames."""
+"""Runs the documents' experiments as jobs, and compares the results of the chains on stored frames."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ MAX_CONCURRENT = 40
 
 
 class ExperimentsRequest(Request):
-    """Experiments to run. The job's result holds one record for each: columns, rows, conditions, notes, series."""
+    """Experiments to run. The result of the job contains a record with columns, rows, conditions, notes and series for
+    each experiment."""
 
     names: list[str] = Field(min_length=1, max_length=MAX_CONCURRENT)
     trials: int | None = Field(default=None, ge=1, le=10_000_000)
@@ -30,15 +31,15 @@ class ExperimentsRequest(Request):
 
 @dataclass(frozen=True)
 class ExperimentsJob(JobRequest):
-    """Experiments as a job."""
+    """Job request of experiments."""
 
     asked: ExperimentsRequest
 
 
 @dataclass(frozen=True)
 class ChainRecord:
-    """All ground results of one chain, version and set of changed constants (``options``). Medians are over the solved ones;
-    None without data."""
+    """All ground results of one chain, version and set of changed constants (``options``). Medians are over the solved
+    frames; None without data."""
 
     chain: str
     version: str
@@ -61,8 +62,8 @@ class CampaignService:
         jobs.register(JobKind("experiments", ExperimentsJob, self._run, older=nested_request))
 
     def run_experiments(self, spec: ExperimentsRequest, *, user: str) -> Job:
-        """Queue experiments; the job's result contains a record of each. Raises NotFound or BadInput before anything is
-        queued."""
+        """Queue experiments. The result of the job contains a record of each experiment. Raises NotFound or BadInput
+        before the job is queued."""
         for name in spec.names:
             experiments.check(name, spec.trials, spec.seed)
         title = spec.names[0] if len(spec.names) == 1 else f"{len(spec.names)} experiments"
@@ -72,8 +73,8 @@ class CampaignService:
         return _experiments(request.asked, run, self._executor)
 
     def compare(self) -> list[ChainRecord]:
-        """Return every chain, version and set of changed constants that ran on stored frames; only the newest result per
-        frame counts."""
+        """Return a record for each chain, version and set of changed constants that ran on stored frames. Only the
+        latest result per frame counts."""
         with self._database.unit_of_work() as session:
             rows = store.newest_by_chain(session)
         groups: dict[tuple[str, str, str], list[store.SolutionOutcome]] = {}
@@ -83,23 +84,24 @@ class CampaignService:
 
 
 def _experiments(spec: ExperimentsRequest, run: JobRun, executor: Executor) -> JobResult:
-    """Run all experiments. Each completed one is checkpointed; after a crash only those in progress are rerun."""
+    """Run all experiments. Each completed experiment is added to the checkpoint; after a crash, only the experiments in
+    progress are rerun."""
     names = spec.names
-    done = list((run.checkpoint or {}).get("experiments", ()))
-    remaining = [(name, spec.trials, spec.seed) for name in names[len(done) :]]
+    completed_records = list((run.checkpoint or {}).get("experiments", ()))
+    remaining = [(name, spec.trials, spec.seed) for name in names[len(completed_records) :]]
 
     def report_share(share: float) -> None:
-        if len(done) < len(names):
-            text = f"{names[len(done)]}, {100 * share:.0f} %"
-            run.progress(round(100 * (len(done) + share)), 100 * len(names), text)
+        if len(completed_records) < len(names):
+            text = f"{names[len(completed_records)]}, {100 * share:.0f} %"
+            run.progress(round(100 * (len(completed_records) + share)), 100 * len(names), text)
 
     report_share(0.0)
     with closing(executor.in_order(experiments.run_item, remaining, report_share)) as records:
         for record in records:
-            done.append(record)
-            run.keep({"experiments": done})
+            completed_records.append(record)
+            run.keep({"experiments": completed_records})
             report_share(0.0)
-    return {"experiments": done}
+    return {"experiments": completed_records}
 
 
 def _record(chain: str, version: str, options: str, rows: Sequence[store.SolutionOutcome]) -> ChainRecord:

@@ -1,4 +1,4 @@
-"""Report on one chain over the stored frames: rate, errors, and where and why it failed, against another chain."""
+"""Report of one chain on the stored frames: success rate, errors and failures, compared with another chain."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from gss.store.engine import Database
 from gss.store.frames import ChainKey, FrameRun
 
 MAX_FRAMES = 20_000
-"""Newest frames of a chain that a report covers."""
+"""Maximum number of frames in a report; the latest frames are used."""
 MAX_FAILURES = 500
 GROUND_RESULT = "the operational ground result"
 MAX_BINS = 24
@@ -35,7 +35,7 @@ MAX_BINS = 24
 
 @dataclass(frozen=True)
 class Failure:
-    """A frame that the chain did not solve, or solved differently. ``kind``: no solution, wrong or differs."""
+    """A frame without a solution, or with a different solution. ``kind``: no solution, wrong or differs."""
 
     frame_id: int
     kind: str
@@ -44,7 +44,8 @@ class Failure:
 
 @dataclass(frozen=True)
 class ChainReport:
-    """The report and the frames that need a look, oldest first, at most ``MAX_FAILURES`` of ``failed``."""
+    """A report with its failures. ``failures``: at most ``MAX_FAILURES``, oldest frame first; ``failed``: number of all
+    failures."""
 
     report: Report
     failures: tuple[Failure, ...]
@@ -57,26 +58,26 @@ def name_of(key: ChainKey) -> str:
 
 
 class ChainReports:
-    """Computes reports from the stored results. The newest result of each frame counts."""
+    """Computes reports from stored results. Only the latest result of each frame counts."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def report(self, key: ChainKey, against: ChainKey | None = None) -> ChainReport:
-        """Return the report of a chain against another one; None: each frame's operational result. Raises NotFound if one of
-        them never ran."""
+        """Return the report of a chain compared with another chain, or with each frame's operational result if
+        ``against`` is None. Raises NotFound if one of the chains has no results."""
         with self._database.unit_of_work() as session:
             own_runs = store.runs_of(session, key, MAX_FRAMES)
             ids = [run.frame_id for run in own_runs]
-            others = (
+            other_runs = (
                 store.operational_runs(session, ids) if against is None else store.runs_of(session, against, MAX_FRAMES)
             )
-        for run_key, runs in ((key, own_runs), (against, others)):
+        for run_key, runs in ((key, own_runs), (against, other_runs)):
             if run_key is not None and not runs:
                 raise NotFound("no result of this chain on a stored frame", got=name_of(run_key))
-        other = {run.frame_id: run for run in others}
+        other_by_frame = {run.frame_id: run for run in other_runs}
         compared = GROUND_RESULT if against is None else name_of(against)
-        judged = [_judged(run, other.get(run.frame_id)) for run in own_runs]
+        judged = [_judged(run, other_by_frame.get(run.frame_id)) for run in own_runs]
         failures = [
             failure for run, state in zip(own_runs, judged, strict=True) if (failure := _failure(run, state, compared))
         ]
@@ -84,10 +85,10 @@ class ChainReports:
             _summary(own_runs),
             _comparison(judged, compared),
             Section("Errors", drawings=[p for p in (_errors(own_runs), _differences(judged, compared)) if p]),
-            Section("When and where", drawings=[_over_time(own_runs), _over_sky(own_runs, other)]),
+            Section("When and where", drawings=[_over_time(own_runs), _over_sky(own_runs, other_by_frame)]),
             _reasons(own_runs),
         ]
-        notes = [Note(f"Only the newest {MAX_FRAMES} frames are covered.")] if len(own_runs) == MAX_FRAMES else []
+        notes = [Note(f"Only the latest {MAX_FRAMES} frames are covered.")] if len(own_runs) == MAX_FRAMES else []
         days = dict.fromkeys(f"{run.taken:%Y-%m-%d}" for run in (own_runs[0], own_runs[-1]))
         subtitle = f"{counted(len(own_runs), 'frame')}, {' to '.join(days)}, against {compared}"
         return ChainReport(
@@ -101,8 +102,9 @@ class ChainReports:
 
 @dataclass(frozen=True)
 class _Judged:
-    """One frame beside the other result. ``state``: agrees, differs, none (the other has no solution) or missing (not run);
-    ``cross_rad``, ``about_rad``: difference of the attitudes, NaN if one is missing."""
+    """Result of a frame compared with the other chain. ``state``: agrees, differs, none (no solution of the other
+    chain) or missing (the other chain was not run); ``cross_rad``, ``about_rad``: difference of the attitudes, NaN if
+    an attitude is missing."""
 
     solved: bool
     state: str
@@ -111,13 +113,13 @@ class _Judged:
 
 
 def _judged(run: FrameRun, other: FrameRun | None) -> _Judged:
-    nothing = float("nan")
+    no_angle = float("nan")
     if other is None:
-        return _Judged(run.solved, "missing", nothing, nothing)
+        return _Judged(run.solved, "missing", no_angle, no_angle)
     if not other.solved:
-        return _Judged(run.solved, "none", nothing, nothing)
+        return _Judged(run.solved, "none", no_angle, no_angle)
     if not run.solved:
-        return _Judged(False, "agrees", nothing, nothing)
+        return _Judged(False, "agrees", no_angle, no_angle)
     cross_rad, about_rad = pointing_difference_rad(_matrix(run), _matrix(other))
     return _Judged(True, "agrees" if attitudes_agree(cross_rad, about_rad) else "differs", cross_rad, about_rad)
 
@@ -126,7 +128,7 @@ def _failure(run: FrameRun, judged: _Judged, compared: str) -> Failure | None:
     if not run.solved:
         return Failure(run.frame_id, "no solution", run.reason)
     if run.verdict == "wrong":
-        return Failure(run.frame_id, "wrong", "the attitude is not that of the simulated sky")
+        return Failure(run.frame_id, "wrong", "the attitude differs from that of the simulated sky")
     if judged.state == "differs":
         cross, about = judged.cross_rad / ARCSEC_RAD, judged.about_rad / ARCSEC_RAD
         return Failure(run.frame_id, "differs", f"{cross:.0f}″ across and {about:.0f}″ about the axis from {compared}")
@@ -139,8 +141,8 @@ def _summary(runs: Sequence[FrameRun]) -> Section:
     wrong = sum(run.verdict == "wrong" for run in judged)
     facts = [Fact("Frames", str(len(runs))), Fact("Solved", share_text(len(solved), len(runs)), note="95 % interval")]
     if judged:
-        most = 100 * share_interval(wrong, len(judged))[1]
-        facts.append(Fact("Wrong", f"{wrong} of {len(judged)}", note=f"at most {most:.1f} % (95 %)"))
+        upper_limit = 100 * share_interval(wrong, len(judged))[1]
+        facts.append(Fact("Wrong", f"{wrong} of {len(judged)}", note=f"at most {upper_limit:.1f} % (95 %)"))
     for label, unit, value in (
         ("Median error of the axis", "″", [_arcsec(run.error_axis_rad) for run in solved]),
         ("Median residual", "px", [run.rms_px for run in solved]),
@@ -159,12 +161,14 @@ def _comparison(judged: Sequence[_Judged], compared: str) -> Section:
         counts = [sum(j.solved is solved and j.state == state for j in judged) for state in columns]
         cells = [str(n) for n in counts] if solved else [str(counts[0]), "–", *(str(n) for n in counts[2:])]
         rows.append([label, *cells])
-    heads = ["This chain", "solved, agrees", "solved, differs", "no solution", "not run"]
+    column_titles = ["This chain", "solved, agrees", "solved, differs", "no solution", "not run"]
     text = (
         f"Columns: {compared}. Attitudes agree if they differ by less than {AGREE_CROSS_RAD / ARCSEC_RAD:.0f}″ across and "
-        f"{AGREE_ABOUT_RAD / ARCSEC_RAD:.0f}″ about the axis. A frame that only the other solved counts under the first column."
+        f"{AGREE_ABOUT_RAD / ARCSEC_RAD:.0f}″ about the axis. A frame that only the other chain solved counts in the first column."
     )
-    return Section("Against the other result", text, tables=[Table(f"Frames by result, {compared}", heads, rows)])
+    return Section(
+        "Against the other result", text, tables=[Table(f"Frames by result, {compared}", column_titles, rows)]
+    )
 
 
 def _errors(runs: Sequence[FrameRun]) -> Plot | None:
@@ -178,7 +182,8 @@ def _differences(judged: Sequence[_Judged], compared: str) -> Plot | None:
 
 
 def _histogram(title: str, values: Sequence[float]) -> Plot | None:
-    """Histogram with equal steps of the logarithm; differences below a thousandth of an arcsecond count in the first bin."""
+    """Return a histogram with logarithmic bins. Differences below a thousandth of an arcsecond count in the first
+    bin."""
     if not values:
         return None
     clipped = np.clip(values, 1e-3, None)
@@ -205,27 +210,29 @@ def _over_time(runs: Sequence[FrameRun]) -> Plot:
     )
 
 
-def _over_sky(runs: Sequence[FrameRun], other: Mapping[int, FrameRun]) -> Plot:
-    """Boresights of the frames; of one without a solution, that of the other result."""
-    placed = [(run.solved, run if run.solved else other.get(run.frame_id)) for run in runs]
+def _over_sky(runs: Sequence[FrameRun], other_by_frame: Mapping[int, FrameRun]) -> Plot:
+    """Plot the boresights of the frames. For a frame without a solution, the boresight of the other result is
+    plotted."""
+    attitude_runs = [(run.solved, run if run.solved else other_by_frame.get(run.frame_id)) for run in runs]
 
     def dots(label: str, select: Callable[[bool], bool]) -> Series:
-        at = [_place(o) for solved, o in placed if select(solved) and o is not None and o.solved]
-        return Series(label, [a for a, _ in at], [d for _, d in at], "dots")
+        positions = [_ra_dec_deg(o) for solved, o in attitude_runs if select(solved) and o is not None and o.solved]
+        return Series(label, [a for a, _ in positions], [d for _, d in positions], "dots")
 
     series = [dots("solved", bool), dots("no solution", lambda solved: not solved)]
     return Plot("Boresights on the sky", "right ascension, °", "declination, °", series)
 
 
 def _reasons(runs: Sequence[FrameRun]) -> Section:
-    """Reasons of frames without a solution, numbers in them left out so that alike reasons count together."""
+    """Count the reasons of frames without a solution. Numbers in a reason are replaced, so that similar reasons count
+    together."""
     counts: dict[str, int] = {}
     for run in runs:
         if not run.solved:
             reason = " ".join("…" if any(c.isdigit() for c in word) else word for word in run.reason.split())
             counts[reason] = counts.get(reason, 0) + 1
     rows = [[str(n), reason or "no reason stored"] for reason, n in sorted(counts.items(), key=lambda item: -item[1])]
-    table = Table("Numbers in the reasons are left out", ["Frames", "Reason"], rows)
+    table = Table("Numbers in the reasons are replaced by …", ["Frames", "Reason"], rows)
     return Section("Why frames were not solved", tables=[table] if rows else [])
 
 
@@ -233,7 +240,7 @@ def _matrix(run: FrameRun) -> NDArray[np.float64]:
     return matrix_from_quaternion(np.array(run.quaternion, float))
 
 
-def _place(run: FrameRun) -> tuple[float, float]:
+def _ra_dec_deg(run: FrameRun) -> tuple[float, float]:
     ra, dec, _roll = ra_dec_roll_rad(_matrix(run))
     return float(np.degrees(ra)), float(np.degrees(dec))
 

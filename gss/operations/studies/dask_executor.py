@@ -1,5 +1,5 @@
-"""Runs long work on a Dask cluster. If a worker dies, its scheduler reruns the work on another one; each result is used
-once."""
+"""Runs long work on a Dask cluster. If a worker dies, the scheduler reruns its work on another worker. Each result is
+used only once."""
 
 from __future__ import annotations
 
@@ -27,15 +27,16 @@ from gss.operations.studies.executor import (
 
 CONNECT_S = 10.0
 NO_WORKER_S = 60.0
-"""A run fails after this time without any worker in the cluster."""
+"""Time in seconds without a worker in the cluster after which a run fails."""
 REPORT_EVERY_S = 0.1
 
 
 class DaskExecutor:
-    """Client of an external cluster: ``tcp://host:port`` of its scheduler, or ``tls://`` with Dask's own TLS settings.
+    """Client of an external cluster. ``url``: ``tcp://host:port`` of the scheduler, or ``tls://`` with the TLS settings
+    of Dask.
 
-    Scheduler and workers unpickle what they receive, so they belong on an isolated network. The workers must run the same
-    version of the program and reach the blobs by the same URL.
+    Scheduler and workers unpickle received data, so they must be on an isolated network. The workers must run the same
+    version of the program and access the blobs by the same URL.
     """
 
     def __init__(self, url: str, no_worker_s: float = NO_WORKER_S, connect_s: float = CONNECT_S) -> None:
@@ -45,15 +46,15 @@ class DaskExecutor:
 
     @property
     def workers(self) -> int:
-        """Number of threads of all workers now; 0 without workers or scheduler."""
+        """Current number of threads of all workers; 0 without workers or scheduler."""
         client = self._client
         try:
             return sum(client.nthreads().values()) if client is not None else 0
-        except OSError:  # the scheduler is gone; the code that waits for results reports it
+        except OSError:  # without a scheduler, the code that waits for results reports the error
             return 0
 
     def stop(self) -> None:
-        """Disconnect from the cluster; its workers continue to run."""
+        """Disconnect from the cluster. Its workers continue to run."""
         with self._lock:
             client, self._client = self._client, None
         if client is not None:
@@ -70,9 +71,9 @@ class DaskExecutor:
         client.subscribe_topic(run, lambda event: shares.update([event[1]]))
         try:
             while True:
-                ahead = AHEAD * max(1, self.workers)
-                while len(running) < ahead and (item := next(remaining, _END)) is not _END:
-                    # A unique key per item, so that equal items are separate and results of another run are never used.
+                max_queued = AHEAD * max(1, self.workers)
+                while len(running) < max_queued and (item := next(remaining, _END)) is not _END:
+                    # Each item has a unique key, so that equal items are separate and results of another run are never used.
                     key = f"{run}-{submitted}"
                     running.append(
                         client.submit(_on_worker, gss.__version__, work, item, run, submitted, key=key, pure=False)
@@ -95,7 +96,7 @@ class DaskExecutor:
             from distributed import Client
         except ImportError:
             raise BadInput(
-                "a cluster is set, but Dask is not installed", hint="run pip install 'gss-startracker[cluster]'"
+                "a cluster is configured, but Dask is not installed", hint="run pip install 'gss-startracker[cluster]'"
             ) from None
         with self._lock:
             if self._client is None or self._client.status != "running":
@@ -111,38 +112,38 @@ class DaskExecutor:
             return self._client
 
     def _result(self, future: Any, share: Callable[[], float], waiting: Waiting | None) -> Any:
-        """Wait for a future's result, checking the cluster meanwhile."""
+        """Return the result of a future. While waiting, check that the cluster has workers."""
         from distributed import KilledWorker
         from distributed import TimeoutError as Late
         from distributed.client import FutureCancelledError
 
-        alone_s, last_s = 0.0, time.monotonic()
+        without_worker_s, last_s = 0.0, time.monotonic()
         while True:
             try:
                 return future.result(timeout=LOOK_S)
             except Late:
-                if future.done() and future.status == "error":  # the work itself raised it
+                if future.done() and future.status == "error":  # the work raised this error
                     raise
             except KilledWorker as error:
                 raise GssError(
                     "a work item crashed every worker that ran it",
                     got=str(error)[:200],
-                    hint="check memory and logs of the workers; finished work is kept, a new start continues",
+                    hint="check memory and logs of the workers, then start the job again; finished work is kept",
                 ) from None
             except FutureCancelledError as error:
                 raise StoreDown(
-                    "connection to the cluster lost",
+                    "the connection to the cluster was lost",
                     got=str(error)[:200],
-                    hint="restart its scheduler; finished work is kept, a new start continues",
+                    hint="restart its scheduler, then start the job again; finished work is kept",
                 ) from None
             now_s = time.monotonic()
-            alone_s = 0.0 if self.workers else alone_s + now_s - last_s
+            without_worker_s = 0.0 if self.workers else without_worker_s + now_s - last_s
             last_s = now_s
-            if alone_s > self._no_worker_s:
+            if without_worker_s > self._no_worker_s:
                 raise StoreDown(
                     "the cluster has no worker",
-                    expected=f"at least one within {self._no_worker_s:g} s",
-                    hint=f"start one: dask worker {self._url} --nthreads 1",
+                    expected=f"at least one worker within {self._no_worker_s:g} s",
+                    hint=f"start a worker: dask worker {self._url} --nthreads 1",
                 )
             if waiting is not None:
                 waiting(share())
@@ -155,7 +156,7 @@ def _on_worker(version: str, work: Work[Any, Any], item: Any, run: str, number: 
     """Run one item on a worker. Raises Conflict if its version differs."""
     if gss.__version__ != version:
         raise Conflict(
-            "a worker of the cluster has another version",
+            "a worker of the cluster runs another version of GSS",
             expected=version,
             got=gss.__version__,
             hint="install the server's version on all workers",

@@ -1,5 +1,5 @@
-"""Executors for long work: in the calling thread, on worker processes of this host, or on a Dask cluster. The same work on
-the same items gives the same results in the same order on each of them."""
+"""Executors for long work in the calling thread, in worker processes of this host, or on a Dask cluster. The results
+and their order do not depend on the executor."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from gss.operations.studies.warm_pool import IDLE_S, WarmPool
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 ShareCallback = Callable[[float], None]
-"""Reports the completed share of an item, 0 … 1."""
+"""Function that reports the completed share of an item, 0 … 1."""
 Work = Callable[[Item, ShareCallback], Result]
-"""A module-level function (not a closure), because other processes import it by name."""
+"""Function that processes an item. It must be a module-level function, because other processes import it by name."""
 Waiting = Callable[[float], None]
-"""Called a few times a second with the completed share of the oldest open item; an exception from it ends the run."""
+"""Function called a few times a second with the completed share of the oldest open item. It can raise an exception to
+end the run."""
 
 AHEAD = 3
-"""Queued items per worker: enough to keep workers busy, few enough that a cancelled run ends at once."""
+"""Number of queued items per worker. It keeps the workers busy, and a cancelled run still ends quickly."""
 LOOK_S = 0.25
 MAX_DEATHS = 3
 
@@ -38,15 +39,16 @@ class Executor(Protocol):
     def in_order(
         self, work: Work[Item, Result], items: Iterable[Item], waiting: Waiting | None = None
     ) -> Generator[Result, None, None]:
-        """Yield the result of each item, once, in the order of the items, even if workers die. Exceptions from the work are
-        raised here. Closing the iterator stops work in progress. Raises GssError if workers die repeatedly."""
+        """Yield the result of each item once, in the order of the items, even if workers die. Exceptions of the work
+        are raised here. Closing the iterator stops work in progress. Raises GssError if workers die repeatedly."""
 
     def stop(self) -> None:
         """Stop the workers started by this executor."""
 
 
 class HereExecutor:
-    """Runs one item after the other in the calling thread, with the finest progress; can be cancelled within an item."""
+    """Runs the items one after the other in the calling thread. Progress is reported within items, and a run can be
+    cancelled within an item."""
 
     workers = 1
 
@@ -55,14 +57,15 @@ class HereExecutor:
     ) -> Generator[Result, None, None]:
         """See :class:`Executor`."""
         for item in items:
-            yield work(item, waiting or _silent)
+            yield work(item, waiting or _ignore_share)
 
     def stop(self) -> None:
-        """Nothing to stop."""
+        """Do nothing, because there are no workers."""
 
 
 class LocalExecutor:
-    """Worker processes of this host, kept warm between runs. A run survives the death of workers."""
+    """Runs the items in worker processes of this host, which stay alive between runs. A run continues if workers
+    die."""
 
     def __init__(self, workers: int, idle_s: float = IDLE_S) -> None:
         self._pool = WarmPool(workers, idle_s)
@@ -73,23 +76,23 @@ class LocalExecutor:
         return self._pool.workers
 
     def stop(self) -> None:
-        """Stop the processes; a later run starts new ones."""
+        """Stop the processes. A later run starts new processes."""
         self._pool.stop()
 
     def in_order(
         self, work: Work[Item, Result], items: Iterable[Item], waiting: Waiting | None = None
     ) -> Generator[Result, None, None]:
-        """See :class:`Executor`. If a worker dies, only its in-progress and queued items are rerun; results already returned
+        """See :class:`Executor`. If a worker dies, only items in progress and queued items are rerun; returned results
         are kept."""
         remaining, open_items, deaths = iter(items), deque[Item](), 0
         while True:
             try:
                 with self._pool.borrowed() as pool:
-                    running = deque(pool.submit(work, item, _silent) for item in open_items)
+                    running = deque(pool.submit(work, item, _ignore_share) for item in open_items)
                     while True:
                         while len(running) < AHEAD * self.workers and (next_item := next(remaining, _END)) is not _END:
-                            open_items.append(next_item)  # type: ignore[arg-type]  # it is not _END, which mypy does not see
-                            running.append(pool.submit(work, open_items[-1], _silent))
+                            open_items.append(next_item)  # type: ignore[arg-type]  # mypy does not detect that it is not _END
+                            running.append(pool.submit(work, open_items[-1], _ignore_share))
                         if not running:
                             return
                         result = _result(running[0], waiting)
@@ -102,7 +105,7 @@ class LocalExecutor:
                     raise GssError(
                         "worker processes crashed repeatedly",
                         got=f"{deaths} crashes in one run; {error}",
-                        hint="check the memory of this machine; finished work is kept, a new start continues",
+                        hint="check the memory of this machine, then start the job again; finished work is kept",
                     ) from error
 
 
@@ -114,11 +117,11 @@ def _result(future: Future[Result], waiting: Waiting | None) -> Result:
         try:
             return future.result(LOOK_S if waiting else None)
         except Late:
-            if future.done():  # the work itself raised it
+            if future.done():  # the work raised this error
                 raise
             if waiting is not None:
                 waiting(0.0)
 
 
-def _silent(_share: float) -> None:
+def _ignore_share(_share: float) -> None:
     """Ignore the progress within an item."""

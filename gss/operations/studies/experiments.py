@@ -1,5 +1,6 @@
-"""Access to the package ``validation``, which contains the documents' experiments and is installed with the extra of that
-name. Only this module imports it. Without it, its functions raise Conflict."""
+"""Access to the package ``validation``, which contains the documents' experiments and is installed with the extra
+``validation``. Only this module imports the package. If it is not installed, the functions of this module raise
+Conflict."""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ def entries() -> list[ExperimentEntry]:
 
 
 def check(name: str, trials: int | None, seed: int) -> int:
-    """Return the number of trials that a run would take. Raises NotFound or BadInput if it cannot run."""
+    """Return the number of trials of a run. Raises NotFound or BadInput if the experiment cannot run."""
     with _package():
         from validation import run
     return run.check(name, trials, seed)
@@ -51,8 +52,8 @@ def run_item(request: tuple[str, int | None, int], report: Progress) -> JsonObje
 
 
 def add_commands(parser: argparse.ArgumentParser, make_executor: Callable[[str | None, int], Executor]) -> None:
-    """Add the subcommands of ``gss experiments``. ``make_executor``: from the cluster's URL (None: as in the settings) and
-    the number of local processes."""
+    """Add the subcommands of ``gss experiments``. ``make_executor``: function that returns an executor for the
+    URL of a cluster (None: as in the settings) and a number of local processes."""
     with _package():
         from validation import cli
     cli.add_commands(parser, make_executor)

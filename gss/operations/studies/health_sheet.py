@@ -1,4 +1,5 @@
-"""Report of the health of a sensor: trends with forecast, warm pixels, dark level, radiation over the Earth, proposal."""
+"""Report of the health of a sensor: trends with forecasts, warm pixels, dark level, radiation over the Earth, and
+proposed calibration."""
 
 from __future__ import annotations
 
@@ -35,8 +36,8 @@ CELL_DEG = 15
 MAP_CELLS = 12
 
 
-def health_report(health: MissionHealth, proposal: Proposal, profile: CameraProfile, of: str) -> Report:
-    """Return the report. ``profile``: the calibration whose change was measured."""
+def health_report(health: MissionHealth, proposal: Proposal, profile: CameraProfile, subject: str) -> Report:
+    """Return the health report. ``profile``: calibration relative to which changes were measured."""
     camera = profile.camera
     sections = [
         Section("Summary", "", _summary(health)),
@@ -44,7 +45,7 @@ def health_report(health: MissionHealth, proposal: Proposal, profile: CameraProf
             "Trends",
             "Each frame gives one value. The line follows all values up to a date, at the mean temperature. Intervals are 95 %.",
             [],
-            [_course(f) for f in health.figures if f.trend is not None and f.name not in COUNTS],
+            [_trend_plot(f) for f in health.figures if f.trend is not None and f.name not in COUNTS],
             [_trends(health)],
         ),
         _pixels(health, camera.columns, camera.rows),
@@ -55,10 +56,12 @@ def health_report(health: MissionHealth, proposal: Proposal, profile: CameraProf
             _hit_facts(health),
             [world_of_hits(health), _hits_over_time(health)],
         ),
-        Section("Matches", "", [], [_course(f) for f in health.figures if f.trend is not None and f.name in COUNTS]),
+        Section(
+            "Matches", "", [], [_trend_plot(f) for f in health.figures if f.trend is not None and f.name in COUNTS]
+        ),
         _proposal(proposal, profile),
     ]
-    return Report("Health of the sensor", of, sections, health_notes(health, proposal))
+    return Report("Health of the sensor", subject, sections, health_notes(health, proposal))
 
 
 # --- summary and trends ----------------------------------------------------------------------------------------------
@@ -66,8 +69,8 @@ def health_report(health: MissionHealth, proposal: Proposal, profile: CameraProf
 
 def _summary(health: MissionHealth) -> list[Fact]:
     times_s = health.times_s
-    new = [p for p in health.pixels if p.onset_s is not None]
-    shapes = [p.shape for p in new]
+    new_pixels = [p for p in health.pixels if p.onset_s is not None]
+    shapes = [p.shape for p in new_pixels]
     return [
         Fact("frames with an attitude", f"{len(times_s)} of {health.frames}"),
         Fact(
@@ -76,10 +79,10 @@ def _summary(health: MissionHealth) -> list[Fact]:
             "days",
             f"{day(float(times_s[0]))} to {day(float(times_s[-1]))}",
         ),
-        Fact("warm pixels from the start", str(len(health.pixels) - len(new))),
+        Fact("warm pixels from the start", str(len(health.pixels) - len(new_pixels))),
         Fact(
             "pixels that became warm",
-            str(len(new)),
+            str(len(new_pixels)),
             "",
             ", ".join(f"{shapes.count(name)} {name}" for name in (ANNEALING, GROWING, STEADY)),
         ),
@@ -116,24 +119,24 @@ def _trends(health: MissionHealth) -> Table:
                 forecast(figure, end_s),
             ]
         )
-    head = ["figure", "unit", "now", "per year", "per K", "jumps", "tolerance", "leaves it"]
-    return Table("Trends", head, rows)
+    column_titles = ["figure", "unit", "now", "per year", "per K", "jumps", "tolerance", "leaves tolerance"]
+    return Table("Trends", column_titles, rows)
 
 
-def _course(figure: FigureCourse) -> Plot:
+def _trend_plot(figure: FigureCourse) -> Plot:
     trend = figure.trend
-    assert trend is not None  # noqa: S101 - the caller has looked
-    at = numbers(figure.times_s)
-    series = [Series("frames", at, maybe(figure.values), "dots")]
+    assert trend is not None  # noqa: S101 - the caller has checked it
+    times_s = numbers(figure.times_s)
+    series = [Series("frames", times_s, maybe(figure.values), "dots")]
     if figure.filtered is not None:
-        series.append(Series("filtered", at, maybe(figure.filtered.values)))
-    series.append(Series("trend", at, maybe(trend.at(figure.times_s))))
+        series.append(Series("filtered", times_s, maybe(figure.filtered.values)))
+    series.append(Series("trend", times_s, maybe(trend.at(figure.times_s))))
     levels = [Level(j.time_s.value, day(j.time_s.value), vertical=True) for j in trend.jumps]
     if figure.tolerance is not None:
         low, high = float(np.min(figure.values)), float(np.max(figure.values))
         for sign in (-1, 1):
             level = figure.reference + sign * figure.tolerance
-            # A tolerance far outside the values would compress them to a line.
+            # A tolerance far outside the values would compress the plot to a line.
             if low - (high - low) <= level <= high + (high - low):
                 levels.append(Level(level, "tolerance"))
     return Plot(figure.name[0].upper() + figure.name[1:], "UTC", figure.unit or "stars", series, levels, time=True)
@@ -143,23 +146,25 @@ def _course(figure: FigureCourse) -> Plot:
 
 
 def _pixels(health: MissionHealth, columns: int, rows: int) -> Section:
-    new = [p for p in health.pixels if p.onset_s is not None]
+    new_pixels = [p for p in health.pixels if p.onset_s is not None]
     drawings: list[Drawing] = []
     if health.pixels:
         drawings.append(_pixel_map(health.pixels, columns, rows))
-    if new:
-        onset = np.sort([p.onset_s.value for p in new if p.onset_s is not None])
+    if new_pixels:
+        onset = np.sort([p.onset_s.value for p in new_pixels if p.onset_s is not None])
         counts = np.arange(1, len(onset) + 1, dtype=float)
         drawings.append(
             Plot(
                 "Pixels that became warm", "UTC", "pixels", [Series("pixels", numbers(onset), maybe(counts))], time=True
             )
         )
-    listed = [_pixel_row(p) for p in health.pixels[:MAX_LISTED]]
-    text = "Dark currents are above that of the typical pixel, at the mean temperature."
+    pixel_rows = [_pixel_row(p) for p in health.pixels[:MAX_LISTED]]
+    text = "Dark currents are relative to the typical pixel, at the mean temperature."
     if len(health.pixels) > MAX_LISTED:
-        text += f" The brightest {MAX_LISTED} of {len(health.pixels)}; the CSV file has all."
-    head = [
+        text += (
+            f" The table shows the brightest {MAX_LISTED} of {len(health.pixels)} pixels; the CSV file contains all."
+        )
+    column_titles = [
         "column",
         "row",
         "course",
@@ -170,13 +175,13 @@ def _pixels(health: MissionHealth, columns: int, rows: int) -> Section:
         "half-life days",
         "growth e/s per year",
     ]
-    return Section("Warm pixels", text, [], drawings, [Table("Pixels", head, listed)])
+    return Section("Warm pixels", text, [], drawings, [Table("Pixels", column_titles, pixel_rows)])
 
 
 def _pixel_map(pixels: tuple[PixelCourse, ...], columns: int, rows: int) -> Cells:
-    down = max(1, round(MAP_CELLS * rows / columns))
+    row_bins = max(1, round(MAP_CELLS * rows / columns))
     counts, _, _ = np.histogram2d(
-        [p.row for p in pixels], [p.col for p in pixels], bins=(down, MAP_CELLS), range=((0, rows), (0, columns))
+        [p.row for p in pixels], [p.col for p in pixels], bins=(row_bins, MAP_CELLS), range=((0, rows), (0, columns))
     )
     return Cells("Warm pixels over the detector", columns, rows, [maybe(line) for line in counts], "pixels")
 
@@ -207,7 +212,7 @@ def _dark_text(health: MissionHealth) -> str:
         return (
             "Sky level fitted by the diode law of the dark current, light that grows with the exposure, and a constant."
         )
-    return "The temperatures are unknown or vary by less than 5 K: the law is not determined, that of silicon is used."
+    return "The temperatures are unknown or vary by less than 5 K. The law cannot be determined, so the law of silicon is used."
 
 
 def _dark_facts(health: MissionHealth) -> list[Fact]:
@@ -230,16 +235,18 @@ def _dark_plots(health: MissionHealth) -> list[Drawing]:
     plots: list[Drawing] = []
     measured = np.isfinite(health.temperature_c)
     if measured.any():
-        at = Series("frames", numbers(health.temperature_c[measured]), maybe(health.level_dn[measured]), "dots")
-        plots.append(Plot("Sky level against temperature", "temperature, °C", "DN", [at]))
-    over = Series("frames", numbers(health.times_s), maybe(health.level_dn), "dots")
-    return [*plots, Plot("Sky level", "UTC", "DN", [over], time=True)]
+        level_over_temperature = Series(
+            "frames", numbers(health.temperature_c[measured]), maybe(health.level_dn[measured]), "dots"
+        )
+        plots.append(Plot("Sky level against temperature", "temperature, °C", "DN", [level_over_temperature]))
+    level_over_time = Series("frames", numbers(health.times_s), maybe(health.level_dn), "dots")
+    return [*plots, Plot("Sky level", "UTC", "DN", [level_over_time], time=True)]
 
 
 def _hit_facts(health: MissionHealth) -> list[Fact]:
     return [
         Fact("hits per frame", number(float(health.particles.mean()), 3), "", f"at most {health.particles.max()}"),
-        Fact("frames with a known place", str(int(np.isfinite(health.place_rad).all(axis=1).sum()))),
+        Fact("frames with a known position", str(int(np.isfinite(health.place_rad).all(axis=1).sum()))),
     ]
 
 
@@ -257,7 +264,7 @@ def world_of_hits(health: MissionHealth) -> WorldMap:
         [maybe(line) for line in mean],
         "hits per frame",
         COASTS,
-        "cells without a frame are empty; coasts are coarse",
+        "cells without a frame are empty; coasts are approximate",
     )
 
 
@@ -270,11 +277,11 @@ def _hits_over_time(health: MissionHealth) -> Plot:
 
 
 def _proposal(proposal: Proposal, profile: CameraProfile) -> Section:
-    bad = counted(len(proposal.bad), "bad pixel")
+    bad_pixels = counted(len(proposal.bad), "bad pixel")
     if not proposal.changes:
-        return Section("Proposed calibration", f"No value of {profile.name} has changed significantly; {bad}.")
+        return Section("Proposed calibration", f"No value of {profile.name} has changed significantly; {bad_pixels}.")
     rows = [[c.name, number(c.old, 7), number(c.new.value, 7), interval(c.new, 7), c.unit] for c in proposal.changes]
-    text = f"Values at the time of the last frame, at the mean temperature, and {bad}. Other values stay as they are."
+    text = f"Values at the time of the last frame, at the mean temperature, and {bad_pixels}. All other values are unchanged."
     return Section(
         "Proposed calibration", text, [], [], [Table("Changes", ["value", "now", "proposed", "95 %", "unit"], rows)]
     )

@@ -1,4 +1,4 @@
-"""Words of a health report: values with errors, forecasts, and notes."""
+"""Texts of a health report: values with errors, forecasts, and notes."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from gss.pipeline.health.proposal import Proposal
 from gss.pipeline.health.trend import DAY_S, Estimate
 
 SOON_DAYS = 180.0
-"""A tolerance that is left within this time raises a note."""
+"""A value that will leave its tolerance within this number of days raises a note."""
 
 
 def health_notes(health: MissionHealth, proposal: Proposal) -> list[Note]:
-    """Return what needs attention: tolerances that are left, jumps, and changes that cannot be proposed."""
+    """Return notes about values outside their tolerance, forecasts, jumps, and changes that cannot be proposed."""
     end_s = float(health.times_s[-1])
     notes = []
     for f in health.figures:
@@ -28,7 +28,7 @@ def health_notes(health: MissionHealth, proposal: Proposal) -> list[Note]:
             notes.append(
                 Note(
                     f"{f.name} is outside its tolerance",
-                    "Compare it with the proposed calibration, which may not contain it; check the focus if it is the width.",
+                    "Check whether the proposed calibration corrects this value. If it is the star width, check the focus.",
                     True,
                     "tolerance",
                 )
@@ -40,7 +40,7 @@ def health_notes(health: MissionHealth, proposal: Proposal) -> list[Note]:
     notes += [
         Note(
             f"{f.name} changed by {signed(jump.size, 3)} {f.unit} between {day(jump.time_s.low)} and {day(jump.time_s.high)}",
-            "Look for the cause at that time.",
+            "Search for the cause at this time.",
             code="jump",
         )
         for f in health.figures
@@ -52,20 +52,20 @@ def health_notes(health: MissionHealth, proposal: Proposal) -> list[Note]:
     if not np.isfinite(health.temperature_c).any():
         notes.append(
             Note(
-                "the temperature is unknown: its changes look like jumps of the lens, and like growth or annealing of pixels",
-                "Give the temperatures of the frames.",
+                "the temperature is unknown, so its changes can appear as jumps of the lens and as growth or annealing of pixels",
+                "State the temperatures of the frames.",
                 code="temperature",
             )
         )
     if not np.isfinite(health.place_rad).any():
         notes.append(
-            Note("the map of radiation hits is empty", "Give the orbit of the spacecraft.", code="place"),
+            Note("the map of radiation hits is empty", "State the orbit of the spacecraft.", code="place"),
         )
     return notes
 
 
 def forecast(figure: FigureCourse, now_s: float) -> str:
-    """Return when the figure leaves its tolerance, in words."""
+    """Return a text that states when a value will leave its tolerance."""
     leaves = figure.leaves
     if leaves is None:
         return "–"
@@ -74,36 +74,36 @@ def forecast(figure: FigureCourse, now_s: float) -> str:
     value, low, high = ((v - now_s) / DAY_S for v in (leaves.time_s.value, leaves.time_s.low, leaves.time_s.high))
     if not np.isfinite(value):
         return "not within 30 years"
-    latest = f"{high:.0f}" if np.isfinite(high) else "never"
-    return f"in about {value:.0f} days ({low:.0f} to {latest})"
+    latest_days = f"{high:.0f}" if np.isfinite(high) else "never"
+    return f"in about {value:.0f} days ({low:.0f} to {latest_days})"
 
 
 def times(estimate: Estimate, factor: float) -> Estimate:
-    """Return the estimate in another unit."""
+    """Return an estimate multiplied by a factor, for another unit."""
     return Estimate(estimate.value * factor, estimate.low * factor, estimate.high * factor)
 
 
 def with_error(estimate: Estimate) -> str:
-    """Return value and half interval with as many decimals as the error has with two digits."""
+    """Return a value with half of its interval, both with the decimals of the error at two significant digits."""
     half = (estimate.high - estimate.low) / 2
     if not np.isfinite(half) or half <= 0:
         return number(estimate.value, 3)
-    places = max(0, 1 - int(np.floor(np.log10(half))))
-    return f"{estimate.value:.{places}f} ± {half:.{places}f}".replace("-", "−")
+    decimals = max(0, 1 - int(np.floor(np.log10(half))))
+    return f"{estimate.value:.{decimals}f} ± {half:.{decimals}f}".replace("-", "−")
 
 
 def interval(estimate: Estimate, digits: int = 3) -> str:
-    """Return the bounds, or the lower one if there is no upper."""
+    """Return the bounds of an estimate; the value and the lower bound if there is no upper bound."""
     if not np.isfinite(estimate.high):
         return f"{number(estimate.value, digits)}, at least {number(estimate.low, digits)}"
     return f"{number(estimate.low, digits)} – {number(estimate.high, digits)}"
 
 
 def signed(estimate: Estimate, digits: int) -> str:
-    """Return the value with its sign."""
+    """Return the value of an estimate with its sign."""
     return f"{'+' if estimate.value > 0 else ''}{number(estimate.value, digits)}"
 
 
 def day(unix_s: float) -> str:
-    """Return the date."""
+    """Return the date of a Unix time."""
     return f"{datetime.fromtimestamp(unix_s, UTC):%Y-%m-%d}"

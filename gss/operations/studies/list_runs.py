@@ -1,7 +1,8 @@
-"""Uploaded lists of measured stars, solved as a job. The file and the results are blobs; a row names both.
+"""Solves uploaded lists of measured stars as a job. The file and the results are blobs, which a database row
+references.
 
-The lists are read twice: when they are uploaded, so that a bad file is rejected at once, and by the job, which needs only
-its stored request. Workers receive batches of lists and return results, as in reprocessing.
+The lists are read twice: at the upload, so that an invalid file is rejected immediately, and by the job, which uses
+only its stored request. Workers receive batches of lists and return results, as in reprocessing.
 """
 
 from __future__ import annotations
@@ -56,8 +57,9 @@ BATCH = 64
 
 
 class ListRunRequest(Request):
-    """How to solve the lists of a file. ``no_distortion``: the positions are those of a lens without distortion;
-    ``sigma_px``: error of a position per axis; ``epoch_jyear``: of the star positions, None: now."""
+    """Options for solving the lists of a file. ``no_distortion``: true if the positions are free of lens distortion;
+    ``sigma_px``: error of a position per axis; ``epoch_jyear``: epoch of the star positions, None for the current
+    epoch."""
 
     camera: str = Field(min_length=1, max_length=40)
     no_distortion: bool = False
@@ -67,14 +69,14 @@ class ListRunRequest(Request):
 
 @dataclass(frozen=True)
 class ListRunJob(JobRequest):
-    """The stored run to solve."""
+    """Job request for a stored run."""
 
     run_id: Id
 
 
 @dataclass(frozen=True)
 class ListBatch:
-    """Lists for a worker. ``faint_limit_mag``: magnitude limit of the camera."""
+    """Batch of lists for a worker. ``faint_limit_mag``: magnitude limit of the camera."""
 
     lists: StarLists
     camera: Camera
@@ -93,12 +95,12 @@ class _Pointing(TypedDict):
 
 
 class ListRow(_Pointing, ListRecord):
-    """Result of a list, as the file of results holds it."""
+    """Result of a list in the file of results."""
 
 
 class ListRunService:
-    """Stores uploaded lists, solves them as a job and returns their results. ``upkeep_lock``: held by a backup, which needs every
-    blob that its rows name."""
+    """Stores uploaded lists, solves them as a job and returns their results. ``upkeep_lock``: lock file of a running
+    backup, which needs every blob that its rows reference."""
 
     def __init__(
         self,
@@ -116,11 +118,12 @@ class ListRunService:
         self._book, self._executor, self._now, self._epoch_jyear = book, executor, now, epoch_jyear
         self._upkeep_lock = upkeep_lock
         self._storing = threading.Lock()
-        """Makes storing a blob and the row that names it one step for the deletion of equal content."""
+        """Prevents the deletion of a blob between storing it and storing the row that references it."""
         jobs.register(JobKind(KIND, ListRunJob, self._solve))
 
     def start(self, data: bytes, filename: str, spec: ListRunRequest, *, user: str) -> tuple[ListRun, Job]:
-        """Store the file and queue its job. Raises BadInput naming file, row and reason, and NotFound for the camera."""
+        """Store the file and queue its job. Raises BadInput with file, row and reason, and NotFound for an unknown
+        camera."""
         filename = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in filename)[:120]
         if len(data) > MAX_BYTES:
             raise BadInput(
@@ -134,7 +137,7 @@ class ListRunService:
                 f"{filename} has too many lists",
                 expected=f"at most {MAX_LISTS}",
                 got=str(len(lists)),
-                hint="use gss solve-lists, or divide the file",
+                hint="use gss solve-lists, or split the file",
             )
         row = ListRun(
             name=filename,
@@ -156,7 +159,7 @@ class ListRunService:
         return row, self._jobs.begin(KIND, title, ListRunJob(row.id, user=user))
 
     def newest(self, limit: int) -> list[ListRun]:
-        """Return the newest runs first."""
+        """Return up to ``limit`` runs, latest first."""
         with self._database.unit_of_work() as session:
             return store.newest(session, limit)
 
@@ -166,8 +169,8 @@ class ListRunService:
             return store.get(session, run_id)
 
     def remove(self, run_id: int) -> None:
-        """Delete a run with its file and its results. Its job, if it still runs, fails at its end. Raises NotFound, and Conflict
-        during a backup."""
+        """Delete a run with its file and its results. If its job is running, it fails when it ends. Raises NotFound,
+        and Conflict during a backup."""
         with self._storing, named_lock(self._upkeep_lock, "a backup or a removal is running"):
             with self._database.unit_of_work() as session:
                 keys = store.remove(session, run_id)
@@ -177,8 +180,8 @@ class ListRunService:
                 self._blobs.delete(key)
 
     def results(self, run: ListRun, offset: int = 0, limit: int | None = None) -> Iterator[ListRow]:
-        """Return a row of values for each list from ``offset`` on; others are not decoded. Raises NotFound if the run has not been
-        solved."""
+        """Return a row of values for each list from ``offset`` on. Other rows are not decoded. Raises NotFound if the
+        run has not been solved."""
         if not run.results_sha256:
             raise NotFound(
                 "these star lists have no results",
@@ -207,14 +210,14 @@ class ListRunService:
 
         report()
         batches = (ListBatch(part, *settings) for part in _batches(lists))
-        with closing(self._executor.in_order(solve_batch, batches, report)) as done:
-            for results in done:
+        with closing(self._executor.in_order(solve_batch, batches, report)) as batch_results:
+            for results in batch_results:
                 rows += [result_row(len(rows) + k, result) for k, result in enumerate(results)]
                 solved += sum(result.outcome is Outcome.SOLVED for result in results)
                 report()
         content = as_lines(rows)
         with self._storing:
-            self.get(row.id)  # the run may have been deleted meanwhile
+            self.get(row.id)  # raises NotFound if the run was deleted in the meantime
             key = self._blobs.put(content)
             with self._database.unit_of_work() as session:
                 store.finish(session, row.id, solved=solved, sha256=key, size=len(content))
@@ -222,7 +225,7 @@ class ListRunService:
 
 
 def as_lines(rows: Sequence[ListRow]) -> bytes:
-    """Return a JSON array with a row per line, so that a page of it is read without decoding the others."""
+    """Return a JSON array with a row per line, so that some rows can be read without decoding the others."""
     lines = (json.dumps(row, allow_nan=False, ensure_ascii=False) for row in rows)
     return ("[\n" + ",\n".join(lines) + "\n]").encode()
 
@@ -245,7 +248,7 @@ def solve_batch(batch: ListBatch, _report_share: Callable[[float], None]) -> lis
 
 
 def result_row(index: int, result: ListResult) -> ListRow:
-    """Return the result of a list in the units of users, with its number in the file."""
+    """Return the result of a list in user units, with its number in the file."""
     pointing: _Pointing = {"list": index, "ra_deg": None, "dec_deg": None, "roll_deg": None}
     if result.quaternion is not None:
         ra, dec, roll = (math.degrees(a) for a in result.ra_dec_roll_rad)

@@ -1,4 +1,5 @@
-"""Moving objects in a sequence of frames: found, linked, named, and as a record for programs and a TDM."""
+"""Detects, links and identifies moving objects in a sequence of frames, and returns them as a record for programs and
+as TDM."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from gss.domain.errors import BadInput
 from gss.operations.frames.solve import Solver
 from gss.operations.studies.analyse import AnalysisResult, AnalysisRun, subject_of
 from gss.operations.studies.moving_sheet import MovingRecord, RejectedSource, TrackRecord, moving_report
-from gss.operations.studies.night_frames import ProgressCallback, Shot, seen_stars
+from gss.operations.studies.night_frames import ProgressCallback, Shot, apparent_stars
 from gss.orbit.objects import (
     MeasuredTrack,
     TrackName,
@@ -34,29 +35,31 @@ from gss.pipeline.moving.spots import FrameSpots, find_spots
 from gss.pipeline.moving.tracklets import Tracklet, link
 
 MAX_REJECTED = 2000
-"""Rejected sources kept one by one; all are counted."""
-UNKNOWN_PLACE = "place of the camera not known"
+"""Maximum number of rejected sources in the record. All rejected sources are counted."""
+UNKNOWN_PLACE = "position of the camera not known"
 
 
 @dataclass(frozen=True)
 class CameraPlace:
-    """Where the camera was: a name for the report and the TDM, and (n, 3) km from the Earth's centre in ICRS axes at (n,) Unix
-    seconds."""
+    """Position of the camera. ``name``: name for the report and the TDM; ``at``: function that returns (n, 3) km from
+    the Earth's centre in ICRS axes at (n,) Unix seconds."""
 
     name: str
     at: Callable[[Array], Array]
 
 
 def place_of_orbit(name: str, orbit: Trajectory) -> CameraPlace:
-    """Return the place of a camera on a spacecraft."""
+    """Return the position of a camera on a spacecraft."""
     return CameraPlace(name or "SPACECRAFT", lambda times_s: places_of_orbit(orbit, times_s))
 
 
 def place_of(orbit: str, site: tuple[float, float, float] | None) -> CameraPlace | None:
-    """Return the place from the text of an orbit file, or from latitude and longitude in degrees and height in metres; None if
-    neither is given. Raises BadInput."""
+    """Return the position of a camera from the text of an orbit file, or from a site with latitude and longitude in
+    degrees and height in metres; None if neither is given. Raises BadInput."""
     if orbit and site is not None:
-        raise BadInput("two positions of the camera were given", expected="an orbit or a site", got="both")
+        raise BadInput(
+            "two positions of the camera are given", expected="an orbit or a site", got="an orbit and a site"
+        )
     if orbit:
         read = read_orbit(orbit)
         return place_of_orbit(read.name, read.orbit)
@@ -76,13 +79,13 @@ def moving_objects(
     created: datetime,
     progress: ProgressCallback,
 ) -> AnalysisResult:
-    """Return the objects that move over the solved frames of a run. ``objects``: two-line elements that may name them. Raises
-    BadInput."""
+    """Return the objects that move across the solved frames of a run. ``objects``: two-line elements of objects to
+    identify. Raises BadInput."""
     catalogue = catalogue_of(read_objects(objects))
     frames, shots = _sources(solver, run, progress)
     if not frames:
         raise BadInput(
-            "no frame shows enough stars",
+            "no frame contains enough stars",
             expected="three stars that are not saturated",
             got="fewer",
             hint="Check exposure and focus.",
@@ -127,7 +130,7 @@ def moving_objects(
 
 
 def _sources(solver: Solver, run: AnalysisRun, progress: ProgressCallback) -> tuple[list[FrameSpots], list[Shot]]:
-    """Find the sources of all solved frames."""
+    """Return the light sources of all solved frames, and the shots of these frames."""
     solved = [
         (shot, result)
         for shot, result in zip(run.shots, run.results, strict=True)
@@ -140,7 +143,7 @@ def _sources(solver: Solver, run: AnalysisRun, progress: ProgressCallback) -> tu
     for k, ((shot, _), view) in enumerate(zip(solved, views, strict=True)):
         progress(0.5 + 0.3 * k / len(solved), f"Sources of {shot.name}, {k + 1} of {len(solved)}")
         pixels, _ = solver.cleaned(shot.pixels(), run.profile, shot.exposure_s)
-        spots = find_spots(pixels, view, seen_stars(solver, shot), sensor)
+        spots = find_spots(pixels, view, apparent_stars(solver, shot), sensor)
         if spots is not None:
             frames.append(spots)
             shots.append(shot)
@@ -148,18 +151,18 @@ def _sources(solver: Solver, run: AnalysisRun, progress: ProgressCallback) -> tu
 
 
 def _sigma(tracklet: Tracklet) -> Array:
-    """(n,) standard deviation per axis."""
+    """Return the (n,) standard deviations per axis in radians."""
     return np.asarray(np.sqrt(np.trace(tracklet.covariance_rad2, axis1=1, axis2=2) / 2))
 
 
 def _measured(tracklet: Tracklet, place: CameraPlace | None) -> MeasuredTrack:
-    where = None if place is None else place.at(tracklet.times_s)
-    return MeasuredTrack(tracklet.times_s, tracklet.icrs, _sigma(tracklet), where)
+    camera_km = None if place is None else place.at(tracklet.times_s)
+    return MeasuredTrack(tracklet.times_s, tracklet.icrs, _sigma(tracklet), camera_km)
 
 
 def _record(label: str, tracklet: Tracklet, name: TrackName | None) -> TrackRecord:
     ra, dec = ra_dec_from_unit(tracklet.icrs)
-    drawn = np.asarray(np.isfinite(tracklet.ends_icrs).all(axis=(1, 2)))
+    has_ends = np.asarray(np.isfinite(tracklet.ends_icrs).all(axis=(1, 2)))
     ends_ra, ends_dec = ra_dec_from_unit(tracklet.ends_icrs)
     return TrackRecord(
         label,
@@ -174,8 +177,8 @@ def _record(label: str, tracklet: Tracklet, name: TrackName | None) -> TrackReco
         tracklet.rate_rad_s,
         tracklet.rate_covariance,
         tracklet.chance,
-        np.where(drawn[:, None], ends_ra, np.nan),
-        np.where(drawn[:, None], ends_dec, np.nan),
+        np.where(has_ends[:, None], ends_ra, np.nan),
+        np.where(has_ends[:, None], ends_dec, np.nan),
         tracklet.ends_sigma_rad,
     )
 
@@ -183,15 +186,15 @@ def _record(label: str, tracklet: Tracklet, name: TrackName | None) -> TrackReco
 def _rejected(
     frames: list[FrameSpots], shots: list[Shot], reasons: list[list[str]], explained: set[tuple[int, int]]
 ) -> tuple[dict[str, int], list[RejectedSource]]:
-    """Count the reasons and list the rejected sources. ``explained``: frame and row of those that a planet explains."""
+    """Count the reasons and list the rejected sources. ``explained``: frame and row of each source that is a planet."""
     counts: dict[str, int] = {}
-    listed: list[RejectedSource] = []
+    rejected: list[RejectedSource] = []
     for k, (frame, shot) in enumerate(zip(frames, shots, strict=True)):
         for row, reason in enumerate(reasons[k]):
             if not reason or (k, row) in explained:
                 continue
             counts[reason] = counts.get(reason, 0) + 1
-            if len(listed) < MAX_REJECTED:
+            if len(rejected) < MAX_REJECTED:
                 col_px, row_px = (float(v) for v in frame.pixels[row])
-                listed.append(RejectedSource(shot.name, col_px, row_px, float(frame.v_mag[row]), reason))
-    return counts, listed
+                rejected.append(RejectedSource(shot.name, col_px, row_px, float(frame.v_mag[row]), reason))
+    return counts, rejected

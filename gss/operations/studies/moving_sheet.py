@@ -1,4 +1,4 @@
-"""Report of moving objects: tracks on the sky, magnitudes, rates, names, and what was rejected."""
+"""Report of moving objects: tracks on the sky, magnitudes, rates, names, and rejected sources."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ MAX_LISTED = 100
 
 @dataclass(frozen=True)
 class TrackRecord:
-    """One object. ``streak``: seen in one frame only, so that its direction of motion is not known. ``name``: what explains it.
-    Times: Unix seconds (n,) of mid exposure; ``ra_rad``, ``dec_rad`` (n,) in the system of the star catalogue, with
-    ``covariance_rad2`` (n, 2, 2) east and north; ``rate_rad_s`` (2,) east and north at the middle, and its covariance; ``chance``:
-    expected number of such tracks by accident; ``ends_ra_rad``, ``ends_dec_rad``, ``ends_sigma_rad`` (n, 2): both ends of the
-    trail, in the order of the motion, None where the source is a point."""
+    """One object. ``streak``: True if it is in only one frame, so that its direction of motion is not known. ``name``:
+    the identified object. ``times_s`` (n,): Unix seconds of mid exposure; ``ra_rad``, ``dec_rad`` (n,): in the system
+    of the star catalogue, with ``covariance_rad2`` (n, 2, 2) east and north; ``rate_rad_s`` (2,): east and north at the
+    middle of the track, with ``rate_covariance``; ``chance``: expected number of such tracks by accident;
+    ``ends_ra_rad``, ``ends_dec_rad``, ``ends_sigma_rad`` (n, 2): both ends of the trail in the order of the motion, NaN
+    for a point source."""
 
     label: str
     streak: bool
@@ -45,13 +46,13 @@ class TrackRecord:
 
     @property
     def title(self) -> str:
-        """Name, or the label of an unknown object."""
+        """Name of the object, or its label if it is not identified."""
         return self.label if self.name is None else self.name.name
 
 
 @dataclass(frozen=True)
 class RejectedSource:
-    """A source that is not an object: frame, place on the detector, magnitude and the reason."""
+    """A light source that is not a moving object: frame, position on the detector, magnitude and the reason."""
 
     frame: str
     col_px: float
@@ -62,9 +63,9 @@ class RejectedSource:
 
 @dataclass(frozen=True)
 class MovingRecord:
-    """Result of a sequence. ``used``: frames with an attitude; ``place``: of the camera; ``known_objects``: element sets compared;
-    ``limit_mag``: faintest point that is found; ``reasons``: number of rejected sources by reason; ``tdm``: the tracks as CCSDS
-    TDM."""
+    """Result of a sequence. ``used``: number of frames with an attitude; ``place``: position of the camera;
+    ``known_objects``: number of element sets compared; ``limit_mag``: magnitude of the faintest detectable point;
+    ``reasons``: number of rejected sources by reason; ``tdm``: tracks as CCSDS TDM."""
 
     frames: int
     used: int
@@ -77,12 +78,12 @@ class MovingRecord:
     tdm: str
 
 
-def moving_report(record: MovingRecord, camera: Camera, of: str) -> Report:
-    """Return the report."""
-    named = sum(t.name is not None for t in record.tracks)
+def moving_report(record: MovingRecord, camera: Camera, subject: str) -> Report:
+    """Return the report of moving objects."""
+    identified = sum(t.name is not None for t in record.tracks)
     streaks = sum(t.streak for t in record.tracks)
     facts = [
-        Fact("objects", number(len(record.tracks)), "", f"{named} named, {streaks} in one frame only"),
+        Fact("objects", number(len(record.tracks)), "", f"{identified} named, {streaks} in one frame only"),
         Fact("frames with an attitude", f"{record.used} of {record.frames}"),
         Fact(
             "faintest point found",
@@ -102,27 +103,29 @@ def moving_report(record: MovingRecord, camera: Camera, of: str) -> Report:
     sections = [Section("Objects", text, facts, list(drawings), [_table(record.tracks)] if record.tracks else [])]
     lines = _ends(record.tracks)
     if lines.rows:
-        caption = "Directions at the start and the end of the exposure; for S the order is not known."
+        caption = "Directions at the start and the end of the exposure; for S, the order is unknown."
         sections.append(Section("Trails", caption, [], [], [lines]))
     if record.reasons:
         counts = [[reason, number(n)] for reason, n in sorted(record.reasons.items(), key=lambda r: -r[1])]
-        listed = [
+        rejected_rows = [
             [r.frame, f"{r.col_px:.1f}", f"{r.row_px:.1f}", f"{r.v_mag:.1f}", r.reason]
             for r in record.rejected[:MAX_LISTED]
         ]
         sections.append(
             Section(
                 "Rejected sources",
-                "" if len(record.rejected) <= MAX_LISTED else f"The first {MAX_LISTED}; the JSON file has more.",
+                ""
+                if len(record.rejected) <= MAX_LISTED
+                else f"The table shows the first {MAX_LISTED}; the JSON file contains more.",
                 [],
                 [],
                 [
                     Table("Reasons", ["reason", "sources"], counts),
-                    Table("Sources", ["frame", "column", "row", "V", "reason"], listed),
+                    Table("Sources", ["frame", "column", "row", "V", "reason"], rejected_rows),
                 ],
             )
         )
-    return Report("Moving objects", of, sections, _notes(record, camera))
+    return Report("Moving objects", subject, sections, _notes(record, camera))
 
 
 def _notes(record: MovingRecord, camera: Camera) -> list[Note]:
@@ -130,7 +133,7 @@ def _notes(record: MovingRecord, camera: Camera) -> list[Note]:
     if record.used < 3:
         notes.append(
             Note(
-                "fewer than three frames: only lines in one frame can be found",
+                "with fewer than three frames, only lines in one frame can be detected",
                 "Take a sequence in which an object stays in the field for several frames.",
                 code="frames",
             )
@@ -138,8 +141,8 @@ def _notes(record: MovingRecord, camera: Camera) -> list[Note]:
     if record.known_objects and any(t.name is None for t in record.tracks) and "not known" in record.place:
         notes.append(
             Note(
-                "satellites cannot be named: the place of the camera is not known",
-                "Give the orbit of the spacecraft or the site.",
+                "satellites cannot be identified, because the position of the camera is not known",
+                "State the orbit of the spacecraft or the site of the camera.",
                 code="place",
             )
         )
@@ -147,11 +150,11 @@ def _notes(record: MovingRecord, camera: Camera) -> list[Note]:
 
 
 def _sky(tracks: list[TrackRecord]) -> Plot:
-    """Plot declination against right ascension, unwrapped near the first object."""
-    first = float(tracks[0].ra_rad[0])
+    """Plot declination against right ascension, which is continuous near the first object."""
+    first_ra_rad = float(tracks[0].ra_rad[0])
     series = []
     for track in tracks[:MAX_DRAWN]:
-        ra = first + (track.ra_rad - first + np.pi) % (2 * np.pi) - np.pi
+        ra = first_ra_rad + (track.ra_rad - first_ra_rad + np.pi) % (2 * np.pi) - np.pi
         series.append(Series(track.title, numbers(np.degrees(ra)), maybe(np.degrees(track.dec_rad)), "dots"))
     return Plot("Tracks on the sky", "right ascension, °", "declination, °", series)
 
@@ -168,7 +171,7 @@ def _table(tracks: list[TrackRecord]) -> Table:
         sigma = np.sqrt(np.trace(track.covariance_rad2, axis1=1, axis2=2) / 2).mean() / ARCSEC_RAD
         rate = np.hypot(*track.rate_rad_s) / ARCSEC_RAD
         towards = np.degrees(np.arctan2(track.rate_rad_s[0], track.rate_rad_s[1])) % 360
-        at = datetime.fromtimestamp(float(track.times_s[middle]), UTC)
+        middle_time = datetime.fromtimestamp(float(track.times_s[middle]), UTC)
         explained = "–"
         if track.name is not None:
             km = finite(track.name.range_km)
@@ -179,7 +182,7 @@ def _table(tracks: list[TrackRecord]) -> Table:
                 track.label,
                 "unknown" if track.name is None else f"{track.name.name} {track.name.number}".strip(),
                 str(len(track.times_s)),
-                f"{at:%Y-%m-%d %H:%M:%S.%f}"[:-3],
+                f"{middle_time:%Y-%m-%d %H:%M:%S.%f}"[:-3],
                 f"{np.degrees(track.ra_rad[middle]):.4f}",
                 f"{np.degrees(track.dec_rad[middle]):.4f}",
                 number(float(sigma), 2),
@@ -190,20 +193,32 @@ def _table(tracks: list[TrackRecord]) -> Table:
                 explained,
             ]
         )
-    head = ["", "object", "frames", "UTC of the middle", "RA °", "Dec °", "σ ″", "rate ″/s", "towards °", "V", "SNR"]
-    return Table("Objects", [*head, "prediction"], rows)
+    column_titles = [
+        "",
+        "object",
+        "frames",
+        "UTC of the middle",
+        "RA °",
+        "Dec °",
+        "σ ″",
+        "rate ″/s",
+        "towards °",
+        "V",
+        "SNR",
+    ]
+    return Table("Objects", [*column_titles, "prediction"], rows)
 
 
 def _ends(tracks: list[TrackRecord]) -> Table:
     rows = []
     for track in tracks:
         for k in np.flatnonzero(np.isfinite(track.ends_ra_rad).all(axis=1))[:MAX_LISTED]:
-            at = datetime.fromtimestamp(float(track.times_s[k]), UTC)
+            time = datetime.fromtimestamp(float(track.times_s[k]), UTC)
             ra, dec = np.degrees(track.ends_ra_rad[k]), np.degrees(track.ends_dec_rad[k])
             rows.append(
                 [
                     track.label,
-                    f"{at:%H:%M:%S.%f}"[:-3],
+                    f"{time:%H:%M:%S.%f}"[:-3],
                     *(f"{a:.4f}, {d:.4f}" for a, d in zip(ra, dec, strict=True)),
                     number(float(track.ends_sigma_rad[k].mean() / ARCSEC_RAD), 2),
                 ]

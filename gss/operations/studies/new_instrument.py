@@ -1,4 +1,4 @@
-"""Instruments from stored photographs of the night, as jobs."""
+"""Creates instruments from stored photographs of the night sky, as jobs."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ STEPS = 1000
 
 @dataclass(frozen=True)
 class NewInstrumentJob(JobRequest):
-    """An instrument from photographs as a job."""
+    """Job request of an instrument from photographs."""
 
     wanted: PhotographsRequest
 
 
 class NewInstrumentService:
-    """Makes an instrument from stored frames and installs it."""
+    """Creates an instrument from stored frames and installs it."""
 
     def __init__(
         self,
@@ -49,18 +49,18 @@ class NewInstrumentService:
     ) -> None:
         self._database, self._jobs, self._shots, self._solver = database, jobs, shots, solver
         self._instruments, self._bus, self._now, self._stopwatch_s = instruments, bus, now, stopwatch_s
-        jobs.register(JobKind(KIND, NewInstrumentJob, self._make))
+        jobs.register(JobKind(KIND, NewInstrumentJob, self._create))
 
     def start(self, request: PhotographsRequest, *, user: str) -> Job:
-        """Queue the job; its result has the name and a row for each photograph. Raises Conflict for a name that exists, NotFound
-        for an unknown frame or model, BadInput for an incomplete frame."""
+        """Queue the job. Its result contains the name of the instrument and a row for each photograph. Raises Conflict
+        if the name exists, NotFound for an unknown frame or model, and BadInput for an incomplete frame."""
         check_new_name(self._instruments, request.name)
         model_of(self._instruments, request)
         self._photographs(request)
         title = f"instrument {request.name} from {counted(len(request.frame_ids), 'photograph')}"
         return self._jobs.begin(KIND, title, NewInstrumentJob(request, user=user))
 
-    def _make(self, job: NewInstrumentJob, run: JobRun) -> JobResult:
+    def _create(self, job: NewInstrumentJob, run: JobRun) -> JobResult:
         if run.checkpoint:  # the package was installed before the server stopped
             return run.checkpoint
         options = job.wanted
@@ -82,7 +82,7 @@ class NewInstrumentService:
         instrument = self._instruments.add(package.files, replaces=False)
         result = record_of(package)
         run.keep(result)
-        text = f"Instrument {instrument.name} version {instrument.version[:12]} made from photographs by {job.user}"
+        text = f"Instrument {instrument.name} version {instrument.version[:12]} created from photographs by {job.user}"
         self._bus.record("instrument", "watch", text, instrument=instrument.name, version=instrument.version)
         return result
 
@@ -110,12 +110,13 @@ def check_new_name(instruments: Registry, name: str) -> None:
 
 
 def model_of(instruments: Registry, options: PhotographOptions) -> Instrument | None:
-    """Return the instrument to copy everything except the camera from; None if there is none. Raises NotFound."""
+    """Return the instrument from which everything except the camera is copied; None if none is stated. Raises
+    NotFound."""
     return instruments.get(options.model) if options.model else None
 
 
 def record_of(package: PhotographPackage) -> JsonObject:
-    """Return the result as JSON values."""
+    """Return the result of the job as JSON values."""
     return {
         "name": package.instrument.name,
         "version": package.instrument.version,

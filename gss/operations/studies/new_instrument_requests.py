@@ -1,4 +1,4 @@
-"""Request for an instrument from photographs, in user units: of the API, the command line and the job store."""
+"""Request for an instrument from photographs in user units, for the API, the command line and the job store."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ MAX_PHOTOGRAPHS = 200
 
 
 class PhotographOptions(Request):
-    """What is known of the camera. ``name``: of the new instrument. ``model``: instrument from which link, dictionary, formats and
-    simulated unit are copied; "": none, and the package describes the camera alone. ``fov_min_deg``, ``fov_max_deg``: range of the
-    horizontal field of view. ``exposure_s``, ``date``: of photographs that do not state theirs. ``atmosphere``: False if they
-    were taken in space or simulated."""
+    """Known properties of the camera. ``name``: name of the new instrument. ``model``: instrument from which link,
+    dictionary, formats and simulated unit are copied; "" for a package that describes only the camera. ``fov_min_deg``,
+    ``fov_max_deg``: range of the horizontal field of view. ``exposure_s``, ``date``: values for photographs whose files
+    do not state them. ``atmosphere``: False if the photographs were taken in space or simulated."""
 
     name: str = Field(pattern=NAME_PATTERN)
     title: str = Field(default="", max_length=200)
@@ -43,31 +43,31 @@ class PhotographOptions(Request):
         try:
             taken = self.taken
         except ValueError as error:
-            raise ValueError(f"date is not a day of the calendar: {error}") from None
+            raise ValueError(f"date is not a valid day: {error}") from None
         if taken is not None and not EPOCH_RANGE_JYEAR[0] <= taken.year < EPOCH_RANGE_JYEAR[1]:
             raise ValueError(f"date must be between {EPOCH_RANGE_JYEAR[0]:g} and {EPOCH_RANGE_JYEAR[1]:g}")
         return self
 
     @property
     def taken(self) -> datetime | None:
-        """Noon of the stated day, UTC; None if no date is stated."""
+        """Noon UTC of the stated day; None if no date is stated."""
         return None if self.date is None else datetime.fromisoformat(f"{self.date}T12:00:00+00:00")
 
     @property
     def fov_limits_rad(self) -> tuple[float, float] | None:
-        """Range of the horizontal field of view, None if unknown."""
+        """Range of the horizontal field of view in radians; None if unknown."""
         if self.fov_min_deg is None or self.fov_max_deg is None:
             return None
         return math.radians(self.fov_min_deg), math.radians(self.fov_max_deg)
 
 
 class PhotographsRequest(PhotographOptions):
-    """Make an instrument from stored frames."""
+    """Request for an instrument from stored frames."""
 
     frame_ids: Annotated[list[Id], Field(min_length=FEWEST, max_length=MAX_PHOTOGRAPHS)]
 
     @model_validator(mode="after")
     def _different(self) -> Self:
         if len(set(self.frame_ids)) < len(self.frame_ids):
-            raise ValueError("a frame appears twice")
+            raise ValueError("a frame id occurs twice")
         return self

@@ -1,4 +1,4 @@
-"""Frames for studies, from the store or from files: solved with their stars, or stacked."""
+"""Loads frames for studies from the store, and solves or stacks frames from the store or from files."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from gss.store import frames as store
 from gss.store.engine import Database
 
 ProgressCallback = Callable[[float, str], None]
-"""Called with the completed share and a text; may raise to cancel."""
+"""Function called with the completed share and a text. It can raise an exception to cancel."""
 
 
 @dataclass(frozen=True)
 class Shot:
-    """One frame of a night. ``pixels`` reads it on demand; ``frame_id``: its id in the store, if it is there. ``observer``:
-    the observer's velocity; None: unknown, and aberration is not corrected."""
+    """One frame of a night. ``pixels``: function that reads the pixels; ``frame_id``: id in the store, None for a file;
+    ``observer``: velocity of the observer, None if it is unknown and aberration is not corrected."""
 
     name: str
     taken: datetime
@@ -45,7 +45,7 @@ class Shot:
 
 
 class ShotAccount(TypedDict):
-    """Whether a shot was used; the reason if it was not."""
+    """States whether a shot was used. ``reason``: why it was not used."""
 
     name: str
     used: bool
@@ -54,9 +54,9 @@ class ShotAccount(TypedDict):
 
 @dataclass(frozen=True)
 class SolvedFrame:
-    """The shots that were solved, with their results and stars, and an account of all of them.
+    """The solved shots with their results and stars. ``account``: an entry for every shot.
 
-    ``start``: the camera used for the solutions: the known one, or that of the first blind solution.
+    ``start``: camera used for the solutions: the known camera, or the camera of the first blind solution.
     """
 
     shots: list[Shot]
@@ -73,16 +73,17 @@ class StoredShots:
         self._database, self._frames = database, frames
 
     def of(self, ids: Sequence[int], aberration: bool | None = None) -> list[Shot]:
-        """Return the frames with those ids, oldest first. Raises BadInput if one has missing rows. ``aberration``: whether
-        to correct it; None: if the time of observation is known, but not for the simulator's frames, which contain none."""
+        """Return the frames with the given ids, oldest first. Raises BadInput if a frame has missing rows.
+        ``aberration``: whether aberration is corrected; None: corrected if the time of observation is known, except in
+        frames of the simulator, which contain no aberration."""
         with self._database.unit_of_work() as session:
             rows = [store.get(session, i) for i in ids]
-        holed = [row.id for row in rows if not row.complete]
-        if holed:
+        incomplete = [row.id for row in rows if not row.complete]
+        if incomplete:
             raise BadInput(
                 "incomplete frames cannot be used",
-                got=f"frame {holed[0]} has missing rows",
-                hint="fetch the missing rows or exclude the frame",
+                got=f"frame {incomplete[0]} has missing rows",
+                hint="download the missing rows, or exclude the frame",
             )
         return [
             Shot(
@@ -107,8 +108,8 @@ def solve_shots(
     chain: str = "reference",
     camera: Camera | None = None,
 ) -> SolvedFrame:
-    """Solve shots of a known camera, of one with a known width of field, or blind. ``camera``: its geometry, if better known
-    than the profile's. Raises BadInput if none is solved."""
+    """Solve shots with a known camera, with a known width of the field of view, or blind. ``camera``: geometry that
+    replaces that of the profile. Raises BadInput if no shot is solved."""
     used: list[tuple[Shot, SolveResult, FrameStars]] = []
     account: list[ShotAccount] = []
     for k, shot in enumerate(shots):
@@ -124,19 +125,20 @@ def solve_shots(
         if stars is not None:
             used.append((shot, result, stars))
     if not used:
-        first = account[0]["reason"] if account else "no frame"
+        first_reason = account[0]["reason"] if account else "no frame"
         raise BadInput(
             "no frame could be solved",
             expected="frames of stars",
-            got=first,
-            hint="check that the camera is the right one",
+            got=first_reason,
+            hint="check that the frames were taken with this camera",
         )
     start = profile.camera if profile else used[0][1].camera
     return SolvedFrame([t[0] for t in used], [t[1] for t in used], [t[2] for t in used], start, account)
 
 
 def stack(shots: Sequence[Shot], profile: CameraProfile) -> NDArray[Any]:
-    """Return (m, rows, columns) pixels. Raises BadInput if a frame has another size."""
+    """Return the (m, rows, columns) pixels of m shots. Raises BadInput if a frame does not have the size of the
+    camera."""
     images = []
     for shot in shots:
         image = shot.pixels()
@@ -153,8 +155,8 @@ def stack(shots: Sequence[Shot], profile: CameraProfile) -> NDArray[Any]:
 def request_of(
     shot: Shot, profile: CameraProfile | None, fov_rad: float | None, chain: str, camera: Camera | None = None
 ) -> SolveRequest:
-    """Return the request for the solver: for a known camera, with another geometry if one is given; for a known width of
-    field; or blind."""
+    """Return the request to solve a shot with a known camera, with a known width of the field of view, or blind.
+    ``camera``: geometry that replaces that of the profile."""
     request = SolveRequest(
         chain=chain, epoch_jyear=epoch_at(shot.taken), observer=shot.observer, exposure_s=shot.exposure_s
     )
@@ -168,13 +170,13 @@ def request_of(
 def matched_stars(
     solver: Solver, shot: Shot, pixels: Pixels, result: SolveResult, profile: CameraProfile | None
 ) -> FrameStars | None:
-    """Return the identified stars of a shot with its trails; None without a solution."""
+    """Return the identified stars of a shot and the length of their trails; None without a solution."""
     saturation_dn = float(profile.sensor.saturation_dn) if profile else float((1 << shot.bits) - 1)
     trails = trail_px(pixels, result.centroids, saturation_dn) if result.attitude is not None else 0.0
     return frame_stars(
         shot.name,
         result,
-        seen_stars(solver, shot),
+        apparent_stars(solver, shot),
         exposure_s=math.nan if shot.exposure_s is None else shot.exposure_s,
         time_s=shot.taken.timestamp(),
         streak_px=trails,
@@ -182,9 +184,9 @@ def matched_stars(
     )
 
 
-def seen_stars(solver: Solver, shot: Shot) -> StarTable:
-    """Return the stars at a shot's date, displaced by aberration. It stretches or shrinks the image scale by up to a
-    ten-thousandth, which would otherwise appear as an error of the fitted focal length."""
+def apparent_stars(solver: Solver, shot: Shot) -> StarTable:
+    """Return the stars at the date of a shot, displaced by aberration. Aberration changes the image scale by up to
+    1e-4, which would otherwise appear as an error of the fitted focal length."""
     stars = solver.cache.stars(epoch_at(shot.taken))
     if shot.observer is None:
         return stars

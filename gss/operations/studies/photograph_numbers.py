@@ -1,4 +1,4 @@
-"""The camera file of a photographed camera: what was measured with its uncertainty, and what was chosen with the reason."""
+"""The camera file of a photographed camera: measured numbers with uncertainty, and chosen numbers with the reason."""
 
 from __future__ import annotations
 
@@ -15,24 +15,25 @@ from gss.pipeline.calibration.lens_models import BROWN
 from gss.pipeline.calibration.robust import robust_sigma
 
 REFRACTION = 4e-4
-"""The air makes the sky smaller by 2.8e-4 at the zenith and by twice that, in the vertical, at 45°."""
+"""Relative error of the scale due to refraction, which compresses the sky by 2.8e-4 at the zenith and vertically by
+twice this value at 45°."""
 ABERRATION = 6e-5
-"""The Earth's motion changes the scale by up to 1e-4, depending on the unknown date."""
+"""Relative error of the scale for an unknown date, because aberration changes the scale by up to 1e-4 during a year."""
 CENTRE_SHARE = 0.12
-"""Standard deviation of an unknown camera's optical axis from the middle, as a share of the width."""
+"""Standard deviation of the distance of an unknown camera's optical axis from the middle, as a share of the width."""
 BRIGHT_RANGE_MAG = 8.0
 MAX_BITS = 16
 TYPICAL_PITCH_MM, TYPICAL_F_NUMBER = 0.005, 2.0
-TYPICAL = "typical of a small camera; the photographs do not show it"
+TYPICAL = "typical of a small camera; the photographs do not determine it"
 SHAPE = 0.01
-"""Relative error of the width of a Gaussian as a description of a star."""
+"""Relative error of a star's width because a star is not exactly a Gaussian."""
 MEDIAN = 1.2533  # standard error of a median over that of a mean
 
 
 @dataclass(frozen=True)
 class Stated:
-    """What the user knows of the camera, or its files state; None: unknown. ``atmosphere``: False for frames from space or
-    simulated ones."""
+    """Properties of the camera that the user or the files state; None if unknown. ``atmosphere``: False for frames from
+    space and for simulated frames."""
 
     pixel_um: float | None
     focal_mm: float | None
@@ -41,7 +42,8 @@ class Stated:
 
 
 class FileNumber(TypedDict):
-    """A number of the file: measured (``source``) or chosen with the reason. ``sigma``: standard deviation."""
+    """A number of the file. ``source``: source of a measured number; ``chosen``: reason for a chosen number; ``sigma``:
+    standard deviation."""
 
     value: float
     unit: str
@@ -51,11 +53,11 @@ class FileNumber(TypedDict):
 
 
 FilePart = dict[str, FileNumber]
-"""A part of the file: its numbers by name."""
+"""Numbers of a part of the file, by name."""
 
 
 class _Numbers:
-    """Numbers of the file with the common part of their origin."""
+    """Creates numbers of the file. ``origin``: common part of their sources."""
 
     def __init__(self, origin: str) -> None:
         self.origin = origin
@@ -69,7 +71,7 @@ class _Numbers:
 
 
 def chosen(value: float, unit: str, reason: str, sigma: float | None = None) -> FileNumber:
-    """Return a number that was not measured, with the reason."""
+    """Return a number that was chosen instead of measured, with the reason."""
     number: FileNumber = {"value": value, "unit": unit, "chosen": reason[:400]}
     if sigma is not None:
         number["sigma"] = significant(sigma)
@@ -77,19 +79,20 @@ def chosen(value: float, unit: str, reason: str, sigma: float | None = None) -> 
 
 
 def significant(sigma: float) -> float:
-    """Return an uncertainty with two significant digits."""
+    """Round an uncertainty to two significant digits."""
     return float(f"{sigma:.2g}") if math.isfinite(sigma) else 0.0
 
 
 def rounded(value: float, sigma: float) -> float:
-    """Return a value whose rounding is below a hundredth of its uncertainty."""
+    """Round a value with an error below a hundredth of its uncertainty."""
     if not (math.isfinite(sigma) and sigma > 0):
         return float(f"{value:.10g}")
     return float(round(float(value), 3 - math.floor(math.log10(sigma))))
 
 
 def camera_file(measured: PhotographCamera, stated: Stated, origin: str) -> CameraFile:
-    """Return the whole file. ``origin``: source of the measured numbers. Raises BadInput if a number is outside its range."""
+    """Return the camera file. ``origin``: source of the measured numbers. Raises BadInput if a number is outside its
+    range."""
     numbers = _Numbers(origin)
     geometry, gain = _geometry(measured, stated, numbers), _gain(measured, numbers)
     return CameraFile.model_validate(
@@ -104,8 +107,8 @@ def camera_file(measured: PhotographCamera, stated: Stated, origin: str) -> Came
 
 
 def spread_factor(measured: PhotographCamera) -> float:
-    """Return the factor of all uncertainties of the geometry: photographs of one field repeat the same errors, so they count as
-    one."""
+    """Return the factor for all uncertainties of the geometry. Photographs of one field have the same errors, so they
+    count as one measurement."""
     return math.sqrt(len(measured.photographs.used)) if measured.same_field else 1.0
 
 
@@ -121,13 +124,18 @@ def _geometry(measured: PhotographCamera, stated: Stated, numbers: _Numbers) -> 
         i, j = fit.names.index("focal_px"), fit.names.index("aspect")
         relative += float(fit.covariance[i, j]) / (focal_px * aspect)
     noise = spread_factor(measured) * math.sqrt(max(relative, 0.0))
-    dated = all(s.photograph.shot.observer is not None for s in measured.photographs.used)
-    other = (0.0 if dated or not stated.atmosphere else ABERRATION), (REFRACTION if stated.atmosphere else 0.0)
-    sigma = math.hypot(noise, *other)
+    dates_known = all(s.photograph.shot.observer is not None for s in measured.photographs.used)
+    systematic = (
+        (0.0 if dates_known or not stated.atmosphere else ABERRATION),
+        (REFRACTION if stated.atmosphere else 0.0),
+    )
+    sigma = math.hypot(noise, *systematic)
     pitch_mm, pitch_reason = _pitch(stated, camera.focal_col_px)
     detail = f"{camera.focal_col_px:.2f} px ± {camera.focal_col_px * noise:.2f} px from the scatter of the stars"
     if stated.atmosphere:
-        detail += f", and {other[1]:.0e} for refraction" + ("" if dated else f" and {other[0]:.0e} for an unknown date")
+        detail += f", and {systematic[1]:.0e} for refraction" + (
+            "" if dates_known else f" and {systematic[0]:.0e} for an unknown date"
+        )
     size = "size of the images"
     row_sigma = spread_factor(measured) * math.sqrt(covariance["aspect"]) * pitch_mm
     square = "aspect" not in fit.names
@@ -135,9 +143,9 @@ def _geometry(measured: PhotographCamera, stated: Stated, numbers: _Numbers) -> 
         "columns": numbers.exact(camera.columns, "px", size),
         "rows": numbers.exact(camera.rows, "px", size),
         "pitch_column": chosen(pitch_mm, "mm", pitch_reason),
-        "pitch_row": chosen(pitch_mm * aspect, "mm", "square pixels; the stars do not determine the ratio of the sides")
+        "pitch_row": chosen(pitch_mm * aspect, "mm", "square pixels; the stars do not determine the aspect ratio")
         if square
-        else numbers.measured(pitch_mm * aspect, "mm", row_sigma, "ratio of the sides, times pitch_column"),
+        else numbers.measured(pitch_mm * aspect, "mm", row_sigma, "aspect ratio times pitch_column"),
         "focal_length": numbers.measured(
             camera.focal_col_px * pitch_mm, "mm", camera.focal_col_px * pitch_mm * sigma, detail
         ),
@@ -151,26 +159,30 @@ def _geometry(measured: PhotographCamera, stated: Stated, numbers: _Numbers) -> 
 
 def _pitch(stated: Stated, focal_px: float) -> tuple[float, str]:
     if stated.pixel_um is not None:
-        return stated.pixel_um / 1000, "size of a pixel as stated by the user or the files"
+        return stated.pixel_um / 1000, "pixel size as stated by the user or the files"
     if stated.focal_mm is not None:
-        reason = f"from the nominal focal length of {stated.focal_mm:g} mm and the measured one in pixels"
+        reason = f"from the nominal focal length of {stated.focal_mm:g} mm and the measured focal length in pixels"
         return float(f"{stated.focal_mm / focal_px:.6g}"), reason
     return (
         TYPICAL_PITCH_MM,
-        "not known; photographs give the focal length in pixels only, so any size is right with focal_length",
+        "unknown; photographs determine the focal length only in pixels, so any pixel size is consistent with focal_length",
     )
 
 
 def _centre(measured: PhotographCamera, numbers: _Numbers, name: str, value: float) -> FileNumber:
-    most = CENTRE_SHARE * measured.geometry.camera.columns
+    max_sigma_px = CENTRE_SHARE * measured.geometry.camera.columns
     frozen = next((f for f in measured.geometry.frozen if f.name == name), None)
     if frozen is not None:
-        would = f" (σ would be {frozen.sigma:.0f} px)" if math.isfinite(frozen.sigma) else ""
-        reason = f"middle of the detector: the photographs do not determine it{would}; σ is typical of unknown cameras"
-        return chosen(value, "px", reason, min(frozen.sigma, most) if math.isfinite(frozen.sigma) else most)
+        fit_sigma = f" (σ would be {frozen.sigma:.0f} px)" if math.isfinite(frozen.sigma) else ""
+        reason = f"middle of the detector, because the photographs do not determine it{fit_sigma}; σ is typical of unknown cameras"
+        return chosen(
+            value, "px", reason, min(frozen.sigma, max_sigma_px) if math.isfinite(frozen.sigma) else max_sigma_px
+        )
     sigma = spread_factor(measured) * measured.geometry.parameter(name).sigma
-    one_field = "; all photographs show one field, so it is hardly determined" if measured.same_field else ""
-    return numbers.measured(value, "px", min(sigma, most), f"for the lens model {measured.geometry.model}{one_field}")
+    one_field = "; poorly determined, because all photographs show one field" if measured.same_field else ""
+    return numbers.measured(
+        value, "px", min(sigma, max_sigma_px), f"for the lens model {measured.geometry.model}{one_field}"
+    )
 
 
 def _lens(measured: PhotographCamera, numbers: _Numbers) -> Mapping[str, str | FileNumber]:
@@ -191,7 +203,7 @@ def _lens(measured: PhotographCamera, numbers: _Numbers) -> Mapping[str, str | F
 
 
 def model_reason(measured: PhotographCamera) -> str:
-    """Return why the lens model was chosen."""
+    """Return the reason for the choice of the lens model."""
     rows = measured.geometry.comparison
     best = next(r for r in rows if r.chosen)
     others = ", ".join(f"{r.model} {r.bic:+.0f}" for r in rows if not r.chosen)
@@ -201,10 +213,12 @@ def model_reason(measured: PhotographCamera) -> str:
 def _gain(measured: PhotographCamera, numbers: _Numbers) -> FileNumber:
     sky = measured.sky
     if math.isfinite(sky.gain_e_per_dn):
-        detail = "variance of the sky's pixels against their level"
+        detail = "variance of the sky pixels as a function of their level"
         return numbers.measured(sky.gain_e_per_dn, "e/DN", sky.gain_sigma, detail)
     why = "the sky's level varies too little" if measured.linear else "the files are not linear (JPEG or colour)"
-    return chosen(1.0, "e/DN", f"{why}; pairs of flat fields would give it. All values in electrons refer to it")
+    return chosen(
+        1.0, "e/DN", f"{why}; it can be measured with pairs of flat fields. All values in electrons depend on it"
+    )
 
 
 def _detector(measured: PhotographCamera, numbers: _Numbers, gain: FileNumber) -> FilePart:
@@ -220,7 +234,7 @@ def _detector(measured: PhotographCamera, numbers: _Numbers, gain: FileNumber) -
         "bits": chosen(bits, "bit", reason),
         "gain": gain,
         "bias": numbers.measured(
-            bias, "DN", sky.level_sigma, "sky in the darkest one; without dark frames an upper limit"
+            bias, "DN", sky.level_sigma, "sky level in the darkest photograph; without dark frames an upper limit"
         ),
         "full_well": chosen(
             float(f"{max(full_well, 1.0):.6g}"), "e", "range of the converter above the bias, times the gain"
@@ -229,14 +243,14 @@ def _detector(measured: PhotographCamera, numbers: _Numbers, gain: FileNumber) -
             noise_e,
             "e",
             math.hypot(read_sigma, noise_e * gain_share),
-            "noise of the darkest one, its sky's shot noise included",
+            "noise of the darkest photograph, including the shot noise of the sky",
         ),
-        "dark_current": chosen(0.0, "e/s", "part of the background; dark frames would give it"),
+        "dark_current": chosen(0.0, "e/s", "included in the background; it can be measured with dark frames"),
         "background": numbers.measured(
             background,
             "e/s",
             max(sky.excess_sigma * e_per_dn / exposure_s, background * gain_share),
-            "sky above the darkest one",
+            "sky level above the darkest photograph",
         ),
         "psf_sigma": _width(measured, numbers),
     }
@@ -257,26 +271,28 @@ def _width(measured: PhotographCamera, numbers: _Numbers) -> FileNumber:
     spots = measured.spots
     count, width = len(spots.sigma_px), min(max(spots.typical_sigma_px, 0.05), 50.0)
     sigma = MEDIAN * robust_sigma(spots.sigma_px) / math.sqrt(count)
-    detail = f"median of {count} stars, FWHM {2.3548 * width:.2f} px without the pixel's own width; 1 % for its shape"
+    detail = (
+        f"median of {count} stars, FWHM {2.3548 * width:.2f} px without the width of a pixel; 1 % for the star's shape"
+    )
     return numbers.measured(width, "px", math.hypot(sigma, SHAPE * width), detail)
 
 
 def converter_bits(measured: PhotographCamera) -> tuple[int, str]:
-    """Return the bits of the converter with the reason. A file with 16 bits often holds 12 or 14."""
+    """Return the number of bits of the converter, with the reason. A file with 16 bits often contains only 12 or 14."""
     file_bits = min(max(s.photograph.shot.bits for s in measured.photographs.used), MAX_BITS)
     largest, times = measured.sky.largest_dn, measured.sky.largest_count
     bits = math.ceil(math.log2(largest + 1)) if largest >= 1 else file_bits
     if 8 <= bits < file_bits and largest == (1 << bits) - 1 and times > 1:
-        return bits, f"{times} pixels reach {largest:.0f} and none is above it"
+        return bits, f"{times} pixels reach {largest:.0f} and no pixel exceeds this value"
     return file_bits, "bits of the files"
 
 
 def exposure(measured: PhotographCamera) -> tuple[float, str]:
-    """Return the typical exposure with its origin."""
+    """Return the typical exposure in seconds, with its origin."""
     exposures_s = [s.photograph.shot.exposure_s for s in measured.photographs.used if s.photograph.shot.exposure_s]
     if len(exposures_s) == len(measured.photographs.used):
         return float(np.median(exposures_s)), "median of the photographs"
-    return 1.0, "the files do not state it; values per second refer to it"
+    return 1.0, "not stated by the files; values per second depend on it"
 
 
 def _limits(measured: PhotographCamera, numbers: _Numbers) -> FilePart:

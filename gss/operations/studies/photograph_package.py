@@ -1,4 +1,4 @@
-"""An instrument package from photographs of the night: sorted, calibrated, written as files, and tried on the same photographs."""
+"""Creates an instrument package from photographs of the night sky, and tests the package on the same photographs."""
 
 from __future__ import annotations
 
@@ -22,16 +22,18 @@ from gss.operations.studies.new_instrument_requests import PhotographOptions
 from gss.operations.studies.night_frames import ProgressCallback, request_of
 from gss.operations.studies.photograph_camera import PhotographCamera, measure
 from gss.operations.studies.photograph_numbers import Stated, camera_file, model_reason
-from gss.operations.studies.photographs import Photograph, PhotographRow, Sorted, sort_out, words_of
+from gss.operations.studies.photographs import Photograph, PhotographRow, SortedPhotographs, sort_out, words_of
 
 WORSE_TOGETHER = 2.0
-"""Ratio of the residual of all photographs together to that of each alone above which they may be of different cameras."""
+"""Limit of the ratio between the residual of all photographs together and the residual of each photograph alone. A
+higher ratio indicates different cameras."""
 MAX_NOTES = 3900
 
 
 @dataclass(frozen=True)
 class PackageTrial:
-    """One photograph solved with the new package. ``rms_arcsec``: residual per axis; ``seconds``: processing time."""
+    """Result of solving one photograph with the new package. ``rms_arcsec``: residual per axis; ``seconds``: processing
+    time."""
 
     name: str
     solved: bool
@@ -43,8 +45,9 @@ class PackageTrial:
 
 @dataclass(frozen=True)
 class PhotographPackage:
-    """``files`` of the package, ``instrument`` as they are read, a row for every given file, trials of the used ones, and
-    warnings."""
+    """A new instrument package. ``files``: files of the package; ``instrument``: instrument read from these files;
+    ``rows``: a row for every photograph file; ``trials``: tests on the used photographs; ``warnings``: warnings of the
+    calibration."""
 
     files: Files
     instrument: Instrument
@@ -54,7 +57,7 @@ class PhotographPackage:
 
     @property
     def summary(self) -> str:
-        """One sentence about the result."""
+        """Summary of the result in one sentence."""
         camera = self.instrument.profile.camera
         solved = [t for t in self.trials if t.solved]
         rms = [t.rms_arcsec for t in solved if t.rms_arcsec is not None]
@@ -75,9 +78,10 @@ def make_package(
     stopwatch_s: Monotonic,
     progress: ProgressCallback,
 ) -> PhotographPackage:
-    """Return the checked package; nothing is written. ``model``: instrument from which everything except the camera is copied.
-    Raises BadInput with a reason for each file if fewer than three photographs of one camera can be used."""
-    timed = _exposures(_dated(photographs, options.taken), options.exposure_s)
+    """Return a tested package. Nothing is written to disk. ``model``: instrument from which everything except the
+    camera is copied. Raises BadInput with a reason for each file if fewer than three photographs of one camera can be
+    used."""
+    timed = _with_exposure(_with_date(photographs, options.taken), options.exposure_s)
     limits = options.fov_limits_rad
     sorted_out = sort_out(solver, timed, unreadable, limits, lambda share, text: progress(0.6 * share, text))
     measured = measure(solver, sorted_out, lambda share, text: progress(0.6 + 0.3 * share, text))
@@ -85,9 +89,9 @@ def make_package(
     used = measured.photographs.used
     origin = f"photographs: {counted(len(used), 'frame')}, {_dates(measured.photographs, now)}"
     camera = camera_file(measured, _stated(measured.photographs, options), origin)
-    about = _about(options, model, measured, origin, warnings)
+    instrument_file = _about(options, model, measured, origin, warnings)
     files = {
-        "instrument.yaml": instrument_text(about),
+        "instrument.yaml": instrument_text(instrument_file),
         "camera.yaml": camera_text(camera, _comment(measured, warnings)),
     }
     if model is not None:
@@ -107,8 +111,8 @@ def make_package(
     return PhotographPackage(files, instrument, measured.photographs.rows, trials, tuple(warnings))
 
 
-def _dated(photographs: Sequence[Photograph], taken: datetime | None) -> list[Photograph]:
-    """Give the stated date to photographs that do not state theirs."""
+def _with_date(photographs: Sequence[Photograph], taken: datetime | None) -> list[Photograph]:
+    """Set the date stated by the user for photographs whose files do not state a date."""
     if taken is None:
         return list(photographs)
     observer = observer_at(taken)
@@ -118,8 +122,9 @@ def _dated(photographs: Sequence[Photograph], taken: datetime | None) -> list[Ph
     ]
 
 
-def _exposures(photographs: Sequence[Photograph], stated_s: float | None) -> list[Photograph]:
-    """Fill in the stated exposure. Without one, magnitudes are comparable only if all exposures are known or none is."""
+def _with_exposure(photographs: Sequence[Photograph], stated_s: float | None) -> list[Photograph]:
+    """Set the exposure stated by the user for photographs without an exposure. If it is not stated, remove all
+    exposures unless every photograph has one, because otherwise magnitudes cannot be compared."""
     all_stated = all(p.shot.exposure_s for p in photographs)
     return [
         p
@@ -129,23 +134,23 @@ def _exposures(photographs: Sequence[Photograph], stated_s: float | None) -> lis
     ]
 
 
-def _stated(photographs: Sorted, options: PhotographOptions) -> Stated:
-    """Return what the user states, else what all files state alike."""
+def _stated(photographs: SortedPhotographs, options: PhotographOptions) -> Stated:
+    """Return the properties that the user states, or otherwise the values that all files state."""
 
-    def alike(name: str) -> float | None:
+    def common_value(name: str) -> float | None:
         values = {s.photograph.file.get(name) for s in photographs.used}
         text = values.pop() if len(values) == 1 else None
         return float(text) if text else None
 
     return Stated(
-        options.pixel_um or alike("pixel_um"),
-        options.focal_mm or alike("focal_mm"),
-        options.f_number or alike("f_number"),
+        options.pixel_um or common_value("pixel_um"),
+        options.focal_mm or common_value("focal_mm"),
+        options.f_number or common_value("f_number"),
         options.atmosphere,
     )
 
 
-def _dates(photographs: Sorted, now: datetime) -> str:
+def _dates(photographs: SortedPhotographs, now: datetime) -> str:
     shots = [s.photograph.shot for s in photographs.used]
     if any(shot.observer is None for shot in shots):
         return f"calibrated {now:%Y-%m-%d}"
@@ -155,24 +160,24 @@ def _dates(photographs: Sorted, now: datetime) -> str:
 
 def _warnings(measured: PhotographCamera) -> list[str]:
     warnings = [f"{w.text}. {w.hint[:1].upper()}{w.hint[1:]}" for w in measured.geometry.warnings]
-    alone = [row.rms_px for row in measured.photographs.rows if row.used and row.rms_px]
-    together = measured.geometry.residuals.rms_px
-    if alone and together > WORSE_TOGETHER * float(np.median(alone)):
+    single_rms_px = [row.rms_px for row in measured.photographs.rows if row.used and row.rms_px]
+    joint_rms_px = measured.geometry.residuals.rms_px
+    if single_rms_px and joint_rms_px > WORSE_TOGETHER * float(np.median(single_rms_px)):
         warnings.append(
-            f"Residual of all photographs together {together:.2f} px, of each alone {np.median(alone):.2f} px. They may be of "
-            "different cameras, lenses or focus"
+            f"Residual of all photographs together {joint_rms_px:.2f} px, of each alone {np.median(single_rms_px):.2f} px. The "
+            "photographs can be of different cameras, lenses or focus settings"
         )
     if measured.same_field:
         warnings.append(
-            "All photographs show one field, so they count as one and the optical centre is hardly determined. Turn the camera to "
-            "other parts of the sky"
+            "All photographs show one field, so they count as one measurement and the optical centre is poorly determined. Point "
+            "the camera to other parts of the sky"
         )
     resized = sorted(
         {s.photograph.file["original_px"] for s in measured.photographs.used if "original_px" in s.photograph.file}
     )
     if resized:
         warnings.append(
-            f"Resized or cut out after the exposure (original {', '.join(resized)}). Use the original files"
+            f"Resized or cropped after the exposure (original {', '.join(resized)}). Use the original files"
         )
     if measured.light is not None:
         warnings += [f"{w.text}. {w.hint[:1].upper()}{w.hint[1:]}" for w in measured.light.warnings]
@@ -206,9 +211,9 @@ def _about(
 
 
 def _comment(measured: PhotographCamera, warnings: Sequence[str]) -> list[str]:
-    """Return the head of the camera file: every photograph, the lens models, and the warnings."""
+    """Return the comment at the top of the camera file: all photographs, the lens models, and the warnings."""
     lines = [
-        "Made by gss instrument new --from-frames. Every measured number has its standard deviation (sigma).",
+        "Created by gss instrument new --from-frames. Every measured number has its standard deviation (sigma).",
         "",
         "Photographs:",
     ]
@@ -229,14 +234,18 @@ def _comment(measured: PhotographCamera, warnings: Sequence[str]) -> list[str]:
 
 
 def _printable(text: str) -> str:
-    """Replace characters that a YAML file must not contain; names of files are arbitrary."""
+    """Replace characters that a YAML file must not contain. File names can contain any character."""
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 def _trials(
-    solver: Solver, photographs: Sorted, instrument: Instrument, stopwatch_s: Monotonic, progress: ProgressCallback
+    solver: Solver,
+    photographs: SortedPhotographs,
+    instrument: Instrument,
+    stopwatch_s: Monotonic,
+    progress: ProgressCallback,
 ) -> tuple[PackageTrial, ...]:
-    """Solve the used photographs as those of a known camera."""
+    """Solve the used photographs with the camera of the new instrument."""
     trials = []
     for k, solved_photograph in enumerate(photographs.used):
         progress(k / len(photographs.used), f"{solved_photograph.name} with the package")

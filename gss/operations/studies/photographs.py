@@ -1,4 +1,4 @@
-"""Photographs of an unknown camera: solves each without a camera, and keeps those of one camera that hold still."""
+"""Solves photographs of an unknown camera blind, and selects sharp photographs of one camera."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from gss.pipeline.calibration.screening import SCALE_GAP, STREAK_PX
 from gss.pipeline.calibration.sightings import FrameStars
 
 FEWEST = 3
-"""Solved photographs that a calibration needs; with fewer there is no cross-validation."""
+"""Minimum number of solved photographs for a calibration, because cross-validation needs three."""
 MIN_SPOTS = 5
 MAX_REASONS = 20
 
 
 @dataclass(frozen=True)
 class Photograph:
-    """One readable photograph. ``file``: metadata of its file."""
+    """A readable photograph. ``file``: metadata of its file."""
 
     shot: Shot
     file: Mapping[str, str] = field(default_factory=dict)
@@ -34,8 +34,8 @@ class Photograph:
 
 @dataclass(frozen=True)
 class PhotographRow:
-    """What became of one file. ``reason``: why it was not used. ``spots``: stars detected, ``matched``: identified, ``fov_deg``:
-    horizontal field of view of the photograph solved alone, ``rms_px``: residual."""
+    """Result for one file. ``reason``: why it was not used; ``spots``: number of detected stars; ``matched``: number of
+    identified stars; ``fov_deg``: horizontal field of view of this photograph solved alone; ``rms_px``: residual."""
 
     name: str
     used: bool
@@ -61,15 +61,15 @@ class SolvedPhotograph:
 
 
 @dataclass(frozen=True)
-class Sorted:
-    """Photographs of one camera, at least three, and a row for every file that was given."""
+class SortedPhotographs:
+    """At least three photographs of one camera, and a row for every given file."""
 
     used: tuple[SolvedPhotograph, ...]
     rows: tuple[PhotographRow, ...]
 
 
 class _Sorting:
-    """Rows of the files so far, in the order in which they were given."""
+    """Collects the rows of the files while photographs are rejected."""
 
     def __init__(self, unreadable: Sequence[PhotographRow]) -> None:
         self.rows = {row.name: row for row in unreadable}
@@ -78,7 +78,7 @@ class _Sorting:
         self.rows[name] = _row(name, result, reason)
 
     def check(self, remaining: int) -> None:
-        """Raise BadInput with a reason for each file if too few remain."""
+        """Raise BadInput with a reason for each file if fewer than FEWEST photographs remain."""
         if remaining >= FEWEST:
             return
         reasons = [f"{row.name}: {row.reason}" for row in self.rows.values() if row.reason]
@@ -86,9 +86,9 @@ class _Sorting:
         listed = "\n".join([*reasons[:MAX_REASONS], *([f"and {unlisted} more"] if unlisted > 0 else [])])
         raise BadInput(
             "no camera can be calibrated from these photographs",
-            expected=f"{FEWEST} or more of one camera that can be solved; better 20",
+            expected=f"at least {FEWEST} photographs of one camera that can be solved, preferably 20",
             got=f"{remaining}\n{listed}" if listed else str(remaining),
-            hint="photographs of the night sky, sharp, in the camera's full size; state the field of view if you know it",
+            hint="use sharp photographs of the night sky in the camera's full size; state the field of view if you know it",
         )
 
 
@@ -98,19 +98,19 @@ def sort_out(
     unreadable: Sequence[PhotographRow],
     fov_limits_rad: tuple[float, float] | None,
     progress: ProgressCallback,
-) -> Sorted:
-    """Solve the photographs without a camera and keep those of one camera. ``unreadable``: files without an image. Raises BadInput
-    with a reason for each file if fewer than three remain."""
+) -> SortedPhotographs:
+    """Solve the photographs blind and select the photographs of one camera. ``unreadable``: files without an image.
+    Raises BadInput with a reason for each file if fewer than three photographs remain."""
     sorting = _Sorting(unreadable)
-    remaining = _of_one_size(_different(photographs, sorting), sorting)
+    remaining = _of_most_common_size(_without_copies(photographs, sorting), sorting)
     sorting.check(len(remaining))
     solved = _solved(solver, remaining, fov_limits_rad, sorting, progress)
     sorting.check(len(solved))
-    solved = _steady(_of_one_scale(solved, sorting), sorting)
+    solved = _sharp(_of_one_scale(solved, sorting), sorting)
     sorting.check(len(solved))
     for used in solved:
         sorting.rows[used.name] = replace(_row(used.name, used.result, ""), used=True)
-    return Sorted(tuple(solved), tuple(sorting.rows[name] for name in sorted(sorting.rows)))
+    return SortedPhotographs(tuple(solved), tuple(sorting.rows[name] for name in sorted(sorting.rows)))
 
 
 def _row(name: str, result: SolveResult | None, reason: str) -> PhotographRow:
@@ -128,8 +128,8 @@ def _row(name: str, result: SolveResult | None, reason: str) -> PhotographRow:
     )
 
 
-def _different(photographs: Sequence[Photograph], sorting: _Sorting) -> list[Photograph]:
-    """Return the photographs with different pixels; a copy would count as another measurement."""
+def _without_copies(photographs: Sequence[Photograph], sorting: _Sorting) -> list[Photograph]:
+    """Return the photographs without copies, because a copy would count as an independent measurement."""
     name_by_key: dict[str, str] = {}
     different = []
     for photograph in photographs:
@@ -143,21 +143,25 @@ def _different(photographs: Sequence[Photograph], sorting: _Sorting) -> list[Pho
     return different
 
 
-def _of_one_size(photographs: list[Photograph], sorting: _Sorting) -> list[Photograph]:
+def _of_most_common_size(photographs: list[Photograph], sorting: _Sorting) -> list[Photograph]:
     sizes = [photograph.shot.pixels().shape for photograph in photographs]
     if not sizes:
         return []
     ranking = Counter(sizes).most_common(2)
-    (rows, columns), most = ranking[0]
-    tied = len(ranking) == 2 and ranking[1][1] == most
+    (rows, columns), most_common_count = ranking[0]
+    tied = len(ranking) == 2 and ranking[1][1] == most_common_count
     same_size = []
     for photograph, size in zip(photographs, sizes, strict=True):
         if size == (rows, columns) and not tied:
             same_size.append(photograph)
             continue
-        of = f"{size[1]} x {size[0]} px"
-        others = "no size is more frequent than the others" if tied else f"{most} others are {columns} x {rows} px"
-        sorting.reject(photograph.shot.name, f"{of}; {others}: cropped, resized, or of another camera")
+        size_text = f"{size[1]} x {size[0]} px"
+        comparison = (
+            "no size is more frequent than the others"
+            if tied
+            else f"{most_common_count} others are {columns} x {rows} px"
+        )
+        sorting.reject(photograph.shot.name, f"{size_text}; {comparison}: cropped, resized, or of another camera")
     return same_size
 
 
@@ -168,7 +172,8 @@ def _solved(
     sorting: _Sorting,
     progress: ProgressCallback,
 ) -> list[SolvedPhotograph]:
-    """Solve each photograph; the field of view of a solved one is tried first on the next, which takes a fraction of the time."""
+    """Solve each photograph. The field of view of the last solved photograph is tried first, which saves most of the
+    time."""
     solved: list[SolvedPhotograph] = []
     for k, photograph in enumerate(photographs):
         shot = photograph.shot
@@ -178,8 +183,8 @@ def _solved(
         result = _solve(solver, pixels, blind, solved[-1].result.camera.fov_rad[0] if solved else None)
         stars = matched_stars(solver, shot, pixels, result, None)
         if stars is None:
-            few = len(result.centroids) < MIN_SPOTS
-            reason = f"{result.reason}: not the night sky, or exposed too short" if few else result.reason
+            too_few = len(result.centroids) < MIN_SPOTS
+            reason = f"{result.reason}: not the night sky, or exposed too short" if too_few else result.reason
             sorting.reject(shot.name, reason, result)
         else:
             solved.append(SolvedPhotograph(photograph, result, stars))
@@ -195,8 +200,8 @@ def _solve(solver: Solver, pixels: Pixels, blind: SolveRequest, fov_rad: float |
 
 
 def _of_one_scale(solved: list[SolvedPhotograph], sorting: _Sorting) -> list[SolvedPhotograph]:
-    """Keep the largest group without a gap in the focal lengths; other photographs are of another camera, or were cut out and
-    enlarged."""
+    """Return the largest group of photographs without a gap in their focal lengths. All other photographs are of
+    another camera, or were cropped and enlarged."""
     focal = np.array([s.result.camera.focal_col_px for s in solved])
     order = np.argsort(focal)
     groups = np.split(order, np.flatnonzero(np.diff(np.log(focal[order])) > SCALE_GAP) + 1)
@@ -207,14 +212,18 @@ def _of_one_scale(solved: list[SolvedPhotograph], sorting: _Sorting) -> list[Sol
     for k, s in enumerate(solved):
         if k not in same_scale:
             field_text = f"field of view {np.degrees(s.result.camera.fov_rad[0]):.2f}°"
-            others = (
-                "as many photographs have another one" if len(tied) > 1 else f"that of most others is {typical:.2f}°"
+            comparison = (
+                "as many photographs have another field of view"
+                if len(tied) > 1
+                else f"most others have {typical:.2f}°"
             )
-            sorting.reject(s.name, f"{field_text}; {others}: another camera or lens, or cut out and enlarged", s.result)
+            sorting.reject(
+                s.name, f"{field_text}; {comparison}: another camera or lens, or cropped and enlarged", s.result
+            )
     return [s for k, s in enumerate(solved) if k in same_scale]
 
 
-def _steady(solved: list[SolvedPhotograph], sorting: _Sorting) -> list[SolvedPhotograph]:
+def _sharp(solved: list[SolvedPhotograph], sorting: _Sorting) -> list[SolvedPhotograph]:
     for s in solved:
         if s.stars.streak_px > STREAK_PX:
             reason = f"the stars are trails of {s.stars.streak_px:.0f} px: fix the camera, or expose shorter"
@@ -222,17 +231,17 @@ def _steady(solved: list[SolvedPhotograph], sorting: _Sorting) -> list[SolvedPho
     return [s for s in solved if s.stars.streak_px <= STREAK_PX]
 
 
-def without(sorted_out: Sorted, excluded: Mapping[str, str]) -> Sorted:
-    """Return the photographs without those excluded by the calibration, by name with the reason. Raises BadInput if fewer than
-    three remain."""
+def without(sorted_out: SortedPhotographs, excluded: Mapping[str, str]) -> SortedPhotographs:
+    """Return the photographs without the excluded photographs. ``excluded``: reason by name. Raises BadInput if fewer
+    than three photographs remain."""
     sorting = _Sorting(sorted_out.rows)
     for name, reason in excluded.items():
         sorting.rows[name] = replace(sorting.rows[name], used=False, reason=reason)
     used = tuple(s for s in sorted_out.used if s.name not in excluded)
     sorting.check(len(used))
-    return Sorted(used, tuple(sorting.rows.values()))
+    return SortedPhotographs(used, tuple(sorting.rows.values()))
 
 
 def words_of(rows: Sequence[PhotographRow]) -> str:
-    """Return how many of the files were used."""
+    """Return the number of used files as text."""
     return f"{sum(row.used for row in rows)} of {counted(len(rows), 'photograph')}"

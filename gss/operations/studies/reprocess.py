@@ -1,9 +1,11 @@
-"""Runs a chain over many stored frames as a resumable job on worker processes or a cluster, with progress and cancelling.
+"""Runs a chain over many stored frames as a resumable job on worker processes or a cluster, with progress and
+cancelling.
 
-Workers receive blob keys and return plain values; only this process writes the database: each batch's results and the job's
-checkpoint in one transaction, in the order of the frames. An interrupted job therefore leaves only complete solutions, and the
-next server continues after them. The same frames, chain and version give the same values on any number of workers. Overlays
-other than stars and regions follow from attitude and camera, and are computed on request.
+Workers receive blob keys and return plain values. Only this process writes the database: it stores the results of each
+batch and the checkpoint of the job in one transaction, in the order of the frames. An interrupted job therefore leaves
+only complete solutions, and continues after them when the server restarts. The same frames, chain and version give the
+same values on any number of workers. Overlays other than stars and regions are derived from attitude and camera, and
+are computed on request.
 """
 
 from __future__ import annotations
@@ -44,9 +46,9 @@ MAX_FRAMES = 100_000
 
 
 class ReprocessRequest(Request):
-    """Frames to reprocess, by id or by filter. ``profile``: camera of frames that have none; without it those are solved blind
-    (reference chain only). ``again``: include frames that this version of the chain has already solved. ``options``: constants
-    of the chain to change."""
+    """Frames to reprocess, by id or by filter. ``profile``: camera for frames without a camera; if it is missing, these
+    frames are solved blind (reference chain only). ``again``: include frames that already have a result of this version
+    of the chain. ``options``: constants of the chain to change."""
 
     chain: str = Field(min_length=1, max_length=30)
     frame_ids: list[Id] = Field(default_factory=list, max_length=MAX_FRAMES)
@@ -59,7 +61,8 @@ class ReprocessRequest(Request):
 
 @dataclass(frozen=True)
 class ReprocessJob(JobRequest):
-    """Frames up to number ``up_to`` to reprocess with this version of the program; ``frames``: how many they were."""
+    """Job request of a reprocessing. ``version``: version of the program; ``frames``: number of frames; ``up_to``: id
+    of the last frame."""
 
     asked: ReprocessRequest
     version: str
@@ -69,7 +72,7 @@ class ReprocessJob(JobRequest):
 
 
 def _of_version_0_4(stored: JsonObject) -> JsonObject:
-    """Convert a stored request of version 0.4, which was flat."""
+    """Convert a request stored by version 0.4, which was not nested."""
     if "asked" in stored:
         return stored
     filters = {"source": stored["filters"].get("source", ""), "contact": stored["filters"].get("contact_id")}
@@ -78,9 +81,9 @@ def _of_version_0_4(stored: JsonObject) -> JsonObject:
 
 
 @dataclass
-class Done:
-    """Progress of a job: frames with a result, numbers of outcomes and verdicts, the last frame. Its plain values are the
-    job's checkpoint."""
+class ReprocessProgress:
+    """Progress of a job. ``frames``: number of frames with a result; ``last_id``: id of the last of these frames;
+    ``counts``: numbers of outcomes and verdicts. Its plain values are the checkpoint of the job."""
 
     frames: int = 0
     last_id: int = 0
@@ -88,10 +91,10 @@ class Done:
     counts: dict[str, int] | None = None
 
     def count(self, rows: Sequence[TaskResult]) -> None:
-        """Add a batch."""
+        """Count the results of a batch."""
         self.counts = self.counts or {}
         for row in rows:
-            # A set, so that the verdict "none" and the outcome "none" count once.
+            # In a set, the verdict "none" and the outcome "none" count once.
             for key in {row["outcome"], row.get("verdict")}:
                 if key:
                     self.counts[key] = self.counts.get(key, 0) + 1
@@ -99,7 +102,7 @@ class Done:
 
 
 class ReprocessResult(TypedDict):
-    """Result of a job: frames, and numbers of outcomes and verdicts."""
+    """Result of a job. ``frames``: number of frames; ``counts``: numbers of outcomes and verdicts."""
 
     frames: int
     counts: dict[str, int]
@@ -107,8 +110,8 @@ class ReprocessResult(TypedDict):
 
 
 class ReprocessService:
-    """Starts reprocessing jobs. Results are stored in addition to each frame's operational ground result; they become
-    operational only for frames that have none, with ``operational_chain`` and the frame's camera."""
+    """Starts reprocessing jobs. Results are stored in addition to the operational ground result of each frame. A result
+    of ``operational_chain`` with the frame's camera becomes operational only if the frame has no operational result."""
 
     def __init__(
         self,
@@ -129,7 +132,8 @@ class ReprocessService:
         jobs.register(JobKind(KIND, ReprocessJob, self._resume, older=_of_version_0_4))
 
     def start(self, spec: ReprocessRequest, *, user: str) -> Job:
-        """Queue the job. Raises BadInput if there is no frame to run, the chain is unknown or it rejects a changed constant."""
+        """Queue the job. Raises BadInput if there is no frame to run, the chain is unknown, or the chain rejects a
+        changed constant."""
         if spec.chain not in CHAINS:
             raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=spec.chain)
         tasks = self.tasks(spec)
@@ -137,13 +141,13 @@ class ReprocessService:
             raise BadInput(
                 "no frame to run",
                 expected="at least one complete frame without a result of this chain and version",
-                hint="select Run again to include all of them",
+                hint="include frames that already have a result of this version",
             )
         for profile in {task.profile for task in tasks if task.profile is not None} if spec.options else ():
             options_of(spec.chain, self._book.profile(profile), spec.options)
         job = ReprocessJob(spec, __version__, len(tasks), tasks[-1].frame_id, self._epoch_jyear, user=user)
-        changed = f" with {counted(len(spec.options), 'changed constant')}" if spec.options else ""
-        return self._jobs.begin(KIND, f"{spec.chain} on {counted(len(tasks), 'frame')}{changed}", job)
+        changes_text = f" with {counted(len(spec.options), 'changed constant')}" if spec.options else ""
+        return self._jobs.begin(KIND, f"{spec.chain} on {counted(len(tasks), 'frame')}{changes_text}", job)
 
     def tasks(self, request: ReprocessRequest) -> list[Task]:
         """Return the tasks, oldest frame first."""
@@ -152,19 +156,20 @@ class ReprocessService:
                 frames = [store.get(session, i) for i in request.frame_ids]
             else:
                 frames = store.page(session, MAX_FRAMES, 0, source=request.source, contact_id=request.contact)[1]
-            done = (
+            solved_ids = (
                 set()
                 if request.again
                 else store.solved_by(session, request.chain, __version__, as_text(request.options))
             )
         rows = sorted(
-            (f for f in frames if f.complete and f.pixels_removed is None and f.id not in done), key=lambda f: f.id
+            (f for f in frames if f.complete and f.pixels_removed is None and f.id not in solved_ids),
+            key=lambda f: f.id,
         )
         return [_task(f, request) for f in rows]
 
     def _resume(self, job: ReprocessJob, run: JobRun) -> JobResult:
-        """Continue a job from its stored request, after its checkpoint. Raises Conflict if the program's version has
-        changed."""
+        """Run a job from its stored request, starting after its checkpoint. Raises Conflict if the version of the
+        program has changed."""
         if job.version != __version__:
             raise Conflict(
                 "the software version changed since this job started",
@@ -172,7 +177,7 @@ class ReprocessService:
                 got=__version__,
                 hint="finished work is kept; start a new job",
             )
-        done = Done(**run.checkpoint) if run.checkpoint else Done()
+        done = ReprocessProgress(**run.checkpoint) if run.checkpoint else ReprocessProgress()
         tasks = [task for task in self.tasks(job.asked) if done.last_id < task.frame_id <= job.up_to]
         return self.work(job.asked, tasks, run.progress, done, run.keep, job.epoch_jyear)
 
@@ -181,20 +186,20 @@ class ReprocessService:
         request: ReprocessRequest,
         tasks: Sequence[Task],
         progress: Progress,
-        done: Done | None = None,
+        done: ReprocessProgress | None = None,
         keep: Keep | None = None,
         epoch_jyear: float | None = None,
     ) -> ReprocessResult:
-        """Run the tasks. Return the job's result: counts of outcomes and verdicts. ``done``: progress before a restart."""
-        done = done or Done()
+        """Run the tasks and return the result of the job. ``done``: progress before a restart."""
+        done = done or ReprocessProgress()
         total, before_s, started_s, reported_s = done.frames + len(tasks), done.elapsed_s, stopwatch_s(), 0.0
-        at_first = done.frames
+        frames_before = done.frames
         epoch, documented = epoch_jyear or self._epoch_jyear, self._instruments.cameras()
         options = tuple(request.options.items())
         order = BatchSettings(self._blobs_url, epoch, request.chain, self._book.profiles(), documented, options)
 
         def report(_share: float = 0.0) -> None:
-            rate = (done.frames - at_first) / max(1e-3, stopwatch_s() - started_s)
+            rate = (done.frames - frames_before) / max(1e-3, stopwatch_s() - started_s)
             progress(done.frames, total, f"{done.frames} of {total} frames, {rate:.0f} frames/s")
 
         with closing(self._executor.in_order(run_item, _batches(order, tasks), report)) as results:
@@ -206,13 +211,13 @@ class ReprocessService:
                 if (
                     done.frames == total
                     or elapsed_s - reported_s > REPORT_EVERY_S
-                    or done.frames == at_first + len(rows)
+                    or done.frames == frames_before + len(rows)
                 ):
                     reported_s = elapsed_s
                     report()
         return {"frames": done.frames, "counts": done.counts or {}, "elapsed_s": done.elapsed_s}
 
-    def _keep(self, rows: Sequence[TaskResult], done: Done, keep: Keep | None) -> None:
+    def _keep(self, rows: Sequence[TaskResult], done: ReprocessProgress, keep: Keep | None) -> None:
         common: dict[str, object] = {"origin": "ground", "created": self._now()}
         with self._database.unit_of_work() as session:
             store.add_solutions(session, [{**common, **row} for row in rows])

@@ -1,5 +1,5 @@
-"""Worker side of reprocessing: takes pixels and returns a solution's columns. It does not use the database, so it starts
-quickly."""
+"""Worker side of reprocessing: solves pixels and returns the columns of a solution. It does not use the database, so it
+starts quickly."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ class Task:
     observer: Observer | None = None
     exposure_s: float | None = None
     epoch_jyear: float | None = None
-    """Of the star positions; None: that of the batch."""
+    """Epoch of the star positions; None for the epoch of the batch."""
 
 
 @dataclass(frozen=True)
 class BatchSettings:
-    """Settings of a batch. ``documented``: all cameras by name; ``profiles``: the same, calibrated
-    where a calibration is in use; ``options``: changed constants of the chain."""
+    """Settings of a batch. ``documented``: documented cameras by name; ``profiles``: active cameras by name;
+    ``options``: changed constants of the chain."""
 
     blobs_url: str
     epoch_jyear: float
@@ -54,7 +54,7 @@ class BatchSettings:
 
 
 @dataclass
-class _Kept:
+class _WorkerState:
     """State that a process keeps between batches and jobs."""
 
     blobs: BlobStore
@@ -63,20 +63,20 @@ class _Kept:
     profiles: dict[str, CameraProfile]
 
     def profile(self, name: str) -> CameraProfile:
-        """Return the camera of that name, as given by the order. Raises NotFound."""
+        """Return the active camera of a name, from the settings of the batch. Raises NotFound."""
         if name not in self.profiles:
             raise NotFound("unknown instrument", expected=" | ".join(sorted(self.profiles)), got=name)
         return self.profiles[name]
 
 
 class TaskResult(SolutionValues):
-    """Columns of a solution with its frame."""
+    """Columns of a solution, with the id of its frame."""
 
     frame_id: int
     camera_name: NotRequired[str]
 
 
-_kept: dict[tuple[str, float], _Kept] = {}
+_states: dict[tuple[str, float], _WorkerState] = {}
 
 
 def run_item(item: tuple[BatchSettings, Sequence[Task]], _report_share: Callable[[float], None]) -> list[TaskResult]:
@@ -84,46 +84,46 @@ def run_item(item: tuple[BatchSettings, Sequence[Task]], _report_share: Callable
     return run_batch(*item)
 
 
-def run_batch(order: BatchSettings, tasks: Sequence[Task]) -> list[TaskResult]:
-    """Return one row of values per task; a frame that cannot be run has outcome "none" with the reason."""
-    state = _ready(order)
-    return [_run(state, order, task) for task in tasks]
+def run_batch(settings: BatchSettings, tasks: Sequence[Task]) -> list[TaskResult]:
+    """Return one row of values per task. A frame that cannot be processed has the outcome "none" with the reason."""
+    state = _state_for(settings)
+    return [_run(state, settings, task) for task in tasks]
 
 
-def _ready(order: BatchSettings) -> _Kept:
-    key = (order.blobs_url, order.epoch_jyear)
-    if key not in _kept:
-        cache, profiles, blobs = SolverCache(), dict(order.profiles), BlobStore(order.blobs_url)
+def _state_for(settings: BatchSettings) -> _WorkerState:
+    key = (settings.blobs_url, settings.epoch_jyear)
+    if key not in _states:
+        cache, profiles, blobs = SolverCache(), dict(settings.profiles), BlobStore(settings.blobs_url)
         dark = DarkFrames(blobs).pattern
-        solver = Solver(lambda name: _kept[key].profile(name), cache, stopwatch_s, order.epoch_jyear, dark)
-        _kept[key] = _Kept(blobs, solver, cache.stars(order.epoch_jyear), profiles)
-    _kept[key].profiles = dict(order.profiles)
-    return _kept[key]
+        solver = Solver(lambda name: _states[key].profile(name), cache, stopwatch_s, settings.epoch_jyear, dark)
+        _states[key] = _WorkerState(blobs, solver, cache.stars(settings.epoch_jyear), profiles)
+    _states[key].profiles = dict(settings.profiles)
+    return _states[key]
 
 
-def _run(state: _Kept, order: BatchSettings, task: Task) -> TaskResult:
+def _run(state: _WorkerState, settings: BatchSettings, task: Task) -> TaskResult:
     try:
         data = np.frombuffer(state.blobs.get(task.sha256), np.dtype(task.dtype))
         pixels = data.reshape(task.rows, task.columns)
         request = SolveRequest(
-            chain=order.chain,
+            chain=settings.chain,
             profile=task.profile,
             blind=task.profile is None,
             epoch_jyear=task.epoch_jyear,
             observer=task.observer,
             exposure_s=task.exposure_s,
-            options=order.options,
+            options=settings.options,
         )
         result = state.solver.solve(pixels, request)
         result = replace(result, timing_s={k: v for k, v in result.timing_s.items() if math.isfinite(v)})
     except GssError as error:
         return {
             "frame_id": task.frame_id,
-            "chain": order.chain,
+            "chain": settings.chain,
             "version": __version__,
             "outcome": "none",
             "reason": str(error),
         }
     stars = state.stars if task.epoch_jyear is None else state.solver.cache.stars(task.epoch_jyear)
-    values = solution_values(result, stars, order.documented.get(task.profile or ""), task.truth)
+    values = solution_values(result, stars, settings.documented.get(task.profile or ""), task.truth)
     return {"frame_id": task.frame_id, "camera_name": request.camera_name, **values}

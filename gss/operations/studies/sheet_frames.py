@@ -1,4 +1,4 @@
-"""The performance sheet from frames of a unit, or of a simulated unit."""
+"""Creates the performance sheet from frames of a unit or of a simulated unit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gss.pipeline.sheet.heads import ReferenceInput
 from gss.pipeline.sheet.sheet import SheetInput, performance_sheet
 
 NEAR_S = 600.0
-"""A temperature is interpolated between packets that are at most this far apart."""
+"""Maximum distance in seconds between a frame and the nearest packet for the interpolation of temperature."""
 
 
 def sheet_of_frames(
@@ -27,10 +27,10 @@ def sheet_of_frames(
     temperature: tuple[Array, Array] | None = None,
     seed: int = 1,
 ) -> AnalysisResult:
-    """Return the sheet of solved frames. ``second``: frames of a second head; ``mounting``: quaternion camera from
-    second head; ``temperature``: Unix seconds and °C of the unit."""
+    """Return the performance sheet of solved frames. ``second``: frames of a second head; ``mounting``: quaternion
+    camera from second head; ``temperature``: Unix seconds and °C of the unit."""
     profile, series = run.profile, run.series
-    # Frames and their results are in the same order as the series, which sorts by time.
+    # The shots are in the same order as the series, which is sorted by time.
     observers = [s.observer for s in run.shots]
     reference = None
     if second is not None:
@@ -55,25 +55,25 @@ def sheet_of_frames(
 def sheet_of_simulation(
     solver: Solver, profile: CameraProfile, chain: str, seed: int, progress: ProgressCallback
 ) -> AnalysisResult:
-    """Return the sheet of a simulated unit."""
+    """Return the performance sheet of a simulated unit."""
     sheet_input = simulated_input(solver, profile, chain, seed, progress)
     subject = f"simulated unit of {profile.name}, {len(sheet_input.series)} frames, seed {seed}, chain {chain}"
     return _sheet(sheet_input, profile, SheetSource(profile.name, profile.title, chain, "simulated", subject, seed))
 
 
-def _sheet(sheet_input: SheetInput, profile: CameraProfile, of: SheetSource) -> AnalysisResult:
-    sheet = performance_sheet(sheet_input, np.random.default_rng([of.seed, 64]))
-    return AnalysisResult("sheet", sheet_report(sheet, of, profile.camera), as_sheet_record(sheet, of))
+def _sheet(sheet_input: SheetInput, profile: CameraProfile, source: SheetSource) -> AnalysisResult:
+    sheet = performance_sheet(sheet_input, np.random.default_rng([source.seed, 64]))
+    return AnalysisResult("sheet", sheet_report(sheet, source, profile.camera), as_sheet_record(sheet, source))
 
 
 def temperature_at(times_s: Array, at_s: Array, celsius: Array) -> Array | None:
-    """(n,) temperatures at these times; None if a time has no packet near it."""
-    near = temperature_near(times_s, at_s, celsius)
-    return near if np.isfinite(near).all() else None
+    """Return the (n,) temperatures at (n,) times; None if a time has no packet within NEAR_S."""
+    temperatures_c = temperature_near(times_s, at_s, celsius)
+    return temperatures_c if np.isfinite(temperatures_c).all() else None
 
 
 def temperature_near(times_s: Array, at_s: Array, celsius: Array) -> Array:
-    """(n,) temperatures at these times, NaN where no packet is near."""
+    """Return the (n,) temperatures at (n,) times; NaN for times without a packet within NEAR_S."""
     if not len(at_s):
         return np.full(len(times_s), np.nan)
     index = np.clip(np.searchsorted(at_s, times_s), 1, max(1, len(at_s) - 1))

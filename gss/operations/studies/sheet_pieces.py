@@ -24,8 +24,9 @@ def notes(warnings: Iterable[Advice]) -> list[Note]:
 
 
 def axes_table(axes: Sequence[AxisFigures], paper: dict[str, tuple[float, float]] | None = None) -> Table:
-    """Return a table of values per axis in arcseconds, with those of a paper if given (1σ and 3σ, degrees)."""
-    head = ["axis", "1σ ″", "95 %", "3σ ″", "frame to frame ″", "reported σ ″", "drift ″/s"]
+    """Return a table of values per axis in arcseconds. ``paper``: values of a paper for comparison, 1σ and 3σ in
+    degrees."""
+    column_titles = ["axis", "1σ ″", "95 %", "3σ ″", "frame to frame ″", "reported σ ″", "drift ″/s"]
     rows = []
     for axis in axes:
         sigma, low, high, noise, claimed, drift = (
@@ -46,19 +47,19 @@ def axes_table(axes: Sequence[AxisFigures], paper: dict[str, tuple[float, float]
             row += [number(one_sigma * 3600, 3), number(three_sigma * 3600, 3)]
         rows.append(row)
     if paper is not None:
-        head += ["Erlank 2013 1σ ″", "3σ ″"]
-    return Table("Axes", head, rows)
+        column_titles += ["Erlank 2013 1σ ″", "3σ ″"]
+    return Table("Axes", column_titles, rows)
 
 
 def over_time(title: str, times_s: Array, values: Array, labels: Sequence[str], unit: str) -> Plot:
     """Plot (n, k) values against Unix seconds."""
-    at = numbers(times_s)
-    series = [Series(label, at, maybe(values[:, k]), "dots") for k, label in enumerate(labels)]
+    times = numbers(times_s)
+    series = [Series(label, times, maybe(values[:, k]), "dots") for k, label in enumerate(labels)]
     return Plot(title, "UTC", unit, series, time=True)
 
 
 def bars(name: str, values: Array) -> Plot:
-    """Return a histogram with the normal curve of the same mean and width."""
+    """Return a histogram of values with the normal distribution of the same mean and width."""
     binned = histogram(values, name)
     normal = maybe(binned.normal)
     middles = numbers((binned.edges[1:] + binned.edges[:-1]) / 2)
@@ -73,28 +74,29 @@ def bars(name: str, values: Array) -> Plot:
     )
 
 
-def phase_means(place: Array, off: Array) -> list[float | None]:
+def phase_means(position_px: Array, error_px: Array) -> list[float | None]:
     """Return the mean error by position within a pixel; None for a bin with fewer than five stars."""
-    within = place - off
+    within = position_px - error_px
     bin_of = np.clip(((within - np.round(within) + 0.5) * PHASES).astype(int), 0, PHASES - 1)
     return [
-        float(off[bin_of == k].mean()) if np.count_nonzero(bin_of == k) >= MIN_IN_BIN else None for k in range(PHASES)
+        float(error_px[bin_of == k].mean()) if np.count_nonzero(bin_of == k) >= MIN_IN_BIN else None
+        for k in range(PHASES)
     ]
 
 
 def rms(values: Sequence[float | None]) -> float | None:
-    """Root mean square of the known values; None without any."""
+    """Return the root mean square of the values that are not None; None if there are none."""
     numbers = [v for v in values if v is not None]
     return float(np.sqrt(np.mean(np.square(numbers)))) if numbers else None
 
 
 def numbers(values: Array) -> list[float]:
-    """Return plain floats."""
+    """Return the values as floats."""
     return [float(v) for v in values]
 
 
 def maybe(values: Array) -> list[float | None]:
-    """Return plain floats, None for NaN and infinities."""
+    """Return the values as floats; None for NaN and infinities."""
     return [float(v) if np.isfinite(v) else None for v in values]
 
 

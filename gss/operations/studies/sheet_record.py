@@ -1,5 +1,4 @@
-"""The performance sheet as stored, exported and shown: figures in the units of users, and the report with its
-drawings."""
+"""The performance sheet in its stored form, with figures in user units, and as a report with drawings."""
 
 from __future__ import annotations
 
@@ -34,14 +33,13 @@ USER_UNITS: dict[str, tuple[str, float]] = {
     "frames": ("frames", 1.0),
     "1": ("", 1.0),
 }
-"""Unit for users of each internal unit, and its size."""
+"""User unit of each internal unit, and its size in internal units."""
 SIGNS = {"arcsec": "″", "arcsec/K": "″/K", "arcsec/day": "″/day", "deg/s": "°/s", "deg/s²": "°/s²"}
 
 
 @dataclass(frozen=True)
 class SheetSource:
-    """What the sheet is of. ``source``: frames or simulated; ``seed``: of the intervals and, if simulated, of the
-    frames."""
+    """Subject of a sheet. ``source``: frames or simulated; ``seed``: seed of the intervals and of simulated frames."""
 
     unit: str
     title: str
@@ -52,8 +50,8 @@ class SheetSource:
 
 
 class BoundedValue(TypedDict):
-    """One figure with its interval, in ``unit``: arcsec, arcsec/K, arcsec/day, deg/s, deg/s², s, %, px, frames, or "" for a
-    number. None: without bound."""
+    """One figure with its interval. ``unit``: arcsec, arcsec/K, arcsec/day, deg/s, deg/s², s, %, px, frames, or "" for
+    a number. ``low``, ``high``: None without a bound."""
 
     name: str
     value: float | None
@@ -63,7 +61,8 @@ class BoundedValue(TypedDict):
 
 
 class RowValues(TypedDict):
-    """One row. ``conditions``: under which the figures hold; ``needs``: the missing data, if it was not measured."""
+    """One row of a sheet. ``conditions``: conditions of the figures; ``needs``: data that are missing for the
+    measurement."""
 
     key: str
     title: str
@@ -76,8 +75,8 @@ class RowValues(TypedDict):
 
 
 class SheetValues(TypedDict):
-    """Performance sheet of a unit. ``confidence``: of the intervals; ``subject``: frames, camera, time and chain; ``seed``: of the
-    bootstrap and of simulated frames."""
+    """Performance sheet of a unit. ``confidence``: confidence level of the intervals; ``subject``: frames, camera, time
+    and chain; ``seed``: seed of the bootstrap and of simulated frames."""
 
     schema_name: Literal["gss-performance-sheet-1"]
     standard: str
@@ -91,17 +90,17 @@ class SheetValues(TypedDict):
     rows: list[RowValues]
 
 
-def as_sheet_record(sheet: PerformanceSheet, of: SheetSource) -> SheetValues:
-    """Return the sheet in the units of users; None where an interval has no bound."""
+def as_sheet_record(sheet: PerformanceSheet, source: SheetSource) -> SheetValues:
+    """Return the sheet in user units. A bound is None if an interval has no bound."""
     return {
         "schema_name": SCHEMA,
         "standard": STANDARD,
-        "unit": of.unit,
-        "title": of.title,
-        "chain": of.chain,
-        "source": of.source,
-        "subject": of.subject,
-        "seed": of.seed,
+        "unit": source.unit,
+        "title": source.title,
+        "chain": source.chain,
+        "source": source.source,
+        "subject": source.subject,
+        "seed": source.seed,
         "confidence": CONFIDENCE,
         "rows": [_row(row) for row in sheet.rows],
     }
@@ -126,19 +125,19 @@ def _figure(figure: SheetFigure) -> BoundedValue:
     return {"name": figure.name, "value": value, "low": low, "high": high, "unit": unit}
 
 
-def sheet_report(sheet: PerformanceSheet, of: SheetSource, camera: Camera) -> Report:
-    """Return the sheet as a report: a section of all figures, then the drawings and how each row was made."""
+def sheet_report(sheet: PerformanceSheet, source: SheetSource, camera: Camera) -> Report:
+    """Return the sheet as a report with all figures, drawings, and the method of each row."""
     rows = [_row(row) for row in sheet.rows]
     table = [line for row in rows for line in _lines(row)]
     facts = [
-        Fact("unit", of.title),
-        Fact("source", "simulated" if of.source == "simulated" else "frames of the unit"),
-        Fact("processing", f"chain {of.chain}"),
+        Fact("unit", source.title),
+        Fact("source", "simulated" if source.source == "simulated" else "frames of the unit"),
+        Fact("processing", f"chain {source.chain}"),
         Fact("detector", f"{camera.columns} x {camera.rows} px, {number(camera.pixel_rad / ARCSEC_RAD, 3)}″ per pixel"),
-        Fact("intervals", f"{100 * CONFIDENCE:.0f} %", "", f"bootstrap or Wilson, seed {of.seed}"),
+        Fact("intervals", f"{100 * CONFIDENCE:.0f} %", "", f"bootstrap or Wilson, seed {source.seed}"),
     ]
-    if of.source == "simulated":
-        still = "does not bend with temperature: the interval is what this test resolves"
+    if source.source == "simulated":
+        still = "does not bend with temperature; the interval is the resolution of this test"
         facts.append(Fact("mounting", "ideal", "", still))
     sections = [
         Section(
@@ -171,9 +170,11 @@ def sheet_report(sheet: PerformanceSheet, of: SheetSource, camera: Camera) -> Re
     )
     unmeasured = [row.title for row in sheet.rows if not row.measured]
     notes = (
-        [Note(f"not measured: {', '.join(unmeasured)}", "the table states what each row needs")] if unmeasured else []
+        [Note(f"not measured: {', '.join(unmeasured)}", "The table states the data that each row needs.")]
+        if unmeasured
+        else []
     )
-    return Report(f"Performance sheet: {of.title}", of.subject, sections, notes)
+    return Report(f"Performance sheet: {source.title}", source.subject, sections, notes)
 
 
 def _lines(row: RowValues) -> list[list[str]]:
@@ -190,7 +191,7 @@ def _lines(row: RowValues) -> list[list[str]]:
 
 
 def _scatter(spatial: SpatialErrors) -> str:
-    return f"{spatial.sightings} stars in {spatial.frames} frames; what remains has a scatter of {spatial.noise_px:.3f} px."
+    return f"{spatial.sightings} stars in {spatial.frames} frames; scatter of the remaining errors {spatial.noise_px:.3f} px."
 
 
 def _spatial_drawings(spatial: SpatialErrors, camera: Camera) -> list[Drawing]:
@@ -210,8 +211,8 @@ def _spatial_drawings(spatial: SpatialErrors, camera: Camera) -> list[Drawing]:
     )
     at = numbers(spatial.within_px)
     within = Plot(
-        "Error against the place within a pixel",
-        "place, px from the centre",
+        "Error against the position within a pixel",
+        "position, px from the centre",
         "px",
         [Series("columns", at, maybe(spatial.curve_px[:, 0])), Series("rows", at, maybe(spatial.curve_px[:, 1]))],
     )

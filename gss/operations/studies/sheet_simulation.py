@@ -1,5 +1,5 @@
-"""The performance sheet of a camera on paper: frames of a simulated unit, solved by its own chain and compared with
-the truth."""
+"""Input of the performance sheet of a simulated unit. Its frames are solved by its chain and compared with the
+truth."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ SCAN_FRAMES, STARE_FRAMES, SLEW_FRAMES, EACH_FRAMES = 60, 60, 24, 8
 MAX_SCAN_FRAMES, WANTED_STARS = 180, 700
 STARE_PX = 0.03
 SLEW_PX = 2.0
-"""Smear at the largest rate of the slew."""
+"""Smear in pixels at the maximum rate of the slew."""
 MOON_MAG, MOON_RAD, MOON_POINTS = -12.7, math.radians(0.26), 40
 EARTH_C, ORBIT_C, ORBIT_S = 9.94e-5, 2.5e-5, 5_700.0
-"""Speeds of the Earth and of a low orbit in units of c, and its period."""
+"""Speeds of the Earth and of a spacecraft in a low orbit in units of c, and period of the orbit in seconds."""
 SWING_K = 10.0
 FAR_MARGIN_RAD = math.radians(10.0)
 PROTONS = 200
@@ -53,20 +53,21 @@ AGED = (
     ("1 % of the pixels hot", 1.0, 1.0, 0.01),
     ("all three", 10.0, 0.8, 0.01),
 )
-"""Title, factor of the dark current, factor of the light, share of hot pixels. Assumptions, not a radiation
-analysis."""
+"""(title, factor of the dark current, factor of the light, share of hot pixels). These values are assumptions, not the
+result of a radiation analysis."""
 
 
 @dataclass(frozen=True)
 class _Bench:
-    """Renders frames of one profile and solves them."""
+    """Renders and solves frames of one profile."""
 
     profile: CameraProfile
     solver: Solver
     chain: str
 
     def unit(self, light: float = 1.0, defects: Defects | None = None, seed: int = 1) -> RenderedUnit:
-        """Return the simulated unit, with other light and defects if given."""
+        """Return the simulated unit. ``light``: factor of the light; ``defects``: None for the defects of the
+        profile."""
         profile = self.profile
         sensor = replace(profile.sensor, zero_point_e_s=profile.sensor.zero_point_e_s * light)
         chip = make_chip(profile.defects if defects is None else defects, sensor, profile.camera, seed)
@@ -74,7 +75,7 @@ class _Bench:
         return RenderedUnit(profile.camera, sensor, stars, profile.sensor.exposure_s, chip)
 
     def request(self, moment: Moment) -> SolveRequest:
-        """Return the request for the solver, without prior attitude."""
+        """Return the request to solve a frame without a prior attitude."""
         return SolveRequest(
             self.chain,
             camera_profile=self.profile,
@@ -87,7 +88,7 @@ class _Bench:
 def simulated_input(
     solver: Solver, profile: CameraProfile, chain: str, seed: int, progress: ProgressCallback
 ) -> SheetInput:
-    """Render, solve and collect all that the sheet needs. The same seed gives the same frames."""
+    """Render and solve frames, and return the input of the sheet. The same seed gives the same frames."""
     bench = _Bench(profile, solver, chain)
     rng = np.random.default_rng([seed, 60])
     unit = bench.unit(seed=seed)
@@ -100,7 +101,7 @@ def simulated_input(
 
     observations = _sky(bench, unit, rng, step)
     scores = [assess(o.result, o.truth, profile.camera) for o in observations]
-    # A pointing that the chain solves, so that the noise can be measured there.
+    # The chain must solve the pointing of the next runs, so that the noise can be measured.
     solved = [o.moment for o in observations if o.result.attitude is not None] or [o.moment for o in observations]
     start = solved[0].cam_from_icrs
     top = SLEW_PX * profile.camera.pixel_rad / profile.sensor.exposure_s
@@ -114,14 +115,14 @@ def simulated_input(
             observations.append(_observed(bench, unit, in_orbit(moment), rng))
     return replace(
         sheet_input(observations, profile.camera),
-        acquisition=trials_of("pointings even over the sky, at rest, simulated", scores),
+        acquisition=trials_of("pointings uniform over the sky, at rest, simulated", scores),
         aged=tuple(_aged(bench, seed, step)),
         disturbed=tuple(_disturbed(bench, unit, conditions, seed, step)),
     )
 
 
 def _sky(bench: _Bench, unit: RenderedUnit, rng: np.random.Generator, step: Callable[[str], None]) -> list[Observation]:
-    """Observe random pointings; more of them if the chain names few stars in each."""
+    """Observe random pointings. More pointings are observed if the chain identifies only a few stars in each."""
     observations: list[Observation] = []
     stars = 0
     while len(observations) < SCAN_FRAMES or (stars < WANTED_STARS and len(observations) < MAX_SCAN_FRAMES):
@@ -134,15 +135,15 @@ def _sky(bench: _Bench, unit: RenderedUnit, rng: np.random.Generator, step: Call
 
 
 def in_orbit(moment: Moment) -> Moment:
-    """Return the moment with the velocity of a spacecraft in a low orbit, and with the temperature of an orbit."""
+    """Return the moment with the velocity and the temperature of a spacecraft in a low orbit."""
     phase = 2 * math.pi * moment.time_s / ORBIT_S
     velocity = (EARTH_C + ORBIT_C * math.cos(phase), ORBIT_C * math.sin(phase), 0.0)
     return replace(moment, velocity_c=velocity, temperature_c=CALIBRATED_C + SWING_K * math.sin(phase))
 
 
 def _observed(bench: _Bench, unit: RenderedUnit, moment: Moment, rng: np.random.Generator) -> Observation:
-    drawn = unit.frame(moment, rng)
-    return Observation(moment, bench.solver.solve(drawn.pixels, bench.request(moment)), drawn.truth)
+    rendered = unit.frame(moment, rng)
+    return Observation(moment, bench.solver.solve(rendered.pixels, bench.request(moment)), rendered.truth)
 
 
 def _scores(
@@ -159,9 +160,9 @@ def _scores(
     scores = []
     for moment in map(in_orbit, scan(EACH_FRAMES, np.random.default_rng([seed, 63]))):
         step(title)
-        drawn = unit.frame(moment, rng, disturbed, dark_factor)
+        rendered = unit.frame(moment, rng, disturbed, dark_factor)
         scores.append(
-            assess(bench.solver.solve(drawn.pixels, bench.request(moment)), drawn.truth, bench.profile.camera)
+            assess(bench.solver.solve(rendered.pixels, bench.request(moment)), rendered.truth, bench.profile.camera)
         )
     return scores
 
@@ -176,7 +177,7 @@ def _aged(bench: _Bench, seed: int, step: Callable[[str], None]) -> Iterator[Tri
 
 
 def _noise_e_s(profile: CameraProfile) -> float:
-    """Dark signal of one standard deviation of a pixel in one exposure."""
+    """Return the dark current in e⁻/s whose signal equals one standard deviation of a pixel's noise in one exposure."""
     return profile.sensor.noise_e(profile.sensor.exposure_s) / profile.sensor.exposure_s
 
 
@@ -188,38 +189,39 @@ def _disturbed(
 
 
 def disturbances(profile: CameraProfile, rng: np.random.Generator) -> list[Disturbance]:
-    """Return the disturbances of the robustness row, in detector coordinates."""
+    """Return the disturbances for the robustness row, in detector coordinates."""
     camera, sensor = profile.camera, profile.sensor
     columns, rows = camera.columns, camera.rows
     sun = profile.baffle.sun_limit_rad
-    inside = 0.5 * (profile.baffle.sun_limit_rad + profile.baffle.blind_rad)
+    inside_limit_rad = 0.5 * (profile.baffle.sun_limit_rad + profile.baffle.blind_rad)
     full_e_s = sensor.full_well_e / sensor.exposure_s
     hits = zip(rng.integers(0, columns, PROTONS), rng.integers(0, rows, PROTONS), rng.random(PROTONS), strict=True)
-    places = rng.uniform((0, 0), (columns - 1, rows - 1), (20, 2))
+    false_star_px = rng.uniform((0, 0), (columns - 1, rows - 1), (20, 2))
     faint = rng.uniform(sensor.faint_limit_mag - 3, sensor.faint_limit_mag, 20)
     return [
         Disturbance("none"),
         Disturbance("Sun at the limit of the baffle", veil=Veil(sun_stray(camera, profile.baffle, _towards(sun)))),
-        Disturbance("Sun inside the limit", veil=Veil(sun_stray(camera, profile.baffle, _towards(inside)))),
+        Disturbance("Sun inside the limit", veil=Veil(sun_stray(camera, profile.baffle, _towards(inside_limit_rad)))),
         _moon(profile),
         Disturbance(
             f"{PROTONS} pixels hit by protons",
             hot_pixels=tuple(HotPixel(int(c), int(r), float(full_e_s * e)) for c, r, e in hits),
         ),
         Disturbance(
-            "20 false stars", tuple(FalseStar(c, r, float(v)) for (c, r), v in zip(places.tolist(), faint, strict=True))
+            "20 false stars",
+            tuple(FalseStar(c, r, float(v)) for (c, r), v in zip(false_star_px.tolist(), faint, strict=True)),
         ),
         Disturbance("one object of V −4", (FalseStar(0.4 * columns, 0.6 * rows, -4.0),)),
     ]
 
 
 def _towards(angle_rad: float) -> Array:
-    """(3,) direction in camera axes at an angle from the boresight."""
+    """Return the (3,) direction in camera axes at an angle from the boresight."""
     return np.array([math.sin(angle_rad), 0.0, math.cos(angle_rad)])
 
 
 def _moon(profile: CameraProfile) -> Disturbance:
-    """Return the full Moon in a quarter of the field, as points on its disc, and its light scattered by the lens."""
+    """Return the full Moon as points on its disc at a quarter of the field, with the light that the lens scatters."""
     camera = profile.camera
     centre = np.array([0.75 * camera.columns, 0.25 * camera.rows])
     k = np.arange(MOON_POINTS) + 0.5

@@ -1,4 +1,5 @@
-"""A pool of worker processes that stay alive for a while after a job, so that the next one need not start new ones."""
+"""A pool of worker processes that stay alive for some time after a job, so that the next job does not have to start
+processes."""
 
 from __future__ import annotations
 
@@ -11,12 +12,13 @@ from multiprocessing.context import ForkServerContext
 
 IDLE_S = 300.0
 PRELOADED = ("gss.operations.studies.reprocess_worker", "gss.operations.studies.list_runs")
-"""Modules that the process from which workers are forked imports once. A new Python process would need 3 s of processor
-time for them per worker."""
+"""Modules that are imported once, in the process from which workers are forked. Importing them in each worker would
+take 3 s of processor time per worker."""
 
 
 class WarmPool:
-    """At most ``workers`` processes, ended ``idle_s`` after the last job, or by :meth:`stop`."""
+    """Pool of at most ``workers`` processes, which end ``idle_s`` seconds after the last job or when :meth:`stop` is
+    called."""
 
     def __init__(self, workers: int, idle_s: float = IDLE_S) -> None:
         self._workers, self._idle_s = workers, idle_s
@@ -32,17 +34,17 @@ class WarmPool:
 
     @contextmanager
     def borrowed(self) -> Iterator[ProcessPoolExecutor]:
-        """Provide the processes for one job. If it raises, they are ended, because one may have died or still run abandoned
-        work."""
+        """Provide the processes for one job. If the job raises an exception, the processes end, because a process can
+        have died or can still be running abandoned work."""
         with self._lock:
-            self._quiet()
+            self._stop_timer()
             if self._pool is None:
                 self._pool = ProcessPoolExecutor(self._workers, _fork_server())
             pool, self._users = self._pool, self._users + 1
         try:
             yield pool
-        except BaseException:  # also when the generator above is closed or the job is cancelled
-            self._drop(pool)
+        except BaseException:  # also if the generator of the caller is closed or the job is cancelled
+            self._end(pool)
             raise
         finally:
             with self._lock:
@@ -53,14 +55,14 @@ class WarmPool:
                     self._timer.start()
 
     def stop(self) -> None:
-        """End the processes; a later job starts new ones."""
+        """End the processes. A later job starts new processes."""
         with self._lock:
-            self._quiet()
+            self._stop_timer()
             pool, self._pool = self._pool, None
         if pool is not None:
             pool.shutdown(wait=True, cancel_futures=True)
 
-    def _drop(self, pool: ProcessPoolExecutor) -> None:
+    def _end(self, pool: ProcessPoolExecutor) -> None:
         with self._lock:
             if self._pool is pool:
                 self._pool = None
@@ -74,14 +76,15 @@ class WarmPool:
         if pool is not None:
             pool.shutdown(wait=True, cancel_futures=True)
 
-    def _quiet(self) -> None:
+    def _stop_timer(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
 
 def _fork_server() -> ForkServerContext:
-    """Fork from a process without threads, because a fork of this one could copy a lock that another thread holds."""
+    """Return a context that forks from a process without threads, because a fork of this process could copy a lock that
+    another thread has acquired."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(PRELOADED))
     return context

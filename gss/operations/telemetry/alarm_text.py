@@ -12,16 +12,18 @@ from gss.operations.telemetry.limit_check import Key
 from gss.operations.telemetry.value_format import formatted
 from gss.store.models import Alarm
 
-LONGEST = 120
+MAX_LENGTH = 120
+"""Length of the column ``limit_text``."""
 EVENT, LINK, CATALOGUE, STORE, MARGIN, HEADS = "event", "link", "catalogue", "store", "margin", "heads"
 UNMEASURED = (EVENT, LINK, CATALOGUE, STORE, MARGIN, HEADS)
-"""Pseudo packet names of alarms that are not about a telemetry field."""
+"""Pseudo packet names of alarms without a telemetry field."""
 SIGNAL: Key = (LINK, "housekeeping")
 
 
 @dataclass(frozen=True)
 class AlarmView:
-    """An alarm's row with its current level and display texts. ``action``: what to do, "" if not stated."""
+    """An alarm's row with its current level and display texts. ``action``: what the operator should do, "" if not
+    stated."""
 
     row: Alarm
     level: State
@@ -33,7 +35,7 @@ class AlarmView:
 
 
 def field_of(dictionary: TelemetryDefinitions, row: Alarm) -> TelemetryField | None:
-    """Return the field that an alarm is about; None for events, the line, and fields that the current dictionary lacks."""
+    """Return the telemetry field of an alarm; None for events, the line, and fields that are not in the dictionary."""
     packets = [p for p in dictionary.telemetry if p.name == row.packet]
     return next((f for p in packets for f in p.values if f.name == row.field), None)
 
@@ -61,16 +63,17 @@ def unit_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
 ACTIONS = {
     LINK: "Check cable, power and pointing of the antenna. Open the line again on the page Contacts if the port was lost.",
     CATALOGUE: "Upload a catalogue that is valid for longer, then activate and confirm it.",
-    HEADS: "Open the page Fleet: it shows which heads differ, and by how much. If the estimate is steady, correct the mounting; "
-    "until then use the attitude of the other heads.",
-    STORE: "Open the page Admin, Health and Storage: they state the cause and what to do.",
+    HEADS: "Open the page Fleet, which shows which heads differ and by how much. If the estimate is steady, correct the mounting; "
+    "until then, use the attitude of the other heads.",
+    STORE: "Open the page Admin. Health and Storage state the cause and the remedy.",
     MARGIN: "Turn the spacecraft away, or expect few or no attitudes until the angle grows. Do not leave the Sun in the field.",
 }
-"""What to do about alarms that no dictionary describes."""
+"""Operator actions for alarms that no dictionary describes."""
 
 
 def action_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
-    """Return what to do about an alarm, from the instrument's dictionary or, for alarms of the server, from here."""
+    """Return the operator action for an alarm: from the instrument's dictionary, or from ACTIONS for an alarm of the
+    server."""
     if row.packet == EVENT:
         return next((e.action for e in dictionary.events if e.name == row.field), "")
     field = field_of(dictionary, row)
@@ -82,16 +85,16 @@ def text_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
     if row.packet == EVENT:
         times = int(row.value or 1)
         return f"{row.limit_text} ({times} times)" if times > 1 else row.limit_text
-    before = {"cleared": "Cleared, not acknowledged: ", "acked": "Acknowledged: "}.get(row.state, "")
-    return f"{before}{title_of(dictionary, row)} {row.limit_text}"
+    prefix = {"cleared": "Cleared, not acknowledged: ", "acked": "Acknowledged: "}.get(row.state, "")
+    return f"{prefix}{title_of(dictionary, row)} {row.limit_text}"
 
 
 def with_unit(value: float, field: TelemetryField) -> str:
     """Return a value with its unit, as displayed."""
     if field.type == "bool":
         return formatted(bool(value), 0)
-    shown = formatted(value if field.decimals or not value.is_integer() else int(value), field.decimals)
-    return f"{shown} {field.unit}".rstrip()
+    value_text = formatted(value if field.decimals or not value.is_integer() else int(value), field.decimals)
+    return f"{value_text} {field.unit}".rstrip()
 
 
 def limit_text(rule: Rule, state: State, value: float) -> str:
@@ -106,5 +109,5 @@ def limit_text(rule: Rule, state: State, value: float) -> str:
 
 
 def cut(text: str) -> str:
-    """Truncate a text to the length of its column."""
-    return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
+    """Truncate a text to MAX_LENGTH characters."""
+    return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 1] + "…"

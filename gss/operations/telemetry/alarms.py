@@ -1,9 +1,9 @@
 """Latching alarms: an alarm stays open until its value is back in limits *and* an operator has acknowledged it.
 
 raised: out of limits, not acknowledged. acked: out of limits, acknowledged. cleared: back in limits, not acknowledged. closed:
-back in limits and acknowledged; a closed alarm never reopens. A worse level resets the acknowledgement. Shelved alarms follow
-their value like the others and are only hidden until the shelving time ends. Every change updates the row, records an event and
-publishes a message.
+back in limits and acknowledged; a closed alarm never reopens. A worse level resets the acknowledgement. A shelved alarm
+follows its value like any other alarm and is only hidden until the shelving time ends. Every change updates the row, records an
+event and publishes a message.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class AlarmService:
         self._lock = threading.RLock()
 
     def start(self) -> None:
-        """Load the alarms that the last server left open; values that were out of limits still count as out of limits."""
+        """Load the alarms that were open when the server stopped. Values that were out of limits still count as out of limits."""
         with self._database.unit_of_work() as session:
             rows = store.still_open(session)
         with self._lock:
@@ -92,41 +92,41 @@ class AlarmService:
                     continue
                 reading = f"{j.field.title} {with_unit(j.value, j.field)}"
                 limit = limit_text(j.rule, j.state, j.value) if j.state is not State.OK else ""
-                self._follow(key, j.state, j.value, f"{reading}, {limit}", limit, judged=j.judged)
+                self._update(key, j.state, j.value, f"{reading}, {limit}", limit, judged=j.judged)
 
     def handle(self, batch: LineBatch) -> None:
-        """Update alarms from judged telemetry, and raise alarms for the device's severe events, which are cleared at once."""
+        """Update alarms from judged telemetry, and raise an alarm, cleared immediately, for each severe event."""
         for event in batch.events:
             if isinstance(event, Judged):
                 self.judged(event.judgements)
             elif isinstance(event, DeviceEvent) and event.severity in SEVERE:
                 text = f"{event.name}: {event.text}" if event.text else event.name
                 with self._lock:
-                    self._happened((EVENT, event.name), State(event.severity), text)
+                    self._count_event((EVENT, event.name), State(event.severity), text)
 
     def tick(self) -> None:
-        """Update what depends on time alone, about once a second: ended shelving and loss of signal."""
+        """End shelving whose time is over, and detect loss of signal. Called about once a second."""
         now = self._now()
         with self._lock:
             for row in list(self._open.values()):
                 if row.shelved_until is not None and row.shelved_until <= now:
                     self._change(row, "ok", f"{title_of(self._dictionary, row)}: no longer shelved", shelved_until=None)
-            self._listen(now)
+            self._check_signal(now)
 
     def clock_jumped(self, jump_s: float) -> None:
-        """Correct the start of silence after the server's clock was set by ``jump_s``."""
+        """Correct the stored times of reception after the server's clock jumped by ``jump_s``."""
         now = self._now()
         with self._lock:
             self._contact = (self._contact[0], after_jump(self._contact[1], now, jump_s))
             self._telemetry.board.clock_jumped(now, jump_s)
 
     def watch(self, key: Key, state: State, value: float, text: str, limit: str, *, judged: bool = True) -> None:
-        """Update an alarm that is judged elsewhere; with OK and not ``judged``, end one that cannot be judged any longer."""
+        """Update an alarm of another service. OK with ``judged`` False ends an alarm whose condition can no longer be checked."""
         with self._lock:
             if state is not State.OK or key in self._open:
-                self._follow(key, state, value, text, limit, judged=judged)
+                self._update(key, state, value, text, limit, judged=judged)
 
-    def _listen(self, now: datetime) -> None:
+    def _check_signal(self, now: datetime) -> None:
         contact_id = self._link.contact_id if self._link.connected else None
         if contact_id != self._contact[0]:
             self._contact = (contact_id, now)
@@ -137,20 +137,20 @@ class AlarmService:
         if lost or SIGNAL in self._open:
             state, value = State.WARNING if lost else State.OK, round(silent_s, 1)
             limit = f"no housekeeping for {SIGNAL_LOST_AFTER_S:g} s" if lost else ""
-            self._follow(SIGNAL, state, value, f"Loss of signal: no housekeeping for {value:g} s", limit, judged=True)
+            self._update(SIGNAL, state, value, f"Loss of signal: no housekeeping for {value:g} s", limit, judged=True)
 
-    def _follow(self, key: Key, state: State, value: float, text: str, limit: str, *, judged: bool) -> None:
+    def _update(self, key: Key, state: State, value: float, text: str, limit: str, *, judged: bool) -> None:
         row = self._open.get(key)
         if row is None:
             if state is not State.OK:
                 self._raise(key, state, value, text, limit)
         elif state is State.OK:
-            self._back(row, judged=judged)
+            self._end_violation(row, judged=judged)
         elif row.state == "cleared" or ORDER[state] > ORDER[State(row.worst)]:
-            self._again(row, state, value, text, limit)
+            self._raise_again(row, state, value, text, limit)
         elif row.packet == MARGIN and row.value is not None and value < row.value:
             with self._database.unit_of_work() as session:
-                self._open[key] = store.set_value(session, row.id, value)  # telemetry shows that of other alarms
+                self._open[key] = store.set_value(session, row.id, value)  # for other alarms, telemetry shows the value
 
     def _raise(
         self, key: Key, level: State, value: float, text: str, limit: str, *, over: datetime | None = None
@@ -171,20 +171,20 @@ class AlarmService:
         self._open[key] = alarm
         self._record_event(alarm, level.value, text)
 
-    def _again(self, row: Alarm, state: State, value: float, text: str, limit: str) -> None:
-        """Raise the alarm again, because it is out of limits again or worse than before; this resets the acknowledgement."""
+    def _raise_again(self, row: Alarm, state: State, value: float, text: str, limit: str) -> None:
+        """Raise an alarm again and reset its acknowledgement, because its value is out of limits again or worse than before."""
         peak = worst((state, State(row.worst)))
         changes: dict[str, object] = {"state": "raised", "cleared": None, "acknowledged": None, "acknowledged_by": ""}
         if peak is state:
             changes |= {"worst": state.value, "value": value, "limit_text": cut(limit)}
         self._change(row, state.value, text, **changes)
 
-    def _back(self, row: Alarm, *, judged: bool) -> None:
+    def _end_violation(self, row: Alarm, *, judged: bool) -> None:
         if row.state not in ("raised", "acked"):
             return
         now = self._now()
-        unjudged = "not checked, the orbit is unknown" if row.packet == MARGIN else "not checked, the cycle is stopped"
-        why = "back in limits" if judged else unjudged
+        unchecked = "not checked, the orbit is unknown" if row.packet == MARGIN else "not checked, the cycle is stopped"
+        why = "back in limits" if judged else unchecked
         if row.state == "acked":
             self._change(
                 row, "ok", f"{title_of(self._dictionary, row)}: {why}; closed", state="closed", cleared=now, closed=now
@@ -194,21 +194,21 @@ class AlarmService:
                 row, "ok", f"{title_of(self._dictionary, row)}: {why}; not acknowledged", state="cleared", cleared=now
             )
 
-    def _happened(self, key: Key, state: State, text: str) -> None:
+    def _count_event(self, key: Key, state: State, text: str) -> None:
         row, now = self._open.get(key), self._now()
         if row is None:
             self._raise(key, state, 1.0, text, text, over=now)
         else:
-            again = {"value": (row.value or 0.0) + 1.0, "limit_text": cut(text), "cleared": now}
-            self._change(row, None, "", **again)  # the event itself is recorded; the alarm only counts
+            changes = {"value": (row.value or 0.0) + 1.0, "limit_text": cut(text), "cleared": now}
+            # The event is already recorded. The alarm only counts its repetitions.
+            self._change(row, None, "", **changes)
 
     # --- operator actions ---------------------------------------------------------------------------------------
 
     def acknowledge(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
-        """Acknowledge an alarm; it closes at once if cleared, otherwise when it clears. Raises Conflict if it is
-        acknowledged or closed."""
+        """Acknowledge an alarm. It closes as soon as it is also cleared. Raises Conflict if it is acknowledged or closed."""
         with self._lock:
-            row = self._opened(alarm_id)
+            row = self._require_open(alarm_id)
             if row.state == "acked":
                 raise Conflict("the alarm is already acknowledged", got=f"by {row.acknowledged_by}")
             now = self._now()
@@ -216,32 +216,32 @@ class AlarmService:
             changes: dict[str, object] = {"acknowledged": now, "acknowledged_by": user, "state": "acked"}
             if over:
                 changes |= {"state": "closed", "closed": now}
-            return self._by(row, user, "acknowledged" + (" and closed" if over else ""), note, **changes)
+            return self._record_action(row, user, "acknowledged" + (" and closed" if over else ""), note, **changes)
 
     def shelve(self, alarm_id: int, until: datetime, *, user: str, note: str) -> AlarmView:
-        """Hide an alarm until then, for at most 24 h; the note is the reason. Raises BadInput."""
+        """Hide an alarm until a time at most 24 h ahead. ``note``: the reason. Raises BadInput."""
         now = self._now()
         if not now < until <= now + SHELF_MAX:
-            raise BadInput("the time of shelving is out of range", expected="a time within 24 h", got=until.isoformat())
+            raise BadInput("the end of shelving is out of range", expected="a time within 24 h", got=until.isoformat())
         if not note.strip():
-            raise BadInput("shelving needs a reason", expected="a note")
+            raise BadInput("shelving an alarm needs a reason", expected="a note")
         with self._lock:
-            row = self._opened(alarm_id)
+            row = self._require_open(alarm_id)
             action = f"shelved until {until:%H:%M:%S} UTC"
-            return self._by(row, user, action, note, shelved_until=until, shelved_by=user)
+            return self._record_action(row, user, action, note, shelved_until=until, shelved_by=user)
 
     def unshelve(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
         """End the shelving of an alarm. Raises Conflict if it is not shelved."""
         with self._lock:
-            row = self._opened(alarm_id)
+            row = self._require_open(alarm_id)
             if row.shelved_until is None:
                 raise Conflict("the alarm is not shelved", got=row.state)
-            return self._by(row, user, "unshelved", note, shelved_until=None, shelved_by="")
+            return self._record_action(row, user, "unshelved", note, shelved_until=None, shelved_by="")
 
     def clear(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
         """Close an alarm manually. Raises Conflict while its value is out of limits and current."""
         with self._lock:
-            row = self._opened(alarm_id)
+            row = self._require_open(alarm_id)
             if row.state in ("raised", "acked") and self._is_fresh(row):
                 raise Conflict(
                     "the cause of the alarm persists",
@@ -255,9 +255,9 @@ class AlarmService:
                 changes |= {"acknowledged": now, "acknowledged_by": user}
             if row.packet not in UNMEASURED:
                 self._telemetry.board.limits.seed((row.packet, row.field), State.OK)
-            return self._by(row, user, "closed manually", note, **changes)
+            return self._record_action(row, user, "closed manually", note, **changes)
 
-    def _opened(self, alarm_id: int) -> Alarm:
+    def _require_open(self, alarm_id: int) -> Alarm:
         with self._database.unit_of_work() as session:
             row = store.get(session, alarm_id)
         if row.closed is not None:
@@ -265,7 +265,7 @@ class AlarmService:
         return row
 
     def _is_fresh(self, row: Alarm) -> bool:
-        """True if the source of the alarm still delivers values."""
+        """True if the value of the alarm is still being received."""
         if row.packet in (LINK, CATALOGUE, STORE):
             return row.packet != LINK or self._link.connected
         latest, field = self._telemetry.board.latest(row.packet), field_of(self._dictionary, row)
@@ -274,7 +274,7 @@ class AlarmService:
         stale_s = self._dictionary.packet(row.packet).stale_after_s or float("inf")
         return latest is not None and (self._now() - latest[0]).total_seconds() <= stale_s
 
-    def _by(self, row: Alarm, user: str, action: str, note: str, **changes: Any) -> AlarmView:
+    def _record_action(self, row: Alarm, user: str, action: str, note: str, **changes: Any) -> AlarmView:
         if note.strip():
             line = f"{self._now():%Y-%m-%d %H:%M:%S} {user}, {action}: {note.strip()}"
             changes["note"] = f"{row.note}\n{line}".strip()
@@ -320,19 +320,19 @@ class AlarmService:
             return self.view(store.get(session, alarm_id))
 
     def opened(self) -> list[AlarmView]:
-        """Return open alarms: the most severe first, among equal ones those not acknowledged first, then oldest first."""
+        """Return open alarms: most severe first; at the same severity, unacknowledged alarms first, then oldest first."""
         with self._lock:
             views = [self.view(row) for row in self._open.values()]
-        return sorted(views, key=_turn)
+        return sorted(views, key=_sort_key)
 
     def newest(self, limit: int) -> list[AlarmView]:
-        """Return the newest alarms first, including closed ones."""
+        """Return up to ``limit`` alarms, latest first, including closed alarms."""
         with self._database.unit_of_work() as session:
             rows = store.newest(session, limit)
         return [self.view(row) for row in rows]
 
     def between(self, start: datetime, end: datetime) -> list[AlarmView]:
-        """Return alarms that were open at some time within a span."""
+        """Return the alarms that were open at some time within a time span."""
         with self._database.unit_of_work() as session:
             rows = store.between(session, start, end)
         return [self.view(row) for row in rows]
@@ -343,8 +343,8 @@ class AlarmService:
             return list(self._open)
 
 
-def _turn(view: AlarmView) -> tuple[bool, int, bool, datetime, int]:
-    """Return the sort key of an open alarm: one that is not acknowledged counts with its worst level, because it latches."""
+def _sort_key(view: AlarmView) -> tuple[bool, int, bool, datetime, int]:
+    """Return the sort key of an open alarm. An unacknowledged alarm counts with its worst level, because it latches."""
     row = view.row
     level = view.level if row.state == "acked" else State(row.worst)
     return view.shelved, -ORDER[level], row.state == "acked", row.raised, row.id

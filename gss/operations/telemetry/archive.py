@@ -1,4 +1,4 @@
-"""The telemetry archive: any field over any span, in bounded memory, complete for export or decimated for a plot."""
+"""The telemetry archive: reads any field over any time span in bounded memory, completely or decimated for a plot."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gss.store.rollups import start_of
 
 @dataclass(frozen=True)
 class Column:
-    """A requested field: ``key`` is ``name`` or ``packet.name``. A list of a packet (Group) is a column too."""
+    """A requested field: ``key`` is ``name`` or ``packet.name``. A list in a packet (Group) is also a column."""
 
     key: str
     packet: str
@@ -35,8 +35,8 @@ class Column:
 
 @dataclass(frozen=True)
 class TelemetrySeries:
-    """A field over a span: Unix seconds and values. ``samples``: number of samples in the span; ``thinned``: True if only
-    some of them are included."""
+    """Values of a field over a time span. ``t``: Unix seconds; ``y``: values; ``samples``: number of samples in the
+    span; ``thinned``: True if only some of the samples are included."""
 
     key: str
     packet: str
@@ -49,38 +49,38 @@ class TelemetrySeries:
 
 @dataclass
 class Thinner:
-    """Decimates samples taken in time order to at most ``points``: all of them while they fit, after that the minimum and
-    maximum of each of points // 2 equal parts of the span. Memory: O(points)."""
+    """Decimates samples, which must be added in time order, to at most ``points``. If there are more samples, it keeps
+    only the minimum and maximum of each of points // 2 equal parts of the span. Memory: O(points)."""
 
     start_s: float
     end_s: float
     points: int
     samples: int = 0
-    _whole: list[tuple[float, float | None]] | None = field(default_factory=list)
+    _all_samples: list[tuple[float, float | None]] | None = field(default_factory=list)
     _bins: dict[int, tuple[tuple[float, float | None], tuple[float, float | None]]] = field(default_factory=dict)
 
     def take(self, t: float, y: float | None) -> None:
         """Add one sample."""
         self.samples += 1
-        if self._whole is not None:
-            self._whole.append((t, y))
-            if len(self._whole) > self.points:
-                whole, self._whole = self._whole, None
-                for sample in whole:
+        if self._all_samples is not None:
+            self._all_samples.append((t, y))
+            if len(self._all_samples) > self.points:
+                samples, self._all_samples = self._all_samples, None
+                for sample in samples:
                     self._bin(*sample)
         else:
             self._bin(t, y)
 
     def merge(self, buckets: Buckets) -> None:
-        """Add samples of which only the extremes of each ten seconds are known."""
+        """Add samples as buckets, which contain only the extremes of each ten seconds."""
         self.samples += int(buckets.count.sum())
-        if self._whole is not None:
-            whole, self._whole = self._whole, None
-            for sample in whole:
+        if self._all_samples is not None:
+            samples, self._all_samples = self._all_samples, None
+            for sample in samples:
                 self._bin(*sample)
         bins = max(1, self.points // 2)
-        # Both extremes in time order, so that a bucket across the edge of a bin contributes to each bin only what lies
-        # in it.
+        # The extremes are sorted by time, so that a bucket on the edge of two bins adds each extreme to the bin that contains
+        # it.
         t = np.concatenate([buckets.low_s, buckets.high_s])
         y = np.concatenate([buckets.low, buckets.high])
         order = np.argsort(t, kind="stable")
@@ -88,12 +88,12 @@ class Thinner:
         part = (t - self.start_s) / max(self.end_s - self.start_s, 1e-9)
         edges = np.searchsorted(np.clip((part * bins).astype(np.int64), 0, bins - 1), np.arange(bins + 1))
         for b in np.flatnonzero(np.diff(edges)):
-            own_t, own_y = t[edges[b] : edges[b + 1]], y[edges[b] : edges[b + 1]]
-            if np.isnan(own_y).all():
-                self._bin(float(own_t[0]), None)
+            bin_t, bin_y = t[edges[b] : edges[b + 1]], y[edges[b] : edges[b + 1]]
+            if np.isnan(bin_y).all():
+                self._bin(float(bin_t[0]), None)
                 continue
-            for at in sorted({int(np.nanargmin(own_y)), int(np.nanargmax(own_y))}):
-                self._bin(float(own_t[at]), float(own_y[at]))
+            for k in sorted({int(np.nanargmin(bin_y)), int(np.nanargmax(bin_y))}):
+                self._bin(float(bin_t[k]), float(bin_y[k]))
 
     def _bin(self, t: float, y: float | None) -> None:
         bins = max(1, self.points // 2)
@@ -104,7 +104,7 @@ class Thinner:
             self._bins[b] = ((t, y), (t, y))
         elif y is not None:
             low, high = stored_bin
-            if y < low[1]:  # type: ignore[operator]  # y is a number, so the held value is one too (see above)
+            if y < low[1]:  # type: ignore[operator]  # y is a number, so the stored value is also a number (see above)
                 low = (t, y)
             if y > high[1]:  # type: ignore[operator]  # as above
                 high = (t, y)
@@ -112,8 +112,8 @@ class Thinner:
 
     def result(self) -> tuple[list[float], list[float | None], bool]:
         """Return (t, y, thinned), in time order."""
-        if self._whole is not None:
-            return [t for t, _ in self._whole], [y for _, y in self._whole], False
+        if self._all_samples is not None:
+            return [t for t, _ in self._all_samples], [y for _, y in self._all_samples], False
         samples = [sample for b in sorted(self._bins) for sample in sorted(set(self._bins[b]), key=lambda s: s[0])]
         return [t for t, _ in samples], [y for _, y in samples], True
 
@@ -125,8 +125,8 @@ class Archive:
         self.dictionary, self.database, self._rollups = dictionary, database, rollups
 
     def column(self, key: str) -> Column:
-        """Return the field for a key ``name`` or ``packet.name``; for a bare name, of the first packet that has it,
-        housekeeping first. Raises NotFound."""
+        """Return the field for a key ``name`` or ``packet.name``. A key without a packet selects the first packet that
+        contains the field, housekeeping first. Raises NotFound."""
         packet_name, _, name = key.rpartition(".")
         packets: Sequence[PacketDefinition] = (
             [self.dictionary.stored_packet(packet_name)] if packet_name else [*self.dictionary.telemetry]
@@ -138,8 +138,8 @@ class Archive:
         raise NotFound("unknown telemetry field", got=key, hint="see the dictionary")
 
     def history(self, keys: Sequence[str], start: datetime, end: datetime, points: int) -> list[TelemetrySeries]:
-        """Return each field over a span, at most ``points`` samples per field, preserving spikes. Enumerations by number,
-        yes as 1. Raises BadInput for fields that cannot be plotted."""
+        """Return each field over a span with at most ``points`` samples, preserving spikes. Enumerations are returned
+        as their numbers, yes as 1. Raises BadInput for fields that cannot be plotted."""
         columns = self._checked(keys, start, end)
         for column in columns:
             if isinstance(column.field, Group) or kind(column.field) not in PLOTTED:
@@ -157,8 +157,8 @@ class Archive:
     def _thinned(
         self, packet: str, fields: Sequence[TelemetryField], start: datetime, end: datetime, points: int
     ) -> list[Thinner]:
-        """Use rollups if they are as fine as the plot, packets otherwise or where rollups are missing. If packets were
-        removed or thinned since, the rollups contain more samples and are used."""
+        """Return the decimated fields, from rollups if these are fine enough for the plot, otherwise from packets.
+        Rollups are also used if packets were removed or thinned, because the rollups then contain more samples."""
         stretches = self._rollups.read(packet, [f.name for f in fields], start, end)
         sample_count = sum(int(stretch.of[fields[0].name].count.sum()) for stretch in stretches)
         coarse = (end - start).total_seconds() / max(1, points // 2) >= 2 * BUCKET_S
@@ -184,14 +184,15 @@ class Archive:
         end: datetime,
         points: int,
     ) -> list[Thinner]:
-        """Use rollups for the hours that have them, packets for the time between and at the ends."""
-        thinners, at = [Thinner(start.timestamp(), end.timestamp(), points) for _ in fields], start
+        """Return the decimated fields, from rollups for the hours that have a rollup and from packets for the remaining
+        time."""
+        thinners, position = [Thinner(start.timestamp(), end.timestamp(), points) for _ in fields], start
         for stretch in stretches:
-            self._take_packets(packet, fields, at, start_of(stretch.first) - MOMENT, thinners)
+            self._take_packets(packet, fields, position, start_of(stretch.first) - MOMENT, thinners)
             for thinner, definition in zip(thinners, fields, strict=True):
                 thinner.merge(stretch.of[definition.name])
-            at = start_of(stretch.last + 1)
-        self._take_packets(packet, fields, at, end, thinners)
+            position = start_of(stretch.last + 1)
+        self._take_packets(packet, fields, position, end, thinners)
         return thinners
 
     def _take_packets(
@@ -212,7 +213,8 @@ class Archive:
     def rows(
         self, keys: Sequence[str], start: datetime, end: datetime
     ) -> tuple[list[Column], Iterator[tuple[store.Row, list[object]]]]:
-        """Return the columns, and (row, a value per column) of each packet that has one of them, oldest first."""
+        """Return the columns, and an iterator of (row, a value per column) over the packets that contain a column,
+        oldest first."""
         columns = self._checked(keys, start, end)
         return columns, self._merged(columns, start, end)
 
@@ -221,16 +223,16 @@ class Archive:
     ) -> Iterator[tuple[store.Row, list[object]]]:
         import heapq
 
-        places: dict[str, list[int]] = {}
+        columns_of: dict[str, list[int]] = {}
         for k, column in enumerate(columns):
-            places.setdefault(column.packet, []).append(k)
+            columns_of.setdefault(column.packet, []).append(k)
         streams = [
-            store.rows(self.database, packet, [columns[k].field.name for k in at], start, end)
-            for packet, at in places.items()
+            store.rows(self.database, packet, [columns[k].field.name for k in indices], start, end)
+            for packet, indices in columns_of.items()
         ]
         for row in heapq.merge(*streams, key=lambda r: (r.received, r.id)):
             values: list[object] = [None] * len(columns)
-            for k, value in zip(places[row.packet], row.values, strict=True):
+            for k, value in zip(columns_of[row.packet], row.values, strict=True):
                 values[k] = bool(value) if value is not None and columns[k].is_bool else value
             yield row, values
 
@@ -238,7 +240,7 @@ class Archive:
         if end <= start:
             raise BadInput("the time span is empty", expected="a start before the end", got=f"{start} … {end}")
         if len(set(keys)) != len(keys) or not keys:
-            raise BadInput("fields are missing or given twice", got=", ".join(keys) or "none")
+            raise BadInput("no field is given, or a field is given twice", got=", ".join(keys) or "none")
         return [self.column(key) for key in keys]
 
     def packets(
@@ -251,7 +253,8 @@ class Archive:
         contact_id: int | None = None,
         after_id: int | None = None,
     ) -> list[TelemetryPacket]:
-        """Return a page of stored packets, newest first; with ``after_id`` those behind it, oldest first."""
+        """Return a page of stored packets, latest first; with ``after_id``, the packets that follow this packet, oldest
+        first."""
         if packet is not None:
             self.dictionary.stored_packet(packet)
         with self.database.unit_of_work() as session:

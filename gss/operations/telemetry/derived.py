@@ -1,9 +1,10 @@
-"""Derived parameters: expressions over telemetry, computed when a packet arrives and handled as telemetry from then on.
+"""Derived parameters: expressions over telemetry, which are computed when a packet arrives and then handled as
+telemetry.
 
-The parameter ``power_w`` is the field ``power_w`` of the packet ``derived_power_w``, so that its history, limits, alarms, plots and
-exports are those of any other field. It is computed whenever one of the packets that it refers to arrives, from the newest packet
-of each. A packet older than its dictionary's staleness has no current value. Derived parameters do not refer to each other, so
-there is no cycle.
+The parameter ``power_w`` is the field ``power_w`` of the packet ``derived_power_w``, so that its history, limits,
+alarms, plots and exports work as for any other field. It is computed whenever one of the packets that it refers to
+arrives, from the latest packet of each type. A packet older than the staleness limit in its dictionary has no current
+value. Derived parameters cannot refer to each other, so there are no cycles.
 """
 
 from __future__ import annotations
@@ -44,10 +45,10 @@ from gss.store.models import DerivedParameter
 PREFIX, PAGE = "derived_", "derived"
 NAME = re.compile(r"[a-z][a-z0-9_]{0,29}")
 KINDS: Mapping[str, ValueKind] = {"number": "number", "bool": "bool", "enum": "text", "text": "text"}
-MOST = 100
+MAX_PARAMETERS = 100
 LEVELS = ("watch", "warning", "critical")
 Received = Callable[[str], tuple[datetime, Values] | None]
-"""Newest (received, values) of a packet; None before the first."""
+"""Returns the latest (received, values) of a packet; None before the first packet."""
 
 
 def kinds_of(definitions: TelemetryDefinitions) -> dict[str, ValueKind]:
@@ -58,8 +59,8 @@ def kinds_of(definitions: TelemetryDefinitions) -> dict[str, ValueKind]:
 def evaluate(
     expression: Expression, fresh_s: Mapping[str, float], received: Received, at: datetime
 ) -> tuple[Evaluation, dict[str, Quantity | None]]:
-    """Return the value of an expression at a time, and the values that it used. ``fresh_s``: age up to which a packet's values
-    are current, by packet; 0: always."""
+    """Return the value of an expression at a time, and the values that it used. ``fresh_s``: age in seconds up to which
+    the values of each packet are current; 0: always."""
     values: dict[str, Quantity | None] = {}
     for reference in expression.references:
         latest, limit_s = received(reference.packet), fresh_s[reference.packet]
@@ -91,7 +92,8 @@ class DerivedRequest(Request):
 
 @dataclass(frozen=True)
 class ComputedParameter:
-    """A derived parameter ready for computing. ``fresh_s``: age up to which a packet's values are current; 0: always."""
+    """A derived parameter with its parsed expression. ``fresh_s``: age in seconds up to which the values of each packet
+    are current; 0: always."""
 
     row: DerivedParameter
     expression: Expression
@@ -100,22 +102,23 @@ class ComputedParameter:
 
     @property
     def field(self) -> TelemetryField:
-        """Its only field."""
+        """The only field of the parameter's packet."""
         return self.packet.values[0]
 
     def evaluate(self, received: Received, at: datetime) -> Evaluation:
-        """Return its value at a time, from the newest packets."""
+        """Return the value at a time, computed from the latest packets."""
         return evaluate(self.expression, self.fresh_s, received, at)[0]
 
     def telemetry(self, result: Evaluation, device_time_s: float) -> Telemetry:
-        """Return a value as the packet that carries it; an unknown value as NaN."""
+        """Return a packet with the value; an unknown value becomes NaN."""
         value: Value = math.nan if result.value is None else result.value
         value = float(value) if self.field.type == "f64" else value
         return Telemetry(self.packet.name, device_time_s, 0, {}, {self.field.name: value})
 
 
 class DerivedParameters:
-    """Stores the definitions, computes the values, and extends the instrument's dictionary by them. Thread-safe."""
+    """Stores the definitions, computes the values, and adds the parameters to the instrument's dictionary.
+    Thread-safe."""
 
     def __init__(self, dictionary: Dictionary, database: Database, bus: EventBus, now: Now) -> None:
         self._dictionary, self._database, self._bus, self._now = dictionary, database, bus, now
@@ -127,10 +130,11 @@ class DerivedParameters:
         self.load()
 
     def load(self) -> None:
-        """Read the definitions from the database. One that the dictionary no longer supports stays stored and is not computed."""
+        """Read the definitions from the database. A definition that the dictionary no longer supports stays stored but
+        is not computed."""
         parameters = {}
         for row in self.every():
-            with suppress(BadInput):  # its ``problem`` is shown
+            with suppress(BadInput):  # ``problem`` reports the reason
                 parameters[row.name] = self._parameter(row)
         self._parameters = parameters
 
@@ -161,13 +165,14 @@ class DerivedParameters:
         return parameter.packet if parameter else self._dictionary.packet(name)
 
     def stored_packet(self, name: str) -> PacketDefinition:
-        """As ``packet``, with derived parameters read from the database: an API worker's own definitions may be outdated."""
+        """Return a packet like ``packet``, but read derived parameters from the database, because the definitions in an
+        API worker can be outdated."""
         if name.startswith(PREFIX):
             self.load()
         return self.packet(name)
 
     def unknown_reason(self, packet: str) -> str:
-        """Return why a derived parameter's newest value is unknown; "" if it is known."""
+        """Return why the latest value of a derived parameter is unknown; "" if the value is known."""
         return self._reasons.get(packet, "")
 
     # --- definitions --------------------------------------------------------------------------------------------
@@ -188,11 +193,11 @@ class DerivedParameters:
 
     @property
     def boolean_fields(self) -> frozenset[str]:
-        """``packet.field`` of every yes/no field, which the store returns as 1 and 0."""
+        """Names ``packet.field`` of all yes/no fields, whose values the store returns as 1 and 0."""
         return frozenset(name for name, kind in self._kinds.items() if kind == "bool")
 
     def problem(self, row: DerivedParameter) -> str:
-        """Return why a stored definition is not computed; "" if it is."""
+        """Return why a stored definition is not computed; "" if it is computed."""
         try:
             self._parameter(row)
         except BadInput as error:
@@ -204,9 +209,14 @@ class DerivedParameters:
         with self._lock:
             rows = self.every()
             if any(row.name == request.name for row in rows):
-                raise Conflict("A derived parameter with this name exists", got=request.name, hint="change it")
-            if len(rows) >= MOST:
-                raise Conflict("There are too many derived parameters", expected=f"at most {MOST}", got=str(len(rows)))
+                raise Conflict("A derived parameter with this name exists", got=request.name, hint="Change it.")
+            if len(rows) >= MAX_PARAMETERS:
+                raise Conflict(
+                    "There are too many derived parameters",
+                    expected=f"at most {MAX_PARAMETERS}",
+                    got=str(len(rows)),
+                    hint="Delete one.",
+                )
             row = self._row(DerivedParameter(name=request.name), request, user)
             with self._database.unit_of_work() as session:
                 store.add(session, row)
@@ -214,7 +224,8 @@ class DerivedParameters:
         return row
 
     def change(self, name: str, request: DerivedRequest, *, user: str) -> DerivedParameter:
-        """Replace a definition; its stored history is unchanged until it is recomputed. Raises BadInput, NotFound."""
+        """Replace a definition. The stored history does not change until it is recomputed. Raises BadInput,
+        NotFound."""
         if request.name != name:
             raise BadInput("The name of a derived parameter cannot be changed", expected=name, got=request.name)
         with self._lock, self._database.unit_of_work() as session:
@@ -225,13 +236,14 @@ class DerivedParameters:
         return row
 
     def delete(self, name: str, *, user: str) -> None:
-        """Delete a definition; its stored history is kept and shown again if the name is defined again. Raises NotFound."""
+        """Delete a definition. The stored history is kept, and is shown again if the name is defined again. Raises
+        NotFound."""
         with self._lock, self._database.unit_of_work() as session:
             store.delete(session, store.named(session, name))
         self._changed(name, f"{user} deleted the derived parameter {name}")
 
     def _row(self, row: DerivedParameter, request: DerivedRequest, user: str) -> DerivedParameter:
-        """Fill in a row. Raises BadInput."""
+        """Copy a request to a row. Raises BadInput."""
         if not NAME.fullmatch(request.name):
             raise BadInput(
                 "The name of the derived parameter is invalid",
@@ -284,7 +296,7 @@ class DerivedParameters:
     # --- values -------------------------------------------------------------------------------------------------
 
     def computed(self, packet: Telemetry, at: datetime, received: Received) -> Sequence[Telemetry]:
-        """Return the parameters that refer to a packet that has arrived, as packets."""
+        """Return a packet for each derived parameter that refers to the received packet."""
         computed = []
         for parameter in self._parameters.values():
             if packet.packet in parameter.fresh_s:
@@ -294,7 +306,8 @@ class DerivedParameters:
         return computed
 
     def trial(self, text: str, received: Received) -> tuple[ValueKind, Sequence[str], Evaluation]:
-        """Evaluate an expression with the newest packets, however old. Returns kind, references and value. Raises BadInput."""
+        """Evaluate an expression with the latest packets, regardless of their age. Return kind, references and value.
+        Raises BadInput."""
         expression, kind = self.check(text)
         values: dict[str, Quantity | None] = {}
         for reference in expression.references:

@@ -1,4 +1,5 @@
-"""Computes the past of a derived parameter again from stored telemetry, as a job that continues where it was interrupted."""
+"""Recomputes the history of a derived parameter from stored telemetry, as a job that can continue after an
+interruption."""
 
 from __future__ import annotations
 
@@ -20,13 +21,13 @@ from gss.store.engine import Database
 from gss.store.models import Job
 
 STEP = timedelta(hours=1)
-"""Span that is replaced in one transaction."""
-LONGEST = timedelta(days=3660)
+"""Time span that is replaced in one transaction."""
+MAX_SPAN = timedelta(days=3660)
 
 
 @dataclass(frozen=True)
 class DeriveJob(JobRequest):
-    """Recompute the parameter ``name`` from ``start`` to ``end``, the end excluded."""
+    """Recomputation of the parameter ``name`` from ``start`` to ``end``, excluding the end."""
 
     name: str
     start: datetime
@@ -35,7 +36,7 @@ class DeriveJob(JobRequest):
 
 @dataclass(frozen=True)
 class Recomputed:
-    """Progress of a job, its checkpoint: time reached, and numbers of known and unknown values."""
+    """Checkpoint of a job. ``at``: time reached; ``values``, ``unknown``: numbers of known and unknown values."""
 
     at: str
     values: int = 0
@@ -44,7 +45,7 @@ class Recomputed:
 
 @dataclass(frozen=True)
 class _TimeStep:
-    """A span that is replaced at once."""
+    """Time span that is replaced in one transaction."""
 
     start: datetime
     end: datetime
@@ -58,14 +59,14 @@ class DerivedHistory:
         jobs.register(JobKind("derive", DeriveJob, self._work))
 
     def recompute(self, name: str, start: datetime, end: datetime, *, user: str) -> Job:
-        """Start a job that replaces the stored values of a span; later packets are computed as they arrive. Raises NotFound,
-        BadInput."""
+        """Start a job that replaces the stored values of a time span. Packets that arrive later are computed on
+        arrival. Raises NotFound, BadInput."""
         self._derived.parameter(name)
         end = min(end, self._now())
-        if not start < end or end - start > LONGEST:
+        if not start < end or end - start > MAX_SPAN:
             raise BadInput(
                 "The time span is empty or too long",
-                expected=f"a start before the end and before now, at most {LONGEST.days} days",
+                expected=f"a start before the end and before now, at most {MAX_SPAN.days} days",
                 got=f"{start.isoformat()} … {end.isoformat()}",
             )
         request = DeriveJob(name, start, end, user=user)
@@ -73,23 +74,26 @@ class DerivedHistory:
 
     def _work(self, request: DeriveJob, run: JobRun) -> JobResult:
         parameter = self._derived.parameter(request.name)
-        done = Recomputed(**run.checkpoint) if run.checkpoint else Recomputed(request.start.isoformat())
-        at = datetime.fromisoformat(done.at)
+        recomputed = Recomputed(**run.checkpoint) if run.checkpoint else Recomputed(request.start.isoformat())
+        at = datetime.fromisoformat(recomputed.at)
         total = int((request.end - request.start) / STEP) + 1
         while at < request.end:
             run.progress(int((at - request.start) / STEP), total, f"{at:%Y-%m-%d %H:%M} UTC")
             step = self._next_step(parameter, at, request.end)
             rows = list(self._computed(parameter, step))
             unknown = sum(row["values"][parameter.field.name] is None for row in rows)
-            done = Recomputed(step.end.isoformat(), done.values + len(rows) - unknown, done.unknown + unknown)
+            recomputed = Recomputed(
+                step.end.isoformat(), recomputed.values + len(rows) - unknown, recomputed.unknown + unknown
+            )
             with self._database.unit_of_work() as session:
                 store.replace(session, parameter.packet.name, step.start, step.end, rows)
-                run.keep(asdict(done), session)
+                run.keep(asdict(recomputed), session)
             at = step.end
-        return {"values": done.values, "unknown": done.unknown}
+        return {"values": recomputed.values, "unknown": recomputed.unknown}
 
     def _next_step(self, parameter: ComputedParameter, at: datetime, end: datetime) -> _TimeStep:
-        """Return the next span with packets, at most ``STEP`` long; it starts where nothing has to be replaced."""
+        """Return the next time span to replace, at most ``STEP`` long. It starts at the first stored packet from ``at``
+        on."""
         with self._database.unit_of_work() as session:
             names = [*parameter.fresh_s, parameter.packet.name]
             first = store.first_received(session, names, at, end)
@@ -97,10 +101,11 @@ class DerivedHistory:
         return _TimeStep(start, min(start + STEP, end))
 
     def _computed(self, parameter: ComputedParameter, step: _TimeStep) -> Iterator[Mapping[str, Any]]:
-        """Yield the rows of a span. Packets before it are read too: their values may still be current at its start."""
+        """Yield the rows of a time step. Earlier packets are also read, because their values can still be current at
+        its start."""
         newest: dict[str, tuple[datetime, Values]] = {}
-        before = timedelta(seconds=max(parameter.fresh_s.values()) or STEP.total_seconds())
-        for row, values in self._packets(parameter, step.start - before, step.end):
+        lead_time = timedelta(seconds=max(parameter.fresh_s.values()) or STEP.total_seconds())
+        for row, values in self._packets(parameter, step.start - lead_time, step.end):
             newest[row.packet] = (row.received, values)
             if row.received < step.start:
                 continue
@@ -117,7 +122,8 @@ class DerivedHistory:
     def _packets(
         self, parameter: ComputedParameter, start: datetime, end: datetime
     ) -> Iterator[tuple[packets.Row, Values]]:
-        """Yield the packets that the parameter refers to with the fields that it needs, oldest first, the end excluded."""
+        """Yield the packets that the parameter refers to, with the fields that it uses, oldest first, excluding
+        ``end``."""
         fields: dict[str, list[str]] = {}
         for reference in parameter.expression.references:
             fields.setdefault(reference.packet, []).append(reference.field)

@@ -1,5 +1,5 @@
-"""What telemetry services need of a dictionary. The instrument's dictionary provides it; derived parameters add
-to it at run time."""
+"""The definitions that telemetry services need. The instrument's dictionary provides them; derived parameters are added
+at run time."""
 
 from __future__ import annotations
 

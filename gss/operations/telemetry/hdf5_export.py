@@ -1,4 +1,4 @@
-"""Telemetry as an HDF5 file: a group per packet, a dataset per field, with units and titles as attributes."""
+"""Exports telemetry as an HDF5 file: a group per packet, a dataset per field, with units and titles as attributes."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ CHUNK_ROWS = 1024
 LEADING = {
     "received": {"unit": "s", "title": "Unix time of reception, UTC"},
     "device_time_s": {"unit": "s", "title": "Time of the sensor's clock"},
-    "contact": {"title": "Number of the contact, -1: none"},
+    "contact": {"title": "Number of the contact, -1 without a contact"},
 }
 UNKNOWN_BOOL, NO_CONTACT = -1, -1
 
 
 def hdf5_file(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) -> Iterator[bytes]:
-    """Return the file in pieces. ``rows``: received, device_time_s, contact and packet, then a value per column. Numbers are
-    float64, NaN if unknown; yes/no is int8, -1 if unknown; other values are text, empty if unknown. The file is written to the disk
-    first, because HDF5 changes its beginning last; at most BLOCK_ROWS rows are in memory."""
+    """Return the file in pieces. ``rows``: received, device_time_s, contact and packet, then a value per column.
+    Numbers are float64, NaN if unknown; yes/no is int8, -1 if unknown; other values are text, empty if unknown. The
+    file is first written to the disk, because HDF5 completes the beginning of a file at the end. At most BLOCK_ROWS
+    rows are in memory."""
     import h5py
 
     with tempfile.TemporaryFile() as file:
@@ -49,31 +50,40 @@ def hdf5_file(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) -
 
 
 class _PacketTable:
-    """The datasets of one packet, which grow together. ``places``: positions of its columns."""
+    """The datasets of one packet, which have equal length. ``positions``: positions of its columns in the rows."""
 
     def __init__(
-        self, out: h5py.File, packet: str, places: Sequence[int], columns: Sequence[Column], form: str
+        self, out: h5py.File, packet: str, positions: Sequence[int], columns: Sequence[Column], form: str
     ) -> None:
-        named = {_name(columns[k].field.name): k for k in places}  # a field that is requested twice is written once
+        # A field that is requested twice is written once.
+        position_of = {_name(columns[k].field.name): k for k in positions}
         self._group = out.create_group(packet)
-        self._names, self._places = list(named), list(named.values())
-        self._kinds = [_kind(columns[k], form) for k in self._places]
+        self._names, self._positions = list(position_of), list(position_of.values())
+        self._kinds = [_kind(columns[k], form) for k in self._positions]
         self._size = 0
-        for name, of in zip([*LEADING, *self._names], ["number", "number", "contact", *self._kinds], strict=True):
-            self._create(name, of)
+        for name, dataset_kind in zip(
+            [*LEADING, *self._names], ["number", "number", "contact", *self._kinds], strict=True
+        ):
+            self._create(name, dataset_kind)
         for name, attributes in LEADING.items():
             self._group[name].attrs.update(attributes)
-        for name, k in named.items():
+        for name, k in position_of.items():
             item = columns[k].field
             if isinstance(item, TelemetryField):
                 self._group[name].attrs.update({"title": item.title, "unit": item.unit})
 
-    def _create(self, name: str, of: str) -> None:
+    def _create(self, name: str, dataset_kind: str) -> None:
         import h5py
 
         types = {"number": "f8", "bool": "i1", "contact": "i8", "text": h5py.string_dtype()}
         self._group.create_dataset(
-            name, shape=(0,), maxshape=(None,), chunks=(CHUNK_ROWS,), dtype=types[of], compression="gzip", shuffle=True
+            name,
+            shape=(0,),
+            maxshape=(None,),
+            chunks=(CHUNK_ROWS,),
+            dtype=types[dataset_kind],
+            compression="gzip",
+            shuffle=True,
         )
 
     def append(self, rows: Sequence[list[Any]]) -> None:
@@ -84,9 +94,9 @@ class _PacketTable:
         self._write("received", start, [row[0].timestamp() for row in rows])
         self._write("device_time_s", start, [_number(row[1]) for row in rows])
         self._write("contact", start, [NO_CONTACT if row[2] is None else row[2] for row in rows])
-        for name, of, k in zip(self._names, self._kinds, self._places, strict=True):
+        for name, dataset_kind, k in zip(self._names, self._kinds, self._positions, strict=True):
             values = [row[4 + k] for row in rows]
-            self._write(name, start, [_value(of, value) for value in values])
+            self._write(name, start, [_value(dataset_kind, value) for value in values])
 
     def _write(self, name: str, start: int, values: list[Any]) -> None:
         dataset = self._group[name]
@@ -95,7 +105,7 @@ class _PacketTable:
 
 
 def _name(field: str) -> str:
-    """Return the name of a field's dataset; it is another one than those of the time and the contact."""
+    """Return the name of a field's dataset, which must differ from the datasets in LEADING."""
     return f"{field}_value" if field in LEADING else field
 
 
@@ -110,12 +120,12 @@ def _kind(column: Column, form: str) -> str:
     return "bool" if item.type == "bool" else "text"
 
 
-def _value(of: str, value: Any) -> Any:
-    if of == "number":
+def _value(dataset_kind: str, value: Any) -> Any:
+    if dataset_kind == "number":
         return _number(value)
-    if of == "bool":
+    if dataset_kind == "bool":
         return UNKNOWN_BOOL if value is None else int(value)
-    return "" if value is None else str(value).replace("\0", "\N{REPLACEMENT CHARACTER}")  # HDF5 cannot store it
+    return "" if value is None else str(value).replace("\0", "\N{REPLACEMENT CHARACTER}")  # HDF5 cannot store NUL
 
 
 def _number(value: Any) -> float:

@@ -1,4 +1,4 @@
-"""Housekeeping that is missing because a transfer holds the channel on which the ground requests it."""
+"""Detects that housekeeping is missing because a transfer occupies the channel on which the ground requests it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from gss.operations.line.link import LinkService
 
 
 class HeldChannel:
-    """Remembers when a transfer last held the channel."""
+    """Stores the time at which a transfer last occupied the channel."""
 
     def __init__(self, link: LinkService) -> None:
         self._link, self._held_s = link, float("-inf")
 
     def held_within(self, seconds: float) -> bool:
-        """True if a transfer held the channel within this time and the sensor answered within it; call it regularly."""
+        """True if a transfer occupied the channel and the sensor answered within the last ``seconds``. Must be called
+        regularly."""
         now_s, last_s = self._link.monotonic_s(), self._link.counters.last_good_s
         if self._link.session.transfers.holds_channel:
             self._held_s = now_s

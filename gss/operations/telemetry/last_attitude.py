@@ -23,14 +23,16 @@ from gss.operations.line.line_events import LineBatch, ServiceEvent
 
 SOLVED = "solved"
 RECEPTION_SIGMA_S = 1.0
-"""Uncertainty of the time of an attitude of which only the reception is known: line and processing take up to about this."""
+"""Uncertainty in seconds of an attitude's time if only the time of reception is known: line and processing delay it by
+up to about this time."""
 Clock = Callable[[], Correlation | None]
 
 
 @dataclass(frozen=True)
 class ReportedAttitude:
-    """Boresight of the last solved attitude. ``age_s``: since the ground received it; ``sigma_cross_arcsec``: None if the
-    sensor does not report it; ``newest_outcome``: of the newest report, which may be a later one without a solution."""
+    """Boresight of the last solved attitude. ``age_s``: time since its reception on the ground; ``sigma_cross_arcsec``:
+    None if the sensor does not report it; ``newest_outcome``: outcome of the latest report, which can be a later report
+    without a solution."""
 
     ra_deg: float
     dec_deg: float
@@ -41,8 +43,8 @@ class ReportedAttitude:
 
 @dataclass(frozen=True)
 class AttitudeSample:
-    """One attitude with its time. ``quaternion``: cam_from_icrs; standard deviations are None if unknown; ``utc_sigma_s``:
-    uncertainty of ``utc``."""
+    """One attitude with its time. ``quaternion``: cam_from_icrs; standard deviations are None if unknown;
+    ``utc_sigma_s``: uncertainty of ``utc``."""
 
     source: Literal["on board", "ground"]
     quaternion: tuple[float, float, float, float]
@@ -53,8 +55,8 @@ class AttitudeSample:
 
 
 class LastAttitude:
-    """Keeps the last solved attitude. ``role``: where the instrument's telemetry has it; ``clock``: relation of the sensor's clock
-    to UTC. Thread-safe."""
+    """Stores the last solved attitude. ``role``: fields of the instrument's telemetry that contain it; ``clock``:
+    returns the relation of the sensor's clock to UTC. Thread-safe."""
 
     def __init__(self, role: AttitudeRole, monotonic_s: Monotonic, clock: Clock) -> None:
         self._role, self._monotonic_s, self._clock = role, monotonic_s, clock
@@ -63,14 +65,14 @@ class LastAttitude:
         self._lock = threading.Lock()
 
     def handle(self, batch: LineBatch) -> list[ServiceEvent]:
-        """Take the attitudes of a batch."""
+        """Store the latest attitude of a batch."""
         for event in batch.events:
             if isinstance(event, Telemetry) and event.packet == self._role.packet and event.arrival is Arrival.CURRENT:
                 self._take(event, batch)
         return []
 
     def report(self) -> ReportedAttitude | None:
-        """Return the last solved attitude; None before the first."""
+        """Return the boresight of the last solved attitude; None before the first solution."""
         with self._lock:
             if self._solved is None:
                 return None
@@ -79,12 +81,12 @@ class LastAttitude:
             return ReportedAttitude(ra_deg, dec_deg, sample.sigma_cross_arcsec, age_s, self._outcome)
 
     def mode(self) -> str | None:
-        """Return the mode in the newest report; None if the sensor reports none in this packet."""
+        """Return the mode in the latest report; None if the packet contains no mode."""
         with self._lock:
             return self._mode or None
 
     def sample(self) -> AttitudeSample | None:
-        """Return the last solved attitude with its time; None before the first."""
+        """Return the last solved attitude with its time; None before the first solution."""
         with self._lock:
             return None if self._solved is None else self._solved[3]
 
@@ -106,14 +108,15 @@ class LastAttitude:
                 self._solved = (batch.at_s, math.degrees(float(ra_rad)), math.degrees(float(dec_rad)), sample)
 
     def _time(self, frame_time_s: Value | None, received: datetime) -> tuple[datetime, float]:
-        """Return UTC of the exposure and its uncertainty; those of the reception if the sensor's clock is not known."""
+        """Return UTC of the exposure and its uncertainty, or UTC of the reception if the sensor's clock is not
+        correlated."""
         correlation = self._clock()
         if correlation is None or not isinstance(frame_time_s, int | float) or not math.isfinite(frame_time_s):
             return received, RECEPTION_SIGMA_S
         utc_s = correlation.utc_of(float(frame_time_s))
         try:
             return datetime.fromtimestamp(utc_s, UTC), correlation.uncertainty_at(utc_s)
-        except (ValueError, OverflowError):  # a faulty sensor can report a time that no date can hold
+        except (ValueError, OverflowError):  # a faulty sensor can report a time outside the range of dates
             return received, RECEPTION_SIGMA_S
 
 

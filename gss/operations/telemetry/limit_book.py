@@ -1,4 +1,4 @@
-"""Limits in force: from the dictionary, the chosen limit set, or an operator's override. Every change is recorded."""
+"""Active limits: from the dictionary, the selected limit set, or an operator's override. Every change is recorded."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ LIMITED_TYPES = (*INTEGER_RANGES, *FLOATS, "bool")
 
 @dataclass(frozen=True)
 class Rule:
-    """Limits in force for one field. ``origin``: dictionary, set or operator; user, time and note only for an operator's
-    override."""
+    """Active limits of one field. ``origin``: dictionary, set or operator. ``changed_by``, ``changed`` and ``note`` are
+    set only for an operator's override."""
 
     limits: Limits
     persistence: int
@@ -37,7 +37,7 @@ class Rule:
 
 
 class LimitBook:
-    """Returns the rule in force for a field; an operator's override applies in every limit set until it is removed."""
+    """Provides the active rule of each field. An operator's override applies in every limit set until it is removed."""
 
     def __init__(self, dictionary: TelemetryDefinitions, database: Database, bus: EventBus, now: Now) -> None:
         self._dictionary, self._database, self._bus, self._now = dictionary, database, bus, now
@@ -49,11 +49,12 @@ class LimitBook:
         self._load()
 
     def subscribe(self, listener: Callable[[str | None], None]) -> None:
-        """Call ``listener`` with ``packet.name`` of each field whose limits changed; None for all fields."""
+        """Call ``listener`` with ``packet.name`` of each field whose limits change, or with None if all limits
+        change."""
         self._listeners.append(listener)
 
     def definition_changed(self, key: str) -> None:
-        """Use the new definition of a field ``packet.name``."""
+        """Discard the cached rules and notify the listeners after the definition of a field ``packet.name`` changed."""
         self._rules = {}
         for listener in self._listeners:
             listener(key)
@@ -69,19 +70,19 @@ class LimitBook:
 
     @property
     def sets(self) -> list[tuple[str, str]]:
-        """(name, note) of each limit set of the dictionary."""
+        """Tuples (name, note) of the limit sets in the dictionary."""
         return [(s.name, s.note) for s in self._dictionary.limit_sets]
 
     @property
     def chosen(self) -> str:
-        """Name of the limit set in force."""
+        """Name of the active limit set."""
         return self._set
 
     def rule(self, packet: str, field: TelemetryField) -> Rule:
-        """Return the rule in force for a field."""
+        """Return the active rule of a field."""
         rules, key = self._rules, (packet, field.name)
         rule = rules.get(key)
-        if rule is None:  # a change replaces this cache dictionary, so no old rule can enter the new one
+        if rule is None:  # a change replaces this cache, so the new cache cannot contain an old rule
             rule = rules[key] = self._chosen.get(f"{packet}.{field.name}") or self.given(field)
         return rule
 
@@ -98,8 +99,8 @@ class LimitBook:
             raise NotFound("unknown limit set", expected=" | ".join(n for n, _ in self.sets), got=name)
         with self._lock:
             self._write(SET_NAME, {"name": name, "note": note}, user)
-            before, self._set, self._rules = self._set, name, {}
-        self._record_event(None, f"{user} activated the limit set {name}; was {before}", note)
+            previous, self._set, self._rules = self._set, name, {}
+        self._record_event(None, f"{user} activated the limit set {name}; was {previous}", note)
 
     def override(self, key: str, limits: Limits, persistence: int | None, *, user: str, note: str = "") -> Rule:
         """Set an operator's limits for a field ``packet.name``. Raises BadInput if they are inconsistent."""
@@ -109,15 +110,15 @@ class LimitBook:
             raise BadInput("persistence is out of range", expected=f"1 – {PERSISTENCE_MAX}", got=str(count))
         value = {level.value: list(bounds) for level, bounds in limits.checked().levels}
         with self._lock:
-            before = self.rule(packet, field)
-            changed = self._write(PREFIX + key, {**value, "persistence": count, "note": note}, user)
-            rule = Rule(limits, count, "operator", user, changed, note)
+            previous = self.rule(packet, field)
+            changed_at = self._write(PREFIX + key, {**value, "persistence": count, "note": note}, user)
+            rule = Rule(limits, count, "operator", user, changed_at, note)
             self._chosen[key], self._rules = rule, {}
-        self._record_event(key, f"{user} changed the limits of {key} from {words(before)} to {words(rule)}", note)
+        self._record_event(key, f"{user} changed the limits of {key} from {words(previous)} to {words(rule)}", note)
         return rule
 
     def restore(self, key: str, *, user: str) -> Rule:
-        """Remove an operator's limits of a field."""
+        """Remove the operator's limits of a field, and return the rule that applies instead."""
         packet, field = self.find(key)
         with self._lock:
             with self._database.unit_of_work() as session:
@@ -130,7 +131,8 @@ class LimitBook:
         return rule
 
     def find(self, key: str) -> tuple[str, TelemetryField]:
-        """Return (packet, field) for a key ``packet.name`` of a field that can have limits. Raises BadInput or NotFound."""
+        """Return (packet, field) for a key ``packet.name`` of a field that can have limits. Raises BadInput or
+        NotFound."""
         packet, _, name = key.partition(".")
         for field in self._dictionary.packet(packet).values:
             if field.name == name:
@@ -167,7 +169,7 @@ def _range(pair: Any) -> Range:
 
 
 def words(rule: Rule) -> str:
-    """Return limits as text for the record: "watch −15 … 45, critical … 65, 3 samples"."""
+    """Return limits as text for the event log: "watch −15 … 45, critical … 65, 3 samples"."""
     parts = [
         f"{level} {'' if low is None else f'{low:g} '}…{'' if high is None else f' {high:g}'}"
         for level, (low, high) in reversed(rule.limits.levels)

@@ -1,4 +1,5 @@
-"""Checks telemetry against limits with persistence: the state of every field, from packets alone; used live and in replays."""
+"""Checks telemetry against limits with persistence. The states depend only on the packets, so that replays can use this
+code."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ RuleOf = Callable[[str, TelemetryField], Rule]
 
 @dataclass(frozen=True)
 class Judgement:
-    """Result of checking one sample against limits. ``judged`` False: its iteration has ended, so limits were not applied."""
+    """Result of checking one sample against limits. ``judged``: False if limits were not applied, because the sample is
+    of an iteration that has ended."""
 
     packet: str
     field: TelemetryField
@@ -45,8 +47,9 @@ class Judgement:
 
 @dataclass(slots=True)
 class _Watched:
-    """A field with limits. ``calm``: a further sample from ``low`` to ``high`` changes no state, which allows a fast path
-    for nearly all samples; NaN and infinities are in no range. ``unknown``: a further NaN changes no state either."""
+    """A field with limits. ``calm``: True if a further sample from ``low`` to ``high`` changes no state, which allows a
+    fast path for nearly all samples; NaN and infinities are outside every range. ``unknown``: True if a further NaN
+    changes no state."""
 
     key: Key
     field: TelemetryField
@@ -66,7 +69,7 @@ class _Watched:
 
 
 class LimitCheck:
-    """Keeps the persistence of every field with limits. Thread-safe.
+    """Checks packets and stores the persistence state of every field with limits. Thread-safe.
 
     ``followed``: fields whose judgements are reported even while they are calm, because they have an open alarm.
     """
@@ -77,27 +80,31 @@ class LimitCheck:
         self._runs: dict[Key, Persistence] = {}
         self._samples: dict[Key, State] = {}
         self._unjudged: set[Key] = set()
-        self._unfair: tuple[Any, ...] = ()
+        self._ignored_iterations: tuple[Any, ...] = ()
         self._watched: dict[str, list[_Watched]] = {}
         self._was_iterating = False
         self._lock = threading.RLock()
 
     def take(self, packet: Telemetry) -> list[Judgement]:
-        """Judge each field of a packet that has limits. A field that remains within its limits is not reported unless it is
+        """Check each field of a packet that has limits. A field that stays within its limits is reported only if it is
         followed."""
         with self._lock:
             if packet.packet == "housekeeping":
                 self._housekeeping = packet.values
                 if not packet.values.get("cycle_running"):
-                    at_rest = packet.values.get("iteration")
-                    self._unfair = (at_rest, at_rest + 1) if isinstance(at_rest, int) else (at_rest,)
+                    iteration_at_rest = packet.values.get("iteration")
+                    self._ignored_iterations = (
+                        (iteration_at_rest, iteration_at_rest + 1)
+                        if isinstance(iteration_at_rest, int)
+                        else (iteration_at_rest,)
+                    )
             iterating = self._iterating()
             if iterating is not self._was_iterating:
                 self._was_iterating = iterating
-                self._look_again()
+                self._reset_fast_path()
             watched = self._watched.get(packet.packet)
             if watched is None:
-                watched = self._watched[packet.packet] = self._watch(packet.packet)
+                watched = self._watched[packet.packet] = self._watched_fields(packet.packet)
             values, judgements = packet.values, []
             for watch in watched:
                 value: Any = values.get(watch.key[1], math.nan)
@@ -113,8 +120,8 @@ class LimitCheck:
                     judgements.append(judgement)
         return judgements
 
-    def _watch(self, packet: str) -> list[_Watched]:
-        """Return the fields of a packet that have limits or still count as out of limits."""
+    def _watched_fields(self, packet: str) -> list[_Watched]:
+        """Return the fields of a packet that have limits, or that still count as out of limits."""
         watched = []
         for field in self._dictionary.packet(packet).values:
             rule, key = self._rule(packet, field), (packet, field.name)
@@ -124,8 +131,8 @@ class LimitCheck:
                 self._samples.pop(key, None)
         return watched
 
-    def _look_again(self) -> None:
-        """Reset the fast path of all fields until their next sample has been judged."""
+    def _reset_fast_path(self) -> None:
+        """Disable the fast path of all fields until their next sample has been checked."""
         for watched in self._watched.values():
             for watch in watched:
                 watch.calm = watch.unknown = False
@@ -139,7 +146,7 @@ class LimitCheck:
             return None
         value = plain(packet.values.get(field.name))
         if not isinstance(value, int | float):
-            self._runs[key] = run.broken()  # sent as NaN: the device has not measured it
+            self._runs[key] = run.broken()  # NaN means that the device has not measured the value
             self._samples.pop(key, None)
             watch.unknown = True
             return None
@@ -152,20 +159,21 @@ class LimitCheck:
             return Judgement(packet.packet, field, float(value), State.OK, rule, judged=False)
         self._unjudged.discard(key)
         self._runs[key] = after = run.after(sample, rule.persistence)
-        # A further sample in the same range changes no state either.
+        # A further sample in the same range changes no state.
         watch.calm = after is run and run.counted is sample is State.OK and rule.limits.any
         return Judgement(packet.packet, field, float(value), after.counted, rule)
 
     def _iterating(self) -> bool:
-        """True if results and timing of iterations are to be judged: the cycle runs and has produced a result since it
-        started. A sensor at rest finds no stars, and the first iteration after a rest may still use the previous pointing."""
+        """True if limits apply to results and timing of iterations: the cycle is running and has produced a result
+        since it started. A sensor at rest finds no stars, and the first iteration after a rest can still use the
+        previous pointing."""
         if not self._housekeeping.get("cycle_running"):
             return False
         iteration = self._housekeeping.get("iteration")
-        return iteration is None or iteration not in self._unfair
+        return iteration is None or iteration not in self._ignored_iterations
 
     def seed(self, key: Key, counted: State) -> None:
-        """Set the state that counted before a restart."""
+        """Restore the state that a field had before a restart."""
         with self._lock:
             self._runs[key] = Persistence(counted)
             self._watched.clear()
@@ -184,8 +192,9 @@ class LimitCheck:
             return self._runs.get(key, Persistence()).counted
 
     def states(self, key: Key) -> tuple[FieldState, FieldState]:
-        """Return the state of a measured field after persistence, and of its newest sample alone; "stale" if the sample is out
-        of limits in an iteration that has ended: neither an alarm nor a good value."""
+        """Return the state of a field after persistence, and the state of its latest sample alone. The first state is
+        "stale" if the sample is out of limits in an iteration that has ended, because it is neither an alarm nor a good
+        value."""
         with self._lock:
             sample = self._samples.get(key, State.OK)
             if key in self._unjudged and sample is not State.OK:

@@ -1,5 +1,6 @@
-"""Rollups: minimum and maximum of each field in every ten seconds, with their times, so that a plot of a week is read from a
-few hundred rows without losing a spike. A background thread computes them hour by hour, after each hour has ended."""
+"""Rollups: minimum and maximum of each field in every ten seconds, with their times. With them, a plot of a week needs
+only a few hundred rows and still shows every spike. A background thread computes the rollup of each hour after the hour
+has ended."""
 
 from __future__ import annotations
 
@@ -28,19 +29,20 @@ log = logging.getLogger(__name__)
 PLOTTED = ("number", "enum", "bool")
 BUCKET_S = 10
 SETTLE_S = 60.0
-"""Delay after which an hour is taken as complete."""
+"""Delay in seconds after which an ended hour counts as complete."""
 LOOK_S = 60.0
 HOURS_AT_ONCE = 400
-"""Maximum number of hours computed per pass; the rest of an old store's past follows in later passes."""
+"""Maximum number of hours computed per pass. An old store needs several passes."""
 MOMENT = timedelta(microseconds=1)
-"""The resolution of a stored time."""
+"""Resolution of a stored time."""
 EARLIEST = datetime(1970, 1, 2, tzinfo=UTC)
 
 
 @dataclass(frozen=True)
 class Buckets:
-    """Ten-second spans that have packets, in time order. All (n,): ``count`` of packets, with or without the value; Unix
-    seconds and value of the minimum (``low``) and maximum (``high``); NaN if no packet of a span has the value."""
+    """Ten-second spans that have packets, in time order. All arrays are (n,). ``count``: number of packets, with or
+    without the value; ``low_s``, ``low``, ``high_s``, ``high``: Unix seconds and value of the minimum and maximum, NaN
+    if no packet of the span has the value."""
 
     count: NDArray[np.int64]
     low_s: Array
@@ -52,7 +54,7 @@ class Buckets:
         return len(self.count)
 
     def packed(self, hour: int) -> bytes:
-        """Encode for storage: column after column, times relative to the hour's start."""
+        """Encode the buckets for storage: one column after the other, with times relative to the start of the hour."""
         start_s = hour * HOUR_S
         columns = (self.low_s - start_s, self.low, self.high_s - start_s, self.high)
         body = b"".join([self.count.astype("<u4").tobytes(), *(c.astype("<f8").tobytes() for c in columns)])
@@ -60,7 +62,7 @@ class Buckets:
 
     @classmethod
     def unpacked(cls, hour: int, data: bytes) -> Buckets:
-        """Decode the bytes made by :meth:`packed`."""
+        """Decode the bytes from :meth:`packed`."""
         body = zlib.decompress(data)
         n = len(body) // 36
         count = np.frombuffer(body, "<u4", n).astype(np.int64)
@@ -83,21 +85,21 @@ class RollupHours:
 
 
 def buckets(t_s: Array, y: Array) -> Buckets:
-    """Compute the buckets of samples in time order; ``y`` is NaN where a packet has no value."""
+    """Compute the buckets of samples in time order. ``y``: values, NaN for packets without the value."""
     numbers = np.floor_divide(t_s, BUCKET_S).astype(np.int64)
     starts = np.flatnonzero(np.concatenate([[True], numbers[1:] != numbers[:-1]]))
     count = np.diff(np.append(starts, len(t_s)))
     low_at, low = _first_extreme(np.where(np.isnan(y), np.inf, y), np.minimum, starts, count)
     high_at, high = _first_extreme(np.where(np.isnan(y), -np.inf, y), np.maximum, starts, count)
-    none = np.isinf(low)
-    return Buckets(count, t_s[low_at], np.where(none, np.nan, low), t_s[high_at], np.where(none, np.nan, high))
+    empty = np.isinf(low)
+    return Buckets(count, t_s[low_at], np.where(empty, np.nan, low), t_s[high_at], np.where(empty, np.nan, high))
 
 
 def _first_extreme(y: Array, extreme: np.ufunc, starts: NDArray[np.intp], count: NDArray[Any]) -> tuple[Any, Array]:
     """Return the index of the first occurrence of each bucket's extreme, and the extreme."""
     extremes = extreme.reduceat(y, starts)
-    at = np.where(y == np.repeat(extremes, count), np.arange(len(y)), len(y))
-    return np.minimum.reduceat(at, starts), extremes
+    index = np.where(y == np.repeat(extremes, count), np.arange(len(y)), len(y))
+    return np.minimum.reduceat(index, starts), extremes
 
 
 class Rollups:
@@ -113,7 +115,7 @@ class Rollups:
 
     @property
     def _fields(self) -> Mapping[str, list[Item]]:
-        """Fields that can be plotted, of every packet that has one."""
+        """Fields that can be plotted, by packet. Packets without such fields are omitted."""
         packets = self._dictionary.telemetry
         if packets != self._packets_read:
             fields = {p.name: [f for f in p.fields if not isinstance(f, Group) and kind(f) in PLOTTED] for p in packets}
@@ -135,30 +137,31 @@ class Rollups:
         while not self._ended.wait(LOOK_S):
             try:
                 self.make()
-            except GssError:  # a full disk or locked database is reported elsewhere; plots read packets meanwhile
-                log.warning("rollups wait", exc_info=True)
+            except GssError:  # other services report a full disk or locked database; plots read packets until then
+                log.warning("rollups could not be computed; they are tried again", exc_info=True)
 
-    def make(self, most: int = HOURS_AT_ONCE) -> int:
+    def make(self, max_hours: int = HOURS_AT_ONCE) -> int:
         """Compute missing hours, oldest first. Return the number of hours computed."""
-        count, over = 0, store.hour_of(self._now() - timedelta(seconds=SETTLE_S))
+        count, end_hour = 0, store.hour_of(self._now() - timedelta(seconds=SETTLE_S))
         for packet in list(self._fields):
-            for hour in self._missing(packet, over):
-                if count >= most or self._ended.is_set():
+            for hour in self._missing(packet, end_hour):
+                if count >= max_hours or self._ended.is_set():
                     return count
                 count += self._make_hour(packet, hour)
         return count
 
-    def _missing(self, packet: str, over: int) -> Iterator[int]:
-        """Yield hours before ``over`` that have packets and no rollup, with one index lookup per stretch without packets."""
+    def _missing(self, packet: str, end_hour: int) -> Iterator[int]:
+        """Yield the hours before ``end_hour`` that have packets but no rollup. Each gap without packets needs one index
+        lookup."""
         with self._database.unit_of_work() as session:
-            done = store.done_hours(session, packet, 0, over)
-        self._newest[packet] = done[-1] if done else None
-        ends = {run[0]: run[-1] for run in _runs(done)}
+            done_hours = store.done_hours(session, packet, 0, end_hour)
+        self._newest[packet] = done_hours[-1] if done_hours else None
+        ends = {run[0]: run[-1] for run in _consecutive(done_hours)}
         at = EARLIEST
         while True:
             with self._database.unit_of_work() as session:
                 next_packet = store.next_received(session, packet, at)
-            if next_packet is None or (hour := store.hour_of(next_packet)) >= over:
+            if next_packet is None or (hour := store.hour_of(next_packet)) >= end_hour:
                 return
             run = max((first for first in ends if first <= hour), default=None)
             if run is not None and hour <= ends[run]:
@@ -183,8 +186,8 @@ class Rollups:
         return rollup
 
     def wrote(self, session: Any, packets: Sequence[str], at: datetime) -> None:
-        """Called in the transaction that stores packets received at ``at``: if their hour was already rolled up, for example
-        after the clock was set back, its rollup is removed. Plots then read its packets."""
+        """Remove the rollup of an hour in which packets are stored late, for example after the clock was set back.
+        Plots then read the packets of this hour. Called in the transaction that stores packets received at ``at``."""
         hour = store.hour_of(at)
         late = [
             name for name in dict.fromkeys(packets) if name in self._fields and hour <= self._newest_of(session, name)
@@ -199,26 +202,26 @@ class Rollups:
         return -1 if newest is None else newest
 
     def read(self, packet: str, names: Sequence[str], start: datetime, end: datetime) -> list[RollupHours]:
-        """Return the rollups of the hours that lie completely within a span, in time order."""
+        """Return the rollups of the hours that lie completely within a time span, in time order."""
         first, last = store.hour_of(start - MOMENT) + 1, store.hour_of(end) - 1
         parts: dict[int, dict[str, bytes]] = {}
         with self._database.unit_of_work() as session:
-            done = store.done_hours(session, packet, first, last)
-            for hour, name, data in store.of_fields(session, packet, names, first, last) if done else ():
+            done_hours = store.done_hours(session, packet, first, last)
+            for hour, name, data in store.of_fields(session, packet, names, first, last) if done_hours else ():
                 parts.setdefault(hour, {})[name] = data
         # If the dictionary lacked a field when an hour was rolled up, that hour is read from packets instead.
-        whole = [hour for hour in done if len(parts.get(hour, ())) == len(names)]
+        complete_hours = [hour for hour in done_hours if len(parts.get(hour, ())) == len(names)]
         return [
             RollupHours(
                 run[0],
                 run[-1],
                 {name: Buckets.joined([Buckets.unpacked(hour, parts[hour][name]) for hour in run]) for name in names},
             )
-            for run in _runs(whole)
+            for run in _consecutive(complete_hours)
         ]
 
 
-def _runs(hours: Sequence[int]) -> list[list[int]]:
+def _consecutive(hours: Sequence[int]) -> list[list[int]]:
     runs: list[list[int]] = []
     for hour in hours:
         if runs and runs[-1][-1] == hour - 1:

@@ -1,4 +1,4 @@
-"""Telemetry: received packets are stored, judged against limits, and kept as latest values."""
+"""Telemetry service: stores received packets, checks them against limits, and keeps the latest values."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ log = logging.getLogger("gss.telemetry")
 TRY_EVERY_S = 5.0
 DURABLE_EVERY_S = 1.0
 TELEMETRY_STORE = "telemetry"
-"""Kind of the events that say whether telemetry is stored."""
+"""Kind of the events that report whether telemetry is stored."""
 UNSTORED, STORED_AGAIN = "telemetry is not stored", "telemetry is stored again"
-"""How their texts begin; the check of a record reads them."""
+"""Beginnings of the texts of these events. The check of a contact's record reads them."""
 OLD_EVERY_S = 60.0
 
 
@@ -43,8 +43,9 @@ OLD_EVERY_S = 60.0
 class FieldValue:
     """Latest value of one field as responses and pages show it.
 
-    ``state``: after persistence and staleness; clients never compute it. ``sample_state``: of this sample alone, before
-    persistence. ``raw_text``: raw value in hexadecimal. ``text``: the state in words. ``alarm_id``: the field's open alarm.
+    ``state``: state after persistence and staleness; clients never compute it. ``sample_state``: state of this sample
+    alone, before persistence. ``raw_text``: raw value in hexadecimal. ``text``: state as text. ``alarm_id``: open alarm
+    of the field.
     """
 
     name: str
@@ -67,14 +68,14 @@ class FieldValue:
 
 @dataclass(frozen=True)
 class Judged(ServiceEvent):
-    """Judgements of the telemetry of a batch, whether or not the store could take it."""
+    """Judgements of the telemetry in a batch, whether or not the telemetry could be stored."""
 
     judgements: tuple[Judgement, ...]
 
 
 class TelemetryBoard:
-    """Keeps the newest packet of each kind and checks it against limits. Thread-safe. ``alarms``: the open alarm of each
-    field that has one."""
+    """Stores the latest packet of each type and checks it against limits. Thread-safe. ``alarms``: open alarms by
+    field."""
 
     def __init__(self, dictionary: TelemetryDefinitions, rule: RuleOf, alarms: Mapping[Key, Alarm]) -> None:
         self.limits = LimitCheck(dictionary, rule, alarms)
@@ -83,18 +84,18 @@ class TelemetryBoard:
         self._lock = threading.Lock()
 
     def take(self, packet: Telemetry, at: datetime) -> list[Judgement]:
-        """Make a packet the latest of its kind and return the judgements of its fields with limits."""
+        """Store a packet as the latest of its type, and return the judgements of its fields with limits."""
         with self._lock:
             self._latest[packet.packet] = (at, packet)
         return self.limits.take(packet)
 
     def latest(self, packet: str) -> tuple[datetime, Telemetry] | None:
-        """Return (received, packet), the newest of that kind; None before the first."""
+        """Return (received, packet) of the latest packet of a type; None before the first packet."""
         with self._lock:
             return self._latest.get(packet)
 
     def clock_jumped(self, now: datetime, jump_s: float) -> None:
-        """Shift reception times after the clock jumped, so that ages remain unchanged."""
+        """Shift the reception times after a jump of the clock, so that ages do not change."""
         with self._lock:
             self._latest = {name: (after_jump(at, now, jump_s), packet) for name, (at, packet) in self._latest.items()}
 
@@ -116,12 +117,12 @@ class TelemetryBoard:
         sent = None if telemetry is None else telemetry.raw.get(field.name)
         value = None if telemetry is None else plain(telemetry.values.get(field.name))
         age_s = None if at is None else (now - at).total_seconds()
-        # A value sent as NaN has not been measured yet.
+        # NaN means that the device has not measured the value.
         state, sample = self.limits.states(key) if value is not None else ("never", "never")
         text: str = state
         if age_s is not None and field.stale_after_s and age_s > field.stale_after_s:
             state, text = "stale", f"stale {age_s:.0f} s"
-        elif state == "stale":  # still received, but from an iteration that has ended
+        elif state == "stale":  # the value is still received, but is of an iteration that has ended
             text = "cycle stopped"
         alarm = self._alarms.get(key)
         return FieldValue(
@@ -145,7 +146,7 @@ class TelemetryBoard:
 
 
 class TelemetryService:
-    """Stores all packets, keeps the newest of each kind, and gives access to past telemetry.
+    """Stores all packets, keeps the latest packet of each type, and provides access to stored telemetry.
 
     ``contact_id`` returns the open contact; ``has_room`` is False while the disk is too full for telemetry.
     """
@@ -164,7 +165,7 @@ class TelemetryService:
         self.derived = DerivedParameters(dictionary, database, bus, now)
         self.limits = LimitBook(self.derived, database, bus, now)
         self.open_alarms: dict[Key, Alarm] = {}
-        """The open alarm of each field or condition that has one, maintained by ``AlarmService``."""
+        """Open alarms by field or condition, maintained by ``AlarmService``."""
         self.board = TelemetryBoard(self.derived, self.limits.rule, self.open_alarms)
         self.rollups = Rollups(self.derived, database, now)
         self.archive = Archive(self.derived, database, self.rollups)
@@ -173,7 +174,7 @@ class TelemetryService:
         self.unstored = 0
         """Number of packets that could not be stored since the server started."""
         self.store_fails = ""
-        """Why packets are currently not stored; "" if they are."""
+        """Reason why packets are currently not stored; "" if they are stored."""
         self.old = 0
         """Number of packets that were delayed or repeated on the line since the server started."""
         self._old_recorded, self._old_due_s = 0, 0.0
@@ -182,7 +183,7 @@ class TelemetryService:
         self._durable_due_s = -math.inf
 
     def handle(self, batch: LineBatch) -> list[Judged]:
-        """Store the telemetry of a batch in one transaction, then judge it and update the latest values."""
+        """Check the telemetry of a batch against limits, update the latest values, and store it in one transaction."""
         received = [event for event in batch.events if isinstance(event, Telemetry)]
         if not received:
             return []
@@ -198,7 +199,8 @@ class TelemetryService:
         return [Judged(tuple(judgements))]
 
     def _take(self, current: Sequence[Telemetry], at: datetime) -> tuple[list[Judgement], list[Telemetry]]:
-        """Judge packets and make them the latest, each followed by the derived parameters that it changes. Returns those too."""
+        """Check packets and the derived parameters that depend on them, and store them as the latest. Return the
+        judgements and the derived packets."""
         judgements: list[Judgement] = []
         computed: list[Telemetry] = []
         for packet in current:
@@ -209,12 +211,12 @@ class TelemetryService:
         return judgements, computed
 
     def newest_values(self, packet: str) -> tuple[datetime, Values] | None:
-        """Return (received, values) of the newest packet of a kind; None before the first."""
+        """Return (received, values) of the latest packet of a type; None before the first packet."""
         latest = self.board.latest(packet)
         return None if latest is None else (latest[0], latest[1].values)
 
     def _report_old(self, packets: Sequence[Telemetry], batch: LineBatch) -> None:
-        """Count packets older than the latest and record an event, at most one per ``OLD_EVERY_S``."""
+        """Count packets that are older than the latest, and record an event at most every ``OLD_EVERY_S`` seconds."""
         self.old += len(packets)
         if self.old == self._old_recorded or batch.at_s < self._old_due_s:
             return
@@ -222,15 +224,15 @@ class TelemetryService:
         newest = (
             f", the last one {packets[-1].packet} of device time {packets[-1].device_time_s:.3f} s" if packets else ""
         )
-        self._say(
+        self._record_event(
             "warning",
             f"{number} telemetry packets older than the latest were received{newest}: delayed, repeated or replayed on the line. "
             "They are not shown as current values.",
         )
 
     def _store(self, packets: Sequence[Telemetry], batch: LineBatch) -> None:
-        """Store all packets or none. Limits are checked before and in any case: an alarm must not depend on the disk. While the
-        store is down it is tried every ``TRY_EVERY_S`` only, because each try may wait for seconds."""
+        """Store all packets or none. Limits are always checked, because alarms must not depend on the disk. While the
+        store is down, only one attempt is made per ``TRY_EVERY_S``, because each attempt can block for seconds."""
         if not packets:
             return
         cause = "" if self._has_room() else "the disk is full"
@@ -246,10 +248,10 @@ class TelemetryService:
         before, self.store_fails = self.store_fails, cause
         if cause and not before:
             self._unstored_from = self.unstored
-            self._say("critical", f"{UNSTORED}, only captured: {cause}")
+            self._record_event("critical", f"{UNSTORED}, only captured: {cause}")
         elif before and not cause:
             lost = self.unstored - self._unstored_from
-            self._say("watch", f"{STORED_AGAIN}; {lost} earlier packets are in the raw capture only")
+            self._record_event("watch", f"{STORED_AGAIN}; {lost} earlier packets are in the raw capture only")
         if cause:
             self.unstored += len(packets)
 
@@ -260,7 +262,7 @@ class TelemetryService:
         self._durable_due_s = batch.at_s + DURABLE_EVERY_S
         return True
 
-    def _say(self, severity: str, text: str) -> None:
+    def _record_event(self, severity: str, text: str) -> None:
         try:
             self._bus.record(TELEMETRY_STORE, severity, text)
         except StoreDown:
@@ -277,17 +279,18 @@ class TelemetryService:
         }
 
     def latest_packet(self, name: str) -> Telemetry | None:
-        """Return the newest packet of that kind; None before the first."""
+        """Return the latest packet of a type; None before the first packet."""
         latest = self.board.latest(name)
         return latest[1] if latest else None
 
     def values(self) -> list[FieldValue]:
-        """Return every field of the dictionary and every derived parameter with its current state, housekeeping first."""
+        """Return every field of the dictionary and every derived parameter with its current state, housekeeping
+        first."""
         values = self.board.values(self._now())
-        return [self._explained(value) if value.page == PAGE else value for value in values]
+        return [self._with_reason(value) if value.page == PAGE else value for value in values]
 
-    def _explained(self, value: FieldValue) -> FieldValue:
-        """State why a derived parameter has no value."""
+    def _with_reason(self, value: FieldValue) -> FieldValue:
+        """Return a field value in which the text states why a derived parameter has no value."""
         reason = self.derived.unknown_reason(value.packet)
         return replace(value, text=f"unknown: {reason}") if reason and value.state == "never" else value
 
@@ -296,13 +299,13 @@ class TelemetryService:
         self._bus.publish("telemetry", self.values())
 
     def cycles(self, limit: int) -> list[tuple[datetime, Mapping[str, Any]]]:
-        """Return (received, values) of the newest timing packets."""
+        """Return (received, values) of the latest timing packets."""
         with self._database.unit_of_work() as session:
             return [(row.received, row.values) for row in store.newest(session, "timing", limit)]
 
 
 def stored_values(packet: Telemetry) -> dict[str, object]:
-    """Return a packet's values for its row: engineering values by name, each list under its name."""
+    """Return the values of a packet for its row: engineering values by name, lists by their names."""
     stored = plain_values(packet.values)
     for name, items in packet.lists.items():
         stored[name] = [plain_values(item) for item in items]

@@ -1,4 +1,5 @@
-"""Exports any telemetry fields and span as CSV, Parquet or HDF5, block by block, with the same values as displayed."""
+"""Exports telemetry fields over a time span as CSV, Parquet or HDF5, block by block, with the values that pages
+display."""
 
 from __future__ import annotations
 
@@ -32,8 +33,8 @@ def export(
 ) -> Iterator[bytes]:
     """Return the file in pieces; at most BLOCK_ROWS rows are in memory. Raises BadInput before the first piece.
 
-    Columns: received (UTC), device_time_s, contact, packet, then one per key. form: converted = engineering values as stored,
-    raw = values as transmitted, formatted = text as displayed.
+    Columns: received (UTC), device_time_s, contact, packet, then one per key. ``form``: "converted" for stored
+    engineering values, "raw" for transmitted values, "formatted" for displayed text.
     """
     for name, value, valid in (("form", form, FORMS), ("format", file_format, tuple(FORMATS))):
         if value not in valid:
@@ -61,7 +62,7 @@ def _in_form(column: Column, value: Any, form: str) -> Any:
 
 
 def _csv(columns: Sequence[Column], rows: Iterator[list[Any]]) -> Iterator[bytes]:
-    """RFC 4180 with a header; times in ISO 8601 with Z, empty cells for unknown values."""
+    """Yield CSV by RFC 4180 with a header, times in ISO 8601 with Z, and empty cells for unknown values."""
     buffer = io.StringIO(newline="")
     writer = csv.writer(buffer)
     writer.writerow([*LEADING, *(c.key for c in columns)])
@@ -82,7 +83,7 @@ def _cell(value: Any) -> Any:
 
 
 class _Pieces(io.RawIOBase):
-    """An append-only file object whose written bytes are taken out piece by piece."""
+    """An append-only file object. ``take`` returns the written bytes in pieces."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -109,12 +110,12 @@ class _Pieces(io.RawIOBase):
 
 
 def _parquet(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) -> Iterator[bytes]:
-    """One row group per block; units and titles are in each column's metadata."""
+    """Yield a Parquet file with one row group per block. The metadata of each column contains its unit and title."""
     import pyarrow as pa
     from pyarrow import parquet as pq
 
     leading = [pa.timestamp("us", tz="UTC"), pa.float64(), pa.int64(), pa.string()]
-    fields = [pa.field(name, of) for name, of in zip(LEADING, leading, strict=True)]
+    fields = [pa.field(name, column_type) for name, column_type in zip(LEADING, leading, strict=True)]
     fields += [pa.field(c.key, _arrow_type(pa, c, form), metadata=_metadata(c)) for c in columns]
     schema = pa.schema(fields)
     sink = _Pieces()
@@ -127,7 +128,8 @@ def _parquet(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) ->
 
 
 def _arrow_type(pa: Any, column: Column, form: str) -> Any:
-    """Return the type of a column, independent of its values, so that files of two spans can be read as one."""
+    """Return the type of a column. It does not depend on the values, so that files of different spans can be read
+    together."""
     item = column.field
     if isinstance(item, Group) or form == "formatted":
         return pa.string()

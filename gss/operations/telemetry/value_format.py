@@ -9,13 +9,13 @@ from typing import Any, Literal
 from gss.device.protocol.codec import STRUCT
 from gss.instruments.dictionary.definitions import FLOATS, INTEGER_RANGES, Item, TelemetryField
 
-NOTHING = "–"
+UNKNOWN = "–"
 Kind = Literal["number", "enum", "bool", "text", "bytes"]
-AS_IT_IS = frozenset({int, bool, str})
+PLAIN_TYPES = frozenset({int, bool, str})
 
 
 def kind(field: Item) -> Kind:
-    """Return number, enum, bool, text or bytes."""
+    """Return the kind of a field: number, enum, bool, text or bytes."""
     if field.type in INTEGER_RANGES or field.type in FLOATS:
         return "number"
     if field.type == "enum":
@@ -36,23 +36,24 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, object]:
     """Apply :func:`plain` to each value, with a fast path for the most common types."""
     return {
         name: value
-        if (kind := type(value)) in AS_IT_IS
+        if (kind := type(value)) in PLAIN_TYPES
         else ((value if value - value == 0 else None) if kind is float else plain(value))
         for name, value in values.items()
     }
 
 
 def as_number(value: Any) -> float | int | None:
-    """Return a value as a JSON number: yes as 1, no as 0; None for anything else, NaN and infinities."""
+    """Return a value as a JSON number: yes as 1, no as 0; None for NaN, infinities and all other values."""
     if isinstance(value, bool):
         return float(value)
     return value if isinstance(value, int) or (isinstance(value, float) and math.isfinite(value)) else None
 
 
 def formatted(value: Any, decimals: int) -> str:
-    """Format a value with the dictionary's decimals and a true minus sign; yes and no; a dash for an unknown value."""
+    """Format a value with the dictionary's decimals and a true minus sign; Booleans as yes or no; an unknown value as a
+    dash."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return NOTHING
+        return UNKNOWN
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, bytes):
@@ -66,7 +67,7 @@ def formatted(value: Any, decimals: int) -> str:
 def raw_text(field: Item, raw: Any) -> str:
     """Format a raw value: integers in hexadecimal of their width, floats as numbers, bytes in hexadecimal."""
     if raw is None:
-        return NOTHING
+        return UNKNOWN
     if isinstance(raw, bytes):
         return raw.hex()
     if isinstance(raw, float):
@@ -78,7 +79,7 @@ def raw_text(field: Item, raw: Any) -> str:
 
 
 def number(field: Item, value: Any) -> float | None:
-    """Return a stored value as a number to plot: enumerations by their number, yes as 1; None for anything else."""
+    """Return a stored value as a number to plot: an enumeration as its number, yes as 1; None for all other values."""
     if isinstance(value, str):
         return next((float(c.value) for c in field.choices if c.name == value), None)
     return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
@@ -87,8 +88,8 @@ def number(field: Item, value: Any) -> float | None:
 def raw_of(field: Item, value: Any) -> Any:
     """Return the raw value of a stored engineering value; None if it cannot be determined.
 
-    Conversions are monotonic over the range of their type, so the raw value is found by bisection and verified by converting it
-    again.
+    Conversions are monotonic over the range of their type, so the raw value is determined by bisection and verified by
+    converting it back.
     """
     if value is None:
         return None

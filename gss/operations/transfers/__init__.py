@@ -1,1 +1,1 @@
-"""File transfers in both directions, and the content of the sensor's banks."""
+"""File transfers in both directions, and the content of the sensor's flash banks."""

@@ -1,5 +1,5 @@
-"""Content that arrived in a transfer: the events that report it, the answers of the services that store it, and the thread on
-which they store it, in order of arrival, so that a slow store does not delay telemetry."""
+"""Received content of transfers: the events that report it, the answers of the services that store it, and the thread
+on which they store it. Content is stored in order of arrival, and a slow store does not delay telemetry."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ from gss.operations.metrics import MetricSample
 from gss.store.models import Transfer
 
 MAX_WAITING = 4
-"""Maximum number of waiting jobs. When it is reached, no other download is started, and content that still arrives blocks
-the caller."""
+"""Maximum number of waiting jobs. When it is reached, no further download is started, and the caller that delivers more
+content must wait."""
 
 
 class Writer:
-    """Runs one job at a time on a background thread; an event is recorded each time its queue is full.
+    """Runs one job at a time on a background thread. An event is recorded each time the queue is full.
 
-    This is not a thread pool of the library: at exit, Python waits for a pool's threads, and a store may hang.
+    It does not use ThreadPoolExecutor, because Python waits for the threads of an executor at exit and a store can
+    hang.
     """
 
-    def __init__(self, monotonic_s: Monotonic, bus: EventBus, most: int = MAX_WAITING) -> None:
-        self._monotonic_s, self._bus, self._most = monotonic_s, bus, most
-        self._jobs: queue.Queue[tuple[Future[Any], Callable[[], Any]]] = queue.Queue(most)
+    def __init__(self, monotonic_s: Monotonic, bus: EventBus, max_waiting: int = MAX_WAITING) -> None:
+        self._monotonic_s, self._bus = monotonic_s, bus
+        self._jobs: queue.Queue[tuple[Future[Any], Callable[[], Any]]] = queue.Queue(max_waiting)
         self._open: set[Future[Any]] = set()
         self._thread: threading.Thread | None = None
         self.waits = 0
@@ -46,7 +47,7 @@ class Writer:
         return self._jobs.full()
 
     def submit(self, work: Callable[[], Any]) -> Future[Any]:
-        """Queue a job. Jobs are never dropped: if the queue is full, the caller waits."""
+        """Queue a job. If the queue is full, the caller waits, because jobs are never dropped."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="writer", daemon=True)
             self._thread.start()
@@ -71,7 +72,7 @@ class Writer:
         yield MetricSample("gss_line_waited_seconds_total", "Total waiting time.", "counter", self.waited_s)
 
     def finish(self, within_s: float) -> None:
-        """Wait until all jobs are done, but no longer than ``within_s``, because a store may hang."""
+        """Wait until all jobs are done, but no longer than ``within_s``, because a store can hang."""
         wait(list(self._open), within_s)
 
     def _run(self) -> None:
@@ -79,7 +80,7 @@ class Writer:
             job, work = self._jobs.get()
             try:
                 job.set_result(work())
-            except BaseException as error:  # the error is raised where the result is read
+            except BaseException as error:  # the error is raised when the result is read
                 job.set_exception(error)
 
 
@@ -88,11 +89,12 @@ Links = JsonObject
 
 
 MAX_TRIES = 3
-"""Tries to store a piece of content while the store is down."""
+"""Maximum number of attempts to store received content while the store is down."""
 
 
 class Later:
-    """Links that are known when ``work`` has stored the content: ``links`` of its result, called on the dispatcher's thread."""
+    """Links that are available after ``work`` has stored the content. ``links``: function that returns the links for
+    the result of ``work``; it is called on the dispatcher's thread."""
 
     def __init__(
         self,
@@ -104,11 +106,11 @@ class Later:
         self._job = submit(work)
 
     def done(self) -> bool:
-        """True if the work ended."""
+        """True if the work has ended."""
         return self._job.done()
 
     def start_again(self) -> bool:
-        """Try once more if the store was down. False if it was not, or if it was tried often enough."""
+        """Repeat the work if the store was down. Return False if the store was not down or after MAX_TRIES attempts."""
         if not isinstance(self._job.exception(), StoreDown) or self._tries >= MAX_TRIES:
             return False
         self._tries += 1
@@ -116,12 +118,12 @@ class Later:
         return True
 
     def result(self) -> Links:
-        """The links. Raises what storing raised."""
+        """Return the links. Raises the exception of ``work``."""
         return self._links(self._job.result())
 
 
 class Answers:
-    """Collects the links that the subscribers return for a piece of content."""
+    """Collects the links that the subscribers return for received content."""
 
     def __init__(self) -> None:
         self._now: list[Links] = []
@@ -129,10 +131,10 @@ class Answers:
         self._errors: list[Exception] = []
 
     def accept(self, store: Callable[[], Links | Later]) -> None:
-        """Store the content. An error means that it cannot be used; it is reported with the transfer."""
+        """Store the content. An error means that the content cannot be used, and is reported with the transfer."""
         try:
             answer = store()
-        except Exception as error:  # whatever it is, the transfer must not be reported as complete
+        except Exception as error:  # after any error, the transfer must not be reported as complete
             self._errors.append(error)
             return
         if isinstance(answer, Later):
@@ -141,7 +143,7 @@ class Answers:
             self._now.append(answer)
 
     def ready(self) -> bool:
-        """True if all storing jobs are done; those that met a store that is down are started again."""
+        """True if all storing jobs have ended. Jobs that failed because the store was down are started again."""
         return all(later.done() and not later.start_again() for later in self._later)
 
     @property
@@ -161,7 +163,7 @@ class Answers:
 
 @dataclass(frozen=True)
 class ContentArrived(ServiceEvent):
-    """A transfer is complete, in either direction. Its row is closed when all subscribers' answers are ready."""
+    """A transfer in either direction is complete. Its row is closed when the answers of all subscribers are ready."""
 
     transfer: Transfer
     done: TransferDone
@@ -170,7 +172,8 @@ class ContentArrived(ServiceEvent):
 
 @dataclass(frozen=True)
 class PartArrived(ServiceEvent):
-    """A download broke off. ``data``: (size,) bytes with zeros where chunks are missing; ``ranges``: ranges of chunks."""
+    """A download was interrupted. ``data``: (size,) bytes, zeros for missing chunks; ``ranges``: ranges of received
+    chunks."""
 
     transfer: Transfer
     data: bytes
@@ -181,14 +184,14 @@ class PartArrived(ServiceEvent):
 
 @dataclass
 class Storing:
-    """A transfer whose content is being stored. ``transfer_id``: the session's id; None if the transfer broke off. ``deferred``:
-    its updates received meanwhile, which are published afterwards."""
+    """A transfer whose content is being stored. ``transfer_id``: id of the transfer in the session, None for an
+    interrupted transfer; ``deferred``: updates received while the content is stored, which are published afterwards."""
 
     row: Transfer
     answers: Answers
     transfer_id: int | None
     deferred: list[TransferUpdate] = field(default_factory=list)
     linked: bool = False
-    """True once the outcome is in the transfer's row."""
+    """True after the outcome has been written to the transfer's row."""
     keeps_part: bool = False
     """True if the content was not stored, so that the download can be resumed."""

@@ -1,4 +1,4 @@
-"""Planned content of the banks, and whether the coming time is covered by a valid catalogue."""
+"""Planned content of the banks, and the time that is covered by valid catalogues."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WARNING_DAYS = 1.0
 
 @dataclass(frozen=True)
 class Cover:
-    """Whether a valid catalogue is available for the coming time. ``until`` None: no end, or unknown."""
+    """State of the cover by valid catalogues. ``until``: end of the cover, None if there is no end or it is unknown."""
 
     state: State
     text: str
@@ -71,10 +71,10 @@ def activations(
             if operations.of_command(entry.command) is not Operation.ACTIVATE:
                 continue
             bank = str(operations.given(Operation.ACTIVATE, entry.arguments).get(BANK, ""))
-            stay = periods.get(bank)
-            catalogue = stay.catalogue if stay else None
-            name = catalogue.name if catalogue else (stay.row.name if stay else "")
-            sha256 = stay.row.sha256 if stay else ""
+            period = periods.get(bank)
+            catalogue = period.catalogue if period else None
+            name = catalogue.name if catalogue else (period.row.name if period else "")
+            sha256 = period.row.sha256 if period else ""
             text = f"activate {bank} planned"
             span = (catalogue.valid_from, catalogue.valid_to) if catalogue else (None, None)
             plans.append(
@@ -85,13 +85,13 @@ def activations(
     return planned
 
 
-def cover(stays: Sequence[BankPeriod], planned: Sequence[Planned], now: datetime, watch_days: float) -> Cover:
-    """Return the state, text and end of cover of the active catalogue and those that follow it."""
-    active = next((s for s in stays if s.row.ended is None and s.row.state in (ACTIVE, TRIAL)), None)
+def cover(periods: Sequence[BankPeriod], planned: Sequence[Planned], now: datetime, watch_days: float) -> Cover:
+    """Return the cover by the active catalogue and the catalogues that are planned to follow it."""
+    active = next((s for s in periods if s.row.ended is None and s.row.state in (ACTIVE, TRIAL)), None)
     if active is None:
-        return Cover(State.WATCH, "no bank is reported active", None)
+        return Cover(State.WATCH, "the device has not reported an active bank", None)
     if active.catalogue is None:
-        return Cover(State.WATCH, f"the content of bank {active.row.bank} is not known on the ground", None)
+        return Cover(State.WATCH, f"the ground does not have the content of bank {active.row.bank}", None)
     until = active.catalogue.valid_to
     if until is None:
         return Cover(State.OK, "the active bank does not expire", None)
@@ -105,7 +105,7 @@ def cover(stays: Sequence[BankPeriod], planned: Sequence[Planned], now: datetime
     state = expiry_state(until, now, watch_days)
     if until <= now:
         return Cover(state, f"no cover since {until:%m-%d %H:%M}", until)
-    ready = next((s for s in stays if _follows(s, until, now)), None)
+    ready = next((s for s in periods if _follows(s, until, now)), None)
     if state is State.OK:
         return Cover(state, f"cover until {until:%Y-%m-%d}", until)
     remedy = f"unless bank {ready.row.bank} is activated" if ready else "and no bank holds a successor"
@@ -113,17 +113,17 @@ def cover(stays: Sequence[BankPeriod], planned: Sequence[Planned], now: datetime
 
 
 def expiry_state(valid_to: datetime | None, now: datetime, watch_days: float) -> State:
-    """Return the severity of the approaching end of validity."""
+    """Return the alarm level for the end of a catalogue's validity."""
     remaining_days = days_left(valid_to, now)
     if remaining_days is None or remaining_days > watch_days:
         return State.OK
     return State.CRITICAL if remaining_days <= 0 else State.WARNING if remaining_days <= WARNING_DAYS else State.WATCH
 
 
-def _follows(stay: BankPeriod, until: datetime, now: datetime) -> bool:
-    """True if an inactive bank holds a catalogue for the time after ``until``."""
-    catalogue = stay.catalogue
-    if catalogue is None or stay.row.ended is not None or stay.row.state != "held":
+def _follows(period: BankPeriod, until: datetime, now: datetime) -> bool:
+    """True if an inactive bank contains a catalogue for the time after ``until``."""
+    catalogue = period.catalogue
+    if catalogue is None or period.row.ended is not None or period.row.state != "held":
         return False
     begins_in_time = catalogue.valid_from is None or catalogue.valid_from <= until + timedelta(days=1)
     return begins_in_time and (catalogue.valid_to is None or catalogue.valid_to > max(until, now))

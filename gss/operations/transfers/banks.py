@@ -1,4 +1,4 @@
-"""Catalogues in the flash banks, and the stars that their row numbers refer to."""
+"""Catalogues in the flash banks, and the stars in each of their rows."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ UNKNOWN_HIP = -1
 
 @dataclass(frozen=True)
 class BankView:
-    """A bank as the device reports it, with the catalogue of the same hash, if the ground has it."""
+    """A bank as reported by the device. ``catalogue``: catalogue with the same hash, None if the ground does not have
+    it."""
 
     bank: str
     state: str
@@ -41,7 +42,7 @@ class BankView:
 
 
 class BankService:
-    """Joins the device's reports of catalogue banks with stored catalogues."""
+    """Combines the device's reports of catalogue banks with the stored catalogues."""
 
     def __init__(
         self,
@@ -60,7 +61,7 @@ class BankService:
         self._decoded: dict[str, OnboardCatalogue] = {}
 
     def lacks(self, report: BankReport) -> bool:
-        """True if the sensor uses the content of this bank and the ground does not have it."""
+        """True if this bank is active and the ground does not have its content."""
         if report.kind != CATALOGUE or not report.active or not report.sha256:
             return False
         with self._database.unit_of_work() as session:
@@ -92,13 +93,13 @@ class BankService:
         return self._decoded[sha256]
 
     def adopt(self, image: bytes) -> Catalogue | None:
-        """Store a bank image that was read back from the device, identifying its stars by position. None if it is not a
-        catalogue."""
+        """Store a bank image that was read back from the device, and identify its stars by position. Return None if the
+        image is not a catalogue."""
         try:
             header = read_header(image)
             bank = decode(image)
         except GssError as error:
-            self._bus.record("catalogue", "warning", f"The bank read back is not a catalogue: {error}")
+            self._bus.record("catalogue", "warning", f"The content read back from a bank is not a catalogue: {error}")
             return None
         hips = recognise(bank, self._stars)
         sha256 = self._blobs.put(image)
@@ -128,24 +129,24 @@ class BankService:
 
 
 def recognise(bank: OnboardCatalogue, stars: StarTable) -> list[int]:
-    """Return the Hipparcos number of each row: the brightest star within 5′ (which covers 60 years of α Centauri's motion)
-    not assigned to another row. Both stars of a close pair are assigned by brightness or, if the format has no magnitudes,
-    in row order, which is by brightness."""
+    """Return the Hipparcos number of each row: the brightest star within 5′ that is not assigned to another row. The
+    distance of 5′ covers 60 years of α Centauri's motion. The stars of a close pair are assigned in order of
+    brightness; if the format contains no magnitudes, in row order, which is also by brightness."""
     tree = cKDTree(stars.icrs)
     chord = 2 * np.sin(SAME_STAR_WITHIN_RAD / 2)
     near_rows = tree.query_ball_point(np.asarray(bank.icrs, float), chord)
-    hips, used = [UNKNOWN_HIP] * len(bank), set[int]()
+    hips, used_stars = [UNKNOWN_HIP] * len(bank), set[int]()
     for row in np.argsort(np.nan_to_num(bank.v_mag, nan=0.0), kind="stable"):
-        free = [k for k in near_rows[row] if k not in used]
-        if free:
-            k = min(free, key=lambda k: stars.v_mag[k])
-            used.add(k)
+        candidates = [k for k in near_rows[row] if k not in used_stars]
+        if candidates:
+            k = min(candidates, key=lambda k: stars.v_mag[k])
+            used_stars.add(k)
             hips[row] = int(stars.hip[k])
     return hips
 
 
 def days_left(valid_to: datetime | None, now: datetime) -> float | None:
-    """Days until a catalogue expires; negative if it has expired, None if it never expires."""
+    """Return the days until a catalogue expires; negative if it has expired, None if it never expires."""
     return None if valid_to is None else (valid_to - now).total_seconds() / 86400
 
 

@@ -1,5 +1,5 @@
-"""Converts the bytes of an image transfer to pixels and marks which pixels were received. Pure functions, for complete and
-partial transfers."""
+"""Pure functions that convert the bytes of a complete or partial image transfer to pixels, and mark the received
+pixels."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ Box = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class Shape:
-    """Format of an image on board: columns, rows, bits per pixel. Pixels of more than eight bits are sent as two bytes, high
-    byte first."""
+    """Format of an image on board: columns, rows, bits per pixel. Pixels with more than eight bits are sent as two
+    bytes, high byte first."""
 
     columns: int
     rows: int
@@ -38,8 +38,9 @@ class Shape:
 
 @dataclass(frozen=True)
 class DeviceImage:
-    """(rows, columns) pixels, 0 where none was received. ``boxes``: received rectangles if only a part was requested;
-    ``rows_held``: inclusive row ranges with received pixels; ``complete``: True if it is a whole image without gaps."""
+    """Image with its received parts. ``pixels``: (rows, columns), 0 for missing pixels; ``rows_held``: inclusive row
+    ranges with received pixels; ``boxes``: received rectangles if only a part was requested; ``complete``: True for a
+    full image without gaps."""
 
     pixels: Pixels
     rows_held: tuple[tuple[int, int], ...]
@@ -48,15 +49,16 @@ class DeviceImage:
 
 
 def shape_of(info: Mapping[str, Any], columns: int, rows: int, bits: int) -> Shape:
-    """Return the format given in the image's own report, or the detector's where the report lacks it."""
+    """Return the format from the report of the image. Values that the report does not contain are those of the
+    detector."""
     return Shape(int(info.get("columns") or columns), int(info.get("rows") or rows), int(info.get("bits") or bits or 8))
 
 
 def picture_of(
     kind: str, data: bytes, shape: Shape, part: Part | None, held_bytes: Sequence[tuple[int, int]]
 ) -> DeviceImage:
-    """Return the pixels of a transfer. ``held_bytes``: half-open ranges of received bytes, empty if all were received.
-    Raises CorruptData."""
+    """Return the pixels of a transfer. ``held_bytes``: half-open ranges of received bytes, empty if all bytes were
+    received. Raises CorruptData."""
     if kind == "star_windows":
         return _windows(data)
     if kind == "region" and part is not None:
@@ -64,54 +66,58 @@ def picture_of(
     factor = THUMBNAIL_FACTOR if kind == "thumbnail" else 1
     columns = shape.columns // factor
     pixels = _grid(data, columns, shape.wire)
-    rows = _whole_rows(held_bytes, columns * shape.wire.itemsize, len(pixels))
+    rows = _complete_rows(held_bytes, columns * shape.wire.itemsize, len(pixels))
     return DeviceImage(pixels, rows, (), not held_bytes)
 
 
 def _grid(data: bytes, columns: int, wire: np.dtype[Any]) -> Pixels:
     if columns <= 0:
-        raise CorruptData("the size of the image is not known", hint="send LIST_FRAMES to get it")
+        raise CorruptData("the size of the image is not known", hint="send LIST_FRAMES, which reports it")
     rows = len(data) // (columns * wire.itemsize)
     flat = np.frombuffer(data, wire, rows * columns)
     pixels: Pixels = flat.astype(np.uint8) if wire.itemsize == 1 else flat.astype(np.uint16)
     return pixels.reshape(rows, columns)
 
 
-def _whole_rows(held_bytes: Sequence[tuple[int, int]], row_bytes: int, rows: int) -> tuple[tuple[int, int], ...]:
-    """Return inclusive ranges of completely received rows; all rows if nothing is missing."""
+def _complete_rows(held_bytes: Sequence[tuple[int, int]], row_bytes: int, rows: int) -> tuple[tuple[int, int], ...]:
+    """Return inclusive ranges of completely received rows. An empty ``held_bytes`` means that all rows were
+    received."""
     if not held_bytes:
         return ((0, rows - 1),)
-    whole = ((math.ceil(a / row_bytes), min(b // row_bytes, rows) - 1) for a, b in held_bytes)
-    return tuple((first, last) for first, last in whole if first <= last)
+    row_ranges = ((math.ceil(a / row_bytes), min(b // row_bytes, rows) - 1) for a, b in held_bytes)
+    return tuple((first, last) for first, last in row_ranges if first <= last)
 
 
 def _region(data: bytes, shape: Shape, part: Part, held_bytes: Sequence[tuple[int, int]]) -> DeviceImage:
-    """Place a rectangle in an image of the full size, so that pixel coordinates are those of the detector."""
-    inside = part.columns > 0 and part.col_px + part.columns <= shape.columns
-    if not inside or part.row_px + part.rows > shape.rows:
-        raise CorruptData("a region outside the image", expected=f"{shape.columns} x {shape.rows} px", got=str(part))
-    cut = _grid(data, part.columns, shape.wire)[: part.rows]
-    pixels = np.zeros((shape.rows, shape.columns), cut.dtype)
-    pixels[part.row_px : part.row_px + len(cut), part.col_px : part.col_px + part.columns] = cut
-    rows = _whole_rows(held_bytes, part.columns * shape.wire.itemsize, len(cut))
+    """Return a full-size image that contains a rectangle, so that pixel coordinates are those of the detector."""
+    columns_fit = part.columns > 0 and part.col_px + part.columns <= shape.columns
+    if not columns_fit or part.row_px + part.rows > shape.rows:
+        raise CorruptData(
+            "the region extends beyond the image", expected=f"{shape.columns} x {shape.rows} px", got=str(part)
+        )
+    region_pixels = _grid(data, part.columns, shape.wire)[: part.rows]
+    pixels = np.zeros((shape.rows, shape.columns), region_pixels.dtype)
+    pixels[part.row_px : part.row_px + len(region_pixels), part.col_px : part.col_px + part.columns] = region_pixels
+    rows = _complete_rows(held_bytes, part.columns * shape.wire.itemsize, len(region_pixels))
     boxes = tuple((part.col_px, part.row_px + a, part.columns, b - a + 1) for a, b in rows)
     return DeviceImage(pixels, tuple((part.row_px + a, part.row_px + b) for a, b in rows), boxes, False)
 
 
 def _windows(data: bytes) -> DeviceImage:
-    """Place square star windows in an image of the full size."""
+    """Return a full-size image that contains square star windows."""
     pixels, windows = decode_windows(data)
     boxes = tuple((w.col_px, w.row_px, w.columns, w.rows) for w in windows)
-    real = np.zeros(len(pixels) + 2, bool)
+    has_pixels = np.zeros(len(pixels) + 2, bool)
     for w in windows:
-        real[w.row_px + 1 : w.row_px + 1 + w.rows] = True
-    edges = np.flatnonzero(real[1:] != real[:-1])
+        has_pixels[w.row_px + 1 : w.row_px + 1 + w.rows] = True
+    edges = np.flatnonzero(has_pixels[1:] != has_pixels[:-1])
     rows = tuple((int(a), int(b) - 1) for a, b in edges.reshape(-1, 2))
     return DeviceImage(pixels, rows, boxes, False)
 
 
 def wire_bytes(pixels: NDArray[np.generic], shape: Shape) -> bytes:
-    """Convert a stored frame to the format of image memory. Raises BadInput if it does not fit the detector."""
+    """Convert a stored frame to the format of the image memory. Raises BadInput if the frame does not fit the
+    detector."""
     if pixels.shape != (shape.rows, shape.columns):
         got = f"{pixels.shape[1]} x {pixels.shape[0]} px"
         raise BadInput("the frame does not fit the detector", expected=f"{shape.columns} x {shape.rows} px", got=got)

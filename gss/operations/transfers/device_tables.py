@@ -1,4 +1,5 @@
-"""Calibrations, parameter sets and triplet tables: created, stored, uploaded to the sensor, and as reported by it."""
+"""Creates, stores and uploads the sensor's tables (calibrations, parameter sets, triplets), and returns its reports of
+them."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ READ_BACK = ("triplets", "calibration", "parameters", "star_list", "distance_tab
 
 @dataclass(frozen=True)
 class TableReport:
-    """A table bank as the device reports it. ``table_id``: the stored table of the same hash, if any."""
+    """A table bank as reported by the device. ``table_id``: stored table with the same hash, None if there is none."""
 
     table: str
     bank: str
@@ -47,7 +48,7 @@ class TableReport:
 
 
 class DeviceTableService:
-    """Manages tables in the store and tables on board."""
+    """Manages the tables in the store and on board."""
 
     def __init__(
         self,
@@ -72,19 +73,21 @@ class DeviceTableService:
     # --- creation -----------------------------------------------------------------------------------------------
 
     def create(self, kind: str, name: str, profile_name: str, content: Mapping[str, Any], *, user: str) -> DeviceTable:
-        """Create a table: the camera's default values, overridden by ``content``. Triplets need content["catalogue_id"].
-        Raises BadInput."""
+        """Create a table from the default values of the camera and the values in ``content``, which take precedence.
+        Triplets need content["catalogue_id"]. Raises BadInput."""
         if kind == "triplets":
             data, values, profile_name = self._triplets(profile_name, content)
         else:
             data, values = table_content.table_bytes(kind, self._instruments.camera(profile_name), content)
         version = table_content.FORMATS[kind]
-        return self._keep(kind, name or f"{profile_name} {kind}", profile_name, version, data, dict(values), user)
+        return self._store_table(
+            kind, name or f"{profile_name} {kind}", profile_name, version, data, dict(values), user
+        )
 
     def _triplets(self, profile_name: str, content: Mapping[str, Any]) -> tuple[bytes, JsonObject, str]:
         catalogue_id = content.get("catalogue_id")
         if not isinstance(catalogue_id, int):
-            raise BadInput("no catalogue given for the triplets", expected="catalogue_id", got=str(catalogue_id))
+            raise BadInput("triplets need a catalogue", expected="catalogue_id", got=str(catalogue_id))
         with self._database.unit_of_work() as session:
             row = catalogue_store.get(session, catalogue_id)
         if row.profile != profile_name:
@@ -96,7 +99,7 @@ class DeviceTableService:
         data, values = table_content.triplet_bytes(stars, camera, image, changes)
         return data, {**values, "catalogue_id": catalogue_id}, row.profile
 
-    def _keep(
+    def _store_table(
         self, kind: str, name: str, profile_name: str, version: int, data: bytes, content: JsonObject, user: str
     ) -> DeviceTable:
         row = DeviceTable(
@@ -112,13 +115,13 @@ class DeviceTableService:
         )
         with self._database.unit_of_work() as session:
             store.add(session, row)
-        self._bus.record("catalogue", "ok", f"{kind} table {row.name} kept, by {user}", table_id=row.id)
+        self._bus.record("catalogue", "ok", f"{kind} table {row.name} stored by {user}", table_id=row.id)
         return row
 
     # --- queries ------------------------------------------------------------------------------------------------
 
     def newest(self, limit: int, kind: str = "") -> list[DeviceTable]:
-        """Return the newest tables first."""
+        """Return up to ``limit`` tables, latest first."""
         with self._database.unit_of_work() as session:
             return store.newest(session, limit, kind)
 
@@ -134,31 +137,33 @@ class DeviceTableService:
     # --- on board -----------------------------------------------------------------------------------------------
 
     def on_board(self) -> list[TableReport]:
-        """Return every table bank that the device reported."""
+        """Return the latest report of each table bank."""
         reports = self._flash.of(TABLES)
         with self._database.unit_of_work() as session:
             stored_tables = [store.by_sha256(session, r.kind, r.sha256) if r.sha256 else None for r in reports]
         return [_report(report, row) for report, row in zip(reports, stored_tables, strict=True)]
 
     def at_work(self) -> dict[str, str]:
-        """Return the hash of each non-factory table that the device currently uses, by kind."""
-        used = [r for r in self._flash.of(TABLES) if r.active and r.bank != FACTORY and r.holds_data]
-        return {report.kind: report.sha256 for report in used}
+        """Return the hashes of the active tables by kind, without factory tables."""
+        active_reports = [r for r in self._flash.of(TABLES) if r.active and r.bank != FACTORY and r.holds_data]
+        return {report.kind: report.sha256 for report in active_reports}
 
     def bytes_of(self, kind: str, sha256: str) -> bytes:
-        """Return the bytes of a table by its hash. Raises NotFound if the ground does not have it."""
+        """Return the bytes of the table with a hash. Raises NotFound if the ground does not have this table."""
         with self._database.unit_of_work() as session:
             stored = store.by_sha256(session, kind, sha256)
         if stored is None:
-            raise NotFound(f"the ground does not know the {kind} that was active", got=sha256[:12])
+            raise NotFound(f"the ground does not have the {kind} that was active", got=sha256[:12])
         return self._blobs.get(sha256)
 
     def upload(self, table_id: int, bank: str) -> TransferView:
-        """Upload a table to an inactive bank; read-back verification and commit follow automatically. Raises BadInput or
+        """Upload a table to an inactive bank. It is then read back, verified and committed. Raises BadInput or
         Conflict."""
         row = self.get(table_id)
         if row.kind not in table_content.KINDS:
-            raise BadInput("this kind of table cannot be sent", expected=" | ".join(table_content.KINDS), got=row.kind)
+            raise BadInput(
+                "this kind of table cannot be uploaded", expected=" | ".join(table_content.KINDS), got=row.kind
+            )
         target, hello = self._flash.target(row.kind, bank)
         if row.profile != hello.profile:
             raise BadInput("this table is for another camera", expected=hello.profile, got=row.profile)
@@ -179,7 +184,7 @@ class DeviceTableService:
         )
 
     def keep_read_back(self, transfer: Transfer, done: TransferDone) -> JsonObject:
-        """Store a table that was read back, unless it is already stored. Returns the link for the transfer's row."""
+        """Store a table that was read back, unless it is already stored. Return the link for the transfer's row."""
         with self._database.unit_of_work() as session:
             stored = store.by_sha256(session, done.kind, done.sha256)
         if stored is not None:
@@ -193,7 +198,7 @@ class DeviceTableService:
                 "catalogue", "warning", f"{transfer.subject} is not a valid table: {error}", transfer_id=transfer.id
             )
         name = profile_name or (hello.profile if hello else "unknown")
-        row = self._keep(
+        row = self._store_table(
             done.kind, transfer.subject, name, version, done.data, dict(content), "read back from the device"
         )
         return {"table_id": row.id}

@@ -1,4 +1,4 @@
-"""Downloads requested by an operator: which kind, from which image memory or bank, which part of an image."""
+"""Downloads requested by an operator, with the image memory or bank and the part of an image to download."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ UPLOADED_IMAGE = "image"
 
 
 def permission_of(kind: str) -> str:
-    """Return the permission needed to download that kind, or to resume its transfer in either direction; an admin permission
-    if the kind is unknown."""
+    """Return the permission needed to download a kind of content, or to resume such a transfer in either direction. An
+    unknown kind needs an admin permission."""
     if kind in (*IMAGE_KINDS, UPLOADED_IMAGE):
         return "frames.transfer"
     return "catalogues.upload" if kind in CATALOGUE_PARTS else "tables" if kind in TABLE_KINDS else "admin.users"
 
 
 class StoredFrames(Protocol):
-    """The frames that were downloaded before."""
+    """Provides the frames of earlier downloads."""
 
     def newest_in_slot(self, slot: int, bits: int) -> Frame | None: ...
 
@@ -40,7 +40,8 @@ class StoredFrames(Protocol):
 
 
 class Downloads:
-    """Checks download requests before they are sent to the device. An image that is stored already is not sent again."""
+    """Checks download requests before they are sent to the device. An image that is already stored is not downloaded
+    again."""
 
     def __init__(self, link: LinkService, transfers: TransferService, frames: StoredFrames) -> None:
         self._link, self._transfers, self._frames = link, transfers, frames
@@ -58,7 +59,7 @@ class Downloads:
         if (region is None) == (kind == "region"):
             raise BadInput("the region and the kind of the download do not match", got=kind)
         if side_px is not None and kind != "star_windows":
-            raise BadInput("a side can only be given for the kind star_windows", got=kind)
+            raise BadInput("only the kind star_windows has a side", got=kind)
         subject = kind.replace("_", " ")
         if kind in IMAGE_KINDS:
             number = self._slot(kind, slot, bank)
@@ -69,20 +70,23 @@ class Downloads:
         return self._transfers.download(kind, number, f"{subject} of bank {name}", target=name)
 
     def _stored(self, slot: int) -> StoredContent | None:
-        """Return the newest stored image of a slot; the device compares its hash. None if there is none to use."""
+        """Return the latest stored image of a slot, whose hash the device will compare; None if no such image can be
+        used."""
         hello = self._link.hello
         frame = self._frames.newest_in_slot(slot, hello.bits) if hello is not None else None
         if hello is None or frame is None or frame.number is None:
             return None
         try:
             data = wire_bytes(self._frames.pixels(frame), Shape(hello.columns, hello.rows, hello.bits))
-        except GssError:  # its pixels were removed, or another sensor sent it: download the image
+        except GssError:  # the stored image cannot be used, because its pixels were removed or it is of another sensor
             return None
         return StoredContent(frame.id, frame.number, data)
 
     def _slot(self, kind: str, slot: int | None, bank: str | None) -> int:
         if slot is None or bank is not None:
-            raise BadInput(f"{kind} comes from an image memory", expected="slot", got=f"bank {bank}" if bank else "")
+            raise BadInput(
+                f"{kind} is downloaded from an image memory", expected="slot", got=f"bank {bank}" if bank else ""
+            )
         hello = self._link.hello
         if hello is not None and slot >= hello.image_slots:
             raise BadInput("unknown image memory", expected=f"0 – {hello.image_slots - 1}", got=str(slot))
@@ -109,5 +113,7 @@ class Downloads:
     def _bank(self, kind: str, slot: int | None, bank: str | None) -> tuple[str, int]:
         """Return the name of a bank and its number in the protocol."""
         if bank is None or slot is not None:
-            raise BadInput(f"{kind} comes from a bank", expected="bank", got=f"slot {slot}" if slot is not None else "")
+            raise BadInput(
+                f"{kind} is downloaded from a bank", expected="bank", got=f"slot {slot}" if slot is not None else ""
+            )
         return bank, family_of(kind).number(self._link.roles.operations, bank)

@@ -18,15 +18,15 @@ NAME_LENGTH = 60
 
 
 class ExpiryWatch:
-    """Checks the catalogue that the device matches with, also while the line is closed, because it expires then too."""
+    """Checks the validity of the active catalogue, also while the line is closed."""
 
     def __init__(self, history: BankHistoryService, alarms: AlarmService, now: Now, watch_days: float) -> None:
         self._history, self._alarms, self._now, self._watch_days = history, alarms, now, watch_days
 
     def tick(self) -> None:
-        """Raise, update or end the alarm; when another catalogue becomes active, the alarm of the previous one ends."""
-        stay, now = self._history.active(), self._now()
-        catalogue = stay.catalogue if stay else None
+        """Raise, update or end the alarm of the active catalogue, and end the alarms of other catalogues."""
+        period, now = self._history.active(), self._now()
+        catalogue = period.catalogue if period else None
         current = _key(catalogue) if catalogue else None
         for key in self._alarms.open_keys():
             if key[0] == CATALOGUE and key != current:
@@ -47,8 +47,8 @@ def _key(catalogue: Catalogue) -> Key:
 def _judged(catalogue: Catalogue, now: datetime, watch_days: float) -> tuple[State, str]:
     state = expiry_state(catalogue.valid_to, now, watch_days)
     if state is not State.OK and catalogue.valid_to is not None:
-        word = "expired" if state is State.CRITICAL else "expires"
-        return state, f"{word} {catalogue.valid_to:%Y-%m-%d %H:%M} UTC ({state})"
+        verb = "expired" if state is State.CRITICAL else "expires"
+        return state, f"{verb} {catalogue.valid_to:%Y-%m-%d %H:%M} UTC ({state})"
     if catalogue.valid_from is not None and catalogue.valid_from > now:
         return State.WATCH, f"is valid only from {catalogue.valid_from:%Y-%m-%d %H:%M} UTC (watch)"
     return State.OK, ""

@@ -1,4 +1,4 @@
-"""Flash banks of the device, addressed by (kind, bank), as it reports them: catalogues and tables alike."""
+"""Flash banks for catalogues and tables, as reported by the device, addressed by (kind, bank)."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from gss.operations.line.link import LinkService
 
 CATALOGUE = "catalogue"
 CATALOGUE_PARTS = (CATALOGUE, "star_list", "distance_table")
-"""Kinds of content in the catalogue banks."""
+"""Kinds of content in a catalogue bank."""
 FACTORY = "factory"
 HOLDS_DATA = ("loaded", "committed")
 
 
 @dataclass(frozen=True)
 class BankFamily:
-    """Banks with the same messages. ``query``: requests their reports; ``verify``: its argument has their numbers;
-    ``changes``: operations after which the reports may be out of date."""
+    """Banks with the same messages. ``query``: operation that requests their reports; ``verify``: operation whose
+    argument defines their numbers; ``changes``: operations after which the reports can be out of date."""
 
     query: Operation
     verify: Operation
     changes: tuple[Operation, ...]
 
     def report(self, quantities: Quantities) -> BankInfo:
-        """Return where the instrument reports one of these banks."""
+        """Return the quantities with which the instrument reports these banks."""
         return quantities.bank if self.query is Operation.LIST_BANKS else quantities.table
 
     def may_have_changed(self, event: LineEvent, roles: Roles) -> bool:
-        """True if the device's banks may have changed without a report of it."""
+        """True if an event can mean that the banks have changed without a report."""
         if isinstance(event, CommandCompleted):
             return roles.operations.of_command(event.name) in self.changes
         fell_back = roles.events.bank_fell_back if self.query is Operation.LIST_BANKS else roles.events.table_fell_back
@@ -55,13 +55,14 @@ FAMILIES = (CATALOGUES, TABLES)
 
 
 def family_of(kind: str) -> BankFamily:
-    """Return the banks that hold content of that kind."""
+    """Return the family of banks that contain a kind of content."""
     return CATALOGUES if kind in CATALOGUE_PARTS else TABLES
 
 
 @dataclass(frozen=True)
 class BankReport:
-    """A bank as the device reports it. ``sha256``: of its content, "" if it holds none; ``values``: the whole packet."""
+    """A bank as reported by the device. ``sha256``: hash of its content, "" if it is empty; ``values``: the complete
+    packet."""
 
     kind: str
     bank: str
@@ -72,12 +73,12 @@ class BankReport:
 
     @property
     def holds_data(self) -> bool:
-        """True if the bank has content."""
+        """True if the bank is not empty."""
         return self.state in HOLDS_DATA
 
 
 class FlashBanks:
-    """The newest report of each bank."""
+    """Stores the latest report of each bank."""
 
     def __init__(self, link: LinkService) -> None:
         self._link = link
@@ -90,7 +91,7 @@ class FlashBanks:
             self._reports.clear()
 
     def take(self, values: Mapping[str, Any]) -> BankReport:
-        """Store and return a report, given by standard quantity."""
+        """Store a report and return it. ``values``: values by standard quantity."""
         kind, bank, state = str(values.get("table", CATALOGUE)), str(values["bank"]), str(values["state"])
         sha256 = _hex(values["sha256"]) if state in HOLDS_DATA else ""
         report = BankReport(kind, bank, state, bool(values["active"]), sha256, values)
@@ -104,8 +105,8 @@ class FlashBanks:
             return [report for report in self._reports.values() if family_of(report.kind) is family]
 
     def target(self, kind: str, bank: str) -> tuple[int, HelloReceived]:
-        """Return the number of an inactive bank for an upload, and the device. Raises Conflict if no device has answered or the
-        bank is active, BadInput if there is no such bank."""
+        """Return the number of an inactive bank for an upload, and the device. Raises Conflict if no device has
+        answered or the bank is active, and BadInput if the bank does not exist."""
         hello = self._link.hello
         if hello is None:
             raise Conflict("no device has answered", got=self._link.reason or "silence", hint="open the port first")
@@ -114,7 +115,7 @@ class FlashBanks:
             report = self._reports.get((kind, bank))
         if report is not None and report.active:
             name = f"bank {bank}" if kind == CATALOGUE else f"{kind} bank {bank}"
-            hint = "the sensor is using its content"
+            hint = "Activate another bank first."
             raise Conflict(f"{name} is active", expected="an inactive bank", got=bank, hint=hint)
         return number, hello
 

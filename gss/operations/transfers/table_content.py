@@ -1,4 +1,4 @@
-"""Content of a table, as editable values and as bytes for the sensor. Pure functions, given the star list."""
+"""Pure functions that convert the content of a table between editable values and bytes for the sensor."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def defaults(kind: str, profile: CameraProfile) -> dict[str, Scalar]:
 
 
 def _triplet_defaults(profile: CameraProfile) -> dict[str, Scalar]:
-    """Return the defaults: Liebe's 3′ and 25 %; the faintest magnitude for which a list complete to the camera's limit suffices;
-    neighbours within half the field of view."""
+    """Return the default values: 3′ and 25 % as by Liebe, neighbours within half the field of view, and the faintest
+    magnitude for which a star list that is complete to the camera's limit is sufficient."""
     deepest_mag = profile.sensor.faint_limit_mag + 2.5 * math.log10(1 - BRIGHTNESS_ERROR)
     return {
         "uncertainty_arcsec": 180.0,
@@ -56,8 +56,8 @@ def _triplet_defaults(profile: CameraProfile) -> dict[str, Scalar]:
 
 
 def table_bytes(kind: str, profile: CameraProfile, changes: Mapping[str, Any]) -> tuple[bytes, dict[str, Scalar]]:
-    """Return bytes and values of a calibration or parameter set: the defaults with ``changes``. Raises BadInput naming the
-    invalid value."""
+    """Return bytes and values of a calibration or parameter set, which has the default values with ``changes``. Raises
+    BadInput with the name of the invalid value."""
     values = _changed(kind, defaults(kind, profile), changes)
     if kind == "calibration":
         calibrated(profile, values)
@@ -67,22 +67,23 @@ def table_bytes(kind: str, profile: CameraProfile, changes: Mapping[str, Any]) -
 
 
 def _changed(kind: str, values: dict[str, Scalar], changes: Mapping[str, Any]) -> dict[str, Scalar]:
-    # Another distortion model or chain has other values, so its defaults do not apply and all of them must be given.
-    word = {"calibration": "distortion", "parameters": "chain"}.get(kind, "")
-    if word in changes and changes[word] != values[word]:
+    # Another distortion model or chain has other values, so the defaults do not apply and the user must state all values.
+    selector = {"calibration": "distortion", "parameters": "chain"}.get(kind, "")
+    if selector in changes and changes[selector] != values[selector]:
         values = {} if kind == "parameters" else {k: v for k, v in values.items() if k not in _model_values()}
     return values | dict(changes)
 
 
 def _model_values() -> set[str]:
-    """Return the names that belong to one distortion model only."""
+    """Return the names of the values that depend on the distortion model."""
     return {name for _, names in MODELS.values() for name in names}
 
 
 def triplet_bytes(
     stars: StarTable, profile: CameraProfile, image: bytes, changes: Mapping[str, Any]
 ) -> tuple[bytes, dict[str, Scalar]]:
-    """Return bytes and statistics of the triplet table of a bank image, whose star list is ``stars``. Raises BadInput."""
+    """Return the bytes and statistics of the triplet table for a bank image. ``stars``: star list of the image. Raises
+    BadInput."""
     parameters = _triplet_defaults(profile) | dict(changes)
     unknown = set(parameters) - set(TRIPLET_LIMITS)
     if unknown:
@@ -117,8 +118,8 @@ def _triplet_figures(data: bytes) -> dict[str, Scalar]:
 
 
 def read_back(kind: str, data: bytes) -> tuple[str, int, dict[str, Scalar]]:
-    """Return profile ("" if the bytes do not contain it), format and values of a table received from a device. Raises
-    CorruptData or BadInput if it is not a valid table."""
+    """Return profile, format and values of a table received from a device; the profile is "" if the bytes do not
+    contain it. Raises CorruptData or BadInput for an invalid table."""
     if kind in CHAIN_KINDS:
         profile_name, values = decode_table(kind, data)
         return profile_name, TABLE_FORMAT, values
@@ -128,11 +129,11 @@ def read_back(kind: str, data: bytes) -> tuple[str, int, dict[str, Scalar]]:
 
 
 def star_list(image: bytes, stars: StarTable, hips: list[int]) -> StarTable:
-    """Return the stars of a bank image in row order, with the bank's positions and the ground's magnitudes. Raises BadInput
-    if the ground lacks a star."""
+    """Return the stars of a bank image in row order, with the bank's positions and the ground's magnitudes. Raises
+    BadInput if a star is not in the ground's catalogue."""
     bank = decode_bank(image)
     unknown = [hip for hip in hips if hip not in stars.row_of_hip]
     if unknown or len(hips) != len(bank):
-        raise BadInput("some stars of this catalogue are unknown to the ground", got=f"{len(unknown)} unknown")
+        raise BadInput("some stars of this catalogue are not in the ground's catalogue", got=f"{len(unknown)} unknown")
     chosen = stars.take(np.array([stars.row_of_hip[hip] for hip in hips], np.intp))
     return replace(chosen, icrs=np.asarray(bank.icrs, float))

@@ -12,18 +12,18 @@ KEPT_PARTS = 16
 
 
 class PartStore:
-    """One data file and one file of notes per transfer, named by its id. A damaged or missing part is ignored: the hash of
-    the complete content is checked at the end."""
+    """Stores one data file and one file of notes per transfer, named by the transfer's id. A damaged or missing part is
+    ignored, because the hash of the complete content is checked at the end."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def keep(self, transfer_id: int, part: HeldPart) -> None:
-        """Replace the stored part. The notes never list bytes that are not on disk yet."""
+        """Replace the stored part. The notes are written last, so that they list only bytes that are on disk."""
         self._folder.mkdir(parents=True, exist_ok=True)
         path = self._folder / f"{transfer_id}.part"
-        fresh = not path.exists() or path.stat().st_size != len(part.data)
-        with path.open("wb" if fresh else "r+b") as file:
+        is_new = not path.exists() or path.stat().st_size != len(part.data)
+        with path.open("wb" if is_new else "r+b") as file:
             file.write(part.data)
             file.flush()
             os.fsync(file.fileno())
@@ -33,7 +33,7 @@ class PartStore:
         draft.replace(path.with_suffix(".json"))
 
     def load(self, transfer_id: int) -> HeldPart | None:
-        """Return the stored part; None if there is nothing usable."""
+        """Return the stored part; None if it is missing or damaged."""
         path = self._folder / f"{transfer_id}.part"
         try:
             notes = json.loads(path.with_suffix(".json").read_text())
@@ -50,7 +50,7 @@ class PartStore:
             (self._folder / f"{transfer_id}{suffix}").unlink(missing_ok=True)
 
     def prune(self) -> None:
-        """Delete all but the ``KEPT_PARTS`` newest parts."""
+        """Delete all parts except those of the ``KEPT_PARTS`` latest transfers."""
         ids = sorted(int(path.stem) for path in self._folder.glob("*.part") if path.stem.isdigit())
         for transfer_id in ids[:-KEPT_PARTS]:
             self.drop(transfer_id)

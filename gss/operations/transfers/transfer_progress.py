@@ -1,4 +1,4 @@
-"""Follows the transfers under way: progress, received parts, and content that is being stored, written to their rows."""
+"""Follows the transfers in progress, and writes their progress, received parts and stored content to their rows."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ AT_REST = (*ENDS, TransferState.PAUSED)
 
 @dataclass(frozen=True)
 class TransferView:
-    """A transfer's row with its current progress; None if it is not in progress."""
+    """A transfer's row with its current progress. ``live``: None if the transfer is not in progress."""
 
     row: Transfer
     live: TransferUpdate | None
 
 
 class TransferProgress:
-    """Knows the number of each row's transfer in the session, handles the events of transfers, and publishes their content as
+    """Maps rows to transfers in the session, handles the events of transfers, and publishes their content as
     ContentArrived and PartArrived."""
 
     def __init__(
@@ -59,11 +59,11 @@ class TransferProgress:
         self._writes = DeferredWrites()
 
     def follow(self, row_id: int, session_id: int) -> None:
-        """Follow the transfer of a row, which has that number in the session."""
+        """Follow the transfer of a row. ``session_id``: number of the transfer in the session."""
         self._row_of[session_id], self._session_of[row_id] = row_id, session_id
 
     def session_id(self, row_id: int) -> int | None:
-        """Return the number of a row's transfer in the session; None if it is not there."""
+        """Return the number of a row's transfer in the session; None if the session does not contain it."""
         return self._session_of.get(row_id)
 
     def view(self, row: Transfer) -> TransferView:
@@ -71,16 +71,16 @@ class TransferProgress:
         return TransferView(row, self._live.get(row.id))
 
     def busy(self, direction: Direction) -> bool:
-        """True if a transfer in that direction is in progress. One that is only being stored does not count, unless the
-        writer's queue is full."""
-        stored = {storing.row.id for storing in self._storing}
+        """True if a transfer in a direction is in progress. A transfer whose content is only being stored does not
+        count. For downloads, also true while the writer's queue is full."""
+        storing_ids = {storing.row.id for storing in self._storing}
         return (direction is Direction.DOWN and self._writer.full) or any(
-            update.direction is direction and update.state not in AT_REST and row_id not in stored
+            update.direction is direction and update.state not in AT_REST and row_id not in storing_ids
             for row_id, update in self._live.items()
         )
 
     def note(self, row_id: int, line: str = "", live: TransferUpdate | None = None, **values: Any) -> Transfer:
-        """Change the row, append a line to its log, and publish it."""
+        """Change columns of a row, append a line to its log, and publish the row."""
         if not line and "state" in values and live is None:
             line = f"{values['state']}: {values['reason']}" if values.get("reason") else str(values["state"])
         with self._database.unit_of_work() as session:
@@ -102,13 +102,13 @@ class TransferProgress:
         self._storing += [Storing(c.transfer, c.answers, c.done.transfer_id) for c in contents]
         for update in followed:
             if isinstance(update, TransferUpdate) and update.transfer_id in self._row_of:
-                storing = self._stored_later(update.transfer_id)
+                storing = self._storing_of(update.transfer_id)
                 if storing is None:
                     self._writes.add(partial(self._update, self._row_of[update.transfer_id], update))
                 else:
                     storing.deferred.append(update)
         self._writes.run()
-        return [*contents, *self._take_parts()]
+        return [*contents, *self._interrupted_parts()]
 
     def _row(self, row_id: int) -> Transfer:
         with self._database.unit_of_work() as session:
@@ -118,14 +118,15 @@ class TransferProgress:
         """Complete the transfers whose content has been stored. Called periodically by the dispatcher."""
         try:
             for ready in [storing for storing in self._storing if storing.answers.ready()]:
-                self._settle(ready)
+                self._complete(ready)
             self._writes.run()
         except StoreDown as error:
             log.warning("a transfer is waiting for the store: %s", error)
-        self._link.events.publish(self._take_parts())
+        self._link.events.publish(self._interrupted_parts())
 
-    def _settle(self, storing: Storing) -> None:
-        """Record the outcome, then the updates received meanwhile. StoreDown leaves it where it is, to be continued."""
+    def _complete(self, storing: Storing) -> None:
+        """Record the outcome, then the updates received while the content was stored. After StoreDown, the next call
+        continues."""
         if not storing.linked:
             self._link_to(storing)
             storing.linked = True
@@ -138,11 +139,11 @@ class TransferProgress:
             self._end(storing.transfer_id, keep_part=storing.keeps_part)
         self._storing.remove(storing)
 
-    def _take_parts(self) -> list[PartArrived]:
+    def _interrupted_parts(self) -> list[PartArrived]:
         parts, self._parts_arrived = self._parts_arrived, []
         return parts
 
-    def _stored_later(self, transfer_id: int) -> Storing | None:
+    def _storing_of(self, transfer_id: int) -> Storing | None:
         return next((storing for storing in self._storing if storing.transfer_id == transfer_id), None)
 
     def _end(self, transfer_id: int, *, keep_part: bool) -> None:
@@ -180,7 +181,12 @@ class TransferProgress:
         try:
             self._parts.keep(row_id, HeldPart(update.sha256, update.chunk_size, data, chunks))
         except OSError as error:
-            self._bus.record("transfer", "watch", f"Received data could not be kept: {error}", transfer_id=row_id)
+            self._bus.record(
+                "transfer",
+                "watch",
+                f"Received data could not be stored on disk: {error}",
+                transfer_id=row_id,
+            )
 
     def _store(self, row_id: int, update: TransferUpdate, changed: bool) -> Transfer:
         values: dict[str, object] = {
@@ -206,14 +212,14 @@ class TransferProgress:
         self._parts_arrived.append(part)
 
     def _link_to(self, storing: Storing) -> None:
-        """Store the links to the rows made from the content, or why there are none. Content that could not be stored at all, for
-        another reason than its own, can be downloaded again."""
+        """Store the links to the rows created from the content, or the reason why there are none. If valid content
+        could not be stored, the received part is kept, so that the download can be resumed."""
         row = storing.row
         try:
             if storing.answers.missing and storing.transfer_id is not None and row.direction == Direction.DOWN:
-                raise StoreDown("it was not stored")
+                raise StoreDown("no service stored it")
             links = storing.answers.links()
-        except Exception as error:  # a transfer must not be reported as complete whatever went wrong
+        except Exception as error:  # after any error, the transfer must not be reported as complete
             storing.keeps_part = isinstance(error, StoreDown) or not isinstance(error, GssError)
             if not isinstance(error, GssError):
                 log.exception("content of transfer %d was not stored", row.id)

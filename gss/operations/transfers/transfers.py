@@ -1,7 +1,8 @@
-"""Transfers: frames down; catalogues, tables and images up. Progress is what the receiving side reports as stored.
+"""Transfers: downloads of frames and bank content; uploads of catalogues, tables and images. Progress counts the data
+that the receiving side reports as stored.
 
-Everything needed to resume after a crash is stored before anything is sent: the content of an upload as a blob, the received
-part of a download on disk, and everything else in the row's options.
+All data needed to resume after a crash are stored before they are used: the content of an upload as a blob, the
+received part of a download on disk, and all other data in the options of the row.
 """
 
 from __future__ import annotations
@@ -30,17 +31,18 @@ from gss.store.engine import Database
 from gss.store.models import Transfer
 
 STORE_WITHIN_S = 5.0
-"""How long a stopping server waits for content being stored. Otherwise the download is completed again from its kept part."""
+"""Maximum time in seconds that a stopping server waits for content to be stored. After this time, the download must be
+completed again from its stored part."""
 
 HELD_CHUNK_BYTES = 1024
-"""Chunk size of stored content; the session maps it to that of the line."""
+"""Chunk size of stored content. The session converts it to the chunk size of the line."""
 RESTARTED = "the server restarted"
 RESUMABLE = ("paused", "link_lost", "failed", "aborted")
 
 
 @dataclass(frozen=True)
 class StoredContent:
-    """An image that was downloaded before: its row's id, the device's number of it, and its bytes on the line."""
+    """An image of an earlier download. ``frame_number``: number on the device; ``data``: bytes as sent on the line."""
 
     frame_id: int
     frame_number: int
@@ -51,22 +53,22 @@ class StoredContent:
         """Hash of the data."""
         return hashlib.sha256(self.data).hexdigest()
 
-    def whole(self) -> HeldPart:
+    def as_complete_part(self) -> HeldPart:
         """Return the content as a completely received download."""
         last = chunk_count(len(self.data), HELD_CHUNK_BYTES) - 1
         return HeldPart(self.sha256, HELD_CHUNK_BYTES, self.data, ((0, last),))
 
 
 Start = Callable[[Driver], int]
-"""Starts a transfer in a session and returns its number there; needs neither store nor files."""
+"""Starts a transfer in a session and returns its number in the session, without access to store and files."""
 
 
 def prepare(row: Transfer, blobs: BlobStore, partial: HeldPart | None = None, paused: str | None = None) -> Start:
-    """Read what a session needs to start the transfer described by ``row``. ``partial``, ``paused``: see ``DriverTransfers``.
-    Raises BadInput."""
+    """Read the data for the transfer of ``row``, and return a function that starts it in a session. ``partial``,
+    ``paused``: see ``DriverTransfers``. Raises BadInput."""
     options = row.options
     if "slot" not in options:
-        raise BadInput("started by an older version", hint="start a new transfer")
+        raise BadInput("the transfer was started by an older version of GSS", hint="start a new transfer")
     slot, reason = int(options["slot"]), paused or ""
     if row.direction == Direction.DOWN:
         part = Part(**options["part"]) if options.get("part") else None
@@ -86,7 +88,7 @@ DOWNLOADS = {
     "star_windows": Operation.DOWNLOAD_WINDOW,
 }
 UPLOADS = {"image": Operation.UPLOAD_IMAGE, "catalogue": Operation.UPLOAD_CATALOGUE}
-"""Operation of a kind of transfer; any other kind is the content of a bank or a table."""
+"""Operation of each kind of transfer. All other kinds are the content of a bank or a table."""
 
 
 class TransferService:
@@ -112,15 +114,15 @@ class TransferService:
         self._blobs, self._parts, self._progress = blobs, parts, progress
 
     def start(self) -> None:
-        """Restore the transfers that the last server left open, paused until the device answers; those that an operator had
-        paused remain paused."""
+        """Restore the transfers that were open when the server stopped. They are paused until the device answers;
+        transfers that an operator paused remain paused."""
         self._parts.prune()
         with self._database.unit_of_work() as session:
             rows = store.unfinished(session)
         for row in rows:
             by_operator = row.state == "paused" and row.reason == ""
             try:
-                self._enter(row, "" if by_operator else RESTARTED)
+                self._start_again(row, "" if by_operator else RESTARTED)
             except GssError as error:
                 reason = f"{RESTARTED}; the transfer cannot continue: {error}"
                 self._progress.note(row.id, state="failed", reason=reason, finished=self._now())
@@ -128,7 +130,7 @@ class TransferService:
             self._progress.note(row.id, state="paused", reason="" if by_operator else RESTARTED)
 
     def stop(self) -> None:
-        """Called after the line was closed: finish storing received content, within a time limit."""
+        """Finish storing received content within STORE_WITHIN_S. Must be called after the line was closed."""
         self._writer.finish(STORE_WITHIN_S)
         self._progress.finalise()
 
@@ -145,9 +147,9 @@ class TransferService:
         target: str = "",
         stored: StoredContent | None = None,
     ) -> TransferView:
-        """Queue a download. ``slot``: number of the image memory or bank; ``target``: its name, if any. ``facts``: JSON
-        values needed to store the content. ``stored``: an earlier download; if the device has the same content, no chunk
-        is sent again."""
+        """Queue a download. ``slot``: number of the image memory or bank; ``target``: name of the bank, "" without a
+        name; ``facts``: JSON values needed to store the content; ``stored``: an earlier download. If the device has the
+        same content, no chunk is sent again."""
         self._link.roles.operations.require(DOWNLOADS.get(kind, Operation.READ_BACK))
         self._check_line()
         self._check_room("a download")
@@ -158,7 +160,7 @@ class TransferService:
                 "frame_number": stored.frame_number,
                 "sha256": stored.sha256,
             }
-        partial = stored.whole() if stored is not None else None
+        partial = stored.as_complete_part() if stored is not None else None
         return self._add(Direction.DOWN, kind, target or str(slot), subject, options, {}, partial)
 
     def upload(
@@ -173,8 +175,8 @@ class TransferService:
         options: Mapping[str, Any] | None = None,
         **links: int | None,
     ) -> TransferView:
-        """Queue an upload to a bank or a slot; verification and commit follow automatically. ``links``: catalogue_id,
-        frame_id, table_id."""
+        """Queue an upload to a bank or a slot. It is then verified and committed automatically. ``links``:
+        catalogue_id, frame_id, table_id."""
         self._link.roles.operations.require(UPLOADS.get(kind, Operation.UPLOAD_PARAMETERS))
         self._check_line()
         self._check_room("an upload")
@@ -183,24 +185,24 @@ class TransferService:
         return self._add(Direction.UP, kind, name, subject, options_stored, links)
 
     def pause(self, transfer_id: int) -> TransferView:
-        """Stop sending; chunks already stored are kept."""
+        """Pause a transfer. Chunks that are already stored are kept."""
         return self._control(transfer_id, self._link.session.transfers.pause)
 
     def resume(self, transfer_id: int) -> TransferView:
-        """Resume with the missing chunks; also a transfer that failed or was aborted, by this server or an earlier one.
-        Raises Conflict if it cannot be resumed."""
+        """Resume a transfer with the missing chunks, also if it failed, was aborted, or was started before the last
+        restart. Raises Conflict if it cannot be resumed."""
         if self._progress.session_id(transfer_id) is not None:
             return self._control(transfer_id, self._link.session.transfers.resume)
         row = self.get(transfer_id).row
         if row.state not in RESUMABLE:
             raise Conflict("this transfer cannot be resumed", expected=" or ".join(RESUMABLE), got=row.state)
         with self._link.hold_events():
-            self._enter(row, None)
+            self._start_again(row, None)
             self._progress.note(row.id, state="queued", reason="", finished=None)
         return self.get(transfer_id)
 
     def abort(self, transfer_id: int) -> TransferView:
-        """Abort the transfer on both sides."""
+        """Abort a transfer on the ground and on the device."""
         return self._control(transfer_id, self._link.session.transfers.abort)
 
     def _control(self, transfer_id: int, action: Callable[[int], None]) -> TransferView:
@@ -220,19 +222,19 @@ class TransferService:
             return self._progress.view(store.get(session, transfer_id))
 
     def newest(self, limit: int) -> list[TransferView]:
-        """Return the newest transfers first."""
+        """Return up to ``limit`` transfers, latest first."""
         with self._database.unit_of_work() as session:
             return [self._progress.view(row) for row in store.newest(session, limit)]
 
     def busy(self, direction: Direction) -> bool:
-        """True if another transfer in that direction should wait; see ``TransferProgress``."""
+        """True if another transfer in a direction must wait; see ``TransferProgress``."""
         return self._progress.busy(direction)
 
     def in_use(self, kind: str, sha256: str) -> None:
-        """Record that the device now uses that content: the upload that sent it becomes active, others committed."""
+        """Record that the device uses a content: its upload becomes active, other active uploads become committed."""
         with self._database.unit_of_work() as session:
-            changed = store.mark_active(session, kind, sha256)
-        for row in changed:
+            changed_rows = store.mark_active(session, kind, sha256)
+        for row in changed_rows:
             self._bus.publish("transfer", TransferView(row, None))
 
     # --- session ------------------------------------------------------------------------------------------------
@@ -277,9 +279,9 @@ class TransferService:
         self._bus.publish("transfer", view)
         return view
 
-    def _enter(self, row: Transfer, paused: str | None) -> None:
-        """Start a stored transfer in the session again. ``paused``: "" until an operator resumes it, a reason until the
-        device answers, None not at all."""
+    def _start_again(self, row: Transfer, paused: str | None) -> None:
+        """Start a stored transfer in the session again. ``paused``: "" pauses it until an operator resumes it, a reason
+        pauses it until the device answers, None does not pause it."""
         start = prepare(row, self._blobs, self._parts.load(row.id), paused)
         with self._link.hold_events():
             with self._link.lock:

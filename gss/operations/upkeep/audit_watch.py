@@ -1,4 +1,4 @@
-"""Verifies the audit log in the background: completely at start, and against its newest anchor once a minute."""
+"""Verifies the audit log in the background: completely at start, and against its latest anchor once a minute."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ AUDIT: Key = (STORE, "audit log")
 
 
 class AuditWatch:
-    """Raises and ends the alarm of the audit log. ``state``: text for the health page; ``problem``: "" if none is known."""
+    """Raises and ends the alarm of the audit log. ``state``: text for the health page; ``problem``: "" if the log is
+    intact."""
 
     def __init__(self, audit: AuditService, alarms: AlarmService) -> None:
         self._audit, self._alarms = audit, alarms
@@ -26,11 +27,11 @@ class AuditWatch:
         self._thread = threading.Thread(target=self._run, name="audit", daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the background thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop the thread; a complete verification that is under way is abandoned with the process."""
+        """Stop the background thread. A complete verification in progress is not awaited and ends with the process."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(timeout=1)
@@ -38,18 +39,18 @@ class AuditWatch:
     def verify(self) -> None:
         """Verify the log completely."""
         verdict = self._audit.verify()
-        self._settle(verdict.problem, f"{verdict.rows} rows, intact at the last complete verification")
+        self._update(verdict.problem, f"{verdict.rows} rows, intact at the last complete verification")
         log.info("the audit log has %d rows, last hash %s", verdict.rows, verdict.last_hash)
 
     def compare(self) -> None:
-        """Compare the log with its newest anchor. While there is a problem, verify it completely, because only this shows
-        that the problem was settled."""
+        """Compare the log with its latest anchor. After a problem, verify the log completely, because only this shows
+        that the problem is solved."""
         if self.problem:
             self.verify()
         else:
-            self._settle(self._audit.compare(), self.state)
+            self._update(self._audit.compare(), self.state)
 
-    def _settle(self, problem: str, state: str) -> None:
+    def _update(self, problem: str, state: str) -> None:
         self.problem, self.state = problem, state
         level, value = (State.CRITICAL, 1.0) if problem else (State.OK, 0.0)
         limit = f"is not intact: {problem}" if problem else ""

@@ -1,8 +1,8 @@
-"""Backups of a running server: a consistent copy of the database and all blobs that it references.
+"""Backups of a running server: a consistent copy of the database and of all blobs that it references.
 
-Each backup is a folder with a copy of the database and a manifest. Frames, images and captures are stored as files named by
-their hashes in a folder that all backups share, so that each backup copies only new files. A backup is atomic: it is written
-under a temporary name and renamed when everything is on disk.
+Each backup is a folder with a copy of the database and a manifest. Frames, images and captures are stored as files
+named by their hashes in a folder that all backups share, so that each backup copies only new files. A backup is atomic:
+it is written under a temporary name and renamed after all data are on disk.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ BUSY = "another backup or removal is running"
 
 @dataclass(frozen=True)
 class BackupJob(JobRequest):
-    """Request for a backup. ``keep``: number of newest backups to keep afterwards, 0: all."""
+    """Request for a backup. ``keep``: number of latest backups to keep afterwards, 0: all."""
 
     keep: int = 0
 
 
 class BackupService:
-    """Makes, lists, exports and removes backups."""
+    """Creates, lists, exports and removes backups."""
 
     def __init__(
         self,
@@ -77,7 +77,7 @@ class BackupService:
         return self._folder
 
     def start(self, *, keep: int = 0, user: str) -> Job:
-        """Start a backup as a job; afterwards only the ``keep`` newest are kept (0: all)."""
+        """Start a backup as a job. ``keep``: number of latest backups to keep afterwards, 0: all."""
         self._disk.check("a backup", self.needed_bytes())
         return self._jobs.begin("backup", "backup", BackupJob(keep, user=user))
 
@@ -91,24 +91,24 @@ class BackupService:
         result = {"name": backup.name, "bytes": backup.total_bytes, "blobs": len(backup.blobs)}
         run.keep(result)
         removed = self.prune(request.keep, backup.name) if request.keep else []
-        self._bus.record("upkeep", "ok", f"{request.user} made backup {backup.name}", **result)
+        self._bus.record("upkeep", "ok", f"{request.user} created backup {backup.name}", **result)
         return result | {"removed": removed}
 
     def needed_bytes(self) -> int:
-        """Estimate the bytes that the next backup will write: the size of the database. The size of new blobs is not known in
-        advance."""
+        """Estimate the bytes that the next backup will write. Only the database counts, because the size of new blobs
+        is not known in advance."""
         with self._database.unit_of_work() as session:
             return store.database_bytes(session)
 
     def make(self, progress: Progress = no_progress) -> Manifest:
-        """Make a backup now. The database is copied first, then the blobs that it references, because blobs are stored
+        """Create a backup now. The database is copied before the blobs that it references, because blobs are stored
         before their rows."""
         self._folder.mkdir(parents=True, exist_ok=True)
         with named_lock(self._lock, BUSY):
             for unfinished in self._folder.glob(f"*{UNFINISHED}"):
                 shutil.rmtree(unfinished)
             at = self._now()
-            name = self._free_name(at)
+            name = self._unused_name(at)
             draft = self._folder / f"{name}{UNFINISHED}"
             draft.mkdir()
             manifest = self._fill(draft, name, at, progress)
@@ -124,7 +124,7 @@ class BackupService:
         progress(0, 0, "Copying the database")
         with self._database.unit_of_work() as session:
             schema = store.schema_version(session)
-            # References are read before and after the dump, so that blobs added or released meanwhile are copied, too.
+            # References are read before and after the dump, so that blobs added or released during the dump are also copied.
             hashes_before = {r.sha256 for r in store.references(session)}
         dump(self._url, file)
         with self._database.unit_of_work() as session:
@@ -137,7 +137,7 @@ class BackupService:
             size = self._copy(pool, key)
             if size is not None:
                 copied[key] = size
-        stored: dict[str, str] = {}
+        capture_keys: dict[str, str] = {}
         for k, path in enumerate(captures, len(hashes)):
             progress(k, total, f"{k} of {total} files")
             try:
@@ -145,30 +145,30 @@ class BackupService:
                     data = capture.read()
             except FileNotFoundError:  # the oldest captures are removed while new ones are written
                 continue
-            key = stored[plain_name(path)] = pool.put(data)
+            key = capture_keys[plain_name(path)] = pool.put(data)
             copied[key] = len(data)
         progress(total, total, "Writing the manifest")
         self._sync_pool(copied)
         return Manifest(
-            name, iso_z(at), __version__, schema, kind, file.stat().st_size, sha256_of(file), copied, stored
+            name, iso_z(at), __version__, schema, kind, file.stat().st_size, sha256_of(file), copied, capture_keys
         )
 
     def _copy(self, pool: BlobStore, key: str) -> int | None:
-        """Copy a blob into the pool and return its size. Returns None if the source is missing or damaged; the store check reports
-        such blobs. Raises StoreDown if the blob store does not respond, because its blobs may be intact. Blobs that an earlier
-        backup copied are read and verified, to detect disk errors."""
+        """Copy a blob into the pool and return its size. Return None if the source is missing or damaged; the store
+        check reports such blobs. Raises StoreDown if the blob store does not respond, because its blobs can be intact.
+        Blobs that an earlier backup copied are read and verified, to detect disk errors."""
         if pool.exists(key):
             try:
                 return len(pool.get(key))
             except CorruptData:
                 self._bus.record(
-                    "upkeep", "warning", f"{key[:12]}… was damaged in the backups and has been copied again"
+                    "upkeep", "warning", f"File {key[:12]}… was damaged in the backups and has been copied again"
                 )
         self._disk.check("a backup")
         try:
             data = self._blobs.get(key)
         except (NotFound, CorruptData) as error:
-            self._bus.record("upkeep", "warning", f"Not in the backup: {error}")
+            self._bus.record("upkeep", "warning", f"A file is missing from the backup: {error}")
             return None
         pool.put(data)
         return len(data)
@@ -180,7 +180,7 @@ class BackupService:
         for path in [*files, *{file.parent for file in files}, pool]:
             _sync_one(path)
 
-    def _free_name(self, at: datetime) -> str:
+    def _unused_name(self, at: datetime) -> str:
         name, k = f"{at:%Y-%m-%dT%H%M%SZ}", 1
         while (self._folder / name).exists():
             name, k = f"{at:%Y-%m-%dT%H%M%SZ}-{k}", k + 1
@@ -189,7 +189,7 @@ class BackupService:
     # --- existing backups ---------------------------------------------------------------------------------------
 
     def every(self) -> list[Manifest]:
-        """Return all complete backups, newest first."""
+        """Return all complete backups, latest first."""
         backups = []
         for folder in sorted(self._folder.glob("*"), reverse=True):
             if folder.is_dir() and NAME.fullmatch(folder.name):
@@ -200,21 +200,21 @@ class BackupService:
         return backups
 
     def newest_at(self) -> datetime | None:
-        """Return the time of the newest backup; None if there is no backup."""
+        """Return the time of the latest backup; None if there is no backup."""
         newest = next(iter(self.every()), None)
         return datetime.fromisoformat(newest.created) if newest else None
 
     def get(self, name: str) -> Manifest:
         """Return the backup with that name. Raises BadInput or NotFound."""
         if not NAME.fullmatch(name):
-            raise BadInput("not the name of a backup", expected="2026-12-01T180000Z", got=name[:40])
+            raise BadInput("this is not the name of a backup", expected="2026-12-01T180000Z", got=name[:40])
         if not (self._folder / name).is_dir():
-            raise NotFound("no such backup", got=name)
+            raise NotFound("there is no backup with this name", got=name)
         return read_manifest(self._folder / name)
 
     def prune(self, keep: int, just_made: str) -> list[str]:
-        """Keep the newest ``keep`` backups, one of which is ``just_made``. Remove the others, and the blobs that no remaining
-        backup needs. Nothing is removed while the clock is not trusted. Backups dated in the future are neither counted
+        """Remove all backups except the latest ``keep``, which include ``just_made``, and the blobs that no remaining
+        backup needs. Nothing is removed while the clock is in doubt. Backups dated in the future are neither counted
         nor removed."""
         doubt = self._trust.state().doubt
         if doubt:
@@ -223,15 +223,15 @@ class BackupService:
         with named_lock(self._lock, BUSY):
             latest = self._now() + BEHIND
             dated = [manifest.name for manifest in self.every() if datetime.fromisoformat(manifest.created) <= latest]
-            old = [name for name in dated if name != just_made][max(0, keep - 1) :]
-            for name in old:
+            expired = [name for name in dated if name != just_made][max(0, keep - 1) :]
+            for name in expired:
                 shutil.rmtree(self._folder / name)
             needed = {key for manifest in self.every() for key in manifest.blobs}
             pool = BlobStore(str(self._folder / POOL))
             for key in list(pool.keys()):
                 if key not in needed:
                     pool.delete(key)
-        return old
+        return expired
 
     def archive(self, name: str) -> Iterator[bytes]:
         """Yield one backup as a tar file in chunks, in the format that ``gss restore`` reads."""

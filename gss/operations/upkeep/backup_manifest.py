@@ -1,4 +1,4 @@
-"""Manifest of a backup: the database's copy, and by their hashes the blobs and raw captures that belong to it."""
+"""Manifest of a backup: the copy of the database, and the hashes of its blobs and raw captures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ BLOCK = 1 << 20
 
 @dataclass(frozen=True)
 class Manifest:
-    """``blobs``: size in bytes by hash; ``captures``: hash by file name. ``schema``: the database's migration."""
+    """Content of a backup. ``blobs``: size in bytes by hash; ``captures``: hash by file name; ``schema``: migration of
+    the database."""
 
     name: str
     created: str
@@ -56,22 +57,22 @@ class Manifest:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Return the manifest of a backup's folder. Raises NotFound, CorruptData or BadInput if it is missing, changed or of
-    another format."""
+    """Return the manifest in the folder of a backup. Raises NotFound if it is missing, CorruptData if it was changed,
+    and BadInput if it has another format."""
     if not (folder / MANIFEST).is_file() or not (folder / SEAL).is_file():
-        raise NotFound("not a backup", expected=f"{MANIFEST} and {SEAL}", got=str(folder))
+        raise NotFound("the folder is not a backup", expected=f"{MANIFEST} and {SEAL}", got=str(folder))
     data = (folder / MANIFEST).read_bytes()
     if (folder / SEAL).read_bytes().split()[:1] != [hashlib.sha256(data).hexdigest().encode()]:
         raise CorruptData("the backup's manifest was changed", expected="the hash beside it", got=str(folder))
     try:
         record = json.loads(data)
         if record.get("format") != FORMAT:
-            raise BadInput("a backup of another format", expected=FORMAT, got=str(record.get("format"))[:40])
+            raise BadInput("the backup has another format", expected=FORMAT, got=str(record.get("format"))[:40])
         manifest = Manifest(**record)
         _check_kinds(manifest)
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise CorruptData("the backup's manifest cannot be read", got=str(error)[:200]) from None
-    # These names are used as paths, so their format must be checked.
+    # The names are used as paths, so their format must be checked.
     keys = [*manifest.blobs, manifest.database_sha256, *manifest.captures.values()]
     if manifest.kind not in DATABASE or not all(SHA256.fullmatch(key) for key in keys):
         raise CorruptData("the manifest of the backup contains an invalid hash", got=str(folder))
@@ -102,7 +103,7 @@ def _check_kinds(manifest: Manifest) -> None:
 
 
 def sha256_of(file: Path | BinaryIO, each: Callable[[], None] = no_progress) -> str:
-    """Return the hash of a whole file; ``each`` is called between blocks and may raise to cancel."""
+    """Return the hash of a file. ``each``: called between blocks; raises an exception to cancel."""
     if isinstance(file, Path):
         with file.open("rb") as opened:
             return sha256_of(opened, each)

@@ -1,5 +1,5 @@
-"""Checks that everything recorded is present and intact: the database, the blobs it references, captures, and the audit
-chain."""
+"""Checks that all stored data are present and intact: the database, the blobs that it references, captures, and the
+audit chain."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ERROR, NOTE = "error", "note"
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one check. ``state``: ok, note (nothing is lost) or error; ``examples``: the first problems."""
+    """Result of one check. ``state``: ok, note (no data are lost) or error; ``examples``: the first problems."""
 
     name: str
     state: str
@@ -45,10 +45,11 @@ class StoreReport:
         """True if there is no error."""
         return all(f.state != ERROR for f in self.findings)
 
-    def add(self, name: str, bad: list[str], text: str, problem: str, level: str = ERROR) -> None:
-        """Add ``text`` if nothing is bad, else the number of problems and ``problem``."""
-        if bad:
-            self.findings.append(Finding(name, level, f"{len(bad)} {problem}", tuple(bad[:SHOWN])))
+    def add(self, name: str, problems: list[str], text: str, problem: str, level: str = ERROR) -> None:
+        """Add a finding. Its text is ``text`` without problems, otherwise the number of ``problems`` and the text
+        ``problem``."""
+        if problems:
+            self.findings.append(Finding(name, level, f"{len(problems)} {problem}", tuple(problems[:SHOWN])))
         else:
             self.findings.append(Finding(name, "ok", text))
 
@@ -60,16 +61,16 @@ class StoreReport:
 def check_store(
     database: Database, blobs: BlobStore, captures: Path, audit: AuditService, progress: Progress = no_progress
 ) -> StoreReport:
-    """Run all checks. Every problem becomes a finding; only cancelling raises."""
+    """Run all checks. Every problem becomes a finding; only cancelling raises an exception."""
     report = StoreReport()
-    _look(report, "database", lambda: _database(report, database, progress))
-    _look(report, "bytes", lambda: _blobs(report, database, blobs, progress))
-    _look(report, "captures", lambda: _captures(report, database, captures, progress))
-    _look(report, "audit", lambda: _audit(report, audit))
+    _run_check(report, "database", lambda: _database(report, database, progress))
+    _run_check(report, "bytes", lambda: _blobs(report, database, blobs, progress))
+    _run_check(report, "captures", lambda: _captures(report, database, captures, progress))
+    _run_check(report, "audit", lambda: _audit(report, audit))
     return report
 
 
-def _look(report: StoreReport, name: str, check: Callable[[], None]) -> None:
+def _run_check(report: StoreReport, name: str, check: Callable[[], None]) -> None:
     try:
         check()
     except (CorruptData, StoreDown, OSError, ValueError) as error:
@@ -79,12 +80,12 @@ def _look(report: StoreReport, name: str, check: Callable[[], None]) -> None:
 def _database(report: StoreReport, database: Database, progress: Progress) -> None:
     progress(0, 0, "Reading the database")
     with database.unit_of_work() as session:
-        bad = store.integrity_problems(session)
-        report.add("database", bad, "every page is intact", "damages of the file")
-        if bad:
+        problems = store.integrity_problems(session)
+        report.add("database", problems, "every page is intact", "damaged parts of the file")
+        if problems:
             return
         schema, newest = store.schema_version(session), known_schemas()[-1]
-        older = [] if schema == newest else [f"it is at {schema or 'none'}, this version is at {newest}"]
+        older = [] if schema == newest else [f"the database has schema {schema or 'none'}, this version has {newest}"]
         report.add("schema", older, f"schema {schema}", "the server migrates it at start", NOTE)
         report.add("references", store.broken_links(session), "all references are valid", "rows refer to missing rows")
         report.rows = store.row_counts(session)
@@ -111,7 +112,7 @@ def _blobs(report: StoreReport, database: Database, blobs: BlobStore, progress: 
     report.add("missing files", missing, f"all {len(expected)} exist", "are missing: restore them from a backup")
     report.add("damaged files", damaged, "all hashes match", "are damaged: restore them from a backup")
     report.add("wrong file sizes", unequal, "all sizes match", "do not have the recorded size")
-    orphans = [key for key in blobs.keys() if key not in expected]  # noqa: SIM118 - no dictionary
+    orphans = [key for key in blobs.keys() if key not in expected]  # noqa: SIM118 - not a dictionary
     size = sum(blobs.size(key) for key in orphans[:1000])
     problem = f"are no longer referenced, {size} B in the first {min(len(orphans), 1000)}"
     report.add("unused files", orphans, "none", problem, NOTE)
@@ -121,8 +122,8 @@ def _captures(report: StoreReport, database: Database, folder: Path, progress: P
     with database.unit_of_work() as session:
         contacts = [row for row, *_ in devices.list_contacts(session, 1_000_000)]
     files = {plain_name(path): path for path in capture_files(folder)}
-    named = {str(c["file"]): c for contact in contacts for c in contact.captures or ()}
-    missing = sorted(set(named) - set(files))
+    recorded = {str(c["file"]): c for contact in contacts for c in contact.captures or ()}
+    missing = sorted(set(recorded) - set(files))
     torn: list[str] = []
 
     def unread(file: Path, count: int) -> None:
@@ -134,7 +135,7 @@ def _captures(report: StoreReport, database: Database, folder: Path, progress: P
             pass
     short = [
         f"{name}: {files[name].stat().st_size} B, the contact had written {entry['bytes']}"
-        for name, entry in named.items()
+        for name, entry in recorded.items()
         if name in files and files[name].suffix != PACKED and files[name].stat().st_size < int(str(entry["bytes"]))
     ]
     report.add(
@@ -168,7 +169,7 @@ class CheckStoreService:
         jobs.register(JobKind("check-store", JobRequest, self._work))
 
     def start(self, *, user: str) -> Job:
-        """Queue a check as a job; its result is the report."""
+        """Queue a check as a job. The result of the job is the report."""
         return self._jobs.begin("check-store", "check the store", JobRequest(user=user))
 
     def _work(self, _request: JobRequest, run: JobRun) -> JobResult:

@@ -1,9 +1,9 @@
 """Decides whether the server's clock may be used to choose data for deletion.
 
-The database holds the last trusted time: it advances every ten minutes while the clock is plausible, and not otherwise. The clock
-is in doubt when it is further ahead of that time than a plausible pause of the server, or behind it. While it is in doubt neither
-retention nor the rotation of backups deletes anything, also when a user starts them, until a user confirms the clock or it is
-corrected. An unknown trusted time counts as in doubt.
+The database contains the last trusted time, which advances every ten minutes while the clock is plausible. The clock is
+in doubt if it is behind the trusted time, or further ahead than a plausible downtime of the server. While it is in
+doubt, retention and the rotation of backups delete nothing, even if a user starts them, until a user confirms the clock
+or the clock is corrected. Without a stored trusted time, the clock is also in doubt.
 """
 
 from __future__ import annotations
@@ -20,16 +20,17 @@ from gss.store.engine import Database
 
 KEEP_EVERY = timedelta(minutes=10)
 BEHIND = timedelta(hours=1)
-"""A clock set back by less than this, as a correction, is not in doubt."""
+"""A clock that is set back by less than this time is not in doubt, because small corrections are normal."""
 SEEN_WITHIN = timedelta(minutes=15)
-"""Maximum difference between the time that a person confirms and the clock when the confirmation arrives."""
+"""Maximum difference between the time that a user confirms and the clock at the arrival of the confirmation."""
 DAY = timedelta(days=1)
-HINT = "check the server's date and time; if they are right, confirm the clock (Admin, Storage, or gss retention --confirm-clock)"
+HINT = "check the server's date and time; if they are correct, confirm the clock (Admin, Storage, or gss retention --confirm-clock)"
 
 
 @dataclass(frozen=True)
 class ClockState:
-    """``trusted`` None: not known. ``doubt``: why nothing is deleted; empty if the clock is plausible."""
+    """State of the clock. ``trusted``: last trusted time, None if none is stored; ``doubt``: why the clock is in doubt,
+    "" if it is plausible."""
 
     now: datetime
     trusted: datetime | None
@@ -43,28 +44,28 @@ class ClockTrust:
         self._database, self._bus, self._now, self._pause = database, bus, now, pause
 
     def start(self) -> None:
-        """Initialize the trusted time, if none is stored, from the newest stored row, or from the clock if nothing is
-        stored. Must be called before this start stores rows."""
+        """Initialize the trusted time if none is stored, from the latest stored row or, in an empty store, from the
+        clock. Must be called before the server stores rows."""
         if self._trusted() is not None:
             return
         with self._database.unit_of_work() as session:
             newest = store.newest_row(session)
-        self._keep(newest or self._now(), "gss")
+        self._store_trusted(newest or self._now(), "gss")
 
     def state(self) -> ClockState:
-        """Return the clock compared with the last trusted time."""
+        """Compare the clock with the last trusted time and return the result."""
         now, trusted = self._now(), self._trusted()
         return ClockState(now, trusted, self._doubt(now, trusted))
 
     def tick(self) -> ClockState:
-        """Advance the trusted time if the clock is plausible; called about once a second."""
+        """Advance the trusted time if the clock is plausible. Called about once a second."""
         clock_state = self.state()
         if (
             not clock_state.doubt
             and clock_state.trusted is not None
             and clock_state.now - clock_state.trusted >= KEEP_EVERY
         ):
-            self._keep(clock_state.now, "gss")
+            self._store_trusted(clock_state.now, "gss")
         return clock_state
 
     def require(self, action: str) -> None:
@@ -80,8 +81,8 @@ class ClockTrust:
             )
 
     def confirm(self, displayed: datetime, *, user: str) -> ClockState:
-        """Record that a person has checked the server's clock. ``displayed``: the time that was shown to them. Raises BadInput if
-        it differs from the clock."""
+        """Record that a user has checked the server's clock. ``displayed``: the time that the user saw. Raises BadInput
+        if it differs from the clock."""
         now = self._now()
         if abs(now - displayed) > SEEN_WITHIN:
             raise BadInput(
@@ -91,7 +92,7 @@ class ClockTrust:
                 hint="reload the page and check the time",
             )
         before = self._trusted()
-        self._keep(now, user)
+        self._store_trusted(now, user)
         text = f"The server's clock was confirmed by {user}: {iso_z(now, 'seconds')}"
         text += f"; last trusted time before: {iso_z(before, 'seconds')}" if before else ""
         self._bus.record("clock", "watch", text)
@@ -111,6 +112,6 @@ class ClockTrust:
         with self._database.unit_of_work() as session:
             return choices.trusted_time(session)
 
-    def _keep(self, moment: datetime, user: str) -> None:
+    def _store_trusted(self, trusted: datetime, user: str) -> None:
         with self._database.unit_of_work() as session:
-            choices.write(session, choices.TRUSTED_TIME, {"at": moment.isoformat()}, self._now(), user)
+            choices.write(session, choices.TRUSTED_TIME, {"at": trusted.isoformat()}, self._now(), user)

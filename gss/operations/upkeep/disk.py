@@ -1,7 +1,8 @@
-"""Disk space: large writes are stopped before the disk is full, so that nothing is half written.
+"""Disk space: large writes are rejected before the disk is full, so that no file is written only in part.
 
-Below ``watch`` an alarm is raised. Below ``stop`` imports, downloads, builds and backups are rejected. Below a quarter of
-``stop`` decoded telemetry is no longer stored; the raw capture, which has priority and can be decoded later, still contains it.
+Below ``watch`` an alarm is raised. Below ``stop`` imports, downloads, builds and backups are rejected. Below a quarter
+of ``stop`` decoded telemetry is no longer stored; the raw capture, which has priority and can be decoded later, still
+contains it.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class DiskGuard:
         self._usage = usage
 
     def look(self) -> DiskState:
-        """Return the current state."""
+        """Return the current state of the disk."""
         free, total = self._usage(self.folder)
         text = f"{megabytes(free)} of {megabytes(total)} free"
         if free < self.stop_bytes:
@@ -59,18 +60,20 @@ class DiskGuard:
         return DiskState(free, total, level, text)
 
     def check(self, purpose: str, needed_bytes: int = 0) -> None:
-        """Raise StoreDown if ``purpose`` would leave too little space."""
+        """Raise StoreDown if writing ``needed_bytes`` would leave too little space. ``purpose``: operation, for the
+        message."""
         free, _ = self._usage(self.folder)
         if free - needed_bytes < self.stop_bytes:
             raise StoreDown(
                 f"the disk is nearly full: no room for {purpose}",
                 expected=f"at least {megabytes(self.stop_bytes + needed_bytes)} free",
                 got=megabytes(free),
-                hint="free space, or let retention remove old pixels (Admin, Retention)",
+                hint="free space, or let retention remove old pixels (Admin, Storage)",
             )
 
     def has_room_for_rows(self) -> bool:
-        """True if decoded telemetry may still be stored; the remaining space is reserved for captures, commands and alarms."""
+        """True if there is enough space for decoded telemetry. The last space is reserved for captures, commands and
+        alarms."""
         return self._usage(self.folder)[0] >= self.stop_bytes // LAST_SHARE
 
 
@@ -89,13 +92,15 @@ class DiskWatch:
             limit = f"below {megabytes(low)} free ({room.level})"
         self._alarms.watch(DISK, room.level, round(room.free_bytes / 1e9, 3), f"Disk: {room.text}", limit)
         lost, unstored = self._link.capture.lost_bytes, self._telemetry.unstored
-        self._lost(CAPTURE, self._link.capture.fails, lost, f"{lost} bytes are missing from it")
-        self._lost(TELEMETRY, self._telemetry.store_fails, unstored, f"{unstored} packets are in the raw capture only")
+        self._watch_writes(CAPTURE, self._link.capture.fails, lost, f"{lost} bytes are missing from it")
+        self._watch_writes(
+            TELEMETRY, self._telemetry.store_fails, unstored, f"{unstored} packets are in the raw capture only"
+        )
 
-    def _lost(self, key: Key, why: str, count: int, text: str) -> None:
-        level = State.CRITICAL if why else State.OK
+    def _watch_writes(self, key: Key, reason: str, count: int, text: str) -> None:
+        level = State.CRITICAL if reason else State.OK
         self._alarms.watch(
-            key, level, float(count), f"{key[1].capitalize()}: {text}", f"not written: {why}" if why else ""
+            key, level, float(count), f"{key[1].capitalize()}: {text}", f"not written: {reason}" if reason else ""
         )
 
 

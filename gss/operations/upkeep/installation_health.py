@@ -1,4 +1,5 @@
-"""Health of the installation: checks of everything that can degrade slowly, and the same values for Prometheus."""
+"""Health of the installation: checks of conditions that can degrade slowly, and the same values as Prometheus
+metrics."""
 
 from __future__ import annotations
 
@@ -40,7 +41,7 @@ KIB = 1 if sys.platform == "darwin" else 1024
 
 @dataclass(frozen=True)
 class HealthCheck:
-    """One check. ``state``: ok, watch, warning, critical, unknown."""
+    """Result of one check. ``state``: ok, watch, warning, critical or unknown."""
 
     name: str
     state: str
@@ -50,7 +51,7 @@ class HealthCheck:
 
 @dataclass(frozen=True)
 class Health:
-    """All checks and the worst state."""
+    """Results of all checks, and the worst state."""
 
     state: str
     checks: tuple[HealthCheck, ...]
@@ -89,8 +90,8 @@ class HealthService:
         self._pages, self._dispatcher, self._streams = pages, dispatcher, streams
 
     def look(self) -> Health:
-        """Run all checks now; a check that raises becomes a critical one."""
-        looks = (
+        """Run all checks now. A check that raises an exception has the state critical."""
+        check_functions = (
             self._database_check,
             self._disk_check,
             self._blobs_check,
@@ -106,7 +107,7 @@ class HealthService:
             self._memory_check,
             self._uptime_check,
         )
-        checks = tuple(_looked(look) for look in looks)
+        checks = tuple(_guarded(look) for look in check_functions)
         states = [State(c.state) for c in checks if c.state != UNKNOWN]
         return Health(max(states, key=ORDER.__getitem__, default=State.OK).value, checks)
 
@@ -145,7 +146,10 @@ class HealthService:
         fails, unstored = self._telemetry.store_fails, self._telemetry.unstored
         if fails:
             return HealthCheck(
-                "telemetry record", "critical", unstored, f"not stored: {fails}; {unstored} packets so far"
+                "telemetry record",
+                "critical",
+                unstored,
+                f"not stored: {fails}; {unstored} packets since the server started",
             )
         text = f"{unstored} packets are in the raw capture only" if unstored else "every packet was stored"
         return HealthCheck("telemetry record", "watch" if unstored else "ok", unstored, text)
@@ -183,7 +187,7 @@ class HealthService:
         return HealthCheck("solver loops", "watch" if state.startswith("not compiled") else "ok", None, state)
 
     def _dropped(self) -> dict[str, int]:
-        """Return the number of items that each bounded queue dropped, by its name."""
+        """Return the number of items that each bounded queue has dropped, by queue name."""
         frames, events, messages = self._frames.queue.skipped, self._dispatcher.dropped, self._streams.dropped
         return {"solve": frames, "line events": events, "stream": messages}
 
@@ -197,13 +201,15 @@ class HealthService:
     def _backup_check(self) -> HealthCheck:
         at = self._backups.newest_at()
         if at is None:
-            return HealthCheck("backup", "watch", None, "no backup. Run gss backup, or use Admin, Backups")
+            return HealthCheck("backup", "watch", None, "There is no backup. Run gss backup, or use Admin, Backup.")
         days = (self._now() - at).total_seconds() / 86400
         return HealthCheck("backup", "watch" if days > OLD_BACKUP_DAYS else "ok", days, f"{days:.1f} days old")
 
     def _memory_check(self) -> HealthCheck:
-        now, most = memory_bytes()
-        return HealthCheck("memory", "ok", now, f"{megabytes(now)}, at most {megabytes(most)}")
+        current_bytes, peak_bytes = memory_bytes()
+        return HealthCheck(
+            "memory", "ok", current_bytes, f"{megabytes(current_bytes)}, at most {megabytes(peak_bytes)}"
+        )
 
     def _uptime_check(self) -> HealthCheck:
         up_s = self._monotonic_s() - self._started_s
@@ -246,9 +252,9 @@ class HealthService:
             for name, state, number in store.states(session):
                 yield _gauge(f"gss_{name}", f"Stored {name} by state.", number, state=state)
             yield _gauge("gss_frames", "Stored frames.", store.frame_count(session))
-        now, most = memory_bytes()
-        yield _gauge("process_resident_memory_bytes", "Memory in use.", now)
-        yield _gauge("gss_process_most_memory_bytes", "Peak memory in use.", most)
+        current_bytes, peak_bytes = memory_bytes()
+        yield _gauge("process_resident_memory_bytes", "Memory in use.", current_bytes)
+        yield _gauge("gss_process_most_memory_bytes", "Peak memory in use.", peak_bytes)
         usage = resource.getrusage(resource.RUSAGE_SELF)
         yield _counter("process_cpu_seconds_total", "Processor time.", usage.ru_utime + usage.ru_stime)
         yield _gauge("process_threads", "Threads.", threading.active_count())
@@ -257,16 +263,16 @@ class HealthService:
 
 
 def memory_bytes() -> tuple[int, int]:
-    """Return (resident now, maximum so far) of this process in bytes."""
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * KIB
+    """Return the current and the peak resident memory of this process in bytes."""
+    peak_bytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * KIB
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
     except OSError:
-        return most, most
-    return pages * PAGE_BYTES, most
+        return peak_bytes, peak_bytes
+    return pages * PAGE_BYTES, peak_bytes
 
 
-def _looked(check: Callable[[], HealthCheck]) -> HealthCheck:
+def _guarded(check: Callable[[], HealthCheck]) -> HealthCheck:
     try:
         return check()
     except (GssError, OSError) as error:

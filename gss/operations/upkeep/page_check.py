@@ -13,7 +13,8 @@ log = logging.getLogger("gss.upkeep")
 
 
 class PageCheck:
-    """Reads all pages once, on a separate thread. ``state``: text for the health page; "" if the startup has read them."""
+    """Reads all pages once, on a background thread. ``state``: text for the health page; "" if the startup has read the
+    pages."""
 
     def __init__(self, database: Database, bus: EventBus) -> None:
         self._database, self._bus = database, bus
@@ -21,7 +22,7 @@ class PageCheck:
         self._thread = threading.Thread(target=self._read, name="pages", daemon=True)
 
     def start(self) -> None:
-        """Start the thread if the startup skipped the check."""
+        """Start the background thread if the startup skipped the check."""
         if is_large(self._database.engine):
             self.state = "its pages are being checked"
             self._thread.start()

@@ -1,6 +1,6 @@
 """Exports the store as Parquet files in hive-style folders
-(``telemetry/packet=housekeeping/day=2026-12-01/part-0.parquet``), readable by DuckDB, pandas and pyarrow. Units are in each
-column's metadata, and in schema.json and README.md."""
+(``telemetry/packet=housekeeping/day=2026-12-01/part-0.parquet``), readable by DuckDB, pandas and pyarrow. Units are in
+each column's metadata, and in schema.json and README.md."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ UNITS = {"_arcsec": "arcsec", "_deg": "deg", "_px": "px", "_ms": "ms", "_s": "s"
 
 @dataclass(frozen=True)
 class Written:
-    """Numbers of files, rows and bytes written."""
+    """Numbers of written files, rows and bytes."""
 
     files: int
     rows: int
@@ -111,7 +111,7 @@ class Written:
 
 @dataclass(frozen=True)
 class _Table:
-    """One output folder: its columns, and rows with their time, oldest first, in blocks."""
+    """One output folder. ``schema``: its columns; ``blocks``: blocks of (time, row), oldest first."""
 
     folder: str
     schema: pa.Schema
@@ -126,8 +126,8 @@ def export_parquet(
     last: date | None = None,
     on_folder: OnFolder = no_progress,
 ) -> Written:
-    """Export whole UTC days from ``first`` to ``last``, inclusive, into ``out``; existing days are replaced. At most one
-    block of rows is in memory. A file gets its final name only when it is complete. Raises BadInput if ``out`` contains
+    """Export complete UTC days from ``first`` to ``last``, inclusive, into ``out``. Existing days are replaced. At most
+    one block of rows is in memory. A file gets its final name when it is complete. Raises BadInput if ``out`` contains
     other files."""
     start, end = first or FIRST_DAY, last or LAST_DAY
     if end < start:
@@ -135,7 +135,7 @@ def export_parquet(
     if out.exists() and any(out.iterdir()) and not (out / "schema.json").is_file():
         raise BadInput("the folder contains other files", expected="a new folder, or an older export", got=str(out))
     out.mkdir(parents=True, exist_ok=True)
-    # Marks the folder as an export, so that an interrupted one can be repeated.
+    # The file marks the folder as an export, so that an interrupted export can be repeated.
     (out / "schema.json").write_text("{}\n", "utf-8")
     span = datetime.combine(start, time(), UTC), datetime.combine(end, time(), UTC) + timedelta(days=1)
     written, schemas = Written(0, 0, 0), {}
@@ -144,8 +144,8 @@ def export_parquet(
         schemas[table.folder] = _described(table.schema)
         part = _write(out / table.folder, table)
         written = Written(written.files + part.files, written.rows + part.rows, written.bytes + part.bytes)
-    about = {"program": f"gss {__version__}", "partitions": "hive", "day": "UTC", "tables": schemas}
-    (out / "schema.json").write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", "utf-8")
+    metadata = {"program": f"gss {__version__}", "partitions": "hive", "day": "UTC", "tables": schemas}
+    (out / "schema.json").write_text(json.dumps(metadata, indent=1, ensure_ascii=False) + "\n", "utf-8")
     (out / "README.md").write_text(_readme(schemas), "utf-8")
     return written
 
@@ -154,10 +154,10 @@ def _tables(database: Database, dictionary: TelemetryDefinitions, start: datetim
     packets = {packet.name: packet for packet in dictionary.telemetry}
     for name in store.packet_names(database):
         if not name.replace("_", "").isalnum():
-            continue  # other names must not become folders
+            continue  # a packet with another name must not become a folder
         items = list(packets[name].fields) if name in packets else None
         schema = LEADING if items is None else pa.unify_schemas([LEADING, pa.schema([_field(i) for i in items])])
-        if items is None:  # our own line counters are not in the device's dictionary
+        if items is None:  # the ground's line counters are not in the device's dictionary
             schema = schema.append(pa.field("values", pa.string(), metadata={"json": "yes"}))
         blocks = ([_packet(row, items) for row in block] for block in store.telemetry(database, name, start, end))
         yield _Table(f"telemetry/packet={name}", schema, blocks)
@@ -173,7 +173,7 @@ def _tables(database: Database, dictionary: TelemetryDefinitions, start: datetim
 
 
 def _write(folder: Path, table: _Table) -> Written:
-    """Write a file per day; rows are in order of time, so only one file is open."""
+    """Write a file per day. Only one file is open at a time, because the rows are in order of time."""
     files = rows = size = 0
     day: date | None = None
     with ExitStack() as stack:
@@ -213,19 +213,22 @@ def _field(item: Item | Group) -> pa.Field:
 
 
 def _type(item: Item) -> pa.DataType:
-    """Return the type of a column, independent of its values, so that all days can be read together."""
+    """Return the type of a column. It does not depend on the values, so that the files of all days can be read
+    together."""
     converted = isinstance(item, TelemetryField) and bool(item.conversion.coefficients)
     if kind(item) == "number":
-        whole = item.type in INTEGER_RANGES and item.type != "u64" and not converted
-        return pa.int64() if whole else pa.float64()
+        is_integer = item.type in INTEGER_RANGES and item.type != "u64" and not converted
+        return pa.int64() if is_integer else pa.float64()
     return pa.bool_() if item.type == "bool" else pa.string()
 
 
 def _packet(row: Any, items: list[Item | Group] | None) -> tuple[datetime, dict[str, object]]:
     received, row_id, contact_id, device_time_s, request_id, values = row
     columns = {"received": received, "id": row_id, "contact_id": contact_id, "device_time_s": device_time_s}
-    named = {"values": _json(values)} if items is None else {item.name: values.get(item.name) for item in items}
-    return received, columns | {"request_id": request_id} | named
+    values_by_name = (
+        {"values": _json(values)} if items is None else {item.name: values.get(item.name) for item in items}
+    )
+    return received, columns | {"request_id": request_id} | values_by_name
 
 
 def _stars(created: datetime, solution: Any) -> Iterator[tuple[datetime, dict[str, object]]]:
@@ -235,9 +238,9 @@ def _stars(created: datetime, solution: Any) -> Iterator[tuple[datetime, dict[st
 
 
 def _command(row: Any) -> dict[str, object]:
-    plain = {name: getattr(row, name) for name in COMMANDS.names if name not in ("arguments", "values", "stages")}
+    record = {name: getattr(row, name) for name in COMMANDS.names if name not in ("arguments", "values", "stages")}
     stages = [{"stage": s.stage, "at": s.at, "detail": s.detail} for s in row.stages]
-    return plain | {"arguments": _json(row.arguments), "values": _json(row.values), "stages": stages}
+    return record | {"arguments": _json(row.arguments), "values": _json(row.values), "stages": stages}
 
 
 def _event(row: Any) -> dict[str, object]:
@@ -279,8 +282,8 @@ def _readme(tables: Iterable[str]) -> str:
     parts = [
         "# Export of a GSS store",
         "Parquet in hive-style folders, one file per table and UTC day. Columns, types and units: `schema.json`, and each column's "
-        "metadata. Times are UTC. Telemetry is in engineering values; choices are words; lists are lists of records; columns of "
-        "JSON are text.",
+        "metadata. Times are UTC. Telemetry is in engineering values; choices are text; lists are lists of records; JSON "
+        "columns are text.",
         "\n".join(f"- `{name}/day=YYYY-MM-DD/part-0.parquet`" for name in tables),
         f"```sql\n{DUCKDB}\n```",
         f"```python\n{PYTHON}\n```",

@@ -1,4 +1,4 @@
-"""What one retention run removes, and whether it is unusual enough to need confirmation."""
+"""The data that a retention run removes, and whether the removal is unusual and needs confirmation."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from gss.operations.requests import Request
 from gss.store import upkeep as store
 
 ARRIVED_FACTOR = 1.5
-"""Daily removal takes about what arrived since the last run, whatever its share: up to this many times that is usual."""
+"""A daily removal removes about as much data as arrived since the last run. Up to this multiple of the arrived data is
+not unusual, regardless of the share."""
 ARRIVED_WITHIN = timedelta(days=2)
-"""Only if the last run is at most this long ago: after a longer pause most of the store has arrived since."""
+"""Maximum age of the last run for this rule. After a longer pause, most of the stored data would count as arrived since
+the run."""
 FEW = {"frames": 100, "frames_bytes": 100_000_000, "packets": 20_000, "events": 2_000}
-"""Amounts that are never unusual, so that small stores need no confirmation."""
+"""Amounts that are never unusual, so that removals from small stores need no confirmation."""
 CONFIRM_WITHIN = timedelta(hours=1)
 COUNTS = ("frames", "frames_bytes", "packets", "to_thin", "events")
 LABELS = {
@@ -30,8 +32,9 @@ LABELS = {
 
 @dataclass(frozen=True)
 class Removal:
-    """What a policy removes as of ``at``. ``frames_bytes``: of their pixels; ``to_thin``: packets to be thinned to one per
-    minute, excluding those already thinned. ``unusual``: why a person must confirm it; empty if not needed."""
+    """Amounts that a policy removes as of ``at``. ``frames_bytes``: size of the frames' pixels; ``to_thin``: packets to
+    be thinned to one per minute, without packets already thinned; ``unusual``: why a user must confirm the removal, ""
+    if no confirmation is needed."""
 
     at: datetime
     frames: int
@@ -54,24 +57,24 @@ class ConfirmedRemoval(Request):
 
 
 def confirmation(removal: Removal) -> ConfirmedRemoval:
-    """Return the confirmation of exactly this preview."""
+    """Return the confirmation of a preview, with its amounts as maximum."""
     return ConfirmedRemoval(at=removal.at, **{name: getattr(removal, name) for name in COUNTS})
 
 
 def recent(last_run: datetime | None, at: datetime) -> datetime | None:
-    """``last_run`` if it was at most ``ARRIVED_WITHIN`` before ``at``, otherwise None."""
+    """Return ``last_run`` if it was at most ``ARRIVED_WITHIN`` before ``at``, otherwise None."""
     return last_run if last_run is not None and at - last_run <= ARRIVED_WITHIN else None
 
 
 def unusual(removal: Removal, amounts: store.Amounts, share: float) -> str:
-    """Kinds whose removal exceeds ``share`` of what is stored and, after a recent run, ``ARRIVED_FACTOR`` times what arrived since;
-    empty if there are none."""
-    going = asdict(removal) | {"packets": removal.packets + removal.to_thin}
+    """Return the kinds of data whose removal exceeds both ``share`` of the stored data and ``ARRIVED_FACTOR`` times the
+    data that arrived since a recent run, with their amounts; "" if there are none."""
+    removed = asdict(removal) | {"packets": removal.packets + removal.to_thin}
     reasons = []
-    for kind, few in FEW.items():
+    for kind, small_amount in FEW.items():
         stored, arrived = amounts.stored[kind], amounts.arrived[kind]
-        if going[kind] > few and going[kind] > max(share * stored, ARRIVED_FACTOR * arrived):
-            reasons.append(f"{going[kind]} of {stored} {LABELS[kind]} ({100 * going[kind] / max(1, stored):.0f} %)")
+        if removed[kind] > small_amount and removed[kind] > max(share * stored, ARRIVED_FACTOR * arrived):
+            reasons.append(f"{removed[kind]} of {stored} {LABELS[kind]} ({100 * removed[kind] / max(1, stored):.0f} %)")
     return ", ".join(reasons)
 
 
@@ -83,8 +86,8 @@ def check_confirmed(removal: Removal, confirmed: ConfirmedRemoval | None, share:
     if confirmed is None:
         raise Conflict(
             "this removal is unusually large and needs confirmation",
-            expected=f"at most {100 * share:g} % of a kind, or {ARRIVED_FACTOR:g} times what arrived since the last removal "
-            f"if that was at most {ARRIVED_WITHIN / timedelta(days=1):g} days ago",
+            expected=f"at most {100 * share:g} % of a kind, or {ARRIVED_FACTOR:g} times the data that arrived since the last "
+            f"removal, if it was at most {ARRIVED_WITHIN / timedelta(days=1):g} days ago",
             got=removal.unusual,
             hint=hint,
         )

@@ -1,5 +1,5 @@
-"""Restores a backup to a data folder on which a server can be started. Everything is verified first, and existing data is
-never overwritten."""
+"""Restores a backup to a data folder with which a server can be started. The backup is verified first, and existing
+data are never overwritten."""
 
 from __future__ import annotations
 
@@ -26,25 +26,26 @@ from gss.store.dump import SQLITE, load
 from gss.store.engine import Database, known_schemas, migrate, open_engine
 
 NEW_IDS = 1_000_000
-"""Command ids skipped after a restore: commands may have been sent since the backup, and the device remembers its last ids."""
+"""Number of command ids skipped after a restore, because the device remembers the ids of commands sent after the
+backup."""
 KEYS_ENDED = (
-    "All sessions are ended, one-time links void and tokens revoked; users and passwords are those of the backup. "
-    "Who was disabled, or given another role or password, after it was made is not known here: look at Admin, Users first."
+    "All sessions have ended, and one-time links and tokens are invalid. Users, roles and passwords are those of the backup. "
+    "Later changes, for example disabled users, are lost: check Admin, People first."
 )
 """Notice shown after a restore."""
 MEMBER = re.compile(
     rf"(?:[0-9TZ-]+/(?:{MANIFEST}|{SEAL}|{'|'.join(DATABASE.values())})|{POOL}/[0-9a-f]{{2}}/[0-9a-f]{{62}})"
 )
 MAX_UNPACKED = 100
-"""Maximum ratio of unpacked to packed size. Databases and captures compress to a tenth at best."""
+"""Maximum ratio of unpacked to packed size. Databases and captures compress by at most a factor of ten."""
 SPARE_BYTES = 256 << 20
-"""Disk space in bytes that unpacking leaves free."""
+"""Disk space in bytes that must remain free after unpacking."""
 OnStep = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Restored:
-    """What was restored."""
+    """A restored backup. ``folder``: data folder; ``files``: number of restored files."""
 
     manifest: Manifest
     folder: Path
@@ -61,10 +62,9 @@ def restore(
     audit_anchor: Path | None = None,
     on_step: OnStep = no_progress,
 ) -> Restored:
-    """Restore a backup (a folder or a tar file) into an empty or new folder. A PostgreSQL backup is loaded into the empty
-    database of ``database_url``; blobs are stored in ``blobs_url`` if given. ``audit_anchor``: the audit log's
-    anchor file, if it is not in the data folder. Raises Conflict, CorruptData or BadInput
-    without restoring anything."""
+    """Restore a backup (a folder or a tar file) to an empty or new folder. A PostgreSQL backup is loaded into the empty
+    database ``database_url``. Blobs are stored in ``blobs_url`` if it is given. ``audit_anchor``: anchor file of the
+    audit log, if it is not in the data folder. Raises Conflict, CorruptData or BadInput before anything is restored."""
     into = into.resolve()
     if into.exists() and (not into.is_dir() or any(into.iterdir())):
         raise Conflict("the target folder is not empty", expected="an empty or new folder", got=str(into))
@@ -76,13 +76,15 @@ def restore(
         manifest = read_manifest(folder)
         if manifest.schema not in known_schemas():
             raise BadInput(
-                "the backup is of a newer version of GSS",
+                "the backup was created by a newer version of GSS",
                 expected=f"a schema up to {known_schemas()[-1]}",
                 got=manifest.schema,
                 hint=f"install GSS {manifest.version} or newer",
             )
         if manifest.kind != SQLITE and not database_url:
-            raise BadInput("this backup is of PostgreSQL", expected="GSS_DATABASE: an empty database to fill")
+            raise BadInput(
+                "this is a backup of a PostgreSQL database", expected="GSS_DATABASE with the URL of an empty database"
+            )
         on_step("Verifying")
         pool = _verified(folder, manifest)
         draft = into.with_name(f".{into.name}.restoring")
@@ -100,44 +102,46 @@ def restore(
             if into.exists():
                 into.rmdir()
             draft.rename(into)
-        except BaseException:  # also on Ctrl-C: a half restored store must not be left
+        except BaseException:  # an incomplete store must be removed, also after Ctrl-C
             shutil.rmtree(draft, ignore_errors=True)
             raise
     return Restored(manifest, into, len(manifest.blobs))
 
 
 @contextlib.contextmanager
-def _opened(source: Path, beside: Path, on_step: OnStep) -> Iterator[Path]:
-    """Yield the backup's folder; a tar file is first unpacked into a temporary folder."""
+def _opened(source: Path, parent_folder: Path, on_step: OnStep) -> Iterator[Path]:
+    """Yield the folder of a backup. A tar file is unpacked into a temporary folder in ``parent_folder``."""
     if source.is_dir():
         yield source
         return
     if not source.is_file():
-        raise NotFound("no such backup", got=str(source))
-    beside.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".gss-restore-", dir=beside) as folder:
+        raise NotFound("the backup does not exist", got=str(source))
+    parent_folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".gss-restore-", dir=parent_folder) as folder:
         on_step("Unpacking")
         yield _unpack(source, Path(folder))
 
 
 def _unpack(source: Path, folder: Path) -> Path:
     name = ""
-    most_bytes, free_bytes = MAX_UNPACKED * source.stat().st_size, shutil.disk_usage(folder).free - SPARE_BYTES
-    room_bytes = min(most_bytes, free_bytes)
+    max_bytes, free_bytes = MAX_UNPACKED * source.stat().st_size, shutil.disk_usage(folder).free - SPARE_BYTES
+    remaining_bytes = min(max_bytes, free_bytes)
     try:
         with tarfile.open(source, "r|*") as tar:
             for member in tar:
                 if member.issparse() or not member.isfile() or not MEMBER.fullmatch(member.name):
-                    raise CorruptData("not a backup", expected="files of a backup only", got=member.name[:100])
-                room_bytes -= member.size
-                if room_bytes < 0:
+                    raise CorruptData(
+                        "the file is not a backup", expected="only files of a backup", got=member.name[:100]
+                    )
+                remaining_bytes -= member.size
+                if remaining_bytes < 0:
                     raise BadInput(
                         "the backup is too large when it is unpacked",
-                        expected=f"at most {MAX_UNPACKED} times its file, and {SPARE_BYTES >> 20} MiB of disk to spare",
+                        expected=f"at most {MAX_UNPACKED} times its file size, and {SPARE_BYTES >> 20} MiB of free disk space",
                         got=f"{member.size} bytes more for {member.name[:100]}",
                         hint="restore into a folder on a larger disk"
-                        if free_bytes < most_bytes
-                        else "use another copy; GSS did not make this backup",
+                        if free_bytes < max_bytes
+                        else "use another copy, because GSS did not create this backup",
                     )
                 if not member.name.startswith(f"{POOL}/"):
                     name = name or member.name.split("/")[0]
@@ -155,7 +159,7 @@ def _unpack(source: Path, folder: Path) -> Path:
             hint="copy or download the backup again, and check the disk of the new folder",
         ) from error
     if not name:
-        raise CorruptData("not a backup", expected=MANIFEST, got=str(source))
+        raise CorruptData("the file is not a backup", expected=MANIFEST, got=str(source))
     return folder / name
 
 
@@ -189,7 +193,7 @@ def _fill(draft: Path, folder: Path, manifest: Manifest, pool: BlobStore, blobs_
 
 
 def _accept_log(url: str, now: Now, anchors: AnchorFile, name: str) -> None:
-    """Begin an anchor file: the rows after the backup are missing on purpose."""
+    """Begin a new anchor file, because the rows after the backup are missing intentionally."""
     database = Database(open_engine(url))
     try:
         AuditService(database, now, anchors).accept("restore", f"restored from backup {name}")
@@ -198,8 +202,8 @@ def _accept_log(url: str, now: Now, anchors: AnchorFile, name: str) -> None:
 
 
 def _make_ready(url: str, now: Now) -> None:
-    """Migrate to the newest schema, skip command ids that may have been used after the backup, and invalidate all sessions,
-    links and tokens, because revocations after the backup are unknown."""
+    """Migrate the database to the latest schema, skip command ids that may have been used after the backup, and
+    invalidate all sessions, links and tokens, because revocations after the backup are unknown."""
     migrate(url)
     database = Database(open_engine(url))
     try:

@@ -1,9 +1,9 @@
-"""Retention: what is removed, when, and in which order. Rows of frames, their solutions, commands, alarms, contacts and the
-audit log are always kept; pixels, raw telemetry packets, old events and the oldest raw captures can be removed.
+"""Retention: removes old data in a defined order. Rows of frames, their solutions, commands, alarms, contacts and the
+audit log are always kept. Pixels, telemetry packets, old events and the oldest raw captures can be removed.
 
-By default everything is kept, and nothing is removed until a policy is chosen. A removal runs as a job in small transactions,
-so that the line never waits for it, and continues after a crash where it stopped. It does not run while the server's clock is
-in doubt, and needs confirmation if it would remove an unusual share of the stored data.
+Nothing is removed until a user has set a policy. A removal runs as a job in small transactions, so that the line never
+waits for it. After a crash it continues from its checkpoint. It does not run while the server's clock is in doubt, and
+needs confirmation if it would remove an unusual share of the stored data.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ FIGURES = ("frames", "bytes", "packets", "thinned", "events")
 
 
 class RetentionService:
-    """Stores the policy, previews and removes. ``share``: removing a larger share of a kind needs confirmation."""
+    """Stores the policy, and previews and runs removals. ``share``: removing a larger share of a kind of data needs
+    confirmation."""
 
     def __init__(
         self,
@@ -72,11 +73,11 @@ class RetentionService:
             self._link.capture.keep_at_most(self.policy().captures_mb << 20)
 
     def policy(self) -> RetentionPolicy:
-        """Return the policy in force."""
+        """Return the active policy."""
         return stored_policy(self._database)
 
     def choose(self, policy: RetentionPolicy, *, user: str) -> RetentionPolicy:
-        """Set another policy, effective from the next run; for the size of captures at once."""
+        """Set another policy. It applies from the next run on; the limit for raw captures applies immediately."""
         with self._database.unit_of_work() as session:
             choices.write(session, CHOICE, policy.model_dump(), self._now(), user)
             choices.forget(session, WAITING)
@@ -87,7 +88,7 @@ class RetentionService:
         return policy
 
     def favourite(self, frame_id: int, favourite: bool) -> Frame:
-        """Mark a frame as favourite: its pixels are never removed. Raises NotFound."""
+        """Mark a frame as favourite, or unmark it. Pixels of a favourite are never removed. Raises NotFound."""
         with self._database.unit_of_work() as session:
             frames.get(session, frame_id)
             store.set_favourite(session, frame_id, favourite)
@@ -104,18 +105,18 @@ class RetentionService:
         return self._begin(user, confirmed)
 
     def run_daily(self) -> Job:
-        """Start a removal without confirmation; the job itself checks whether it is unusual."""
+        """Start a removal without confirmation. The job checks whether the removal is unusual."""
         return self._begin("gss, daily", None)
 
     def _begin(self, user: str, confirmed: ConfirmedRemoval | None) -> Job:
         return self._jobs.begin("retention", "retention", RemovalJob(self.policy(), confirmed, user=user))
 
     def _renewed(self, request: RemovalJob) -> RemovalJob:
-        """A policy that was withdrawn must not remove anything."""
+        """Return the request with the active policy, because a withdrawn policy must not remove anything."""
         return replace(request, policy=self.policy())
 
     def waiting(self) -> str:
-        """Why the last removal waits for confirmation; empty if it does not."""
+        """Return why the last removal waits for confirmation; "" if it does not wait."""
         return str(retention_choice(self._database, WAITING).get("text", ""))
 
     def capture_sizes(self) -> list[SizedFile]:
@@ -123,39 +124,40 @@ class RetentionService:
         return capture_sizes(self._link.capture.folder)
 
     def capture_bytes(self) -> int:
-        """Maximum total size of the raw captures in bytes."""
+        """Return the maximum total size of the raw captures in bytes."""
         return self._link.capture.retention.keep_bytes
 
     def preview(self, policy: RetentionPolicy, at: datetime | None = None) -> Removal:
-        """Return what a removal with ``policy`` would remove now, or as of ``at``; nothing is removed."""
+        """Return the amounts that a removal with ``policy`` would remove, as of ``at`` (default: now). Nothing is
+        removed."""
         at = at or self._now()
-        done = retention_choice(self._database, DONE).get("thinned_before")
-        thinned = datetime.fromisoformat(done) if done else None
-        going = list(self.going(policy, at))
-        packets, thin, events = (
-            _before(at, days) for days in (policy.telemetry_days, policy.telemetry_thin_days, policy.events_days)
+        thinned_text = retention_choice(self._database, DONE).get("thinned_before")
+        thinned = datetime.fromisoformat(thinned_text) if thinned_text else None
+        removable = list(self.going(policy, at))
+        packets, thin_before, events = (
+            _cutoff(at, days) for days in (policy.telemetry_days, policy.telemetry_thin_days, policy.events_days)
         )
         with self._database.unit_of_work() as session:
             since = max((m for m in (thinned, packets) if m), default=None)
             removal = Removal(
                 at=at,
-                frames=len(going),
-                frames_bytes=sum(p.size for p in going),
+                frames=len(removable),
+                frames_bytes=sum(p.size for p in removable),
                 packets=store.count_packets(session, packets) if packets else 0,
-                to_thin=store.count_packets(session, thin, since) if thin else 0,
+                to_thin=store.count_packets(session, thin_before, since) if thin_before else 0,
                 events=store.count_events(session, events) if events else 0,
             )
             amounts = store.amounts(session, recent(self.last_run(), at))
         return replace(removal, unusual=unusual(removal, amounts, self._share))
 
     def last_run(self) -> datetime | None:
-        """Return when the last removal ended; None without one."""
+        """Return the time of the last removal; None if there was none."""
         at = retention_choice(self._database, DONE).get("at")
         return datetime.fromisoformat(at) if at else None
 
     def removed_before(self) -> datetime | None:
-        """Return the time before which housekeeping may be thinned or removed, so that gaps have this cause; None if there
-        is none."""
+        """Return the time before which retention can have caused gaps in housekeeping; None if it has not removed or
+        thinned packets."""
         choice = retention_choice(self._database, DONE)
         moments = [datetime.fromisoformat(choice[k]) for k in ("packets_before", "thinned_before") if choice.get(k)]
         return max(moments, default=None)
@@ -163,32 +165,33 @@ class RetentionService:
     # --- removal ------------------------------------------------------------------------------------------------
 
     def work(self, request: RemovalJob, run: JobRun) -> JobResult:
-        """Run a removal. The lock excludes a concurrent backup, which must find the blobs that its rows reference."""
+        """Run a removal. The lock prevents a concurrent backup, which needs the blobs that its rows reference."""
         with named_lock(self._lock, "", wait=True):
             return self._remove(request, run)
 
     def _remove(self, request: RemovalJob, run: JobRun) -> JobResult:
-        """Remove step by step; the checkpoint holds the amounts removed and the blobs whose rows are already marked."""
+        """Remove data in steps. The checkpoint contains the removed amounts and the blobs whose rows are already
+        marked."""
         self._trust.require("retention")
         policy, confirmed = request.policy, request.confirmed
         progress = run.checkpoint or {"at": (confirmed.at if confirmed else self._now()).isoformat(), "pending": []}
         at = datetime.fromisoformat(progress["at"])
         self._check(policy, at, confirmed)
         removed: dict[str, int] = dict(progress.get("removed") or dict.fromkeys(FIGURES, 0))
-        self._drop(progress["pending"], removed)
-        self._pixels(policy, at, removed, run)
-        packets, thinned = _before(at, policy.telemetry_days), _before(at, policy.telemetry_thin_days)
+        self._delete_blobs(progress["pending"], removed)
+        self._remove_pixels(policy, at, removed, run)
+        packets, thinned = _cutoff(at, policy.telemetry_days), _cutoff(at, policy.telemetry_thin_days)
         with self._database.unit_of_work() as session:
             kinds = store.packet_kinds(session)
         for kind in kinds:
             if packets is not None:
-                self._batches(run, removed, "packets", at, partial(_packets_of, kind, packets))
+                self._batches(run, removed, "packets", at, partial(_remove_packets, kind, packets))
             if thinned is not None:
                 self._thin(run, removed, kind, at, thinned)
-        events = _before(at, policy.events_days)
+        events = _cutoff(at, policy.events_days)
         if events is not None:
-            self._batches(run, removed, "events", at, partial(_lines, events))
-        self._note(at, packets, thinned)
+            self._batches(run, removed, "events", at, partial(_remove_events, events))
+        self._store_run(at, packets, thinned)
         if any(removed.values()):
             packets_gone = removed["packets"] + removed["thinned"]
             amount = f"pixels of {removed['frames']} frames, {packets_gone} packets, {removed['events']} events"
@@ -196,7 +199,7 @@ class RetentionService:
         return {"removed": removed}
 
     def _check(self, policy: RetentionPolicy, at: datetime, confirmed: ConfirmedRemoval | None) -> None:
-        """Raise Conflict, and store the reason for the page and the alarm, if a person must confirm the removal first."""
+        """Raise Conflict if a user must confirm the removal first, and store the reason for the page and the alarm."""
         removal = self.preview(policy, at)
         try:
             check_confirmed(removal, confirmed, self._share)
@@ -205,35 +208,37 @@ class RetentionService:
                 choices.write(session, WAITING, {"text": removal.unusual}, self._now(), "gss")
             raise
 
-    def _pixels(self, policy: RetentionPolicy, at: datetime, removed: dict[str, int], run: JobRun) -> None:
-        going = list(self.going(policy, at))
-        for group in _groups(going):
-            run.progress(removed["frames"], len(going), f"Pixels of {removed['frames']} of {len(going)} frames")
+    def _remove_pixels(self, policy: RetentionPolicy, at: datetime, removed: dict[str, int], run: JobRun) -> None:
+        removable = list(self.going(policy, at))
+        for group in _groups(removable):
+            run.progress(removed["frames"], len(removable), f"Pixels of {removed['frames']} of {len(removable)} frames")
             keys = sorted({p.sha256 for p in group})
             removed["frames"] += len(group)
             with self._database.unit_of_work() as session:
                 store.remove_pixels(session, [p.frame_id for p in group], at)
-                # Rows first, blobs afterwards: a crash in between leaves unused blobs, never a row without its blob.
+                # Rows are changed before blobs are deleted, so that a crash leaves unused blobs, but never a row without its blob.
                 run.keep({"at": at.isoformat(), "pending": keys, "removed": removed}, session)
-            self._drop(keys, removed)
+            self._delete_blobs(keys, removed)
 
     def going(self, policy: RetentionPolicy, at: datetime) -> Iterator[store.Pixels]:
         """Yield the pixels that the policy removes, oldest first."""
         if not policy.frames_days and not policy.frames_gb:
             return
         with self._database.unit_of_work() as session:
-            used = store.used_by_studies(session)
-            stored = list(store.pixels_held(session))
+            used_ids = store.used_by_studies(session)
+            stored_pixels = list(store.pixels_held(session))
             total = store.pixel_bytes(session)[1]
-        old = _before(at, policy.frames_days)
-        for pixels in stored[: max(0, len(stored) - policy.keep_frames)]:
+        oldest_kept = _cutoff(at, policy.frames_days)
+        for pixels in stored_pixels[: max(0, len(stored_pixels) - policy.keep_frames)]:
             too_many = bool(policy.frames_gb) and total > policy.frames_gb * 1e9
-            if pixels.frame_id not in used and (too_many or (old is not None and pixels.received < old)):
+            if pixels.frame_id not in used_ids and (
+                too_many or (oldest_kept is not None and pixels.received < oldest_kept)
+            ):
                 total -= pixels.size
                 yield pixels
 
-    def _drop(self, keys: list[str], removed: dict[str, int]) -> None:
-        """Delete blobs that no row needs any more."""
+    def _delete_blobs(self, keys: list[str], removed: dict[str, int]) -> None:
+        """Delete the blobs that no row references."""
         with self._database.unit_of_work() as session:
             needed = store.still_needed(session, keys)
         for key in keys:
@@ -264,26 +269,26 @@ class RetentionService:
             if reached is None:
                 return
 
-    def _note(self, at: datetime, packets: datetime | None, thinned: datetime | None) -> None:
-        old = retention_choice(self._database, DONE)
-        value = old | {"at": at.isoformat()}
+    def _store_run(self, at: datetime, packets: datetime | None, thinned: datetime | None) -> None:
+        previous = retention_choice(self._database, DONE)
+        value = previous | {"at": at.isoformat()}
         for name, moment in (("packets_before", packets), ("thinned_before", thinned)):
             if moment is not None:
-                value[name] = max(old.get(name) or "", moment.isoformat())
+                value[name] = max(previous.get(name) or "", moment.isoformat())
         with self._database.unit_of_work() as session:
             choices.write(session, DONE, value, self._now(), "gss")
             choices.forget(session, WAITING)
 
 
-def _packets_of(kind: str, before: datetime, session: Any) -> int:
+def _remove_packets(kind: str, before: datetime, session: Any) -> int:
     return store.remove_packets(session, kind, before)
 
 
-def _lines(before: datetime, session: Any) -> int:
+def _remove_events(before: datetime, session: Any) -> int:
     return store.remove_events(session, before)
 
 
-def _before(at: datetime, days: float) -> datetime | None:
+def _cutoff(at: datetime, days: float) -> datetime | None:
     return at - days * DAY if days else None
 
 

@@ -1,4 +1,4 @@
-"""What retention keeps, as chosen, and the request of a removal."""
+"""The retention policy and the request of a removal."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class RetentionPolicy(Request):
     def _check_order(self) -> Self:
         if 0 < self.telemetry_days <= self.telemetry_thin_days:
             raise BadInput(
-                "packets would be deleted before they are thinned",
+                "packets would be deleted before they can be thinned",
                 expected=f"thinning before {self.telemetry_days:g} days",
                 got=f"{self.telemetry_thin_days:g} days",
             )
@@ -60,7 +60,7 @@ class RetentionPolicy(Request):
 
 @dataclass(frozen=True)
 class RemovalJob(JobRequest):
-    """A removal. ``confirmed``: what a person confirmed, for this job only."""
+    """Request of a removal. ``confirmed``: confirmation by a user, valid only for this job."""
 
     policy: RetentionPolicy
     confirmed: ConfirmedRemoval | None = None
@@ -78,6 +78,6 @@ def stored_policy(database: Database) -> RetentionPolicy:
 
 
 def retention_choice(database: Database, name: str) -> JsonObject:
-    """Return the stored values of that name; empty without any."""
+    """Return the stored values of a name; empty if none are stored."""
     with database.unit_of_work() as session:
         return next((dict(row.value) for row in choices.read(session, name) if row.name == name), {})

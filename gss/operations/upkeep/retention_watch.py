@@ -1,4 +1,4 @@
-"""Starts removals once a day, and raises the alarms of retention: the clock is in doubt, or a removal waits for confirmation."""
+"""Starts a removal once a day, and raises alarms if the clock is in doubt or a removal waits for confirmation."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ REMOVAL: Key = (STORE, "retention")
 
 
 class RetentionWatch:
-    """Advances the trusted time, and raises and ends the two alarms."""
+    """Advances the trusted time, and raises and ends the alarms of retention."""
 
     def __init__(self, trust: ClockTrust, retention: RetentionService, alarms: AlarmService) -> None:
         self._trust, self._retention, self._alarms = trust, retention, alarms
 
     def tick(self) -> None:
-        """Update both alarms; called about once a second."""
+        """Update both alarms. Called about once a second."""
         clock_state = self._trust.tick()
         days = 0.0 if clock_state.trusted is None else round((clock_state.now - clock_state.trusted) / DAY, 2)
         text = f"Server clock: {clock_state.doubt}; retention is paused, nothing is deleted: {HINT}"
@@ -32,22 +32,22 @@ class RetentionWatch:
         self._alarms.watch(CLOCK, State.WARNING if clock_state.doubt else State.OK, days, text, limit)
         waiting = self._retention.waiting()
         text = (
-            f"Retention would remove {waiting}: nothing was removed; check the preview and confirm it (Admin, Storage)"
+            f"Retention would remove {waiting}. Nothing was removed. Check the preview and confirm it (Admin, Storage)."
         )
         limit = f"waits for confirmation: would remove {waiting}" if waiting else ""
         self._alarms.watch(REMOVAL, State.WARNING if waiting else State.OK, 1.0 if waiting else 0.0, text, limit)
 
 
 class DailyRetention:
-    """Starts a removal once a day; not within an hour of a start or a jump of the clock, and not while the clock is in
-    doubt."""
+    """Starts a removal once a day, except within an hour after the server's start or a jump of the clock, and while the
+    clock is in doubt."""
 
     def __init__(self, retention: RetentionService, clocks: ClockWatch, trust: ClockTrust, now: Now) -> None:
         self._retention, self._clocks, self._trust, self._now = retention, clocks, trust, now
         self._next: datetime | None = None
 
     def tick(self) -> None:
-        """Start a removal if it is due; called about once a second."""
+        """Start a removal if it is due. Called about once a second."""
         now = self._now()
         if self._next is None:
             last = self._retention.last_run()

@@ -1,4 +1,4 @@
-"""The overall state in one record, published to all browsers once a second for the header bar."""
+"""Publishes the overall state to all browsers once a second, for the header bar."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ TICK_S = 1.0
 UP_WITHIN_S = 3.0
 NOISY_ABOVE = 0.005
 ERROR_WINDOW_S = 60
-Found = dict[str, tuple[str, str]]
+Conditions = dict[str, tuple[str, str]]
 ORDER = {"ok": 0, "unknown": 1, "watch": 2, "warning": 3, "critical": 4}
 
 
 @dataclass(frozen=True)
 class DirectionState:
-    """One direction of the line: up, noisy or down, and the share of damaged packets in the last minute."""
+    """State of one direction of the line. ``state``: up, noisy or down; ``error_rate``: share of damaged packets in the
+    last minute."""
 
     state: str
     age_s: float | None
@@ -45,7 +46,7 @@ class DirectionState:
 
 @dataclass(frozen=True)
 class StatusAlarm:
-    """A condition that needs attention, and its start."""
+    """A condition that needs attention. ``since``: its start."""
 
     id: str
     level: str
@@ -70,7 +71,7 @@ class Header:
     rx: DirectionState
     mode: str | None
     cycle_running: bool | None
-    """None while not reported."""
+    """None if it is not reported."""
     attitude: ReportedAttitude | None
     attitudes: list[AttitudeSample]
     next_pass: NextPass
@@ -86,7 +87,7 @@ class Header:
 
 
 class StatusService:
-    """Publishes the state of link and banks once a second, after calling each of ``tickers``."""
+    """Publishes the header once a second, after it has called each function in ``tickers``."""
 
     def __init__(
         self,
@@ -136,7 +137,7 @@ class StatusService:
         self._bus.publish("link", self.header())
 
     def header(self) -> Header:
-        """Return the current state."""
+        """Return the current content of the header bar."""
         hello, status = self._link.last_hello, self._link.status()
         device_hash = self._link.session.device_dictionary_hash
         match = None if device_hash is None else self._link.dictionary.describes(bytes.fromhex(device_hash))
@@ -180,8 +181,8 @@ class StatusService:
         self._counts.append((now_s, received.good, received.bad))
         while self._counts[0][0] < now_s - ERROR_WINDOW_S:
             self._counts.popleft()
-        good, bad = received.good - self._counts[0][1], received.bad - self._counts[0][2]
-        rate = bad / (good + bad) if good + bad else 0.0
+        good_count, bad_count = received.good - self._counts[0][1], received.bad - self._counts[0][2]
+        rate = bad_count / (good_count + bad_count) if good_count + bad_count else 0.0
         age_s = None if counters.last_good_s is None else max(0.0, now_s - counters.last_good_s)
         alive = self._link.connected and age_s is not None and age_s < UP_WITHIN_S
         rx_state = "down" if not alive else "noisy" if rate > NOISY_ABOVE else "up"
@@ -201,8 +202,8 @@ class StatusService:
         alarms += self._latched_alarms("silent" in conditions)
         return sorted(alarms, key=lambda a: (-ORDER[a.level], a.since))
 
-    def _line_alarms(self, rx: DirectionState, match: bool | None) -> Found:
-        conditions: Found = {}
+    def _line_alarms(self, rx: DirectionState, match: bool | None) -> Conditions:
+        conditions: Conditions = {}
         if not self._link.connected:
             conditions["line"] = ("warning", f"Line down: {self._link.reason}")
         elif rx.state == "down":
@@ -214,7 +215,8 @@ class StatusService:
         return conditions
 
     def _latched_alarms(self, silent: bool) -> list[StatusAlarm]:
-        """Return open alarms that are not shelved; a silent line is reported only once."""
+        """Return the open alarms that are not shelved. If ``silent``, omit the loss of signal, which is already
+        reported."""
         views = [v for v in self._latched.opened() if not v.shelved]
         return [
             StatusAlarm(f"alarm-{v.row.id}", v.row.worst, v.text, v.row.raised)
@@ -222,8 +224,8 @@ class StatusService:
             if not (silent and (v.row.packet, v.row.field) == SIGNAL)
         ]
 
-    def _bank_alarms(self) -> Found:
-        conditions: Found = {}
+    def _bank_alarms(self) -> Conditions:
+        conditions: Conditions = {}
         left_s = self._link.status().get("confirm_left_s", 0)
         if isinstance(left_s, int | float) and left_s > 0:
             conditions["confirm"] = ("warning", f"New bank unconfirmed, reverts in {left_s:.0f} s")

@@ -1,4 +1,4 @@
-"""Stores views of the console: a page with its state in the address, shared by link, with an owner and versions."""
+"""Stores shared views: pages of the console with their state in the address, each with an owner and versions."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ MAX_PATH_LENGTH = 4000
 
 
 class ViewRequest(Request):
-    """View to store. ``path``: address of a page within the unit, with its query; ``open``: every user with the permission may
-    change it."""
+    """View to store. ``path``: address of a page within the unit, with its query; ``open``: every user with the
+    permission may change it."""
 
     name: str = Field(min_length=1, max_length=80)
     path: str = Field(min_length=1, max_length=MAX_PATH_LENGTH)
@@ -30,14 +30,15 @@ class ViewRequest(Request):
 
 @dataclass(frozen=True)
 class ViewDetail:
-    """A view and its versions, newest first."""
+    """A view and its versions, latest version first."""
 
     row: SharedView
     versions: Sequence[SharedViewVersion]
 
 
 class SharedViews:
-    """Stores shared views. ``manages`` in its methods: true if the user may change the views of others."""
+    """Stores shared views. ``manages``, a parameter of its methods, is true if the user may change the views of other
+    users."""
 
     def __init__(self, database: Database, now: Now) -> None:
         self._database, self._now = database, now
@@ -66,8 +67,8 @@ class SharedViews:
         return row
 
     def change(self, view_id: int, version: int, content: ViewRequest, *, user: str, manages: bool) -> SharedView:
-        """Store a new version of a view. ``version``: the one that the user saw. Raises NotFound, NotPermitted, BadInput, and
-        Conflict if another user has changed the view since."""
+        """Store a new version of a view. ``version``: the one that the user saw. Raises NotFound, NotPermitted,
+        BadInput, and Conflict if another user has changed the view since."""
         checked = _checked(content)
         with self._database.unit_of_work() as session:
             row = store.get(session, view_id, lock=True)
@@ -77,7 +78,7 @@ class SharedViews:
                     "The view has changed since you opened it",
                     expected=f"version {row.version}, of {row.user}",
                     got=f"version {version}",
-                    hint="Open the newest version and change that one.",
+                    hint="Open the latest version and change it.",
                 )
             if checked.open != row.open and row.owner != user and not manages:
                 raise NotPermitted("Only the owner chooses who may change a view", expected=row.owner, got=user)
@@ -105,8 +106,14 @@ def _checked(content: ViewRequest) -> ViewRequest:
     name, path = " ".join(content.name.split()), content.path
     if not name or not name.isprintable():
         raise BadInput("The view has no usable name", expected="printable characters", got=content.name[:40])
-    inside = path.startswith("/") and not path.startswith(("//", "/\\", "/api/", "/views"))
-    if not inside or len(path) > MAX_PATH_LENGTH or not path.isascii() or not path.isprintable() or " " in path:
+    is_console_path = path.startswith("/") and not path.startswith(("//", "/\\", "/api/", "/views"))
+    if (
+        not is_console_path
+        or len(path) > MAX_PATH_LENGTH
+        or not path.isascii()
+        or not path.isprintable()
+        or " " in path
+    ):
         raise BadInput(
             "The address is not a page of the console", expected="for example /telemetry?plot=…", got=path[:80]
         )
