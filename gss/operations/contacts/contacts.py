@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from gss.device.session_events import DirectionCounters, LinkCounters
-from gss.domain.errors import Busy, NotFound
+from gss.domain.errors import NotFound
 from gss.operations.clock import Now
 from gss.operations.contacts.gaps import (
     CLOCK_JUMPED,
@@ -28,6 +26,7 @@ from gss.operations.contacts.gaps import (
     check_record,
     why_silent,
 )
+from gss.operations.contacts.read_limit import ReadLimit
 from gss.operations.events import EventBus
 from gss.operations.line.capture_files import PACKED, capture_files, capture_sizes, plain_name
 from gss.operations.line.line_events import LineBatch
@@ -46,7 +45,6 @@ SILENT_AFTER_S = 3.0
 STORE_EVERY_S = 10.0
 MAX_LISTED = 500
 """Maximum number of frames, commands and transfers of a contact in one response. Separate pages list all of them."""
-MAX_READERS, READ_WAIT_S = 2, 15.0
 JUMPS_WITHIN = timedelta(days=2)
 T = TypeVar("T")
 BY_US = ("closed by the operator", "the port was changed")
@@ -122,7 +120,7 @@ class ContactService:
         self.captures, self._now = captures, now
         self._stored_counters: tuple[int | None, float, dict[str, object]] = (None, 0.0, {})
         self._removed_before = removed_before
-        self._readers = threading.BoundedSemaphore(MAX_READERS)
+        self._limit = ReadLimit()
 
     def handle(self, batch: LineBatch) -> None:
         """Store the line counters: immediately if an error counter or the silent flag changed, otherwise every
@@ -180,7 +178,7 @@ class ContactService:
 
     def detail(self, contact_id: int) -> ContactDetail:
         """Return all data of a contact. Raises NotFound if the contact does not exist, and Busy."""
-        with self._reading():
+        with self._limit.reading():
             return self._detail(contact_id)
 
     def _detail(self, contact_id: int) -> ContactDetail:
@@ -285,24 +283,9 @@ class ContactService:
             happenings.append(Happening(end.timestamp(), LINE_LOST, cause))
         return happenings
 
-    @contextmanager
-    def _reading(self) -> Iterator[None]:
-        """Let a few requests read whole contacts at the same time: a long one takes seconds and much memory."""
-        if not self._readers.acquire(timeout=READ_WAIT_S):
-            raise Busy(
-                "too many requests read contacts at the same time",
-                expected=f"at most {MAX_READERS}",
-                hint="Try again.",
-                retry_after_s=READ_WAIT_S,
-            )
-        try:
-            yield
-        finally:
-            self._readers.release()
-
     def record(self, contact_id: int) -> RecordCheck:
         """Check the completeness of a contact's housekeeping record. Raises NotFound, Busy."""
-        with self._reading():
+        with self._limit.reading():
             return self._record(contact_id)
 
     def _record(self, contact_id: int) -> RecordCheck:

@@ -8,9 +8,9 @@ from sqlalchemy import insert
 from gss.device.simulator.faults import FaultRates, LineFaults
 from gss.domain.errors import Busy, NotFound
 from gss.instruments.registry import shipped_version
-from gss.operations.contacts import contacts
 from gss.operations.contacts.contact_report import contact_report
 from gss.operations.contacts.contacts import MAX_LISTED
+from gss.operations.contacts.read_limit import ReadLimit
 from gss.operations.line.capture_files import capture_files
 from gss.operations.line.raw_capture import Retention, read_captures
 from gss.store.models import Command
@@ -176,17 +176,14 @@ def test_a_lost_line_ends_the_contact_and_is_the_cause(station):
     assert station.contacts.detail(first).row.ended is not None
 
 
-def test_a_third_read_of_a_whole_contact_waits(station, monkeypatch):
-    """A long contact takes much memory: two requests read at the same time, another is busy after its wait, and goes on when one
-    of them has ended."""
-    contact_id = station.open()
-    station.close()
-    monkeypatch.setattr(contacts, "READ_WAIT_S", 0.05)
-    with station.contacts._reading():
-        station.contacts.detail(contact_id)
-        with station.contacts._reading(), pytest.raises(Busy, match="too many requests read contacts"):
-            station.contacts.record(contact_id)
-        assert station.contacts.record(contact_id).unexplained == ()
+def test_a_third_read_of_a_whole_contact_waits():
+    """Two requests read at the same time, another gets Busy after its wait, and can read when one of them has ended."""
+    limit = ReadLimit(2, wait_s=0.05)
+    with limit.reading():
+        with limit.reading(), pytest.raises(Busy, match="Too many requests read contacts"), limit.reading():
+            pytest.fail("a third reader")
+        with limit.reading():
+            pass
 
 
 def test_capture_rotates_without_losing_a_byte(make_station):

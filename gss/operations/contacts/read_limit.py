@@ -1,0 +1,32 @@
+"""Limits the number of requests that read whole contacts at the same time: a long contact takes seconds and much memory."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from gss.domain.errors import Busy
+
+
+class ReadLimit:
+    """Lets up to ``most`` threads read at the same time; another one waits up to ``wait_s`` seconds."""
+
+    def __init__(self, most: int = 2, wait_s: float = 15.0) -> None:
+        self._most, self._wait_s = most, wait_s
+        self._readers = threading.BoundedSemaphore(most)
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Count the calling thread as a reader within the block. Raises Busy after the wait."""
+        if not self._readers.acquire(timeout=self._wait_s):
+            raise Busy(
+                "Too many requests read contacts at the same time",
+                expected=f"at most {self._most}",
+                hint="Try again.",
+                retry_after_s=self._wait_s,
+            )
+        try:
+            yield
+        finally:
+            self._readers.release()
