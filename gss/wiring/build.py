@@ -86,7 +86,7 @@ def build(
         instruments=InstrumentService(base.instruments, base.unit, base.database, base.parsing, line.link, base.bus),
         passes=passes,
         heads=open_heads(base, telemetry),
-        recordings=open_recordings(base, frames, passes),
+        recordings=open_recordings(base, line, frames, passes),
         studies=open_studies(base, transfers, frames, contacts, passes),
         notifications=NotificationService(
             read_rules(settings.notifications),

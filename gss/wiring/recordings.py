@@ -10,6 +10,7 @@ from gss.operations.recordings.scope import Scopes
 from gss.operations.recordings.stored import Recordings
 from gss.wiring.base import BaseServices
 from gss.wiring.frames import Frames
+from gss.wiring.line import Line
 from gss.wiring.passes import Passes
 
 
@@ -23,9 +24,9 @@ class RecordingsRoom:
     viewer: RerunViewer
 
 
-def open_recordings(base: BaseServices, frames: Frames, passes: Passes) -> RecordingsRoom:
+def open_recordings(base: BaseServices, line: Line, frames: Frames, passes: Passes) -> RecordingsRoom:
     """Create the recording services."""
-    stored = Recordings(base.database, frames.frames, base.stars, passes.place.at)
+    stored = Recordings(base.database, frames.frames, base.stars, passes.place.at, line.link.roles.quantities.status)
     return RecordingsRoom(
         stored,
         LiveRecordings(stored, base.database, base.bus, base.clock.now),

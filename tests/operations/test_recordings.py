@@ -59,7 +59,7 @@ def test_a_sequence_contains_pictures_telemetry_and_sky_on_both_timelines(servic
     """Frames by number and by UTC; the catalogue's stars are static."""
     scope = services.recordings.scopes.of_frames([1, 2, 3])
     found = entities(services.recordings.stored.write(scope), tmp_path)
-    assert {"camera/image", "sky/stars", "telemetry/sensor_temperature_c", "states/mode", "states/link"} <= set(found)
+    assert {"camera/image", "sky/stars", "telemetry/sensor_temperature", "states/mode", "states/link"} <= set(found)
     assert found[""] == {"frame", "utc"}
     assert scope.start < START < scope.end
 

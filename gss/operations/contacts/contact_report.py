@@ -7,19 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 
+from gss.instruments.telemetry_roles import AttitudeRole, Quantities
 from gss.operations.contacts.contacts import ContactDetail, ContactService
 from gss.operations.contacts.gaps import Count, RecordCheck
 from gss.operations.telemetry.archive import Archive, TelemetrySeries
 from gss.store import telemetry as store
 from gss.store.engine import Database
 
-PLOTTED = (
-    "housekeeping.stars_matched",
-    "attitude.sigma_cross_arcsec",
-    "housekeeping.rate_deg_s",
-    "housekeeping.sensor_temperature_c",
-)
 POINTS = 400
+ATTITUDE = ("outcome", "sigma_cross_arcsec", "ra_deg", "dec_deg", "roll_deg")
+"""Quantities of the attitude packet that the report summarises."""
 
 
 @dataclass(frozen=True)
@@ -58,31 +55,47 @@ def contact_report(contacts: ContactService, archive: Archive, database: Databas
     start, end = detail.row.started, max(detail.end, detail.row.started + timedelta(seconds=1))
     return ContactReport(
         detail,
-        _attitude(database, detail),
+        _attitude(database, detail, contacts.quantities.attitude),
         contacts.record(contact_id),
-        archive.history(PLOTTED, start, end, POINTS),
+        archive.history(plotted_fields(contacts.quantities), start, end, POINTS),
         quality(contacts.counts(contact_id)),
         sum(detail.packets.values()),
         detail.frame_bytes,
     )
 
 
-def _attitude(database: Database, detail: ContactDetail) -> AttitudeSummary:
-    names = ("outcome", "sigma_cross_arcsec", "ra_deg", "dec_deg", "roll_deg")
-    rows = store.rows(database, "attitude", names, detail.row.started, detail.end, contact_id=detail.row.id)
+def plotted_fields(quantities: Quantities) -> list[str]:
+    """Return ``packet.field`` of the quantities that the report plots, without those that the sensor does not report."""
+    status, attitude = quantities.status, quantities.attitude
+    fields = (
+        (status.packet, status.stars_matched),
+        (attitude.packet, attitude.sigma_cross_arcsec),
+        (status.packet, status.rate_deg_s),
+        (status.packet, status.sensor_temperature),
+    )
+    return [f"{packet}.{field}" for packet, field in fields if packet and field]
+
+
+def _attitude(database: Database, detail: ContactDetail, role: AttitudeRole) -> AttitudeSummary:
+    """Summarise the attitude packets. A sensor that reports no outcome sends a packet for each solved frame."""
+    fields = {quantity: name for quantity, name in role.fields().items() if quantity in ATTITUDE}
+    names, started = tuple(fields.values()), detail.row.started
+    rows = store.rows(database, role.packet, names, started, detail.end, contact_id=detail.row.id) if names else ()
     iterations = solved = 0
     sigmas: list[float] = []
     pointings: list[tuple[float, float, float]] = []
     for row in rows:
-        outcome, sigma, *angles = row.values
+        values = dict(zip(fields, row.values, strict=True))
+        outcome, sigma, *angles = (values.get(quantity) for quantity in ATTITUDE)
         iterations += 1
-        if outcome != "solved":
+        if "outcome" in fields and outcome != "solved":
             continue
         solved += 1
         if sigma is not None:
             sigmas.append(float(sigma))
-        if None not in angles:
-            pointings[1:] = [(float(angles[0]), float(angles[1]), float(angles[2]))]
+        ra_deg, dec_deg, roll_deg = angles
+        if ra_deg is not None and dec_deg is not None and roll_deg is not None:
+            pointings[1:] = [(float(ra_deg), float(dec_deg), float(roll_deg))]
     median = statistics.median(sigmas) if sigmas else None
     first, last = (pointings[0], pointings[-1]) if pointings else (None, None)
     return AttitudeSummary(iterations, solved, median, first, last)

@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from gss.device.session_events import DirectionCounters, LinkCounters
 from gss.domain.errors import NotFound
+from gss.instruments.telemetry_roles import Quantities
 from gss.operations.clock import Now
 from gss.operations.contacts.gaps import (
     CLOCK_JUMPED,
@@ -121,6 +122,11 @@ class ContactService:
         self._stored_counters: tuple[int | None, float, dict[str, object]] = (None, 0.0, {})
         self._removed_before = removed_before
         self._limit = ReadLimit()
+
+    @property
+    def quantities(self) -> Quantities:
+        """Standard quantities of the sensor."""
+        return self._link.roles.quantities
 
     def handle(self, batch: LineBatch) -> None:
         """Store the line counters: immediately if an error counter or the silent flag changed, otherwise every

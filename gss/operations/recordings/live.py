@@ -13,7 +13,7 @@ from gss.operations.clock import Now
 from gss.operations.events import EventBus, Message, Subscription
 from gss.operations.recordings.blueprints import Use
 from gss.operations.recordings.recorder import Recorder
-from gss.operations.recordings.stored import READ, Recordings
+from gss.operations.recordings.stored import Recordings, recorded_fields
 from gss.store import frames
 from gss.store.engine import Database
 
@@ -74,10 +74,12 @@ class LiveRecording:
         elif message.topic == "command" and payload.row.finished is not None:
             self._recorder.command(payload.row)
         elif message.topic == "telemetry":
+            status = self._recordings.status
             current_values = {
-                v.name.rpartition(".")[2]: v.value for v in payload if v.packet == "housekeeping" and v.state != "stale"
+                v.name.rpartition(".")[2]: v.value for v in payload if v.packet == status.packet and v.state != "stale"
             }
-            self._recorder.telemetry(self._now(), {n: current_values[n] for n in READ if n in current_values})
+            values = {q: current_values[name] for q, name in recorded_fields(status).items() if name in current_values}
+            self._recorder.telemetry(self._now(), values)
 
 
 class LiveRecordings:

@@ -75,7 +75,7 @@ class Recorder:
         self._figures(detail)
 
     def telemetry(self, received: datetime, values: Mapping[str, Any]) -> None:
-        """Add the numbers and states of one packet."""
+        """Add the numbers and states of one packet, by standard quantity."""
         self._lanes.telemetry(received, values)
         self._at(received)
         for name, value in values.items():

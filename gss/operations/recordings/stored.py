@@ -8,6 +8,7 @@ from functools import partial
 from heapq import merge
 
 from gss.domain.stars import StarTable
+from gss.instruments.telemetry_roles import Status
 from gss.operations.frames.frames import FrameService
 from gss.operations.recordings.blueprints import Use
 from gss.operations.recordings.lanes import LANES
@@ -24,10 +25,10 @@ MAX_PACKETS = 3600
 MAX_SPAN = timedelta(days=2)
 """Longest time span with telemetry and log. A longer recording contains only the frames, unless it is of a contact."""
 PLOTTED = (
-    "sensor_temperature_c",
-    "processor_temperature_c",
-    "current_imager_ma",
-    "supply_3v3_v",
+    "sensor_temperature",
+    "processor_temperature",
+    "imager_current",
+    "supply_voltage",
     "background_dn",
     "match_confidence",
     "stars_matched",
@@ -36,15 +37,24 @@ PLOTTED = (
     "sigma_cross_arcsec",
     "rate_deg_s",
 )
-READ = (*PLOTTED, *LANES)
+RECORDED = (*PLOTTED, *LANES)
+"""Standard quantities of the sensor's status in a recording."""
 Step = tuple[datetime, int, Callable[[], None]]
+
+
+def recorded_fields(status: Status) -> dict[str, str]:
+    """Return the field names of the status packet by recorded quantity, without those that the sensor does not report."""
+    return {quantity: name for quantity, name in status.fields().items() if quantity in RECORDED}
 
 
 class Recordings:
     """Creates recordings of stored data."""
 
-    def __init__(self, database: Database, frame_service: FrameService, stars: StarTable, place_at: PlaceAt) -> None:
+    def __init__(
+        self, database: Database, frame_service: FrameService, stars: StarTable, place_at: PlaceAt, status: Status
+    ) -> None:
         self._database, self._frames, self._stars, self._place_at = database, frame_service, stars, place_at
+        self.status = status
 
     def recorder(self, name: str, use: Use) -> Recorder:
         """Return an empty recorder with layout and sky."""
@@ -77,8 +87,10 @@ class Recordings:
             command_rows = commands.page(session, commands.Filter(start=scope.start, end=scope.end), MAX_LINES)
         steps: list[Step] = [(e.at, 2, partial(recorder.event, e)) for e in event_rows]
         steps += [(c.finished or c.created, 1, partial(recorder.command, c)) for c in command_rows]
-        rows = list(telemetry.rows(self._database, "housekeeping", READ, scope.start, scope.end))
+        fields = recorded_fields(self.status)
+        names = tuple(fields.values())
+        rows = list(telemetry.rows(self._database, self.status.packet, names, scope.start, scope.end)) if names else []
         for row in rows[:: -(-len(rows) // MAX_PACKETS) or 1]:
-            values = dict(zip(READ, row.values, strict=True))
+            values = dict(zip(fields, row.values, strict=True))
             steps.append((row.received, 3, partial(recorder.telemetry, row.received, values)))
         yield from sorted(steps, key=lambda s: s[:2])
