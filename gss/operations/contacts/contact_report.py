@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 
+import numpy as np
+
+from gss.domain.frames import ra_dec_roll_rad
+from gss.domain.rotation import matrix_from_quaternion
+from gss.instruments.dictionary.definitions import Value
 from gss.instruments.telemetry_roles import AttitudeRole, Quantities
 from gss.operations.contacts.contacts import ContactDetail, ContactService
 from gss.operations.contacts.gaps import Count, RecordCheck
 from gss.operations.telemetry.archive import Archive, TelemetrySeries
+from gss.operations.telemetry.last_attitude import SOLVED
 from gss.store import telemetry as store
 from gss.store.engine import Database
 
 POINTS = 400
-ATTITUDE = ("outcome", "sigma_cross_arcsec", "ra_deg", "dec_deg", "roll_deg")
-"""Quantities of the attitude packet that the report summarises."""
 
 
 @dataclass(frozen=True)
@@ -77,28 +82,39 @@ def plotted_fields(quantities: Quantities) -> list[str]:
 
 
 def _attitude(database: Database, detail: ContactDetail, role: AttitudeRole) -> AttitudeSummary:
-    """Summarise the attitude packets. A sensor that reports no outcome sends a packet for each solved frame."""
-    fields = {quantity: name for quantity, name in role.fields().items() if quantity in ATTITUDE}
-    names, started = tuple(fields.values()), detail.row.started
+    names, started = tuple(dict.fromkeys(role.fields().values())), detail.row.started
     rows = store.rows(database, role.packet, names, started, detail.end, contact_id=detail.row.id) if names else ()
     iterations = solved = 0
     sigmas: list[float] = []
     pointings: list[tuple[float, float, float]] = []
     for row in rows:
-        values = dict(zip(fields, row.values, strict=True))
-        outcome, sigma, *angles = (values.get(quantity) for quantity in ATTITUDE)
+        values = role.read(dict(zip(names, row.values, strict=True)))
         iterations += 1
-        if "outcome" in fields and outcome != "solved":
+        if str(values.get("outcome", SOLVED)) != SOLVED:
             continue
         solved += 1
-        if sigma is not None:
+        sigma, pointing = values.get("sigma_cross_arcsec"), _pointing_deg(values)
+        if isinstance(sigma, int | float):
             sigmas.append(float(sigma))
-        ra_deg, dec_deg, roll_deg = angles
-        if ra_deg is not None and dec_deg is not None and roll_deg is not None:
-            pointings[1:] = [(float(ra_deg), float(dec_deg), float(roll_deg))]
+        if pointing is not None:
+            pointings[1:] = [pointing]
     median = statistics.median(sigmas) if sigmas else None
     first, last = (pointings[0], pointings[-1]) if pointings else (None, None)
     return AttitudeSummary(iterations, solved, median, first, last)
+
+
+def _pointing_deg(values: Mapping[str, Value]) -> tuple[float, float, float] | None:
+    """Return (ra, dec, roll) as reported, otherwise from the quaternion; None without either."""
+    angles = [values.get(name) for name in ("ra_deg", "dec_deg", "roll_deg")]
+    ra_deg, dec_deg, roll_deg = (float(v) if isinstance(v, int | float) else math.nan for v in angles)
+    if math.isfinite(ra_deg + dec_deg + roll_deg):
+        return ra_deg, dec_deg, roll_deg
+    components = [values.get(f"quaternion_{axis}") for axis in "xyzw"]
+    quaternion = np.array([float(c) if isinstance(c, int | float) else math.nan for c in components])
+    if not np.linalg.norm(quaternion) > 0:
+        return None
+    ra_rad, dec_rad, roll_rad = ra_dec_roll_rad(matrix_from_quaternion(quaternion))
+    return math.degrees(ra_rad), math.degrees(dec_rad), math.degrees(roll_rad)
 
 
 def quality(counts: Sequence[Count]) -> list[tuple[float, float]]:

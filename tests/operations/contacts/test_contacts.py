@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from sqlalchemy import insert
 
 from gss.device.simulator.faults import FaultRates, LineFaults
 from gss.domain.errors import Busy, NotFound
-from gss.instruments.registry import shipped_version
-from gss.operations.contacts.contact_report import contact_report
+from gss.instruments.registry import shipped_registry, shipped_version
+from gss.operations.contacts.contact_report import _attitude, contact_report
 from gss.operations.contacts.contacts import MAX_LISTED
 from gss.operations.contacts.read_limit import ReadLimit
 from gss.operations.line.capture_files import capture_files
 from gss.operations.line.raw_capture import Retention, read_captures
-from gss.store.models import Command
+from gss.store.models import Command, TelemetryPacket
 
 
 def test_a_contact_has_times_counters_packets_and_captures(station):
@@ -229,6 +230,36 @@ def test_the_report_counts_iterations_and_plots_their_series(station):
     assert report.telemetry_packets == sum(report.detail.packets.values())
     assert {s.key for s in report.series} >= {"housekeeping.stars_matched", "attitude.sigma_cross_arcsec"}
     assert all(share == 0 for _, share in report.quality)
+
+
+@pytest.mark.parametrize("name", ["nos3", "sagitta", "oresat"])
+def test_the_report_summarises_the_attitude_of_a_foreign_sensor(station, name):
+    """The sensor's own field names are mapped to standard quantities; the pointing comes from the quaternion if the sensor
+    reports no angles."""
+    contact_id = station.open()
+    station.listen(2)
+    station.close()
+    detail = station.contacts.detail(contact_id)
+    role = shipped_registry().get(name).roles.quantities.attitude
+    values = dict.fromkeys(role.fields().values(), 0.5) | {role.ra_deg: 90.0, role.dec_deg: 0.0, role.roll_deg: 0.0}
+    with station.database.unit_of_work() as session:
+        for outcome in ("solved", "none"):
+            packet = {**values, role.outcome: outcome}
+            session.add(
+                TelemetryPacket(
+                    packet=role.packet,
+                    received=detail.row.started,
+                    device_time_s=1.0,
+                    request_id=0,
+                    values=packet,
+                    contact_id=contact_id,
+                )
+            )
+    summary = _attitude(station.database, detail, role)
+    assert (summary.iterations, summary.solved) == (2, 1)
+    assert summary.first == summary.last
+    assert summary.first is not None
+    assert np.isfinite(summary.first).all()
 
 
 def test_a_contact_with_many_commands_lists_the_newest(station):
