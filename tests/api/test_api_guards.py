@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 
 import pytest
+from fastapi import APIRouter
 from fastapi.testclient import TestClient
 
 from gss.api.guard.perimeter import check_exposure
+from gss.api.guard.route_table import check_routes
 from gss.domain.errors import BadInput
 from gss.settings import Settings
 
@@ -95,3 +97,19 @@ def test_every_id_in_a_request_is_bounded(client: TestClient) -> None:
             for field, rule in schema.get("properties", {}).items():
                 if field.endswith(("_id", "_ids", "contact", "star_list", "flat_pairs")):
                     assert '"maximum"' in json.dumps(rule), f"{name}.{field}"
+
+
+def test_a_changing_route_without_a_permission_stops_the_start():
+    """A router that forgets it is a fault of the program, found before a request can be served."""
+    router = APIRouter()
+
+    @router.get("/read")
+    def read() -> None: ...
+
+    check_routes(router)
+
+    @router.post("/change")
+    def change() -> None: ...
+
+    with pytest.raises(RuntimeError, match="/change declares 0 permissions, exactly one is required"):
+        check_routes(router)

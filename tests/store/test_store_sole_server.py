@@ -36,3 +36,11 @@ def test_one_sqlite_file_has_one_server(tmp_path):
         first.communicate()
     with pytest.raises(StoreDown, match="folder"):
         sole_server(f"sqlite:///{tmp_path / 'no such folder' / 'gss.db'}").__enter__()
+
+
+def test_one_postgresql_database_has_one_server(postgres_url):
+    """The lock ends with the connection that holds it; without a server the database cannot be locked."""
+    with sole_server(postgres_url), pytest.raises(Conflict, match="another server runs on this database"):
+        sole_server(postgres_url).__enter__()
+    with sole_server(postgres_url):
+        pass

@@ -39,6 +39,13 @@ def cut(store, seq: int) -> None:
             connection.exec_driver_sql(statement)
 
 
+def test_the_hash_is_written_to_the_servers_log(audit, alarms, caplog):
+    """A copy outside the database shows later that the rows were changed."""
+    with caplog.at_level("INFO", logger="gss"):
+        AuditWatch(audit, alarms).verify()
+    assert f"3 rows, last hash {audit.verify().last_hash}" in caplog.text
+
+
 def raised(alarms: AlarmService) -> list[tuple[str, str, bool]]:
     """Return title, level and whether an action is stated, of each raised alarm."""
     return [(v.title, v.level.value, bool(v.action)) for v in alarms.opened() if v.row.state == "raised"]
