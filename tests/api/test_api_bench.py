@@ -42,7 +42,7 @@ def test_a_measured_spot_becomes_a_version_with_a_report(client: TestClient) -> 
     other = calibration(client, {"kind": "bench-centre", "profile": "cubestar", "dots_px": (DOTS + 1).tolist()})
     reply = client.get(f"/api/calibrations/diff?older={made['id']}&newer={other['id']}")
     assert reply.status_code == 400
-    assert "whole camera" in reply.json()["message"]
+    assert "part of a camera" in reply.json()["message"]
 
 
 def test_laboratory_tables_are_typed(client: TestClient) -> None:

@@ -127,7 +127,7 @@ def test_what_no_camera_follows_from_is_refused_with_reasons(server: Server) -> 
     """With fewer than three usable photographs the job fails, names the reason of each, and installs nothing."""
     job = server.ended({"name": "nothing", "frame_ids": [*server.empty, server.other]})
     assert job["state"] == "failed"
-    assert "3 or more of one camera" in job["text"]
+    assert "at least 3 photographs of one camera" in job["text"]
     assert job["text"].count("not the night sky") == 3
     assert f"frame {server.other}" in job["text"]
     assert not server.services.base.instruments.has("nothing")
@@ -140,7 +140,7 @@ def test_what_no_camera_follows_from_is_refused_with_reasons(server: Server) -> 
         ({"name": "No Name"}, 422, "name"),
         ({"model": "nosuch"}, 404, "Unknown instrument"),
         ({"frame_ids": [1, 2]}, 422, "at least 3"),
-        ({"frame_ids": [1, 1, 2]}, 422, "appears twice"),
+        ({"frame_ids": [1, 1, 2]}, 422, "occurs twice"),
         ({"frame_ids": [1, 2, 9999]}, 404, "frame"),
         ({"fov_min_deg": 20.0}, 422, "belong together"),
         ({"fov_min_deg": 20.0, "fov_max_deg": 10.0}, 422, "larger"),

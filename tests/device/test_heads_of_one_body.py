@@ -78,7 +78,7 @@ def test_training_returns_to_the_body(file: Path) -> None:
     ("name", "more", "text", "error"),
     [
         ("C", (), None, "no such head"),
-        ("A", ("--motion", "slew"), None, "the body's file states its motion"),
+        ("A", ("--motion", "slew"), None, "the file of the body already states motion"),
         ("A", ("--speed", "2"), None, "need real time"),
         ("A", (), "time_zero: yesterday\nheads: {}\n", "body.yaml, line 1: time_zero"),
         ("A", (), "time_zero: 2026-11-25T12:00:00Z\nheads:\n  A: {mounting_deg: [0, 0]}\n", "line 3: heads.A"),
