@@ -146,7 +146,7 @@ def test_nothing_is_written_without_a_writable_bank(line: MemoryLine) -> None:
     findings = Findings()
     check_transfers.check_writing(probe_on(line), findings)
     assert findings.result(clause("6.7")) == NOT_CHECKED
-    assert findings.cases["6.7"][0].detail == check_transfers.NOWHERE
+    assert findings.cases["6.7"][0].detail == check_transfers.NO_FREE_BANK
 
 
 def test_a_bank_on_trial_is_not_disturbed(line: MemoryLine) -> None:
