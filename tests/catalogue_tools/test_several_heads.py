@@ -68,7 +68,7 @@ def test_the_union_holds_the_stars_of_each_head(pointing: str) -> None:
 
 def test_the_selected_stars_are_those_of_each_head() -> None:
     """Selection, quality and lifetime use the union; the lifetime is that of the head whose stars are out of use first."""
-    several = request("zenith", heads=tuple(MOUNTINGS[:2]))
+    several = request("zenith", heads=tuple(MOUNTINGS[:2]), bank_bytes=256 * 1024)
     ready = prepare(several, load_stars(4.5))
     chosen = {int(h) for h in ready.selection.kept.hip}
     for mounting in MOUNTINGS[:2]:
