@@ -83,7 +83,7 @@ def test_noise_is_that_of_the_light_of_each_pixel() -> None:
 @pytest.mark.parametrize("flaw", [Defects(hot_share=0.6, dead_share=0.6), Defects(-0.1), Defects(corner_loss=1.0)])
 def test_impossible_flaws_are_refused(flaw: Defects) -> None:
     """More flawed pixels than pixels, negative spreads and black corners are bad input."""
-    with pytest.raises(BadInput, match="impossible"):
+    with pytest.raises(BadInput, match="invalid detector defects"):
         make_chip(flaw, SENSOR, CAMERA, 1)
 
 

@@ -400,7 +400,7 @@ def test_far_mst_broken_contracts_are_refused() -> None:
         solve(CHAIN, np.zeros((512, 1024), np.uint8), _work())
     with pytest.raises(BadInput, match="matcher"):
         _work(matcher="magic")
-    with pytest.raises(BadInput, match="impossible"):
+    with pytest.raises(BadInput, match="invalid detection parameters"):
         _work(min_area_px=9, max_area_px=8)
 
 

@@ -48,5 +48,5 @@ def test_a_block_of_bad_pixels_is_mended_where_it_has_neighbours() -> None:
 
 def test_a_frame_of_another_size_is_refused() -> None:
     """Expected and got are named."""
-    with pytest.raises(BadInput, match="another detector"):
+    with pytest.raises(BadInput, match="does not fit this detector"):
         clean(np.zeros((4, 4), np.uint8), KNOWN, 255.0)

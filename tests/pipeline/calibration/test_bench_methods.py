@@ -84,7 +84,7 @@ def test_tilt_is_fitted_to_pairs_of_spots(known: Known) -> None:
     upright = replace(own.camera, distortion=RadialTilt(25.0))
     none = detector_tilt(_turned(upright, (0, 0), 36, 0.3, 5), _turned(upright, (0.06, 0), 36, 0.3, 6), upright, 25.0)
     assert {w.code for w in none.warnings} == {"no-tilt"}
-    with pytest.raises(BadInput, match="pairs"):
+    with pytest.raises(BadInput, match="numbers of inner and outer dots"):
         detector_tilt(inner, outer[:30], own.camera, 25.0)
 
 
