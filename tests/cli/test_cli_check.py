@@ -19,7 +19,9 @@ def test_a_failed_clause_is_shown_with_its_number_sentence_and_trial(capsys: pyt
     _print(findings, DEVICE)
     lines = capsys.readouterr().out.splitlines()
     assert "X-1: m, cubestar, firmware f" in lines
-    assert "pass        4.5   A command code that the dictionary does not define is rejected (`unknown_command`)." in lines
+    assert (
+        "pass        4.5   A command code that the dictionary does not define is rejected (`unknown_command`)." in lines
+    )
     at = lines.index("fail        4.6   Arguments of the wrong length are rejected (`bad_length`).")
     assert lines[at + 1].strip() == "FAILED: SET_EXPOSURE with 1 B: accepted, completed"
     assert "skipped: RESET: hazardous" in [line.strip() for line in lines]

@@ -109,7 +109,8 @@ def test_retention_reports_its_effect_and_rejects_a_wrong_folder(folder, tmp_pat
     assert main(["retention", "--data", str(folder), "--run"]) == 0
     out = capsys.readouterr().out
     assert all(
-        words in out for words in ("frames with removed pixels", "pixels are deleted at the age of", "8 B", "kept indefinitely")
+        words in out
+        for words in ("frames with removed pixels", "pixels are deleted at the age of", "8 B", "kept indefinitely")
     )
     assert "_" not in out.replace("GSS_CAPTURE_KEEP_MB", "")
     assert main(["check", "store", "--data", str(tmp_path / "nowhere")]) == 2
