@@ -246,12 +246,12 @@ def _simulator(port: int, rate: float, log: IO[bytes]):  # type: ignore[no-untyp
         process.wait(timeout=20)
 
 
-def _output(*arguments: str) -> str:
-    return subprocess.run([*_gss(), *arguments], capture_output=True, text=True, check=False).stdout
+def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*_gss(), *arguments], capture_output=True, text=True, check=False)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the test and print its record as JSON."""
+    """Run the test and print its record as JSON. Return 1 if a gap has no cause or the store is damaged."""
     parser = argparse.ArgumentParser(prog="python -m tools.rough_hour", description=__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--minutes", type=float, default=60.0)
@@ -268,15 +268,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ):
         server = RoughServer(data, options.port, f"socket://127.0.0.1:{options.port + 1}", log)
         key = next(
-            w for w in _output("token", "add", "hour", "--role", "admin", "--data", str(data)).split() if len(w) > 30
+            w
+            for w in _run("token", "add", "hour", "--role", "admin", "--data", str(data)).stdout.split()
+            if len(w) > 30
         )
         session = _session(server, data)
         asyncio.run(rough_hour(server, data, key, session, record, options.browsers))
         server.stop()
-    record.record = json.loads(_output("check", "record", "--all", "--json", "--data", str(data)))
-    record.store = {"output": _output("check", "store", "--data", str(data)).strip()}
+    gaps, store = (
+        _run("check", "record", "--all", "--json", "--data", str(data)),
+        _run("check", "store", "--data", str(data)),
+    )
+    record.record = json.loads(gaps.stdout)
+    record.store = {"output": store.stdout.strip(), "exit_code": store.returncode}
     print(json.dumps(asdict(record), indent=1))
-    return 0
+    return max(gaps.returncode, store.returncode)
 
 
 def _session(server: RoughServer, data: Path) -> str:
