@@ -78,7 +78,7 @@ def test_the_selection_of_stars_and_the_mounting_change_the_preview(page):
     """
     page.goto("/catalogues/new")
     page.get_by_test_id("step-4").wait_for()  # open from the start
-    page.get_by_role("group", name="Screening list").get_by_role("button", name="drop").click()
+    page.get_by_role("group", name="Screening list").get_by_role("button", name="exclude").click()
     page.get_by_test_id("build-companions").fill("9")
     expect(page.get_by_test_id("funnel")).to_contain_text("on the screening list")
     page.get_by_test_id("build-brightest_per_field").fill("6")
@@ -90,7 +90,7 @@ def test_the_selection_of_stars_and_the_mounting_change_the_preview(page):
     page.get_by_test_id("step-2").click()
     page.get_by_test_id("build-pointing").select_option("inertial")
     mounting = page.get_by_role("group", name="Mounting of the camera")
-    mounting.get_by_role("button", name="turns").click()
+    mounting.get_by_role("button", name="rotations").click()
     page.get_by_test_id("build-turn_y").fill("90")
     expect(page.get_by_text("preview in")).to_be_visible()
     mounting.get_by_role("button", name="matrix").click()

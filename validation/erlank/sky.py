@@ -92,7 +92,7 @@ def star_image(pixels: Array, camera: Camera, drawing: Drawing | None = None) ->
         row = (int(np.floor(row_px)) if style.floor_row else round(float(row_px))) + step
         col, row = col[(col >= 0) & (col < camera.columns)], row[(row >= 0) & (row < camera.rows)]
         square = (col[None] - col_px) ** 2 + (row[:, None] - row_px) ** 2
-        image[np.ix_(row, col)] += style.peak_dn * np.exp(-square / (2 * style.sigma_px))
+        image[np.ix_(row, col)] += style.peak_dn * np.exp(-square / (2 * style.sigma_px**2))
     return np.rint(np.minimum(image, 255.0)).astype(np.uint8)
 
 
