@@ -244,8 +244,8 @@ def test_impossible_searches_are_refused(more: dict[str, Any], words: str) -> No
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({}, "frames or of a simulated unit"),
-        ({"simulated": True, "frame_ids": [1]}, "frames or of a simulated unit"),
+        ({}, "frames or a simulated unit"),
+        ({"simulated": True, "frame_ids": [1]}, "frames or a simulated unit"),
         ({"frame_ids": [1, 1]}, "frames cannot be used"),
         ({"frame_ids": [1], "other_ids": [2]}, "second head"),
         ({"frame_ids": [1], "mounting": [0.5, 0.0, 0.0, 0.0]}, "unit quaternion"),
