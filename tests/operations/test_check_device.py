@@ -244,7 +244,7 @@ def old_ids(probe: Probe, findings: Findings) -> None:
 
 
 def ignores_what_it_cannot_open(line: MemoryLine, patch: Patch) -> None:
-    patch.setattr(line.device._loader, "refuse", lambda *_: None)
+    patch.setattr(line.device._loader, "reject", lambda *_: None)
 
 
 def is_slow(line: MemoryLine, patch: Patch) -> None:

@@ -17,7 +17,7 @@ def console(make_console, sensor_in_memory):
     """A console whose wall clock follows the sensor's time, with correlated clocks and a received empty schedule."""
     sensor = sensor_in_memory()
     console = make_console(sensor, now=lambda: START + timedelta(seconds=sensor.now_s), schedule=True)
-    console.schedule._ask()
+    console.schedule._request_list()
     console.wait(lambda: console.schedule.clock() is not None and console.schedule.state().listed_at is not None)
     return console
 

@@ -214,7 +214,7 @@ def test_row_numbers_of_an_unknown_bank_are_not_taken_for_stars():
         "matches", {}, [{"centroid": 0, "star": 1, "weight": 3.0}, {"centroid": 9, "star": 0, "weight": 1.0}]
     )
     camera = shipped_camera("cubestar").camera
-    assert "does not know" in onboard_result(record, camera, "cubestar").notes[0]
+    assert "not available on the ground" in onboard_result(record, camera, "cubestar").notes[0]
     named = onboard_result(replace(record, hip_of_row=[11, 22]), camera, "cubestar")
     assert named.matches.hip.tolist() == [22]
     assert named.outcome is Outcome.NONE, "new matches make an older attitude void"
