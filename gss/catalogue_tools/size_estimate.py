@@ -73,7 +73,7 @@ def reduced_pairs(selected: StarTable, frame: ReducedFrame, min_rad: float, max_
 
 
 def searched(build_plan: BuildPlan, stars: StarTable) -> StarTable:
-    """Return an approximate list of the stars that the device searches: all stars, or those of a reduced catalogue
+    """Return an approximate list of the stars that the device searches: all stars, or the stars of a reduced catalogue
     computed with a coarse step."""
     frame = frame_for(build_plan.request.format_name, build_plan.profile.camera, build_plan.request.reduced)
     if frame is None:

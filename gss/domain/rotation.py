@@ -1,7 +1,7 @@
 """Rotation matrices and scalar-last quaternions.
 
-A rotation is named target-from-source: ``v_cam = cam_from_icrs @ v_icrs``. The quaternion ``(x, y, z, w)`` of the same
-name represents the same matrix. Tests compare with scipy's ``Rotation``.
+A rotation is named target-from-source: ``v_cam = cam_from_icrs @ v_icrs``. A quaternion ``(x, y, z, w)`` with the
+same name represents the same rotation. Tests compare with scipy's ``Rotation``.
 """
 
 from __future__ import annotations
@@ -14,25 +14,26 @@ from gss.domain.angles import Array
 
 
 def rotation_x(angle_rad: float) -> Array:
-    """Return the coordinate change to axes rotated by ``angle_rad`` about x (Jacobs 1995 eq. 1.10)."""
+    """Return the matrix that changes coordinates to axes rotated by ``angle_rad`` about x (Jacobs 1995 eq. 1.10)."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[1, 0, 0], [0, c, s], [0, -s, c]], float)
 
 
 def rotation_y(angle_rad: float) -> Array:
-    """Return the coordinate change to axes rotated by ``angle_rad`` about y (Jacobs 1995 eq. 1.11)."""
+    """Return the matrix that changes coordinates to axes rotated by ``angle_rad`` about y (Jacobs 1995 eq. 1.11)."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]], float)
 
 
 def rotation_z(angle_rad: float) -> Array:
-    """Return the coordinate change to axes rotated by ``angle_rad`` about z (Jacobs 1995 eq. 1.12)."""
+    """Return the matrix that changes coordinates to axes rotated by ``angle_rad`` about z (Jacobs 1995 eq. 1.12)."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]], float)
 
 
 def matrix_from_quaternion(quaternion: Array) -> Array:
-    """Return (…, 3, 3) matrices that act on column vectors, from (…, 4) scalar-last quaternions of any non-zero length."""
+    """Return (…, 3, 3) matrices that act on column vectors, from (…, 4) scalar-last quaternions of any non-zero
+    length."""
     q = np.asarray(quaternion, float)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     x, y, z, w = (q[..., k] for k in range(4))
@@ -49,8 +50,8 @@ def matrix_from_quaternion(quaternion: Array) -> Array:
 
 
 def quaternion_from_matrix(matrix: Array) -> Array:
-    """Return the (4,) scalar-last quaternion with w ≥ 0 of a (3, 3) rotation matrix (Shepperd's method: divide by the largest
-    term)."""
+    """Return the (4,) scalar-last quaternion with w ≥ 0 of a (3, 3) rotation matrix (Shepperd's method: divide by the
+    largest term)."""
     m = np.asarray(matrix, float)
     diagonal = np.array([m[0, 0], m[1, 1], m[2, 2], np.trace(m)])
     k = int(np.argmax(diagonal))
@@ -67,7 +68,7 @@ def quaternion_from_matrix(matrix: Array) -> Array:
 
 
 def rotation_from_vector(vector_rad: Array) -> Array:
-    """Return the (3, 3) active rotation of a (3,) rotation vector: its length is the angle, its direction the axis
+    """Return the (3, 3) active rotation about the direction of a (3,) vector by an angle equal to its length
     (Rodrigues)."""
     x, y, z = np.asarray(vector_rad, float).tolist()
     angle2 = x * x + y * y + z * z
@@ -91,7 +92,8 @@ def rotation_angle_rad(a: Array, b: Array) -> float:
 
 
 def vector_from_rotation(matrix: Array) -> Array:
-    """Return the (3,) rotation vector of a (3, 3) active rotation. Accurate to rounding for small angles."""
+    """Return the (3,) rotation vector of a (3, 3) active rotation. The result is accurate to rounding for small angles,
+    and wrong for a rotation by exactly π."""
     axis = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]) / 2
     sine, cosine = float(np.linalg.norm(axis)), (float(np.trace(matrix)) - 1) / 2
     angle_rad = float(np.arctan2(sine, cosine))
@@ -99,7 +101,8 @@ def vector_from_rotation(matrix: Array) -> Array:
 
 
 def quaternion_product(left: Array, right: Array) -> Array:
-    """Return (…, 4) Hamilton products, scalar last. They represent the matrix of ``left`` times the matrix of ``right``."""
+    """Return (…, 4) Hamilton products, scalar last. Each represents the matrix of ``left`` times the matrix of
+    ``right``."""
     x1, y1, z1, w1 = np.moveaxis(np.asarray(left, float), -1, 0)
     x2, y2, z2, w2 = np.moveaxis(np.asarray(right, float), -1, 0)
     return np.stack(
@@ -119,8 +122,8 @@ def quaternion_inverse(quaternion: Array) -> Array:
 
 
 def turn_between(first: Array, second: Array) -> Array:
-    """Return (n, 3) rotation vectors δ with second = exp([δ]×)·first, from (n, 4) quaternions cam_from_icrs. The vectors are
-    in camera axes and at most π long."""
+    """Return (n, 3) rotation vectors δ with second = exp([δ]×)·first, from (n, 4) quaternions cam_from_icrs. The vectors
+    are in camera axes and at most π long."""
     q = quaternion_product(second, quaternion_inverse(first))
     q = np.where(q[..., 3:] < 0, -q, q)
     sine = np.linalg.norm(q[..., :3], axis=-1)
@@ -129,7 +132,8 @@ def turn_between(first: Array, second: Array) -> Array:
 
 
 def turned(quaternion: Array, vector_rad: Array) -> Array:
-    """Return (n, 4) quaternions exp([δ]×)·q, from (n, 4) or (4,) ``quaternion`` q and (n, 3) or (3,) ``vector_rad`` δ."""
+    """Return (n, 4) quaternions exp([δ]×)·q, from (n, 4) or (4,) ``quaternion`` q and (n, 3) or (3,) ``vector_rad``
+    δ."""
     angle = np.linalg.norm(vector_rad, axis=-1)
     half = np.where(angle < 1e-12, 0.5, np.sin(angle / 2) / np.maximum(angle, 1e-300))
     step = np.concatenate([vector_rad * half[..., None], np.cos(angle / 2)[..., None]], axis=-1)

@@ -158,7 +158,7 @@ class Currents(Strict):
 
 
 class PowerRow(Noted):
-    """Power of the simulated unit; the defaults are those of a small CMOS camera (chosen). ``trip_s``: time from a
+    """Power of the simulated unit; the defaults describe a small CMOS camera (chosen). ``trip_s``: time from a
     latch-up to the reaction of the protection. ``off``: current of a rail that is off, in tenths of a milliampere.
     ``processor``: this rail cannot be switched and cannot latch up."""
 

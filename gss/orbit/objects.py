@@ -184,7 +184,7 @@ def places_of_orbit(orbit: Trajectory, times_s: Array) -> Array:
 
 def places_of_station(station: GroundStation, times_s: Array) -> Array:
     """Return (n, 3) positions of a ground station, km from the Earth's centre in ICRS axes, at (n,) Unix seconds."""
-    fixed = np.broadcast_to(station.place_km, (len(times_s), 3))
+    fixed = np.broadcast_to(station.position_km, (len(times_s), 3))
     return teme_from_fixed(fixed, times_s) @ _teme_from_icrs(times_s)
 
 

@@ -78,7 +78,7 @@ def find_passes(orbit: Trajectory, station: GroundStation, start: datetime, end:
 
     def clearance(seconds: Array) -> Array:
         azimuth, elevation, _ = station.look(earth_fixed_km(orbit, seconds))
-        return np.asarray(elevation - station.lowest_rad(azimuth))
+        return np.asarray(elevation - station.horizon_rad(azimuth))
 
     # Samples are at integer multiples of the step, so that the times of a pass do not depend on the searched span.
     inside_s = np.arange(np.floor(first_s / STEP_S) + 1, np.ceil(last_s / STEP_S)) * STEP_S

@@ -12,7 +12,7 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 
 MAX_MASK_POINTS = 360
-MIN_M, MAX_M = -500.0, 9000.0
+MIN_HEIGHT_M, MAX_HEIGHT_M = -500.0, 9000.0
 WGS84 = 1
 """Identifier of the ellipsoid in ERFA."""
 Mask = tuple[tuple[float, float], ...]
@@ -20,9 +20,12 @@ Mask = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class GroundStation:
-    """Ground station with its geodetic position on WGS-84. ``mask``: (azimuth, elevation) of the horizon in radians, with
-    increasing azimuth from north to east. It is interpolated linearly over the full circle. An empty mask is a flat horizon. A
-    spacecraft is in view if it is above the mask and above ``min_elevation_rad``."""
+    """Ground station with its geodetic position on WGS-84.
+
+    ``mask``: points (azimuth, elevation) of the horizon in radians, sorted by azimuth, which is measured from north
+    towards east. Elevations are interpolated linearly over the full circle. An empty mask is a flat horizon. A
+    spacecraft is in view if it is above the mask and above ``min_elevation_rad``.
+    """
 
     name: str
     latitude_rad: float
@@ -32,7 +35,7 @@ class GroundStation:
     mask: Mask = ()
 
     @property
-    def place_km(self) -> Array:
+    def position_km(self) -> Array:
         """(3,) position in Earth-fixed axes, km."""
         return np.asarray(erfa.gd2gc(WGS84, self.longitude_rad, self.latitude_rad, self.height_m)) / 1000.0
 
@@ -44,12 +47,13 @@ class GroundStation:
         return np.array([[-sl, cl, 0.0], [-sp * cl, -sp * sl, cp], [cp * cl, cp * sl, sp]])
 
     def look(self, fixed_km: Array) -> tuple[Array, Array, Array]:
-        """Return (n,) azimuths [0, 2π), elevations and ranges in km of (n, 3) Earth-fixed positions, without refraction."""
-        east, north, up = self.local_from_fixed @ (np.asarray(fixed_km) - self.place_km).T
+        """Return (n,) azimuths [0, 2π), elevations and ranges in km of (n, 3) Earth-fixed positions, without
+        refraction."""
+        east, north, up = self.local_from_fixed @ (np.asarray(fixed_km) - self.position_km).T
         azimuth, elevation = np.arctan2(east, north) % (2 * np.pi), np.arctan2(up, np.hypot(east, north))
         return azimuth, elevation, np.sqrt(east**2 + north**2 + up**2)
 
-    def lowest_rad(self, azimuth_rad: Array) -> Array:
+    def horizon_rad(self, azimuth_rad: Array) -> Array:
         """Return the (n,) elevations above which a spacecraft is in view at (n,) azimuths."""
         if not self.mask:
             return np.full(np.shape(azimuth_rad), self.min_elevation_rad, float)
@@ -62,25 +66,25 @@ def checked_station(station: GroundStation) -> GroundStation:
     """Return the station if its values are valid. Raises BadInput that names the invalid value."""
     _within("latitude", math.degrees(station.latitude_rad), -90.0, 90.0, "°")
     _within("longitude", math.degrees(station.longitude_rad), -180.0, 180.0, "°")
-    _within("height", station.height_m, MIN_M, MAX_M, " m")
+    _within("height", station.height_m, MIN_HEIGHT_M, MAX_HEIGHT_M, " m")
     _within("minimum elevation", math.degrees(station.min_elevation_rad), 0.0, 89.0, "°")
     if len(station.mask) > MAX_MASK_POINTS:
         raise BadInput(
             "the horizon mask has too many points", expected=f"at most {MAX_MASK_POINTS}", got=str(len(station.mask))
         )
-    before = -1.0
+    previous_deg = -1.0
     for azimuth_rad, elevation_rad in station.mask:
         azimuth_deg = math.degrees(azimuth_rad)
         _within("azimuth of the mask", azimuth_deg, 0.0, 359.999, "°")
         _within("elevation of the mask", math.degrees(elevation_rad), -10.0, 89.0, "°")
-        if azimuth_deg <= before:
+        if azimuth_deg <= previous_deg:
             raise BadInput(
                 "the azimuths of the horizon mask do not increase",
-                expected=f"an azimuth above {before:g}°",
+                expected=f"an azimuth above {previous_deg:g}°",
                 got=f"{azimuth_deg:g}°",
                 hint="Sort the points by azimuth, and use each azimuth only once.",
             )
-        before = azimuth_deg
+        previous_deg = azimuth_deg
     return station
 
 

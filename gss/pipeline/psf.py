@@ -26,7 +26,7 @@ NARROWEST_PX = 0.05
 
 
 def widths_px(covariance: Array) -> tuple[float, float]:
-    """Return the standard deviations along the short and the long axis of a (2, 2) covariance. They are at least
+    """Return the standard deviations along the short and the long axis of a (2, 2) covariance. Both are at least
     ``NARROWEST_PX``, because noise can make a measured variance negative."""
     xx, xy, yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     middle, off = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)

@@ -1,10 +1,10 @@
-"""Triplet features of a star and the reference database of all of them (Liebe 1992, "Star characteristics" and
+"""Triplet features of stars, and the reference database of these features (Liebe 1992, "Star characteristics" and
 "Including uncertainty in the database").
 
 A star is identified by the distances to its two nearest neighbours and the angle between them, each rounded down to a
-class. The database also contains features that can be measured instead of the true ones, because of position errors,
-neighbours near the detection limit, or a changed order of the neighbours. Image processing and database generation
-share these definitions, so they are in this module.
+class. Position errors, neighbours near the detection limit, and a changed order of the neighbours can alter the
+measured features. The database therefore also contains these altered features. This module holds the definitions that
+image processing and database generation share.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class TripletClasses:
         return pack(a.astype(np.int64), b.astype(np.int64), np.floor(angle_rad / self.angle_rad).astype(np.int64))
 
     def angle_error_rad(self, first_rad: Array, second_rad: Array) -> Array:
-        """Return the largest error of the angle between neighbours at the given distances, computed from chords. It is
-        1.724° in the example of Liebe 1992."""
+        """Return the largest error of the angle between neighbours at the given distances, computed from chords.
+        The error is 1.724° in the example of Liebe 1992."""
         arms = np.maximum(2 * np.sin(np.stack([first_rad, second_rad]) / 2), 1e-12)
         return np.asarray(np.sum(2 * self.uncertainty_rad / arms, axis=0))
 
@@ -93,7 +93,8 @@ class TripletTable:
         return len(self.key)
 
     def look_up(self, keys: Keys) -> tuple[NDArray[np.intp], Rows]:
-        """Find the references with each of n keys. Returns one pair (index into ``keys``, star row) per matching reference."""
+        """Find the references with each of n keys. Returns one pair (index into ``keys``, star row) per matching
+        reference."""
         low, high = np.searchsorted(self.key, keys, "left"), np.searchsorted(self.key, keys, "right")
         key_index, entry = expanded(low, high)
         return key_index, self.star[entry]
@@ -110,8 +111,8 @@ class Constellations:
     within their errors.
 
     ``kind``: CERTAIN, MAYBE or EXCHANGED. ``first``, ``second``: classes of the two distances. ``angle_low`` to
-    ``angle_high``: range of angle classes. Each constellation expands to about a dozen references (Liebe 1992: three
-    classes by three by one or two).
+    ``angle_high``: range of angle classes. Each constellation expands to about a dozen references (Liebe 1992:
+    3 × 3 distance classes, each with one or two angle classes).
     """
 
     kind: NDArray[np.uint8]
@@ -138,13 +139,14 @@ class Constellations:
 
 
 def certain_mag(limit_mag: float, brightness_error: float) -> float:
-    """Return the magnitude up to which stars are always detected (125 % of the brightness at the limit)."""
+    """Return the magnitude up to which stars are always detected (1 + ``brightness_error`` times the
+    brightness at the limit; 125 % in Liebe 1992)."""
     return float(limit_mag - 2.5 * np.log10(1 + brightness_error))
 
 
 def faintest_mag(limit_mag: float, brightness_error: float) -> float:
-    """Return the magnitude beyond which stars are never detected (75 % of the brightness at the limit). The star list
-    must reach this magnitude."""
+    """Return the magnitude beyond which stars are never detected (1 − ``brightness_error`` times the brightness at the
+    limit; 75 % in Liebe 1992). The star list must reach this magnitude."""
     return float(limit_mag - 2.5 * np.log10(1 - brightness_error))
 
 
@@ -230,7 +232,8 @@ def find_constellations(
 
 
 def _companions(unit: Array, mag: Array, blend_rad: float) -> NDArray[np.bool_]:
-    """Return the (n,) mask of stars with a brighter star within ``blend_rad``; of two equally bright stars, the later is marked."""
+    """Return the (n,) mask of stars with a brighter star within ``blend_rad``. Of two equally bright stars, the later
+    one is marked."""
     fainter = np.zeros(len(unit), bool)
     if blend_rad > 0:
         pairs = cKDTree(unit).query_pairs(2 * np.sin(blend_rad / 2), output_type="ndarray")
@@ -244,10 +247,9 @@ def _constellations(
 ) -> tuple[NDArray[np.integer], NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Return (kind, star, first neighbour, second neighbour) of every constellation that can be measured.
 
-    As in the list of twelve constellations for six neighbours in Liebe 1992, the first neighbour is any star up to the
-    first certain neighbour, and the second is any star up to the second certain neighbour. Neighbours that a position
-    error could move into this range are included (Figs. 12, 13), and pairs that an error could swap appear in both
-    orders.
+    The first neighbour is any star up to the first certain neighbour, and the second is any star up to the second
+    certain neighbour. Liebe 1992 lists twelve such constellations for six neighbours. Neighbours that a position error
+    could move into this range are included (Figs. 12, 13). Pairs that an error could swap appear in both orders.
     """
     count = min(NEIGHBOURS, len(unit) - 1)
     chord, near = cKDTree(unit).query(unit, count + 1)
@@ -279,7 +281,8 @@ def _rows(table: Array) -> NDArray[np.intp]:
 
 
 def _without_self(chord: Array, near: NDArray[np.intp]) -> tuple[Array, NDArray[np.intp]]:
-    """Remove the star itself from its neighbour list. It is not always the first, because two stars can have the same position."""
+    """Remove each star from its own neighbour list. The star is not always the first entry, because two stars can have
+    the same position."""
     is_self = near == np.arange(len(near))[:, None]
     is_self[:, -1] |= ~is_self.any(axis=1)
     keep = ~is_self
@@ -309,9 +312,9 @@ def _spread(
     angle = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count) + low[index]
     a, b = first.astype(np.int64)[index], second.astype(np.int64)[index]
     step = np.array([-1, 0, 1])
-    a9, b9, c9, which9 = np.broadcast_arrays(
+    first_class, second_class, angle_class, constellation = np.broadcast_arrays(
         a[:, None, None] + step[:, None], b[:, None, None] + step, angle[:, None, None], index[:, None, None]
     )
     # Measured distances are always sorted, so the first class never exceeds the second.
-    possible = (a9 >= 0) & (a9 <= b9) & (b9 <= MAX_DISTANCE)
-    return which9[possible], pack(a9[possible], b9[possible], c9[possible])
+    possible = (first_class >= 0) & (first_class <= second_class) & (second_class <= MAX_DISTANCE)
+    return constellation[possible], pack(first_class[possible], second_class[possible], angle_class[possible])

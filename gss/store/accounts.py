@@ -167,7 +167,8 @@ def add_link(session: Session, row: OneTimeLink) -> None:
 
 
 def void_links_made_by(session: Session, creator: str, since: datetime, until: datetime) -> int:
-    """Invalidate the unused links that the user ``creator`` created in a time range. Return their number."""
+    """Invalidate the unused links that the user ``creator`` created in a time range. Return the number of
+    links."""
     conditions = (
         OneTimeLink.created_by == creator,
         OneTimeLink.created.between(since, until),

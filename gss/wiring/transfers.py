@@ -21,7 +21,7 @@ from gss.wiring.line import Line
 
 @dataclass(frozen=True)
 class Transfers:
-    """Services of transfers and of the content of the sensor's flash, and the thread that stores downloaded content."""
+    """Services for transfers and for the content of the sensor's flash. ``writer``: thread that stores downloads."""
 
     writer: Writer
     progress: TransferProgress

@@ -1,4 +1,4 @@
-"""Spacecraft with several heads, and the history of their comparison"""
+"""Spacecraft with several heads, fused attitudes, and the comparison history of each pair of heads"""
 
 from __future__ import annotations
 

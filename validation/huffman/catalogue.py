@@ -29,8 +29,8 @@ PAIR_BYTES = 2 * 2 + 4 + 4
 
 
 def huffman_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Compute the magnitude that a sensor must reach for four and six stars (Huffman 2006 §5.1, Table 5.1). ``trials``:
-    random pointings."""
+    """Compute the limiting magnitudes at which a field contains at least four and six stars (Huffman 2006 §5.1,
+    Table 5.1). ``trials``: number of random pointings."""
     bright = stars.brighter_than(min(SURVEY_MAG, FAINTEST_V_MAG))
     attitudes = _random_attitudes(trials, seed)
     rows: list[tuple[Cell, ...]] = []
@@ -75,7 +75,8 @@ def huffman_5_5(
 ) -> Experiment:
     """Build the reduced catalogue and its pair directory (Huffman 2006 §5.5.4).
 
-    ``trials``: pointings for the coverage of the frame. ``step_rad``: distance between the pointings of the survey.
+    ``trials``: number of random pointings that measure the coverage of the camera's frame. ``step_rad``: distance
+    between the pointings of the survey.
     """
     bright = stars.brighter_than(SURVEY_MAG)
     camera = shipped_camera("far_mst").camera
@@ -113,8 +114,8 @@ def huffman_5_5(
         ),
         seed,
         (
-            "The paper's 540 stars result for a field of about 36°, which is wider than its frame. With 540 "
-            "stars some frames have too few stars.",
+            "The paper's 540 stars result for a field of about 36°, which is wider than its camera's frame. "
+            "With 540 stars some frames have too few stars.",
         ),
     )
 

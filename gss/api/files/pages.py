@@ -1,4 +1,5 @@
-"""Page files: read and compressed once, and cached by the browser permanently if their name contains a hash."""
+"""Serve the files of the web pages. Each file is read and compressed once. Browsers cache the files in ``assets/``
+permanently, because their names contain a hash."""
 
 from __future__ import annotations
 
@@ -14,12 +15,12 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 INDEX = "index.html"
-HASHED = "assets/"
+HASHED_FOLDER = "assets/"
 CACHE_PERMANENTLY = "public, max-age=31536000, immutable"
 REVALIDATE = "no-cache"
-COMPRESSED = ("text/", "application/json", "image/svg+xml", "text/javascript", "application/javascript")
+COMPRESSED_TYPES = ("text/", "application/json", "image/svg+xml", "text/javascript", "application/javascript")
 MIN_COMPRESSED_BYTES = 1024
-NOT_PAGES = ("api/", HASHED, "fonts/")
+NO_INDEX_FALLBACK = ("api/", HASHED_FOLDER, "fonts/")
 
 
 @dataclass(frozen=True)
@@ -48,12 +49,12 @@ class Pages:
         name = scope["path"].lstrip("/") or INDEX
         self._reload_if_rebuilt()
         if name not in self._paths:
-            if name.startswith(NOT_PAGES) or "." in name.rsplit("/", 1)[-1]:
+            if name.startswith(NO_INDEX_FALLBACK) or "." in name.rsplit("/", 1)[-1]:
                 raise HTTPException(404)
             name = INDEX
         if scope["method"] not in ("GET", "HEAD"):
             raise HTTPException(405, headers={"Allow": "GET, HEAD"})
-        await _answer(self._file(name), Headers(scope=scope), head=scope["method"] == "HEAD")(scope, receive, send)
+        await _response(self._file(name), Headers(scope=scope), head=scope["method"] == "HEAD")(scope, receive, send)
 
     def _reload_if_rebuilt(self) -> None:
         """Reload the file list if the pages were rebuilt while the server runs."""
@@ -71,26 +72,26 @@ class Pages:
 
 
 def read(path: Path, name: str) -> File:
-    """Read and compress a file; a file with a hash in its name is cached permanently."""
+    """Read a file, compress it if worthwhile, and choose its cache policy from its folder."""
     content = path.read_bytes()
     media_type = mimetypes.guess_type(name)[0] or "application/octet-stream"
     gzipped = None
-    if media_type.startswith(COMPRESSED) and len(content) >= MIN_COMPRESSED_BYTES:
+    if media_type.startswith(COMPRESSED_TYPES) and len(content) >= MIN_COMPRESSED_BYTES:
         gzipped = gzip.compress(content, 9, mtime=0)
     etag = hashlib.sha256(content).hexdigest()[:20]
-    return File(content, gzipped, etag, media_type, CACHE_PERMANENTLY if name.startswith(HASHED) else REVALIDATE)
+    return File(content, gzipped, etag, media_type, CACHE_PERMANENTLY if name.startswith(HASHED_FOLDER) else REVALIDATE)
 
 
-def _answer(file: File, request_headers: Headers, *, head: bool) -> Response:
-    packed = file.gzipped is not None and "gzip" in request_headers.get("accept-encoding", "")
-    etag = f'"{file.etag}{"-gz" if packed else ""}"'
+def _response(file: File, request_headers: Headers, *, head: bool) -> Response:
+    use_gzip = file.gzipped is not None and "gzip" in request_headers.get("accept-encoding", "")
+    etag = f'"{file.etag}{"-gz" if use_gzip else ""}"'
     headers = {"ETag": etag, "Cache-Control": file.cache}
     if file.gzipped is not None:
         headers["Vary"] = "Accept-Encoding"
     if etag in request_headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)
-    content = file.gzipped if packed and file.gzipped is not None else file.content
-    if packed:
+    content = file.gzipped if use_gzip and file.gzipped is not None else file.content
+    if use_gzip:
         headers["Content-Encoding"] = "gzip"
     if head:
         return Response(headers=headers | {"Content-Length": str(len(content))}, media_type=file.media_type)

@@ -32,7 +32,7 @@ def try_expression(app: App, body: ExpressionIn) -> TrialOut:
 
 @router.post("", status_code=201, dependencies=[need("derived")])
 def add_derived(app: App, user: User, body: DerivedRequest, audit_note: AuditNote) -> DerivedOut:
-    """Store a new derived parameter. It is computed from the next packet on."""
+    """Store a new derived parameter. The server computes it from the next packet on."""
     audit_note(f"{body.name} = {body.expression}")
     row = app.telemetry.telemetry.derived.add(body, user=user)
     return present.telemetry.derived(app.telemetry.telemetry.derived, row)

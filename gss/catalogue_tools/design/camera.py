@@ -13,11 +13,11 @@ from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.domain.sensor import Sensor
 
-PHOTONS_S_CM2_NM = 1e4
+V0_PHOTONS_S_CM2_NM = 1e4
 """Photon flux from V = 0: 10³ photons per second, cm² and Å (Erlank 2013 eq. 3.4.2, φ = 10^((15 − 2M)/5))."""
 BANDWIDTH_NM = 300.0
 THRESHOLD_SNR = 5.0
-# Smallest and largest accepted values with their unit. Results outside these ranges are meaningless.
+# Smallest and largest accepted values with their unit. Values outside these ranges give meaningless results.
 LIMITS: dict[str, tuple[float, float, str]] = {
     "columns": (16, 16384, "px"),
     "rows": (16, 16384, "px"),
@@ -40,8 +40,8 @@ LIMITS: dict[str, tuple[float, float, str]] = {
     "response_sigma": (0.0, 0.5, ""),
     "threshold_snr": (0.5, 100.0, ""),
 }
-WHOLE = ("columns", "rows", "bits")
-MAX_RAD = float(np.radians(160.0))
+WHOLE_NUMBERS = ("columns", "rows", "bits")
+MAX_DIAGONAL_RAD = float(np.radians(160.0))
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class DesignCamera:
                 raise BadInput(
                     f"{name} is out of range", expected=f"{low:g} to {high:g} {unit}".rstrip(), got=f"{value:g} {unit}"
                 )
-            if name in WHOLE and value != int(value):
+            if name in WHOLE_NUMBERS and value != int(value):
                 raise BadInput(f"{name} is not a whole number", expected="a whole number", got=f"{value:g}")
         if self.mag_limit is not None and not -1.4 <= self.mag_limit <= 12.0:
             raise BadInput(
@@ -99,28 +99,28 @@ class DesignCamera:
                 expected=f"a bias below {(1 << self.bits) - 1} DN ({self.bits} bits)",
                 got=f"{self.bias_dn:g} DN",
             )
-        if 2 * self.half_diagonal_rad > MAX_RAD:
+        if 2 * self.half_diagonal_rad > MAX_DIAGONAL_RAD:
             raise BadInput(
                 "the field is too wide for a flat detector",
-                expected=f"a diagonal of at most {np.degrees(MAX_RAD):g}°",
+                expected=f"a diagonal of at most {np.degrees(MAX_DIAGONAL_RAD):g}°",
                 got=f"{np.degrees(2 * self.half_diagonal_rad):.1f}°",
                 hint="use a longer focal length or a smaller detector",
             )
 
     @classmethod
-    def from_profile(cls, chosen: CameraProfile) -> DesignCamera:
-        """Return the design of a documented camera. Its efficiency is computed from the zero point."""
-        geometry, sensor = chosen.camera, chosen.sensor
-        photons_s = chosen.aperture_cm2 * chosen.transmission * BANDWIDTH_NM * PHOTONS_S_CM2_NM
+    def from_profile(cls, profile: CameraProfile) -> DesignCamera:
+        """Return a design with the parameters of a camera profile. The efficiency is computed from the zero point."""
+        geometry, sensor = profile.camera, profile.sensor
+        photons_s = profile.aperture_cm2 * profile.transmission * BANDWIDTH_NM * V0_PHOTONS_S_CM2_NM
         return cls(
-            chosen.name,
+            profile.name,
             geometry.columns,
             geometry.rows,
-            chosen.pitch_col_mm * 1e3,
-            chosen.pitch_row_mm * 1e3,
-            chosen.focal_mm,
-            chosen.f_number,
-            chosen.transmission,
+            profile.pitch_col_mm * 1e3,
+            profile.pitch_row_mm * 1e3,
+            profile.focal_mm,
+            profile.f_number,
+            profile.transmission,
             sensor.zero_point_e_s / photons_s,
             sensor.exposure_s,
             sensor.psf_sigma_px,
@@ -131,7 +131,7 @@ class DesignCamera:
             sensor.read_noise_e,
             sensor.dark_current_e_s,
             sensor.background_e_s,
-            chosen.defects.response_sigma,
+            profile.defects.response_sigma,
         )
 
     @cached_property
@@ -157,7 +157,8 @@ class DesignCamera:
 
     @property
     def fov_rad(self) -> tuple[float, float]:
-        """Full field of view across columns and across rows: 2·atan(I/2f) (Erlank 2013 §3.5.5 with the factor ½)."""
+        """Full field of view across columns and across rows: 2·atan(I/2f) with the detector size I and
+        the focal length f (Erlank 2013 §3.5.5, with the factor ½ that Table 3.5 uses)."""
         x, y = self.half_size_mm
         return 2 * float(np.arctan(x / self.focal_mm)), 2 * float(np.arctan(y / self.focal_mm))
 
@@ -174,12 +175,12 @@ class DesignCamera:
     @property
     def zero_point_e_s(self) -> float:
         """Electrons per second from a star of V = 0 (Erlank 2013 eq. 3.4.2 times the efficiency)."""
-        photons_s = self.aperture_cm2 * self.transmission * self.bandwidth_nm * PHOTONS_S_CM2_NM
+        photons_s = self.aperture_cm2 * self.transmission * self.bandwidth_nm * V0_PHOTONS_S_CM2_NM
         return photons_s * self.efficiency
 
     @property
     def sensor(self) -> Sensor:
-        """Photometric model. A design has one exposure and magnitude limits that exclude no star."""
+        """Photometric model. The exposure range is a single value. The magnitude limits exclude no star of a design."""
         return Sensor(
             self.bits,
             self.gain_e_per_dn,
@@ -205,9 +206,9 @@ class DesignCamera:
     @property
     def brightest_pixel_e(self) -> float:
         """Largest star signal in electrons that a pixel can measure before the full well or the converter saturates."""
-        standing_e = (self.dark_current_e_s + self.background_e_s) * self.exposure_s
+        background_e = (self.dark_current_e_s + self.background_e_s) * self.exposure_s
         converter_e = (self.sensor.saturation_dn - self.bias_dn) * self.gain_e_per_dn
-        return max(0.0, min(self.full_well_e, converter_e) - standing_e)
+        return max(0.0, min(self.full_well_e, converter_e) - background_e)
 
     def edited(self, **changes: object) -> DesignCamera:
         """Return the camera with changed values. None leaves a value unchanged. Raises BadInput for unknown names and
@@ -215,9 +216,9 @@ class DesignCamera:
         field_names = {f.name for f in fields(self)}
         for name in changes:
             if name not in field_names:
-                raise BadInput("unknown field of a camera", expected=" | ".join(sorted(field_names)), got=name)
+                raise BadInput("unknown camera parameter", expected=" | ".join(sorted(field_names)), got=name)
         return replace(self, **{k: v for k, v in changes.items() if v is not None})  # type: ignore[arg-type]  # names are fields
 
-    def changed_from(self, other: DesignCamera) -> tuple[str, ...]:
+    def fields_different_from(self, other: DesignCamera) -> tuple[str, ...]:
         """Return the names of the fields that differ from ``other``."""
         return tuple(f.name for f in fields(self) if getattr(self, f.name) != getattr(other, f.name))

@@ -219,7 +219,8 @@ class CommandProcessor:
         self._on_completed(running.command.name)
 
     def abort_all(self) -> int:
-        """Fail all accepted commands that have not ended (ABORT). Returns their number."""
+        """Fail all accepted commands that have not ended (ABORT). Returns the number of failed
+        commands."""
         stopped = [r for r in (self._current, *self._waiting) if r is not None]
         self._current = None
         self._waiting.clear()

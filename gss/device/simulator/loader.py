@@ -16,8 +16,8 @@ from gss.device.simulator.rejection import Rejection
 from gss.device.simulator.sessions import WINDOW_CHUNKS, Outgoing, Session
 from gss.instruments.dictionary.definitions import Dictionary, Value
 
-SILENT_S = 15.0
-SILENT_REQUESTS = 8
+SESSION_TIMEOUT_S = 15.0
+MAX_SILENT_REQUESTS = 8
 NO_SESSION_EVERY_S = 0.5
 MAX_SESSIONS = 8
 
@@ -25,7 +25,8 @@ MAX_SESSIONS = 8
 class Loader:
     """Manages all transfers of the device.
 
-    ``news``: events for the device to send, as (name, text). ``device_time``: converts line time to device time.
+    ``pending_events``: events for the device to send, as (name, text). ``device_time``: converts line time to device
+    time.
     """
 
     def __init__(
@@ -41,10 +42,10 @@ class Loader:
         self._writer = BankWriter(dictionary, memory, tracker.profile)
         self.openings = Openings(memory, tracker, self._writer, bytes_per_s, image_memory)
         self._sessions: dict[int, Session] = {}
-        self._out: deque[Outgoing] = deque()
-        self._turn = 0
-        self._refused_s: dict[int, float] = {}
-        self.news: list[tuple[str, str]] = []
+        self._outgoing: deque[Outgoing] = deque()
+        self._next_sender = 0
+        self._unknown_reported_s: dict[int, float] = {}
+        self.pending_events: list[tuple[str, str]] = []
         self._device_time = device_time
 
     @property
@@ -56,16 +57,16 @@ class Loader:
         """Restart after a reset: sessions and partial images are lost; partial uploads in flash stay suspended."""
         self._sessions.clear()
         self.openings.parts.clear()
-        self._out.clear()
+        self._outgoing.clear()
 
     def take_messages(self) -> list[Outgoing]:
         """Return and remove the messages to send now."""
-        messages = list(self._out)
-        self._out.clear()
+        messages = list(self._outgoing)
+        self._outgoing.clear()
         return messages
 
     def abort_all(self) -> int:
-        """Abort every open session and notify the ground (ABORT). Returns their number."""
+        """Abort every open session and notify the ground (ABORT). Returns the number of aborted sessions."""
         open_now = [s for s in self._sessions.values() if not s.committed]
         for session in open_now:
             self._abort(session.id, session.request_id, "aborted", "stopped by ABORT")
@@ -111,18 +112,19 @@ class Loader:
             self._end(session, service)
 
     def reject(self, request_id: int, reason: str, detail: str) -> None:
-        """Reject an OPEN."""
+        """Reject a request to open a transfer."""
         self._abort(0, request_id, reason, detail)
 
     def _no_session(self, session_id: int, request_id: int, now_s: float) -> None:
-        """Report an unknown session. The reports are limited in rate, because a window contains many chunks."""
-        if now_s - self._refused_s.get(session_id, -1e9) >= NO_SESSION_EVERY_S:
-            self._refused_s = {session_id: now_s}
+        """Report an unknown session. The rate of reports is limited, because the ground can send a window of chunks
+        before it receives the first report."""
+        if now_s - self._unknown_reported_s.get(session_id, -1e9) >= NO_SESSION_EVERY_S:
+            self._unknown_reported_s = {session_id: now_s}
             self._abort(session_id, request_id, "no_session", "this session is not open")
 
     def _abort(self, session_id: int, request_id: int, reason: str, detail: str) -> None:
         values: dict[str, Value] = {"session": session_id, "reason": reason, "detail": detail[:120]}
-        self._out.append(Outgoing("ABORT_TRANSFER", request_id, values))
+        self._outgoing.append(Outgoing("ABORT_TRANSFER", request_id, values))
 
     def _open(self, service: str, request_id: int, values: Mapping[str, Value], now_s: float) -> None:
         session = next((s for s in self._sessions.values() if s.request_id == request_id), None)
@@ -137,7 +139,7 @@ class Loader:
             self._sessions[session.id] = session
             self._forget_oldest()
         session.received_s = now_s
-        self._out.append(
+        self._outgoing.append(
             Outgoing(
                 "OPENED",
                 request_id,
@@ -164,7 +166,7 @@ class Loader:
         for session_id in sorted(self._sessions)[:-MAX_SESSIONS]:
             del self._sessions[session_id]
 
-    # --- up -----------------------------------------------------------------------------------------------------
+    # --- uploads ------------------------------------------------------------------------------------------------
 
     def _chunk(self, session: Session, values: Mapping[str, Value]) -> None:
         receiver = session.receiver
@@ -178,21 +180,21 @@ class Loader:
                 try:
                     self._writer.program(session, at, data)
                 except FlashError as error:
-                    self._give_up(session, "flash_error", str(error))
+                    self._fail_flash(session, "flash_error", str(error))
                     return
         if receiver.status_due():
             self._status(session, receiver.status())
 
-    def _give_up(self, session: Session, reason: str, detail: str) -> None:
+    def _fail_flash(self, session: Session, reason: str, detail: str) -> None:
         self._abort(session.id, session.request_id, reason, detail)
         self._sessions.pop(session.id, None)
         self._writer.erase(session)
-        self.news.append(("FLASH_ERROR", detail))
+        self.pending_events.append(("FLASH_ERROR", detail))
 
     def _status(self, session: Session, page: StatusPage) -> None:
         if session.area and not session.committed:
             self._writer.keep_progress(session)
-        self._out.append(Outgoing("STATUS", session.request_id, page.values(session.id), page.lists()))
+        self._outgoing.append(Outgoing("STATUS", session.request_id, page.values(session.id), page.lists()))
 
     def _content(self, session: Session) -> bytes:
         """Return the stored content; an upload to flash is read back."""
@@ -207,11 +209,11 @@ class Loader:
             return
         digest = hashlib.sha256(self._content(session)).digest()
         equal = digest == session.sha256
-        self._out.append(
+        self._outgoing.append(
             Outgoing("VERIFIED", session.request_id, {"session": session.id, "equal": equal, "sha256": digest})
         )
         if not equal:
-            # It is unknown which chunk is wrong, so the next attempt starts from an empty bank.
+            # It is unknown which chunk is wrong, so the next attempt starts without stored chunks.
             del self._sessions[session.id]
             self.openings.parts.pop((session.kind, session.target), None)
             if session.area:
@@ -237,25 +239,25 @@ class Loader:
                 self.openings.parts.pop(("image", session.target), None)
                 session.frame_number = frame.number
             session.committed = True
-        self._out.append(Outgoing("COMMITTED", session.request_id, {"session": session.id}))
+        self._outgoing.append(Outgoing("COMMITTED", session.request_id, {"session": session.id}))
 
     def _end(self, session: Session, service: str) -> None:
         if session.area and session.receiver and not session.committed:
             self._writer.keep_progress(session)
         del self._sessions[session.id]
         if service == "ABORT_TRANSFER":
-            self.news.append(("TRANSFER_ABORTED", session.name))
+            self.pending_events.append(("TRANSFER_ABORTED", session.name))
 
-    # --- down ---------------------------------------------------------------------------------------------------
+    # --- downloads ----------------------------------------------------------------------------------------------
 
     def next_chunk(self, now_s: float) -> Outgoing | None:
-        """Return the next chunk to send, from each session in turn."""
+        """Return the next chunk to send; None if no session has one. Sessions take turns."""
         senders = [s for s in self._sessions.values() if s.sender is not None]
         for step in range(len(senders)):
-            session = senders[(self._turn + step) % len(senders)]
+            session = senders[(self._next_sender + step) % len(senders)]
             choice = session.sender.next_chunk(now_s) if session.sender else None
             if choice is not None:
-                self._turn += step + 1
+                self._next_sender += step + 1
                 index, serial = choice
                 data = bytes(session.data[index * session.chunk_bytes : (index + 1) * session.chunk_bytes])
                 values: dict[str, Value] = {"session": session.id, "index": index, "serial": serial, "data": data}
@@ -263,16 +265,16 @@ class Loader:
         return None
 
     def step(self, now_s: float) -> None:
-        """Send due STATUS_REQUESTs; suspend or remove sessions that were silent for ``SILENT_S``."""
+        """Queue due STATUS_REQUESTs. Suspend or remove sessions that received no message for ``SESSION_TIMEOUT_S``."""
         for session in list(self._sessions.values()):
             if session.sender is not None:
                 due = session.sender.request_due(now_s)
-                if due is not None and session.sender.silent_requests <= SILENT_REQUESTS:
+                if due is not None and session.sender.silent_requests <= MAX_SILENT_REQUESTS:
                     values = {"session": session.id, "serial": due[0], "from_index": due[1]}
-                    self._out.append(Outgoing("STATUS_REQUEST", session.request_id, values))
-            if now_s - session.received_s > SILENT_S:
+                    self._outgoing.append(Outgoing("STATUS_REQUEST", session.request_id, values))
+            if now_s - session.received_s > SESSION_TIMEOUT_S:
                 if not session.committed and not (session.sender and session.sender.complete):
                     self._end(session, "silence")
-                    self.news.append(("TRANSFER_SUSPENDED", f"{session.name}: no message received"))
+                    self.pending_events.append(("TRANSFER_SUSPENDED", f"{session.name}: no message received"))
                 else:
                     del self._sessions[session.id]

@@ -253,14 +253,14 @@ class SimulatedDevice:
             self._housekeeping_due_s += self._housekeeping_s
 
     def _flush_loader(self) -> None:
-        for name, text in self.power.news:
+        for name, text in self.power.pending_events:
             self._outbox.event(name, text)
-        self.power.news.clear()
+        self.power.pending_events.clear()
         for message in self._loader.take_messages():
             self._outbox.transfer(message)
-        for name, text in self._loader.news:
+        for name, text in self._loader.pending_events:
             self._outbox.event(name, text)
-        self._loader.news.clear()
+        self._loader.pending_events.clear()
 
     def _transfer(self, packet: Packet) -> None:
         service = self._dictionary.service_of_code("transfer", packet.code)

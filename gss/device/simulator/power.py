@@ -1,7 +1,7 @@
 """Power of the unit: three rails that can be switched and can latch up, their currents, and the temperatures.
 
 A latch-up raises a rail's current immediately; after ``trip_s`` the protection switches the rail off, and it stays off
-until CLEAR_LATCHUP. Other values are those of a healthy unit and vary slowly with the orbit's day and night.
+until CLEAR_LATCHUP. Other values correspond to a healthy unit and vary slowly with the orbit's day and night.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Rail:
 class Power:
     """State of the rails at simulated times. ``row``: currents and reaction time of the instrument.
 
-    ``news``: events for the device to send, as (name, text)."""
+    ``pending_events``: events for the device to send, as (name, text)."""
 
     def __init__(self, row: PowerRow) -> None:
         self._row = row
@@ -56,7 +56,7 @@ class Power:
         self.offset_c = 0.0
         self.sensor_c = 12.0
         self._hot = False
-        self.news: list[tuple[str, str]] = []
+        self.pending_events: list[tuple[str, str]] = []
 
     def restart(self) -> None:
         """Switch on every rail that is not latched up (reset)."""
@@ -95,7 +95,7 @@ class Power:
                 self.latchups += 1
                 tripped.append(name)
                 drew = self._currents[name].latched / 10
-                self.news.append(("LATCHUP", f"{name} drew {drew:.0f} mA and was switched off"))
+                self.pending_events.append(("LATCHUP", f"{name} drew {drew:.0f} mA and was switched off"))
         return tripped
 
     def on(self, name: str) -> bool:
@@ -139,7 +139,7 @@ class Power:
         over_c = max(sensor_c - SENSOR_HOT_C, processor_c - PROCESSOR_HOT_C)
         if over_c > 0 and not self._hot:
             self._hot = True
-            self.news.append(("OVERHEAT", f"sensor {sensor_c:.0f} °C, processor {processor_c:.0f} °C"))
+            self.pending_events.append(("OVERHEAT", f"sensor {sensor_c:.0f} °C, processor {processor_c:.0f} °C"))
         elif over_c < -HYSTERESIS_C:
             self._hot = False
 

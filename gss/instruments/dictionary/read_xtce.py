@@ -18,7 +18,14 @@ from gss.instruments.dictionary.read_dictionary import WRONG_ROW, layout_hash, r
 from gss.instruments.dictionary.xml_lines import Element, parse_xml
 from gss.instruments.dictionary.xtce_containers import Containers
 from gss.instruments.dictionary.xtce_terms import ANCILLARY, FAMILY, LEVELS, LITTLE_ENDIAN, OPERATORS
-from gss.instruments.dictionary.xtce_values import NAME, NAMED, Row, Values, described, facts_of
+from gss.instruments.dictionary.xtce_values import (
+    COMMON_ATTRIBUTES,
+    COMMON_CHILDREN,
+    Row,
+    TypeReader,
+    descriptions,
+    facts_of,
+)
 from gss.instruments.marked_yaml import MarkedYaml, Place
 
 ACCEPT_S, COMPLETE_S = 5.0, 30.0
@@ -56,7 +63,9 @@ class _XtceReader:
     """Converts a document to rows and stores the line of each row."""
 
     def __init__(self, root: Element) -> None:
-        self._root = root.checked(f"{NAMED} Header TelemetryMetaData CommandMetaData", f"{NAME} operationalStatus")
+        self._root = root.checked(
+            f"{COMMON_CHILDREN} Header TelemetryMetaData CommandMetaData", f"{COMMON_ATTRIBUTES} operationalStatus"
+        )
         self._facts = facts_of(root, "layout hash same_layout_as limit_sets")
         self._enums: dict[str, list[Row]] = {}
         self._orders: set[str] = set()
@@ -64,12 +73,16 @@ class _XtceReader:
         telemetry = root.child("TelemetryMetaData")
         if telemetry is not None:
             telemetry.checked("ParameterTypeSet ParameterSet ContainerSet")
-        values = Values(telemetry.rows("ParameterTypeSet") if telemetry else (), "Parameter", self._enums, self._orders)
+        values = TypeReader(
+            telemetry.rows("ParameterTypeSet") if telemetry else (), "Parameter", self._enums, self._orders
+        )
         self._containers = Containers(telemetry, values)
         self._command_part = part = root.child("CommandMetaData")
         if part is not None:
             part.checked("ArgumentTypeSet MetaCommandSet")
-        self._arguments = Values(part.rows("ArgumentTypeSet") if part else (), "Argument", self._enums, self._orders)
+        self._arguments = TypeReader(
+            part.rows("ArgumentTypeSet") if part else (), "Argument", self._enums, self._orders
+        )
 
     def dictionary(self) -> XtceDictionary:
         """Return the dictionary after all checks."""
@@ -136,12 +149,13 @@ class _XtceReader:
 
     def _command(self, command: Element, commands: dict[str, Element]) -> Row:
         command.checked(
-            f"{NAMED} BaseMetaCommand ArgumentList CommandContainer TransmissionConstraintList DefaultSignificance VerifierSet",
-            f"{NAME} abstract",
+            f"{COMMON_CHILDREN} BaseMetaCommand ArgumentList CommandContainer "
+            "TransmissionConstraintList DefaultSignificance VerifierSet",
+            f"{COMMON_ATTRIBUTES} abstract",
         )
         facts = facts_of(command, COMMAND_FACTS)
         texts = facts.pop("precondition_texts", [])
-        short, long = described(command)
+        short, long = descriptions(command)
         row: Row = {
             "name": command.get("name"),
             "subsystem": SUBSYSTEM,
@@ -180,11 +194,11 @@ class _XtceReader:
         return chosen[0].integer(chosen[0].get("argumentValue"))
 
     def _argument(self, argument: Element) -> Row:
-        argument.checked(NAMED, f"{NAME} argumentTypeRef initialValue")
+        argument.checked(COMMON_CHILDREN, f"{COMMON_ATTRIBUTES} argumentTypeRef initialValue")
         row, size = self._arguments.row(argument, facts_of(argument, ARGUMENT_FACTS))
         if size is not None:
             raise argument.error("an argument of variable size is not supported")
-        short, long = described(argument)
+        short, long = descriptions(argument)
         row |= {"name": argument.get("name")} | ({"purpose": long or short} if long or short else {})
         text = argument.attributes.get("initialValue")
         if text is not None:
@@ -204,7 +218,7 @@ class _XtceReader:
         container = command.child("CommandContainer")
         if container is None:
             return
-        container.checked(f"{NAMED} EntryList BaseContainer", NAME)
+        container.checked(f"{COMMON_CHILDREN} EntryList BaseContainer", COMMON_ATTRIBUTES)
         names = []
         for entry in container.need("EntryList").children:
             if entry.tag == "ParameterRefEntry" and self._containers.is_checksum(entry.get("parameterRef")):
@@ -234,7 +248,7 @@ class _XtceReader:
             key = {"AcceptedVerifier": "accept_s", "CompleteVerifier": "complete_s"}.get(verifier.tag)
             if key is None or key in limits:
                 raise verifier.error("is not supported", expected="one AcceptedVerifier and one CompleteVerifier")
-            window = verifier.checked("ComparisonList CheckWindow", NAME).need("CheckWindow")
+            window = verifier.checked("ComparisonList CheckWindow", COMMON_ATTRIBUTES).need("CheckWindow")
             window.checked("", "timeToStopChecking timeWindowIsRelativeTo")
             text = window.get("timeToStopChecking")
             try:

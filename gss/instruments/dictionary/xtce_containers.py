@@ -8,7 +8,15 @@ from dataclasses import dataclass, field
 
 from gss.instruments.dictionary import xtce_terms as terms
 from gss.instruments.dictionary.xml_lines import Element
-from gss.instruments.dictionary.xtce_values import NAME, NAMED, Row, Size, Values, described, facts_of
+from gss.instruments.dictionary.xtce_values import (
+    COMMON_ATTRIBUTES,
+    COMMON_CHILDREN,
+    Row,
+    Size,
+    TypeReader,
+    descriptions,
+    facts_of,
+)
 
 CONTAINER_FACTS = (
     f"{terms.ROLE} code stale_after_s simulator_only packet command severity action list slots count purpose"
@@ -34,7 +42,7 @@ class Containers:
     """The containers and parameters of ``TelemetryMetaData``. ``returns``: values that a completed command returns, by
     command name."""
 
-    def __init__(self, telemetry: Element | None, values: Values) -> None:
+    def __init__(self, telemetry: Element | None, values: TypeReader) -> None:
         self._values = values
         self._parameters = _by_name(telemetry, "ParameterSet", "Parameter")
         self._containers = _by_name(telemetry, "ContainerSet", "SequenceContainer")
@@ -53,7 +61,7 @@ class Containers:
             for entry in c.need("EntryList").all("ContainerRefEntry")
         }
         for name, container in self._containers.items():
-            container.checked(f"{NAMED} EntryList BaseContainer", f"{NAME} abstract")
+            container.checked(f"{COMMON_CHILDREN} EntryList BaseContainer", f"{COMMON_ATTRIBUTES} abstract")
             role = self._role(name, container, inner)
             if role in (terms.TELEMETRY, terms.EVENT, terms.SERVICE, terms.RETURNS):
                 self._check_bases(container)
@@ -130,7 +138,7 @@ class Containers:
 
     def _telemetry(self, name: str, container: Element) -> Row:
         facts = self._facts[name]
-        short, long = described(container)
+        short, long = descriptions(container)
         row: Row = {"name": name, "code": self._code(name, container), "purpose": long or short or name}
         row["stale_after_s"] = facts.get("stale_after_s", 0.0)
         row |= {key: facts[key] for key in ("simulator_only",) if key in facts}
@@ -140,14 +148,14 @@ class Containers:
         return row
 
     def _service(self, name: str, container: Element) -> Row:
-        row: Row = {"name": name, "packet": self._facts[name].get("packet"), "purpose": described(container)[0]}
+        row: Row = {"name": name, "packet": self._facts[name].get("packet"), "purpose": descriptions(container)[0]}
         row["code"] = self._facts[name].get("code", 0)
         return row | {"fields": self._fields(name, container, telemetry=False)}
 
     def _event(self, name: str, container: Element) -> Row:
         facts = self._facts[name]
         row = {"name": name.removeprefix("EVENT_"), "code": self._code(name, container)}
-        row |= {"purpose": described(container)[0], "severity": facts.get("severity")}
+        row |= {"purpose": descriptions(container)[0], "severity": facts.get("severity")}
         return row | ({"action": facts["action"]} if "action" in facts else {})
 
     def _code(self, name: str, container: Element) -> int:
@@ -233,11 +241,11 @@ class Containers:
         name = entry.checked("", "parameterRef").get("parameterRef")
         if name not in self._parameters:
             raise entry.error(f"unknown parameter {name}"[:120])
-        return self._parameters[name].checked(NAMED, f"{NAME} parameterTypeRef initialValue")
+        return self._parameters[name].checked(COMMON_CHILDREN, f"{COMMON_ATTRIBUTES} parameterTypeRef initialValue")
 
     @staticmethod
     def _describe(parameter: Element, row: Row, telemetry: bool) -> None:
-        short, long = described(parameter)
+        short, long = descriptions(parameter)
         if telemetry:
             row |= ({"title": short} if short else {}) | ({"purpose": long} if long else {})
         elif long or short:

@@ -1,5 +1,5 @@
-"""Convert the types of XTCE parameters and arguments to dictionary rows. Rejects unsupported constructs with name and
-line."""
+"""Convert the types of XTCE parameters and arguments to dictionary rows. An error about an unsupported construct states
+its name and line."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from gss.instruments.dictionary.xml_lines import Element
 from gss.instruments.dictionary.xtce_terms import ALARMS, ANCILLARY, BIG_ENDIAN, LITTLE_ENDIAN
 
 Row = JsonObject
-NAMED = "LongDescription AliasSet AncillaryDataSet"
-NAME = "name shortDescription"
+COMMON_CHILDREN = "LongDescription AliasSet AncillaryDataSet"
+COMMON_ATTRIBUTES = "name shortDescription"
 INTEGERS = {("unsigned", 8): "u8", ("unsigned", 16): "u16", ("unsigned", 32): "u32", ("unsigned", 64): "u64"}
 INTEGERS |= {("twosComplement", 8): "i8", ("twosComplement", 16): "i16", ("twosComplement", 32): "i32"}
 FLOATS = {"32": "f32", "64": "f64"}
@@ -41,40 +41,41 @@ def facts_of(element: Element, allowed: str) -> Row:
         if entry.attributes.get("name") != ANCILLARY:
             continue
         if len(entry.text) > MAX_JSON or entry.text.count("[") + entry.text.count("{") > MAX_BRACKETS:
-            raise entry.error("too long", expected=f"at most {MAX_JSON} characters and {MAX_BRACKETS} brackets")
+            raise entry.error("JSON is too long", expected=f"up to {MAX_JSON} characters and {MAX_BRACKETS} brackets")
         try:
-            facts = json.loads(entry.text, parse_constant=_refuse)
+            facts = json.loads(entry.text, parse_constant=_reject_constant)
         except ValueError as error:
-            raise entry.error("not JSON", got=str(error)[:100]) from None
+            raise entry.error("is not valid JSON", got=str(error)[:100]) from None
         unknown = sorted(set(facts) - set(allowed.split())) if isinstance(facts, dict) else [str(facts)[:60]]
         if unknown:
             raise entry.error(f"unknown key {unknown[0]} in {element.tag}", expected=allowed)
     return facts
 
 
-def _refuse(constant: str) -> None:
+def _reject_constant(constant: str) -> None:
     raise ValueError(f"{constant} is not a number")
 
 
-def described(element: Element) -> tuple[str, str]:
-    """Return the short and the long description; "" for a missing description."""
+def descriptions(element: Element) -> tuple[str, str]:
+    """Return the short and the long description, "" for a missing one."""
     long = element.child("LongDescription")
     return element.attributes.get("shortDescription", ""), long.text if long else ""
 
 
-def yes(element: Element, attribute: str, default: bool) -> bool:
-    """Return a boolean attribute. Raises BadInput."""
+def boolean_attribute(element: Element, attribute: str, default: bool) -> bool:
+    """Return a boolean attribute. Raises BadInput if its text is not a boolean."""
     text = element.attributes.get(attribute, str(default).lower())
     if text not in YES + NO:
         raise element.error(f"{attribute} is not a boolean", expected="true or false", got=text[:40])
     return text in YES
 
 
-class Values:
-    """The types of a document. ``kind``: Parameter or Argument. Collects enumerations and byte orders of numbers.
+class TypeReader:
+    """Reads the types of a document. ``kind``: Parameter or Argument. ``enums`` and ``orders`` collect the
+    enumerations and the byte orders of the numbers.
 
-    Limitations: sizes are whole bytes; calibrators are polynomials; ranges are inclusive; alarm ranges are static, with
-    the alarm outside of the range.
+    Limitations: sizes are whole bytes; calibrators are polynomials; ranges are inclusive; alarm ranges are static, and
+    a value outside of the range raises the alarm.
     """
 
     def __init__(self, types: Iterable[Element], kind: str, enums: dict[str, list[Row]], orders: set[str]) -> None:
@@ -85,8 +86,8 @@ class Values:
         self._kind, self._enums, self._orders = kind, enums, orders
 
     def row(self, entry: Element, facts: Row) -> tuple[Row, Size | None]:
-        """Return the row of a parameter or argument without its name, and its size if the size is variable or that of a
-        text."""
+        """Return the row of a parameter or argument without its name, and the size of its value if this size is
+        variable, otherwise None."""
         reference = entry.get("parameterTypeRef" if self._kind == "Parameter" else "argumentTypeRef")
         element = self._types.get(reference)
         if element is None:
@@ -115,8 +116,8 @@ class Values:
             raise element.error(
                 "an integer with a calibrator must be a FloatParameterType", expected="no DefaultCalibrator"
             )
-        if yes(element, "signed", True) != row["type"].startswith("i"):
-            raise element.error("signed differs from the encoding")
+        if boolean_attribute(element, "signed", True) != row["type"].startswith("i"):
+            raise element.error("the attribute signed contradicts the encoding")
         self._ranges(element, row)
         if self._kind == "Argument":
             low, high = INTEGER_RANGES[row["type"]]
@@ -190,7 +191,7 @@ class Values:
         size = encoding.need("SizeInBits").checked("Fixed TerminationChar")
         end = size.child("TerminationChar")
         if end is not None and end.text.strip() not in ("00", ""):
-            raise end.error("a text ends with zero bytes", expected="00", got=end.text[:20])
+            raise end.error("only zero bytes can terminate a text", expected="00", got=end.text[:20])
         fixed = size.need("Fixed").checked("FixedValue").need("FixedValue")
         row["type"] = f"str{self._bytes(fixed, fixed.text)}"
         return None
@@ -202,16 +203,14 @@ class Values:
         return None if size.fixed else size
 
     def _time(self, element: Element, row: Row) -> Size | None:
-        element.checked(f"{NAMED} Encoding ReferenceTime", NAME)
+        element.checked(f"{COMMON_CHILDREN} Encoding ReferenceTime", COMMON_ATTRIBUTES)
         encoding = element.need("Encoding").checked("FloatDataEncoding IntegerDataEncoding", "units scale offset")
         plain = (
             encoding.attributes.get("units", "seconds"),
             float(encoding.number(encoding.attributes.get("scale", "1"))),
         )
         if (*plain, float(encoding.number(encoding.attributes.get("offset", "0")))) != ("seconds", 1.0, 0.0):
-            raise encoding.error(
-                "only whole units of seconds are supported", expected="units seconds, scale 1, offset 0"
-            )
+            raise encoding.error("only plain seconds are supported", expected="units seconds, scale 1, offset 0")
         epoch = element.need("ReferenceTime").checked("Epoch").need("Epoch")
         if epoch.text.strip() != "UNIX":
             raise epoch.error("only times since 1970-01-01 UTC are supported", expected="UNIX", got=epoch.text[:40])
@@ -228,7 +227,7 @@ class Values:
     def _checked(self, element: Element, children: str, attributes: str) -> Element:
         extra = "ValidRangeSet" if self._kind == "Argument" else "ValidRange DefaultAlarm"
         numeric = extra if element.tag.startswith(("Integer", "Float")) else ""
-        return element.checked(f"{NAMED} UnitSet {children} {numeric}", f"{NAME} {attributes}")
+        return element.checked(f"{COMMON_CHILDREN} UnitSet {children} {numeric}", f"{COMMON_ATTRIBUTES} {attributes}")
 
     def _unit(self, element: Element) -> str:
         units = list(element.rows("UnitSet"))
@@ -271,7 +270,7 @@ class Values:
             return
         if self._kind == "Argument":
             raise calibrator.error(
-                "calibrators of arguments are not supported", expected="the argument in the unit of the line"
+                "calibrators of arguments are not supported", expected="the argument in the unit that is sent"
             )
         coefficients: dict[int, float] = {}
         polynomial = calibrator.checked("PolynomialCalibrator", "name").need("PolynomialCalibrator")
@@ -292,8 +291,8 @@ class Values:
         valid = element.child("ValidRange")
         if valid is not None:
             valid.checked("", "minInclusive maxInclusive validRangeAppliesToCalibrated")
-            if not yes(valid, "validRangeAppliesToCalibrated", True):
-                raise valid.error("the range must be that of the calibrated value")
+            if not boolean_attribute(valid, "validRangeAppliesToCalibrated", True):
+                raise valid.error("the range must apply to the calibrated value")
             row["valid"] = [valid.number(valid.get("minInclusive")), valid.number(valid.get("maxInclusive"))]
         alarm = element.child("DefaultAlarm")
         if alarm is None:

@@ -52,7 +52,7 @@ def record_of(
         "profile": base.name,
         "camera": camera_of(camera),
         "base": camera_of(base),
-        "changed": [name for name in camera.changed_from(base) if name != "name"],
+        "changed": [name for name in camera.fields_different_from(base) if name != "name"],
         "sky": "whole sky" if report.request.envelope is None else "along the orbit",
         "figures": [_with_paper(f, papers) for f in _figures(report)],
         "histogram": {

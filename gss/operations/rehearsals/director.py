@@ -1,5 +1,5 @@
-"""Rehearses a pass plan on a simulated unit: advances time, switches the signal on and off, and runs the steps of
-persons."""
+"""Rehearse a pass plan on a simulated unit. The director advances time, switches the signal on and off, and runs the
+procedure steps that are waiting for a person."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ from gss.orbit.passes import find_passes
 from gss.store.models import PassPlan, ProcedureRun
 
 PERSON, SECOND = "rehearsal", "second person"
-BUSY_STEP_S, QUIET_STEP_S, DARK_STEP_S = 0.02, 0.1, 1.0
+BUSY_STEP_S, QUIET_STEP_S, NO_SIGNAL_STEP_S = 0.02, 0.1, 1.0
 """Time steps while the ground sends, while it waits, and while no signal is present."""
 MIN_STEP_S = 0.001
 BUSY_FOR_S = 1.0
 """Time advances in small steps for this long after the ground has sent something."""
 YIELD_S = 0.0003
-"""Real time in which threads that an event woke can run before simulated time advances."""
+"""Pause in real time before simulated time advances, so that threads woken by an event can run."""
 STORED_WITHIN_S = 30.0
 PERSON_STEPS = ("question", "hold", "sign")
 """Types of the steps that only a person runs."""
@@ -76,31 +76,31 @@ class Director:
         self._passes: list[RehearsedPass] = []
         self._edges: list[datetime] = []
         self._transitions: list[Transition] = []
-        self._person: list[PersonStep] = []
+        self._person_steps: list[PersonStep] = []
         self._active_s: dict[int, float] = {}
-        self._busy_until_s = self._tick_s = self._followed_s = 0.0
-        self._waits: tuple[tuple[int, str, int], float] | None = None
+        self._busy_until_s = self._next_tick_s = self._procedures_ticked_s = 0.0
+        self._waiting_step: tuple[tuple[int, str, int], float] | None = None
 
     def run(self, plan_id: int, report: Report) -> RehearsalReport:
         """Arm the plan, run it to its end, and return the report. Raises Conflict if the plan cannot be armed."""
         began_s, plans = self._ground.stopwatch_s(), self._ground.plans
         plan = plans.get(plan_id)
         end = plan.rise + timedelta(days=MAX_DAYS)
-        self._passes = self._windows(plan, end)
+        self._passes = self._find_passes(plan, end)
         self._edges = self._signal_changes()
         plan = plans.arm(plan_id, plans.to_confirm(plan, user=PERSON), user=PERSON)
         self._ground.link.open_later(URL)
         while plan.state in ACTIVE and self._clock.now() < end:
             self._skip_to(plan)
             self._advance(plan)
-            if self._clock.monotonic_s() >= self._tick_s:
+            if self._clock.monotonic_s() >= self._next_tick_s:
                 plan = self._tick(plan_id)
                 report(_completed_share(plan), f"{self._clock.now():%Y-%m-%d %H:%M:%S} UTC, plan {plan.state}")
         simulated_s = (self._clock.now() - self._passes[0].rise).total_seconds()
         return self._report(plan, simulated_s, self._ground.stopwatch_s() - began_s)
 
-    def _windows(self, plan: PassPlan, end: datetime) -> list[RehearsedPass]:
-        """Return the passes over the plan's station, above its horizon mask."""
+    def _find_passes(self, plan: PassPlan, end: datetime) -> list[RehearsedPass]:
+        """Return the passes over the plan's ground station. Rise and set refer to the horizon mask of the station."""
         station = ground_station(self._ground.stations.get(plan.station_id))
         orbit = self._ground.spacecraft.require().orbit
         return [
@@ -124,19 +124,19 @@ class Director:
         now_s = self._clock.monotonic_s()
         if self._line.wrote:
             self._line.wrote, self._busy_until_s = False, now_s + BUSY_FOR_S
-        number = self._pass_number()
-        self._line.in_view = number is not None and not self._in_outage(number)
+        index = self._pass_index()
+        self._line.in_view = index is not None and not self._in_outage(index)
         step_s = self._step_s(now_s < self._busy_until_s)
         up_before, down_before = self._line.up, self._line.down
         self._clock.advance(step_s)
         self._unit.step(step_s)
         self._settle()
-        if now_s - self._followed_s >= QUIET_STEP_S / 2:
-            self._followed_s = now_s
+        if now_s - self._procedures_ticked_s >= QUIET_STEP_S / 2:
+            self._procedures_ticked_s = now_s
             self._ground.procedures.tick()
-        if number is not None:
-            current, used_s = self._passes[number], step_s if plan.state == "running" else 0.0
-            self._passes[number] = replace(
+        if index is not None:
+            current, used_s = self._passes[index], step_s if plan.state == "running" else 0.0
+            self._passes[index] = replace(
                 current,
                 used_s=current.used_s + used_s,
                 bytes_up=current.bytes_up + self._line.up - up_before,
@@ -158,7 +158,9 @@ class Director:
     def _step_s(self, busy: bool) -> float:
         """Return the length of the next time step, which ends no later than the next change of the signal."""
         now = self._clock.now()
-        step_s = BUSY_STEP_S if busy and self._line.in_view else QUIET_STEP_S if self._line.in_view else DARK_STEP_S
+        step_s = (
+            BUSY_STEP_S if busy and self._line.in_view else QUIET_STEP_S if self._line.in_view else NO_SIGNAL_STEP_S
+        )
         until_change_s = next(((edge - now).total_seconds() for edge in self._edges if edge > now), step_s)
         return max(MIN_STEP_S, min(step_s, until_change_s))
 
@@ -171,20 +173,20 @@ class Director:
                 edges += [lost_at, lost_at + timedelta(seconds=outage.for_s)]
         return sorted(edges)
 
-    def _pass_number(self) -> int | None:
+    def _pass_index(self) -> int | None:
         now = self._clock.now()
         return next((k for k, rehearsed in enumerate(self._passes) if rehearsed.rise <= now < rehearsed.set), None)
 
-    def _in_outage(self, number: int) -> bool:
-        since_s = (self._clock.now() - self._passes[number].rise).total_seconds()
+    def _in_outage(self, index: int) -> bool:
+        since_s = (self._clock.now() - self._passes[index].rise).total_seconds()
         return any(
-            o.pass_number == number + 1 and o.after_s <= since_s < o.after_s + o.for_s for o in self._options.outages
+            o.pass_number == index + 1 and o.after_s <= since_s < o.after_s + o.for_s for o in self._options.outages
         )
 
     # --- once a second ------------------------------------------------------------------------------------------
 
     def _tick(self, plan_id: int) -> PassPlan:
-        self._tick_s = self._clock.monotonic_s() + 1.0
+        self._next_tick_s = self._clock.monotonic_s() + 1.0
         for tick in self._ground.tickers:
             tick()
         plan = self._ground.plans.get(plan_id)
@@ -197,10 +199,11 @@ class Director:
         return plan
 
     def _act_for_person(self, plan: PassPlan, item: PlanItem, run_id: int) -> None:
-        """Run the step that waits for a person after ``person_s`` seconds. Stop the plan if the step has failed."""
+        """Run a step ``person_s`` seconds after it began to wait for a person. Stop the plan if the step has
+        failed."""
         row, waiting = self._ground.procedures.state(run_id)
         if not waiting:
-            self._waits = None
+            self._waiting_step = None
             return
         entries = entries_of(row)
         if entries and entries[-1].step == waiting and entries[-1].state == "failed":
@@ -208,9 +211,9 @@ class Director:
             self._ground.runner.stop(plan.id, user=PERSON, reason=reason)
             return
         key, now_s = (run_id, waiting, len(entries)), self._clock.monotonic_s()
-        if self._waits is None or self._waits[0] != key:
-            self._waits = (key, now_s)
-        if now_s - self._waits[1] >= self._options.person_s:
+        if self._waiting_step is None or self._waiting_step[0] != key:
+            self._waiting_step = (key, now_s)
+        if now_s - self._waiting_step[1] >= self._options.person_s:
             self._run_step(row, read_procedure(row.text).step(waiting))
 
     def _run_step(self, row: ProcedureRun, step: ProcedureStep) -> None:
@@ -218,7 +221,7 @@ class Director:
         user = SECOND if step.kind == "hold" else PERSON
         self._ground.procedures.run_step(row.id, step.id, user=user, answer=answer)
         if step.kind in PERSON_STEPS:
-            self._person.append(PersonStep(self._clock.now(), step.id, step.kind, answer, user))
+            self._person_steps.append(PersonStep(self._clock.now(), step.id, step.kind, answer, user))
         if self._ground.procedures.get(row.id).state == "running":
             self._ground.procedures.set_automatic(row.id, True, user=PERSON)
 
@@ -257,7 +260,7 @@ class Director:
                 if rehearsed.rise <= now
             ],
             transitions=self._transitions,
-            person=self._person,
+            person=self._person_steps,
             steps=[step for run_id in runs for step in _steps(self._ground.procedures.get(run_id))],
         )
 

@@ -89,7 +89,7 @@ def _complete_rows(held_bytes: Sequence[tuple[int, int]], row_bytes: int, rows: 
 
 
 def _region(data: bytes, shape: Shape, part: Part, held_bytes: Sequence[tuple[int, int]]) -> DeviceImage:
-    """Return a full-size image that contains a rectangle, so that pixel coordinates are those of the detector."""
+    """Return a full-size image that contains a rectangle, so that pixel coordinates refer to the detector."""
     columns_fit = part.columns > 0 and part.col_px + part.columns <= shape.columns
     if not columns_fit or part.row_px + part.rows > shape.rows:
         raise CorruptData(

@@ -24,7 +24,7 @@ MIN_ARM_PX = 1.0
 
 @dataclass(frozen=True)
 class OpticalCentre:
-    """Optical centre on the detector. ``circle``: True if the centre is that of a circle through the positions, False
+    """Optical centre on the detector. ``circle``: True if it is the centre of a circle through the positions, False
     if it is the middle of their bounding box. ``sigma_px``: per axis. ``radius_px``: radius of the circle; ``box_px``:
     extent of the positions in col and row."""
 

@@ -12,15 +12,16 @@ from gss.domain.angles import Array
 from gss.pipeline.detect import Detections
 from gss.pipeline.psf import Stamps, adaptive_shapes, cut_stamps
 
-ROUNDS = 25
+MAX_ITERATIONS = 25
 PIXEL_VARIANCE = 1 / 12  # added to the second moment by integration over a pixel
-SUB = 3  # number of sampling points of the model per side of a pixel
-MISFIT = 0.25
+SAMPLES = 3  # number of sampling points of the model per side of a pixel
+MAX_MISFIT = 0.25  # largest rms residual as a fraction of the fitted peak
 
 
 @dataclass(frozen=True)
 class Spot:
-    """Fit of one star: position, round-equivalent σ of the optics (px), ratio of long to short axis, direction of the long axis."""
+    """Fit of one star. ``sigma_px``: σ of a round Gaussian with the same area, without the integration over pixels.
+    ``ratio``: long to short axis. ``direction_rad``: direction of the long axis."""
 
     col_px: float
     row_px: float
@@ -38,8 +39,8 @@ def fit_spots(image: NDArray[Any], detections: Detections, saturation_dn: float,
     inside = (col >= half) & (row >= half) & (col < image.shape[1] - half) & (row < image.shape[0] - half)
     gap2 = (c.col_px[:, None] - c.col_px) ** 2 + (c.row_px[:, None] - c.row_px) ** 2
     np.fill_diagonal(gap2, np.inf)
-    alone = gap2.min(axis=1, initial=np.inf) > (2.5 * half) ** 2
-    chosen = np.flatnonzero(inside & alone)
+    isolated = gap2.min(axis=1, initial=np.inf) > (2.5 * half) ** 2
+    chosen = np.flatnonzero(inside & isolated)
     if not len(chosen):
         return []
     stamps = cut_stamps(image, col[chosen], row[chosen], np.zeros(len(chosen)), half, saturation_dn)
@@ -55,30 +56,31 @@ def fit_spots(image: NDArray[Any], detections: Detections, saturation_dn: float,
 
 
 def _fit(stamps: Stamps, k: int, covariance: Array) -> Spot | None:
-    """Fit peak, position, three second moments and sky by Gauss–Newton. None if the fit does not converge to a star-like spot."""
+    """Fit peak, position, three second moments and sky by Gauss–Newton. Returns None if the fit does not converge,
+    moves away from the centre or leaves large residuals."""
     value = stamps.value[k]
     start = covariance - PIXEL_VARIANCE * np.eye(2)
     a, d = max(start[0, 0], 0.1), max(start[1, 1], 0.1)
     theta = np.array([value.max(), 0.0, 0.0, a, d, float(np.clip(start[0, 1], -0.8, 0.8) * 0.5), 0.0])
     weight = 1 / (1 + np.maximum(value, 0) / max(float(value.max()), 1e-9) * 20)
     points = _sampling_points(stamps)
-    for _ in range(ROUNDS):
-        base, jacobian = _model(points, theta)
+    for _ in range(MAX_ITERATIONS):
+        modelled, jacobian = _model(points, theta)
         normal = jacobian.T @ (weight[:, None] * jacobian)
         damp = 1e-6 * np.diag(np.diag(normal)) + 1e-12 * np.eye(7)
-        move = np.linalg.solve(normal + damp, jacobian.T @ (weight * (value - base)))
-        move = np.clip(
-            move, -np.array([1e9, 0.5, 0.5, 0.4, 0.4, 0.3, 1e9]), np.array([1e9, 0.5, 0.5, 0.4, 0.4, 0.3, 1e9])
+        step = np.linalg.solve(normal + damp, jacobian.T @ (weight * (value - modelled)))
+        step = np.clip(
+            step, -np.array([1e9, 0.5, 0.5, 0.4, 0.4, 0.3, 1e9]), np.array([1e9, 0.5, 0.5, 0.4, 0.4, 0.3, 1e9])
         )
-        theta = theta + move
+        theta = theta + step
         theta[3:5] = np.maximum(theta[3:5], 0.02)
         theta[5] = np.clip(theta[5], -0.95, 0.95) if theta[3] * theta[4] > theta[5] ** 2 else 0.0
-        if np.abs(move[1:6]).max() < 1e-4:
+        if np.abs(step[1:6]).max() < 1e-4:
             break
     else:
         return None
     residual = value - _model(points, theta)[0]
-    if theta[0] <= 0 or np.hypot(theta[1], theta[2]) > 2 or np.sqrt(np.mean(residual**2)) > MISFIT * theta[0]:
+    if theta[0] <= 0 or np.hypot(theta[1], theta[2]) > 2 or np.sqrt(np.mean(residual**2)) > MAX_MISFIT * theta[0]:
         return None
     moments, vectors = np.linalg.eigh(np.array([[theta[3], theta[5]], [theta[5], theta[4]]]))
     if moments[0] <= 0:
@@ -94,8 +96,9 @@ def _fit(stamps: Stamps, k: int, covariance: Array) -> Spot | None:
 
 
 def _sampling_points(stamps: Stamps) -> tuple[Array, Array]:
-    """Return (SUB², n) offsets of the sampling points from the stamp's centre, right and down, for each of its n pixels."""
-    offsets = (np.arange(SUB) - (SUB - 1) / 2) / SUB
+    """Return the offsets of the sampling points from the centre of the stamp, to the right and down, as (SAMPLES², n)
+    for n pixels."""
+    offsets = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) / SAMPLES
     right, down = (grid.reshape(-1, 1) for grid in np.meshgrid(offsets, offsets))
     return stamps.dx + right, stamps.dy + down
 

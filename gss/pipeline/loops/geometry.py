@@ -181,7 +181,8 @@ def _too_far(near, cosine, sine, cos_extent, sin_extent):
 
 @loop
 def stars_near(icrs, cells, z, cosine, below, out):
-    """Write the rows below ``below`` of the stars whose angle from ``z`` has a cosine above ``cosine``. Return their number."""
+    """Write the rows below ``below`` of the stars whose angle from ``z`` has a cosine above ``cosine``. Return the
+    number of rows written."""
     middle, cos_extent, sin_extent, first, star = cells
     sine = math.sqrt(max(1 - cosine * cosine, 0.0))
     count = 0

@@ -19,7 +19,8 @@ NO_THREE = 2
 
 @loop
 def _candidates(unit, sigma_rad, n, icrs, local, near, prior, radius_rad, most, observed, star, expected):
-    """Write the (detection, star) pairs within the radius, in the order of the detections. Return their number."""
+    """Write the (detection, star) pairs within the radius, in the order of the detections. Return the number of
+    pairs."""
     cam = np.empty((near, 3))
     for k in range(near):
         s = local[k]

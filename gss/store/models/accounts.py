@@ -29,8 +29,8 @@ class User(Base):
 
 
 class SignIn(Base):
-    """Session of a browser. ``expires``: latest end; the session ends earlier after a period without requests.
-    ``device_hash``: hash of the cookie that identifies the browser at a later sign-in."""
+    """Session of a browser. ``expires``: time at which the session ends. A period without requests ends it
+    earlier. ``device_hash``: hash of the cookie that identifies the browser at a later sign-in."""
 
     __tablename__ = "sign_ins"
     __table_args__ = (
@@ -51,7 +51,8 @@ class SignIn(Base):
 
 
 class ApiToken(Base):
-    """API token. ``scopes``: permissions of the role that the token has; empty: all."""
+    """API token. ``scopes``: permissions of the role to which the token is restricted; empty: all permissions of
+    the role."""
 
     __tablename__ = "api_tokens"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -68,8 +69,8 @@ class ApiToken(Base):
 
 
 class OneTimeLink(Base):
-    """One-time link. ``kind``: setup (creates the first user) or password (of ``user_id``). ``created_by``: "" if
-    created by the server."""
+    """One-time link. ``kind``: setup (creates the first user) or password (sets the password of ``user_id``).
+    ``created_by``: "" if the server created the link."""
 
     __tablename__ = "one_time_links"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -119,7 +120,7 @@ AUDIT_TRIGGERS = {
         "FOR EACH STATEMENT EXECUTE FUNCTION audit_only_grows()",
     ),
 }
-"""Statements for each database type that run after the creation of the audit table."""
+"""SQL statements by type of database. They run after the audit table is created."""
 
 
 @event.listens_for(AuditRow.__table__, "after_create")

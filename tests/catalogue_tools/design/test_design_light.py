@@ -39,7 +39,7 @@ def test_documents_cameras_keep_their_zero_point_noise_and_field() -> None:
         ({"bits": 4, "bias_dn": 20.0}, "bias fills the range"),
         ({"focal_mm": 1.0, "columns": 8000}, "too wide for a flat detector"),
         ({"mag_limit": 20.0}, "limiting magnitude"),
-        ({"colour": 1.0}, "unknown field of a camera"),
+        ({"colour": 1.0}, "unknown camera parameter"),
     ],
 )
 def test_impossible_cameras_are_rejected(changes: dict[str, float], said: str) -> None:

@@ -78,7 +78,7 @@ export function fieldLabel(pen: Pen, e: Envelope, at: number, text: string): Wan
   return p ? { key: text, x: p[0], y: p[1], gap: 9, w: pen.ctx.measureText(text).width + 2, h: 13, rank: 1 } : null;
 }
 
-/** Return an image of the time in the field in one hue. The value of each point is that of its HEALPix pixel. */
+/** Return an image of the time in the field in one hue. Each point has the value of its HEALPix pixel. */
 export function shaded(
   e: Shade,
   peak: number,
