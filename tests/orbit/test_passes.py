@@ -1,4 +1,4 @@
-"""Passes against astropy's own path from TEME to azimuth and elevation, and properties that every pass has."""
+"""Passes compared with astropy's conversion from TEME to azimuth and elevation, and properties of every pass."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -15,7 +15,7 @@ from gss.orbit.passes import find_passes, sunlit_at
 from gss.orbit.station import GroundStation, checked_station
 from gss.orbit.trajectory import TleTrajectory, sun_teme_km
 
-# The element set in the sgp4 package's own documentation, of 2019-12-09.
+# Element set of 2019-12-09 from the documentation of the sgp4 package.
 TLE = """ISS (ZARYA)
 1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991
 2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482
@@ -25,7 +25,9 @@ STELLENBOSCH = GroundStation("Stellenbosch", np.radians(-33.9275), np.radians(18
 
 
 def astropy_elevation_deg(station: GroundStation, unix_s: float) -> tuple[float, float]:
-    """Elevation and azimuth by astropy: SGP4's position through TEME, ITRS and AltAz, with its Earth-rotation tables."""
+    """Return elevation and azimuth by astropy: SGP4's position converted through TEME, ITRS and AltAz with astropy's
+    Earth-rotation tables.
+    """
     time = Time(unix_s, format="unix", scale="utc")
     error, place, _ = Satrec.twoline2rv(*TLE.strip().splitlines()[1:]).sgp4(time.jd1, time.jd2)
     assert error == 0
@@ -36,30 +38,32 @@ def astropy_elevation_deg(station: GroundStation, unix_s: float) -> tuple[float,
     itrs = teme.transform_to(ITRS(obstime=time))
     topocentric = itrs.cartesian.xyz - location.get_itrs(time).cartesian.xyz
     frame = AltAz(obstime=time, location=location)
-    seen = ITRS(topocentric, obstime=time, location=location).transform_to(frame)
-    return float(seen.alt.deg), float(seen.az.deg)
+    direction = ITRS(topocentric, obstime=time, location=location).transform_to(frame)
+    return float(direction.alt.deg), float(direction.az.deg)
 
 
 def test_rise_and_set_are_those_of_astropy_within_a_second() -> None:
-    """Every rise, set and maximum of two days over a southern station."""
+    """Over two days at a southern station, rise and set agree with astropy within a second, and so does each maximum in
+    elevation and azimuth.
+    """
     passes = find_passes(TleTrajectory.of(TLE), STELLENBOSCH, START, START + timedelta(days=2))
     assert len(passes) >= 8
     low_deg = np.degrees(STELLENBOSCH.min_elevation_rad)
-    for one in passes:
-        for moment in (one.rise, one.set):
+    for found_pass in passes:
+        for moment in (found_pass.rise, found_pass.set):
             at_s = moment.timestamp()
             expected_s = brentq(
                 lambda t: astropy_elevation_deg(STELLENBOSCH, t)[0] - low_deg, at_s - 20, at_s + 20, xtol=1e-3
             )
             assert abs(at_s - expected_s) < 1.0
-        elevation, azimuth = astropy_elevation_deg(STELLENBOSCH, one.culmination.timestamp())
-        assert elevation == pytest.approx(np.degrees(one.max_elevation_rad), abs=0.02)
-        difference = (azimuth - np.degrees(one.culmination_azimuth_rad) + 180) % 360 - 180
-        assert abs(difference) * np.cos(one.max_elevation_rad) < 0.05
+        elevation, azimuth = astropy_elevation_deg(STELLENBOSCH, found_pass.culmination.timestamp())
+        assert elevation == pytest.approx(np.degrees(found_pass.max_elevation_rad), abs=0.02)
+        difference = (azimuth - np.degrees(found_pass.culmination_azimuth_rad) + 180) % 360 - 180
+        assert abs(difference) * np.cos(found_pass.max_elevation_rad) < 0.05
 
 
 def test_no_pass_of_astropy_is_missed() -> None:
-    """Each minute of a day is in a pass exactly if astropy sees the spacecraft above the minimum elevation."""
+    """Each tested minute of a day is in a pass exactly if the elevation by astropy is above the minimum."""
     passes = find_passes(TleTrajectory.of(TLE), STELLENBOSCH, START, START + timedelta(days=1))
     for minute in range(1440):
         at_s = START.timestamp() + 60 * minute
@@ -72,7 +76,7 @@ def test_no_pass_of_astropy_is_missed() -> None:
 
 
 def test_the_times_of_a_pass_do_not_depend_on_the_searched_span() -> None:
-    """A page that was opened later selects the same pass, to the millisecond."""
+    """Searches that start at different times give identical passes."""
     orbit, end = TleTrajectory.of(TLE), START + timedelta(days=1)
     first, *later = find_passes(orbit, STELLENBOSCH, START, end)
     for start in (first.set + timedelta(seconds=k * 7.3) for k in (1, 2, 3)):
@@ -80,7 +84,7 @@ def test_the_times_of_a_pass_do_not_depend_on_the_searched_span() -> None:
 
 
 def test_sun_and_shadow_are_those_of_astropy() -> None:
-    """The Sun's direction is astropy's to 0.01°, and the shadow is a cylinder's less the penumbra."""
+    """The Sun's direction agrees with astropy to 0.01°. The shadow is a cylinder without its penumbra."""
     sun = sun_teme_km(START)
     expected = get_sun(Time(START)).transform_to(TEME(obstime=Time(START))).cartesian.xyz.to_value(u.km)
     cosine = sun @ expected / np.linalg.norm(sun) / np.linalg.norm(expected)
@@ -90,39 +94,39 @@ def test_sun_and_shadow_are_those_of_astropy() -> None:
     along = places @ expected / np.linalg.norm(expected)
     behind = (along < 0) & (np.linalg.norm(places, axis=1) ** 2 - along**2 < 6378.137**2)
     lit = sunlit_at(places, sun)
-    assert 0 < (lit & behind).sum() * 5.0 < 30  # the penumbra of two crossings
+    assert 0 < (lit & behind).sum() * 5.0 < 30  # duration of the penumbra of two crossings
     assert not (~lit & ~behind).any()
 
 
 def test_a_mask_shortens_passes_and_a_flat_one_changes_nothing() -> None:
-    """A hill hides the low part of passes in its direction only; a mask below the minimum elevation has no effect."""
+    """A hill hides the low part of passes in its direction only. A mask below the minimum elevation has no effect."""
     orbit, end = TleTrajectory.of(TLE), START + timedelta(days=2)
-    free = find_passes(orbit, STELLENBOSCH, START, end)
+    unmasked = find_passes(orbit, STELLENBOSCH, START, end)
     flat = GroundStation(**{**vars(STELLENBOSCH), "mask": ((0.0, 0.01), (3.0, 0.02))})
-    assert [p.rise for p in find_passes(orbit, flat, START, end)] == [p.rise for p in free]
+    assert [p.rise for p in find_passes(orbit, flat, START, end)] == [p.rise for p in unmasked]
     north = ((0.0, 0.5), (0.5, 0.5), (0.6, 0.0), (5.6, 0.0), (5.7, 0.5))
     hill = GroundStation(**{**vars(STELLENBOSCH), "mask": north})
-    hidden = find_passes(orbit, hill, START, end)
-    assert sum(p.duration_s for p in hidden) < sum(p.duration_s for p in free) - 60
-    for one in hidden:
-        azimuths = np.array([t.azimuth_rad for t in one.track[1:-1]])
-        elevations = np.array([t.elevation_rad for t in one.track[1:-1]])
+    masked = find_passes(orbit, hill, START, end)
+    assert sum(p.duration_s for p in masked) < sum(p.duration_s for p in unmasked) - 60
+    for found_pass in masked:
+        azimuths = np.array([t.azimuth_rad for t in found_pass.track[1:-1]])
+        elevations = np.array([t.elevation_rad for t in found_pass.track[1:-1]])
         assert (elevations >= hill.lowest_rad(azimuths) - 1e-4).all()
 
 
 def test_a_pass_under_way_is_marked() -> None:
-    """A span that begins and ends inside a pass marks both ends."""
+    """A pass is marked at each end where the searched span begins or ends inside it."""
     orbit = TleTrajectory.of(TLE)
-    one = max(find_passes(orbit, STELLENBOSCH, START, START + timedelta(days=1)), key=lambda p: p.duration_s)
-    middle = one.rise + (one.set - one.rise) / 2
+    longest = max(find_passes(orbit, STELLENBOSCH, START, START + timedelta(days=1)), key=lambda p: p.duration_s)
+    middle = longest.rise + (longest.set - longest.rise) / 2
     (cut,) = find_passes(orbit, STELLENBOSCH, middle - timedelta(seconds=20), middle + timedelta(seconds=20))
     assert (cut.begins_before, cut.ends_after) == (True, True)
-    assert not one.begins_before
-    assert not one.ends_after
+    assert not longest.begins_before
+    assert not longest.ends_after
 
 
 def test_outside_the_validity_of_the_elements_the_error_names_it() -> None:
-    """Elements of 2019 give no passes of 2026."""
+    """Elements of 2019 give an error for 2026 that states their validity."""
     with pytest.raises(BadInput, match="outside the validity") as caught:
         find_passes(
             TleTrajectory.of(TLE), STELLENBOSCH, datetime(2026, 1, 1, tzinfo=UTC), datetime(2026, 1, 2, tzinfo=UTC)
@@ -144,6 +148,6 @@ def test_outside_the_validity_of_the_elements_the_error_names_it() -> None:
     ],
 )
 def test_a_station_with_an_invalid_number_is_rejected(change: dict[str, object], words: str) -> None:
-    """The error names the number."""
+    """A station with an invalid number is rejected, and the error names it."""
     with pytest.raises(BadInput, match=words):
         checked_station(GroundStation(**{**vars(STELLENBOSCH), **change}))
