@@ -76,7 +76,7 @@ def test_wide_cameras_meet_the_target(
 
 
 def test_errors_agree_with_their_stated_sigma(night: Night, known: Callable[[str], CameraProfile]) -> None:
-    """Over repeated nights, errors of every parameter and of the attitudes scatter with their stated σ."""
+    """Over repeated nights, the errors of all parameters scatter with their stated σ."""
     camera = known("far_mst").camera
     camera = replace(camera, distortion=Brown(-0.1, 0.02))
     focal = float(np.sqrt(camera.focal_col_px * camera.focal_row_px))
