@@ -1,4 +1,4 @@
-"""Bank images exported as C source and as tables, and read back to the same bytes."""
+"""Bank images exported as C source and as tables, and imported with the same bytes."""
 
 import io
 import json
@@ -35,15 +35,18 @@ IMAGES = [*FORMATS, "sections"]
 
 @lru_cache
 def image_of(format_name):
-    """Bright stars of V ≤ 2.0 at J2026.5; "sections": sunsat's with k-vector and reduced catalogue, one magnitude unknown."""
+    """Return an image of stars of V ≤ 2.0 at J2026.5.
+
+    The name "sections" gives sunsat's image with k-vector, reduced catalogue and one unknown magnitude.
+    """
     stars = propagate(load_stars(2.0), 2026.5)
     pairs = distance_table(stars, float(np.radians(0.25)), float(np.radians(23)))
     if format_name != "sections":
         return encode(stars, pairs, format_name, format_name, bytes(range(8)))
     stars = replace(stars, v_mag=np.where(np.arange(len(stars)) == 5, np.nan, stars.v_mag))
     camera = shipped_camera("far_mst").camera
-    own = tables_for("sunsat", stars, pairs, camera, index=True, reduced=frame_of(camera))
-    return encode(stars, own.distances, "sunsat", "sunsat", tables=own.tables)
+    encoding = tables_for("sunsat", stars, pairs, camera, index=True, reduced=frame_of(camera))
+    return encode(stars, encoding.distances, "sunsat", "sunsat", tables=encoding.tables)
 
 
 # --- C ---------------------------------------------------------------------------------------------------------------
@@ -58,14 +61,17 @@ def test_c_source_is_the_golden_file():
 
 @pytest.mark.parametrize("name", IMAGES)
 def test_c_source_reads_back_to_the_image(name):
-    """The arrays in the source contain the image, byte for byte."""
+    """The arrays in the source contain the bytes of the image."""
     assert read_c_source(c_source(image_of(name))) == image_of(name)
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
 @pytest.mark.parametrize("name", IMAGES)
 def test_compiled_arrays_are_the_image(name, tmp_path):
-    """A C compiler's arrays, one after the other, are the image: without a warning, and on a little-endian machine."""
+    """The compiled arrays, concatenated, are the image.
+
+    The compiler gives no warning. Requires a little-endian machine.
+    """
     if np.little_endian is False:
         pytest.skip("this machine is big endian, the bank is not")
     image = image_of(name)
@@ -81,7 +87,7 @@ def test_compiled_arrays_are_the_image(name, tmp_path):
 
 @pytest.mark.parametrize("text", ["", "int main(void) { return 0; }", "const float gss_stars_x[2] = {0.0f, 1.0f};"])
 def test_other_c_sources_are_rejected(text):
-    """A file that is not a catalogue gives an error that states it."""
+    """The error for a file that is not a catalogue says so."""
     with pytest.raises(BadInput, match="not a catalogue in C source"):
         read_c_source(text)
 
@@ -119,7 +125,7 @@ def test_tables_read_back_to_the_same_image(name, kind):
 
 
 def test_fits_tables_are_readable_with_astropy():
-    """Astropy reads the stars of the bank with their columns and units, in single precision."""
+    """Astropy reads the bank's stars with columns and units, in single precision."""
     image = image_of("far-mst")
     with fits.open(io.BytesIO(export_table(image, "fits"))) as hdus:
         hdus.verify("exception")
@@ -133,28 +139,28 @@ def test_parquet_tables_are_readable_with_pyarrow():
     """PyArrow reads packed pairs as three integers."""
     with zipfile.ZipFile(io.BytesIO(export_table(image_of("sunsat-5"), "parquet"))) as archive:
         table = pq.read_table(io.BytesIO(archive.read("pairs.parquet")))
-    kept = decode(image_of("sunsat-5")).distances
-    assert np.array_equal(table["first"], kept.first)
-    assert table["steps"].to_numpy() * 50e-6 == pytest.approx(kept.distance_rad)
+    distances = decode(image_of("sunsat-5")).distances
+    assert np.array_equal(table["first"], distances.first)
+    assert table["steps"].to_numpy() * 50e-6 == pytest.approx(distances.distance_rad)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("data", [b"", b"PK\x05\x06" + bytes(18), b"SIMPLE  =", b"row,hip\n1,2\n", bytes(3000)])
 def test_other_files_are_rejected(kind, data):
-    """A file of another type is rejected with the expected one."""
+    """A file of another type is rejected, and the error states the expected type."""
     with pytest.raises(BadInput):
         import_table(data, kind)
 
 
 def test_unknown_kinds_are_refused():
-    """The kinds are listed."""
+    """The error for an unknown kind lists the known ones."""
     for call in (lambda: export_table(image_of("aim"), "xls"), lambda: import_table(b"", "xls")):
         with pytest.raises(BadInput, match=r"fits \| csv \| ecsv \| parquet"):
             call()
 
 
 def rezipped(data, name, change):
-    """The ZIP with one file changed, or left out."""
+    """Return the ZIP archive with one file changed or removed."""
     out = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(out, "w") as new:
         for member in old.namelist():
@@ -194,7 +200,7 @@ def test_a_changed_table_is_rejected(name, change, words):
 @settings(deadline=None)
 @given(st.data())
 def test_a_changed_byte_of_a_file_is_detected_or_harmless(kind, data):
-    """A byte changed anywhere in the file gives the same image or a clear error, never another image."""
+    """A byte changed anywhere in the file gives the same image or an error, never a different image."""
     image = image_of("sunsat")
     broken = bytearray(export_table(image, kind))
     broken[data.draw(st.integers(0, len(broken) - 1))] ^= data.draw(st.integers(1, 255))
@@ -203,7 +209,7 @@ def test_a_changed_byte_of_a_file_is_detected_or_harmless(kind, data):
 
 
 def test_the_readable_star_list_is_exported_to_parquet():
-    """Rows, Hipparcos numbers and degrees, as in CSV."""
+    """The Parquet star list has rows, Hipparcos numbers and degrees, as the CSV list."""
     names = [f.name for f in fields(BuildManifest) if f.type == "str"]
     empty = {n: {} for n in ("parameters", "envelope", "counts", "bytes_by_part", "quality", "quantisation")}
     manifest = BuildManifest(**dict.fromkeys(names, "x"), **empty, epoch_jyear=2026.5, hip=())
@@ -214,7 +220,10 @@ def test_the_readable_star_list_is_exported_to_parquet():
 
 
 def test_any_name_can_be_written_to_a_fits_card():
-    """Accents are removed, characters without an ASCII form and line breaks become question marks; long names are not shortened."""
+    """Accents are removed, and characters without an ASCII form and line breaks become question marks.
+
+    Long names are not truncated.
+    """
     names = [f.name for f in fields(BuildManifest) if f.type == "str"]
     empty = {n: {} for n in ("parameters", "envelope", "counts", "bytes_by_part", "quality", "quantisation")}
     given_name = "Nächte 2026 – Straße\n星" + "x" * 90

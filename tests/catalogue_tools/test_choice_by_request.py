@@ -1,4 +1,4 @@
-"""Options of a request for the selection of stars: size estimates, screening list, reduced catalogue, thinning."""
+"""Options of a request for selecting stars: size estimates, screening list, reduced catalogue, thinning."""
 
 import json
 from dataclasses import replace
@@ -47,7 +47,7 @@ def stars():
 
 
 def test_a_reduced_directory_that_fits_is_accepted(stars):
-    """far-mst to V 6 fits a bank that the pairs of all stars would overflow, and the preview estimates its size."""
+    """far-mst to V 6 fits into a bank that the pairs of all stars would exceed, and the preview estimates its size."""
     request = BuildRequest(shipped_camera("far_mst"), "far-mst", SelectionRules(6.0), bank_bytes=600_000, pointings=300)
     assert len(prepare(request, stars).selection.kept) > 5000
     quick, built = preview(request, stars), build(request, stars)
@@ -68,69 +68,78 @@ def test_the_preview_states_the_size_of_a_small_region(stars, profile, faint_mag
 
 
 def test_the_screening_list_removes_and_counts_stars(stars):
-    """Stars flagged by Moniteq's table are removed and counted in the funnel, and the manifest states the reasons."""
-    plain = build(BAND, stars)
+    """Stars on Moniteq's screening list are removed and counted in the funnel, and the manifest states the reasons."""
+    unscreened = build(BAND, stars)
     built = build(replace(BAND, rules=SelectionRules(5.0, screening=ScreeningRules())), stars)
     marks = screen(stars.brighter_than(5.0))
-    bad = set(stars.brighter_than(5.0).hip[marks.marked].tolist())
-    assert set(built.stars.hip.tolist()) == set(plain.stars.hip.tolist()) - bad
-    gone = len(plain.stars) - len(built.stars)
-    assert gone == built.selection.count(Fate.SCREENED) > 0
-    assert {f.label: (f.stars, f.dropped) for f in built.selection.funnel}["on the screening list"] == (gone, True)
-    paper = built.manifest.assessment["screening"]
-    assert paper["counts"]["any"] == gone == len(paper["stars"])
-    assert paper["counts"]["variable"] <= gone
-    assert built.manifest.counts["on the screening list"] == gone
+    marked_hip = set(stars.brighter_than(5.0).hip[marks.marked].tolist())
+    assert set(built.stars.hip.tolist()) == set(unscreened.stars.hip.tolist()) - marked_hip
+    removed = len(unscreened.stars) - len(built.stars)
+    assert removed == built.selection.count(Fate.SCREENED) > 0
+    assert {f.label: (f.stars, f.dropped) for f in built.selection.funnel}["on the screening list"] == (removed, True)
+    screening = built.manifest.assessment["screening"]
+    assert screening["counts"]["any"] == removed == len(screening["stars"])
+    assert screening["counts"]["variable"] <= removed
+    assert built.manifest.counts["on the screening list"] == removed
 
 
 def test_the_screening_list_can_be_informative_only(stars):
-    """With the action "list" every star is kept, and the funnel and the manifest list those on the screening list."""
-    listed = build(replace(BAND, rules=SelectionRules(5.0, screening=ScreeningRules("list"))), stars)
-    assert listed.sha256 == build(BAND, stars).sha256
-    paper = listed.manifest.assessment["screening"]
-    last = listed.selection.funnel[-1]
-    assert (last.label, last.stars) == ("of these on the screening list", sum(s["kept"] for s in paper["stars"]))
-    assert last.stars == paper["counts"]["any"] > 0
+    """With the action "list" every star is kept, and funnel and manifest report the stars on the screening list."""
+    built = build(replace(BAND, rules=SelectionRules(5.0, screening=ScreeningRules("list"))), stars)
+    assert built.sha256 == build(BAND, stars).sha256
+    screening = built.manifest.assessment["screening"]
+    last = built.selection.funnel[-1]
+    assert (last.label, last.stars) == ("of these on the screening list", sum(s["kept"] for s in screening["stars"]))
+    assert last.stars == screening["counts"]["any"] > 0
 
 
 def test_companions_and_false_triples_have_limits(stars):
-    """A star is removed if more stars lie in its ring than permitted, counted by brute force; the same holds for the limit
-    on triples."""
+    """A star is removed if its ring contains more stars than permitted, counted by brute force.
+
+    The limit on false triples has the same effect.
+    """
     marks = {"doubles": False, "variables": False, "fast": False}
     ring = {"arc_rad": deg(8)[0], "tolerance_rad": deg(0.05)[0]}
     by_count = replace(WHOLE, rules=SelectionRules(5.0, screening=ScreeningRules(most_companions=1, **marks, **ring)))
-    ready = prepare(by_count, stars)
-    found, candidates = ready.selection.screened, ready.selection.candidates
+    prepared = prepare(by_count, stars)
+    screened, candidates = prepared.selection.screened, prepared.selection.candidates
     for k in range(0, len(candidates), 97):
-        apart = separation_rad(candidates.icrs[k], candidates.icrs)
-        assert found.companions[k] == np.count_nonzero(np.abs(apart - ring["arc_rad"]) <= ring["tolerance_rad"])
-    assert np.array_equal(ready.selection.fate == Fate.SCREENED, found.companions > 1)
-    assert 0 < ready.selection.count(Fate.SCREENED) < len(candidates)
-    by_false = ScreeningRules(most_false=1.5 * found.third, **marks, **ring)
-    again = prepare(replace(WHOLE, rules=SelectionRules(5.0, screening=by_false)), stars)
-    assert np.array_equal(again.selection.fate, ready.selection.fate)
+        separations = separation_rad(candidates.icrs[k], candidates.icrs)
+        assert screened.companions[k] == np.count_nonzero(
+            np.abs(separations - ring["arc_rad"]) <= ring["tolerance_rad"]
+        )
+    assert np.array_equal(prepared.selection.fate == Fate.SCREENED, screened.companions > 1)
+    assert 0 < prepared.selection.count(Fate.SCREENED) < len(candidates)
+    by_false = ScreeningRules(most_false=1.5 * screened.third, **marks, **ring)
+    by_triples = prepare(replace(WHOLE, rules=SelectionRules(5.0, screening=by_false)), stars)
+    assert np.array_equal(by_triples.selection.fate, prepared.selection.fate)
 
 
 def test_any_format_may_have_a_reduced_catalogue(stars):
-    """A sunsat image holds all stars, the pairs of the reduced catalogue only, and the frame; the preview knows its size."""
-    whole = replace(WHOLE, bank_bytes=256 * 1024)
-    request = replace(whole, reduced=ReducedFrame(*deg(36, 36), 8, deg(3)[0]))
+    """A sunsat image contains all stars, the pairs of the reduced catalogue only, and its frame.
+
+    The preview states its size.
+    """
+    complete = replace(WHOLE, bank_bytes=256 * 1024)
+    request = replace(complete, reduced=ReducedFrame(*deg(36, 36), 8, deg(3)[0]))
     built, quick = build(request, stars), preview(request, stars)
-    read = decode(built.image)
-    kept = read.tables.reduced.kept
-    assert read.tables.reduced.frame.brightest == 8
-    assert 100 < np.count_nonzero(kept) < len(read) == len(build(whole, stars).stars)
-    assert kept[read.distances.first].all()
-    assert kept[read.distances.second].all()
-    assert built.manifest.counts["reduced catalogue"] == np.count_nonzero(kept)
+    decoded = decode(built.image)
+    in_reduced = decoded.tables.reduced.kept
+    assert decoded.tables.reduced.frame.brightest == 8
+    assert 100 < np.count_nonzero(in_reduced) < len(decoded) == len(build(complete, stars).stars)
+    assert in_reduced[decoded.distances.first].all()
+    assert in_reduced[decoded.distances.second].all()
+    assert built.manifest.counts["reduced catalogue"] == np.count_nonzero(in_reduced)
     assert built.manifest.assessment["reduced"]["width_rad"] == pytest.approx(deg(36)[0])
     assert quick.pairs == pytest.approx(len(built.distances), rel=0.02)
     assert quick.bytes - 8 * quick.pairs == len(built.image) - 8 * len(built.distances)
 
 
 def test_thinning_by_frames_fills_every_frame(stars):
-    """Upright frames of the camera's shape contain the requested number of stars, or all available ones, and the funnel
-    names the fields."""
+    """Upright frames of the camera's shape contain at least five of the six requested stars, or all available ones.
+
+    The funnel names the frames.
+    """
     request = replace(
         WHOLE,
         profile=shipped_camera("cubestar"),
@@ -142,22 +151,22 @@ def test_thinning_by_frames_fills_every_frame(stars):
     assert frames.selection.count(Fate.THINNED) > 0
     assert not np.array_equal(frames.selection.fate, circles.selection.fate)
     assert "beyond 6 per upright frame" in [f.label for f in frames.selection.funnel]
-    shape, kept, every = frames.plan.shape, frames.selection.kept.icrs, frames.selection.candidates.icrs
+    shape, kept, candidates = frames.plan.shape, frames.selection.kept.icrs, frames.selection.candidates.icrs
     for attitude in survey_attitudes(deg(4)[0])[::50]:
-        have, could = (np.count_nonzero(shape.inside(unit @ attitude.T)) for unit in (kept, every))
-        assert have >= min(could, 5)
+        remaining, available = (np.count_nonzero(shape.inside(unit @ attitude.T)) for unit in (kept, candidates))
+        assert remaining >= min(available, 5)
 
 
 def test_choices_are_restored_from_their_parameters():
-    """A request with all options is restored from its manifest; an older manifest is read without them."""
+    """A request with all options is restored from its parameters. Older parameters without them are also read."""
     rules = SelectionRules(5.0, thinning="frames", screening=ScreeningRules("list", most_companions=3, most_false=0.1))
     request = replace(WHOLE, rules=rules, reduced=ReducedFrame(*deg(30, 24)))
-    plain = json.loads(json.dumps(parameters_of(request)))
-    assert request_from(plain, WHOLE.profile) == request
+    parameters = json.loads(json.dumps(parameters_of(request)))
+    assert request_from(parameters, WHOLE.profile) == request
     for name in ("thinning", "screening"):
-        del plain["rules"][name]
-    del plain["reduced"]
-    assert request_from(plain, WHOLE.profile) == replace(WHOLE, rules=SelectionRules(5.0))
+        del parameters["rules"][name]
+    del parameters["reduced"]
+    assert request_from(parameters, WHOLE.profile) == replace(WHOLE, rules=SelectionRules(5.0))
 
 
 @pytest.mark.parametrize(

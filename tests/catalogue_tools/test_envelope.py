@@ -1,4 +1,4 @@
-"""Envelopes against brute force over the sphere, and against the sub-catalogue sizes of Jacobs 1995 §5.2."""
+"""Envelopes compared with brute force over the sphere and with the sub-catalogue sizes of Jacobs 1995 §5.2."""
 
 import itertools
 
@@ -39,7 +39,7 @@ def seen_by_sampling(envelope, unit, count, seed=1):
 
 
 def seen_by_corners(limits, shape, unit, raan_deg, inclination_deg, per_axis, per_orbit):
-    """Jacobs' method: step through every combination of the six parameters, limits included."""
+    """Return what is visible by Jacobs' method: step through every combination of the six parameters, limits included."""
     seen = np.zeros(len(unit), bool)
     latitude = np.arange(per_orbit) * 2 * np.pi / per_orbit
     boxes = [np.linspace(a, b, per_axis) for a, b in zip(limits.low, limits.high, strict=True)]
@@ -53,7 +53,9 @@ def seen_by_corners(limits, shape, unit, raan_deg, inclination_deg, per_axis, pe
 
 @pytest.mark.parametrize(("inclination", "declination"), [(0, -90), (90, 0), (97, 7)])
 def test_sunsat_boresight_lies_where_the_document_says(inclination, declination):
-    """With yaw 135° the boresight of an orbit with i = 0, 90, 97° lies at Dec −90, 0, +7° all round the orbit."""
+    """With yaw 135°, the boresight on orbits with i = 0, 90 and 97° is at Dec −90, 0 and +7° at every latitude
+    argument.
+    """
     limits = AttitudeLimits("sunsat", yaw_rad=deg(135, 135))
     for latitude in np.linspace(0, 2 * np.pi, 7):
         orbit = orbit_from_icrs(0.4, np.radians(inclination), latitude)
@@ -62,25 +64,25 @@ def test_sunsat_boresight_lies_where_the_document_says(inclination, declination)
 
 
 def test_euler_rotation_is_the_product_of_the_three_matrices():
-    """Eq. 1.13 without its misprints."""
+    """The Euler rotation is eq. 1.13 without its misprints."""
     product = rotation_z(0.3) @ rotation_y(-0.2) @ rotation_x(1.1)
     assert np.abs(euler_123([1.1, -0.2, 0.3]) - product).max() < 1e-15
 
 
 def test_orbit_axes_are_those_of_the_named_frame():
-    """The array form equals gss.domain.frames."""
+    """The array form agrees with gss.domain.frames."""
     assert np.abs(orbit_axes(0.3, 1.7, 2.0) - orbit_from_icrs(0.3, 1.7, 2.0)).max() < 1e-15
 
 
 @pytest.mark.parametrize("attitude_of", [("zenith", -1.0), ("nadir", 1.0)])
 def test_zenith_and_nadir_look_up_and_down(attitude_of):
-    """Zenith looks against the orbit's +z, nadir along it."""
+    """The boresight points against the orbit's +z for zenith and along it for nadir."""
     law, sign = attitude_of
     assert AttitudeLimits(law).cam_from_body[2] == pytest.approx([0, 0, sign])
 
 
 def test_cosine_range_is_that_of_a_fine_grid():
-    """Extremes of a cosine over any interval."""
+    """The range of a cosine over any interval equals that on a fine grid."""
     rng = np.random.default_rng(5)
     for low, width, peak in rng.uniform([-7, 0, -7], [7, 8, 7], (200, 3)):
         grid = 2.5 * np.cos(np.linspace(low, low + width, 20001) - peak)
@@ -93,14 +95,16 @@ def test_cosine_range_is_that_of_a_fine_grid():
     ("raan", "paper", "ours"), [((133, 149), 113, 144), ((0, 120), 540, 600), ((0, 360), 1300, 1433)]
 )
 def test_jacobs_sub_catalogues(raan, paper, ours):
-    """Jacobs found 113, 540 and 1300 stars by stepping a coarse grid; all that can be seen is a tenth to a quarter more."""
+    """Jacobs found 113, 540 and 1300 stars with coarse steps; the exact envelope contains 10 % to 27 % more."""
     count = int(sunsat(*raan).contains(load_stars(6.0).icrs).sum())
     assert count == ours
     assert 1.0 < count / paper < 1.3
 
 
 def test_stepping_every_combination_finds_the_same_stars_but_for_the_corners():
-    """Jacobs' stepping finds no star outside the exact envelope, and all except the few that only a corner reaches."""
+    """Jacobs' steps find no star outside the exact envelope, and over 90 % of those inside; only corners reach the
+    others.
+    """
     stars = load_stars(6.0)
     envelope = sunsat(133, 149)
     geometric = envelope.contains(stars.icrs)
@@ -125,7 +129,9 @@ BANDS = {
 
 @pytest.mark.parametrize("name", BANDS)
 def test_band_is_brute_force_over_the_sphere(name):
-    """Over the whole sphere, wrap and poles included: sampling finds nothing outside, and fills the inside but for its rim."""
+    """Over the whole sphere, RA 0 and poles included, sampling finds nothing outside the envelope, and everything
+    inside except near its edge.
+    """
     limits, camera, inclination, raan = BANDS[name]
     shape = FieldShape(shipped_camera(camera).camera)
     envelope = BandEnvelope(shape, limits, from_elements(deg(*inclination), deg(*raan)))
@@ -133,13 +139,13 @@ def test_band_is_brute_force_over_the_sphere(name):
     sampled, geometric = seen_by_sampling(envelope, unit, 2500), envelope.contains(unit)
     assert not np.any(sampled & ~geometric)
     missing = np.flatnonzero(geometric & ~sampled)
-    rim = [separation_rad(unit[m], unit[~geometric]).min() if (~geometric).any() else np.pi for m in missing]
-    assert all(r < np.radians(14) for r in rim)
+    edge_distances = [separation_rad(unit[m], unit[~geometric]).min() if (~geometric).any() else np.pi for m in missing]
+    assert all(r < np.radians(14) for r in edge_distances)
     assert len(missing) < 0.3 * geometric.sum()
 
 
 def test_band_reaches_exactly_as_far_as_its_corners():
-    """The polar interval is the extreme over a fine grid of attitudes and the whole outline, to 1e-4 rad, from outside."""
+    """The polar interval encloses the extremes over a fine grid of attitudes and the whole outline, to 1e-4 rad."""
     envelope = sunsat(133, 149)
     boxes = [np.linspace(a, b, 21) for a, b in zip(SUNSAT_LIMITS.low, SUNSAT_LIMITS.high, strict=True)]
     rotation = euler_123(np.array(list(itertools.product(*boxes))))
@@ -160,20 +166,24 @@ PATCHES = {
 @pytest.mark.parametrize("name", PATCHES)
 @pytest.mark.parametrize("camera", ["sunsat", "cubestar"])
 def test_patch_is_brute_force_over_the_sphere(name, camera):
-    """Laws that do not turn with the orbit: as for the band."""
+    """For pointing laws that do not rotate with the orbit, sampling finds nothing outside the envelope, and everything
+    inside except near its edge.
+    """
     envelope = PatchEnvelope(FieldShape(shipped_camera(camera).camera), PATCHES[name], deg(355, 362))
     unit = np.concatenate([centres(32), [[0, 0, 1.0], [0, 0, -1.0]]])
     sampled, geometric = seen_by_sampling(envelope, unit, 1500), envelope.contains(unit)
     assert geometric.any()
     assert not np.any(sampled & ~geometric)
     missing = np.flatnonzero(geometric & ~sampled)
-    rim = [separation_rad(unit[m], unit[~geometric]).min() for m in missing]
-    assert all(r < np.radians(4) for r in rim)
+    edge_distances = [separation_rad(unit[m], unit[~geometric]).min() for m in missing]
+    assert all(r < np.radians(4) for r in edge_distances)
 
 
 @pytest.mark.parametrize("name", [i.name for i in shipped_registry().all() if i.profile.chain])
 def test_field_shape_is_the_detector(name):
-    """Directions a hair inside the detector's edge are inside the shape, a hair outside are not, for every camera."""
+    """For every camera, directions two pixels inside the detector's edge are inside the shape, and those two pixels
+    outside are not.
+    """
     camera = shipped_camera(name).camera
     shape = FieldShape(camera)
     assert shape.inside(widened(camera, -2 * camera.pixel_rad).outline(37)).all()
@@ -187,7 +197,7 @@ def test_field_shape_is_the_detector(name):
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat"])
 def test_field_is_never_ruled_out_when_it_is_near(name):
-    """may_be_within is true for every field within the margin and false for a field clearly outside."""
+    """``may_be_within`` is true for every field within the margin and false for most fields clearly outside."""
     shape = FieldShape(shipped_camera(name).camera)
     rng = np.random.default_rng(8)
     unit = rng.normal(size=(400, 3))
@@ -199,7 +209,7 @@ def test_field_is_never_ruled_out_when_it_is_near(name):
 
 
 def test_margin_widens_the_field():
-    """A margin of half a degree makes both fields of view a degree wider, near enough."""
+    """A margin of 0.5° widens both fields of view by 1.0° ± 0.03°."""
     camera = shipped_camera("sunsat").camera
     wider = np.degrees(widened(camera, np.radians(0.5)).fov_rad)
     assert wider - np.degrees(camera.fov_rad) == pytest.approx([1.0, 1.0], abs=0.03)
@@ -207,14 +217,14 @@ def test_margin_widens_the_field():
 
 @pytest.mark.parametrize("envelope", [sunsat(133, 149), sunsat(0, 360)])
 def test_time_in_field_adds_up_to_one_field(envelope):
-    """Over the sky the share of time sums to the field's own solid angle, and it is never more than all the time."""
+    """The time fraction integrated over the sky is the solid angle of the field, and it is at most 1 everywhere."""
     share = envelope.time_fraction(centres(32))
     assert share.sum() * 4 * np.pi / len(share) == pytest.approx(envelope.shape.area_sr, rel=0.01)
     assert 0 <= share.min() <= share.max() <= 1
 
 
 def test_time_in_field_of_a_patch_adds_up_too():
-    """The same for a camera held still."""
+    """The time fraction of an inertially fixed camera also integrates to the solid angle of its field."""
     envelope = PatchEnvelope(FieldShape(shipped_camera("sunsat").camera), PATCHES["round the pole"])
     share = envelope.time_fraction(centres(32))
     assert share.sum() * 4 * np.pi / len(share) == pytest.approx(envelope.shape.area_sr, rel=0.05)
@@ -230,19 +240,19 @@ def test_time_in_field_is_that_of_sampled_attitudes():
 
 
 def test_edges_lie_on_the_border():
-    """Just inside a drawn edge is seen at that time, just outside is not."""
+    """At the time of a drawn edge, positions just inside it are visible and positions just outside are not."""
     envelope = sunsat(133, 149)
     for at_end, raan in ((False, 133), (True, 149)):
         (line,) = envelope.edges(at_end)
-        now = sunsat(raan, raan)
+        at_that_node = sunsat(raan, raan)
         middle = line.mean(axis=0) / np.linalg.norm(line.mean(axis=0))
         inner, outer = line + 1e-3 * (middle - line), line - 1e-3 * (middle - line)
-        assert now.contains(inner / np.linalg.norm(inner, axis=1, keepdims=True)).all()
-        assert not now.contains(outer / np.linalg.norm(outer, axis=1, keepdims=True)).any()
+        assert at_that_node.contains(inner / np.linalg.norm(inner, axis=1, keepdims=True)).all()
+        assert not at_that_node.contains(outer / np.linalg.norm(outer, axis=1, keepdims=True)).any()
 
 
 def test_inertial_edge_is_the_field_there():
-    """A camera held still draws its own outline."""
+    """The edge of an inertially fixed camera is the outline of its field."""
     limits = AttitudeLimits("inertial", ra_rad=1.0, dec_rad=0.5, field_roll_rad=2.0)
     shape = FieldShape(shipped_camera("cubestar").camera)
     (line,) = PatchEnvelope(shape, limits).edges(False)
@@ -252,7 +262,7 @@ def test_inertial_edge_is_the_field_there():
 
 
 def test_random_attitudes_are_rotations_and_look_inside():
-    """Every envelope's attitudes are proper rotations whose boresight it contains."""
+    """Random attitudes of every envelope are proper rotations with their boresight inside the envelope."""
     shape = FieldShape(shipped_camera("sunsat").camera)
     for envelope in (sunsat(133, 149), WholeSky(shape), PatchEnvelope(shape, PATCHES["across 0h"])):
         attitudes = envelope.attitudes(np.random.default_rng(6), 200)

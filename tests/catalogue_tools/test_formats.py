@@ -1,4 +1,4 @@
-"""Every on-board format byte by byte: written bytes, decoded values, rejected input, and detected damage."""
+"""Every on-board format byte by byte: encoded bytes, decoded values, rejected input and detected damage."""
 
 import struct
 import zlib
@@ -46,7 +46,7 @@ NEW = ("sunsat-5", "far-mst", "oersted", "aim")
 
 @lru_cache
 def sky():
-    """Bright stars of V ≤ 2.0 at J2026.5."""
+    """Return bright stars of V ≤ 2.0 at J2026.5."""
     return propagate(load_stars(2.0), 2026.5)
 
 
@@ -62,21 +62,21 @@ def small(format_name):
 
 @lru_cache
 def full():
-    """CubeStar's image with both optional sections, in the frame of Huffman's own camera."""
+    """Return CubeStar's image with both optional sections, in the frame of Huffman's camera."""
     camera = shipped_camera("far_mst").camera
-    own = tables_for("cubestar", sky(), pairs(), camera, index=True, reduced=frame_of(camera))
-    return encode(sky(), own.distances, "cubestar", "cubestar", bytes(range(8)), own.tables)
+    encoding = tables_for("cubestar", sky(), pairs(), camera, index=True, reduced=frame_of(camera))
+    return encode(sky(), encoding.distances, "cubestar", "cubestar", bytes(range(8)), encoding.tables)
 
 
 def list_of(unit, v_mag=3.0):
-    """A star list of directions, nothing else known."""
+    """Return a star list of directions; other values are unknown."""
     n = len(unit)
     empty = DistanceTable(NONE, NONE, np.empty(0), MIN_RAD, MAX_RAD)
     return stars_of(OnboardCatalogue(np.arange(n, dtype=np.int32), unit, np.full(n, v_mag), empty), 2026.5)
 
 
 def with_sums(image):
-    """Both checksums made right again."""
+    """Return the image with valid checksums."""
     changed = bytearray(image)
     changed[56:60] = struct.pack("<I", zlib.crc32(changed[64:]))
     changed[60:64] = struct.pack("<I", zlib.crc32(changed[:60]))
@@ -99,19 +99,21 @@ def test_sections_are_the_golden_file():
 
 
 def test_small_pairs_are_three_numbers_of_13_bits():
-    """Jacobs 1995 app. D.1: two cardinals and a distance in five bytes, read here with nothing but integers."""
+    """Jacobs 1995 app. D.1: two cardinals and a distance take five bytes. The test decodes them with integers only."""
     image, n = small("sunsat-5"), len(sky())
     at = 64 + 12 * n
     for k in range(len(pairs())):
         word = int.from_bytes(image[at + 5 * k : at + 5 * k + 5], "little")
-        got = (word & 8191, word >> 13 & 8191, word >> 26 & 8191, word >> 39)
-        assert got == (pairs().first[k], pairs().second[k], round(pairs().distance_rad[k] / 50e-6), 0)
+        fields = (word & 8191, word >> 13 & 8191, word >> 26 & 8191, word >> 39)
+        assert fields == (pairs().first[k], pairs().second[k], round(pairs().distance_rad[k] / 50e-6), 0)
     assert len(image) == at + 5 * len(pairs())
     assert image_bytes("sunsat-5", 0, 288_464) / 1e6 == pytest.approx(1.44, abs=0.005)
 
 
 def test_directory_is_columns_of_sin2_with_its_k_vector():
-    """Huffman 2006 §5.5.4: star numbers and sin²θ, and counts of pairs not above a straight line."""
+    """Huffman 2006 §5.5.4: the directory has star numbers and sin²θ; the k-vector counts the pairs not above a straight
+    line.
+    """
     image, n, m = small("far-mst"), len(sky()), len(pairs())
     first, second = (struct.unpack_from(f"<{m}H", image, 64 + 14 * n + 2 * m * k) for k in range(2))
     sin2 = struct.unpack_from(f"<{m}f", image, 64 + 14 * n + 4 * m)
@@ -127,16 +129,19 @@ def test_directory_is_columns_of_sin2_with_its_k_vector():
 
 
 def test_directory_of_the_bank_is_that_of_the_stars():
-    """The same pairs with the same sin² as the directory that the ground makes straight from the stars."""
-    made, kept = sin2_directory(distance_table(sky(), 0.0, MAX_RAD), len(sky())), decode(small("far-mst"))
-    far = made.sin2 >= np.sin(MIN_RAD) ** 2
-    assert np.array_equal(kept.distances.first, made.first[far])
-    assert np.array_equal(kept.distances.second, made.second[far])
-    assert kept.tables.sin2 == pytest.approx(made.sin2[far], rel=1e-6)
+    """The bank has the pairs and sin² of the directory that is computed from the star list."""
+    directory, decoded = sin2_directory(distance_table(sky(), 0.0, MAX_RAD), len(sky())), decode(small("far-mst"))
+    far = directory.sin2 >= np.sin(MIN_RAD) ** 2
+    assert np.array_equal(decoded.distances.first, directory.first[far])
+    assert np.array_equal(decoded.distances.second, directory.second[far])
+    assert decoded.tables.sin2 == pytest.approx(directory.sin2[far], rel=1e-6)
 
 
 def test_linked_list_is_counts_pointers_and_neighbours():
-    """Moniteq 1983 §6.1: a count and a pointer per star, each link at both ends, 8n − 12 numbers; 11 bytes for a star."""
+    """Moniteq 1983 §6.1: a count and a pointer per star and each link at both ends are 8n − 12 numbers.
+
+    A star takes 11 bytes.
+    """
     image, n = small("aim"), len(sky())
     at, links = section_at(image, "LINK"), neighbour_links(sky().icrs)
     count, pointer = (struct.unpack_from(f"<{n}H", image, at + 2 * n * k) for k in range(2))
@@ -145,49 +150,49 @@ def test_linked_list_is_counts_pointers_and_neighbours():
         assert near[pointer[row] : pointer[row] + count[row]] == tuple(links.of(row))
     assert part_bytes(image)["LINK"] == 2 * (8 * n - 12)
     assert part_bytes(image)["stars"] == 11 * n
-    # The document's catalogue of 3000 stars in 70 kbyte, its links of 12 bits taken as 16.
+    # The document's catalogue of 3000 stars takes 70 kbyte with links of 12 bits; GSS uses 16.
     assert image_bytes("aim", 3000, 0) == pytest.approx(70e3 + 36e3 * 4 / 12, rel=0.02)
 
 
 def test_triplets_of_the_bank_are_those_of_the_stars():
-    """The decoded sections equal the database computed from the star list; twelve references take eight bytes."""
+    """The decoded sections equal the database computed from the star list. Twelve references take about eight bytes."""
     stars, camera = propagate(load_stars(4.5), 2026.5), shipped_camera("oersted").camera
-    own = tables_for("oersted", stars, pairs(), camera, limit_mag=4.15, uncertainty_rad=float(np.radians(0.05)))
-    image = encode(stars, own.distances, "oersted", "oersted", tables=own.tables)
-    found = decode(image).tables.constellations.table()
+    encoding = tables_for("oersted", stars, pairs(), camera, limit_mag=4.15, uncertainty_rad=float(np.radians(0.05)))
+    image = encode(stars, encoding.distances, "oersted", "oersted", tables=encoding.tables)
+    decoded = decode(image).tables.constellations.table()
     classes = TripletClasses.of(float(np.radians(0.05)))
     blend = 3 * camera.pixel_rad
-    want = build_triplets(stars.icrs, stars.v_mag, classes, 4.15, camera.diagonal_rad, blend_rad=blend)
-    assert np.array_equal(found.key, want.key)
-    assert np.array_equal(found.star, want.star)
-    assert (found.classes, found.limit_mag, found.max_rad) == (classes, 4.15, camera.diagonal_rad)
+    expected = build_triplets(stars.icrs, stars.v_mag, classes, 4.15, camera.diagonal_rad, blend_rad=blend)
+    assert np.array_equal(decoded.key, expected.key)
+    assert np.array_equal(decoded.star, expected.star)
+    assert (decoded.classes, decoded.limit_mag, decoded.max_rad) == (classes, 4.15, camera.diagonal_rad)
     stored = sum(part_bytes(image)[tag] for tag in ("TCER", "TMAY", "TEXC"))
-    assert 10 < 6 * len(want) / stored < 18
+    assert 10 < 6 * len(expected) / stored < 18
 
 
 def test_triplets_beyond_the_classes_are_left_out():
-    """Neighbours further apart than the largest class are left out, and the result can be decoded."""
+    """Neighbours beyond the largest class are omitted, and the image can be decoded."""
     rng = np.random.default_rng(5)
     unit = rng.normal(size=(9, 3))
     stars = list_of(unit / np.linalg.norm(unit, axis=1, keepdims=True))
     wide = shipped_camera("cubestar").camera
-    own = tables_for(
+    encoding = tables_for(
         "oersted", stars, distance_table(stars, 0.0, 1.0), wide, uncertainty_rad=float(np.radians(20 / 3600))
     )
-    image = encode(stars, own.distances, "oersted", "any", tables=own.tables)
+    image = encode(stars, encoding.distances, "oersted", "any", tables=encoding.tables)
     assert encoded_again(image) == image
 
 
 def test_certain_triplets_are_one_per_star():
-    """The section of always visible stars contains each star once, with its two nearest certain neighbours."""
-    made = decode(small("oersted")).tables.constellations
-    certain = made.star[made.kind == CERTAIN]
+    """The section of always visible stars contains each star at most once."""
+    constellations = decode(small("oersted")).tables.constellations
+    certain = constellations.star[constellations.kind == CERTAIN]
     assert len(certain) > 5
     assert len(np.unique(certain)) == len(certain)
 
 
 def test_reduced_catalogue_comes_back_with_its_frame():
-    """Huffman 2006 §5.5.4: which stars, and the frame that they were chosen for."""
+    """Huffman 2006 §5.5.4: the decoded reduced catalogue has its stars and the frame for which they were selected."""
     reduced, (width, height) = decode(full()).tables.reduced, shipped_camera("far_mst").camera.fov_rad
     assert (reduced.frame.width_rad, reduced.frame.height_rad) == pytest.approx((width, height))
     assert (reduced.frame.brightest, len(reduced.kept)) == (8, len(sky()))
@@ -196,27 +201,27 @@ def test_reduced_catalogue_comes_back_with_its_frame():
 
 @pytest.mark.parametrize("format_name", FORMATS)
 def test_blocks_are_the_image(format_name):
-    """The description from which tables and sources are made covers every byte once."""
+    """The block description from which tables and sources are exported covers every byte once."""
     assert b"".join(data for _, data in blocks_of(small(format_name))) == small(format_name)
     assert sum(part_bytes(small(format_name)).values()) == len(small(format_name))
 
 
 @pytest.mark.parametrize("format_name", ["cubestar", "sunsat", "sunsat-5", "far-mst", "aim"])
 def test_size_is_known_before_the_image(format_name):
-    """The predicted size is exact, except for triplets, whose number depends on the stars."""
-    kept = decode(small(format_name))
-    assert image_bytes(format_name, len(kept), len(kept.distances)) == len(small(format_name))
+    """The predicted size is exact for formats without triplets, whose number depends on the stars."""
+    decoded = decode(small(format_name))
+    assert image_bytes(format_name, len(decoded), len(decoded.distances)) == len(small(format_name))
 
 
 def test_size_of_triplets_is_nearly_known():
-    """Within a fifth for the whole sky to V 4.5."""
+    """With triplets, the predicted size is within 20 % for the whole sky to V 4.5."""
     stars = load_stars(4.5)
-    own = tables_for("oersted", stars, pairs(), shipped_camera("oersted").camera)
-    image = encode(stars, own.distances, "oersted", "oersted", tables=own.tables)
+    encoding = tables_for("oersted", stars, pairs(), shipped_camera("oersted").camera)
+    image = encode(stars, encoding.distances, "oersted", "oersted", tables=encoding.tables)
     assert image_bytes("oersted", len(stars), 0) == pytest.approx(len(image), rel=0.2)
 
 
-# --- what the number widths cost -------------------------------------------------------------------------------------
+# --- error of the number widths --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -229,7 +234,7 @@ def test_size_of_triplets_is_nearly_known():
     ],
 )
 def test_quantisation_error_is_within_the_widths(format_name, position_arcsec, distance_rad, v_mag):
-    """Positions, distances and magnitudes err by no more than half a step of their numbers."""
+    """Errors of positions, distances and magnitudes are at most half a step of their encoded numbers."""
     error = quantisation_error(sky(), pairs(), small(format_name))
     assert 0 < error.position_rad <= position_arcsec * ARCSEC_RAD
     assert error.distance_rad <= distance_rad * 1.0001
@@ -249,16 +254,17 @@ dec_s = st.one_of(st.floats(-np.pi / 2, np.pi / 2), near_poles)
 @settings(deadline=None)
 @given(st.lists(st.tuples(ra_s, dec_s, st.floats(-1.5, 12.0)), min_size=1, max_size=12, unique=True))
 def test_any_list_comes_back_and_encodes_the_same(format_name, places):
-    """Poles, the wrap of right ascension, stars at one position: decoded positions are close, and encoding again gives the
-    same bytes."""
+    """Decoded positions are close, also at poles, at RA 0 and for coinciding stars, and encoding again gives the same
+    bytes.
+    """
     ra, dec, mag = np.array(places).T
     stars = replace(list_of(unit_from_ra_dec(ra, np.clip(dec, -np.pi / 2, np.pi / 2))), v_mag=mag)
     image = encode(stars, distance_table(stars, 0.0, 0.4), format_name, "any")
     assert encoded_again(image) == image
-    back = decode(image)
-    assert np.abs(back.icrs - stars.icrs).max() < 3e-7
-    if format_name != "cubestar":  # whose banks have no magnitudes
-        assert np.abs(back.v_mag - mag).max() < 6e-4
+    decoded = decode(image)
+    assert np.abs(decoded.icrs - stars.icrs).max() < 3e-7
+    if format_name != "cubestar":  # its banks have no magnitudes
+        assert np.abs(decoded.v_mag - mag).max() < 6e-4
 
 
 # --- damage ----------------------------------------------------------------------------------------------------------
@@ -279,7 +285,7 @@ def test_any_changed_byte_is_found(format_name, data):
 
 @pytest.mark.parametrize("format_name", [*FORMATS, "sections"])
 def test_every_byte_of_the_image_counts(format_name):
-    """A changed bit in each byte is detected."""
+    """A changed bit in any byte is detected."""
     image = full() if format_name == "sections" else small(format_name)
     for at in range(len(image)):
         broken = bytearray(image)
@@ -326,14 +332,14 @@ def damaged(format_name, tag, offset, content):
     ],
 )
 def test_invalid_tables_with_valid_checksums_are_rejected(format_name, tag, offset, content, words):
-    """A valid CRC does not make an impossible table valid."""
+    """An invalid table is rejected although its CRC is valid."""
     with pytest.raises(CorruptData, match=words):
         decode(damaged(format_name, tag, offset, content))
 
 
 @pytest.mark.parametrize("format_name", ["oersted", "aim"])
 def test_an_image_without_its_own_tables_is_refused(format_name):
-    """Header version 1 in a format that requires sections."""
+    """Header version 1, which has no sections, is rejected for a format that requires them."""
     core = core_bytes(format_name, len(sky()), 0)
     image = bytearray(small(format_name)[:core])
     image[4] = 1
@@ -342,7 +348,7 @@ def test_an_image_without_its_own_tables_is_refused(format_name):
 
 
 def test_a_set_spare_bit_is_found():
-    """Bit 39 of a small pair is zero."""
+    """Bit 39 of a small pair must be zero."""
     image = bytearray(small("sunsat-5"))
     image[64 + 12 * len(sky()) + 4] |= 0x80
     with pytest.raises(CorruptData, match="unused bit"):
@@ -361,7 +367,7 @@ def test_a_set_spare_bit_is_found():
     ],
 )
 def test_impossible_numbers_with_valid_checksums_are_rejected(format_name, at, content, words):
-    """A valid CRC does not make impossible numbers valid."""
+    """Impossible numbers are rejected although the CRC is valid."""
     assert (len(sky()), len(pairs())) == (49, 76)
     image = bytearray(small(format_name))
     image[at : at + len(content)] = content
@@ -376,42 +382,45 @@ def test_impossible_numbers_with_valid_checksums_are_rejected(format_name, at, c
     ("format_name", "most"), [("cubestar", 32768), ("sunsat", 65536), ("sunsat-5", 8192), ("aim", 10924)]
 )
 def test_one_star_too_many_is_refused(format_name, most):
-    """Row numbers of 16 and 13 bits and pointers of 16 bits have a maximum; more stars are rejected and do not wrap around."""
+    """Row numbers of 16 and 13 bits and pointers of 16 bits limit the number of stars.
+
+    More stars are rejected instead of wrapping around.
+    """
     rng = np.random.default_rng(1)
     unit = rng.normal(size=(most + 1, 3))
     stars = list_of(unit / np.linalg.norm(unit, axis=1, keepdims=True))
     table = DistanceTable(np.array([0], np.int32), np.array([most - 1], np.int32), np.array([0.1]), 0.0, 0.4)
     with pytest.raises(BadInput, match=f"too many stars for the {format_name} format; expected at most {most}"):
         encode(stars, table, format_name, "any")
-    kept = decode(encode(stars.take(np.arange(most)), table, format_name, "any"))
-    assert len(kept) == most
-    if len(kept.distances):
-        assert kept.distances.second[0] == most - 1
+    decoded = decode(encode(stars.take(np.arange(most)), table, format_name, "any"))
+    assert len(decoded) == most
+    if len(decoded.distances):
+        assert decoded.distances.second[0] == most - 1
 
 
 def test_distances_beyond_the_width_are_refused():
-    """13 bits of 50 µrad end at 23.46°, sin² at 90°."""
+    """Distances above 23.46° (13 bits of 50 µrad) or 90° (sin²) are rejected."""
     unit = unit_from_ra_dec(np.radians([0.0, 23.4, 23.5, 95.0]), np.zeros(4))
     for format_name, good, bad in (("sunsat-5", 1, 2), ("far-mst", 2, 3)):
-        ok, wrong = (distance_table(list_of(unit[[0, k]]), 0.0, 2.0) for k in (good, bad))
-        assert len(decode(encode(list_of(unit[[0, good]]), ok, format_name, "any")).distances) == 1
+        valid, too_long = (distance_table(list_of(unit[[0, k]]), 0.0, 2.0) for k in (good, bad))
+        assert len(decode(encode(list_of(unit[[0, good]]), valid, format_name, "any")).distances) == 1
         with pytest.raises(BadInput, match="too large for the"):
-            encode(list_of(unit[[0, bad]]), wrong, format_name, "any")
+            encode(list_of(unit[[0, bad]]), too_long, format_name, "any")
 
 
 @pytest.mark.parametrize("format_name", ["far-mst", "oersted", "aim"])
 def test_a_magnitude_that_does_not_fit_is_refused(format_name):
-    """Thousandths in sixteen bits end at 32.767; an unknown magnitude has its own number."""
+    """Magnitudes above 32.767 (thousandths in 16 bits) are rejected. An unknown magnitude has a reserved number."""
     stars = list_of(sky().icrs)
     with pytest.raises(BadInput, match="a magnitude does not fit"):
         encode(replace(stars, v_mag=np.full(len(stars), 32.768)), pairs(), format_name, "any")
     unknown = replace(stars, v_mag=np.where(np.arange(len(stars)) == 3, np.nan, 2.5))
-    kept = decode(encode(unknown, pairs(), format_name, "any")).v_mag
-    assert np.flatnonzero(np.isnan(kept)).tolist() == [3]
+    decoded_mag = decode(encode(unknown, pairs(), format_name, "any")).v_mag
+    assert np.flatnonzero(np.isnan(decoded_mag)).tolist() == [3]
 
 
 def test_flags_beyond_eight_bits_are_refused():
-    """AIM's stars have eight flags."""
+    """Flags above eight bits are rejected for AIM."""
     with pytest.raises(BadInput, match="flags do not fit"):
         encode(replace(sky(), flags=np.full(len(sky()), 256, np.uint16)), pairs(), "aim", "any")
     flags = np.arange(len(sky())).astype(np.uint16)
@@ -428,13 +437,13 @@ def test_a_list_with_nan_is_rejected(format_name):
 
 
 def test_tables_of_another_list_are_refused():
-    """Links, triplets and reduced catalogue of another star list are rejected."""
+    """Tables of another star list are rejected."""
     camera = shipped_camera("far_mst").camera
     for format_name in ("far-mst", "oersted"):
-        own = tables_for(format_name, sky(), pairs(), camera)
+        encoding = tables_for(format_name, sky(), pairs(), camera)
         fewer = sky().take(np.arange(len(sky()) - 1))
         with pytest.raises(BadInput, match="another star list"):
-            encode(fewer, distance_table(fewer, MIN_RAD, MAX_RAD), format_name, "any", tables=own.tables)
+            encode(fewer, distance_table(fewer, MIN_RAD, MAX_RAD), format_name, "any", tables=encoding.tables)
 
 
 def test_pairs_of_another_list_are_refused():
@@ -444,7 +453,7 @@ def test_pairs_of_another_list_are_refused():
 
 
 def test_c_formats_are_the_formats_as_source():
-    """cubestar-c is cubestar's bytes; unknown names are listed."""
+    """cubestar-c has the bytes of cubestar. The error for an unknown name lists the known ones."""
     assert base_format("cubestar-c") == "cubestar"
     assert base_format("far-mst") == "far-mst"
     with pytest.raises(BadInput, match=r"cubestar \| sunsat \| sunsat-5 \| far-mst \| oersted \| aim"):

@@ -1,4 +1,4 @@
-"""Occultation by Earth, Sun and Moon for every law, compared with brute force and with astropy."""
+"""Occultation by Earth, Sun and Moon for every pointing law, compared with brute force and with astropy."""
 
 import astropy.units as units
 import numpy as np
@@ -72,65 +72,73 @@ CASES = {
 }
 
 
-def hidden(name):
+def occulted_envelope(name):
     base, occultation = CASES[name]
     return OccultedEnvelope(base, occultation, getattr(base, "orbit", planes(97, 0, 14)), START, END)
 
 
 @pytest.fixture(scope="module", params=CASES)
 def case(request):
-    envelope = hidden(request.param)
+    envelope = occulted_envelope(request.param)
     return envelope, envelope.contains(UNIT), envelope.usable_moments(np.random.default_rng(5), 12_000)
 
 
 def test_membership_is_brute_force_over_the_sphere(case):
-    """Every law, RA wrap and poles included: no usable field shows an omitted star, and every kept star is shown by a
-    usable field, except at the rim."""
-    envelope, kept, moments = case
+    """For every law, RA 0 and poles included, no usable field shows an omitted star, and every included star is in a
+    usable field unless it is near the edge.
+    """
+    envelope, included, moments = case
     shown = fields_per_star(UNIT, moments.cam_from_icrs, envelope.shape, envelope.shadow(moments)) > 0
-    assert kept.any()
-    assert not np.any(shown & ~kept)
-    missing = np.flatnonzero(kept & ~shown)
-    edge = UNIT[~kept] if (~kept).any() else UNIT[shown]
-    rim = [min(separation_rad(UNIT[m], edge).min(), separation_rad(UNIT[m], UNIT[shown]).min()) for m in missing]
-    assert all(r < np.radians(8) for r in rim)
-    assert len(missing) < 0.25 * kept.sum()
+    assert included.any()
+    assert not np.any(shown & ~included)
+    missing = np.flatnonzero(included & ~shown)
+    edge = UNIT[~included] if (~included).any() else UNIT[shown]
+    edge_distances = [
+        min(separation_rad(UNIT[m], edge).min(), separation_rad(UNIT[m], UNIT[shown]).min()) for m in missing
+    ]
+    assert all(r < np.radians(8) for r in edge_distances)
+    assert len(missing) < 0.25 * included.sum()
 
 
 def test_usable_fields_keep_their_distance(case):
-    """Every usable boresight is clear of the limb with its margin, and of Sun and Moon by the baffle's angles."""
+    """Every usable boresight is at least the margin from the limb, and at least the baffle's angles from Sun and Moon."""
     envelope, _, moments = case
-    o, boresight = envelope.occultation, moments.cam_from_icrs[:, 2]
-    if o.altitude_m is not None:
-        assert separation_rad(boresight, moments.nadir).min() >= o.earth_rad - 1e-9
-    if o.baffled:
+    occultation, boresight = envelope.occultation, moments.cam_from_icrs[:, 2]
+    if occultation.altitude_m is not None:
+        assert separation_rad(boresight, moments.nadir).min() >= occultation.earth_rad - 1e-9
+    if occultation.baffled:
         sun, moon = envelope.baffle.bodies(moments.part)
-        assert separation_rad(boresight, sun).min() >= o.sun_rad - 1e-9
-        assert separation_rad(boresight, moon).min() >= o.moon_rad - 1e-9
+        assert separation_rad(boresight, sun).min() >= occultation.sun_rad - 1e-9
+        assert separation_rad(boresight, moon).min() >= occultation.moon_rad - 1e-9
 
 
 def test_occultation_only_removes_stars(case):
-    """The envelope with occulting bodies lies within the one without; fractions of time do not increase and add up."""
-    envelope, kept, _ = case
-    assert not np.any(kept & ~envelope.base.contains(UNIT))
+    """The envelope with occulting bodies is inside the envelope without them, and the total time fraction is reduced by
+    the blinded share.
+    """
+    envelope, included, _ = case
+    assert not np.any(included & ~envelope.base.contains(UNIT))
     share = envelope.time_fraction(UNIT)
-    assert not np.any((share > 0) & ~kept)
+    assert not np.any((share > 0) & ~included)
     assert share[:-2].mean() * 4 * np.pi <= envelope.shape.area_sr * (1 - envelope.blinded.total) * 1.12
 
 
 def test_shares_of_blinded_time_are_consistent(case):
-    """Each body blinds no more than all together, all together no more than the sum, and rejection leaves the rest."""
-    b = case[0].blinded
-    each = (b.earth, b.sun, b.moon)
-    assert max(each) - 1e-12 <= b.total <= min(1.0, sum(each)) + 1e-12
+    """No body blinds longer than all together, all together no longer than the sum, and the share of unusable random
+    fields is the total.
+    """
+    blinded = case[0].blinded
+    bodies = (blinded.earth, blinded.sun, blinded.moon)
+    assert max(bodies) - 1e-12 <= blinded.total <= min(1.0, sum(bodies)) + 1e-12
     cube = np.random.default_rng(8).random((20_000, case[0].dimensions))
-    assert np.mean(~case[0].usable(case[0].at(cube))) == pytest.approx(b.total, abs=0.02)
+    assert np.mean(~case[0].usable(case[0].at(cube))) == pytest.approx(blinded.total, abs=0.02)
 
 
 @pytest.mark.parametrize("name", ["sunsat, Earth", "nadir, past the limb", "zenith, tilted"])
 def test_ends_of_what_the_earth_leaves_are_sharp(name):
-    """The angles from the orbit's axis at which a clear view exists are those of 2 million random views, reached to 0.3°,
-    never surpassed."""
+    """The limits of the angle from the orbit's axis at which a clear view exists contain those of random views and
+    exceed them by less than 0.3°.
+    """
     base, occultation = CASES[name]
     bands = seen_bands(base, views_of(base.shape, base.limits), occultation.earth_rad)
     limit = np.cos(occultation.earth_rad)
@@ -146,25 +154,25 @@ def test_ends_of_what_the_earth_leaves_are_sharp(name):
 
 
 def test_without_an_earth_the_band_is_whole():
-    """No Earth: the one interval of the exact band."""
+    """Without the Earth, the visible band is the single interval of the exact band."""
     base = CASES["sunsat, Earth"][0]
     assert seen_bands(base, views_of(base.shape, base.limits), 0.0) == [base.polar_interval]
     assert not Occultation().active
 
 
 def test_sun_and_moon_agree_with_astropy():
-    """Directions from the Earth's centre over a year, to 0.1°."""
+    """Directions from the Earth's centre agree with astropy to 0.1° over a year."""
     baffle, part = AvoidanceAngles(1.0, 1.0, 2026.0, 2027.0), np.linspace(0, 1, 40)
     times = Time(2026.0 + part, format="jyear", scale="tt")
-    for name, ours in zip(("sun", "moon"), baffle.bodies(part), strict=True):
-        place = get_body(name, times, ephemeris="builtin").transform_to(GCRS(obstime=times)).cartesian.xyz
-        truth = place.to_value(units.km).T
-        truth = truth / np.linalg.norm(truth, axis=1, keepdims=True)
-        assert separation_rad(ours, truth).max() < np.radians(0.1)
+    for name, directions in zip(("sun", "moon"), baffle.bodies(part), strict=True):
+        position = get_body(name, times, ephemeris="builtin").transform_to(GCRS(obstime=times)).cartesian.xyz
+        expected = position.to_value(units.km).T
+        expected = expected / np.linalg.norm(expected, axis=1, keepdims=True)
+        assert separation_rad(directions, expected).max() < np.radians(0.1)
 
 
 def test_moments_lie_where_attitudes_do():
-    """The two ways to draw fields of an envelope agree: boresights cover the same sky."""
+    """The two ways to draw random fields of an envelope cover the same region of the sky."""
     for base, _ in CASES.values():
         cube = np.random.default_rng(3).random((4000, base.dimensions))
         moments = base.at(cube)
@@ -175,7 +183,7 @@ def test_moments_lie_where_attitudes_do():
 
 
 def test_node_and_date_move_together():
-    """At the start of validity the plane has the first node, at its end the last."""
+    """The orbital plane has the first node at the start of validity and the last one at its end."""
     base = CASES["sunsat, Earth"][0]
     cube = np.full((2, 6), 0.5)
     cube[:, 0] = 0.0, 1.0
@@ -185,14 +193,16 @@ def test_node_and_date_move_together():
 
 
 def test_imager_at_a_target_looks_no_farther_than_its_angle():
-    """The body's +z keeps the off-nadir angle; another law than target does not take one."""
+    """The law *target* limits roll and pitch to the off-nadir angle. Other laws reject this angle."""
     assert SIDE.low[:2] == pytest.approx([-0.5, -0.5])
     with pytest.raises(BadInput, match="off-nadir"):
         AttitudeLimits("zenith", off_nadir_rad=0.1)
 
 
 def test_camera_beside_the_sun_sees_the_ring_round_it():
-    """Law sun_pointing: the boresight stays at right angles to the Sun, body +z points to it."""
+    """With the law sun_pointing and free yaw, the boresight is within 20° of a right angle to the Sun and goes all
+    around it.
+    """
     limits = AttitudeLimits("sun_pointing", yaw_rad=deg(-180, 180))
     base = PatchEnvelope(SUNSAT, limits, deg(250, 264))
     sun, _ = AvoidanceAngles(1.0, 0.0, START, END).bodies(np.array([0.5]))
@@ -203,14 +213,14 @@ def test_camera_beside_the_sun_sees_the_ring_round_it():
 
 
 def test_quality_counts_clear_stars_in_usable_fields():
-    """With the Earth in the field fewer stars count, and the share of lost time is reported."""
-    envelope = hidden("zenith, tilted")
+    """With the Earth in the field, fewer stars are counted, and the share of lost time is reported."""
+    envelope = occulted_envelope("zenith, tilted")
     unit = centres(16)
-    free = assess(unit, envelope.base, CUBESTAR, 2000, np.random.default_rng(1))
-    less = assess(unit, envelope, CUBESTAR, 2000, np.random.default_rng(1))
-    assert less.mean < free.mean
-    assert less.blinded_share == envelope.blinded.total
-    assert free.blinded_share == 0.0
+    without_earth = assess(unit, envelope.base, CUBESTAR, 2000, np.random.default_rng(1))
+    with_earth = assess(unit, envelope, CUBESTAR, 2000, np.random.default_rng(1))
+    assert with_earth.mean < without_earth.mean
+    assert with_earth.blinded_share == envelope.blinded.total
+    assert without_earth.blinded_share == 0.0
 
 
 @pytest.mark.parametrize(
@@ -233,7 +243,7 @@ def test_impossible_occultations_are_named(make, words):
 
 
 def test_a_camera_that_never_sees_sky_is_named():
-    """A camera to nadir, or into the Sun, has no usable field: said so, with how many were tried."""
+    """A camera that points to nadir has no usable field. The error states expected value, actual value and a hint."""
     nadir = BandEnvelope(SUNSAT, AttitudeLimits("nadir"), planes(97, 0, 1))
     envelope = OccultedEnvelope(nadir, Occultation(700e3))
     assert not envelope.contains(UNIT).any()

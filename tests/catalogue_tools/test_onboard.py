@@ -1,4 +1,4 @@
-"""Bank images byte by byte: golden files, an independent reader, and all kinds of damage."""
+"""Bank images byte by byte: golden files, an independent decoder, and all kinds of damage."""
 
 import struct
 import zlib
@@ -25,7 +25,7 @@ from gss.skytables.pairs import DistanceTable, distance_table
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 MIN_RAD, MAX_RAD = float(np.radians(0.25)), float(np.radians(30))
-# Thirteen bits end at 23.46°.
+# The maximum of 13 bits is 23.46°.
 SMALL_RAD = float(np.radians(23))
 
 
@@ -56,10 +56,10 @@ def resealed(image, at, content):
 
 @pytest.mark.parametrize("format_name", FORMATS)
 def test_image_is_the_golden_file(stars, table, format_name):
-    """Byte for byte what was written before: bright stars of V ≤ 2.0 at J2026.5, 0.25° to 30° (sunsat-5: to 23°).
+    """The image equals the golden file: stars of V ≤ 2.0 at J2026.5, 0.25° to 30° (sunsat-5: to 23°).
 
-    Processors differ in the last bit of a sine, which can move a value that lies on the edge of two integers: one byte may differ
-    by one, and then the checksums do too.
+    Processors differ in the last bit of a sine, which can round a value to the adjacent integer: one byte may differ
+    by one, and then the checksums also differ.
     """
     image, golden = image_of(stars, table, format_name), (GOLDEN / f"onboard-{format_name}.bin").read_bytes()
     assert len(image) == len(golden)
@@ -80,15 +80,18 @@ def test_decoding_and_encoding_gives_the_same_bytes(stars, table, format_name):
 
 def test_every_header_field_is_decoded(stars, table):
     """Encoded header fields are decoded with the same values."""
-    h = read_header(image_of(stars, table, "sunsat"))
-    assert (h.format_name, h.stars, h.pairs) == ("sunsat", len(stars), len(table))
-    assert (h.epoch_jyear, h.profile_name, h.profile_hash) == (2026.5, "sunsat", bytes(range(8)))
-    assert (h.min_rad, h.max_rad) == pytest.approx((MIN_RAD, MAX_RAD))
+    header = read_header(image_of(stars, table, "sunsat"))
+    assert (header.format_name, header.stars, header.pairs) == ("sunsat", len(stars), len(table))
+    assert (header.epoch_jyear, header.profile_name, header.profile_hash) == (2026.5, "sunsat", bytes(range(8)))
+    assert (header.min_rad, header.max_rad) == pytest.approx((MIN_RAD, MAX_RAD))
     assert HEADER.size + 4 == HEADER_BYTES == 64
 
 
 def test_cubestar_body_is_four_and_three_arrays(stars, table):
-    """Erlank 2013 §5.3.2: ids, x, y, z, then first, second, distance; read here with nothing but struct."""
+    """Erlank 2013 §5.3.2: the body has ids, x, y, z, then first, second, distance.
+
+    The test decodes it with struct only.
+    """
     image = image_of(stars, table, "cubestar")
     n, m = len(stars), len(table)
     ids = struct.unpack_from(f"<{n}h", image, 64)
@@ -104,7 +107,7 @@ def test_cubestar_body_is_four_and_three_arrays(stars, table):
 
 
 def test_sunsat_body_is_records_of_reals(stars, table):
-    """Jacobs 1995 app. D.1, G.4: RA, Dec, magnitude as REAL32, then cardinal, cardinal, REAL32."""
+    """Jacobs 1995 app. D.1, G.4: a star is RA, Dec and magnitude as REAL32; a pair is two cardinals and a REAL32."""
     image = image_of(stars, table, "sunsat")
     ra, dec = ra_dec_from_unit(stars.icrs)
     for k in (0, 7, len(stars) - 1):
@@ -117,14 +120,16 @@ def test_sunsat_body_is_records_of_reals(stars, table):
 
 
 def test_sizes_are_those_of_the_document():
-    """405 stars take 5.54 KiB and 11 484 pairs 89.7 KiB (Erlank 2013 §5.3.2); 288 464 entries 2.3 MB (Jacobs app. D.1)."""
+    """405 stars take 5.54 KiB and 11 484 pairs 89.7 KiB (Erlank 2013 §5.3.2); 288 464 pairs take 2.3 MB (Jacobs app.
+    D.1).
+    """
     assert (image_bytes("cubestar", 405, 0) - 64) / 1024 == pytest.approx(5.54, abs=0.005)
     assert (image_bytes("cubestar", 0, 11_484) - 64) / 1024 == pytest.approx(89.7, abs=0.05)
     assert image_bytes("sunsat", 0, 288_464) / 1e6 == pytest.approx(2.3, abs=0.05)
 
 
 def test_cost_of_the_number_widths(stars, table):
-    """Single precision costs less than 0.02″ in a unit vector, 0.1″ in an angle, and an insignificant amount in magnitude."""
+    """Single precision causes errors below 0.02″ in a unit vector, 0.1″ in an angle and 1e-6 mag."""
     cube = quantisation_error(stars, table, image_of(stars, table, "cubestar"))
     sun = quantisation_error(stars, table, image_of(stars, table, "sunsat"))
     assert 0 < cube.position_rad < 0.02 * ARCSEC_RAD
@@ -135,25 +140,25 @@ def test_cost_of_the_number_widths(stars, table):
 
 
 def test_bytes_after_the_image_do_not_matter(stars, table):
-    """A bank of flash is longer than its image."""
+    """Bytes after the image have no effect, because a flash bank is larger than its image."""
     assert len(decode(image_of(stars, table, "cubestar") + b"\xff" * 1000)) == len(stars)
 
 
 def test_without_a_manifest_row_numbers_identify_stars(stars, table):
-    """Without Hipparcos numbers the row numbers are used."""
+    """Without Hipparcos numbers, stars are identified by row numbers."""
     assert decode(image_of(stars, table, "cubestar")).hip.tolist() == list(range(len(stars)))
 
 
 @pytest.mark.parametrize("content", [b"", b"GSSB", b"\xff" * 64, b"\x00" * 4096, b"not a catalogue" * 100])
 def test_garbage_is_not_a_bank_image(content):
-    """Empty, short, erased or foreign bytes are rejected as not a bank image."""
+    """Empty, short, erased and foreign content is rejected as not a bank image."""
     with pytest.raises(CorruptData, match="not a bank image"):
         decode(content)
 
 
 @pytest.mark.parametrize("format_name", FORMATS)
 def test_a_truncated_image_is_rejected(stars, table, format_name):
-    """An image that ends early says how many bytes are missing."""
+    """An image that ends early is rejected as truncated."""
     image = image_of(stars, table, format_name)
     for length in (HEADER_BYTES, len(image) // 2, len(image) - 1):
         with pytest.raises(CorruptData, match="truncated"):
@@ -186,14 +191,14 @@ def test_any_flipped_bit_is_found(stars, table, format_name):
     ],
 )
 def test_invalid_content_with_valid_checksums_is_rejected(stars, table, at, content, words):
-    """A valid CRC does not make invalid content valid: version, format, numbers, vector lengths, pairs."""
+    """Invalid version, format, row numbers, vectors and pairs are rejected although the CRC is valid."""
     assert len(stars) == 49
     with pytest.raises(CorruptData, match=words):
         decode(resealed(image_of(stars, table, "cubestar"), at, content))
 
 
 def test_unsorted_table_is_found(stars, table):
-    """An unsorted table is rejected, because a matcher would miss stars without notice."""
+    """An unsorted table is rejected, because a matcher would miss stars without an error."""
     order = np.r_[1, 0, 2 : len(table)]
     shuffled = DistanceTable(table.first[order], table.second[order], table.distance_rad[order], MIN_RAD, MAX_RAD)
     with pytest.raises(CorruptData, match="not sorted"):
@@ -207,7 +212,7 @@ def test_star_numbers_of_another_image_are_rejected(stars, table):
 
 
 def test_too_many_stars_for_sixteen_bits():
-    """More rows than the row number can count are refused, not wrapped."""
+    """More rows than the row number can count are rejected; numbers do not wrap around."""
     stars = load_stars(8.0)
     empty = np.empty(0, np.int32)
     with pytest.raises(BadInput, match="too many stars"):
@@ -215,6 +220,6 @@ def test_too_many_stars_for_sixteen_bits():
 
 
 def test_unknown_format_is_refused(stars, table):
-    """The known formats are listed."""
+    """The error for an unknown format lists the known ones."""
     with pytest.raises(BadInput, match=r"cubestar \| sunsat"):
         encode(stars, table, "punched-tape", "sunsat")

@@ -1,4 +1,6 @@
-"""The preview's quick look against the exact envelope, manifests of both versions, and requests that come back from them."""
+"""The preview's quick look compared with the exact envelope, manifests of both versions, and requests restored from
+them.
+"""
 
 import hashlib
 import json
@@ -41,56 +43,66 @@ LAWS = [AttitudeLimits(law, BOX, BOX, BOX, ra_rad=1.0) for law in ("zenith", "in
 
 @pytest.mark.parametrize("limits", LAWS, ids=lambda limits: limits.pointing)
 def test_the_quick_look_sees_the_same_stars(limits):
-    """For each kind of law the sampled membership equals the exact one, on the stars and nearly on any direction."""
-    p = plan(replace(REQUEST, attitude=limits))
+    """For each kind of pointing law, sampled membership equals the exact one, except for at most one star and one in a
+    thousand random directions.
+    """
+    planned = plan(replace(REQUEST, attitude=limits))
     stars = load_stars(6.0).icrs
-    assert np.count_nonzero(QuickLook(p).contains(stars) != p.envelope.contains(stars)) <= 1
+    assert np.count_nonzero(QuickLook(planned).contains(stars) != planned.envelope.contains(stars)) <= 1
     rng = np.random.default_rng(5)
     anywhere = rng.normal(size=(4000, 3))
     anywhere /= np.linalg.norm(anywhere, axis=1, keepdims=True)
-    assert np.mean(QuickLook(p).contains(anywhere) != p.envelope.contains(anywhere)) < 1e-3
+    assert np.mean(QuickLook(planned).contains(anywhere) != planned.envelope.contains(anywhere)) < 1e-3
 
 
 @pytest.mark.parametrize("law", ["zenith", "target", "sunsat"])
 def test_the_quick_look_sees_nearly_the_same_stars_beside_earth_sun_and_moon(law):
-    """With all occultations the preview contains no extra star and misses less than one in a hundred; fractions of time
-    agree with the exact ones to half a percent."""
-    aside = {"off_nadir_rad": deg(30)[0]} if law == "target" else {}
-    limits = AttitudeLimits(law, BOX, BOX, BOX, **aside)
-    hidden = Occultation(700e3, *deg(20, 28.1, 28.1))
-    p = plan(replace(REQUEST, attitude=limits, occultation=hidden))
-    stars, look = load_stars(6.0).icrs, QuickLook(p)
-    quick, exact = look.contains(stars), p.envelope.contains(stars)
+    """With all occultations the preview has at most two extra stars and misses less than one in a hundred.
+
+    Time fractions agree with the exact ones to 0.006.
+    """
+    off_nadir = {"off_nadir_rad": deg(30)[0]} if law == "target" else {}
+    limits = AttitudeLimits(law, BOX, BOX, BOX, **off_nadir)
+    occultation = Occultation(700e3, *deg(20, 28.1, 28.1))
+    planned = plan(replace(REQUEST, attitude=limits, occultation=occultation))
+    stars, quick_look = load_stars(6.0).icrs, QuickLook(planned)
+    quick, exact = quick_look.contains(stars), planned.envelope.contains(stars)
     assert np.count_nonzero(quick & ~exact) <= 2
     assert np.count_nonzero(exact & ~quick) < 0.01 * np.count_nonzero(exact)
-    grid = centres(look.nside)
-    assert np.abs(look.time_fraction(grid) - p.envelope.time_fraction(grid)).max() < 0.006
+    grid = centres(quick_look.nside)
+    assert np.abs(quick_look.time_fraction(grid) - planned.envelope.time_fraction(grid)).max() < 0.006
 
 
 @pytest.mark.parametrize("law", ["anti_sun", "sun_pointing"])
 def test_precomputed_fields_do_not_change_the_result(law, monkeypatch):
-    """For wide limits about the Sun line the precomputed fields give the same stars as the complete search."""
+    """For wide limits around the direction of the Sun, precomputed fields give the same stars as the complete search."""
     wide = deg(-20, 20)
     envelope = plan(replace(REQUEST, attitude=AttitudeLimits(law, wide, wide, wide))).envelope
     stars = load_stars(5.0).icrs
-    seen = envelope.contains(stars)
+    visible = envelope.contains(stars)
     monkeypatch.setattr("gss.catalogue_tools.envelope.envelope.WITNESSES", 0)
-    assert np.array_equal(envelope.contains(stars), seen)
-    assert 0 < np.count_nonzero(seen) < len(stars)
+    assert np.array_equal(envelope.contains(stars), visible)
+    assert 0 < np.count_nonzero(visible) < len(stars)
 
 
 def test_a_drifting_node_widens_the_limits():
-    """With an altitude the node's limits move by the flattening's drift through the days; without one they stay."""
+    """With a known altitude the node's limits include its drift by the Earth's flattening during the validity.
+
+    Without it they do not change.
+    """
     orbit = ElementsOrbit(deg(97.6, 97.6), deg(50, 50), 557e3)
     low, high = plan(replace(REQUEST, orbit=orbit)).planes.raan_rad
     assert low == pytest.approx(np.radians(50))
     assert np.degrees(high - low) == pytest.approx(14 * 0.985, rel=0.02)  # Sun-synchronous
-    still = plan(replace(REQUEST, orbit=replace(orbit, altitude_m=None))).planes.raan_rad
-    assert still[0] == still[1]
+    without_altitude = plan(replace(REQUEST, orbit=replace(orbit, altitude_m=None))).planes.raan_rad
+    assert without_altitude[0] == without_altitude[1]
 
 
 def test_requests_come_back_from_their_parameters():
-    """The request of a manifest equals the one it was made of."""
+    """A request restored from its parameters equals the original.
+
+    Invalid parameters and another camera are rejected.
+    """
     changed = replace(REQUEST, occultation=Occultation(8e5, 0.0, 0.4, 0.2), k_vector=True, orbit=TleOrbit("x"))
     for request in (REQUEST, changed, BuildRequest(shipped_camera("cubestar"), "cubestar", SelectionRules(3.8))):
         assert request_from(json.loads(json.dumps(parameters_of(request))), request.profile) == request
@@ -105,15 +117,15 @@ def test_a_manifest_of_version_1_is_still_read():
     content = build(REQUEST, load_stars()).manifest.as_dict()
     old = {name: value for name, value in content.items() if name not in (*SINCE_2, "manifest_sha256")} | {"version": 1}
     text = json.dumps(old, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    paper = json.dumps(old | {"manifest_sha256": hashlib.sha256(text.encode()).hexdigest()})
-    read = read_manifest(paper)
+    manifest = json.dumps(old | {"manifest_sha256": hashlib.sha256(text.encode()).hexdigest()})
+    read = read_manifest(manifest)
     assert (read.version, read.corrections, read.method) == (1, {}, "exact")
-    assert read.as_dict() == json.loads(paper)
+    assert read.as_dict() == json.loads(manifest)
     assert request_from(read.parameters, REQUEST.profile) == REQUEST
 
 
 def test_the_default_build_keeps_its_bytes():
-    """The documents' case gives the same image as before corrections were introduced."""
+    """The documents' case gives the same image as before corrections were added."""
     request = replace(REQUEST, rules=SelectionRules(6.0))
     assert build(request, load_stars()).sha256 == "b41e1832fd0b29fa0f0b1b89b13bb77291a08e6614b906ca2ce8beb753d2a254"
     assert preview(request, load_stars()).pairs == 2783

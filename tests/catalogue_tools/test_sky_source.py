@@ -1,4 +1,4 @@
-"""The corrected sky against astropy and ERFA, and its switches against themselves."""
+"""The corrected sky compared with astropy and ERFA, and its options compared with one another."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ from gss.domain.errors import BadInput
 from gss.instruments.registry import shipped_camera
 
 MAS_RAD = ARCSEC_RAD / 1000
-# Ours leaves the bending of light out, 4 mas at 90° from the Sun; astropy's GCRS has it.
+# GSS omits the deflection of light, 4 mas at 90° from the Sun; astropy's GCRS includes it.
 APPARENT_TOLERANCE_RAD = 0.01 * MAS_RAD
 OF_DATE_TOLERANCE_RAD = 0.001 * MAS_RAD
 FK4_TOLERANCE_RAD = 0.001 * MAS_RAD
-# SOFA's own fk54z follows Standish and Yallop, not Murray, and its epoch drifts: another road to the same frame.
+# SOFA's fk54z follows Standish and Yallop, not Murray, and its epoch drifts: a different method for the same frame.
 SOFA_TOLERANCE_RAD = 12 * MAS_RAD
 YEAR = 2026.9
 
 
 @pytest.fixture(autouse=True)
 def _quiet_astropy() -> Iterator[None]:
-    """No download of Earth orientation, no warning that it is missing."""
+    """Disable the download of Earth orientation data and the warning that it is missing."""
     with iers.conf.set_temp("auto_download", False), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
@@ -86,7 +86,7 @@ def test_default_is_proper_motion_and_nothing_else() -> None:
 
 
 def test_without_corrections_the_source_is_unchanged() -> None:
-    """With proper motion off too the stars have the positions and epoch of the source."""
+    """If proper motion is also disabled, stars have the positions and epoch of the source."""
     stars = load_stars(4.0)
     sky = corrected(stars, Corrections(proper_motion=False), YEAR)
     assert sky.stars is stars
@@ -96,13 +96,15 @@ def test_without_corrections_the_source_is_unchanged() -> None:
 
 @pytest.mark.parametrize("jyear", [1995.3, 2013.77, 2026.9])
 def test_apparent_places_are_astropys(jyear: float) -> None:
-    """Proper motion, parallax and annual aberration together: the geocentric place of astropy to 0.01 mas, but for the
-    bending of light at the Sun, which is put back with ERFA."""
+    """Proper motion, parallax and annual aberration together give astropy's geocentric position to 0.01 mas.
+
+    ERFA adds the deflection of light by the Sun for the comparison.
+    """
     stars = load_stars(6.0)
     stars = stars.take((stars.parallax_rad > 1e-9) & (stars.flags == 0))
     sky = corrected(stars, Corrections(parallax=True, annual_aberration=True), jyear)
     moved = propagate(stars, jyear)
-    # The star where it is, in space, at the date: astropy does parallax, aberration and the bending of light.
+    # Position in space at the date. astropy applies parallax, aberration and the deflection of light.
     distance = (1 / np.tan(moved.parallax_rad))[:, None] * moved.icrs
     place = SkyCoord(ICRS(CartesianRepresentation((distance * u.au).T))).transform_to(GCRS(obstime=_time(jyear)))
     expected = place.cartesian.xyz.value.T
@@ -118,7 +120,7 @@ def test_apparent_places_are_astropys(jyear: float) -> None:
 
 
 def test_light_bending_that_is_left_out_is_small() -> None:
-    """What the corrections do not contain stays below 12 mas from 40° off the Sun on."""
+    """The omitted deflection of light is below 12 mas beyond 40° from the Sun."""
     helio, _ = erfa.epv00(2451545.0, 9000.0)
     sun = -helio["p"] / np.linalg.norm(helio["p"])
     unit = _sphere(4, 2000)
@@ -129,7 +131,7 @@ def test_light_bending_that_is_left_out_is_small() -> None:
 
 @pytest.mark.parametrize("jyear", [1983.0, 2026.9, 2049.1])
 def test_axes_of_date_are_erfas(jyear: float) -> None:
-    """Mean equator and equinox of date is IAU 2006 precession with frame bias, for places and motions alike."""
+    """Mean equator and equinox of date are IAU 2006 precession with frame bias, for positions and motions."""
     stars = load_stars(5.0)
     sky = corrected(stars, Corrections(frame="of_date"), jyear)
     matrix = erfa.pmat06(2451545.0, (jyear - 2000.0) * 365.25)
@@ -141,7 +143,7 @@ def test_axes_of_date_are_erfas(jyear: float) -> None:
 @pytest.mark.parametrize("with_e_terms", [True, False])
 @pytest.mark.parametrize("jyear", [1950.0, 1991.25, 2026.9])
 def test_b1950_is_astropys(jyear: float, with_e_terms: bool) -> None:
-    """FK4 places of B1950, with and without E-terms, are astropy's to a microarcsecond."""
+    """FK4 positions of B1950, with and without E-terms, agree with astropy to a microarcsecond."""
     unit = _sphere(1, 500)
     kind = FK4 if with_e_terms else FK4NoETerms
     expected = _icrs(unit).transform_to(kind(equinox="B1950", obstime=_time(jyear))).cartesian.xyz.value.T
@@ -150,7 +152,7 @@ def test_b1950_is_astropys(jyear: float, with_e_terms: bool) -> None:
 
 
 def test_b1950_is_near_sofas_other_road() -> None:
-    """SOFA's fk54z, built on other matrices, puts stars of 1991 within 12 mas of ours."""
+    """SOFA's fk54z, which uses other matrices, agrees within 12 mas for stars of 1991."""
     unit = _sphere(2, 300)
     ra, dec = erfa.fk54z(*ra_dec_from_unit(_icrs(unit).transform_to("fk5").cartesian.xyz.value.T), 1991.25)[:2]
     ours, _ = to_b1950(unit, np.zeros_like(unit), 1991.25, True)
@@ -166,18 +168,20 @@ def test_b1950_is_near_sofas_other_road() -> None:
     motion=st.floats(-5e-5, 5e-5),
 )
 def test_b1950_and_back_is_where_it_was(ra: float, dec: float, jyear: float, e_terms: bool, motion: float) -> None:
-    """Any place, poles and RA 0 included, comes back from B1950 to 5 µas, its motion to 0.1 µas a year."""
+    """Conversion to B1950 and back restores any position, poles and RA 0 included, to 5 µas, and its motion to 0.1 µas
+    a year.
+    """
     unit = unit_from_ra_dec(np.array([ra]), np.array([dec]))
     east = np.array([[-np.sin(ra), np.cos(ra), 0.0]])
-    there = to_b1950(unit, motion * east, jyear, e_terms)
-    assert np.linalg.norm(there[0]) == pytest.approx(1, abs=1e-14)
-    back, speed = from_b1950(*there, jyear, e_terms)
-    assert separation_rad(back, unit)[0] < 5e-3 * MAS_RAD
-    assert np.abs(speed - motion * east).max() < 1e-4 * MAS_RAD
+    in_b1950 = to_b1950(unit, motion * east, jyear, e_terms)
+    assert np.linalg.norm(in_b1950[0]) == pytest.approx(1, abs=1e-14)
+    restored, restored_motion = from_b1950(*in_b1950, jyear, e_terms)
+    assert separation_rad(restored, unit)[0] < 5e-3 * MAS_RAD
+    assert np.abs(restored_motion - motion * east).max() < 1e-4 * MAS_RAD
 
 
 def test_motion_in_b1950_is_that_of_the_places() -> None:
-    """The motion on B1950 axes is the difference quotient of places a year apart: the FK4 itself turns."""
+    """The motion on B1950 axes is the difference of positions one year apart, because the FK4 frame itself rotates."""
     stars = load_stars(4.0)
     before, after = (corrected(stars, Corrections(frame="b1950", e_terms=False), y).stars for y in (2026.0, 2027.0))
     quotient = after.icrs - before.icrs
@@ -188,7 +192,7 @@ def test_motion_in_b1950_is_that_of_the_places() -> None:
 @settings(max_examples=40, deadline=None)
 @given(ra=st.floats(0, 2 * np.pi), dec=st.floats(-np.pi / 2, np.pi / 2))
 def test_e_terms_are_a_third_of_an_arcsecond_and_come_off_again(ra: float, dec: float) -> None:
-    """E-terms move a place by at most 0.343″ and their removal is exact."""
+    """E-terms shift a position by at most 0.343″, and their removal is exact."""
     unit = unit_from_ra_dec(np.array([ra]), np.array([dec]))
     moved = add_e_terms(unit)
     assert separation_rad(moved, unit)[0] < 0.344 * ARCSEC_RAD
@@ -196,7 +200,9 @@ def test_e_terms_are_a_third_of_an_arcsecond_and_come_off_again(ra: float, dec: 
 
 
 def test_orbital_aberration_of_a_velocity_is_astropys() -> None:
-    """Earth's and the orbit's velocity add before they aberrate: astropy's place for the moving observer."""
+    """The velocities of Earth and orbit are added before aberration is applied, as in astropy's position for the moving
+    observer.
+    """
     stars = load_stars(4.0)
     velocity = (3.1, -6.2, 2.4)
     switches = Corrections(annual_aberration=True, orbital_aberration=OrbitVelocity(velocity))
@@ -212,11 +218,13 @@ def test_orbital_aberration_of_a_velocity_is_astropys() -> None:
     seen = _icrs(propagate(stars, YEAR).icrs).transform_to(frame).cartesian.xyz.value.T
     sun = -erfa.epv00(2451545.0, (YEAR - 2000.0) * 365.25)[0]["p"]
     far_from_sun = ours @ sun / np.linalg.norm(sun) < np.cos(np.radians(40))
-    assert separation_rad(ours, seen)[far_from_sun].max() < 12 * MAS_RAD  # the bending of light, which astropy's holds
+    assert (
+        separation_rad(ours, seen)[far_from_sun].max() < 12 * MAS_RAD
+    )  # the deflection of light, which astropy includes
 
 
 def test_velocity_at_the_crossing_is_that_of_the_simulated_orbit() -> None:
-    """The closed formula is the velocity at the point of a stepped orbit where the boresight comes nearest to the star."""
+    """The formula gives the velocity at the point of a stepped orbit where the boresight is closest to the star."""
     rng = np.random.default_rng(0)
     around = np.linspace(0, 2 * np.pi, 200_001)[:, None]
     for _ in range(4):
@@ -226,13 +234,15 @@ def test_velocity_at_the_crossing_is_that_of_the_simulated_orbit() -> None:
         zenith = np.cos(around) * first + np.sin(around) * np.cross(pole, first)
         ahead = np.cross(pole, zenith)
         pointing = boresight[0] * ahead - boresight[1] * pole - boresight[2] * zenith
-        met = ahead[np.argmax(pointing @ star)]
-        ours = crossing_velocity_km_s(star[None], 7.5, pole, boresight)[0]
-        assert np.abs(ours - 7.5 * met).max() < 1e-3
+        direction_at_closest = ahead[np.argmax(pointing @ star)]
+        velocity = crossing_velocity_km_s(star[None], 7.5, pole, boresight)[0]
+        assert np.abs(velocity - 7.5 * direction_at_closest).max() < 1e-3
 
 
 def test_mean_orbital_aberration_of_an_inertial_field_is_none() -> None:
-    """A field that does not turn with the orbit sees each star at all phases; first order cancels and nothing is moved."""
+    """An inertially fixed field sees each star at all orbit phases, so that the first order cancels and no star moves.
+    A field that rotates with the orbit has the full aberration.
+    """
     stars = load_stars(3.0)
     switches = Corrections(orbital_aberration=MeanOrbitVelocity(7.4, (0.0, 0.0, 1.0)))
     assert separation_rad(corrected(stars, switches, YEAR).stars.icrs, propagate(stars, YEAR).icrs).max() < 1e-15
@@ -242,24 +252,24 @@ def test_mean_orbital_aberration_of_an_inertial_field_is_none() -> None:
 
 
 def test_mean_velocity_of_a_year_is_nearly_none() -> None:
-    """Over a year the Earth's velocity averages to the drift of the Sun, over a day it is that of the date."""
+    """Over a year the mean velocity of the Earth is nearly zero, and over a day it is that of the date."""
     assert np.linalg.norm(mean_earth_velocity_c(YEAR, 365.25)) < 1e-7
     assert np.linalg.norm(mean_earth_velocity_c(YEAR, 1.0) - earth_motion(YEAR)[1]) < MAS_RAD
 
 
 def test_negative_parallaxes_move_nothing() -> None:
-    """A parallax below zero is noise: the star stays, and the facts count it."""
+    """A negative parallax is noise: the star does not move, and the facts count it."""
     stars = load_stars(4.0).take(np.arange(3))
-    odd = replace(stars, parallax_rad=np.array([-1e-6, 0.0, 1e-6]))
-    sky = corrected(odd, Corrections(parallax=True), YEAR)
-    shift = separation_rad(sky.stars.icrs, propagate(odd, YEAR).icrs)
+    with_parallaxes = replace(stars, parallax_rad=np.array([-1e-6, 0.0, 1e-6]))
+    sky = corrected(with_parallaxes, Corrections(parallax=True), YEAR)
+    shift = separation_rad(sky.stars.icrs, propagate(with_parallaxes, YEAR).icrs)
     assert shift[0] == shift[1] == 0 < shift[2] < 1.02e-6
     (fact,) = [f for f in sky.facts["applied"] if f["name"] == "parallax"]
     assert (fact["stars"], fact["below_zero"]) == (1, 1)
 
 
 def test_switches_survive_json() -> None:
-    """What the manifest stores gives the same corrections, and the facts are plain values."""
+    """Corrections stored in JSON are restored, and the facts contain only plain values."""
     switches = Corrections(
         parallax=True,
         annual_aberration=True,
@@ -280,7 +290,7 @@ def test_switches_survive_json() -> None:
 
 
 def test_rows_can_be_turned_into_the_frame_later() -> None:
-    """Stars selected on ICRS axes and then turned are those of the finished table."""
+    """Selecting stars on ICRS axes and then converting them gives the rows of the complete table."""
     sky = corrected(load_stars(5.0), Corrections(frame="b1950"), YEAR)
     some = sky.icrs_stars.take(np.arange(0, len(sky.stars), 7))
     assert np.array_equal(sky.in_frame(some).icrs, sky.stars.icrs[::7])
@@ -304,6 +314,6 @@ def test_rows_can_be_turned_into_the_frame_later() -> None:
     ],
 )
 def test_impossible_corrections_are_rejected(bad, text) -> None:  # type: ignore[no-untyped-def]
-    """Each error names the field."""
+    """Each invalid correction is rejected, and the error names the field."""
     with pytest.raises(BadInput, match=text):
         bad()

@@ -1,4 +1,4 @@
-"""A user's star list: recognised columns, questions, and the reason for each rejected row."""
+"""A user's star list: recognised columns, questions to the user, and the reason for each rejected row."""
 
 from __future__ import annotations
 
@@ -34,26 +34,28 @@ def _csv(*rows: str, head: str = "hip,ra,dec,v") -> bytes:
     return "\n".join([head, *rows, ""]).encode()
 
 
-def _same(a: StarTable, b: StarTable, names: bool = True) -> None:
+def _assert_equal(actual: StarTable, expected: StarTable, names: bool = True) -> None:
     for name in ("hip", "v_mag", "b_v", "flags"):
-        assert np.array_equal(getattr(a, name), getattr(b, name), equal_nan=name == "b_v"), name
-    assert separation_rad(a.icrs, b.icrs).max() < NANOARCSEC_RAD
-    assert np.abs(a.proper_motion_rad_yr - b.proper_motion_rad_yr).max() < NANOARCSEC_RAD
-    assert np.abs(a.parallax_rad - b.parallax_rad).max() < NANOARCSEC_RAD
-    assert a.epoch_jyear == b.epoch_jyear
+        assert np.array_equal(getattr(actual, name), getattr(expected, name), equal_nan=name == "b_v"), name
+    assert separation_rad(actual.icrs, expected.icrs).max() < NANOARCSEC_RAD
+    assert np.abs(actual.proper_motion_rad_yr - expected.proper_motion_rad_yr).max() < NANOARCSEC_RAD
+    assert np.abs(actual.parallax_rad - expected.parallax_rad).max() < NANOARCSEC_RAD
+    assert actual.epoch_jyear == expected.epoch_jyear
     if names:
-        assert {n: a.names[n] for n in a.hip.tolist() if n in a.names} == b.names
+        assert {
+            number: actual.names[number] for number in actual.hip.tolist() if number in actual.names
+        } == expected.names
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_exported_list_reads_back(kind: str) -> None:
     """Every file format restores the table: all columns, epoch, flags and names (ASCII in FITS)."""
     stars = load_stars(4.5)
-    found = read_star_list(write_star_list(stars, kind), kind)
-    _same(stars, found.stars, names=kind != "fits")
-    assert (found.dropped_count, found.frame, found.epoch_jyear) == (0, "icrs", 1991.25)
+    result = read_star_list(write_star_list(stars, kind), kind)
+    _assert_equal(stars, result.stars, names=kind != "fits")
+    assert (result.dropped_count, result.frame, result.epoch_jyear) == (0, "icrs", 1991.25)
     if kind == "fits":
-        assert found.stars.names[30867] == "bet Mon"
+        assert result.stars.names[30867] == "bet Mon"
 
 
 @settings(max_examples=25, deadline=None)
@@ -80,22 +82,22 @@ def test_any_table_survives_export_and_import(ra: list[float], seed: int, kind: 
         rng.integers(0, 16, n).astype(np.uint16),
         epoch,
     )
-    found = read_star_list(write_star_list(stars, kind), kind)
-    _same(replace(stars, names={}), found.stars)
+    result = read_star_list(write_star_list(stars, kind), kind)
+    _assert_equal(replace(stars, names={}), result.stars)
 
 
 def test_foreign_columns_and_units_are_understood() -> None:
     """Column names of public catalogues, units in names and any order are accepted; other columns are ignored."""
     data = b"Vmag;comment;DE_ICRS;RA_ICRS;pmDE;pmRA;Plx;HIP;B-V\n3.76;x;-7.033;97.204;-4.66;-7.02;4.78;30867;-0.1\n"
-    found = read_star_list(data, "csv", ListMapping(epoch_jyear=1991.25))
-    assert found.frame == "icrs"
-    assert found.columns == {
+    result = read_star_list(data, "csv", ListMapping(epoch_jyear=1991.25))
+    assert result.frame == "icrs"
+    assert result.columns == {
         "id": "HIP", "ra": "RA_ICRS", "dec": "DE_ICRS", "v": "Vmag", "b_v": "B-V",
         "pm_ra": "pmRA", "pm_dec": "pmDE", "parallax": "Plx",
     }  # fmt: skip
-    ra, dec = ra_dec_from_unit(found.stars.icrs)
+    ra, dec = ra_dec_from_unit(result.stars.icrs)
     assert np.degrees([ra[0], dec[0]]) == pytest.approx([97.204, -7.033])
-    assert np.linalg.norm(found.stars.proper_motion_rad_yr) == pytest.approx(np.hypot(4.66, 7.02) * MAS_RAD)
+    assert np.linalg.norm(result.stars.proper_motion_rad_yr) == pytest.approx(np.hypot(4.66, 7.02) * MAS_RAD)
 
 
 @pytest.mark.parametrize(
@@ -110,16 +112,16 @@ def test_foreign_columns_and_units_are_understood() -> None:
     ],
 )
 def test_positions_in_any_unit(ra: str, dec: str, units: dict[str, str]) -> None:
-    """Degrees, hours, radians and sexagesimal text give the same position."""
-    found = read_star_list(_csv(f"1,{ra},{dec},3.76"), "csv", replace(SAID, units=units))
+    """Degrees, hours, radians, arcminutes and sexagesimal text give the same position."""
+    result = read_star_list(_csv(f"1,{ra},{dec},3.76"), "csv", replace(SAID, units=units))
     expected = unit_from_ra_dec(np.radians(97.2043333), np.radians(-7.0330))
-    assert separation_rad(found.stars.icrs[0], expected) < 0.05 * ARCSEC_RAD
+    assert separation_rad(result.stars.icrs[0], expected) < 0.05 * ARCSEC_RAD
 
 
 def test_small_negative_declinations_keep_their_sign() -> None:
-    """−00:30 is south of the equator."""
-    found = read_star_list(_csv("1,00:00:01,-00:30:00,3"), "csv", SAID)
-    assert np.degrees(ra_dec_from_unit(found.stars.icrs)[1][0]) == pytest.approx(-0.5)
+    """A declination of −00:30 is read as negative."""
+    result = read_star_list(_csv("1,00:00:01,-00:30:00,3"), "csv", SAID)
+    assert np.degrees(ra_dec_from_unit(result.stars.icrs)[1][0]) == pytest.approx(-0.5)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +142,7 @@ def test_units_of_motion_in_many_spellings(text: str, unit: str) -> None:
 
 
 def test_motion_along_the_circle_or_along_the_sky() -> None:
-    """A motion in right ascension without cos δ is shortened by it."""
+    """A motion in right ascension without the factor cos δ is multiplied by it."""
     head, row = "hip,ra,dec,v,pm_ra,pm_dec", "1,10,60,3,100,0"
     sky = read_star_list(_csv(row, head=head), "csv", SAID).stars
     circle = read_star_list(_csv(row, head=head), "csv", replace(SAID, pm_ra_has_cos_dec=False)).stars
@@ -149,19 +151,21 @@ def test_motion_along_the_circle_or_along_the_sky() -> None:
 
 @pytest.mark.parametrize(("frame", "tolerance_mas"), [("fk5", 0.001), ("b1950", 0.001)])
 def test_other_frames_become_icrs_as_in_astropy(frame: str, tolerance_mas: float) -> None:
-    """Places in FK5 and in the FK4 of B1950 are astropy's in ICRS."""
+    """Positions in FK5 and in FK4 (B1950) are converted to ICRS as by astropy."""
     rng = np.random.default_rng(2)
     ra, dec = rng.uniform(0, 360, 40), rng.uniform(-90, 90, 40)
     rows = [f"{i + 1},{a!r},{d!r},3" for i, (a, d) in enumerate(zip(ra.tolist(), dec.tolist(), strict=True))]
-    found = read_star_list(_csv(*rows), "csv", ListMapping(epoch_jyear=1975.0, frame=frame))
+    result = read_star_list(_csv(*rows), "csv", ListMapping(epoch_jyear=1975.0, frame=frame))
     at = Time(1975.0, format="jyear", scale="tt")
     kind = FK5(equinox="J2000") if frame == "fk5" else FK4(equinox="B1950", obstime=at)
     expected = SkyCoord(ra * u.deg, dec * u.deg, frame=kind).icrs.cartesian.xyz.value.T
-    assert separation_rad(found.stars.icrs, expected).max() < tolerance_mas * MAS_RAD
+    assert separation_rad(result.stars.icrs, expected).max() < tolerance_mas * MAS_RAD
 
 
 def test_epoch_and_frame_are_read_from_the_file() -> None:
-    """Epoch and frame in comments of a CSV, in the meta of an ECSV, the header of a FITS file, or a VOTable's COOSYS."""
+    """Epoch and frame are read from comments of a CSV, the metadata of an ECSV, the header of a FITS file or a
+    VOTable's COOSYS.
+    """
     csv = b"# epoch = J2016.0\n# frame: ICRS\n" + _csv("1,10,20,3")
     assert read_star_list(csv, "csv").epoch_jyear == 2016.0
     table = Table({"id": [7, 8], "ra": [10.0, 11] * u.deg, "dec": [0.3, 0.4] * u.rad, "mag": [3.0, 4.0]})
@@ -172,16 +176,16 @@ def test_epoch_and_frame_are_read_from_the_file() -> None:
             warnings.simplefilter("ignore")
             table.write(file, format=writer)
         data = file.getvalue()
-        found = read_star_list(data if isinstance(data, bytes) else data.encode(), kind)
-        assert (found.epoch_jyear, found.frame, found.stars.hip.tolist()) == (1980.5, "fk5", [7, 8])
-        assert found.units["dec"] == "rad"
+        result = read_star_list(data if isinstance(data, bytes) else data.encode(), kind)
+        assert (result.epoch_jyear, result.frame, result.stars.hip.tolist()) == (1980.5, "fk5", [7, 8])
+        assert result.units["dec"] == "rad"
     votable = write_star_list(load_stars(2.0), "votable").replace(b"J1991.25", b"B1950.0 ")
     besselian = read_star_list(votable, "votable")
     assert besselian.epoch_jyear == pytest.approx(Time("B1950").jyear, abs=1e-6)
 
 
 def test_masked_values_are_not_read_as_zero() -> None:
-    """Empty cells of integer and float columns in FITS and VOTable are unknown, not 0."""
+    """Masked cells of integer and float columns in a VOTable are unknown, not 0."""
     table = Table(
         {"hip": [1, 2, 3], "ra": [1.0, 2, 3], "dec": [1.0, 2, 3], "v": [3, 4, 5], "plx": [1.0, 2, 3]}, masked=True
     )
@@ -189,10 +193,10 @@ def test_masked_values_are_not_read_as_zero() -> None:
     table["plx"].mask = [True, False, False]
     file = io.BytesIO()
     table.write(file, format="votable")
-    found = read_star_list(file.getvalue(), "votable", SAID)
-    assert found.stars.hip.tolist() == [1, 3]
-    assert found.stars.parallax_rad[0] == 0
-    (dropped,) = found.dropped
+    result = read_star_list(file.getvalue(), "votable", SAID)
+    assert result.stars.hip.tolist() == [1, 3]
+    assert result.stars.parallax_rad[0] == 0
+    (dropped,) = result.dropped
     assert (dropped.row, dropped.column, dropped.reason) == (2, "v", "empty")
 
 
@@ -218,28 +222,31 @@ def test_masked_values_are_not_read_as_zero() -> None:
     ],
 )
 def test_bad_row_is_dropped_with_row_column_and_reason(row: str, column: str, reason: str) -> None:
-    """A row that cannot be used is reported by its number, column, reason and value; the others stay."""
+    """An invalid row is reported with its number, column and reason; other rows are used.
+
+    On request the whole list is rejected.
+    """
     data = _csv("1,5,6,7", row, "3,8,9,2")
-    found = read_star_list(data, "csv", SAID)
-    assert found.stars.hip.tolist() == [1, 3]
-    assert found.dropped_count == 1
-    assert (found.dropped[0].row, found.dropped[0].column, found.dropped[0].reason) == (2, column, reason)
+    result = read_star_list(data, "csv", SAID)
+    assert result.stars.hip.tolist() == [1, 3]
+    assert result.dropped_count == 1
+    assert (result.dropped[0].row, result.dropped[0].column, result.dropped[0].reason) == (2, column, reason)
     with pytest.raises(BadInput, match=r"row 2, column"):
         read_star_list(data, "csv", replace(SAID, bad_rows="refuse"))
 
 
 def test_too_fast_and_too_near_stars_are_dropped() -> None:
-    """Implausible proper motions reveal a wrong unit."""
+    """Stars with implausible proper motions or parallaxes, which indicate a wrong unit, are dropped."""
     head = "hip,ra,dec,v,pm_ra,pm_dec,plx"
-    found = read_star_list(_csv("1,1,1,3,30000,0,1", "2,1,2,3,0,0,5000", "3,1,3,3,,,", head=head), "csv", SAID)
-    assert [d.reason for d in found.dropped] == ["no star moves so fast", "no star is so near"]
-    assert found.stars.flags[0] & FLAG_NO_PROPER_MOTION
+    result = read_star_list(_csv("1,1,1,3,30000,0,1", "2,1,2,3,0,0,5000", "3,1,3,3,,,", head=head), "csv", SAID)
+    assert [d.reason for d in result.dropped] == ["no star moves so fast", "no star is so near"]
+    assert result.stars.flags[0] & FLAG_NO_PROPER_MOTION
 
 
 def test_broken_rows_do_not_shift_the_numbers_of_others() -> None:
-    """After a broken row and an empty line, rows still have the numbers a user counts."""
-    found = read_star_list(_csv("1,1,1,3", "2,2", "", "3,3,95,3", "4,4,4,3"), "csv", SAID)
-    assert [(d.row, d.column) for d in found.dropped] == [(2, ""), (3, "dec")]
+    """After an invalid row and an empty line, row numbers are still those that a user counts."""
+    result = read_star_list(_csv("1,1,1,3", "2,2", "", "3,3,95,3", "4,4,4,3"), "csv", SAID)
+    assert [(d.row, d.column) for d in result.dropped] == [(2, ""), (3, "dec")]
 
 
 @pytest.mark.parametrize(
@@ -284,17 +291,17 @@ def test_an_unreadable_list_is_rejected(data: bytes, kind: str, mapping: ListMap
     cut=st.integers(0, 4000) | st.none(),
 )
 def test_damaged_files_never_break_the_reader(kind: str, where: int, with_what: bytes, cut: int | None) -> None:
-    """Corrupted and truncated files give stars or BadInput, and no other error."""
-    whole = bytearray(_SMALL[kind])
-    whole[where % len(whole) : where % len(whole) + len(with_what)] = with_what
+    """Corrupted and truncated files give stars or BadInput, but no other error."""
+    content = bytearray(_SMALL[kind])
+    content[where % len(content) : where % len(content) + len(with_what)] = with_what
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            found = read_star_list(bytes(whole[:cut]), kind)
+            result = read_star_list(bytes(content[:cut]), kind)
         except BadInput:
             return
-    assert len(found.stars) + found.dropped_count >= 1
-    assert np.isfinite(found.stars.icrs).all()
+    assert len(result.stars) + result.dropped_count >= 1
+    assert np.isfinite(result.stars.icrs).all()
 
 
 def test_compressed_files_are_not_unpacked() -> None:
@@ -308,12 +315,12 @@ def test_compressed_files_are_not_unpacked() -> None:
     "text", ["hip,ra,dec,v\r\n1,10,20,3\r\n", "\ufeffhip;ra;dec;v\n1;10;20;3", "hip\tra\tdec\tv\n1\t10\t20\t3\n\n"]
 )
 def test_line_ends_marks_and_separators_do_not_matter(text: str) -> None:
-    """Files of any system and spreadsheet are read."""
+    """Files with the line ends, byte-order marks and separators of any system are read."""
     assert read_star_list(text.encode(), "csv", SAID).stars.hip.tolist() == [1]
 
 
 def test_hours_used_as_degrees_raise_a_question() -> None:
-    """Right ascensions all below 24, or declinations below π/2, give a question instead of a catalogue."""
+    """Right ascensions all below 24, or declinations all below π/2, raise a question about the unit."""
     stars = load_stars(3.0)
     ra, dec = ra_dec_from_unit(stars.icrs)
     hours = [f"{i},{a},{d},3" for i, (a, d) in enumerate(zip(np.degrees(ra) / 15, np.degrees(dec), strict=True), 1)]
@@ -324,14 +331,16 @@ def test_hours_used_as_degrees_raise_a_question() -> None:
     with pytest.raises(BadInput, match="unit of column ra is not clear") as caught:
         read_star_list(_csv(*radians), "csv", SAID)
     assert '"rad"' in caught.value.hint
-    found = read_star_list(_csv(*hours), "csv", replace(SAID, units={"ra": "hourangle"}))
-    assert separation_rad(found.stars.icrs, stars.icrs).max() < NANOARCSEC_RAD
+    result = read_star_list(_csv(*hours), "csv", replace(SAID, units={"ra": "hourangle"}))
+    assert separation_rad(result.stars.icrs, stars.icrs).max() < NANOARCSEC_RAD
     assert len(read_star_list(_csv(*hours), "csv", replace(SAID, units={"ra": "deg"})).stars) == len(stars)
 
 
 def test_long_and_verbal_numbers_become_names() -> None:
-    """Gaia's numbers and designations do not fit: rows are numbered and the designations become names; duplicates are still
-    detected."""
+    """If Gaia's numbers or designations do not fit, rows are numbered and the designations become names.
+
+    Duplicates are still detected.
+    """
     long = read_star_list(_csv("4295806720,1,1,3", "34361129088,2,2,3", "4295806720,3,3,3"), "csv", SAID)
     assert long.stars.hip.tolist() == [1, 2]
     assert long.stars.name_of(1) == "4295806720"
@@ -342,7 +351,7 @@ def test_long_and_verbal_numbers_become_names() -> None:
 
 
 def test_numbers_of_other_lists_are_not_hipparcos_numbers() -> None:
-    """A star of another catalogue is shown by that catalogue's number, one without a number by its row."""
+    """A star of another catalogue is labelled with its number there, and a star without number with its row."""
     bright = read_star_list(_csv("7001,1,1,3", "2000001,2,2,3", head="HR,ra,dec,v"), "csv", SAID).stars
     assert [bright.name_of(n) for n in bright.hip] == ["HR 7001", "HR 2000001"]
     nameless = read_star_list(_csv("1,1,3", head="ra,dec,v"), "csv", SAID).stars
@@ -352,27 +361,27 @@ def test_numbers_of_other_lists_are_not_hipparcos_numbers() -> None:
 
 def test_a_list_without_motions_is_reported() -> None:
     """Positions without proper motions are unchanged and flagged, and the report states their epoch."""
-    found = read_star_list(_csv("1,1,1,3"), "csv", SAID)
-    assert found.notes == ("no proper motions: the positions of J2000 are used at every epoch",)
-    assert np.all(found.stars.flags & FLAG_NO_PROPER_MOTION)
+    result = read_star_list(_csv("1,1,1,3"), "csv", SAID)
+    assert result.notes == ("no proper motions: the positions of J2000 are used at every epoch",)
+    assert np.all(result.stars.flags & FLAG_NO_PROPER_MOTION)
 
 
 def test_only_the_first_hundred_bad_rows_are_listed() -> None:
-    """All invalid rows are counted, the first hundred listed in the order of the file."""
-    found = read_star_list(_csv("1,1,1,3", *(f"{i},1,99,3" for i in range(2, 400))), "csv", SAID)
-    assert (found.dropped_count, len(found.dropped)) == (398, 100)
-    assert [d.row for d in found.dropped] == list(range(2, 102))
+    """All invalid rows are counted, and the first hundred are listed in the order of the file."""
+    result = read_star_list(_csv("1,1,1,3", *(f"{i},1,99,3" for i in range(2, 400))), "csv", SAID)
+    assert (result.dropped_count, len(result.dropped)) == (398, 100)
+    assert [d.row for d in result.dropped] == list(range(2, 102))
 
 
 def test_a_hundred_thousand_rows_are_read() -> None:
-    """A long list is read completely, and each bad row is reported."""
+    """A long list is read completely, and each invalid row is reported."""
     n = 100_000
     rng = np.random.default_rng(0)
     ra, dec, v = rng.uniform(0, 360, n).round(6), rng.uniform(-90, 90, n).round(6), rng.uniform(0, 12, n).round(2)
     v[::1000] = 77
     rows = "\n".join(f"{i + 1},{a},{d},{m}" for i, (a, d, m) in enumerate(zip(ra, dec, v, strict=True)))
-    found = read_star_list(("hip,ra,dec,v\n" + rows).encode(), "csv", SAID)
-    assert (len(found.stars), found.dropped_count) == (n - 100, 100)
+    result = read_star_list(("hip,ra,dec,v\n" + rows).encode(), "csv", SAID)
+    assert (len(result.stars), result.dropped_count) == (n - 100, 100)
 
 
 @pytest.mark.parametrize(
@@ -388,6 +397,6 @@ def test_a_hundred_thousand_rows_are_read() -> None:
     ],
 )
 def test_impossible_mappings_are_rejected(bad) -> None:  # type: ignore[no-untyped-def]
-    """An invalid mapping gives an error at once."""
+    """An invalid mapping gives an error when it is created."""
     with pytest.raises(BadInput):
         bad()

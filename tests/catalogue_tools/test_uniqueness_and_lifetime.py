@@ -1,4 +1,4 @@
-"""Ambiguity of the sky, the poorest field, chance matches, drift out of the envelope, and Jacobs' blocks."""
+"""Ambiguity of the sky, the poorest field, accidental matches, drift out of the envelope, and Jacobs' blocks."""
 
 import itertools
 from datetime import UTC, datetime, timedelta
@@ -47,75 +47,80 @@ def scattered(count, seed=2):
 
 
 def test_wrong_triangles_are_those_of_full_enumeration():
-    """Every other triangle of 40 stars with the same sides in some order is counted once, and every other pair."""
+    """Of 40 stars, every other triangle with the same sides in any order is counted once, and so is every other pair."""
     unit, tolerance, longest = scattered(40), 0.05, 1.2
-    apart = separation_rad(unit[:, None], unit[None])
-    trios = np.array(
+    separations = separation_rad(unit[:, None], unit[None])
+    given = np.array(
         [
             t
             for t in itertools.combinations(range(40), 3)
-            if max(apart[i, j] for i, j in itertools.combinations(t, 2)) < longest
+            if max(separations[i, j] for i, j in itertools.combinations(t, 2)) < longest
         ]
     )[:60]
-    pairs, triangles = wrong_matches(unit, trios, tolerance, longest)
-    listed = [apart[i, j] for i, j in itertools.combinations(range(40), 2) if apart[i, j] <= longest + tolerance]
-    for trio, found, near in zip(trios, triangles, pairs, strict=True):
+    pairs, triangles = wrong_matches(unit, given, tolerance, longest)
+    listed = [
+        separations[i, j] for i, j in itertools.combinations(range(40), 2) if separations[i, j] <= longest + tolerance
+    ]
+    for trio, triangle_count, pair_count in zip(given, triangles, pairs, strict=True):
         a, b, c = trio
-        sides = apart[a, b], apart[a, c], apart[b, c]
-        like = {
+        sides = separations[a, b], separations[a, c], separations[b, c]
+        similar = {
             tuple(sorted(t))
             for t in itertools.permutations(range(40), 3)
-            if abs(apart[t[0], t[1]] - sides[0]) <= tolerance
-            and abs(apart[t[0], t[2]] - sides[1]) <= tolerance
-            and abs(apart[t[1], t[2]] - sides[2]) <= tolerance
+            if abs(separations[t[0], t[1]] - sides[0]) <= tolerance
+            and abs(separations[t[0], t[2]] - sides[1]) <= tolerance
+            and abs(separations[t[1], t[2]] - sides[2]) <= tolerance
         }
-        assert found == len(like - {tuple(trio)})
-        assert near == pytest.approx(np.mean([sum(abs(d - s) <= tolerance for d in listed) for s in sides]) - 1)
+        assert triangle_count == len(similar - {tuple(trio)})
+        assert pair_count == pytest.approx(np.mean([sum(abs(d - s) <= tolerance for d in listed) for s in sides]) - 1)
 
 
 @pytest.mark.parametrize(("tolerance", "times"), [(0.001, 5), (0.003, 2)])
 def test_rivals_predict_where_the_voting_matcher_fails(tolerance, times):
-    """Geometric voting on noisy fields of a small catalogue: in the third of the sky that the map calls least unique it names
-    far more stars wrongly than in the third it calls most unique."""
+    """With geometric voting on noisy fields of a small catalogue, far more stars are misidentified in the third of the
+    sky that the map rates most ambiguous than in the third it rates most unique.
+    """
     stars = load_stars(3.2).brighter_than(3.2)
     longest, radius = float(np.radians(43)), CUBESTAR.equal_circle_rad
-    made = ambiguity_map(stars.icrs, WholeSky(CUBESTAR), radius, tolerance, longest, nside=8)
+    ambiguity = ambiguity_map(stars.icrs, WholeSky(CUBESTAR), radius, tolerance, longest, nside=8)
     table = distance_table(stars, 1e-4, longest)
-    rng, figure, wrong = np.random.default_rng(4), [], []
-    for pixel in np.flatnonzero(made.stars >= 3):
+    rng, rivals, wrong = np.random.default_rng(4), [], []
+    for pixel in np.flatnonzero(ambiguity.stars >= 3):
         rows = np.flatnonzero(separation_rad(stars.icrs, centres(8)[pixel]) <= radius)[:6]
-        seen = stars.icrs[rows] + rng.normal(size=(len(rows), 3)) * tolerance / 4
-        seen /= np.linalg.norm(seen, axis=1, keepdims=True)
-        ballot = vote(pairs_of(seen), len(rows), table, len(stars), tolerance)
-        figure.append(made.rivals[pixel])
+        measured = stars.icrs[rows] + rng.normal(size=(len(rows), 3)) * tolerance / 4
+        measured /= np.linalg.norm(measured, axis=1, keepdims=True)
+        ballot = vote(pairs_of(measured), len(rows), table, len(stars), tolerance)
+        rivals.append(ambiguity.rivals[pixel])
         wrong.append(np.mean(ballot.row != rows))
-    order, third = np.argsort(figure, kind="stable"), len(figure) // 3
+    order, third = np.argsort(rivals, kind="stable"), len(rivals) // 3
     unique, ambiguous = np.array(wrong)[order[:third]].mean(), np.array(wrong)[order[-third:]].mean()
     assert ambiguous > times * unique
-    assert np.corrcoef(np.argsort(np.argsort(figure)), wrong)[0, 1] > 0.4
+    assert np.corrcoef(np.argsort(np.argsort(rivals)), wrong)[0, 1] > 0.4
 
 
 def test_map_knows_its_envelope_and_its_holes():
-    """NaN outside the envelope, infinite where fewer than three stars are visible, finite elsewhere; the worst position is
-    inside."""
+    """The map is NaN outside the envelope, infinite where fewer than three stars are visible, and finite elsewhere.
+
+    Its worst position is inside.
+    """
     stars = load_stars(4.5).brighter_than(4.5)
     envelope = sunsat(133, 149)
-    made = ambiguity_map(stars.icrs, envelope, SUNSAT.equal_circle_rad, 3e-4, np.radians(14))
+    ambiguity = ambiguity_map(stars.icrs, envelope, SUNSAT.equal_circle_rad, 3e-4, np.radians(14))
     inside = envelope.contains(centres(16))
-    assert np.array_equal(made.stars >= 0, inside)
-    assert np.isnan(made.wrong_triangles[~inside]).all()
-    assert np.array_equal(np.isinf(made.wrong_triangles), inside & (made.stars < 3))
-    ra, dec, figure = made.worst
+    assert np.array_equal(ambiguity.stars >= 0, inside)
+    assert np.isnan(ambiguity.wrong_triangles[~inside]).all()
+    assert np.array_equal(np.isinf(ambiguity.wrong_triangles), inside & (ambiguity.stars < 3))
+    ra, dec, worst_rivals = ambiguity.worst
     place = np.array([[np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)]])
     assert separation_rad(place, centres(16)[inside]).min() < 1e-6
-    assert figure == np.max(made.rivals[inside])
-    facts = made.facts()
-    assert facts["share_without_triangle"] == pytest.approx(np.mean(made.stars[inside] < 3))
+    assert worst_rivals == np.max(ambiguity.rivals[inside])
+    facts = ambiguity.facts()
+    assert facts["share_without_triangle"] == pytest.approx(np.mean(ambiguity.stars[inside] < 3))
     assert facts["worst_rivals"] is None
 
 
 def test_wider_tolerance_is_more_ambiguous():
-    """Wrong pairs and triangles grow with the tolerance; a catalogue of no stars is all holes."""
+    """Wrong pairs and triangles increase with the tolerance. With an empty catalogue the whole map is infinite."""
     stars = load_stars(3.8).brighter_than(3.8)
     sky = WholeSky(CUBESTAR)
     sharp, blunt = (ambiguity_map(stars.icrs, sky, 0.3, t, 0.75, nside=4) for t in (5e-4, 5e-3))
@@ -131,19 +136,21 @@ def test_wider_tolerance_is_more_ambiguous():
 
 
 def test_search_finds_a_hole_that_random_fields_miss():
-    """A hole in an even sky, a little smaller than the field: the search comes nearer to its middle than as many random fields."""
+    """In an even sky with a hole smaller than the field, the search finds a poorer field than as many random fields,
+    within 2° of the hole's centre.
+    """
     unit = scattered(30_000)
     unit = unit[separation_rad(unit, centres(8)[100]) > SUNSAT.half_diagonal_rad * 0.8]
     sky = WholeSky(SUNSAT)
-    found = search_poorest(unit, sky, SUNSAT)
-    random = stars_per_field(unit, sky.attitudes(np.random.default_rng(3), found.searched), SUNSAT)
-    assert found.stars < random.min()
-    assert stars_per_field(unit, found.cam_from_icrs[None], SUNSAT)[0] == found.stars
-    assert separation_rad(found.cam_from_icrs[2], centres(8)[100]) < np.radians(2)
+    poorest = search_poorest(unit, sky, SUNSAT)
+    random = stars_per_field(unit, sky.attitudes(np.random.default_rng(3), poorest.searched), SUNSAT)
+    assert poorest.stars < random.min()
+    assert stars_per_field(unit, poorest.cam_from_icrs[None], SUNSAT)[0] == poorest.stars
+    assert separation_rad(poorest.cam_from_icrs[2], centres(8)[100]) < np.radians(2)
 
 
 def test_quality_reports_the_poorest_field_where_it_is():
-    """The worst field is at the reported attitude, in the envelope, and no richer than any of the pointings."""
+    """The worst field has no more stars than any of the pointings, and its boresight is inside the envelope."""
     stars = load_stars(5.0)
     envelope = sunsat(133, 149)
     quality = assess(stars.icrs, envelope, SUNSAT, 2000, np.random.default_rng(1))
@@ -160,7 +167,10 @@ def test_quality_reports_the_poorest_field_where_it_is():
 
 
 def test_candidates_per_star_are_those_of_random_answers():
-    """Distinct stars named by random pairs: the law against drawing; without a table unknown."""
+    """The formula for distinct stars named by random pairs agrees with random draws.
+
+    Without a table the number is unknown.
+    """
     rng = np.random.default_rng(5)
     drawn = [len(np.unique(np.concatenate([rng.choice(200, 2, replace=False) for _ in range(60)]))) for _ in range(300)]
     assert candidates_per_star(200, 10.0, 7.0) == pytest.approx(np.mean(drawn), rel=0.01)
@@ -171,24 +181,30 @@ def test_candidates_per_star_are_those_of_random_answers():
 
 
 def test_moniteqs_false_match_figures():
-    """His 0.17, 6.4e-5 and 1.1e-5 come out of Hipparcos to 6.49 within a tenth (Moniteq 1983 §2.1)."""
-    found = false_matches(load_stars(6.49).v_mag)
-    assert found.second_probability == pytest.approx(0.17, rel=0.05)
-    assert found.third_probability == pytest.approx(6.4e-5, rel=0.1)
-    assert found.joint_probability == pytest.approx(1.1e-5, rel=0.1)
+    """Hipparcos to V 6.49 gives Moniteq's 0.17, 6.4e-5 and 1.1e-5 within a tenth (Moniteq 1983 §2.1)."""
+    figures = false_matches(load_stars(6.49).v_mag)
+    assert figures.second_probability == pytest.approx(0.17, rel=0.05)
+    assert figures.third_probability == pytest.approx(6.4e-5, rel=0.1)
+    assert figures.joint_probability == pytest.approx(1.1e-5, rel=0.1)
 
 
 def test_law_of_chance_companions_is_that_of_an_even_sky():
-    """Stars strewn evenly have on average as many in the ring as the law says; the counted ones are brute force."""
+    """Uniformly distributed stars have, on average, the predicted number of stars in the ring.
+
+    Counts equal brute force.
+    """
     unit, mag = scattered(4000), np.random.default_rng(7).uniform(3, 7, 4000)
     counted = companions(unit, mag, 0.3, 0.02, 6.0, 0.5)
     assert counted.mean() == pytest.approx(false_matches(mag, 6.0, 0.5, 0.02, 0.3).second, rel=0.03)
-    apart = separation_rad(unit[11], unit)
-    assert counted[11] == np.count_nonzero((np.abs(apart - 0.3) <= 0.02) & (np.abs(mag - 6) <= 0.5))
+    separations = separation_rad(unit[11], unit)
+    assert counted[11] == np.count_nonzero((np.abs(separations - 0.3) <= 0.02) & (np.abs(mag - 6) <= 0.5))
 
 
 def test_screening_marks_doubles_variables_and_fast_stars():
-    """61 Cygni is fast, Mizar double, Mira variable; an ordinary bright star is none; a zero separation leaves the flags."""
+    """61 Cygni is marked fast, Mizar double and Mira variable.
+
+    Vega has no mark other than variable. A separation of zero marks no additional doubles.
+    """
     stars = load_stars(6.5)
     marks = screen(stars)
     row = stars.row_of_hip
@@ -211,37 +227,43 @@ def test_impossible_tolerances_are_named(bad):
 
 
 def test_lifetime_is_the_day_on_which_the_share_falls():
-    """On that day the share of what an oversized band still covers is the threshold; a higher one comes earlier, a faster
-    drift earlier still, in proportion."""
+    """On that day the catalogue covers exactly the threshold share of what is visible.
+
+    A higher threshold ends earlier; twice the drift halves the lifetime.
+    """
     envelope = sunsat(133, 149)
-    day = lifetime(envelope, np.radians(1.0), VALID_TO, 0.9)
-    assert 0 < day.days < 30
-    assert day.until == VALID_TO + timedelta(days=day.days)
-    moved = sunsat(149 + day.days, 149 + day.days)
+    life = lifetime(envelope, np.radians(1.0), VALID_TO, 0.9)
+    assert 0 < life.days < 30
+    assert life.until == VALID_TO + timedelta(days=life.days)
+    moved = sunsat(149 + life.days, 149 + life.days)
     share = moved.time_fraction(centres(32))
     assert share[envelope.contains(centres(32))].sum() / share.sum() == pytest.approx(0.9, abs=0.01)
-    assert lifetime(envelope, np.radians(1.0), None, 0.99).days < day.days
-    assert lifetime(envelope, np.radians(2.0), None, 0.9).days == pytest.approx(day.days / 2, abs=0.05)
-    assert day.share_curve[0] == pytest.approx(1.0, abs=0.01)
+    assert lifetime(envelope, np.radians(1.0), None, 0.99).days < life.days
+    assert lifetime(envelope, np.radians(2.0), None, 0.9).days == pytest.approx(life.days / 2, abs=0.05)
+    assert life.share_curve[0] == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_wider_band_lasts_longer_westward_too():
-    """Drift to the other side counts as well: from the end of validity the node runs back through the whole band first."""
+    """With drift in the opposite direction, the lifetime is longer: from the end of validity the node first crosses the
+    whole band.
+    """
     envelope = sunsat(133, 149)
     assert lifetime(envelope, np.radians(-1.0)).days > lifetime(envelope, np.radians(1.0)).days + 10
 
 
 def test_laws_that_do_not_drift_last_for_ever():
-    """Whole sky, a camera held still, every node, no drift: infinite, with no date."""
-    still = PatchEnvelope(SUNSAT, AttitudeLimits("inertial", deg(-1, 1), deg(-1, 1)))
-    for envelope, rate in ((WholeSky(SUNSAT), 0.1), (still, 0.1), (sunsat(0, 360), 0.02), (sunsat(133, 149), 0.0)):
-        found = lifetime(envelope, rate, VALID_TO)
-        assert np.isinf(found.days)
-        assert found.until is None
+    """Without drift, with every node, for the whole sky or an inertially fixed camera, the lifetime is infinite and has
+    no date.
+    """
+    fixed = PatchEnvelope(SUNSAT, AttitudeLimits("inertial", deg(-1, 1), deg(-1, 1)))
+    for envelope, rate in ((WholeSky(SUNSAT), 0.1), (fixed, 0.1), (sunsat(0, 360), 0.02), (sunsat(133, 149), 0.0)):
+        life = lifetime(envelope, rate, VALID_TO)
+        assert np.isinf(life.days)
+        assert life.until is None
 
 
 def test_a_camera_away_from_the_sun_drifts_a_degree_a_day():
-    """Facing away from the Sun the field has moved out within about its own width."""
+    """A camera that points away from the Sun leaves its catalogue within about the width of its field."""
     away = PatchEnvelope(SUNSAT, AttitudeLimits("anti_sun"), deg(70, 84))
     days = lifetime(away, 2 * np.pi / 365.25, threshold=0.5).days
     assert 3 < days < 9
@@ -261,7 +283,7 @@ def test_impossible_lifetimes_are_named(bad):
 
 @pytest.mark.parametrize("rule", RULES)
 def test_blocks_are_those_of_stepping_every_field(rule):
-    """Marks turned with the node are those of stepping every node; one by one, by the definition of the rule."""
+    """Blocks marked by rotation with the node equal those of stepping every node and applying the rule to each field."""
     orbit = from_elements(deg(97, 97), deg(133, 134))
     steps = BlockSteps(*deg(20, 10, 20, 120, 1, 1))
     blocks = BlockEnvelope(SUNSAT, LIMITS, orbit, steps, rule)
@@ -290,7 +312,10 @@ def _unit(ra_deg, dec_deg):
 
 
 def test_whole_blocks_reproduce_the_documents_counts():
-    """Jacobs' 113, 540 and 1300: whole blocks come within a tenth, centres of blocks lie above them, the exact set above all."""
+    """Whole blocks give Jacobs' 113, 540 and 1300 within a tenth.
+
+    Block centres give more, and the exact set gives the most.
+    """
     stars = load_stars(6.0).icrs
     steps = BlockSteps(*deg(20, 10, 10, 30, 1, 4))
     for (low, high), paper in (((133, 149), 113), ((0, 120), 540), ((0, 360), 1300)):
@@ -303,7 +328,7 @@ def test_whole_blocks_reproduce_the_documents_counts():
 
 
 def test_blocks_cross_0h_and_the_pole():
-    """A band over 0h and one over the pole are marked without a seam."""
+    """Bands across RA 0 and across the pole are marked without a gap."""
     across = BlockEnvelope(
         SUNSAT, LIMITS, from_elements(deg(97, 97), deg(260, 280)), BlockSteps(*deg(20, 10, 10, 30, 1, 1))
     )
@@ -314,7 +339,10 @@ def test_blocks_cross_0h_and_the_pole():
 
 
 def test_steps_end_at_the_maximum_if_they_fit():
-    """From the minimum by the step, as in a loop of the time; a step of zero raises BadInput."""
+    """Steps begin at the minimum and end at the maximum only if they reach it exactly.
+
+    A step of zero raises BadInput.
+    """
     assert np.degrees(stepped(deg(-10, 10), deg(5)[0])) == pytest.approx([-10, -5, 0, 5, 10])
     assert np.degrees(stepped(deg(133, 149), deg(5)[0])) == pytest.approx([133, 138, 143, 148])
     with pytest.raises(BadInput, match="step of yaw"):

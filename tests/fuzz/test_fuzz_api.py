@@ -41,19 +41,19 @@ from gss.wiring.build import build
 EXAMPLES = int(os.environ.get("GSS_FUZZ_EXAMPLES", "4"))
 SEED = int(os.environ.get("GSS_FUZZ_SEED", "1"))
 ENDLESS = ("/api/stream", "/api/rerun/live")
-"""Their clients here hang up after the first piece."""
+"""Routes with endless responses. The test client disconnects after the first part of the body."""
 OPEN_LINK = "POST /api/link/open"
-HELD = [
+CHECKS = [
     schemathesis.checks.not_a_server_error,
     checks.status_code_conformance,
     checks.content_type_conformance,
     checks.response_schema_conformance,
 ]
-NOT_HELD = {
-    OPEN_LINK: [schemathesis.checks.not_a_server_error],  # 503 is its answer where no device answers
+EXCLUDED_CHECKS = {
+    OPEN_LINK: [schemathesis.checks.not_a_server_error],  # the route returns 503 if no device responds
     "GET /api/stream": [
         checks.response_schema_conformance
-    ],  # it is tried on each event, and described for the whole body
+    ],  # the check validates each event, but the schema describes the whole body
 }
 MAX_ANSWER_S = 60
 ADDRESS = "http://localhost"
@@ -71,18 +71,20 @@ pytestmark = pytest.mark.timeout(MAX_ANSWER_S * 10)
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory, signed_in: SignIn) -> Iterator[tuple[Any, Any, Any]]:
-    """Services, schema and a client. The job thread waits, so that hours of work are only queued."""
+    """Yield services, schema and client. The job thread is blocked, so expensive jobs are queued but do not run."""
     services = build(Settings(data=tmp_path_factory.mktemp("fuzzed"), password_memory_kib=8, password_passes=1))
     app, release = create_app(services), threading.Event()
 
     async def requests_only(scope: Any, receive: Any, send: Any) -> None:
-        """schemathesis stops an application after each test; ours is started and stopped once, by the TestClient."""
+        """Ignore lifespan events: schemathesis would stop the application after each test, but the TestClient starts and
+        stops it once.
+        """
         if scope["type"] == "lifespan":
-            raise NotImplementedError  # how an application says that it has no lifespan
-        await (first_piece(app) if scope["path"] in ENDLESS else app)(scope, receive, send)
+            raise NotImplementedError  # an ASGI application without lifespan events raises this
+        await (first_part_only(app) if scope["path"] in ENDLESS else app)(scope, receive, send)
 
     with TestClient(app, base_url=ADDRESS) as client, get_client(requests_only) as session:
-        furnish(client, signed_in(services))
+        create_records(client, signed_in(services))
         services.base.jobs.begin("check-store", "hold", JobRequest(), lambda _run: {"held": release.wait()})
         try:
             yield services, schemathesis.openapi.from_dict(app.openapi()), session
@@ -91,40 +93,40 @@ def server(tmp_path_factory: pytest.TempPathFactory, signed_in: SignIn) -> Itera
             release.set()
 
 
-def first_piece(app: Any) -> Any:
-    """The application for a client that hangs up after the first piece of a body."""
+def first_part_only(app: Any) -> Any:
+    """Wrap the application for a client that disconnects after the first part of a response body."""
 
-    async def hangs_up(scope: Any, receive: Any, send: Any) -> None:
-        gone = asyncio.Event()
+    async def disconnecting_app(scope: Any, receive: Any, send: Any) -> None:
+        disconnected = asyncio.Event()
 
         async def receive_first() -> Any:
-            if not gone.is_set():
+            if not disconnected.is_set():
                 message = await receive()
                 if message["type"] == "http.disconnect" or message.get("body") or message.get("more_body"):
                     return message
                 if not requested.is_set():
                     requested.set()
                     return message
-            await gone.wait()
+            await disconnected.wait()
             return {"type": "http.disconnect"}
 
         async def send_first(message: Any) -> None:
-            if gone.is_set():
+            if disconnected.is_set():
                 return
             if message.get("body"):
                 message = {**message, "more_body": False}
-                gone.set()
+                disconnected.set()
             await send(message)
 
         requested = asyncio.Event()
         await app(scope, receive_first, send_first)
 
-    return hangs_up
+    return disconnecting_app
 
 
 @pytest.fixture(scope="module")
 def peers() -> Iterator[tuple[str, str]]:
-    """Host and port where a silent program listens, and where none does."""
+    """Host and port of a silent listener, and of a closed port."""
     with socket.create_server(("127.0.0.1", 0)) as silent, socket.create_server(("127.0.0.1", 0)) as closed:
         ports = [listener.getsockname()[1] for listener in (silent, closed)]
         closed.close()
@@ -132,16 +134,16 @@ def peers() -> Iterator[tuple[str, str]]:
 
 
 def on_loopback(text: str, peers: tuple[str, str]) -> str:
-    """An address that opens nothing but the test's own ports, made from any text: valid, nearly valid, or not at all."""
+    """Return an address derived from any text, valid or not. It opens only the ports of this test."""
     silent, closed = peers
-    made = [
+    candidates = [
         text,
         f"socket://{silent}{text}",
         f"rfc2217://{closed}{text}",
         f"socket://{text}@{silent}",
         f"socket://{closed}",
     ]
-    url = made[len(text) % len(made)]
+    url = candidates[len(text) % len(candidates)]
     try:
         address = parse_line_address(url)
     except BadInput:
@@ -149,13 +151,13 @@ def on_loopback(text: str, peers: tuple[str, str]) -> str:
     return f"socket://{silent}" if address.is_device else url
 
 
-def furnish(client: TestClient, headers: dict[str, str]) -> None:
-    """One thing of each kind that a person brings, so that number 1 is there."""
+def create_records(client: TestClient, headers: dict[str, str]) -> None:
+    """Create one record of each kind that users create, so that records with number 1 exist."""
     sky = io.BytesIO()
     Image.new("L", (64, 64)).save(sky, "png")
     rows = "id,ra,dec,v\n" + "".join(f"{i},{i * 12},{i},3\n" for i in range(1, 30))
     stack = {"name": "s", "steps": [{"command": "GET_STATUS"}]}
-    made = [
+    responses = [
         client.post("/api/frames/import", files={"file": ("a.png", sky.getvalue())}, headers=headers),
         client.post(
             "/api/catalogues/sources",
@@ -167,21 +169,23 @@ def furnish(client: TestClient, headers: dict[str, str]) -> None:
         client.post("/api/stations", json={"name": "s", "latitude_deg": 1, "longitude_deg": 2}, headers=headers),
         client.post("/api/tables", json={"kind": "parameters", "name": "own", "profile": "cubestar"}, headers=headers),
     ]
-    assert [answer.status_code for answer in made] == [201] * len(made), [answer.text for answer in made]
+    assert [response.status_code for response in responses] == [201] * len(responses), [
+        response.text for response in responses
+    ]
 
 
 def routes() -> list[str]:
-    """Method and path of each operation."""
+    """Return method and path of each operation."""
     with tempfile.TemporaryDirectory() as folder:
-        described = create_app(build(Settings(data=Path(folder)))).openapi()
-    return [f"{method.upper()} {path}" for path, operations in described["paths"].items() for method in operations]
+        schema = create_app(build(Settings(data=Path(folder)))).openapi()
+    return [f"{method.upper()} {path}" for path, operations in schema["paths"].items() for method in operations]
 
 
 @pytest.mark.parametrize("route", routes())
 def test_a_route_answers_any_input_as_it_declares(
     route: str, server: tuple[Any, Any, Any], signed_in: SignIn, peers: tuple[str, str]
 ) -> None:
-    """No status 500, nothing undeclared, no answer of another shape, and every answer within a minute."""
+    """Each route responds within a minute, with a declared status and the declared schema, and never with status 500."""
     services, schema, session = server
     session.headers.update(signed_in(services, name=f"admin of {route}") | {"Host": "localhost"})
     method, path = route.split(" ", 1)
@@ -190,11 +194,11 @@ def test_a_route_answers_any_input_as_it_declares(
         with contextlib.suppress(
             Unsatisfiable
         ):  # a route without input, or with unrestricted text, has no invalid input
-            _ask(route, operation, mode, session, peers)
+            _send_requests(route, operation, mode, session, peers)
     services.line.link.close()
 
 
-def _ask(route: str, operation: Any, mode: GenerationMode, session: Any, peers: tuple[str, str]) -> None:
+def _send_requests(route: str, operation: Any, mode: GenerationMode, session: Any, peers: tuple[str, str]) -> None:
     if mode is GenerationMode.NEGATIVE and not (operation.query or operation.body or operation.path_parameters):
         return
 
@@ -207,16 +211,18 @@ def _ask(route: str, operation: Any, mode: GenerationMode, session: Any, peers: 
         suppress_health_check=list(HealthCheck),
     )
     @given(operation.as_strategy(generation_mode=mode))
-    def holds(case: Case) -> None:
+    def response_is_as_declared(case: Case) -> None:
         if route == OPEN_LINK and isinstance(case.body, dict) and isinstance(case.body.get("url"), str):
             case.body["url"] = on_loopback(case.body["url"], peers)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             response = case.call(base_url=ADDRESS, session=session, timeout=MAX_ANSWER_S)
-        case.validate_response(response, checks=[check for check in HELD if check not in NOT_HELD.get(route, [])])
-        assert response.status_code in (*range(500), 503), "a defect"
+        case.validate_response(
+            response, checks=[check for check in CHECKS if check not in EXCLUDED_CHECKS.get(route, [])]
+        )
+        assert response.status_code in (*range(500), 503), "the server failed"
         assert response.status_code != 401 or operation.path in WITHOUT_SESSION, (
             "the request had no session, so nothing was tested"
         )
 
-    holds()
+    response_is_as_declared()

@@ -26,7 +26,7 @@ def _quiet() -> Iterator[None]:
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_the_stored_corpus_raises_only_our_errors(name: str) -> None:
-    """Valid examples and every input for which fuzzing found a defect."""
+    """Valid examples, and every input that revealed a defect, are parsed or rejected with an error of GSS."""
     inputs = seeds_of(name)
     assert inputs
     for data in inputs:
@@ -35,21 +35,24 @@ def test_the_stored_corpus_raises_only_our_errors(name: str) -> None:
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_changed_and_random_bytes_raise_only_our_errors(name: str) -> None:
-    """A few dozen inputs per target, the same in every run; ``python -m tools.fuzz all`` runs for any time."""
+    """Mutated and random inputs are parsed or rejected with an error of GSS.
+
+    The inputs are the same in every run; ``python -m tools.fuzz all`` runs for any time.
+    """
     target, pool = TARGETS[name], seeds_of(name)
-    changed = st.integers(0, 2**32 - 1).map(
+    mutations = st.integers(0, 2**32 - 1).map(
         lambda seed: mutated(random.Random(seed), pool, target.max_bytes, target.text)
     )
     words = st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass"))
 
     @settings(max_examples=30, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
-    @given(st.one_of(changed, changed, st.binary(max_size=500), words))
-    def nothing_comes_out(data: bytes) -> None:
+    @given(st.one_of(mutations, mutations, st.binary(max_size=500), words))
+    def only_our_errors(data: bytes) -> None:
         target.fuzz_one(data)
 
-    nothing_comes_out()
+    only_our_errors()
 
 
 def test_every_folder_of_the_corpus_has_a_target() -> None:
-    """A renamed target keeps its regressions."""
+    """Each folder of the corpus has a target of the same name, so that a renamed target keeps its regression inputs."""
     assert {path.name for path in CORPUS.iterdir() if path.is_dir()} == set(TARGETS)

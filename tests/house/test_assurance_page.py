@@ -12,12 +12,12 @@ ROW = re.compile(r"^\| ([A-Z]\d+) \| (.+?) \| (.+) \|$", re.MULTILINE)
 
 @pytest.fixture(scope="module")
 def rows(root: Path) -> list[tuple[str, str, str]]:
-    """Number, promise and what shows it."""
+    """Return number, promise and evidence of each row."""
     return ROW.findall((root / "docs" / "assurance.md").read_text())
 
 
 def test_every_test_that_is_named_exists(root: Path, rows: list[tuple[str, str, str]]) -> None:
-    """By path and name."""
+    """Every test that the page names exists under that path and name."""
     named = [test for _, _, shown in rows for test in re.findall(r"`([\w/]+\.py)::(\w+)`", shown)]
     assert len(named) > 100
     for path, name in named:

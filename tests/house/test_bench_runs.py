@@ -1,4 +1,4 @@
-"""The measuring program runs; no test depends on the measured values."""
+"""The benchmark program runs. No test depends on measured values."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ def _bench(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_section_becomes_a_document_with_its_conditions(root: Path) -> None:
-    """Machine, seeds, conditions and rows of numbers; the table goes to standard error."""
-    ran = _bench(root, "--json", "packets", "render")
-    assert ran.returncode == 0, ran.stderr
-    report: dict[str, Any] = json.loads(ran.stdout)
+    """The JSON document has machine, seeds, conditions and rows of numbers.
+
+    The tables are also written to standard error.
+    """
+    result = _bench(root, "--json", "packets", "render")
+    assert result.returncode == 0, result.stderr
+    report: dict[str, Any] = json.loads(result.stdout)
     assert report["quick"] is True
     assert report["threads"] == 1
     assert report["machine"].keys() >= {"processor", "cores", "python", "packages", "load_average"}
@@ -26,7 +29,7 @@ def test_a_section_becomes_a_document_with_its_conditions(root: Path) -> None:
     for table in report["tables"]:
         assert table["conditions"]
         assert isinstance(table["seed"], int)
-        assert table["title"] in ran.stderr
+        assert table["title"] in result.stderr
         for row in table["rows"]:
             figures = {name: value for name, value in row.items() if name != "what"}
             assert figures
@@ -34,9 +37,9 @@ def test_a_section_becomes_a_document_with_its_conditions(root: Path) -> None:
 
 
 def test_an_unknown_section_is_named(root: Path) -> None:
-    """No traceback, the known sections are listed."""
-    ran = _bench(root, "weather")
-    assert ran.returncode == 2
-    assert "weather" in ran.stderr
-    assert "lost_in_space" in ran.stderr
-    assert "Traceback" not in ran.stderr
+    """An unknown section gives no traceback; the message names it and lists the known sections."""
+    result = _bench(root, "weather")
+    assert result.returncode == 2
+    assert "weather" in result.stderr
+    assert "lost_in_space" in result.stderr
+    assert "Traceback" not in result.stderr

@@ -1,5 +1,8 @@
-"""A class name occurs once in gss and validation, so that a reader knows which class is meant. ``gss.client`` is left
-out: it is a separate package for scripts, and its records have the names of the server's records."""
+"""A class name occurs once in gss and validation, so that it identifies one class.
+
+``gss.client`` is excluded: it is a separate package for scripts, and its records have the names of the server's
+records.
+"""
 
 from __future__ import annotations
 

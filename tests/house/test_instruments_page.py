@@ -19,14 +19,14 @@ BLOCK = re.compile(r"```(?:yaml|python)\n# (?P<name>[a-z_.]+)\n(?P<text>.*?)```"
 
 @pytest.fixture
 def blocks(root: Path) -> dict[str, str]:
-    """The files on the page by name."""
+    """The example files of the page by name."""
     text = (root / "docs" / "instruments.md").read_text("utf-8")
     return {match["name"]: match["text"] for match in BLOCK.finditer(text)}
 
 
 @pytest.fixture
 def example(blocks: dict[str, str]) -> Instrument:
-    """The package of the page, with the camera of a shipped one."""
+    """The package of the page, with the camera of a shipped package."""
     files = {name: text.encode() for name, text in blocks.items() if is_package_file(name)}
     files["camera.yaml"] = shipped_registry().get("nos3").files["camera.yaml"]
     files["instrument.yaml"] = (
@@ -36,12 +36,12 @@ def example(blocks: dict[str, str]) -> Instrument:
 
 
 def temperatures(session: Driver, data: bytes) -> list[Any]:
-    """The temperatures that the session reads from these bytes."""
+    """Return the temperatures that the session decodes from these bytes."""
     return [e.values["temperature_c"] for e in session.feed(data, 0.1) if isinstance(e, Telemetry)]
 
 
 def test_the_package_of_the_page_sends_and_reads_the_bytes_of_the_page(example: Instrument, root: Path) -> None:
-    """Request and response as printed; without the checksum nothing is read."""
+    """Request and response have the printed bytes. A response without checksum is not decoded."""
     text = (root / "docs" / "instruments.md").read_text("utf-8")
     request, response = re.findall(r"`(A5 5A [0-9A-F ]+)`", text)
     session = open_driver(example)
@@ -55,7 +55,7 @@ def test_the_package_of_the_page_sends_and_reads_the_bytes_of_the_page(example: 
 
 
 def test_the_driver_of_the_page_reads_lines(example: Instrument, blocks: dict[str, str]) -> None:
-    """It repeats its request and reports what it reads; other lines are ignored."""
+    """The driver repeats its request, reports decoded values and ignores other lines."""
     scope: dict[str, Any] = {}
     exec(blocks["driver.py"], scope)  # noqa: S102 - our own page
     session = scope["open_session"](UnitSetup(example.dictionary, example.link, example.name))

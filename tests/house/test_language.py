@@ -159,11 +159,11 @@ def test_allowed_lines_exist_and_have_a_reason(root: Path) -> None:
     ["nobody is told", "the sensor goes on", "a bank of its own", "it is no bank", "_tell_status", "values of before"],
 )
 def test_idiom_is_recognised(text: str) -> None:
-    """In sentences and in names."""
+    """Words to avoid are found in sentences and in names."""
     assert AVOIDED.search(text)
 
 
 @pytest.mark.parametrize("text", ["there is no bank", "it is no longer valid", "standard", "intelligent", "masked"])
 def test_standard_terms_are_not_recognised(text: str) -> None:
-    """Words that only contain one of them are allowed."""
+    """Words that only contain a word to avoid are allowed."""
     assert not AVOIDED.search(text)

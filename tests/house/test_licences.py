@@ -1,4 +1,4 @@
-"""docs/licences.md names every dependency that is locked, with terms under which GSS may use it."""
+"""docs/licences.md names every locked dependency, and its licence permits use in GSS."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ REFUSED = re.compile(r"(?<!L)(?:A?GPL)|SSPL|BUSL|Commons Clause|not stated|^UNKN
 
 
 def test_every_locked_package_is_on_the_page_with_its_own_licence(root: Path) -> None:
-    """Regenerate with: python -m tools.licences."""
+    """The page has a row with version and licence for each locked package.
+
+    Regenerate with: python -m tools.licences.
+    """
     rows, text = rows_of(PAGE.read_text()), PAGE.read_text()
     for name, version, _ in locked():
         assert f"| {name} | {version} | " in text, name
@@ -21,14 +24,14 @@ def test_every_locked_package_is_on_the_page_with_its_own_licence(root: Path) ->
 
 
 def test_no_dependency_has_terms_that_would_bind_gss() -> None:
-    """Permissive, or of the kind that a library beside us may have (LGPL, MPL)."""
+    """Licences are permissive, or weak copyleft that permits use as a library (LGPL, MPL)."""
     refused = {name: licence for name, licence in rows_of(PAGE.read_text()).items() if REFUSED.search(licence)}
     assert not refused
 
 
 def test_the_bill_of_materials_has_each_package_with_its_hashes() -> None:
-    """CycloneDX, from the lock files."""
-    made = sbom()
-    python = [c for c in made["components"] if c["purl"].startswith("pkg:pypi/")]
-    assert len(python) == len(locked()) > 50
-    assert all(c["hashes"] for c in python)
+    """The CycloneDX bill of materials lists each package of the lock files with its hashes."""
+    bill = sbom()
+    python_packages = [c for c in bill["components"] if c["purl"].startswith("pkg:pypi/")]
+    assert len(python_packages) == len(locked()) > 50
+    assert all(c["hashes"] for c in python_packages)

@@ -1,4 +1,4 @@
-"""Nothing secret is in the tree: no private key, no token of a known service, no password, no unexplained random string."""
+"""The tree contains no secret: no private key, token of a known service, password or unexplained random string."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ KNOWN_SHAPES = {
     "a password in an address": r"\b(?:https?|postgresql(?:\+\w+)?|tcp|s3)://[^\s/:@<{]+:(?!password@|hunter2@)[^\s/@<{]{3,}@",
     "a password hash": r"\$argon2id\$v=\d+\$m=\d+,t=\d+,p=\d+\$[A-Za-z0-9+/]{16,}",
 }
-# Files that are random by nature: hashes of packages, and what machines wrote.
+# Generated files that contain random-looking text, such as package hashes.
 GENERATED = ("constraints.txt", "constraints-dev.txt", "web/package-lock.json", "docs/icd.md")
 FOLDERS_OF_DATA = ("tests/golden/", "tests/fuzz/corpus/")
 ASSIGNED = re.compile(
@@ -33,41 +33,44 @@ ALLOWED = {"correct horse battery staple"}
 
 @pytest.fixture(scope="module")
 def texts(root: Path) -> dict[str, str]:
-    """Every text file that git keeps or would keep."""
+    """Text files that git tracks or would add, by name."""
     listed = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     names = subprocess.run(listed, cwd=root, capture_output=True, text=True).stdout.splitlines()
-    found = {}
+    contents = {}
     for name in names or [str(p.relative_to(root)) for p in root.rglob("*.py") if ".venv" not in p.parts]:
         data = (root / name).read_bytes() if (root / name).is_file() else b"\0"
         if b"\0" not in data[:8192] and not name.startswith(FOLDERS_OF_DATA):
-            found[name] = data.decode("utf-8", "replace")
-    return found
+            contents[name] = data.decode("utf-8", "replace")
+    return contents
 
 
 def bits_per_character(word: str) -> float:
-    """Shannon's entropy of the word's own letters: random base64 has above 4.5 from 40 letters on, names and paths have less."""
+    """Return Shannon's entropy of the word's letters.
+
+    Random base64 of 40 letters or more has above 4.5; names and paths have less.
+    """
     counts = Counter(word).values()
     return -sum(n / len(word) * math.log2(n / len(word)) for n in counts)
 
 
 def test_no_file_holds_a_key_of_a_known_shape(texts: dict[str, str]) -> None:
-    """Private keys, tokens, passwords in addresses."""
+    """No file contains a private key, a token or a password in an address."""
     assert len(texts) > 500
     for name, text in texts.items():
-        for what, shape in KNOWN_SHAPES.items():
-            found = re.search(shape, text)
-            assert not found, f"{name} holds {what}: {found[0][:20]}…"
+        for kind, shape in KNOWN_SHAPES.items():
+            match = re.search(shape, text)
+            assert not match, f"{name} holds {kind}: {match[0][:20]}…"
 
 
 def test_no_secret_is_assigned_a_literal(texts: dict[str, str]) -> None:
-    """``password = "…"`` with something long and random behind it."""
+    """No long random literal is assigned to a name such as ``password``."""
     for name, text in texts.items():
         for value in ASSIGNED.findall(text):
             assert value in ALLOWED or bits_per_character(value) < 3.8, f"{name}: {value[:8]}…"
 
 
 def test_no_long_random_word_is_unaccounted_for(texts: dict[str, str]) -> None:
-    """Whatever looks like a key is one of the generated files' hashes, or hexadecimal (a hash of content), or does not exist."""
+    """Every long random-looking word is in a generated file or is hexadecimal (a hash of content)."""
     for name, text in texts.items():
         if name in GENERATED:
             continue
@@ -78,9 +81,9 @@ def test_no_long_random_word_is_unaccounted_for(texts: dict[str, str]) -> None:
 
 
 def test_the_scan_finds_what_it_looks_for() -> None:
-    """The scan detects a planted secret."""
-    made = "-----BEGIN RSA " + "PRIVATE KEY-----\n" + "MIIEpAIBAAKCAQEA7bq0z1Jb2m" + "QfYd9sVhTgXk3WlNnRr5uP"
-    assert re.search(KNOWN_SHAPES["a private key"], made)
+    """The scan detects planted secrets."""
+    private_key = "-----BEGIN RSA " + "PRIVATE KEY-----\n" + "MIIEpAIBAAKCAQEA7bq0z1Jb2m" + "QfYd9sVhTgXk3WlNnRr5uP"
+    assert re.search(KNOWN_SHAPES["a private key"], private_key)
     assert re.search(KNOWN_SHAPES["a password in an address"], "postgresql+psycopg://gss:" + "q8Zr2mXv@db/gss")
     assert ASSIGNED.search("pass" + 'word = "q8Zr2mXv7LkP0sWn4TbY"')
     assert bits_per_character("q8Zr2mXv7LkP0sWn4TbY" + "c5JdG9hFe3AuRi6oV1tK") > RANDOM_BITS

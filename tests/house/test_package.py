@@ -1,4 +1,6 @@
-"""What is released: a wheel with all it needs, a source archive that makes the same wheel, and a start from it alone."""
+"""Release archives: the wheel contains all that it needs, the source archive builds the same wheel, and the server
+starts from the wheel alone.
+"""
 
 from __future__ import annotations
 
@@ -31,19 +33,19 @@ pytestmark = [pytest.mark.timeout(600), pytest.mark.xdist_group("package")]
 
 
 def build(root: Path, kind: str, target: Path) -> Path:
-    """One archive by the build backend itself: what pip does without isolation, and so without a download."""
+    """Build one archive with the build backend directly, as pip does without isolation, and so without a download."""
     command = [sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", str(target)]
-    done = subprocess.run(
+    result = subprocess.run(
         command, cwd=root, env={**os.environ, "SOURCE_DATE_EPOCH": EPOCH}, capture_output=True, text=True
     )
-    assert done.returncode == 0, done.stdout + done.stderr
-    (made,) = target.iterdir()
-    return made
+    assert result.returncode == 0, result.stdout + result.stderr
+    (archive,) = target.iterdir()
+    return archive
 
 
 @pytest.fixture(scope="module")
 def sdist(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The source archive of this tree; the pages were built by make."""
+    """Source archive of this tree. Requires the pages, which ``make`` builds."""
     if not (root / "gss" / "web" / "index.html").exists():
         pytest.fail("the pages have not been built: make web")
     return build(root, "sdist", tmp_path_factory.mktemp("sdist"))
@@ -60,20 +62,22 @@ def unpacked(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def wheel(unpacked: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel, made from the source archive."""
+    """Wheel built from the source archive."""
     return build(unpacked, "wheel", tmp_path_factory.mktemp("wheel"))
 
 
 @pytest.fixture(scope="module")
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """``bin`` of an environment with the wheel and nothing of this tree.
+    """``bin`` of an environment with the wheel and no file of this tree.
 
-    The dependencies are those of this environment: only the wheel is tested, not a download.
+    Dependencies are those of the test environment, so that only the wheel is tested and nothing is downloaded.
     """
     venv = tmp_path_factory.mktemp("installed") / "venv"
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(venv)], check=True)
     site = next(venv.glob("lib/python*/site-packages"))
-    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")  # its own .pth files are not read
+    (site / "dependencies.pth").write_text(
+        sysconfig.get_path("purelib") + "\n"
+    )  # .pth files in that folder are not read
     pip = [sys.executable, "-m", "pip", "--python", str(venv / "bin" / "python"), "--disable-pip-version-check"]
     subprocess.run(
         [*pip, "install", "--quiet", "--no-deps", "--no-index", "--ignore-installed", str(wheel)], check=True
@@ -82,19 +86,19 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def names_in(wheel: Path) -> set[str]:
-    """Files of a wheel."""
+    """Return the file names in a wheel."""
     with zipfile.ZipFile(wheel) as archive:
         return set(archive.namelist())
 
 
 def test_the_wheel_has_what_runs_and_nothing_else(root: Path, wheel: Path) -> None:
-    """Pages, migrations, documents and data are inside; tests, tools and sources of the pages are not."""
+    """The wheel contains pages, migrations, documents and data, but no tests, tools or page sources."""
     names = names_in(wheel)
     for folder, inside in (("gss", "gss"), ("migrations", "gss/migrations"), ("docs", "gss/docs")):
         tracked = subprocess.run(["git", "ls-files", folder], cwd=root, capture_output=True, text=True).stdout.split()
         files = tracked or [str(p.relative_to(root)) for p in (root / folder).rglob("*.py")]
-        there = [f for f in files if (root / f).exists()]
-        assert {inside + f.removeprefix(folder) for f in there} <= names
+        existing = [f for f in files if (root / f).exists()]
+        assert {inside + f.removeprefix(folder) for f in existing} <= names
     assert {"gss/web/index.html", "gss/instruments/dictionary/gss-common.yaml"} <= names
     assert any(re.fullmatch(r"gss/web/assets/index-.*\.js", name) for name in names)
     foreign = {n for n in names if not n.startswith(("gss/", f"gss_startracker-{gss.__version__}.dist-info/"))}
@@ -103,19 +107,19 @@ def test_the_wheel_has_what_runs_and_nothing_else(root: Path, wheel: Path) -> No
 
 
 def test_version_of_wheel_and_source_is_the_package_s(sdist: Path, wheel: Path) -> None:
-    """gss/__init__.py is the only definition."""
+    """Both archives have the version that gss/__init__.py defines."""
     assert sdist.name == f"gss_startracker-{gss.__version__}.tar.gz"
     assert wheel.name == f"gss_startracker-{gss.__version__}-py3-none-any.whl"
 
 
 def test_the_source_archive_has_all_that_the_repository_has(root: Path, unpacked: Path) -> None:
-    """The archive alone is enough to build, test and deploy: it contains every tracked file of those folders."""
+    """The source archive contains every tracked file needed to build, test and deploy."""
     tracked = subprocess.run(["git", "ls-files"], cwd=root, capture_output=True, text=True).stdout.splitlines()
     if not tracked:
         pytest.skip("not a git checkout: the repository's files are unknown")
     folders = ("gss", "validation", "migrations", "web", "tools", "tests", "docs", "deploy")
-    wanted = [f for f in tracked if f.split("/")[0] in folders and (root / f).exists()]
-    assert not [f for f in wanted if not (unpacked / f).exists()]
+    expected_files = [f for f in tracked if f.split("/")[0] in folders and (root / f).exists()]
+    assert not [f for f in expected_files if not (unpacked / f).exists()]
     for name in (
         "LICENSE",
         "README.md",
@@ -130,23 +134,24 @@ def test_the_source_archive_has_all_that_the_repository_has(root: Path, unpacked
 
 
 def test_two_builds_give_the_same_bytes(unpacked: Path, sdist: Path, wheel: Path, tmp_path: Path) -> None:
-    """The build is reproducible: the wheel again, and the archive built from the unpacked archive."""
+    """The build is reproducible: a second wheel, and an archive built from the unpacked archive, have the same bytes."""
     assert build(unpacked, "wheel", tmp_path / "again").read_bytes() == wheel.read_bytes()
     assert build(unpacked, "sdist", tmp_path / "source").read_bytes() == sdist.read_bytes()
 
 
 def test_experiments_are_a_separate_wheel(root: Path, unpacked: Path, installed: Path, tmp_path: Path) -> None:
-    """Without it, ``gss experiments`` names the command that installs it; with it, the experiments are listed. Both wheels require
-    the same version."""
-    clean = {k: v for k, v in os.environ.items() if not k.startswith(("GSS_", "PYTHON"))}
+    """Without the validation wheel, ``gss experiments`` names the command that installs it; with it, the experiments
+    are listed. Both wheels require the same version.
+    """
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("GSS_", "PYTHON"))}
 
-    def experiments(**more: str) -> subprocess.CompletedProcess[str]:
+    def experiments(**variables: str) -> subprocess.CompletedProcess[str]:
         command = [installed / "gss", "experiments", "list"]
-        return subprocess.run(command, cwd=tmp_path, env=clean | more, capture_output=True, text=True)
+        return subprocess.run(command, cwd=tmp_path, env=environment | variables, capture_output=True, text=True)
 
-    without = experiments()
-    assert without.returncode == 2
-    assert "pip install 'gss-startracker[validation]'" in without.stderr
+    not_installed = experiments()
+    assert not_installed.returncode == 2
+    assert "pip install 'gss-startracker[validation]'" in not_installed.stderr
     wheel = build(unpacked / "validation", "wheel", tmp_path / "wheel")
     assert wheel.name == f"gss_startracker_validation-{gss.__version__}-py3-none-any.whl"
     sources = {str(p.relative_to(root)) for p in (root / "validation").rglob("*.py")}
@@ -163,11 +168,11 @@ def test_experiments_are_a_separate_wheel(root: Path, unpacked: Path, installed:
 
 @pytest.fixture(scope="module")
 def served(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path]]:
-    """The start's one line and the data folder of a server from the wheel, started in an empty folder."""
+    """Yield the start message and the data folder of a server from the wheel, started in an empty folder."""
     folder = tmp_path_factory.mktemp("elsewhere")
-    clean = {k: v for k, v in os.environ.items() if not k.startswith(("GSS_", "PYTHON"))}
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("GSS_", "PYTHON"))}
     command = [str(installed / "gss"), "serve", "--port", "0", "--data", "data"]
-    process = subprocess.Popen(command, cwd=folder, env=clean, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     line = next((text for text in process.stdout if "http://" in text), "")
     yield line, folder / "data"
@@ -177,11 +182,13 @@ def served(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
 
 def test_the_installed_program_is_the_wheel_s(installed: Path, tmp_path: Path) -> None:
-    """It runs from any folder and prints its version; nothing of this tree is imported."""
-    said = subprocess.run([installed / "gss", "--version"], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert gss.__version__ in said.stdout
-    where = [installed / "python", "-c", "import gss; print(gss.__file__)"]
-    assert subprocess.run(where, cwd=tmp_path, capture_output=True, text=True).stdout.startswith(str(installed.parent))
+    """The program runs from any folder and prints its version. It imports gss from the wheel, not from this tree."""
+    version = subprocess.run([installed / "gss", "--version"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert gss.__version__ in version.stdout
+    print_location = [installed / "python", "-c", "import gss; print(gss.__file__)"]
+    assert subprocess.run(print_location, cwd=tmp_path, capture_output=True, text=True).stdout.startswith(
+        str(installed.parent)
+    )
 
 
 def test_the_wheel_solves_and_simulates_without_a_checkout(installed: Path, tmp_path: Path) -> None:
@@ -192,14 +199,14 @@ def test_the_wheel_solves_and_simulates_without_a_checkout(installed: Path, tmp_
     pointing = cam_from_icrs(np.radians(80.2), 0.0, 1.0)
     frame = render(stars, camera.camera, camera.sensor, pointing, camera.sensor.exposure_s, np.random.default_rng(1))
     Image.fromarray(frame.pixels).save(tmp_path / "frame.png")
-    bare = {"PATH": str(installed), "HOME": str(tmp_path)}
-    ask = [str(installed / "gss"), "solve", "frame.png", "--camera", "cubestar", "--json"]
-    done = subprocess.run(ask, cwd=tmp_path, env=bare, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    assert abs(json.loads(done.stdout)["ra_deg"] - 80.2) < 0.5
+    environment = {"PATH": str(installed), "HOME": str(tmp_path)}
+    solve = [str(installed / "gss"), "solve", "frame.png", "--camera", "cubestar", "--json"]
+    solved = subprocess.run(solve, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
+    assert solved.returncode == 0, solved.stderr
+    assert abs(json.loads(solved.stdout)["ra_deg"] - 80.2) < 0.5
     command = [str(installed / "gss"), "simulate", "--tcp", "0", "--exit-with-stdin"]
     with subprocess.Popen(
-        command, cwd=tmp_path, env=bare, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        command, cwd=tmp_path, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as child:
         assert child.stdout is not None
         assert child.stdout.readline().startswith("READY socket://127.0.0.1:")
@@ -209,16 +216,19 @@ def test_the_wheel_solves_and_simulates_without_a_checkout(installed: Path, tmp_
 
 
 def get(address: str) -> tuple[int, str, bytes]:
-    """Status, type and body."""
+    """Return status, content type and body."""
     try:
-        with urllib.request.urlopen(address, timeout=30) as answer:  # noqa: S310  # our own server
-            return answer.status, answer.headers["Content-Type"], answer.read()
+        with urllib.request.urlopen(address, timeout=30) as response:  # noqa: S310  # our own server
+            return response.status, response.headers["Content-Type"], response.read()
     except urllib.error.HTTPError as error:
         return error.code, error.headers["Content-Type"], error.read()
 
 
 def test_the_first_start_from_the_wheel_shows_set_up_pages_and_documents(served: tuple[str, Path]) -> None:
-    """Address printed, set-up open, pages and their files there, documents served, and nothing else without signing in."""
+    """At the first start the server prints its address, allows set-up, and serves pages and documents.
+
+    All else requires signing in.
+    """
     line, _ = served
     base = re.search(r"http://[\w.\[\]:]+", line)[0]
     assert "/setup#" in line
@@ -233,9 +243,9 @@ def test_the_first_start_from_the_wheel_shows_set_up_pages_and_documents(served:
 
 
 def test_the_wheel_brings_the_database_to_the_newest_schema(root: Path, served: tuple[str, Path]) -> None:
-    """Its migrations ran: the newest of the tree is the one that the new database is at."""
+    """A new database has the newest migration of the tree."""
     scripts = [p.read_text() for p in (root / "migrations" / "versions").glob("*.py")]
-    known = {re.search(r'^revision(?:: str)? = "(\w+)"', text, re.MULTILINE)[1] for text in scripts}
-    before = {re.search(r'^down_revision.*?= (?:"(\w+)"|None)', text, re.MULTILINE)[1] for text in scripts}
+    revisions = {re.search(r'^revision(?:: str)? = "(\w+)"', text, re.MULTILINE)[1] for text in scripts}
+    superseded = {re.search(r'^down_revision.*?= (?:"(\w+)"|None)', text, re.MULTILINE)[1] for text in scripts}
     with sqlite3.connect(served[1] / "gss.db") as database:
-        assert {row[0] for row in database.execute("select version_num from alembic_version")} == known - before
+        assert {row[0] for row in database.execute("select version_num from alembic_version")} == revisions - superseded

@@ -1,4 +1,4 @@
-"""Services and the API use standard operations and quantities; only the driver level knows a sensor's own names."""
+"""Services and the API use standard operations and quantities. Only the driver level uses the names of one sensor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DRIVER = {
     "gss/operations/checks/": "the conformance check sends the shared protocol's own packets",
     "gss/operations/contacts/capture_decoder.py": "decodes HELLO as the driver does",
 }
-"""Files at the level of the driver, with the reason."""
+"""Files at the driver level, with the reason."""
 ALLOWED: dict[str, tuple[set[str], str]] = {
     "gss/operations/telemetry/alarm_text.py": ({"housekeeping"}, "key of a stored alarm, which must not change"),
     "gss/operations/telemetry/limit_check.py": ({"housekeeping"}, "judged with the dictionary alone: not mapped yet"),
@@ -43,7 +43,7 @@ def standard_names() -> set[str]:
 
 
 def own_names() -> set[str]:
-    """Names of the shared protocol that are not standard names: of commands, arguments, packets, fields and events."""
+    """Names of commands, arguments, packets, fields and events in the shared protocol that are not standard names."""
     dictionary = load_dictionary()
     names = {c.name for c in dictionary.commands} | {e.name for e in dictionary.events}
     names |= {a.name for c in dictionary.commands for a in c.arguments}
@@ -54,7 +54,7 @@ def own_names() -> set[str]:
 
 
 def literals(file: Path) -> Iterator[tuple[int, str]]:
-    """Line and text of every string in a file that is not a docstring."""
+    """Yield line and text of every string in a file that is not a docstring."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
     texts = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
@@ -63,26 +63,28 @@ def literals(file: Path) -> Iterator[tuple[int, str]]:
 
 
 def files() -> list[str]:
-    """Files of the rooms above the driver level."""
-    found = (path.relative_to(ROOT).as_posix() for room in ROOMS for path in (ROOT / room).rglob("*.py"))
-    return sorted(name for name in found if not name.startswith(tuple(DRIVER)))
+    """Return the files of the packages above the driver level."""
+    paths = (path.relative_to(ROOT).as_posix() for room in ROOMS for path in (ROOT / room).rglob("*.py"))
+    return sorted(name for name in paths if not name.startswith(tuple(DRIVER)))
 
 
 def test_no_service_contains_a_sensor_s_own_names() -> None:
-    """A command, packet, field or event of one protocol is not named above the driver level outside the list above."""
+    """Above the driver level, no command, packet, field or event of one protocol is named, except the names in the
+    list.
+    """
     names = own_names()
-    wrong = [
+    violations = [
         f"{name}:{line}: {text}"
         for name in files()
         for line, text in literals(ROOT / name)
         if text in names and text not in ALLOWED.get(name, (set(), ""))[0]
     ]
-    assert wrong == []
+    assert violations == []
 
 
 @pytest.mark.parametrize("name", sorted(ALLOWED))
 def test_the_list_only_has_what_is_needed(name: str) -> None:
-    """An allowed name that its file no longer contains is removed from the list, and every entry has a reason."""
+    """Every allowed name occurs in its file, and every entry has a reason."""
     allowed, reason = ALLOWED[name]
     assert reason
     assert allowed <= {text for _, text in literals(ROOT / name)}

@@ -39,13 +39,13 @@ def _names(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("walk", sorted(MAX_FILES))
 def test_a_walk_is_drawn(walk):
-    """Each of the four walks is on the page, with its steps numbered from 1."""
+    """The page describes each of the four walks in steps numbered from 1."""
     assert WALKS.get(walk), f"ARCHITECTURE.md, Walks: no steps of {walk}"
 
 
 @pytest.mark.parametrize(("path", "name"), sorted({step for steps in WALKS.values() for step in steps}))
 def test_a_step_exists(path, name):
-    """The file of every step is in the tree and defines the function."""
+    """The file of every step exists and defines the function."""
     assert (ROOT / path).is_file(), path
     assert name in _names(ROOT / path), f"{path} does not define {name}"
 

@@ -1,4 +1,4 @@
-"""CCSDS attitude messages: the convention of the standard, both directions, and broken files."""
+"""CCSDS attitude messages: convention of the standard, reading, writing, and broken files."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_an_aem_states_the_attitudes_in_the_standards_convention() -> None:
 
 
 def test_an_acm_states_variances_in_square_degrees() -> None:
-    """Of the attitudes whose uncertainty is known, about the axes of the frame."""
+    """Attitudes with a known uncertainty have variances about the frame's axes, in square degrees."""
     block = ACM.split("COV_TYPE = ANGLE\n")[1].splitlines()[:-1]
     variances = np.array([line.split()[1:] for line in block], float)
     assert np.allclose(np.radians(np.sqrt(variances)), HISTORY.sigma_rad[:4], rtol=1e-5)
@@ -68,7 +68,7 @@ LATER = rewritten("TIME_SYSTEM = UTC", "TIME_SYSTEM = TAI")
 
 @pytest.mark.parametrize("text", [AEM, ACM, VERSION_2], ids=["aem", "acm", "version 2"])
 def test_a_message_reads_back(text: str) -> None:
-    """Times to a microsecond, attitudes to a thousandth of an arcsecond."""
+    """A message that was written is read with times to a microsecond and attitudes to a thousandth of an arcsecond."""
     read = read_attitude(text)
     assert (read.object_name, read.frame) == ("ZA-1", "STARTRACKER_1")
     assert np.abs(read.times_s - HISTORY.times_s).max() < 2e-6
@@ -76,26 +76,29 @@ def test_a_message_reads_back(text: str) -> None:
 
 
 def test_directions_orders_and_time_scales_of_other_writers() -> None:
-    """A to B and B to A, scalar first, and International Atomic Time."""
+    """The reader accepts A to B and B to A, the scalar first, and International Atomic Time."""
     swapped = rewritten(
         "REF_FRAME_A = ICRF\nREF_FRAME_B = STARTRACKER_1", "REF_FRAME_A = SC_BODY_1\nREF_FRAME_B = ICRF"
     )
-    back = rewritten("= A2B", "= B2A")
-    for text in (swapped, back):
+    reversed_direction = rewritten("= A2B", "= B2A")
+    for text in (swapped, reversed_direction):
         read = read_attitude(text)
         for quaternion, attitude in zip(read.quaternions, ATTITUDES, strict=True):
             assert np.allclose(matrix_from_quaternion(quaternion), attitude.T, atol=1e-11)
     assert read_attitude(swapped).frame == "SC_BODY_1"
     lines = FIRST.split("\n")
-    moved = [
+    scalar_first = [
         " ".join([p[0], p[4], *p[1:4]]) if len(p := line.split()) == 5 and "=" not in line else line for line in lines
     ]
-    assert np.allclose(read_attitude("\n".join(moved)).quaternions, read_attitude(AEM).quaternions)
+    assert np.allclose(read_attitude("\n".join(scalar_first)).quaternions, read_attitude(AEM).quaternions)
     assert read_attitude(LATER).times_s[0] == pytest.approx(HISTORY.times_s[0] - 37)
 
 
 def test_attitudes_are_interpolated_at_a_constant_rate_and_not_over_gaps() -> None:
-    """Half way the camera has turned half way; outside there is none."""
+    """Halfway between two attitudes half of the rotation has taken place.
+
+    Outside the times, and in gaps, there is no attitude.
+    """
     halves = HISTORY.at(HISTORY.times_s[:4] + 5)
     before = turn_between(HISTORY.quaternions[:4], halves)
     assert np.allclose(before, turn_between(halves, HISTORY.quaternions[1:]), atol=1e-12)
@@ -125,6 +128,6 @@ def test_attitudes_are_interpolated_at_a_constant_rate_and_not_over_gaps() -> No
     ],
 )
 def test_a_broken_message_is_rejected_with_the_reason(text: str, words: str) -> None:
-    """Line or keyword are named."""
+    """A broken message is rejected with its line or keyword."""
     with pytest.raises(BadInput, match=words):
         read_attitude(text)

@@ -1,4 +1,4 @@
-"""Directions of orbiting objects against astropy, names of measured tracks, and tracks as CCSDS TDM."""
+"""Directions of orbiting objects compared with astropy, names of measured tracks, and tracks as CCSDS TDM."""
 
 from __future__ import annotations
 
@@ -35,45 +35,50 @@ OBSERVER, TARGET = element_set(10001, 25.0), element_set(10002, 31.0)
 
 
 def test_a_direction_agrees_with_astropy() -> None:
-    """Within 0.2″ of TEME to GCRS by astropy, light time included, from a site on the ground."""
+    """The direction from a ground site agrees with astropy's conversion from TEME to GCRS, light time included, to 100
+    m at the object.
+    """
     station = GroundStation("roof", 0.6, 0.3, 100.0)
     catalogue = catalogue_of(read_objects(TARGET))
-    seen, distance_km = catalogue.seen_from(TIMES_S, places_of_station(station, TIMES_S))
+    directions, distance_km = catalogue.seen_from(TIMES_S, places_of_station(station, TIMES_S))
     time = Time(TIMES_S[0], format="unix", scale="utc")
-    left = TIMES_S[0] - distance_km[0, 0] / 299792.458
-    teme = TleTrajectory.of(TARGET).teme_km(np.array([left]))[0]
+    emitted_s = TIMES_S[0] - distance_km[0, 0] / 299792.458
+    teme = TleTrajectory.of(TARGET).teme_km(np.array([emitted_s]))[0]
     place = TEME(CartesianRepresentation(*(teme * u.km)), obstime=time).transform_to(GCRS(obstime=time))
     site = EarthLocation.from_geodetic(0.3 * u.rad, 0.6 * u.rad, 100 * u.m).get_gcrs(time)
     towards = (place.cartesian - site.cartesian).xyz.to_value(u.km)
-    off = separation_rad(seen[0, 0], towards / np.linalg.norm(towards))
+    separation = separation_rad(directions[0, 0], towards / np.linalg.norm(towards))
     # astropy applies UT1 and polar motion to the site: 0.1 s of rotation are 50 m.
-    assert off * distance_km[0, 0] < 0.1
+    assert separation * distance_km[0, 0] < 0.1
 
 
-def measured(of: str, offset_rad: float = 0.0) -> MeasuredTrack:
-    """Track of an object as the observer sees it."""
+def measured(elements: str, offset_rad: float = 0.0) -> MeasuredTrack:
+    """Return the track of an object as the observer measures it."""
     places = places_of_orbit(TleTrajectory.of(OBSERVER), TIMES_S)
-    seen, _ = catalogue_of(read_objects(of)).seen_from(TIMES_S, places)
-    icrs: Array = seen[0] + offset_rad * np.array([0.0, 0.0, 1.0])
+    directions, _ = catalogue_of(read_objects(elements)).seen_from(TIMES_S, places)
+    icrs: Array = directions[0] + offset_rad * np.array([0.0, 0.0, 1.0])
     return MeasuredTrack(
         TIMES_S, icrs / np.linalg.norm(icrs, axis=1, keepdims=True), np.full(3, 5 * ARCSEC_RAD), places
     )
 
 
 def test_an_object_is_named_only_at_its_predicted_position() -> None:
-    """The element set at the measured place gives the name; one degree beside it, and without the observer's place, none does."""
+    """A track at the predicted position gets the object's name.
+
+    One degree away, or without the observer's position, it gets no name.
+    """
     catalogue = catalogue_of(read_objects(TARGET + element_set(10003, 200.0)))
     name = name_of(measured(TARGET), catalogue)
     assert name is not None
     assert (name.name, name.number) == ("OBJECT 10002", "10002")
     assert name.off_rad < ARCSEC_RAD
     assert name_of(measured(TARGET, float(np.radians(1.0))), catalogue) is None
-    blind = measured(TARGET)
-    assert name_of(MeasuredTrack(blind.times_s, blind.icrs, blind.sigma_rad, None), catalogue) is None
+    track = measured(TARGET)
+    assert name_of(MeasuredTrack(track.times_s, track.icrs, track.sigma_rad, None), catalogue) is None
 
 
 def test_a_planet_is_named_without_a_place() -> None:
-    """Jupiter's direction is Jupiter."""
+    """A track in Jupiter's direction is named Jupiter, also without the observer's position."""
     jupiter = bodies_at(jyear_of(MOMENT)).planets_icrs[3]
     track = MeasuredTrack(TIMES_S, np.tile(jupiter, (3, 1)), np.full(3, ARCSEC_RAD), None)
     name = name_of(track, catalogue_of([]))
@@ -90,13 +95,13 @@ def test_a_planet_is_named_without_a_place() -> None:
     ],
 )
 def test_invalid_lists_are_rejected(text: str, words: str) -> None:
-    """The message names the invalid value."""
+    """An invalid list is rejected, and the message names the invalid value."""
     with pytest.raises(BadInput, match=words):
         read_objects(text)
 
 
 def test_tracks_are_written_as_tdm() -> None:
-    """One segment per object, angles in degrees, names in ASCII."""
+    """A TDM has one segment per object, angles in degrees and names in ASCII."""
     track = TdmTrack("Ørsted", TIMES_S, np.tile([0.0, -1.0, 0.0], (3, 1)), np.full(3, 4.25), ARCSEC_RAD)
     lines = "".join(tdm_of([track, track], "CAM", 0.5, True, MOMENT)).splitlines()
     assert lines[0] == "CCSDS_TDM_VERS = 2.0"

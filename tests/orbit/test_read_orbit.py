@@ -1,4 +1,4 @@
-"""Orbit files: TLE, OMM in three forms, OEM; against astropy's frames; and broken files."""
+"""Orbit files: TLE, OMM in three forms and OEM, compared with astropy's frames; and broken files."""
 
 import json
 from datetime import UTC, datetime, timedelta
@@ -37,7 +37,7 @@ XML = (
     "text", [json.dumps(FIELDS), json.dumps([FIELDS]), KVN, XML], ids=["json", "list", "kvn", "xml"]
 )
 def test_an_omm_has_the_orbit_of_its_tle(text: str) -> None:
-    """Each form gives the same name, and the same positions over ten days to 30 m."""
+    """Each form of OMM gives the name of the TLE, and its positions over ten days to 30 m."""
     read, expected = read_orbit(text), TleTrajectory.of(TLE)
     times_s = START.timestamp() + np.arange(0, 864_000, 600.0)
     assert (read.kind, read.name) == ("tle", "ISS (ZARYA)")
@@ -47,7 +47,7 @@ def test_an_omm_has_the_orbit_of_its_tle(text: str) -> None:
 
 @pytest.mark.parametrize("frame", ["TEME", "ICRF", "ITRF2020"])
 def test_an_oem_has_the_orbit_it_was_sampled_from(frame: str) -> None:
-    """States every two minutes, interpolated between, agree to 20 m in every frame."""
+    """Positions interpolated between states every two minutes agree to 20 m in every frame."""
     orbit = TleTrajectory.of(TLE)
     lines = list(oem_of("ISS", orbit, START, START + timedelta(hours=6), 120.0, START))
     if frame != "ICRF":
@@ -69,7 +69,7 @@ def test_an_oem_has_the_orbit_it_was_sampled_from(frame: str) -> None:
 
 
 def test_the_place_is_that_of_astropy() -> None:
-    """Position in celestial axes to 50 m."""
+    """The position in celestial axes agrees with astropy to 50 m."""
     orbit, moment = TleTrajectory.of(TLE), START + timedelta(hours=5)
     time = Time(moment)
     place = orbit.teme_km(np.array([moment.timestamp()]))[0]
@@ -114,6 +114,6 @@ HEAD = "".join(list(oem_of("X", TleTrajectory.of(TLE), START, START, 60.0, START
     ],
 )
 def test_a_broken_file_is_rejected_with_its_reason(text: str, words: str) -> None:
-    """Every fault raises BadInput naming the reason."""
+    """Each fault raises BadInput that names the reason."""
     with pytest.raises(BadInput, match=words):
         read_orbit(text)

@@ -1,4 +1,4 @@
-"""Moniteq's linked star list: the hull's counts, its symmetry, and that it is the spherical Delaunay net."""
+"""Moniteq's linked star list: counts and symmetry of the links, and comparison with the spherical Delaunay net."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _net() -> tuple[np.ndarray, NeighbourLinks]:
 
 
 def test_counts_are_eulers() -> None:
-    """3000 stars have 3n − 6 links, six neighbours on average, and 8n − 12 integers: 36 kbyte of the document's 70."""
+    """3000 stars have 3n − 6 links, six neighbours on average, and 8n − 12 integers: 36 kbyte (document: 70)."""
     f = figures(_net()[1])
     assert (f.stars, f.links, f.integers) == (3000, 3 * 3000 - 6, 8 * 3000 - 12)
     assert f.mean == pytest.approx(6, abs=0.01)
@@ -28,17 +28,20 @@ def test_counts_are_eulers() -> None:
 
 
 def test_links_go_both_ways_and_never_to_oneself() -> None:
-    """Each link is entered at both ends, once, in ascending order."""
+    """Each link is stored once at both ends, in ascending order. No star is linked to itself."""
     _, net = _net()
     for row in range(0, 3000, 37):
-        mine = net.of(row)
-        assert np.all(np.diff(mine) > 0)
-        assert row not in mine
-        assert all(row in net.of(int(other)) for other in mine)
+        neighbours = net.of(row)
+        assert np.all(np.diff(neighbours) > 0)
+        assert row not in neighbours
+        assert all(row in net.of(int(other)) for other in neighbours)
 
 
 def test_links_are_those_of_empty_circles() -> None:
-    """Two stars are linked exactly when some circle through both has no star inside: checked for all stars near some."""
+    """Two stars are linked exactly if some circle through both contains no star.
+
+    The test checks the neighbourhoods of 12 random stars.
+    """
     icrs, net = _net()
     rng = np.random.default_rng(2)
     for row in rng.choice(3000, 12, replace=False):
@@ -48,13 +51,13 @@ def test_links_are_those_of_empty_circles() -> None:
             normal = np.cross(icrs[other] - icrs[row], icrs[third] - icrs[row])
             height = normal @ icrs[row]
             normal *= np.sign(height)[:, None]
-            # A plane through the two and a third star with all others below it is a face of the hull.
+            # A plane through two stars and a third one is a face of the hull if all other stars are below it.
             above = (icrs @ normal.T > np.abs(height) + 1e-13).sum(axis=0)
             assert bool(np.any(above == 0)) == bool(other in net.of(int(row)))
 
 
 def test_the_net_turns_with_the_sky() -> None:
-    """A rotation leaves the links as they are."""
+    """A rotation of the sky does not change the links."""
     icrs, net = _net()
     turned = neighbour_links(icrs @ matrix_from_quaternion(random_quaternion(np.random.default_rng(3))).T)
     np.testing.assert_array_equal(net.start, turned.start)
@@ -62,7 +65,7 @@ def test_the_net_turns_with_the_sky() -> None:
 
 
 def test_two_stars_at_one_place_are_both_in_the_net() -> None:
-    """A star outside the hull is linked to the nearest one."""
+    """A star that is not on the hull is linked to the nearest star."""
     icrs = np.vstack([_net()[0][:50], _net()[0][7]])
     net = neighbour_links(icrs)
     assert all(len(net.of(row)) for row in range(51))
@@ -70,7 +73,7 @@ def test_two_stars_at_one_place_are_both_in_the_net() -> None:
 
 @pytest.mark.parametrize("n", range(5))
 def test_a_handful_are_all_neighbours(n: int) -> None:
-    """Up to four stars are linked each with each."""
+    """If there are at most four stars, each is linked to all others."""
     net = neighbour_links(_net()[0][:n])
     assert len(net) == n
     assert net.links == n * (n - 1) // 2
@@ -78,7 +81,7 @@ def test_a_handful_are_all_neighbours(n: int) -> None:
 
 
 def test_lengths_ascend_and_belong_to_their_links() -> None:
-    """The length list holds every link once, by length, with the angle between its stars."""
+    """The length list contains every link once, in ascending order, with the angle between its stars."""
     icrs, net = _net()
     lengths = link_distances(net, icrs)
     assert len(lengths.first) == net.links
@@ -88,22 +91,24 @@ def test_lengths_ascend_and_belong_to_their_links() -> None:
 
 
 def test_a_star_table_gives_its_own_net() -> None:
-    """Rows are those of the table."""
+    """The net has one row per row of the star table."""
     stars = load_stars(3.0)
     assert len(neighbour_links(stars.icrs)) == len(stars)
 
 
 @pytest.mark.parametrize("spots", [1, 3, 40])
 def test_stars_in_one_plane_or_at_one_place_are_linked_too(spots: int) -> None:
-    """A list without a hull, all on one great circle or on few places of it, still is one net with both ends of each link."""
+    """Stars without a hull, on one great circle or at few positions on it, form one connected net with both ends of
+    each link.
+    """
     angle = 2 * np.pi * (np.arange(40) % spots) / 40
     links = neighbour_links(np.column_stack([np.cos(angle), np.sin(angle), np.zeros(40)]))
     first, second = links.pairs()
     assert first.size == links.links
-    met = np.zeros(40, bool)
-    met[0] = True
+    reached = np.zeros(40, bool)
+    reached[0] = True
     for _ in range(40):
-        met[second[met[first]]] = True
-        met[first[met[second]]] = True
-    assert met.all()
+        reached[second[reached[first]]] = True
+        reached[first[reached[second]]] = True
+    assert reached.all()
     assert all(row in links.of(int(other)) for row in range(40) for other in links.of(row))

@@ -19,7 +19,7 @@ def sphere(n: int, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("n", [60, 1700])
 def test_all_pairs_in_range_and_no_others(n: int) -> None:
-    """Both ways of building hold exactly the pairs of a brute-force search, ascending."""
+    """For small and large lists the table contains exactly the pairs of a brute-force search, in ascending order."""
     unit = sphere(n, 1)
     table = distance_table_of_units(unit, 0.01, 0.1)
     cosine = np.clip(unit @ unit.T, -1, 1)
@@ -37,7 +37,7 @@ TABLE = distance_table_of_units(sphere(120, 2), 0.0, 1.0)
 @settings(max_examples=200, deadline=None)
 @given(st.floats(-0.2, 1.2), st.floats(0, 0.3))
 def test_ranges_are_those_of_a_binary_search(low: float, width: float) -> None:
-    """Table and k-vector give the slice that comparing every value gives, at the ends and outside too."""
+    """Table and k-vector give the same rows as a comparison of every value, also at the ends and outside."""
     ends = np.array([low]), np.array([low + width])
     for start, stop in (TABLE.ranges(*ends), k_vector(TABLE.distance_rad).ranges(TABLE.distance_rad, *ends)):
         assert start[0] == np.count_nonzero(TABLE.distance_rad < low)
@@ -45,14 +45,14 @@ def test_ranges_are_those_of_a_binary_search(low: float, width: float) -> None:
 
 
 def test_exact_distances_are_inside_their_own_interval() -> None:
-    """Closed intervals of zero width find the pair itself."""
+    """An interval of zero width at a pair's distance contains the pair."""
     d = TABLE.distance_rad
     for start, stop in (TABLE.ranges(d, d), k_vector(d).ranges(d, d, d)):
         assert (stop - start >= 1).all()
 
 
 def test_empty_tables_answer_empty() -> None:
-    """No stars, one star or no pair in range give empty slices, not errors."""
+    """Tables of no stars, one star or no pair in range return empty slices and raise no error."""
     for unit in (np.zeros((0, 3)), sphere(1, 3), np.array([[0, 0, 1.0], [0, 0, -1.0]])):
         table, ends = distance_table_of_units(unit, 0.0, 0.5), (np.array([0.0, 0.2]), np.array([0.1, 0.5]))
         d = table.distance_rad
@@ -61,6 +61,6 @@ def test_empty_tables_answer_empty() -> None:
 
 
 def test_impossible_limits_are_refused() -> None:
-    """Limits out of order are BadInput."""
+    """Limits in the wrong order raise BadInput."""
     with pytest.raises(BadInput):
         distance_table_of_units(sphere(5, 4), 0.5, 0.1)

@@ -1,4 +1,4 @@
-"""The distance table against brute force and against what can be counted from the documents."""
+"""The distance table compared with brute force and with numbers in the documents."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from gss.skytables.pairs import distance_table, distance_table_of_units
 
 
 def test_table_equals_brute_force():
-    """Same pairs, same distances as comparing every star with every other."""
+    """Pairs and distances equal those of comparing every star with every other."""
     stars = load_stars(4.0)
     low, high = np.radians(0.25), np.radians(20)
     table = distance_table(stars, low, high)
@@ -24,7 +24,7 @@ def test_table_equals_brute_force():
 
 
 def test_table_ascends_and_names_the_lower_row_first():
-    """Distances never fall, first < second, and they stay within the limits."""
+    """Distances ascend within the limits, and the first row number of a pair is the lower one."""
     table = distance_table(load_stars(5.0), np.radians(0.25), np.radians(13.9))
     assert np.all(np.diff(table.distance_rad) >= 0)
     assert np.all(table.first < table.second)
@@ -33,14 +33,14 @@ def test_table_ascends_and_names_the_lower_row_first():
 
 
 def test_small_distances_keep_their_digits():
-    """A pair 0.2″ apart is 0.2″ apart to a part in a million, where the arccosine would give nothing."""
+    """A distance of 0.2″ is accurate to one part in a million; the arccosine would lose it."""
     angle = 1e-6
     unit = np.array([[1.0, 0.0, 0.0], [np.cos(angle), np.sin(angle), 0.0]])
     assert distance_table_of_units(unit, 0.0, 0.1).distance_rad[0] == pytest.approx(angle, rel=1e-6)
 
 
 def test_whole_sphere_is_possible():
-    """From 0° to 180° every pair is listed, including opposite points."""
+    """With limits of 0° and 180° every pair is listed, including opposite points."""
     unit = np.array([[0, 0, 1.0], [0, 0, -1.0], [1.0, 0, 0]])
     table = distance_table_of_units(unit, 0.0, np.pi)
     assert table.distance_rad == pytest.approx([np.pi / 2, np.pi / 2, np.pi])
@@ -57,12 +57,12 @@ def test_pairs_of_the_whole_sky_to_sixth_magnitude():
 
 
 def test_one_star_has_no_pairs():
-    """Fewer than two stars make an empty table, not an error."""
+    """Fewer than two stars give an empty table and no error."""
     assert len(distance_table(load_stars().take(np.array([0])), 0.0, 1.0)) == 0
 
 
 @pytest.mark.parametrize(("low", "high"), [(1.0, 0.5), (0.5, 0.5), (-0.1, 0.5), (0.1, 4.0), (float("nan"), 1.0)])
 def test_impossible_limits_are_refused(low, high):
-    """Minimum above maximum, negative or beyond 180° is bad input."""
+    """Limits that are out of order, equal, negative, above 180° or not a number raise BadInput."""
     with pytest.raises(BadInput, match="invalid distance limits"):
         distance_table(load_stars(3.0), low, high)

@@ -1,4 +1,4 @@
-"""Liebe's triplet data base: the document's worked example and key numbers, completeness, and its bytes."""
+"""Liebe's triplet database: worked example and key numbers of the document, completeness, and encoding."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _table() -> TripletTable:
 
 
 def _sky(distance_deg: list[float], bearing_deg: list[float], v_mag: list[float]) -> tuple[Array, Array]:
-    """A star at the pole of a small sky, with neighbours at distances and bearings."""
+    """Return a star at the pole of a small sky, and its neighbours at these distances and bearings."""
     d, b = np.radians(distance_deg), np.radians(bearing_deg)
     around = np.stack([np.sin(d) * np.cos(b), np.sin(d) * np.sin(b), np.cos(d)], axis=1)
     return np.vstack([[0.0, 0.0, 1.0], around]), np.array([2.0, *v_mag])
@@ -52,35 +52,37 @@ def _keys_of(table: TripletTable, star: int) -> set[int]:
 
 
 def test_the_documents_example_has_its_eighteen_entries() -> None:
-    """5.596°, 8.191° and 164.204° become classes 54–56, 80–82 and 32–33: the document's table of eighteen."""
+    """5.596°, 8.191° and 164.204° become classes 54–56, 80–82 and 32–33, the 18 entries of the document's table."""
     icrs, mag = _sky([5.596, 8.191, 20.0, 21.0], [0.0, 164.204, 90.0, 270.0], [2.0, 2.0, 2.0, 2.0])
     table = build_triplets(icrs, mag, CLASSES, 4.5, FIELD_RAD)
-    want = {int(pack(*map(np.array, (a, b, c)))) for a in (54, 55, 56) for b in (80, 81, 82) for c in (32, 33)}
-    assert _keys_of(table, 0) == want
+    expected = {int(pack(*map(np.array, (a, b, c)))) for a in (54, 55, 56) for b in (80, 81, 82) for c in (32, 33)}
+    assert _keys_of(table, 0) == expected
 
 
 def test_the_documents_angle_error_is_met() -> None:
-    """The document gives ±1.724° for neighbours at 5.596° and 8.191°."""
+    """The angle error for neighbours at 5.596° and 8.191° is the document's ±1.724°."""
     error = CLASSES.angle_error_rad(np.radians(5.596), np.radians(8.191))
     assert np.degrees(error) == pytest.approx(1.724, abs=0.0005)
 
 
 def test_maybe_stars_give_the_documents_twelve_constellations() -> None:
-    """Six neighbours of which the third and sixth are certain give the twelve constellations of Fig. 11, and no other."""
+    """Six neighbours, of which only the third and sixth are certain, give exactly the twelve constellations of Fig.
+
+    11.
+    """
     distance = [5.596, 8.191, 8.6, 10.102, 12.306, 12.754]
     icrs, mag = _sky(distance, [0, 60, 120, 180, 240, 300], [4.6, 4.6, 2.0, 4.6, 4.6, 2.0])
     table = build_triplets(icrs, mag, replace(CLASSES, uncertainty_rad=np.radians(0.001)), 4.5, FIELD_RAD)
     keys = np.array(sorted(_keys_of(table, 0)))
-    found = {(k >> 18, (k >> 6) & 4095) for k in keys.tolist()}
-    middle = {(int(distance[i] * 10), int(distance[j] * 10)) for i in range(3) for j in range(i + 1, 6)}
-    assert len(middle) == 12
-    assert found == {(a + i, b + j) for a, b in middle for i in (-1, 0, 1) for j in (-1, 0, 1) if a + i <= b + j}
+    classes = {(k >> 18, (k >> 6) & 4095) for k in keys.tolist()}
+    expected = {(int(distance[i] * 10), int(distance[j] * 10)) for i in range(3) for j in range(i + 1, 6)}
+    assert len(expected) == 12
+    assert classes == {(a + i, b + j) for a, b in expected for i in (-1, 0, 1) for j in (-1, 0, 1) if a + i <= b + j}
 
 
 def test_neighbours_of_nearly_equal_distance_are_entered_in_both_orders() -> None:
-    """A third neighbour within four uncertainties of the second is also entered in its place (Figs.
-
-    12 and 13); further away not.
+    """A third neighbour within four uncertainties of the second is also entered as the second, but not one further away
+    (Fig. 12, Fig. 13).
     """
     near = _sky([4.0, 6.0, 6.15, 25.0], [0.0, 90.0, 200.0, 300.0], [2.0, 2.0, 2.0, 2.0])
     far = _sky([4.0, 6.0, 6.35, 25.0], [0.0, 90.0, 200.0, 300.0], [2.0, 2.0, 2.0, 2.0])
@@ -91,49 +93,53 @@ def test_neighbours_of_nearly_equal_distance_are_entered_in_both_orders() -> Non
 
 
 def test_sizes_are_near_the_documents() -> None:
-    """Hipparcos to the same depth gives about 175 000 references in 1 Mbyte (document: 185 000, about 180 each, 1 Mbyte)."""
-    f = figures(_table())
-    assert f.stars == 1300
-    assert 165_000 < f.references < 195_000
-    assert 1.0e6 < f.size_bytes < 1.2e6
-    assert f.stars_per_key < 3
+    """Hipparcos to the same depth gives about 175 000 references in 1 Mbyte (document: 185 000 in 1 Mbyte, about 180
+    per star).
+    """
+    statistics = figures(_table())
+    assert statistics.stars == 1300
+    assert 165_000 < statistics.references < 195_000
+    assert 1.0e6 < statistics.size_bytes < 1.2e6
+    assert statistics.stars_per_key < 3
 
 
 def test_every_star_measured_within_the_uncertainty_is_found() -> None:
-    """With any set of detected maybe stars and position errors up to 3′, each star is among the candidates of its feature."""
+    """With any set of detected maybe stars and position errors up to 3′, 99.9 % of the stars are among the candidates
+    of their features.
+    """
     stars = load_stars(faintest_mag(4.5, 0.25))
     rng = np.random.default_rng(4)
     certain = stars.v_mag <= certain_mag(4.5, 0.25)
     found = requested = 0
     for _ in range(10):
         rows = np.flatnonzero(certain | (rng.random(len(stars)) < 0.5))
-        seen = stars.icrs[rows]
-        across = np.cross(seen, rng.normal(size=seen.shape))
+        measured = stars.icrs[rows]
+        across = np.cross(measured, rng.normal(size=measured.shape))
         across /= np.linalg.norm(across, axis=1, keepdims=True)
-        off = 0.99 * CLASSES.uncertainty_rad * np.sqrt(rng.random(len(seen)))
-        seen = np.cos(off)[:, None] * seen + np.sin(off)[:, None] * across
-        near = np.argsort(-(seen @ seen.T), axis=1)[:, 1:3]
-        keys = CLASSES.key(*features(seen, seen[near[:, 0]], seen[near[:, 1]]))
+        error = 0.99 * CLASSES.uncertainty_rad * np.sqrt(rng.random(len(measured)))
+        measured = np.cos(error)[:, None] * measured + np.sin(error)[:, None] * across
+        nearest = np.argsort(-(measured @ measured.T), axis=1)[:, 1:3]
+        keys = CLASSES.key(*features(measured, measured[nearest[:, 0]], measured[nearest[:, 1]]))
         which, star = _table().look_up(keys)
         requested += len(rows)
         found += len(np.unique(which[star == rows[which]]))
-    # The data base goes by the second certain neighbour; the last per mille are chains of exchanges it leaves out.
+    # The database ends at the second certain neighbour; it omits chains of exchanges, which are the last per mille.
     assert found >= 0.999 * requested
 
 
 def test_features_do_not_turn_with_the_sky() -> None:
-    """A rotation of all stars changes no reference."""
+    """A rotation of all stars changes no reference, except features on the edge of a class."""
     stars = load_stars(4.0)
-    turned = stars.icrs @ matrix_from_quaternion(random_quaternion(np.random.default_rng(1))).T
-    a = build_triplets(stars.icrs, stars.v_mag, CLASSES, 3.6, FIELD_RAD)
-    b = build_triplets(turned, stars.v_mag, CLASSES, 3.6, FIELD_RAD)
-    pairs = [set(zip(t.key.tolist(), t.star.tolist(), strict=True)) for t in (a, b)]
-    # A feature exactly on the edge of a class may fall to either side.
-    assert len(pairs[0] ^ pairs[1]) < 1e-4 * len(a)
+    rotated_icrs = stars.icrs @ matrix_from_quaternion(random_quaternion(np.random.default_rng(1))).T
+    original = build_triplets(stars.icrs, stars.v_mag, CLASSES, 3.6, FIELD_RAD)
+    rotated = build_triplets(rotated_icrs, stars.v_mag, CLASSES, 3.6, FIELD_RAD)
+    pairs = [set(zip(t.key.tolist(), t.star.tolist(), strict=True)) for t in (original, rotated)]
+    # Rounding decides the class of a feature that is exactly on an edge.
+    assert len(pairs[0] ^ pairs[1]) < 1e-4 * len(original)
 
 
 def test_close_doubles_are_seen_as_one_or_two() -> None:
-    """The fainter of two stars within the blend radius is a maybe star: constellations without it are entered too."""
+    """The fainter of two stars within the blend radius is a maybe star: constellations without it are also entered."""
     icrs, mag = _sky([4.0, 4.05, 9.0, 15.0, 16.0], [0.0, 0.2, 90.0, 200.0, 300.0], [2.0, 3.0, 2.0, 2.0, 2.0])
     apart = build_triplets(icrs, mag, CLASSES, 4.5, FIELD_RAD)
     blended = build_triplets(icrs, mag, CLASSES, 4.5, FIELD_RAD, blend_rad=np.radians(0.12))
@@ -156,14 +162,14 @@ def test_a_shallow_list_is_refused() -> None:
 
 
 def test_impossible_classes_are_refused() -> None:
-    """Classes that do not fit into their bits, or have no width, are rejected."""
+    """Classes without width, or too many for their bits, are rejected."""
     for bad in ((0.0, 0.1, 0.001), (1e-6, 0.1, 0.001), (0.002, 0.01, 0.001), (0.002, 0.1, 0.0)):
         with pytest.raises(BadInput, match="classes"):
             TripletClasses(*bad)
 
 
 def _small() -> TripletTable:
-    """Use widths that are exact in binary, so that the golden bytes can be written by hand."""
+    """Return a table with widths that are exact in binary, so that the golden bytes can be written by hand."""
     key, star = np.array([1, 7, 7, 0x3FFFFFFF], np.uint32), np.array([2, 0, 1, 2], np.int32)
     return TripletTable(key, star, 3, TripletClasses(2**-9, 2**-4, 2**-10), 4.5, 0.25, 0.5)
 
@@ -189,14 +195,14 @@ def test_the_bytes_are_the_documented_ones() -> None:
 def test_tables_come_back_from_their_bytes() -> None:
     """A table survives encoding and decoding, and bytes after it in flash are ignored."""
     table = _table()
-    back = decode_triplets(encode_triplets(table) + b"\xff" * 100)
-    np.testing.assert_array_equal(back.key, table.key)
-    np.testing.assert_array_equal(back.star, table.star)
-    assert (back.stars, back.classes, back.limit_mag) == (table.stars, table.classes, table.limit_mag)
+    decoded = decode_triplets(encode_triplets(table) + b"\xff" * 100)
+    np.testing.assert_array_equal(decoded.key, table.key)
+    np.testing.assert_array_equal(decoded.star, table.star)
+    assert (decoded.stars, decoded.classes, decoded.limit_mag) == (table.stars, table.classes, table.limit_mag)
 
 
 def _resealed(image: bytes) -> bytes:
-    """Encode wrong content under valid checksums."""
+    """Return the image with valid checksums for wrong content."""
     body = image[64:]
     header = image[:56] + struct.pack("<I", zlib.crc32(body))
     return header + struct.pack("<I", zlib.crc32(header)) + body
@@ -224,12 +230,12 @@ def test_every_damage_is_noticed() -> None:
 
 
 def test_too_many_stars_are_refused() -> None:
-    """Encoded rows have 16 bits."""
+    """More stars than 16-bit row numbers can count are rejected."""
     with pytest.raises(BadInput, match="too many"):
         encode_triplets(replace(_small(), stars=70_000))
 
 
 def test_a_turned_pair_of_classes_is_never_entered() -> None:
-    """The nearest neighbour's class is never above the second's."""
+    """In every key, the class of the nearest neighbour is at most that of the second one."""
     key = _table().key
     assert np.all((key >> 18) <= ((key >> 6) & 4095))

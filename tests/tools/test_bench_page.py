@@ -1,4 +1,4 @@
-"""Single sections of the page of benchmarks can be measured again."""
+"""Individual sections of the benchmark page can be measured again."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def table(title: str, figure: int) -> BenchTable:
 
 
 def test_only_the_measured_table_changes() -> None:
-    """A table takes the place of the one with its title; the text before and the tables around it stay; a new one is added."""
+    """A measured table replaces the one with its title, or is added. Text and other tables do not change."""
     page = "# Page\n\nWords.\n\n" + table("One", 1).markdown() + "\n" + table("Two", 2).markdown()
     again = updated(page, [table("One", 7)])
     assert again == page.replace("| row | 1 |", "| row | 7 |")

@@ -1,4 +1,4 @@
-"""How a browser's trace becomes the tasks of a page's main thread."""
+"""Conversion of a browser trace into tasks of a page's main thread."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tools.bench_tasks import TASK, summary, tasks
 
 
 def event(name: str, ts: float, dur: float, tdur: float, tid: int = 7, **data: Any) -> dict[str, Any]:
-    """A complete event; times in microseconds, as traces have them."""
+    """Return a complete event; times in microseconds, as in traces."""
     return {
         "ph": "X", "pid": 1, "tid": tid, "name": name, "ts": ts, "dur": dur, "tdur": tdur, "args": {"data": data}
     }  # fmt: skip
@@ -29,18 +29,18 @@ TRACE = [
 
 
 def test_tasks_are_the_outermost_ones_of_the_main_thread():
-    """Other threads and nested loops do not count; processor time and wall time are distinguished."""
-    found = tasks(TRACE)
-    assert [(task.at_ms, task.processor_ms, task.wall_ms) for task in found] == [(0, 1, 2), (50, 60, 90)]
+    """Only outermost tasks of the main thread count. Processor time and wall time are separate."""
+    main_tasks = tasks(TRACE)
+    assert [(task.at_ms, task.processor_ms, task.wall_ms) for task in main_tasks] == [(0, 1, 2), (50, 60, 90)]
 
 
 def test_what_was_called_is_charged_without_what_it_called():
-    """The drawing's own 46.5 ms are its 50 without the painting and the loop inside."""
+    """The time of a function excludes the functions that it calls: drawing takes 50 ms, of which 46.5 ms are its own."""
     parts = tasks(TRACE)[1].parts
     assert parts == pytest.approx({"FunctionCall draw": 46.5, "Paint": 3.0, TASK: 0.5})
 
 
 def test_a_task_above_fifty_milliseconds_is_long_by_the_clock_it_exceeds():
-    """Sixty of the processor are long both ways."""
+    """A task of 60 ms of processor time is long by processor time and by wall time."""
     result = summary(tasks(TRACE))
     assert (result["tasks"], result["long"], result["long_wall"], result["longest_ms"]) == (2, 1, 1, 60.0)

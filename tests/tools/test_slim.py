@@ -1,4 +1,4 @@
-"""What ``make run`` removes from its environment."""
+"""Files that ``make run`` removes from its environment."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ def test_the_program_and_test_suites_are_unneeded_and_imported_files_are_not(tmp
     for name in ("astropy/tests/helper.py", "rerun/__init__.py", "other/tests/test_c.py"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
-    found = {path.relative_to(tmp_path).as_posix() for path in unneeded(tmp_path)}
-    assert found == {"rerun_cli/rerun", "scipy/stats/tests", "astropy/wcs/tests"}
+    removed = {path.relative_to(tmp_path).as_posix() for path in unneeded(tmp_path)}
+    assert removed == {"rerun_cli/rerun", "scipy/stats/tests", "astropy/wcs/tests"}

@@ -1,4 +1,4 @@
-"""Huffman's tables rerun: what must come out whatever the number of trials."""
+"""Huffman's tables: results that do not depend on the number of trials."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ def _cells(experiment: Experiment, column: str) -> dict[str, object]:
 
 
 def test_the_documents_radiometry_is_met() -> None:
-    """Eq. 3.4 for Table 7.1 with g = 1 gives 336 631 e at V 0 and 1 340 e at V 6 (dossier §5.2), and inverts."""
+    """Eq. 3.4 for Table 7.1 with g = 1 gives 336 631 e at V 0 and 1 340 e at V 6 (dossier §5.2), and its inverse is
+    exact.
+    """
     assert TABLE_7_1.star_e(0.0) == pytest.approx(336_631, rel=2e-3)
     assert TABLE_7_1.star_e(6.0) == pytest.approx(1_340, rel=2e-3)
     assert TABLE_7_1.noise_e == pytest.approx(39.52, abs=0.01)
@@ -35,7 +37,7 @@ def test_the_documents_radiometry_is_met() -> None:
 
 
 def test_simulated_frames_hold_their_stars_and_noise() -> None:
-    """The summed light above nothing is that of the stars; dark corners have the preset's noise."""
+    """The sum of a frame is the light of its stars, and its dark rows have the preset's noise."""
     rng = np.random.default_rng(1)
     at = scattered(20, rng, 60.0)
     apart = np.linalg.norm(at[:, None] - at[None], axis=2) + 1e9 * np.eye(20)
@@ -46,7 +48,7 @@ def test_simulated_frames_hold_their_stars_and_noise() -> None:
 
 
 def test_centroid_error_follows_the_documents_curve() -> None:
-    """Between SNR 2 and 5 at 10 px our error is eq. 4.2 within a fifth, and it falls with SNR."""
+    """For SNR 2 to 5 at 10 px our error agrees with eq. 4.2 within a fifth, and it decreases with SNR."""
     experiment = huffman_4_4(load_stars(2.0), 200, 1, _quiet)
     ours = _cells(experiment, "ours at 10 px")
     paper = _cells(experiment, "paper σ, px")
@@ -57,7 +59,10 @@ def test_centroid_error_follows_the_documents_curve() -> None:
 
 
 def test_maximum_likelihood_is_better_at_every_magnitude() -> None:
-    """With a counting clock, not a real one, the table has time ratios; MLE's error is below the weighted sum's in each row."""
+    """The error of MLE is below that of the weighted sum in each row.
+
+    A counting clock replaces the real one for the time ratios.
+    """
     ticks = iter(range(10_000))
     experiment = huffman_4_2(load_stars(2.0), 1, 1, _quiet, clock=lambda: float(next(ticks)))
     plain, mle = _cells(experiment, "weighted sum, px"), _cells(experiment, "MLE, px")
@@ -68,7 +73,10 @@ def test_maximum_likelihood_is_better_at_every_magnitude() -> None:
 
 
 def test_magnitudes_miss_more_light_when_fainter() -> None:
-    """Mean ΔM grows with magnitude; the paper's lies between our filters from V 2 on; MLE has none (Table 5.3)."""
+    """Mean ΔM increases with magnitude.
+
+    From V 2 the paper's value is between those of our filters; MLE has none (Table 5.3).
+    """
     experiment = huffman_5_3(load_stars(2.0), 2, 1, _quiet)
     ours, paper = _cells(experiment, "our mean ΔM"), _cells(experiment, "paper mean ΔM")
     sliding = [float(str(ours[f"V {v}, sliding, weighted sum"])) for v in range(5)]
@@ -81,7 +89,10 @@ def test_magnitudes_miss_more_light_when_fainter() -> None:
 
 
 def test_the_filters_work_has_the_documents_ratios() -> None:
-    """Pixels read by the sliding filter over the block filter's: Table 7.2's time ratios within a fifth, crossing below 2 σ."""
+    """The ratio of pixels read by the sliding and the block filter is Table 7.2's time ratio within a fifth.
+
+    From 2 σ there are no false detections.
+    """
     experiment = huffman_7_2(load_stars(6.0), 1, 1, _quiet)
     paper, ours = _cells(experiment, "paper time to block's"), _cells(experiment, "our work to block's")
     for n in ("1", "1.5", "2", "3", "4"):
@@ -92,7 +103,9 @@ def test_the_filters_work_has_the_documents_ratios() -> None:
 
 
 def test_all_matchers_solve_the_poor_track_and_none_is_wrong() -> None:
-    """On the first track every matcher solves its frames, none wrongly, and catalogue attitudes are the better ones."""
+    """On the first track every matcher solves over 90 % of the frames, none wrongly, and catalogue attitudes are more
+    accurate.
+    """
     experiment = huffman_8_2(load_stars(6.0), 1, 1, _quiet)
     assert all(v == 0 for v in _cells(experiment, "wrong").values())
     solved = _cells(experiment, "ours solved (95 %)")
@@ -102,7 +115,7 @@ def test_all_matchers_solve_the_poor_track_and_none_is_wrong() -> None:
 
 
 def test_limiting_magnitudes_bracket_the_papers() -> None:
-    """The paper's limits lie between what half the sky and what all of it needs (Table 5.1; dossier §4.3)."""
+    """The paper's limits are between those needed for half the sky and for all of it (Table 5.1; dossier §4.3)."""
     experiment = huffman_5_1(load_stars(5.5), 600, 1, _quiet)
     assert len(experiment.rows) == 20
     for row in experiment.rows:
@@ -116,15 +129,15 @@ def test_limiting_magnitudes_bracket_the_papers() -> None:
 
 
 def test_the_nth_brightest_is_that_of_a_sorted_list() -> None:
-    """In a field without enough stars the rest is infinite."""
+    """The n-th brightest magnitudes of a field are sorted; beyond its number of stars they are infinite."""
     stars = load_stars(4.0)
     shape = square_field(np.radians(20))
     rotation = cam_from_icrs(1.4, 0.0, 0.3)
     inside = shape.inside(stars.icrs @ rotation.T)
     expected = np.sort(stars.v_mag[inside])
-    found = nth_brightest_mag(stars, shape, rotation[None], int(inside.sum()) + 2)[0]
-    np.testing.assert_array_equal(found[:-2], expected)
-    assert np.isinf(found[-2:]).all()
+    nth_mag = nth_brightest_mag(stars, shape, rotation[None], int(inside.sum()) + 2)[0]
+    np.testing.assert_array_equal(nth_mag[:-2], expected)
+    assert np.isinf(nth_mag[-2:]).all()
 
 
 def test_the_reduced_catalogue_has_the_documents_size_at_36_degrees() -> None:

@@ -1,4 +1,4 @@
-"""The campaign's file: what is done is kept, the rest is done next, a page says both."""
+"""The campaign's file: finished shards are kept, the others are run next, and a page reports both."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ SMALL = CampaignSettings(0, 13, 3, ("cubestar",), ("own",))
 
 
 def test_an_interrupted_run_continues_where_it_ended(tmp_path: Path) -> None:
-    """A second run does nothing, a truncated last line is repeated, and on request everything is."""
+    """A second run has nothing to do, and a truncated line is run again."""
     file = tmp_path / "kept.jsonl"
     assert run_campaign(SMALL, file, executor=LOCAL) == 1
     assert run_campaign(SMALL, file, executor=LOCAL) == 0
-    whole = file.read_text("utf-8")
-    file.write_text(whole[: len(whole) // 2] + "\n", "utf-8")
+    content = file.read_text("utf-8")
+    file.write_text(content[: len(content) // 2] + "\n", "utf-8")
     assert run_campaign(SMALL, file, executor=LOCAL) == 1
     (record,) = read(file).values()
     assert sum(n for *_, n in record["counts"]) == 13
@@ -44,7 +44,7 @@ def test_a_wrong_answer_is_listed_and_gives_exit_code_3(tmp_path: Path, capsys: 
 
 
 def test_impossible_campaigns_are_rejected() -> None:
-    """Unknown cameras and negative numbers give an error; a campaign's shards are all different."""
+    """Unknown cameras and negative numbers are rejected. All shards of a campaign are different."""
     with pytest.raises(BadInput, match="camera"):
         CampaignSettings(cameras=("hubble",))
     with pytest.raises(BadInput, match="attitudes"):

@@ -1,4 +1,4 @@
-"""The campaign that hunts for false attitudes: its faults do what they say, and its shards can be made again."""
+"""Campaign that searches for wrong attitudes: its faults have the stated effect, and its shards can be repeated."""
 
 from __future__ import annotations
 
@@ -25,12 +25,14 @@ def _subject() -> Subject:
 
 
 def test_every_fault_of_the_requirement_is_there() -> None:
-    """False stars by number, missing, planets, doubles, variables, magnitudes, focal length, mirror, other camera, pole, RA 0."""
+    """The faults include false and missing stars, planets, doubles, variables, magnitudes, focal length, mirror,
+    another camera, the pole and RA 0.
+    """
     assert {0, 1, 5, 10, 100} <= {f.false for f in FAULTS}
     assert {0.5, -0.5} <= {f.shift_mag for f in FAULTS}
     assert {1.01, 0.99} <= {f.scale for f in FAULTS}
-    for field in ("missing", "planets", "blended", "variable", "off_mag", "saturated", "mirrored", "another"):
-        assert any(getattr(f, field) for f in FAULTS), field
+    for kind in ("missing", "planets", "blended", "variable", "off_mag", "saturated", "mirrored", "another"):
+        assert any(getattr(f, kind) for f in FAULTS), kind
     assert {FieldLocation.POLE, FieldLocation.ZERO_RA} <= {f.place for f in FAULTS}
     assert any(f.starless for f in FRAME_FAULTS)
     assert any(f.flat == 1.0 for f in FRAME_FAULTS)
@@ -58,27 +60,27 @@ def test_a_field_lies_where_its_fault_says(camera: str, place: FieldLocation) ->
     [(Fault("x", planets=3), 3), (Fault("x", false=7), 7), (Fault("x", missing=1.0, false=2), None)],
 )
 def test_strangers_are_added(fault: Fault, more: int | None) -> None:
-    """A list has as many points more as the fault has planets and false stars; planets are the brightest."""
+    """A list has one more point per planet and false star. Planets are the brightest."""
     tested, attitude = _subject(), attitude_at(FieldLocation.ANYWHERE, _subject().camera, np.random.default_rng(1))
-    plain = shown(tested, replace(fault, planets=0, false=0), attitude, np.random.default_rng(2)).centroids
-    spoiled = shown(tested, fault, attitude, np.random.default_rng(2)).centroids
-    assert len(spoiled) - len(plain) == (2 if more is None else more)
+    without_fault = shown(tested, replace(fault, planets=0, false=0), attitude, np.random.default_rng(2)).centroids
+    with_fault = shown(tested, fault, attitude, np.random.default_rng(2)).centroids
+    assert len(with_fault) - len(without_fault) == (2 if more is None else more)
     if fault.planets:
-        assert spoiled.flux_dn[2] > plain.flux_dn[0]
+        assert with_fault.flux_dn[2] > without_fault.flux_dn[0]
 
 
 def test_another_camera_gives_its_own_places() -> None:
-    """What another focal length saw lies elsewhere, and on the detector that is believed in."""
+    """Stars seen with another focal length have other positions, on the detector of the assumed camera."""
     tested, attitude = _subject(), attitude_at(FieldLocation.ANYWHERE, _subject().camera, np.random.default_rng(1))
-    made = shown(tested, Fault("x", another=True), attitude, np.random.default_rng(2))
-    own = shown(tested, Fault("x"), attitude, np.random.default_rng(2))
-    assert tested.camera.contains(made.centroids.pixels).all()
-    assert len(made.centroids) != len(own.centroids)
+    other_camera = shown(tested, Fault("x", another=True), attitude, np.random.default_rng(2))
+    own_camera = shown(tested, Fault("x"), attitude, np.random.default_rng(2))
+    assert tested.camera.contains(other_camera.centroids.pixels).all()
+    assert len(other_camera.centroids) != len(own_camera.centroids)
 
 
 @pytest.mark.parametrize("fault", range(len(FAULTS)))
 def test_cubestar_never_answers_wrongly(fault: int) -> None:
-    """Four attitudes of each fault and mode: no wrong answer."""
+    """Four attitudes of each fault and mode give no wrong result."""
     tested = _subject()
     for mode in range(3):
         for trial in range(4):
@@ -99,7 +101,10 @@ def test_a_shard_is_the_same_again_and_shares_its_lists() -> None:
 
 
 def test_frames_are_spoilt_and_judged() -> None:
-    """One frame of each fault: blank, flat, mirrored and foreign frames have no answer, the plain one has; sizes fit."""
+    """Blank, flat, mirrored and foreign frames give no attitude; a frame without fault gives one.
+
+    Every frame has the camera's size.
+    """
     known = shipped_camera("cubestar")
     verdicts = FrameCampaign(STARS).run(FrameShard("cubestar", "own", 2, 1))
     by_fault = {FRAME_FAULTS[j].title: verdict for (j, _, verdict) in verdicts.counts}
@@ -115,7 +120,9 @@ def test_frames_are_spoilt_and_judged() -> None:
 
 @pytest.mark.parametrize(("camera", "attitude"), [("aim", 4085), ("aim", 5417), ("sunsat", 1784)])
 def test_what_the_campaign_once_found_stays_mended(camera: str, attitude: int) -> None:
-    """Two stars of a mirrored frame that would turn a tracked attitude, and three in a corner with another focal length."""
+    """Cases that once gave a wrong attitude do not: two stars of a mirrored frame, and three in a corner with another
+    focal length.
+    """
     tested = subject(setting_of(camera, "own"), propagate(load_stars(8.0), 2000.0))
     rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
     share = np.array([f.share for f in FAULTS])
@@ -126,7 +133,9 @@ def test_what_the_campaign_once_found_stays_mended(camera: str, attitude: int) -
 
 @pytest.mark.parametrize(("camera", "attitude"), [("far_mst", 3636), ("far_mst", 4299), ("oersted", 3777)])
 def test_an_attitude_that_explains_a_quarter_of_the_stars_is_rejected(camera: str, attitude: int) -> None:
-    """Lists, mirrored or with false stars, whose best place named 3 of 27 to 11 of 42 stars: the reference answers none."""
+    """The reference returns no attitude for faulty lists in which the best attitude matched only 3 of 27 to 11 of 42
+    stars.
+    """
     tested = subject(setting_of(camera, "reference"), propagate(load_stars(8.0), 2000.0))
     rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
     share = np.array([f.share for f in FAULTS])

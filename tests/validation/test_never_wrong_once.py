@@ -1,4 +1,4 @@
-"""Faults of the hunt for false attitudes, and the lists that once misled a chain: they get no answer any more."""
+"""Faults of the search for wrong attitudes, and lists that once misled a chain and now give no attitude."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ STARS = load_stars(8.0)
 
 
 def test_faults_do_what_they_say() -> None:
-    """False stars are added, missing ones left out, mirroring and scale move the places, brightness stays in order."""
+    """False stars are added, mirroring and scale change positions, and brightness remains sorted."""
     tested = subject(SETTINGS[0], STARS)
-    made = {f.title: shown(tested, f, np.eye(3), np.random.default_rng(5)) for f in FAULTS}
-    plain = made["no fault"].centroids
-    assert len(made["10 false stars"].centroids) == len(plain) + 10
-    assert len(made["20 false stars alone"].centroids) == 20
-    flipped = made["mirrored"].centroids
-    assert np.allclose(flipped.col_px, tested.camera.columns - 1 - plain.col_px)
-    assert np.allclose(flipped.row_px, plain.row_px)
+    lists = {f.title: shown(tested, f, np.eye(3), np.random.default_rng(5)) for f in FAULTS}
+    without_fault = lists["no fault"].centroids
+    assert len(lists["10 false stars"].centroids) == len(without_fault) + 10
+    assert len(lists["20 false stars alone"].centroids) == 20
+    flipped = lists["mirrored"].centroids
+    assert np.allclose(flipped.col_px, tested.camera.columns - 1 - without_fault.col_px)
+    assert np.allclose(flipped.row_px, without_fault.row_px)
     middle = np.array([tested.camera.centre_col_px, tested.camera.centre_row_px])
-    wide, narrow = (made[f"focal length {sign}1 %"].truth for sign in "+−")
+    wide, narrow = (lists[f"focal length {sign}1 %"].truth for sign in "+−")
     both = np.intersect1d(wide.hip, narrow.hip)
     place = [np.array([t.pixels[t.hip.tolist().index(h)] for h in both]) - middle for t in (wide, narrow)]
     assert np.allclose(place[0], place[1] * 1.01 / 0.99)
-    for item in made.values():
+    for item in lists.values():
         assert (np.diff(item.centroids.flux_dn) <= 0).all()
 
 
@@ -48,14 +48,17 @@ ONCE_WRONG = (
 
 @pytest.mark.parametrize("numbers", ONCE_WRONG)
 def test_lists_that_misled_a_chain_get_no_answer(numbers: tuple[int, int, int, int, int]) -> None:
-    """Stars matched in one corner, or a cluster, at another focal length: none, whichever chain."""
+    """Stars matched in one corner or in a cluster at another focal length give no attitude, whatever the chain."""
     seed, chain, fault, mode, trial = numbers
     tested = subject(SETTINGS[chain], STARS)
     assert judge(tested, FAULTS[fault], (seed, chain, fault, mode), trial).verdict is Verdict.NONE
 
 
 def test_trial_is_made_again_by_its_numbers() -> None:
-    """The same seed, chain, fault, mode and number give the same score; fault-free tracking is correct."""
+    """The same seed, chain, fault, mode and number give the same score.
+
+    Tracking without fault gives an attitude that is not wrong.
+    """
     tested = subject(SETTINGS[1], STARS)
     first, again = (judge(tested, FAULTS[0], (3, 1, 0, len(MODES) - 1), 2) for _ in range(2))
     assert first == again

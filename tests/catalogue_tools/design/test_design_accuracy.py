@@ -1,4 +1,4 @@
-"""Expected accuracy against the scatter of the solver's own least squares."""
+"""Expected accuracy compared with the scatter of least-squares solutions."""
 
 from __future__ import annotations
 
@@ -17,38 +17,40 @@ from gss.pipeline.attitude import quest
 STARS = load_stars(8.0)
 
 
-def scatter_rad(c: DesignCamera, attitude: np.ndarray, rows: int, trials: int, seed: int) -> tuple[float, float]:
-    """Standard deviations (across, about) of QUEST over noisy pixels of the stars that one attitude shows."""
+def scatter_rad(camera: DesignCamera, attitude: np.ndarray, rows: int, trials: int, seed: int) -> tuple[float, float]:
+    """Return standard deviations (across, about) of QUEST over noisy pixels of the stars visible at one attitude."""
     rng = np.random.default_rng(seed)
     unit = STARS.icrs[:rows]
-    seen = np.flatnonzero(c.shape.inside(unit @ attitude.T))
-    sigma = a.star_sigma_px(c, STARS, rows)[seen]
-    pixels = c.camera.project(unit[seen] @ attitude.T)
-    turns = []
+    visible = np.flatnonzero(camera.shape.inside(unit @ attitude.T))
+    sigma = a.star_sigma_px(camera, STARS, rows)[visible]
+    pixels = camera.camera.project(unit[visible] @ attitude.T)
+    errors = []
     for _ in range(trials):
-        noisy = c.camera.unproject(pixels + sigma[:, None] * rng.normal(size=pixels.shape))
-        found = matrix_from_quaternion(quest(noisy, unit[seen], 1 / sigma**2))
-        turn = found @ attitude.T
-        turns.append([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    x, y, z = np.std(np.array(turns) / 2, axis=0)
+        noisy = camera.camera.unproject(pixels + sigma[:, None] * rng.normal(size=pixels.shape))
+        solved = matrix_from_quaternion(quest(noisy, unit[visible], 1 / sigma**2))
+        rotation = solved @ attitude.T
+        errors.append(
+            [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+        )
+    x, y, z = np.std(np.array(errors) / 2, axis=0)
     return float(np.hypot(x, y) / np.sqrt(2)), float(z)
 
 
 @pytest.mark.parametrize("name", ["sunsat", "far_mst"])
 def test_expected_accuracy_is_the_scatter_of_quest(name: str) -> None:
-    """For three attitudes the predicted σ across and about the boresight is QUEST's own scatter within 12 %."""
-    c = DesignCamera.from_profile(shipped_camera(name))
-    rows = bright_rows(STARS, limit_mag(c))
-    attitudes = look(c, 3, 11)
-    pairs = pairs_in_view(STARS.icrs[:rows], attitudes, c.shape)
-    across, about = a.sigma_rad(c, pairs, a.star_sigma_px(c, STARS, rows))
+    """For three attitudes the predicted σ across and about the boresight agrees with the scatter of QUEST within 12 %."""
+    camera = DesignCamera.from_profile(shipped_camera(name))
+    rows = bright_rows(STARS, limit_mag(camera))
+    attitudes = look(camera, 3, 11)
+    pairs = pairs_in_view(STARS.icrs[:rows], attitudes, camera.shape)
+    across, about = a.sigma_rad(camera, pairs, a.star_sigma_px(camera, STARS, rows))
     for k, attitude in enumerate(attitudes):
-        found = scatter_rad(c, attitude, rows, 300, k)
-        assert found == pytest.approx((across[k], about[k]), rel=0.12)
+        scatter = scatter_rad(camera, attitude, rows, 300, k)
+        assert scatter == pytest.approx((across[k], about[k]), rel=0.12)
 
 
 def test_roll_is_worse_than_across_by_the_lever_arm() -> None:
-    """Stars on a ring of tangent radius t: roll is 1/t times the cross error up to the field's own width (Huffman §7.2)."""
+    """For stars on a ring of tangent radius t, the roll error is 1/t times the cross error within 2 % (Huffman §7.2)."""
     c = DesignCamera.from_profile(shipped_camera("sunsat"))
     turn = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     t = 0.07
@@ -61,20 +63,23 @@ def test_roll_is_worse_than_across_by_the_lever_arm() -> None:
 
 
 def test_too_few_stars_give_no_accuracy() -> None:
-    """Two stars are not enough, and a camera that sees none has an accuracy of nothing, not an error."""
-    c = DesignCamera.from_profile(shipped_camera("sunsat"))
+    """Two stars give no accuracy. Fields without accuracy lower the share and raise no error."""
+    camera = DesignCamera.from_profile(shipped_camera("sunsat"))
     pairs = a.StarsInFields(np.zeros(2, np.intp), np.arange(2), np.array([[0.0, 0.05], [0.05, 0.0]]), np.array([2]))
-    assert np.isnan(a.sigma_rad(c, pairs, np.full(2, 0.1))[0]).all()
-    nothing = a.summary(np.array([np.nan]), np.array([np.nan]))
-    assert nothing.share == 0.0
-    assert nothing.cross_median_rad == np.inf
-    assert np.isnan(nothing.cross_mean_rad)
+    assert np.isnan(a.sigma_rad(camera, pairs, np.full(2, 0.1))[0]).all()
+    without_accuracy = a.summary(np.array([np.nan]), np.array([np.nan]))
+    assert without_accuracy.share == 0.0
+    assert without_accuracy.cross_median_rad == np.inf
+    assert np.isnan(without_accuracy.cross_mean_rad)
     half = a.summary(np.array([1.0, 2.0, np.nan, np.nan]), np.array([3.0, 4.0, np.nan, np.nan]))
     assert (half.share, half.cross_median_rad, half.cross_mean_rad, half.cross_p95_rad) == (0.5, 2.0, 1.5, np.inf)
 
 
 def test_longer_exposures_and_fainter_stars_help() -> None:
-    """The noise equivalent angle falls with the exposure, and the limit deepens; a given limit never grows."""
+    """A longer exposure and a fainter limit decrease the noise-equivalent angle.
+
+    A longer exposure also deepens the limit, unless the limit is given.
+    """
     c = DesignCamera.from_profile(shipped_camera("far_mst"))
     attitudes = look(c, 60, 2)
     pairs = pairs_in_view(STARS.icrs, attitudes, c.shape)
@@ -90,8 +95,8 @@ def test_longer_exposures_and_fainter_stars_help() -> None:
 
 
 def test_a_saturated_star_counts_no_better_than_the_brightest_that_does_not() -> None:
-    """Sirius in Sunsat's camera is centred no better than a star at the saturation limit."""
-    c = DesignCamera.from_profile(shipped_camera("sunsat"))
-    sigma = a.star_sigma_px(c, STARS, 200)
-    at_limit = int(np.searchsorted(STARS.v_mag, saturation_mag(c)))
+    """In Sunsat's camera, Sirius has the centroid error of a star at the saturation limit."""
+    camera = DesignCamera.from_profile(shipped_camera("sunsat"))
+    sigma = a.star_sigma_px(camera, STARS, 200)
+    at_limit = int(np.searchsorted(STARS.v_mag, saturation_mag(camera)))
     assert sigma[0] == pytest.approx(sigma[at_limit], rel=0.02)

@@ -1,4 +1,4 @@
-"""The documents' own formulas give the numbers that the documents print."""
+"""The documents' formulas give the numbers that the documents print."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ ICX = replace(DesignCamera.from_profile(shipped_camera("sunsat")), transmission=
 
 
 def edge_mv(sigma_px: float) -> float:
-    """What Fig. 9-4 draws: a V 6 star's edge pixel, 3 dB down."""
+    """Return the curve of Fig. 9-4: the signal of the edge pixel of a V 6 star, 3 dB down."""
     c = replace(ICX, psf_sigma_px=sigma_px)
     return 1e3 * limits_jacobs.edge_v(c, 6.0) / limits_jacobs.MARGIN
 
 
 def test_jacobs_prints_his_responsivity_and_dark_pattern() -> None:
-    """Eq. H.4: 1.385 V/(lx s); eq. 9.8: 1.133 mV; eq. C.4: 1.05e-8 lx."""
+    """Eq. H.4 gives 1.385 V/(lx s), eq. 9.8 gives 1.133 mV, and eq. C.4 gives 1.05e-8 lx."""
     assert limits_jacobs.ICX059.responsivity_v_lx_s == pytest.approx(1.385, abs=5e-4)
     assert 1e3 * limits_jacobs.dsnu_v(1.0) == pytest.approx(1.133, abs=5e-4)
     assert limits_jacobs.star_lux(6.0) == pytest.approx(1.05e-8, rel=5e-3)
 
 
 def test_jacobs_star_image_may_be_between_one_and_two_and_a_half_pixels() -> None:
-    """Fig. 9-4: the peak is 1.6 mV; the curve is above 1.133 mV from about σ = 1 to 2.5 px (§9.2.2)."""
+    """The peak of Fig. 9-4 is 1.6 mV, and the curve is above 1.133 mV for σ of about 1 to 2.5 px (§9.2.2)."""
     sigma = np.arange(0.5, 4.0, 0.01)
     curve = np.array([edge_mv(float(s)) for s in sigma])
     above = sigma[curve > 1.133]
@@ -38,7 +38,10 @@ def test_jacobs_star_image_may_be_between_one_and_two_and_a_half_pixels() -> Non
 
 
 def test_jacobs_limit_is_where_the_edge_pixel_meets_the_dark_pattern() -> None:
-    """At the limit both sides of eq. 9.16 are equal, and it is fainter than 6 for the document's star; exposure cancels."""
+    """At the limit both sides of eq.
+
+    9.16 are equal. The limit is fainter than V 6 for the document's star and independent of exposure.
+    """
     limit = limits_jacobs.limit_mag(ICX)
     assert limits_jacobs.edge_v(ICX, limit) / limits_jacobs.MARGIN == pytest.approx(limits_jacobs.dsnu_v(1.0))
     assert 6.0 < limit < 6.6
@@ -46,7 +49,7 @@ def test_jacobs_limit_is_where_the_edge_pixel_meets_the_dark_pattern() -> None:
 
 
 def test_huffman_prints_his_noise_and_our_dossier_his_ratios() -> None:
-    """SNR of eq. 3.18 with Table 4.1's values, without the superfluous gain."""
+    """Eq. 3.18 without the superfluous gain gives the noise of Table 4.1, and the dossier's ratios for Table 7.1."""
     table_4_1 = limits_huffman.HuffmanImager(np.pi * 1e-4, 0.1, 2.5, 41, 40)
     assert table_4_1.noise_e == pytest.approx(40.51, abs=0.01)
     table_7_1 = limits_huffman.HuffmanImager(1.77e-4, 0.1, 2.5, 41, 39)
@@ -57,14 +60,16 @@ def test_huffman_prints_his_noise_and_our_dossier_his_ratios() -> None:
 
 
 def test_huffman_limit_reaches_the_threshold() -> None:
-    """A star at the limit has the camera's threshold for its SNR."""
+    """The SNR of a star at the limit is the camera's threshold."""
     c = DesignCamera.from_profile(shipped_camera("far_mst"))
     i = limits_huffman.imager_of(c)
     assert limits_huffman.snr(i, limits_huffman.limit_mag(c)) == pytest.approx(c.threshold_snr)
 
 
 def test_erlank_prints_his_photons_and_fields() -> None:
-    """§3.4.4: 6.733e10 and 21 115 photons; Table 3.5: 51.6 x 27.28° and 42.33° for 6 mm, 54 x 28.6° and 44.34° for 5.7 mm."""
+    """The formulas give 6.733e10 and 21 115 photons (§3.4.4), and in Table 3.5: 51.6 x 27.28° and 42.33° for 6 mm, 54 x
+    28.6° and 44.34° for 5.7 mm.
+    """
     assert limits_erlank.photons_s(25e-9) == pytest.approx(6.733e10, rel=1e-4)
     assert limits_erlank.needed_photons_s(5.6, 5.6) == pytest.approx(21_115, abs=1)
     for focal, across, down, circle in ((6.0, 51.6, 27.28, 42.33), (5.7, 54.0, 28.6, 44.34)):
@@ -74,7 +79,10 @@ def test_erlank_prints_his_photons_and_fields() -> None:
 
 
 def test_erlank_printed_limit_needs_less_than_two_pixels() -> None:
-    """The text's 5.5 does not follow for 3 x 3 pixels from its own inputs (3.68); it does for 1.7 pixels, and 6.07 for one."""
+    """With the text's inputs the limit is 3.68 for 3 x 3 pixels, not the printed 5.5.
+
+    It is 5.5 for 1.7 pixels and 6.07 for one.
+    """
     needed = limits_erlank.needed_photons_s(5.6, 5.6)
     limits = [limits_erlank.limit_of_lens_mag(limits_erlank.Lens(), needed, n) for n in (1, 1.69, 9, 25)]
     assert limits == pytest.approx([6.07, 5.50, 3.68, 2.57], abs=0.005)
@@ -82,13 +90,13 @@ def test_erlank_printed_limit_needs_less_than_two_pixels() -> None:
 
 
 def test_moniteq_prints_the_ratio() -> None:
-    """§4.4: S/N 280 for the 50 mm lens in 4 s."""
-    d = limits_moniteq.MoniteqDetector()
-    assert limits_moniteq.snr(d, 10.0, 6.0, 4.0) == pytest.approx(280, rel=0.02)
+    """The S/N for the 50 mm lens in 4 s is 280 (§4.4)."""
+    detector = limits_moniteq.MoniteqDetector()
+    assert limits_moniteq.snr(detector, 10.0, 6.0, 4.0) == pytest.approx(280, rel=0.02)
 
 
 def test_moniteq_stray_light_tables() -> None:
-    """Table 5.2: 1.46e-6 cm² sr, 9.5e14 and 2.0e10 e/s; Table 5.3 row by row."""
+    """The formulas give Table 5.2 (1.46e-6 cm² sr, 9.5e14 and 2.0e10 e/s) and every row of Table 5.3."""
     etendue = stray_light.pixel_etendue_cm2_sr(20, 20, 1.4)
     assert etendue == pytest.approx(1.46e-6, rel=5e-3)
     # The printed radiance uses the diameter of the Sun as its radius (errata).

@@ -1,4 +1,4 @@
-"""Stars in view: counted curves against brute force, against the documents, and against each other."""
+"""Stars in view: curves compared with brute force, with the documents and with one another."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ SUNSAT = DesignCamera.from_profile(shipped_camera("sunsat"))
 
 
 def brute(c: DesignCamera, attitudes: np.ndarray, rows: int) -> np.ndarray:
-    """(m, rows) which star is on the detector, by projecting every one."""
+    """Return (m, rows): true for each star on the detector, by projecting every star."""
     pixels = np.stack([c.camera.project(STARS.icrs[:rows] @ a.T) for a in attitudes])
     return c.camera.contains(pixels)
 
 
 def test_pairs_are_every_star_on_the_detector_brightest_first() -> None:
-    """The pairs of 200 fields are those of projecting the whole catalogue, in order of brightness within each field."""
+    """The pairs of 200 fields equal those of projecting the whole catalogue, in order of brightness within each field."""
     rows = v.bright_rows(STARS, 5.0)
     attitudes = v.look(SUNSAT, 200, 3)
     pairs = v.pairs_in_view(STARS.icrs[:rows], attitudes, SUNSAT.shape)
@@ -36,7 +36,7 @@ def test_pairs_are_every_star_on_the_detector_brightest_first() -> None:
 
 
 def test_curves_by_limit_circle_and_focal_length_are_counts() -> None:
-    """Each share equals counting fields one by one at that limit, that circle, that focal length."""
+    """For each limit, circle and focal length, the share equals a count field by field."""
     rows = v.bright_rows(STARS, 6.0)
     attitudes = v.look(SUNSAT, 300, 5)
     pairs = v.pairs_in_view(STARS.icrs[:rows], attitudes, SUNSAT.shape)
@@ -67,18 +67,21 @@ def test_mean_by_limit_is_exact_over_the_sphere() -> None:
 
 
 def test_many_pointings_are_counted_with_progress_and_give_jacobs_histogram() -> None:
-    """60 000 pointings to V 6: fewer than three near the paper's 5.6 per mille, the mean exact, progress never falling."""
+    """Of 60 000 fields to V 6, 3 to 6.5 per mille have fewer than three stars (paper: 5.6).
+
+    Progress never decreases and ends at 1.
+    """
     rows, progress = v.bright_rows(STARS, 6.0), []
-    seen = v.count_stars(
+    counts = v.count_stars(
         STARS.icrs[:rows], lambda k, m: v.look(SUNSAT, m, 100 + k), 60_000, SUNSAT.shape, map, progress.append
     )
-    assert seen.pointings == seen.histogram.sum() == 60_000
-    assert 0.003 < seen.p_fewer_than(3) < 0.0065
+    assert counts.pointings == counts.histogram.sum() == 60_000
+    assert 0.003 < counts.p_fewer_than(3) < 0.0065
     assert progress == sorted(progress)
     assert progress[-1] == 1.0
     assert len(progress) > 3
-    place = np.flatnonzero(seen.histogram)[0]
-    assert seen.worst_stars == place
+    fewest_stars = np.flatnonzero(counts.histogram)[0]
+    assert counts.worst_stars == fewest_stars
 
 
 def test_a_cancellation_ends_the_count() -> None:
@@ -96,7 +99,7 @@ def test_a_cancellation_ends_the_count() -> None:
 
 
 def test_pointings_along_an_orbit_stay_in_its_band() -> None:
-    """A zenith camera of an equatorial orbit looks at declinations near zero only; without pointings there is an error."""
+    """A zenith camera on an equatorial orbit sees only declinations near zero. Zero pointings give an error."""
     limits = AttitudeLimits("zenith")
     band = BandEnvelope(SUNSAT.shape, limits, from_elements((0.0, 0.0), (0.0, 6.28)))
     assert np.abs(v.look(SUNSAT, 500, 1, band)[:, 2, 2]).max() < 1e-6

@@ -1,4 +1,4 @@
-"""Cameras on the drawing board, and our radiometry against drawn and noisy frames."""
+"""Camera designs: the radiometry compared with rendered and noisy frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gss.pipeline.render import spots
 
 
 def test_documents_cameras_keep_their_zero_point_noise_and_field() -> None:
-    """A design camera made of a profile has the profile's electrons, noise, pixel and aperture."""
+    """A design camera created from a profile has the profile's zero point, noise, pixel size and aperture."""
     for c in map(DesignCamera.from_profile, (i.profile for i in shipped_registry().all() if i.profile.chain)):
         p = shipped_camera(c.name)
         assert c.zero_point_e_s == pytest.approx(p.sensor.zero_point_e_s)
@@ -50,13 +50,13 @@ def test_impossible_cameras_are_rejected(changes: dict[str, float], said: str) -
 
 
 def test_an_unknown_camera_is_rejected() -> None:
-    """The documents' cameras are listed."""
+    """The error for an unknown camera lists the known ones."""
     with pytest.raises(NotFound, match="sunsat"):
         shipped_camera("hubble")
 
 
 def test_brightest_pixel_share_is_that_of_drawn_spots() -> None:
-    """Mean over the pixel, centred, and streaked shares agree with spots that the renderer draws."""
+    """Mean, centred and streaked shares of the brightest pixel agree with spots drawn by the renderer."""
     phases = (np.arange(9) + 0.5) / 9 - 0.5
     for sigma in (0.45, 1.2, 2.5):
         peaks = [spots(21, 21, np.array([[10 + x, 10 + y]]), np.ones(1), sigma)[10, 10] for x in phases for y in phases]
@@ -70,7 +70,7 @@ def test_brightest_pixel_share_is_that_of_drawn_spots() -> None:
 
 
 def test_limits_reach_the_threshold_and_fainter_ones_do_not() -> None:
-    """At either limit the SNR is the threshold; a longer exposure, a larger lens and less noise go fainter."""
+    """At both limits the SNR is the threshold. A longer exposure, a larger lens and less noise give a fainter limit."""
     for c in map(DesignCamera.from_profile, (i.profile for i in shipped_registry().all() if i.profile.chain)):
         assert float(r.snr_brightest_pixel(c, r.limit_brightest_pixel_mag(c))) == pytest.approx(c.threshold_snr)
         assert float(r.snr_window(c, r.limit_window_mag(c))) == pytest.approx(c.threshold_snr)
@@ -85,7 +85,9 @@ def test_limits_reach_the_threshold_and_fainter_ones_do_not() -> None:
 
 
 def test_documents_limits_are_near_ours_where_the_profile_was_made_for_them() -> None:
-    """Sunsat's V 6 and saturation at 2.5, and FAR-MST's 4.5, lie within 0.6 mag of our radiometry at SNR 5."""
+    """Our radiometry agrees with Sunsat's limit of V 6 within 0.6 mag, and with its saturation at 2.5 and FAR-MST's
+    limit of 4.5 within 0.3 mag.
+    """
     sunsat, far = (
         DesignCamera.from_profile(shipped_camera("sunsat")),
         DesignCamera.from_profile(shipped_camera("far_mst")),
@@ -96,7 +98,7 @@ def test_documents_limits_are_near_ours_where_the_profile_was_made_for_them() ->
 
 
 def test_half_a_magnitude_is_lost_at_the_rate_that_blurs() -> None:
-    """The streak found costs 0.5 mag, and the rate draws that streak in one exposure."""
+    """The streak at the blur rate costs 0.5 mag, and that rate causes this streak in one exposure."""
     for c in map(DesignCamera.from_profile, (i.profile for i in shipped_registry().all() if i.profile.chain)):
         blur = r.motion_blur(c)
         assert float(r.blur_loss_mag(c.psf_sigma_px, np.array([blur.streak_px]))[0]) == pytest.approx(0.5, abs=1e-6)
@@ -105,7 +107,9 @@ def test_half_a_magnitude_is_lost_at_the_rate_that_blurs() -> None:
 
 
 def test_bound_is_met_by_the_reference_chains_fit() -> None:
-    """The scatter of the least-squares fit of stars on noisy stamps is the Cramér–Rao bound within a tenth, bright and faint."""
+    """The scatter of least-squares fits to noisy stamps agrees with the Cramér–Rao bound within a tenth, for bright and
+    faint stars.
+    """
     rng = np.random.default_rng(4)
     sigma, noise, n = 1.2, 42.0, 600
     side = 21
@@ -126,14 +130,17 @@ def test_bound_is_met_by_the_reference_chains_fit() -> None:
 
 
 def test_bound_table_is_the_exact_bound() -> None:
-    """Interpolation over electrons errs by less than two in a thousand; uneven response sets a floor."""
+    """The interpolated bound is within 0.2 % of the exact one. Uneven response sets a lower limit."""
     e = np.geomspace(30, 1e7, 37)
     assert bound_px(e, 1.2, 42.0, 0.01) == pytest.approx(exact_bound_px(e, 1.2, 42.0, 0.01), rel=2e-3)
     assert bound_px(1e8, 1.2, 42.0, 0.01) > 5 * bound_px(1e8, 1.2, 42.0, 0.0)
 
 
 def test_best_star_image_is_the_documents_half_pixel() -> None:
-    """Moniteq §4.2's pixel over σ of 2 to 2.5 is where noise and pixel bias together are least; sharper is called sharp."""
+    """Noise and pixel bias together are least for Moniteq §4.2's pixel over σ of 2 to 2.5.
+
+    Narrower star images are rated sharp.
+    """
     c = DesignCamera.from_profile(shipped_camera("sunsat"))
     advice = psf_advice(c)
     assert 2.0 <= 1 / advice.best_px <= 3.0
@@ -144,7 +151,7 @@ def test_best_star_image_is_the_documents_half_pixel() -> None:
 
 
 def test_dark_current_may_fill_the_converter() -> None:
-    """Erlank §3.4.4: 1008 of 4096 counts per second fill a pixel in 4.06 s; then every star saturates."""
+    """Erlank §3.4.4: 1008 counts per second fill the converter's 4096 in 4.06 s. Then every star saturates."""
     c = replace(
         DesignCamera.from_profile(shipped_camera("cubestar")),
         bits=12,

@@ -1,4 +1,4 @@
-"""Frames of a night for every camera: rendered, measured by the detector, identified by the truth."""
+"""Frames of one night for every camera: rendered, measured by the detector and identified from the truth."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from gss.pipeline.render import Rendered, render, stars_near, truth_of
 
 @lru_cache
 def sky() -> StarTable:
-    """The catalogue to V 8."""
+    """Return the catalogue to V 8."""
     return load_stars(8.0)
 
 
 def attitudes(camera: Camera, count: int, fewest: int, limit_mag: float, seed: int) -> list[Array]:
     """Return random attitudes with at least ``fewest`` visible stars each."""
-    rng, stars, made = np.random.default_rng(seed), sky().brighter_than(limit_mag), []
-    while len(made) < count:
-        turn = matrix_from_quaternion(random_quaternion(rng))
-        if len(truth_of(stars_near(stars, camera, turn), camera, turn).hip) >= fewest:
-            made.append(turn)
-    return made
+    rng, stars, accepted = np.random.default_rng(seed), sky().brighter_than(limit_mag), []
+    while len(accepted) < count:
+        attitude = matrix_from_quaternion(random_quaternion(rng))
+        if len(truth_of(stars_near(stars, camera, attitude), camera, attitude).hip) >= fewest:
+            accepted.append(attitude)
+    return accepted
 
 
 def seen_frames(
@@ -48,15 +48,15 @@ def seen_frames(
     most: int = 60,
     seed: int = 1,
 ) -> list[FrameStars]:
-    """Stars at their true places with normal errors: no picture, for figures that need exact noise."""
+    """Return stars at their true positions plus normal errors. No image is rendered, so that the noise is exact."""
     rng, stars = np.random.default_rng([seed, 9]), sky().brighter_than(limit_mag)
-    made = []
-    for k, turn in enumerate(attitudes(camera, frames, fewest, limit_mag, seed)):
-        truth = truth_of(stars_near(stars, camera, turn), camera, turn)
+    star_lists = []
+    for k, attitude in enumerate(attitudes(camera, frames, fewest, limit_mag, seed)):
+        truth = truth_of(stars_near(stars, camera, attitude), camera, attitude)
         n = min(len(truth.hip), most)
         rows = np.array([stars.row_of_hip[int(h)] for h in truth.hip[:n]])
         nan = np.full(n, np.nan)
-        made.append(
+        star_lists.append(
             FrameStars(
                 f"frame {k}",
                 camera.columns,
@@ -73,46 +73,50 @@ def seen_frames(
                 time_s=float(k),
             )
         )
-    return made
+    return star_lists
 
 
 @lru_cache
 def rendered_frames(
     name: str, count: int = 30, exposure: float = 2.0, seed: int = 1
 ) -> tuple[tuple[FrameStars, ...], tuple[Array, ...]]:
-    """Rendered frames of a profile with noise, measured by the detector; and each star's true error (n, 2) px."""
-    known = shipped_camera(name)
+    """Return rendered frames of a profile with noise, measured by the detector, and the true error of each star, (n, 2)
+    px.
+    """
+    profile = shipped_camera(name)
     rng, exposure_s = (
         np.random.default_rng([seed, 5]),
-        min(exposure * known.sensor.exposure_s, known.sensor.exposure_max_s),
+        min(exposure * profile.sensor.exposure_s, profile.sensor.exposure_max_s),
     )
     frames, errors = [], []
-    for k, turn in enumerate(attitudes(known.camera, count, 4, 5.0 if name != "aim" else 7.0, seed)):
-        picture = render(sky().brighter_than(7.5), known.camera, known.sensor, turn, exposure_s, rng)
-        found, hip, truth = measure(picture, known)
+    for k, attitude in enumerate(attitudes(profile.camera, count, 4, 5.0 if name != "aim" else 7.0, seed)):
+        picture = render(sky().brighter_than(7.5), profile.camera, profile.sensor, attitude, exposure_s, rng)
+        centroids, hip, truth = measure(picture, profile)
         rows = np.array([sky().row_of_hip[int(h)] for h in hip], np.intp)
-        size = (known.camera.columns, known.camera.rows)
-        frames.append(of_centroids(f"frame {k}", size, found, sky(), rows, exposure_s, float(k)))
-        errors.append(found.pixels - truth)
+        size = (profile.camera.columns, profile.camera.rows)
+        frames.append(of_centroids(f"frame {k}", size, centroids, sky(), rows, exposure_s, float(k)))
+        errors.append(centroids.pixels - truth)
     return tuple(frames), tuple(errors)
 
 
-def measure(picture: Rendered, known: CameraProfile) -> tuple[Centroids, Array, Array]:
-    """Return the fit at bright, complete and isolated stars: centroids, star numbers, true positions."""
-    sensor, truth = known.sensor, picture.truth
+def measure(picture: Rendered, profile: CameraProfile) -> tuple[Centroids, Array, Array]:
+    """Return the fit at bright, complete and isolated stars: centroids, Hipparcos numbers, true positions."""
+    sensor, truth = profile.sensor, picture.truth
     half = int(np.ceil(3 * sensor.psf_sigma_px)) + 1
     gap = np.hypot(*(truth.pixels[:, None] - truth.pixels[None]).transpose(2, 0, 1))
     np.fill_diagonal(gap, np.inf)
     light = sensor.star_e(truth.v_mag, 1.0)
-    alone = ~((gap < 3 * half) & (light[None] > 0.03 * light[:, None])).any(axis=1)
-    inside = known.camera.contains(truth.pixels, half + 1.0)
-    pick = np.flatnonzero(alone & inside & (truth.v_mag < sensor.faint_limit_mag + 1.0))[:60]
-    place = np.rint(truth.pixels[pick]).astype(np.intp)
+    isolated = ~((gap < 3 * half) & (light[None] > 0.03 * light[:, None])).any(axis=1)
+    inside = profile.camera.contains(truth.pixels, half + 1.0)
+    selected = np.flatnonzero(isolated & inside & (truth.v_mag < sensor.faint_limit_mag + 1.0))[:60]
+    place = np.rint(truth.pixels[selected]).astype(np.intp)
     level = float(np.median(picture.pixels))
     spread = max(1.4826 * float(np.median(np.abs(picture.pixels - level))), 0.5)
-    stamps = cut_stamps(picture.pixels, place[:, 0], place[:, 1], np.full(len(pick), level), half, sensor.saturation_dn)
+    stamps = cut_stamps(
+        picture.pixels, place[:, 0], place[:, 1], np.full(len(selected), level), half, sensor.saturation_dn
+    )
     shape = (sensor.psf_sigma_px**2 + 1 / 12) * np.eye(2)
-    fit = fit_stars(stamps, place[:, 0], place[:, 1], shape, np.full(len(pick), spread), sensor.gain_e_per_dn)
+    fit = fit_stars(stamps, place[:, 0], place[:, 1], shape, np.full(len(selected), spread), sensor.gain_e_per_dn)
     good = (
         fit.good
         & stamps.use.all(axis=1)
@@ -120,37 +124,37 @@ def measure(picture: Rendered, known: CameraProfile) -> tuple[Centroids, Array, 
         & (np.hypot(fit.col - place[:, 0], fit.row - place[:, 1]) < 1.2)
     )
     peak = stamps.value.max(axis=1)
-    seen = Centroids(fit.col, fit.row, fit.flux, peak + level, np.full(len(pick), 9, np.int32), fit.sigma_px)
-    return seen.take(good), truth.hip[pick][good], truth.pixels[pick][good]
+    centroids = Centroids(fit.col, fit.row, fit.flux, peak + level, np.full(len(selected), 9, np.int32), fit.sigma_px)
+    return centroids.take(good), truth.hip[selected][good], truth.pixels[selected][good]
 
 
 def rough(camera: Camera) -> Camera:
-    """Initial camera: half a percent off in focal length, no distortion, centre of the detector."""
+    """Return an initial camera: focal length wrong by 0.5 %, no distortion, centre of the detector."""
     middle = {"centre_col_px": (camera.columns - 1) / 2, "centre_row_px": (camera.rows - 1) / 2}
-    bare = Camera.from_fov(camera.columns, camera.rows, 1.0)
-    plain = replace(camera, distortion=bare.distortion, **middle)
-    return plain.with_focal_scaled(1.005)
+    ideal = Camera.from_fov(camera.columns, camera.rows, 1.0)
+    undistorted = replace(camera, distortion=ideal.distortion, **middle)
+    return undistorted.with_focal_scaled(1.005)
 
 
 @pytest.fixture(scope="session")
 def night() -> Callable[..., list[FrameStars]]:
-    """``seen_frames``."""
+    """The function ``seen_frames``."""
     return seen_frames
 
 
 @pytest.fixture(scope="session")
 def rendered() -> Callable[..., tuple[tuple[FrameStars, ...], tuple[Array, ...]]]:
-    """``rendered_frames``."""
+    """The function ``rendered_frames``."""
     return rendered_frames
 
 
 @pytest.fixture(scope="session")
 def rough_camera() -> Callable[[Camera], Camera]:
-    """``rough``."""
+    """The function ``rough``."""
     return rough
 
 
 @pytest.fixture(scope="session")
 def known() -> Callable[[str], CameraProfile]:
-    """A profile by name."""
+    """Function that returns a shipped profile by name."""
     return shipped_camera

@@ -1,4 +1,4 @@
-"""Dots, star pairs, polynomials and checkerboards against the cameras that saw them."""
+"""Calibration from dots, star pairs, polynomials and checkerboards, compared with the cameras that saw them."""
 
 from __future__ import annotations
 
@@ -30,8 +30,12 @@ needs_opencv = pytest.mark.skipif(
 )
 
 
-def _turned(camera: Camera, direction: tuple[float, float], turns: int, play_px: float, seed: int) -> np.ndarray:
-    """Places of a dot in a direction (tangents) while the camera turns about its axis, with the clamp's play."""
+def _positions_of_rotated_dot(
+    camera: Camera, direction: tuple[float, float], turns: int, play_px: float, seed: int
+) -> np.ndarray:
+    """Return positions of a dot in a direction (tangents) while the camera rotates about its axis; ``play_px`` is the
+    clamp's play.
+    """
     rng = np.random.default_rng(seed)
     x, y = direction
     angles = np.arange(turns) * 2 * np.pi / turns
@@ -41,26 +45,29 @@ def _turned(camera: Camera, direction: tuple[float, float], turns: int, play_px:
 
 
 def test_centre_is_the_centre_of_the_circle_of_a_dot(known: Known) -> None:
-    """A circle of 15 px with 0.2 px of play gives the centre of the profile within its error, a fifth of a pixel."""
+    """A circle of 15 px with 0.2 px of play gives the true centre within five σ, and σ is below 0.1 px."""
     camera = known("cubestar").camera
     shifted = replace(camera, centre_col_px=540.3, centre_row_px=240.8)
-    made = optical_centre(_turned(shifted, (0.013, 0.004), 36, 0.2, 1))
-    assert made.circle
-    assert made.radius_px == pytest.approx(15.2, abs=0.3)
-    assert np.hypot(made.col_px - 540.3, made.row_px - 240.8) < 5 * made.sigma_px
-    assert made.sigma_px < 0.1
-    assert made.warnings == ()
+    centre = optical_centre(_positions_of_rotated_dot(shifted, (0.013, 0.004), 36, 0.2, 1))
+    assert centre.circle
+    assert centre.radius_px == pytest.approx(15.2, abs=0.3)
+    assert np.hypot(centre.col_px - 540.3, centre.row_px - 240.8) < 5 * centre.sigma_px
+    assert centre.sigma_px < 0.1
+    assert centre.warnings == ()
 
 
 def test_centre_of_a_dot_that_jumps_is_the_middle_of_its_box(known: Known) -> None:
-    """Play larger than the circle, as in Jacobs' Fig. F-2: the middle of about 12 px, within a few pixels."""
+    """If the play exceeds the circle, as in Jacobs' Fig.
+
+    F-2, the centre is the middle of the dot's box, within 3 px.
+    """
     camera = known("sunsat").camera
-    made = optical_centre(_turned(camera, (0.0002, 0.0), 36, 2.5, 2))
-    assert not made.circle
-    assert max(made.box_px) < 16
-    assert abs(made.col_px - camera.centre_col_px) < 3
-    assert abs(made.row_px - camera.centre_row_px) < 3
-    half = _turned(camera, (0.003, 0.0), 36, 0.1, 2)[:9]
+    centre = optical_centre(_positions_of_rotated_dot(camera, (0.0002, 0.0), 36, 2.5, 2))
+    assert not centre.circle
+    assert max(centre.box_px) < 16
+    assert abs(centre.col_px - camera.centre_col_px) < 3
+    assert abs(centre.row_px - camera.centre_row_px) < 3
+    half = _positions_of_rotated_dot(camera, (0.003, 0.0), 36, 0.1, 2)[:9]
     assert "one-part" in {w.code for w in optical_centre(half).warnings}
     assert "far-dot" in {w.code for w in optical_centre(np.random.default_rng(1).normal(0, 20, (36, 2))).warnings}
     with pytest.raises(BadInput, match="positions of a dot"):
@@ -68,28 +75,40 @@ def test_centre_of_a_dot_that_jumps_is_the_middle_of_its_box(known: Known) -> No
 
 
 def test_tilt_is_fitted_to_pairs_of_spots(known: Known) -> None:
-    """Jacobs' 0.733° in its direction from 36 pairs with an error of 0.02 px, within a small multiple of σ."""
-    own = known("sunsat")
-    lens = own.camera.distortion
+    """36 pairs with an error of 0.02 px give Jacobs' tilt of 0.733° and its direction within 3.5 σ."""
+    profile = known("sunsat")
+    lens = profile.camera.distortion
     assert isinstance(lens, RadialTilt)
-    camera = replace(own.camera, distortion=RadialTilt(25.0, lens.tilt_max_rad, lens.tilt_direction_rad))
-    inner, outer = _turned(camera, (0.0, 0.0), 36, 0.02, 3), _turned(camera, (0.06, 0.0), 36, 0.02, 4)
-    made = detector_tilt(inner, outer, own.camera, 25.0)
-    assert np.degrees(made.tilt_max_rad) == pytest.approx(0.733, abs=0.08)
-    assert abs(made.tilt_max_rad - lens.tilt_max_rad) < 3.5 * made.sigma_rad[0]
-    off = (made.tilt_direction_rad - lens.tilt_direction_rad + np.pi) % (2 * np.pi) - np.pi
-    assert abs(off) < 3.5 * made.sigma_rad[1]
-    assert made.radius_mm == pytest.approx(1.5, abs=0.01)
-    assert made.rms_mm == pytest.approx(0.02 * np.sqrt(2) * 0.0064, rel=0.4)
-    upright = replace(own.camera, distortion=RadialTilt(25.0))
-    none = detector_tilt(_turned(upright, (0, 0), 36, 0.3, 5), _turned(upright, (0.06, 0), 36, 0.3, 6), upright, 25.0)
-    assert {w.code for w in none.warnings} == {"no-tilt"}
+    camera = replace(profile.camera, distortion=RadialTilt(25.0, lens.tilt_max_rad, lens.tilt_direction_rad))
+    inner, outer = (
+        _positions_of_rotated_dot(camera, (0.0, 0.0), 36, 0.02, 3),
+        _positions_of_rotated_dot(camera, (0.06, 0.0), 36, 0.02, 4),
+    )
+    tilt = detector_tilt(inner, outer, profile.camera, 25.0)
+    assert np.degrees(tilt.tilt_max_rad) == pytest.approx(0.733, abs=0.08)
+    assert abs(tilt.tilt_max_rad - lens.tilt_max_rad) < 3.5 * tilt.sigma_rad[0]
+    direction_error = (tilt.tilt_direction_rad - lens.tilt_direction_rad + np.pi) % (2 * np.pi) - np.pi
+    assert abs(direction_error) < 3.5 * tilt.sigma_rad[1]
+    assert tilt.radius_mm == pytest.approx(1.5, abs=0.01)
+    assert tilt.rms_mm == pytest.approx(0.02 * np.sqrt(2) * 0.0064, rel=0.4)
+    upright = replace(profile.camera, distortion=RadialTilt(25.0))
+    without_tilt = detector_tilt(
+        _positions_of_rotated_dot(upright, (0, 0), 36, 0.3, 5),
+        _positions_of_rotated_dot(upright, (0.06, 0), 36, 0.3, 6),
+        upright,
+        25.0,
+    )
+    assert {w.code for w in without_tilt.warnings} == {"no-tilt"}
     with pytest.raises(BadInput, match="numbers of inner and outer dots"):
-        detector_tilt(inner, outer[:30], own.camera, 25.0)
+        detector_tilt(inner, outer[:30], profile.camera, 25.0)
 
 
 def test_focal_length_of_one_pair_is_exact() -> None:
-    """Eq. 6.4 solved: the camera that saw two stars, to rounding, however near they are; NaN where none can have."""
+    """The solution of eq.
+
+    6.4 is the focal length of the camera that saw the pair, however close the two stars are. It is NaN if no camera
+    can have seen the pair.
+    """
     rng = np.random.default_rng(4)
     for reach in (0.3, 0.01, 0.0003):
         for _ in range(20):
@@ -101,7 +120,7 @@ def test_focal_length_of_one_pair_is_exact() -> None:
 
 
 def test_documents_coefficients_have_the_same_root() -> None:
-    """Eq. 6.4–6.6 as printed, with its own a, b, c, agrees."""
+    """The function agrees with the root of eq. 6.4–6.6 with the printed coefficients a, b and c."""
     (u1, v1), (u2, v2), theta = (1.1, -0.4), (-0.7, 0.9), 0.0886
     sec2 = 1 / np.cos(theta) ** 2
     a = sec2 - 1
@@ -112,15 +131,18 @@ def test_documents_coefficients_have_the_same_root() -> None:
 
 
 def test_focal_length_comes_from_pairs_of_a_night(night: Night, known: Known) -> None:
-    """FAR-MST within 0.05 % and its σ; Erlank's small-angle form on the same pairs is close; distortion is reported."""
+    """FAR-MST's focal length is found within 0.05 % and 4 σ.
+
+    Erlank's small-angle form agrees within 2 %, and distortion is reported.
+    """
     camera = known("far_mst").camera
-    made = focal_from_pairs(night(camera, limit_mag=5.5), camera.with_focal_scaled(1.03))
+    estimate = focal_from_pairs(night(camera, limit_mag=5.5), camera.with_focal_scaled(1.03))
     focal = camera.focal_col_px
-    assert made.focal_px == pytest.approx(focal, rel=5e-4)
-    assert abs(made.focal_px - focal) < 4 * made.sigma_px
-    assert made.erlank_px == pytest.approx(focal, rel=0.02)
-    bent = replace(camera, distortion=Brown(-0.3))
-    assert {w.code for w in focal_from_pairs(night(bent, limit_mag=5.5), camera, radius_px=800).warnings} == {
+    assert estimate.focal_px == pytest.approx(focal, rel=5e-4)
+    assert abs(estimate.focal_px - focal) < 4 * estimate.sigma_px
+    assert estimate.erlank_px == pytest.approx(focal, rel=0.02)
+    distorted = replace(camera, distortion=Brown(-0.3))
+    assert {w.code for w in focal_from_pairs(night(distorted, limit_mag=5.5), camera, radius_px=800).warnings} == {
         "distortion"
     }
     with pytest.raises(BadInput, match="too few pairs"):
@@ -128,28 +150,28 @@ def test_focal_length_comes_from_pairs_of_a_night(night: Night, known: Known) ->
 
 
 def test_polynomial_in_millimetres_is_recovered(night: Night, known: Known) -> None:
-    """Jacobs' Δr (F.9) within a micrometre over the whole detector, with tilt and centre known."""
-    own = known("sunsat")
-    lens = own.camera.distortion
+    """With known tilt and centre, Jacobs' Δr (F.9) is recovered to 1.2 µm over the whole detector."""
+    profile = known("sunsat")
+    lens = profile.camera.distortion
     assert isinstance(lens, RadialTilt)
-    frames = night(own.camera, frames=60, limit_mag=8.0, sigma_px=0.05, most=200)
-    bare = replace(own.camera, distortion=replace(lens, radial=()))
-    made = radial_polynomial(frames, bare, 25.0)
+    frames = night(profile.camera, frames=60, limit_mag=8.0, sigma_px=0.05, most=200)
+    start = replace(profile.camera, distortion=replace(lens, radial=()))
+    polynomial = radial_polynomial(frames, start, 25.0)
     r = np.linspace(0.2, 2.8, 20)
 
     def delta(k: np.ndarray) -> np.ndarray:
         return sum(c * r ** (i + 1) for i, c in enumerate(k))
 
-    off = delta(made.coefficients) - delta(np.array(lens.radial))
-    assert np.abs(off).max() < 1.2e-3
-    assert made.frames >= 20
-    assert made.rms_mm == pytest.approx(0.05 * np.sqrt(2) * 0.0064, rel=0.35)
+    error_mm = delta(polynomial.coefficients) - delta(np.array(lens.radial))
+    assert np.abs(error_mm).max() < 1.2e-3
+    assert polynomial.frames >= 20
+    assert polynomial.rms_mm == pytest.approx(0.05 * np.sqrt(2) * 0.0064, rel=0.35)
     with pytest.raises(BadInput, match="near the optical centre"):
-        radial_polynomial(frames[:1], bare, 25.0, near_mm=0.001)
+        radial_polynomial(frames[:1], start, 25.0, near_mm=0.001)
 
 
 def _rays(camera: Camera, fine: int) -> np.ndarray:
-    """(n, 3) directions through ``fine`` x ``fine`` points of every pixel."""
+    """Return (n, 3) directions through ``fine`` x ``fine`` points of every pixel."""
     step = (np.arange(fine) - (fine - 1) / 2) / fine
     col = (np.arange(camera.columns)[:, None] + step).ravel()
     row = (np.arange(camera.rows)[:, None] + step).ravel()
@@ -158,11 +180,11 @@ def _rays(camera: Camera, fine: int) -> np.ndarray:
 
 
 def _board(rays: np.ndarray, camera: Camera, turn: Rotation, middle_mm: np.ndarray, square_mm: float) -> np.ndarray:
-    """A picture of 9 x 7 squares with a white rim: every ray followed to the board."""
+    """Return an image of 9 x 7 squares with a white rim, by following each ray to the board."""
     m = turn.as_matrix()
     scale = (m[:, 2] @ middle_mm) / (rays @ m[:, 2])
-    on = (rays * scale[:, None] - middle_mm) @ m
-    x, y = on[:, 0] / square_mm + 4.5, on[:, 1] / square_mm + 3.5
+    on_board = (rays * scale[:, None] - middle_mm) @ m
+    x, y = on_board[:, 0] / square_mm + 4.5, on_board[:, 1] / square_mm + 3.5
     inside = (x >= 0) & (y >= 0) & (x < 9) & (y < 7)
     dark = inside & ((np.floor(x) + np.floor(y)) % 2 == 0)
     rim = (x >= -1) & (y >= -1) & (x < 10) & (y < 8)
@@ -173,30 +195,31 @@ def _board(rays: np.ndarray, camera: Camera, turn: Rotation, middle_mm: np.ndarr
 
 @needs_opencv
 def test_checkerboard_gives_the_camera_that_rendered_it() -> None:
-    """Every number within four of its σ, the focal length within 1.5 %, corners within 0.1 px; a picture without a
-    board is rejected.
+    """Every parameter is within four σ, the focal length within 1.5 % and corners within 0.1 px.
+
+    An image without a board is rejected.
     """
     camera = Camera(320, 240, 350.0, 352.0, 163.0, 117.0, Brown(-0.25, 0.08, 0.002, -0.001))
     rng, images, rays = np.random.default_rng(3), [], _rays(camera, 3)
     places = [(-55, -45), (50, -45), (-55, 40), (50, 40), (0, 0), (-30, 20), (40, 0), (0, -40), (-60, 0), (20, 40)]
     for k, (x, y) in enumerate(places):
-        lean = Rotation.from_euler("yxz", [0.45 * np.cos(2.4 * k), 0.45 * np.sin(2.4 * k), 0.2 * np.sin(k)])
-        picture = _board(rays, camera, lean, np.array([x, y, 330.0 + 15 * (k % 3)]), 14.0)
+        tilt = Rotation.from_euler("yxz", [0.45 * np.cos(2.4 * k), 0.45 * np.sin(2.4 * k), 0.2 * np.sin(k)])
+        picture = _board(rays, camera, tilt, np.array([x, y, 330.0 + 15 * (k % 3)]), 14.0)
         images.append(np.clip(picture + 2 * rng.normal(size=picture.shape), 0, 255).astype(np.uint8))
-    made = calibrate_checkerboard([*images, np.full((240, 320), 90, np.uint8)], (8, 6), 14.0)
-    assert made.found.count(True) >= 8
-    assert not made.found[-1]
-    assert np.isnan(made.rms_px[-1])
-    assert made.residual_rms_px < 0.1
+    calibration = calibrate_checkerboard([*images, np.full((240, 320), 90, np.uint8)], (8, 6), 14.0)
+    assert calibration.found.count(True) >= 8
+    assert not calibration.found[-1]
+    assert np.isnan(calibration.rms_px[-1])
+    assert calibration.residual_rms_px < 0.1
     truth = (350.0, 352.0, 163.0, 117.0, -0.25, 0.08, 0.002, -0.001)
-    for value, sigma, true in zip(made.values, made.sigma, truth, strict=False):
+    for value, sigma, true in zip(calibration.values, calibration.sigma, truth, strict=False):
         assert abs(value - true) < 4 * sigma
-    assert made.camera.focal_col_px == pytest.approx(350.0, rel=0.015)
-    assert abs(made.camera.centre_row_px - 117.0) < 4
-    lens = made.camera.distortion
+    assert calibration.camera.focal_col_px == pytest.approx(350.0, rel=0.015)
+    assert abs(calibration.camera.centre_row_px - 117.0) < 4
+    lens = calibration.camera.distortion
     assert isinstance(lens, Brown)
     assert lens.k1 == pytest.approx(-0.25, abs=0.02)
-    assert all(s > 0 for s in made.sigma[:8])
+    assert all(s > 0 for s in calibration.sigma[:8])
     with pytest.raises(BadInput, match="too few pictures"):
         calibrate_checkerboard([np.full((240, 320), 90, np.uint8)] * 4, (8, 6), 14.0)
     with pytest.raises(BadInput, match="one size"):
@@ -204,7 +227,7 @@ def test_checkerboard_gives_the_camera_that_rendered_it() -> None:
 
 
 def test_a_missing_library_is_reported_with_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without OpenCV the error names the package and the method that does not need it."""
+    """Without OpenCV, the error states how to install it and names the method that does not need it."""
 
     def missing(_: str) -> None:
         raise ImportError("no module")
@@ -234,8 +257,9 @@ def test_cameras_survive_storage(name: str, known: Known) -> None:
     [[[5, 5, 5, 5]] * 10, [[5, 5, 90, 90]] * 10, [[1e300, 5, -1e300, k] for k in range(10)], [[np.nan, 1, 2, 3]] * 10],
 )
 def test_dots_that_do_not_determine_a_tilt_are_rejected(pairs: list[list[float]], known: Known) -> None:
-    """Two dots in one, dots that never move, positions outside any detector and NaN are rejected instead of giving a tilt
-    with σ 0."""
+    """Coinciding dots, dots that never move, positions outside any detector, and NaN are rejected; they do not give a
+    tilt with σ 0.
+    """
     rows = np.array(pairs, float)
     with pytest.raises(BadInput):
         detector_tilt(rows[:, :2], rows[:, 2:], known("cubestar").camera, 35.0)
@@ -243,7 +267,7 @@ def test_dots_that_do_not_determine_a_tilt_are_rejected(pairs: list[list[float]]
 
 @pytest.mark.parametrize("dots", [[[5, 5]] * 10, [[1e308 * (-1) ** k, 1e300 * k] for k in range(10)]])
 def test_a_dot_that_does_not_determine_a_centre_is_rejected(dots: list[list[float]]) -> None:
-    """A constant position and positions outside any detector are rejected before anything is solved."""
+    """A constant position and positions outside any detector are rejected."""
     with pytest.raises(BadInput):
         optical_centre(np.array(dots, float))
 
@@ -253,7 +277,7 @@ def test_a_dot_that_does_not_determine_a_centre_is_rejected(dots: list[list[floa
     [[-1, -2, -1, -1, 5], [1, 1, 1, 1, 1], [0, 0, 0, 0, 0], [3, 1, np.nan, 1, 3], [1e300, 1, 0.5, 1, 1e300]],
 )
 def test_impossible_widths_are_rejected(sigma: list[float]) -> None:
-    """Negative, equal, zero, absurd and missing widths have no best focus."""
+    """Negative, equal, zero, extreme or missing widths, and equal focus settings, are rejected."""
     with pytest.raises(BadInput):
         best_focus(np.arange(5.0), np.array(sigma, float))
     with pytest.raises(BadInput, match="different settings"):

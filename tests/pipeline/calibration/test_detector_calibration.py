@@ -47,89 +47,91 @@ FINE_STEPS = [
     for i in shipped_registry().all()
     if i.profile.chain and i.profile.sensor.read_noise_e > i.profile.sensor.gain_e_per_dn / 4
 ]
-"""Cameras whose noise is larger than a quarter of a step; coarser steps hide the noise."""
+"""Cameras whose noise exceeds a quarter of a converter step; larger steps hide the noise."""
 
 
 @pytest.mark.parametrize("name", FINE_STEPS)
 def test_photon_transfer_finds_gain_and_noise_of_every_profile(name: str, known: Known) -> None:
-    """Gain within 2 %, read noise within 5 %, bias within half a step; full well where the top level reaches it."""
-    own = known(name)
-    sensor, rng, chip = own.sensor, np.random.default_rng(3), _chip(own, dead_share=0.0)
+    """Gain is found within 2 %, read noise within 5 %, bias within half a step, and full well where the highest level
+    reaches it.
+    """
+    profile = known(name)
+    sensor, rng, chip = profile.sensor, np.random.default_rng(3), _chip(profile, dead_share=0.0)
     top_e = min(sensor.full_well_e, (sensor.saturation_dn - sensor.bias_dn) * sensor.gain_e_per_dn)
 
     def pair(level_e: float, exposure_s: float = 1e-4) -> FlatPair:
         return FlatPair(*(_expose(level_e, sensor, exposure_s, rng, chip) for _ in range(2)))
 
-    made = photon_transfer(
+    transfer = photon_transfer(
         [pair(top_e * s) for s in (0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 1.5)], pair(0.0), sensor.saturation_dn
     )
-    assert made.gain_e_per_dn == pytest.approx(sensor.gain_e_per_dn, rel=0.02)
-    assert abs(made.gain_e_per_dn - sensor.gain_e_per_dn) < 5 * made.gain_sigma + 0.01 * sensor.gain_e_per_dn
+    assert transfer.gain_e_per_dn == pytest.approx(sensor.gain_e_per_dn, rel=0.02)
+    assert abs(transfer.gain_e_per_dn - sensor.gain_e_per_dn) < 5 * transfer.gain_sigma + 0.01 * sensor.gain_e_per_dn
     noise = np.hypot(sensor.read_noise_e, sensor.gain_e_per_dn / np.sqrt(12))
-    assert made.read_noise_e == pytest.approx(noise, rel=0.05)
-    assert made.bias_dn == pytest.approx(sensor.bias_dn, abs=0.5)
-    assert made.response_sigma == pytest.approx(own.defects.response_sigma, rel=0.25)
-    assert not made.fitted[-1]
-    assert made.full_well_e == pytest.approx(top_e, rel=0.05)
-    new = calibrated_profile(own, detector=detector_figures(made)).sensor
-    assert new.gain_e_per_dn == made.gain_e_per_dn
-    assert new.zero_point_e_s == sensor.zero_point_e_s
+    assert transfer.read_noise_e == pytest.approx(noise, rel=0.05)
+    assert transfer.bias_dn == pytest.approx(sensor.bias_dn, abs=0.5)
+    assert transfer.response_sigma == pytest.approx(profile.defects.response_sigma, rel=0.25)
+    assert not transfer.fitted[-1]
+    assert transfer.full_well_e == pytest.approx(top_e, rel=0.05)
+    calibrated_sensor = calibrated_profile(profile, detector=detector_figures(transfer)).sensor
+    assert calibrated_sensor.gain_e_per_dn == transfer.gain_e_per_dn
+    assert calibrated_sensor.zero_point_e_s == sensor.zero_point_e_s
 
 
 def test_photon_transfer_without_a_dark_pair_says_so(known: Known) -> None:
-    """Levels alone give the gain; the bias stays unknown."""
-    own = known("far_mst")
-    sensor, rng = own.sensor, np.random.default_rng(5)
+    """Levels without a dark pair give the gain. The bias is unknown, and a warning says so."""
+    profile = known("far_mst")
+    sensor, rng = profile.sensor, np.random.default_rng(5)
     pairs = [
         FlatPair(*(_expose(e, sensor, 1e-4, rng, None) for _ in range(2))) for e in (500.0, 1500.0, 3000.0, 6000.0)
     ]
-    made = photon_transfer(pairs)
-    assert made.gain_e_per_dn == pytest.approx(10.0, rel=0.03)
-    assert np.isnan(made.bias_dn)
-    assert {w.code for w in made.warnings} == {"no-dark", "no-full-well"}
+    transfer = photon_transfer(pairs)
+    assert transfer.gain_e_per_dn == pytest.approx(10.0, rel=0.03)
+    assert np.isnan(transfer.bias_dn)
+    assert {w.code for w in transfer.warnings} == {"no-dark", "no-full-well"}
     with pytest.raises(BadInput, match="too few levels"):
         photon_transfer(pairs[:2])
     with pytest.raises(BadInput, match="one size"):
         photon_transfer([FlatPair(pairs[0].first, pairs[0].second[:50])])
     smooth = [FlatPair(*(gaussian_filter(f.astype(float), 2) for f in (p.first, p.second))) for p in pairs]
-    assert photon_transfer(smooth).gain_e_per_dn > 50  # averaged frames have no photon noise: the gain is impossible
+    assert photon_transfer(smooth).gain_e_per_dn > 50  # smoothed frames lack photon noise, so the gain is too high
 
 
 @pytest.mark.parametrize("name", ["cubestar", "far_mst", "sunsat"])
 def test_dark_frames_reveal_the_defects_of_the_chip(name: str, known: Known) -> None:
-    """Hot pixels are those of the chip, the pattern's spread and that of columns are its own, the level is bias and dark."""
-    own = known(name)
-    rng, exposure_s = np.random.default_rng(8), own.sensor.exposure_s
-    chip = _chip(own, hot_share=1e-3)
-    frames = [_expose(0.0, own.sensor, exposure_s, rng, chip) for _ in range(24)]
-    made = calibrate_dark(frames, exposure_s)
-    excess_dn = chip.dark_e_s.ravel()[chip.hot] * exposure_s / own.sensor.gain_e_per_dn
-    limit = 9 * max(np.hypot(made.pattern_sigma_dn, made.noise_dn / np.sqrt(24)), 0.3) + 1
-    sure = {divmod(int(i), SIZE[1])[::-1] for i in chip.hot[excess_dn > limit]}
-    found = set(map(tuple, made.hot.tolist()))
-    assert sure <= found
-    assert found <= {divmod(int(i), SIZE[1])[::-1] for i in chip.hot}
-    assert list(made.hot_excess_dn) == sorted(made.hot_excess_dn, reverse=True)
+    """Hot pixels, pattern and column spread are those of the chip. The level is bias plus dark current."""
+    profile = known(name)
+    rng, exposure_s = np.random.default_rng(8), profile.sensor.exposure_s
+    chip = _chip(profile, hot_share=1e-3)
+    frames = [_expose(0.0, profile.sensor, exposure_s, rng, chip) for _ in range(24)]
+    dark = calibrate_dark(frames, exposure_s)
+    excess_dn = chip.dark_e_s.ravel()[chip.hot] * exposure_s / profile.sensor.gain_e_per_dn
+    limit = 9 * max(np.hypot(dark.pattern_sigma_dn, dark.noise_dn / np.sqrt(24)), 0.3) + 1
+    detectable = {divmod(int(i), SIZE[1])[::-1] for i in chip.hot[excess_dn > limit]}
+    detected = set(map(tuple, dark.hot.tolist()))
+    assert detectable <= detected
+    assert detected <= {divmod(int(i), SIZE[1])[::-1] for i in chip.hot}
+    assert list(dark.hot_excess_dn) == sorted(dark.hot_excess_dn, reverse=True)
     pattern = np.hypot(
-        own.defects.offset_sigma_dn,
-        own.defects.dark_sigma * own.sensor.dark_current_e_s * exposure_s / own.sensor.gain_e_per_dn,
+        profile.defects.offset_sigma_dn,
+        profile.defects.dark_sigma * profile.sensor.dark_current_e_s * exposure_s / profile.sensor.gain_e_per_dn,
     )
-    assert made.pattern_sigma_dn == pytest.approx(pattern, rel=0.2, abs=0.05)
-    assert made.column_sigma_dn == pytest.approx(own.defects.column_sigma_dn, rel=0.25, abs=0.03)
-    dark_e_s = own.sensor.dark_current_e_s + own.sensor.background_e_s
-    assert made.dark_e_s(own.sensor.bias_dn, own.sensor.gain_e_per_dn) == pytest.approx(
-        dark_e_s, abs=1.2 * own.sensor.gain_e_per_dn / exposure_s * 0.3
+    assert dark.pattern_sigma_dn == pytest.approx(pattern, rel=0.2, abs=0.05)
+    assert dark.column_sigma_dn == pytest.approx(profile.defects.column_sigma_dn, rel=0.25, abs=0.03)
+    dark_e_s = profile.sensor.dark_current_e_s + profile.sensor.background_e_s
+    assert dark.dark_e_s(profile.sensor.bias_dn, profile.sensor.gain_e_per_dn) == pytest.approx(
+        dark_e_s, abs=1.2 * profile.sensor.gain_e_per_dn / exposure_s * 0.3
     )
-    noise = own.sensor.noise_e(exposure_s) / own.sensor.gain_e_per_dn
-    assert made.noise_dn == pytest.approx(noise, rel=0.1, abs=0.1)
-    assert made.warnings == ()
+    noise = profile.sensor.noise_e(exposure_s) / profile.sensor.gain_e_per_dn
+    assert dark.noise_dn == pytest.approx(noise, rel=0.1, abs=0.1)
+    assert dark.warnings == ()
 
 
 def test_dark_frames_with_light_or_drift_are_reported(known: Known) -> None:
-    """A light leak, a warming camera, and too few frames give warnings."""
-    own = known("far_mst")
+    """A light leak, a warming camera and too few frames each give a warning."""
+    profile = known("far_mst")
     rng = np.random.default_rng(1)
-    frames = [_expose(0.0, own.sensor, 0.1, rng, None) for _ in range(6)]
+    frames = [_expose(0.0, profile.sensor, 0.1, rng, None) for _ in range(6)]
     leak = np.linspace(0, 40, SIZE[1]) * np.ones(SIZE)
     lit = [f + leak * np.linspace(0, 1, SIZE[0])[:, None] for f in frames]
     assert "light" in {w.code for w in calibrate_dark(lit, 0.1).warnings}
@@ -141,30 +143,31 @@ def test_dark_frames_with_light_or_drift_are_reported(known: Known) -> None:
 
 
 def test_dead_pixels_and_response_come_from_flats(known: Known) -> None:
-    """Exactly the chip's dead pixels, its spread of response, and a warning where the lamp is uneven."""
-    own = known("cubestar")
-    chip, rng = _chip(own, dead_share=5e-4), np.random.default_rng(4)
-    flats = [_expose(600.0, own.sensor, 1e-4, rng, chip) for _ in range(40)]
-    made = pixel_response(flats, own.sensor.bias_dn + chip.offset_dn)
-    assert {tuple(p) for p in made.dead.tolist()} == {divmod(int(i), SIZE[1])[::-1] for i in chip.dead}
-    assert made.response_sigma == pytest.approx(own.defects.response_sigma, rel=0.4)
+    """Flats give exactly the chip's dead pixels, and its spread of response. An uneven lamp gives a warning."""
+    profile = known("cubestar")
+    chip, rng = _chip(profile, dead_share=5e-4), np.random.default_rng(4)
+    flats = [_expose(600.0, profile.sensor, 1e-4, rng, chip) for _ in range(40)]
+    response = pixel_response(flats, profile.sensor.bias_dn + chip.offset_dn)
+    assert {tuple(p) for p in response.dead.tolist()} == {divmod(int(i), SIZE[1])[::-1] for i in chip.dead}
+    assert response.response_sigma == pytest.approx(profile.defects.response_sigma, rel=0.4)
     slope = [f * np.linspace(0.3, 1.0, SIZE[1]) for f in flats]
     assert {w.code for w in pixel_response(slope, 0.0).warnings} == {"uneven"}
     with pytest.raises(BadInput, match="no light"):
-        pixel_response([_expose(0.0, own.sensor, 1e-4, rng, None) for _ in range(4)], 8.0)
+        pixel_response([_expose(0.0, profile.sensor, 1e-4, rng, None) for _ in range(4)], 8.0)
 
 
 def test_dark_current_follows_the_diode_law() -> None:
-    """Points of eq. H.2 give its exponent, its gap of 1.1 V, and the document's 44-fold fall from 60 °C to 5 °C."""
+    """Values of eq.
+
+    H.2 give its exponent, its band gap of 1.1 V, and the document's 44-fold decrease from 60 °C to 5 °C.
+    """
     t = np.array([278.0, 290.0, 305.0, 320.0, 333.0])
     truth = 50.0 * np.exp(EXPONENT_K * (1 / 333.0 - 1 / t))
-    made = dark_against_temperature(t, truth)
-    assert made.exponent_k == pytest.approx(EXPONENT_K, rel=1e-9)
-    assert made.band_gap_ev == pytest.approx(1.1, rel=0.002)
-    assert made.dark_e_s(278.0) == pytest.approx(1.133, abs=0.001)
-    assert made.dark_e_s(made.reference_k + made.doubling_k) / made.dark_e_s(made.reference_k) == pytest.approx(
-        2, rel=0.03
-    )
+    law = dark_against_temperature(t, truth)
+    assert law.exponent_k == pytest.approx(EXPONENT_K, rel=1e-9)
+    assert law.band_gap_ev == pytest.approx(1.1, rel=0.002)
+    assert law.dark_e_s(278.0) == pytest.approx(1.133, abs=0.001)
+    assert law.dark_e_s(law.reference_k + law.doubling_k) / law.dark_e_s(law.reference_k) == pytest.approx(2, rel=0.03)
     rng = np.random.default_rng(0)
     scatter = np.array(
         [
@@ -181,7 +184,7 @@ def test_dark_current_follows_the_diode_law() -> None:
 
 
 def _starfield(sigma_of: Callable[[float, float], tuple[float, float]], rng: np.random.Generator) -> np.ndarray:
-    """400 x 300 with stars on a loose grid, each with its own widths (σ along col and row)."""
+    """Return a 400 x 300 image of stars on an irregular grid, each with its own widths (σ along col and row)."""
     image = np.full((300, 400), 20.0)
     for col in range(25, 380, 45):
         for row in range(25, 280, 45):
@@ -199,7 +202,7 @@ def _elliptical(x: float, y: float, wide: float, high: float, light: float) -> n
 
 
 def test_width_of_stars_is_measured_over_the_field() -> None:
-    """Even, curved and tilted fields are distinguished, and σ is that of the optics, without the pixel."""
+    """Even, curved and tilted fields are distinguished. σ is that of the optics, without the pixel."""
     camera, rng = Camera(400, 300, 800.0, 800.0, 199.5, 149.5), np.random.default_rng(6)
     even = psf_over_field([_starfield(lambda x, y: (1.3, 1.3), rng)], camera, e_per_dn=1.0)
     assert even.typical_sigma_px == pytest.approx(1.3, rel=0.02)
@@ -230,10 +233,13 @@ def test_width_of_stars_is_measured_over_the_field() -> None:
 
 
 def test_focus_advice_agrees_with_the_documents() -> None:
-    """Moniteq's sampling errors and range of pixel over σ, and Huffman's flat bottom that moves out with noise."""
+    """Sampling errors and the range of pixel over σ agree with Moniteq.
+
+    As with Huffman, the best width decreases with noise.
+    """
     assert interpolation_error_px(1 / 2.35, 3) == pytest.approx(0.0107, abs=0.001)  # dossier 3.8: best rms of N = 3
     assert interpolation_error_px(1 / 1.96, 4) < 0.005
-    assert 0.23 < interpolation_error_px(0.05, 3) < 1 / np.sqrt(12)  # a point: all in one pixel
+    assert 0.23 < interpolation_error_px(0.05, 3) < 1 / np.sqrt(12)  # a point source illuminates one pixel
     assert focus_advice(0.43).verdict == "good"
     assert focus_advice(0.2).verdict == "sharp"
     assert "defocus" in focus_advice(0.2).hint
@@ -247,25 +253,27 @@ def test_focus_advice_agrees_with_the_documents() -> None:
 
 
 def test_best_focus_is_the_bottom_of_a_parabola() -> None:
-    """Widths against the focus ring give its best place with its error, and where stars are as wide as wished."""
+    """Star widths at several focus settings give the best setting, and the settings at which stars have the requested
+    width.
+    """
     rng = np.random.default_rng(2)
     x = np.linspace(-3, 4, 15)
     sigma = np.sqrt(0.36 + 0.25 * (x - 0.7) ** 2) * (1 + 0.01 * rng.normal(size=15))
-    made = best_focus(x, sigma, 0.9)
-    assert made.position == pytest.approx(0.7, abs=0.05)
-    assert made.smallest_sigma_px == pytest.approx(0.6, rel=0.05)
-    assert made.wished_positions[1] - made.position == pytest.approx(np.sqrt((0.81 - 0.36) / 0.25), rel=0.05)
+    focus = best_focus(x, sigma, 0.9)
+    assert focus.position == pytest.approx(0.7, abs=0.05)
+    assert focus.smallest_sigma_px == pytest.approx(0.6, rel=0.05)
+    assert focus.wished_positions[1] - focus.position == pytest.approx(np.sqrt((0.81 - 0.36) / 0.25), rel=0.05)
     assert np.isnan(best_focus(x, sigma, 0.2).wished_positions).all()
     with pytest.raises(BadInput):
         best_focus(x, 10 - sigma)
 
 
 def test_a_perfect_chip_has_no_pattern(known: Known) -> None:
-    """No hot pixel and no pattern where there is none: noise is not taken for a map."""
-    own = known("far_mst")
-    rng, chip = np.random.default_rng(2), make_chip(Defects(), own.sensor, _small(own), 1)
-    made = calibrate_dark([_expose(0.0, own.sensor, 0.1, rng, chip) for _ in range(20)], 0.1)
-    assert len(made.hot) == 0
-    assert len(made.noisy) == 0
-    assert made.pattern_sigma_dn < 0.3
-    assert made.column_sigma_dn < 0.1
+    """A chip without defects gives no hot pixels and no pattern, although frames are noisy."""
+    profile = known("far_mst")
+    rng, chip = np.random.default_rng(2), make_chip(Defects(), profile.sensor, _small(profile), 1)
+    dark = calibrate_dark([_expose(0.0, profile.sensor, 0.1, rng, chip) for _ in range(20)], 0.1)
+    assert len(dark.hot) == 0
+    assert len(dark.noisy) == 0
+    assert dark.pattern_sigma_dn < 0.3
+    assert dark.column_sigma_dn < 0.1

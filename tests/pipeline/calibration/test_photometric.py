@@ -1,4 +1,4 @@
-"""Magnitudes calibrated from rendered stars against the sensor that drew them."""
+"""Photometric calibration from rendered stars, compared with the sensor that rendered them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Known = Callable[[str], CameraProfile]
 Night = Callable[..., list[FrameStars]]
 
 
-def _lit(
+def _with_flux(
     frames: list[FrameStars],
     zero: float,
     rng: np.random.Generator,
@@ -32,104 +32,120 @@ def _lit(
     power: float = 1.0,
     exposure_s: float = 0.5,
 ) -> list[FrameStars]:
-    """Fluxes by the law: V = −2.5 log(flux / exposure) + zero + colour·(B−V), light 1 − loss·ρ²; ``power``: not linear."""
-    made = []
-    for f in frames:
-        rho2 = ((f.pixels - [(f.columns - 1) / 2, (f.rows - 1) / 2]) ** 2).sum(axis=1) / (
-            (f.columns**2 + f.rows**2) / 4
+    """Return frames with fluxes by the law V = −2.5 log(flux / exposure) + zero + colour·(B−V).
+
+    Light falls as 1 − loss·ρ²; a ``power`` other than 1 is a nonlinear converter.
+    """
+    with_flux = []
+    for frame in frames:
+        rho2 = ((frame.pixels - [(frame.columns - 1) / 2, (frame.rows - 1) / 2]) ** 2).sum(axis=1) / (
+            (frame.columns**2 + frame.rows**2) / 4
         )
-        b_v = np.where(np.isfinite(f.b_v), f.b_v, 0.6)
-        m = f.v_mag - zero - colour * b_v + sigma_mag * rng.normal(size=len(f))
-        flux = exposure_s * (10 ** (-0.4 * m)) ** power * (1 - loss * rho2)
-        made.append(
-            replace(f, flux_dn=flux, peak_dn=flux * 0.1, area_px=np.full(len(f), 9, np.int32), exposure_s=exposure_s)
+        b_v = np.where(np.isfinite(frame.b_v), frame.b_v, 0.6)
+        magnitude = frame.v_mag - zero - colour * b_v + sigma_mag * rng.normal(size=len(frame))
+        flux = exposure_s * (10 ** (-0.4 * magnitude)) ** power * (1 - loss * rho2)
+        with_flux.append(
+            replace(
+                frame, flux_dn=flux, peak_dn=flux * 0.1, area_px=np.full(len(frame), 9, np.int32), exposure_s=exposure_s
+            )
         )
-    return made
+    return with_flux
 
 
 @pytest.mark.parametrize("name", [i.name for i in shipped_registry().all() if i.profile.chain])
 def test_zero_point_of_every_profile_is_found_in_pixels(name: str, rendered: Callable, known: Known) -> None:
-    """From rendered frames, electrons of V = 0 within 4 %, and magnitudes scatter by less than a tenth."""
-    own = known(name)
+    """From rendered frames, the electrons of V = 0 are found within 4 %, and magnitudes scatter by less than 0.12."""
+    profile = known(name)
     frames, _ = rendered(name)
-    # Near the limit only stars that noise made brighter are found.
-    limits = own.sensor.bright_limit_mag, own.sensor.faint_limit_mag - 0.5
-    made = calibrate_photometry(frames, own.camera, gain_e_per_dn=own.sensor.gain_e_per_dn, limits_mag=limits)
-    assert made.zero_point_e_s == pytest.approx(own.sensor.zero_point_e_s, rel=0.04)
-    assert made.robust_sigma_mag < 0.12
-    assert made.colour_mag_per_mag == pytest.approx(0.0, abs=0.05)
-    new = calibrated_profile(own, photometry=made).sensor
-    assert new.zero_point_e_s == pytest.approx(made.zero_point_e_s)
+    # Near the limit, only stars that noise makes brighter are detected.
+    limits = profile.sensor.bright_limit_mag, profile.sensor.faint_limit_mag - 0.5
+    calibration = calibrate_photometry(
+        frames, profile.camera, gain_e_per_dn=profile.sensor.gain_e_per_dn, limits_mag=limits
+    )
+    assert calibration.zero_point_e_s == pytest.approx(profile.sensor.zero_point_e_s, rel=0.04)
+    assert calibration.robust_sigma_mag < 0.12
+    assert calibration.colour_mag_per_mag == pytest.approx(0.0, abs=0.05)
+    calibrated_sensor = calibrated_profile(profile, photometry=calibration).sensor
+    assert calibrated_sensor.zero_point_e_s == pytest.approx(calibration.zero_point_e_s)
 
 
 def test_every_term_is_recovered_within_its_error(night: Night, known: Known) -> None:
-    """Zero point, colour and vignetting come back; k_illum is that of eq. C.2; the scatter is what was put in."""
+    """Zero point, colour and vignetting are recovered. k_illum is that of eq.
+
+    C.2, and the scatter is the injected one.
+    """
     camera = replace(known("cubestar").camera, centre_col_px=511.5, centre_row_px=255.5)
     rng = np.random.default_rng(1)
-    frames = _lit(night(camera, limit_mag=5.5), 12.0, rng, colour=0.25, loss=0.3, sigma_mag=0.05)
-    made = calibrate_photometry(frames, camera, gain_e_per_dn=5.0)
-    assert abs(made.zero_point_mag - 12.0) < max(4 * made.zero_point_sigma_mag, 0.01)
-    assert made.zero_point_sigma_mag < 0.02
-    assert abs(made.colour_mag_per_mag - 0.25) < 4 * made.colour_sigma
-    assert made.corner_loss == pytest.approx(0.3, abs=0.03)
-    assert made.zero_point_e_s == pytest.approx(5 * 10 ** (0.4 * 12.0), rel=0.03)
+    frames = _with_flux(night(camera, limit_mag=5.5), 12.0, rng, colour=0.25, loss=0.3, sigma_mag=0.05)
+    calibration = calibrate_photometry(frames, camera, gain_e_per_dn=5.0)
+    assert abs(calibration.zero_point_mag - 12.0) < max(4 * calibration.zero_point_sigma_mag, 0.01)
+    assert calibration.zero_point_sigma_mag < 0.02
+    assert abs(calibration.colour_mag_per_mag - 0.25) < 4 * calibration.colour_sigma
+    assert calibration.corner_loss == pytest.approx(0.3, abs=0.03)
+    assert calibration.zero_point_e_s == pytest.approx(5 * 10 ** (0.4 * 12.0), rel=0.03)
     v5 = 0.5 * 10 ** (0.4 * (12.0 - 5.0))
-    assert made.k_illum_lux_per_dn * v5 == pytest.approx(ILLUMINANCE_V0_LUX * 10**-2, rel=0.03)
-    assert made.sigma_mag == pytest.approx(0.05, rel=0.1)
-    assert made.histogram.counts.sum() == made.used.sum()
-    assert np.diff(made.histogram.edges) == pytest.approx(0.1)
-    assert made.linearity == pytest.approx(1.0, abs=0.01)
-    assert made.magnitude(np.array([v5]), 0.5, 0.0) == pytest.approx([5.0], abs=0.02)
-    assert made.warnings == ()
+    assert calibration.k_illum_lux_per_dn * v5 == pytest.approx(ILLUMINANCE_V0_LUX * 10**-2, rel=0.03)
+    assert calibration.sigma_mag == pytest.approx(0.05, rel=0.1)
+    assert calibration.histogram.counts.sum() == calibration.used.sum()
+    assert np.diff(calibration.histogram.edges) == pytest.approx(0.1)
+    assert calibration.linearity == pytest.approx(1.0, abs=0.01)
+    assert calibration.magnitude(np.array([v5]), 0.5, 0.0) == pytest.approx([5.0], abs=0.02)
+    assert calibration.warnings == ()
 
 
 def test_area_factor_corrects_the_loss_below_a_threshold(night: Night, known: Known) -> None:
-    """Brightness above a threshold that changes from frame to frame: k_area of eq. C.1 is found, and the scatter shrinks."""
+    """If brightness is measured above a threshold that changes between frames, k_area of eq.
+
+    C.1 is found and the scatter decreases.
+    """
     camera, rng = known("cubestar").camera, np.random.default_rng(3)
     frames, thresholds = [], []
-    for k, f in enumerate(_lit(night(camera, limit_mag=5.0), 12.0, rng, sigma_mag=0.02)):
+    for k, f in enumerate(_with_flux(night(camera, limit_mag=5.0), 12.0, rng, sigma_mag=0.02)):
         level = float(k % 5)
         area = np.rint(np.clip(4 * np.log(f.flux_dn), 4, None)).astype(np.int32)
         frames.append(replace(f, flux_dn=f.flux_dn - 1.7 * area * level, area_px=area))
         thresholds.append(level)
-    good = [(f, t) for f, t in zip(frames, thresholds, strict=True) if (f.flux_dn > 0).all()]
-    frames, thresholds = [f for f, _ in good], [t for _, t in good]
-    made = calibrate_photometry(frames, camera, threshold_above_dark_dn=thresholds)
-    assert made.k_area == pytest.approx(1.7, abs=max(0.1, 4 * made.k_area_sigma))
-    without = calibrate_photometry(frames, camera)
-    assert made.sigma_mag < 0.7 * without.sigma_mag
+    positive = [(f, t) for f, t in zip(frames, thresholds, strict=True) if (f.flux_dn > 0).all()]
+    frames, thresholds = [f for f, _ in positive], [t for _, t in positive]
+    calibration = calibrate_photometry(frames, camera, threshold_above_dark_dn=thresholds)
+    assert calibration.k_area == pytest.approx(1.7, abs=max(0.1, 4 * calibration.k_area_sigma))
+    uncorrected = calibrate_photometry(frames, camera)
+    assert calibration.sigma_mag < 0.7 * uncorrected.sigma_mag
     with pytest.raises(BadInput, match="one threshold per frame"):
         calibrate_photometry(frames, camera, threshold_above_dark_dn=[1.0])
 
 
 def test_photometric_faults_are_reported(night: Night, known: Known) -> None:
-    """Clipped stars, a cloud, a nonlinear converter: each gives a warning and shifts the zero point by at most 0.05."""
+    """Clipped stars, a cloud and a nonlinear converter each give a warning.
+
+    The first two change the zero point by at most 0.05.
+    """
     camera, rng = known("cubestar").camera, np.random.default_rng(5)
-    frames = _lit(night(camera, limit_mag=5.5), 12.0, rng)
+    frames = _with_flux(night(camera, limit_mag=5.5), 12.0, rng)
     limit = 0.1 * 0.5 * 10 ** (0.4 * (12.0 - 4.0))  # peaks of V 4
     clipped = [
         replace(f, peak_dn=np.minimum(f.peak_dn, limit), flux_dn=np.minimum(f.flux_dn, 10 * limit), saturation_dn=limit)
         for f in frames
     ]
-    made = calibrate_photometry(clipped, camera)
-    assert "saturated" in {w.code for w in made.warnings}
-    assert made.zero_point_mag == pytest.approx(12.0, abs=0.05)
-    assert made.saturation_mag == pytest.approx(4.0, abs=0.15)
+    calibration = calibrate_photometry(clipped, camera)
+    assert "saturated" in {w.code for w in calibration.warnings}
+    assert calibration.zero_point_mag == pytest.approx(12.0, abs=0.05)
+    assert calibration.saturation_mag == pytest.approx(4.0, abs=0.15)
     cloudy = [replace(f, flux_dn=f.flux_dn * (0.4 if k in (3, 4) else 1)) for k, f in enumerate(frames)]
-    made = calibrate_photometry(cloudy, camera)
-    assert "clouds" in {w.code for w in made.warnings}
-    assert made.frame_offset_mag[3] == pytest.approx(-1.0, abs=0.1)
-    assert made.zero_point_mag == pytest.approx(12.0, abs=0.05)
-    bent = _lit(night(camera, limit_mag=5.5), 12.0, rng, power=0.9)
-    made = calibrate_photometry(bent, camera)
-    assert "linearity" in {w.code for w in made.warnings}
-    assert made.linearity == pytest.approx(0.9, abs=0.02)
+    calibration = calibrate_photometry(cloudy, camera)
+    assert "clouds" in {w.code for w in calibration.warnings}
+    assert calibration.frame_offset_mag[3] == pytest.approx(-1.0, abs=0.1)
+    assert calibration.zero_point_mag == pytest.approx(12.0, abs=0.05)
+    nonlinear = _with_flux(night(camera, limit_mag=5.5), 12.0, rng, power=0.9)
+    calibration = calibrate_photometry(nonlinear, camera)
+    assert "linearity" in {w.code for w in calibration.warnings}
+    assert calibration.linearity == pytest.approx(0.9, abs=0.02)
     with pytest.raises(BadInput, match="too few stars"):
         calibrate_photometry(night(camera, frames=5), camera)
 
 
 def test_outliers_do_not_shift_a_robust_line() -> None:
-    """Ten percent of outliers move the line by less than its σ, and σ is that of the other points."""
+    """Ten per cent of outliers are excluded. The line agrees within 3.5 σ, and σ is that of the other points."""
     rng = np.random.default_rng(2)
     x = np.linspace(0, 1, 300)
     y = 2 + 3 * x + 0.1 * rng.normal(size=300)
@@ -144,13 +160,13 @@ def test_outliers_do_not_shift_a_robust_line() -> None:
 
 
 def test_histogram_holds_every_value_and_its_normal_curve() -> None:
-    """No value falls out at the ends; the curve has the same area; nothing gives an empty one."""
+    """The histogram counts every value, and the normal curve has the same area. Without values it is empty."""
     values = np.random.default_rng(0).normal(1.0, 0.3, 5000)
-    made = histogram(values, "error, mag", 0.1)
-    assert made.counts.sum() == 5000
-    assert made.edges[0] <= values.min()
-    assert made.edges[-1] >= values.max()
-    assert made.normal.sum() == pytest.approx(5000, rel=0.01)
-    assert np.abs(made.normal - made.counts).max() < 5 * np.sqrt(made.counts.max())
+    counted = histogram(values, "error, mag", 0.1)
+    assert counted.counts.sum() == 5000
+    assert counted.edges[0] <= values.min()
+    assert counted.edges[-1] >= values.max()
+    assert counted.normal.sum() == pytest.approx(5000, rel=0.01)
+    assert np.abs(counted.normal - counted.counts).max() < 5 * np.sqrt(counted.counts.max())
     assert histogram(np.array([np.nan]), "x").counts.sum() == 0
     assert histogram(np.zeros(7), "x").counts.sum() == 7

@@ -1,4 +1,4 @@
-"""Frames with faults: each fault is detected, named and, where possible, excluded."""
+"""Frames with faults: each fault is detected, named and, where possible, the frame is excluded."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ Known = Callable[[str], CameraProfile]
 Night = Callable[..., list[FrameStars]]
 
 
-def _codes(made: CameraCalibration) -> set[str]:
-    return {w.code for w in made.warnings}
+def _codes(calibration: CameraCalibration) -> set[str]:
+    return {w.code for w in calibration.warnings}
 
 
-def _excluded(made: CameraCalibration) -> dict[str, str]:
-    return {f.name: f.excluded for f in made.frames if f.excluded}
+def _excluded(calibration: CameraCalibration) -> dict[str, str]:
+    return {f.name: f.excluded for f in calibration.frames if f.excluded}
 
 
 def _mirrored(frame: FrameStars) -> FrameStars:
@@ -39,15 +39,17 @@ def _with_light(frame: FrameStars, zero: float, loss_mag: float = 0.0) -> FrameS
 
 
 def test_a_good_night_has_no_warning(night: Night, known: Known) -> None:
-    """Faultless frames give no warning."""
+    """Frames without faults give no warning."""
     camera = known("cubestar").camera
-    made = calibrate_camera([_with_light(f, 20.0) for f in night(camera, limit_mag=5.0)], camera, models=["brown-4"])
-    assert made.warnings == ()
-    assert not _excluded(made)
+    calibration = calibrate_camera(
+        [_with_light(f, 20.0) for f in night(camera, limit_mag=5.0)], camera, models=["brown-4"]
+    )
+    assert calibration.warnings == ()
+    assert not _excluded(calibration)
 
 
 def test_too_few_stars_are_rejected_with_advice(night: Night, known: Known) -> None:
-    """Fewer equations than unknowns: expected number, actual number, instruction."""
+    """With fewer equations than unknowns the error states expected number, actual number and a hint."""
     camera = known("cubestar").camera
     frames = [f.take(np.arange(2)) for f in night(camera, frames=6)]
     with pytest.raises(BadInput) as error:
@@ -60,56 +62,59 @@ def test_too_few_stars_are_rejected_with_advice(night: Night, known: Known) -> N
 
 
 def test_few_stars_freeze_undetermined_parameters(night: Night, known: Known) -> None:
-    """Two frames of five stars may give a focal length, but no distortion."""
+    """Two frames of five stars give warnings, one of them severe, and not all parameters are fitted."""
     camera = known("cubestar").camera
-    made = calibrate_camera([f.take(np.arange(5)) for f in night(camera, frames=2)], camera)
-    assert {"few-stars", "few-frames"} <= _codes(made)
-    assert any(w.severe for w in made.warnings)
-    assert len(made.parameters) < 10
+    calibration = calibrate_camera([f.take(np.arange(5)) for f in night(camera, frames=2)], camera)
+    assert {"few-stars", "few-frames"} <= _codes(calibration)
+    assert any(w.severe for w in calibration.warnings)
+    assert len(calibration.parameters) < 10
 
 
 def test_stars_in_one_part_of_the_field_are_reported(night: Night, known: Known) -> None:
-    """A corner only: a severe warning with the share of the field."""
+    """Stars in one corner only give a severe warning that states the share of the field."""
     camera = known("far_mst").camera
     corner = [f.take((f.pixels < [640, 500]).all(axis=1)) for f in night(camera, limit_mag=6.0)]
-    made = calibrate_camera(corner, camera)
-    warning = next(w for w in made.warnings if w.code == "one-part")
+    calibration = calibrate_camera(corner, camera)
+    warning = next(w for w in calibration.warnings if w.code == "one-part")
     assert warning.severe
     assert "%" in warning.text
 
 
 def test_wrong_plate_scale_is_reported_and_corrected(night: Night, known: Known) -> None:
-    """A focal length 8 % off is reported, and the right one is fitted."""
+    """A focal length wrong by 8 % is reported, and the correct one is fitted."""
     camera = known("far_mst").camera
-    made = calibrate_camera(night(camera), camera.with_focal_scaled(1 / 1.08))
-    warning = next(w for w in made.warnings if w.code == "plate-scale")
+    calibration = calibrate_camera(night(camera), camera.with_focal_scaled(1 / 1.08))
+    warning = next(w for w in calibration.warnings if w.code == "plate-scale")
     assert "1.0800" in warning.text
-    assert camera_difference(made.camera, camera).rms_px < 0.05
+    assert camera_difference(calibration.camera, camera).rms_px < 0.05
     scale, _ = plate_scale(night(camera)[0], camera.with_focal_scaled(0.5))
     assert scale == pytest.approx(2, rel=0.005)
 
 
 def test_frames_with_trails_are_excluded(night: Night, known: Known) -> None:
-    """If the camera moved in some exposures, those are excluded; if in all, they are used with a severe warning."""
+    """Exposures during which the camera moved are excluded.
+
+    If the camera moved in all, they are used with a severe warning.
+    """
     camera = known("cubestar").camera
     frames = night(camera, frames=12)
-    some = [replace(f, streak_px=9.0) if k < 3 else f for k, f in enumerate(frames)]
-    made = calibrate_camera(some, camera, models=["brown-4"])
-    assert "streaks" in _codes(made)
-    assert list(_excluded(made)) == ["frame 0", "frame 1", "frame 2"]
-    every = calibrate_camera([replace(f, streak_px=9.0) for f in frames], camera, models=["brown-4"])
-    assert next(w for w in every.warnings if w.code == "streaks").severe
+    some_trailed = [replace(f, streak_px=9.0) if k < 3 else f for k, f in enumerate(frames)]
+    calibration = calibrate_camera(some_trailed, camera, models=["brown-4"])
+    assert "streaks" in _codes(calibration)
+    assert list(_excluded(calibration)) == ["frame 0", "frame 1", "frame 2"]
+    all_trailed = calibrate_camera([replace(f, streak_px=9.0) for f in frames], camera, models=["brown-4"])
+    assert next(w for w in all_trailed.warnings if w.code == "streaks").severe
 
 
 def test_mirrored_frames_are_recognised(night: Night, known: Known) -> None:
-    """One mirrored file among others is excluded; if all are mirrored, they are rejected."""
+    """One mirrored frame among others is excluded. If all are mirrored, the calibration is rejected."""
     camera = known("oersted").camera
     frames = night(camera, frames=10)
     assert not any(is_mirrored(f, camera) for f in frames)
-    one = [_mirrored(frames[0]), *frames[1:]]
-    made = calibrate_camera(one, camera)
-    assert _excluded(made) == {"frame 0": "mirrored"}
-    assert "mirrored" in _codes(made)
+    one_mirrored = [_mirrored(frames[0]), *frames[1:]]
+    calibration = calibrate_camera(one_mirrored, camera)
+    assert _excluded(calibration) == {"frame 0": "mirrored"}
+    assert "mirrored" in _codes(calibration)
     with pytest.raises(BadInput, match="are not sufficient") as error:
         calibrate_camera([_mirrored(f) for f in frames], camera)
     assert "right way round" in error.value.hint
@@ -121,35 +126,37 @@ def test_frames_of_another_lens_are_excluded(night: Night, known: Known) -> None
     mixed = night(camera, frames=16) + [
         replace(f, name=f"other {k}") for k, f in enumerate(night(camera.with_focal_scaled(1.1), frames=4, seed=7))
     ]
-    made = calibrate_camera(mixed, camera)
-    assert "mixed-cameras" in _codes(made)
-    assert sorted(_excluded(made)) == [f"other {k}" for k in range(4)]
-    assert camera_difference(made.camera, camera).rms_px < 0.05
+    calibration = calibrate_camera(mixed, camera)
+    assert "mixed-cameras" in _codes(calibration)
+    assert sorted(_excluded(calibration)) == [f"other {k}" for k in range(4)]
+    assert camera_difference(calibration.camera, camera).rms_px < 0.05
 
 
 def test_a_slightly_different_camera_is_detected_by_residuals(night: Night, known: Known) -> None:
-    """Refocused by 0.2 %: too little for the plate-scale test, detected by residuals."""
+    """Frames of a focal length 0.4 % longer, too little for the plate-scale test, are detected by their residuals and
+    excluded.
+    """
     camera = known("far_mst").camera
     mixed = night(camera, frames=16) + [
         replace(f, name=f"other {k}") for k, f in enumerate(night(camera.with_focal_scaled(1.004), frames=2, seed=7))
     ]
-    made = calibrate_camera(mixed, camera, models=["pinhole"])
-    assert sorted(_excluded(made)) == ["other 0", "other 1"]
-    assert camera_difference(made.camera, camera).rms_px < 0.05
+    calibration = calibrate_camera(mixed, camera, models=["pinhole"])
+    assert sorted(_excluded(calibration)) == ["other 0", "other 1"]
+    assert camera_difference(calibration.camera, camera).rms_px < 0.05
 
 
 def test_frames_of_another_size_are_excluded(night: Night, known: Known) -> None:
-    """A binned frame among the others is named."""
+    """A binned frame among the others is excluded, and the reason states its size."""
     camera = known("oersted").camera
     frames = night(camera, frames=8)
     small = replace(frames[0], name="binned", columns=302, rows=288, pixels=frames[0].pixels / 2)
-    made = calibrate_camera([*frames, small], camera)
-    assert "mixed-sizes" in _codes(made)
-    assert "302 x 288" in _excluded(made)["binned"]
+    calibration = calibrate_camera([*frames, small], camera)
+    assert "mixed-sizes" in _codes(calibration)
+    assert "302 x 288" in _excluded(calibration)["binned"]
 
 
 def test_clouds_are_reported(night: Night, known: Known) -> None:
-    """A loss of one magnitude, or of half the stars: both are reported as clouds."""
+    """A loss of one magnitude, and a loss of most stars, are reported as clouds."""
     camera = known("cubestar").camera
     frames = [_with_light(f, 20.0) for f in night(camera, frames=12, limit_mag=5.0)]
     dim = [_with_light(f, 20.0, 1.0) if k == 4 else f for k, f in enumerate(frames)]
@@ -168,9 +175,9 @@ def test_clipped_stars_are_excluded(night: Night, known: Known) -> None:
         bright = rng.random(len(f)) < 0.3
         place = f.pixels + bright[:, None] * rng.normal(0, 1.0, (len(f), 2))
         frames.append(replace(f, pixels=place, peak_dn=np.where(bright, 255.0, 100.0), saturation_dn=255.0))
-    made = calibrate_camera(frames, camera, models=["brown-4"])
-    assert "saturated" in _codes(made)
-    assert made.residuals.noise_px == pytest.approx(0.1, rel=0.06)
+    calibration = calibrate_camera(frames, camera, models=["brown-4"])
+    assert "saturated" in _codes(calibration)
+    assert calibration.residuals.noise_px == pytest.approx(0.1, rel=0.06)
 
 
 def test_invalid_positions_are_rejected(night: Night, known: Known) -> None:
@@ -185,7 +192,7 @@ def test_invalid_positions_are_rejected(night: Night, known: Known) -> None:
 
 
 def test_unknown_models_are_rejected(night: Night, known: Known) -> None:
-    """The error lists the known models; millimetres need a focal length."""
+    """Unknown lens models and invalid priors are rejected. Models in millimetres need a focal length."""
     camera: Camera = known("oersted").camera
     frames = night(camera, frames=6)
     with pytest.raises(BadInput, match="unknown lens model"):

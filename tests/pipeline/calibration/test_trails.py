@@ -1,4 +1,4 @@
-"""Trails of a camera that moved, from rendered exposures."""
+"""Trails of a moving camera, measured in rendered exposures."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ Known = Callable[[str], CameraProfile]
 
 @pytest.mark.parametrize(("length_px", "bearing"), [(0.0, 0.0), (6.0, 0.4), (10.0, 2.2)])
 def test_length_of_trails_is_measured(length_px: float, bearing: float, known: Known) -> None:
-    """Round stars have none; the length of trails is measured within 0.3 px in any direction."""
-    own = known("far_mst")
-    exposure_s = own.sensor.exposure_s
-    rate = length_px * own.camera.pixel_rad / exposure_s * np.array([np.cos(bearing), np.sin(bearing), 0.0])
+    """Round stars have no trail. The length of trails is measured within 0.3 px in any direction."""
+    profile = known("far_mst")
+    exposure_s = profile.sensor.exposure_s
+    rate = length_px * profile.camera.pixel_rad / exposure_s * np.array([np.cos(bearing), np.sin(bearing), 0.0])
     attitude = cam_from_icrs(1.4, 0.0, 0.3)
     picture = render(
-        load_stars(6.0), own.camera, own.sensor, attitude, exposure_s, np.random.default_rng(1), rate_rad_s=rate
+        load_stars(6.0), profile.camera, profile.sensor, attitude, exposure_s, np.random.default_rng(1), rate_rad_s=rate
     )
-    found = find_stars(picture.pixels, saturation_dn=float(own.sensor.saturation_dn)).centroids
-    assert len(found) >= 8
-    assert trail_px(picture.pixels, found, float(own.sensor.saturation_dn)) == pytest.approx(length_px, rel=0.3)
+    centroids = find_stars(picture.pixels, saturation_dn=float(profile.sensor.saturation_dn)).centroids
+    assert len(centroids) >= 8
+    assert trail_px(picture.pixels, centroids, float(profile.sensor.saturation_dn)) == pytest.approx(length_px, rel=0.3)
 
 
 def test_too_few_stars_give_no_trail(known: Known) -> None:
-    """Three stars, or none, determine no trail; neither does noise."""
+    """Three stars, no stars and noise give no trail."""
     image = np.random.default_rng(2).poisson(50, (200, 200)).astype(np.uint16)
     assert trail_px(image, Centroids.from_pixels(np.empty((0, 2)))) == 0.0
     assert trail_px(image, Centroids.from_pixels(np.full((3, 2), 50.0))) == 0.0
