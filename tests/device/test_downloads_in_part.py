@@ -75,7 +75,7 @@ def test_star_windows_surround_the_centroids(bench: Bench) -> None:
 def test_star_list_and_distances_are_the_two_halves_of_a_bank(bench: Bench) -> None:
     """Header, star list and distance table together are the complete image of a bank."""
     image = bench.memory.content("golden")
-    stars, pairs = bench.download("star_list", 3), bench.bring("distance_table", 3)
+    stars, pairs = bench.download("star_list", 3), bench.download("distance_table", 3)
     assert image[:HEADER_BYTES] + stars + pairs == image
     assert len(stars) == 14 * 411
 

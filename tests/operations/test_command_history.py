@@ -367,7 +367,7 @@ def test_history_is_searched_by_every_field(full, clock):
         full.history.page(Filter(start=start, end=start), 5)
 
 
-@pytest.mark.parametrize("wanted", [Filter(), Filter(names=("SET_EXPOSURE",)), Filter(text="nothing has this")])
+@pytest.mark.parametrize("search", [Filter(), Filter(names=("SET_EXPOSURE",)), Filter(text="nothing has this")])
 def test_exports_contain_exactly_the_search_result(full, search):
     """JSON and CSV exports have the same commands as the page, oldest first."""
     page = full.history.page(search, 100)
