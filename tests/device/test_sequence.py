@@ -96,7 +96,7 @@ def test_a_reopened_line_does_not_count_the_pause_as_a_gap() -> None:
 
 
 def test_wrap_around_is_not_counted_as_a_gap() -> None:
-    """A count of 0 after 16 383 is no gap."""
+    """A count of 0 after 16 383 is not counted as a gap."""
     tracker = SequenceTracker()
     for n in range(SEQUENCE_MODULO - 3, SEQUENCE_MODULO + 3):
         assert tracker.arrival(packet(n, n)) is CURRENT

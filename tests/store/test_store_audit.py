@@ -195,7 +195,7 @@ def test_a_removed_anchor_file_is_a_problem(audit, anchors):
 
 
 def test_the_log_of_an_older_version_is_anchored_from_its_last_row(database, anchors):
-    """A log without anchors is no problem. Anchoring starts with its last row."""
+    """A log without anchors is not reported as a problem. Anchoring starts with its last row."""
     older = AuditService(database, now, anchors)
     for number in range(3):
         older.record("ann", "x.y", str(number), "done")
