@@ -51,13 +51,13 @@ class OneBrowser(LoadFileScheduling):
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> OneBrowser:
-    """Use this scheduler for ``-n``, whatever its ``--dist``."""
+    """Use this scheduler for every ``-n`` run, regardless of ``--dist``."""
     return OneBrowser(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run browser tests first. Files that wait are spread evenly among files that compute, with none at the end, so
-    that two seldom wait at the same time and no process is left alone with a long one."""
+    """Run browser tests first. Distribute files that wait evenly among files that compute, with none at the end, so that
+    two seldom wait at the same time and no process runs a long file while the others are idle."""
     files: dict[Path, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.path, []).append(item)
@@ -99,8 +99,8 @@ def chromium() -> str | None:
 
 def postgres_bin() -> Path | None:
     """Return the folder of the newest PostgreSQL server's programs."""
-    found = sorted(glob.glob("/usr/lib/postgresql/*/bin/postgres"))
-    return Path(found[-1]).parent if found else None
+    servers = sorted(glob.glob("/usr/lib/postgresql/*/bin/postgres"))
+    return Path(servers[-1]).parent if servers else None
 
 
 def free_port() -> int:
@@ -129,13 +129,13 @@ def postgres_url() -> Iterator[str]:
     programs = postgres_bin()
     assert programs is not None
     folder = Path(tempfile.mkdtemp(prefix="gss-pg-"))
-    who: dict[str, Any] = {}
+    user_options: dict[str, Any] = {}
     if os.geteuid() == 0:
         unprivileged = pwd.getpwnam("nobody")
-        who = {"user": unprivileged.pw_uid, "group": unprivileged.pw_gid, "extra_groups": []}
+        user_options = {"user": unprivileged.pw_uid, "group": unprivileged.pw_gid, "extra_groups": []}
         os.chown(folder, unprivileged.pw_uid, unprivileged.pw_gid)
     data, port = folder / "data", free_port()
-    options = {"check": True, "capture_output": True, "cwd": folder, **who}
+    options = {"check": True, "capture_output": True, "cwd": folder, **user_options}
     subprocess.run([programs / "initdb", "-D", data, "-A", "trust", "-U", "gss", "--no-sync"], **options)
     settings = f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories={folder} -c fsync=off"
     subprocess.run([programs / "pg_ctl", "-D", data, "-w", "-o", settings, "-l", folder / "log", "start"], **options)
@@ -188,7 +188,7 @@ def signed_in() -> Callable[..., dict[str, str]]:
         from gss.store.models import SignIn, User
 
         now, key = datetime.now(UTC), new_key()
-        far, name = now + timedelta(days=3650), name or role
+        far_future, name = now + timedelta(days=3650), name or role
         with _database(where) as database, database.unit_of_work() as session:
             user = accounts.user_named(session, name)
             if user is None:
@@ -201,8 +201,8 @@ def signed_in() -> Callable[..., dict[str, str]]:
                     user_id=user.id,
                     key_hash=key_hash(key),
                     created=now,
-                    last_seen=far,
-                    expires=far,
+                    last_seen=far_future,
+                    expires=far_future,
                     end_reason="",
                     address="",
                     agent="",
@@ -297,11 +297,11 @@ class SensorInMemory:
         from gss.domain.errors import LinkDown
 
         if self.cut:
-            raise LinkDown("the cable is out", got=url)
+            raise LinkDown("the cable is disconnected", got=url)
         return self
 
     def monotonic_s(self) -> float:
-        """Return the time of both ends. With the cable out there are no reads, so each call advances the clock."""
+        """Return the time of both ends. A disconnected cable has no reads, so each call then advances the clock."""
         self.now_s += 0.1 if self.cut else 0.0
         return self.now_s
 
@@ -313,7 +313,7 @@ class SensorInMemory:
         if self._events is not None:
             self._events.wait_until_handled(0.5)
         if self.cut:
-            raise LinkDown("the cable is out")
+            raise LinkDown("the cable is disconnected")
         with self.lock:
             self.now_s += self.STEP_S
             self.device.advance(self.now_s)
@@ -354,7 +354,7 @@ def sensor_in_memory(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SensorInM
 
 @pytest.fixture(scope="session")
 def tle_of() -> Callable[..., str]:
-    """Two-line elements, with a name, of a low polar orbit with an epoch that many days before a time, by default now."""
+    """Function that returns named two-line elements of a low polar orbit. The epoch is ``age_days`` before ``now``."""
 
     def make(age_days: float, now: datetime | None = None) -> str:
         epoch = (now or datetime.now(UTC)) - timedelta(days=age_days)

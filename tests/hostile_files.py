@@ -1,4 +1,4 @@
-"""Small files that cost a naive reader minutes or gigabytes, by file name; loaded by ``tests/conftest.py``."""
+"""Small files that need minutes or gigabytes in a simple reader, by file name. Loaded by ``tests/conftest.py``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BLANKS = 40_000
 
 
 def votable(fields: str, row: str, attributes: str = "") -> bytes:
-    """A VOTable with its fields and rows."""
+    """Return a VOTable with these fields and rows."""
     return (
         f'<?xml version="1.0"?><VOTABLE version="1.4"><RESOURCE><TABLE {attributes}>{fields}<DATA><TABLEDATA>{row}'
         "</TABLEDATA></DATA></TABLE></RESOURCE></VOTABLE>"
@@ -28,13 +28,13 @@ def votable(fields: str, row: str, attributes: str = "") -> bytes:
 
 
 def fields(unit: str = "deg", more: str = "") -> str:
-    """Fields of the place and the magnitude."""
+    """Return the fields of position and magnitude."""
     plain = "".join(f'<FIELD name="{n}" datatype="double"/>' for n in ("dec", "v"))
     return f'<FIELD name="ra" datatype="double" unit="{unit}"/>{plain}{more}'
 
 
 def table(**cards: object) -> bytes:
-    """A FITS table of stars whose header is changed afterwards, as a sender can."""
+    """Return a FITS table of stars with changed header values, which need not fit the data."""
     columns = [fits.Column(n, "D", array=np.arange(1.0, 25.0)) for n in ("ra", "dec", "v")]
     hdu = fits.BinTableHDU.from_columns(columns)
     hdu.header.update(cards)
@@ -49,7 +49,7 @@ def gzip_zeros(size: int) -> bytes:
 
 
 def tiled(bitpix: int, *sides: int, rows: int = 0) -> bytes:
-    """A FITS image of zeros, compressed as one tile, or as tiles of ``rows`` rows that all share the same bytes."""
+    """Return a FITS image of zeros, compressed as one tile, or as tiles of ``rows`` rows that share the same bytes."""
     tile = [sides[0], rows or sides[1], *sides[2:]]
     data = gzip_zeros(int(np.prod(tile)) * abs(bitpix) // 8)
     count = sides[1] // tile[1]
@@ -66,7 +66,7 @@ def tiled(bitpix: int, *sides: int, rows: int = 0) -> bytes:
 
 
 def zip_bomb() -> bytes:
-    """A ZIP whose one table is a gigabyte."""
+    """Return a ZIP with one table of a gigabyte."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         with archive.open("stars.csv", "w", force_zip64=True) as member:
@@ -77,7 +77,7 @@ def zip_bomb() -> bytes:
 
 
 def parquet_bomb() -> bytes:
-    """A ZIP with a table of a hundred million equal values."""
+    """Return a ZIP with a table of 600 million equal values."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -124,7 +124,7 @@ STAR_LISTS: dict[str, Callable[[], bytes]] = {
     ).encode(),
     "nested-line.ecsv": lambda: f"# %ECSV 1.0\n# ---\n# meta: {'[' * 100_000}\nra dec v\n1 2 3\n".encode(),
 }
-"""Star lists that were read for minutes, or for ever, or filled the memory."""
+"""Star lists whose reading took minutes or longer, or filled the memory."""
 FRAMES: dict[str, Callable[[], bytes]] = {
     "tiles.fits": lambda: tiled(-64, 8000, 8000),
     "cube.fits": lambda: tiled(-64, 8000, 8000, 2, rows=1),
@@ -139,5 +139,5 @@ TABLES: dict[str, Callable[[], bytes]] = {
 
 @cache
 def content(name: str) -> bytes:
-    """The file of that name."""
+    """Return the file with this name."""
     return {**STAR_LISTS, **FRAMES, **TABLES}[name]()

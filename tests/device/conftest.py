@@ -1,4 +1,4 @@
-"""Ground and device on a line in memory with simulated time: no waiting, and only the clock is simulated."""
+"""Ground and device joined by a line in memory with simulated time, so that tests do not wait."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def golden(camera: str = "cubestar") -> Golden:
 
 
 class Bench:
-    """Host session and device joined by a line of a given rate; ``events`` collects the host's events."""
+    """Host session and device joined by a line with a given baud rate. ``events`` collects the host's events."""
 
     def __init__(
         self,
@@ -89,21 +89,21 @@ class Bench:
         out, events = self.host.poll(self.now_s)
         self.events += events
         self._up += out
-        going, self._up = bytes(self._up[:share]), self._up[share:]
+        uplink_bytes, self._up = bytes(self._up[:share]), self._up[share:]
         self.device.advance(self.now_s)
         if self.connected:
-            self.device.feed(self.up_faults.apply(going), self.now_s)
+            self.device.feed(self.up_faults.apply(uplink_bytes), self.now_s)
         while len(self._down) < share:
             frame = self.device.next_frame(self.now_s)
             if frame is None:
                 break
             self._down += frame
-        coming, self._down = bytes(self._down[:share]), self._down[share:]
+        downlink_bytes, self._down = bytes(self._down[:share]), self._down[share:]
         if self.connected:
-            self.events += self.host.feed(self.down_faults.apply(coming), self.now_s)
+            self.events += self.host.feed(self.down_faults.apply(downlink_bytes), self.now_s)
 
     def run(self, seconds: float) -> None:
-        """Advance time."""
+        """Advance time by ``seconds``."""
         for _ in range(round(seconds / STEP_S)):
             self.step()
 
@@ -116,16 +116,16 @@ class Bench:
         pytest.fail(f"not reached within {seconds} s of simulated time")
 
     def stages(self, request_id: int) -> list[CommandUpdate]:
-        """Return the stages of a command so far."""
+        """Return the updates of a command received so far."""
         return [e for e in self.events if isinstance(e, CommandUpdate) and e.request_id == request_id]
 
     def stage(self, request_id: int) -> Stage:
         """Return the current stage of a command."""
-        said = self.stages(request_id)
-        return said[-1].stage if said else Stage.QUEUED
+        updates_so_far = self.stages(request_id)
+        return updates_so_far[-1].stage if updates_so_far else Stage.QUEUED
 
     def do(self, name: str, seconds: float = 30.0, **arguments: float | str | bool) -> CommandUpdate:
-        """Send a command and wait for its end."""
+        """Send a command, wait until it ends and return its last update."""
         request_id = self.host.submit(self.host.encode(name, arguments))
         ends = (Stage.COMPLETED, Stage.FAILED, Stage.REJECTED, Stage.UNKNOWN)
         self.until(lambda: self.stage(request_id) in ends, seconds)
@@ -148,10 +148,10 @@ class Bench:
         """Return the updates of a transfer so far."""
         return [e for e in self.events if isinstance(e, TransferUpdate) and e.transfer_id == transfer_id]
 
-    def bring(self, kind: str, target: int, **part: int) -> bytes:
+    def download(self, kind: str, target: int, **part: int) -> bytes:
         """Download a complete object."""
-        wanted = Part(**part) if part else Part()
-        transfer_id = self.host.transfers.start_download(kind, target, part=wanted)
+        requested_part = Part(**part) if part else Part()
+        transfer_id = self.host.transfers.start_download(kind, target, part=requested_part)
         self.until(lambda: self.host.transfer(transfer_id).state in ("verified", "failed", "aborted"), 60.0)
         done = [e for e in self.events if isinstance(e, TransferDone) and e.transfer_id == transfer_id]
         assert done, self.host.transfer(transfer_id)
@@ -164,45 +164,45 @@ class Bench:
 
     def refusal_of(self, code: int, payload: bytes) -> str:
         """Return the reason of the ABORT_TRANSFER that answers a transfer message with any payload."""
-        refused = self.dictionary.service("ABORT_TRANSFER")
+        abort = self.dictionary.service("ABORT_TRANSFER")
         frame = self.host.craft(PacketType.TRANSFER, code, payload)[1]
         self.device.feed(frame, self.now_s)
         receiver = LineReceiver(from_device=True)
         while (sent := self.device.next_frame(self.now_s)) is not None:
             for packet in receiver.feed(sent):
-                if packet.type is PacketType.TRANSFER and packet.code == refused.code:
-                    return str(decode(refused.fields, packet.payload).values["reason"])
+                if packet.type is PacketType.TRANSFER and packet.code == abort.code:
+                    return str(decode(abort.fields, packet.payload).values["reason"])
         return "not refused"
 
     def transfer_ends(self, transfer_id: int, state: str, seconds: float = 60.0) -> TransferUpdate:
-        """Wait for a state of a transfer."""
+        """Wait until a transfer has a state and return its last update."""
         self.until(lambda: any(u.state == state for u in self.updates(transfer_id)[-3:]), seconds)
         return self.host.transfer(transfer_id)
 
 
 @pytest.fixture
 def bench() -> Bench:
-    """A fast line without faults, after HELLO."""
-    made = Bench()
-    made.until(lambda: made.host.hello is not None)
-    return made
+    """Bench with a fast line without faults, after HELLO."""
+    ready_bench = Bench()
+    ready_bench.until(lambda: ready_bench.host.hello is not None)
+    return ready_bench
 
 
 @pytest.fixture(scope="module")
 def bench_unit() -> Bench:
-    """One unit after HELLO, shared by a file whose tests must not change it."""
-    made = Bench()
-    made.until(lambda: made.host.hello is not None)
-    return made
+    """Bench after HELLO, shared by all tests of a file. The tests must not change it."""
+    ready_bench = Bench()
+    ready_bench.until(lambda: ready_bench.host.hello is not None)
+    return ready_bench
 
 
 @pytest.fixture
 def make_bench() -> Callable[..., Bench]:
-    """Factory of benches with other lines."""
+    """Factory of benches with other parameters."""
     return Bench
 
 
 @pytest.fixture
 def golden_catalogue() -> Golden:
-    """The factory catalogue of CubeStar."""
+    """Factory catalogue of CubeStar."""
     return golden()

@@ -1,4 +1,4 @@
-"""ABORT has a separate lane: it is the next packet sent, whatever waits or fills the line."""
+"""ABORT is sent before all queued commands and transfers."""
 
 from __future__ import annotations
 
@@ -31,9 +31,8 @@ def names_in(data: bytes) -> list[str]:
 
 
 def test_abort_passes_four_queued_commands(bench: Bench) -> None:
-    """One command runs and four are queued: the next bytes sent are ABORT alone, and the device stops the running
-    command.
-    """
+    """With one command running and four queued, the next packet is ABORT alone. The device stops the running command and
+    then executes the queued ones."""
     bench.do("SET_MODE", mode="lost_in_space")
     running = bench.host.submit(bench.host.encode("RUN_ITERATION", {}))
     bench.until(lambda: bench.stage(running) in (Stage.STARTED, Stage.PROGRESS))
@@ -49,7 +48,7 @@ def test_abort_passes_four_queued_commands(bench: Bench) -> None:
 
 
 def test_abort_passes_a_transfer_that_fills_the_window(make_bench: Callable[..., Bench]) -> None:
-    """With the window full of unacknowledged chunks no chunk is sent before it, and the transfer ends on board."""
+    """If the window is full of unacknowledged chunks, ABORT is sent before any chunk, and the transfer ends on board."""
     bench = make_bench(baud=115_200)
     bench.until(lambda: bench.host.hello is not None)
     data = np.random.default_rng(1).integers(0, 256, 512 * 1024, dtype=np.uint8).tobytes()
@@ -70,7 +69,7 @@ def test_abort_passes_a_transfer_that_fills_the_window(make_bench: Callable[...,
 
 
 def test_abort_is_sent_before_the_device_has_identified_itself(make_bench: Callable[..., Bench]) -> None:
-    """Commands wait for HELLO; ABORT does not."""
+    """A command waits for the reply to HELLO. ABORT is sent immediately."""
     bench = make_bench()
     bench.host.submit(bench.host.encode("GET_STATUS", {}))
     bench.host.abort(bench.now_s)
@@ -78,18 +77,19 @@ def test_abort_is_sent_before_the_device_has_identified_itself(make_bench: Calla
     assert names_in(out) == ["ABORT", "HELLO"]
 
 
-def test_a_reserved_id_is_used_once_and_abort_may_come_between(bench: Bench) -> None:
-    """The caller stores the id before it queues the command; an ABORT meanwhile gets the next one."""
-    reserved = bench.host.reserve()
+def test_abort_can_be_sent_while_an_id_is_reserved(bench: Bench) -> None:
+    """The caller reserves an id before it queues the command. An ABORT sent in between gets the next id."""
+    reserved_id = bench.host.reserve()
     abort = bench.host.abort(bench.now_s)
-    assert abort == reserved + 1
-    assert bench.host.submit(bench.host.encode("GET_STATUS", {}), request_id=reserved) == reserved
-    bench.until(lambda: bench.stage(reserved) is Stage.COMPLETED)
+    assert abort == reserved_id + 1
+    assert bench.host.submit(bench.host.encode("GET_STATUS", {}), request_id=reserved_id) == reserved_id
+    bench.until(lambda: bench.stage(reserved_id) is Stage.COMPLETED)
     assert bench.host.next_request_id == abort + 1
 
 
 def test_only_queued_commands_are_withdrawn(bench: Bench) -> None:
-    """A queued command is not sent; a withdrawn retry is still unknown."""
+    """A withdrawn command is not sent. A command whose retry is withdrawn remains unknown. A sent command cannot be
+    withdrawn."""
     bench.connected = False
     lost = bench.host.submit(bench.host.encode("TAKE_IMAGE", {}))
     bench.until(lambda: bench.stage(lost) is Stage.UNKNOWN)

@@ -1,4 +1,4 @@
-"""Commands that a correct ground never sends: arguments out of range, wrong lengths, wrong modes, huge frames."""
+"""The device rejects commands that a correct ground never sends: arguments out of range, wrong lengths and modes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FIELDS = DICTIONARY.service("REPORT").fields
 
 
 def plain(argument: Argument) -> bytes:
-    """Return the default, or the lowest value."""
+    """Return the encoded default of an argument, or its lowest value."""
     value = argument.default if argument.default is not None else argument.minimum
     if argument.type == "bytes":
         return bytes(argument.size)
@@ -46,8 +46,8 @@ OUTSIDE = [(c, a, value) for c in DICTIONARY.commands for a in c.arguments for v
 
 
 def answer(bench: Bench, code: int, payload: bytes, request_id: int | None = None) -> tuple[str, str]:
-    """Return stage and reason of the first report on a packet built by the caller."""
-    used, frame = bench.host.craft(PacketType.COMMAND, code, payload, request_id=request_id)
+    """Send a command packet with any payload. Return stage and reason of the first report."""
+    packet_id, frame = bench.host.craft(PacketType.COMMAND, code, payload, request_id=request_id)
     while bench.device.next_frame(bench.now_s) is not None:
         pass
     bench.device.feed(frame, bench.now_s)
@@ -55,22 +55,22 @@ def answer(bench: Bench, code: int, payload: bytes, request_id: int | None = Non
     packets: list[Packet] = []
     while (sent := bench.device.next_frame(bench.now_s)) is not None:
         packets += receiver.feed(sent)
-    reports = [p for p in packets if p.type is PacketType.REPORT and p.request_id == used]
+    reports = [p for p in packets if p.type is PacketType.REPORT and p.request_id == packet_id]
     values = decode(FIELDS, reports[0].payload).values
     return str(values["stage"]), str(values["reason"])
 
 
 def test_every_bounded_argument_has_a_value_outside_its_range() -> None:
-    """The list below is generated from the dictionary, so that no command is missed."""
-    tried = {(c.name, a.name) for c, a, _ in OUTSIDE}
-    every = {(c.name, a.name) for c in DICTIONARY.commands for a in c.arguments}
-    full = {
+    """The list of values covers every argument whose range is narrower than its type."""
+    tested = {(c.name, a.name) for c, a, _ in OUTSIDE}
+    all_arguments = {(c.name, a.name) for c in DICTIONARY.commands for a in c.arguments}
+    unbounded = {
         (c.name, a.name)
         for c in DICTIONARY.commands
         for a in c.arguments
         if a.type == "bytes" or (a.minimum, a.maximum) == INTEGER_RANGES.get(a.type)
     }
-    assert tried == every - full
+    assert tested == all_arguments - unbounded
     assert len(OUTSIDE) > 150
 
 
@@ -80,7 +80,7 @@ def test_every_bounded_argument_has_a_value_outside_its_range() -> None:
 def test_a_value_out_of_range_is_rejected_and_changes_nothing(
     bench_unit: Bench, command: CommandDefinition, argument: Argument, value: float
 ) -> None:
-    """min − 1, max + 1, not-a-number and infinity, in otherwise valid bytes that bypass the ground's checks."""
+    """min − 1, max + 1, NaN and infinity are rejected in otherwise valid packets that bypass the ground's checks."""
     payload = b"".join(STRUCT[a.type].pack(value) if a is argument else plain(a) for a in command.arguments)
     before = (bench_unit.device.housekeeping(), bench_unit.memory.record.active, len(bench_unit.memory.record.schedule))
     assert answer(bench_unit, command.code, payload) == ("rejected", "out_of_range")
@@ -93,17 +93,17 @@ def test_a_value_out_of_range_is_rejected_and_changes_nothing(
 @pytest.mark.parametrize("command", DICTIONARY.commands, ids=lambda c: c.name)
 @pytest.mark.parametrize("off", [-1, 1, 300])
 def test_arguments_of_the_wrong_length_are_rejected(bench_unit: Bench, command: CommandDefinition, off: int) -> None:
-    """One byte missing, one extra, many extra."""
+    """Arguments with one byte missing, one extra or 300 extra are rejected."""
     length = fixed_bytes(command.arguments) + off
     if length >= 0:
-        good = b"".join(plain(a) for a in command.arguments)
-        payload = good[:length].ljust(length, b"\0")
+        valid = b"".join(plain(a) for a in command.arguments)
+        payload = valid[:length].ljust(length, b"\0")
         assert answer(bench_unit, command.code, payload) == ("rejected", "bad_length")
 
 
 @pytest.mark.parametrize("command", [c for c in DICTIONARY.commands if c.preconditions], ids=lambda c: c.name)
 def test_commands_in_the_wrong_mode_are_rejected(bench: Bench, command: CommandDefinition) -> None:
-    """Each condition of each command, violated."""
+    """A command is rejected if any one of its preconditions is violated."""
     payload = b"".join(plain(a) for a in command.arguments)
     for condition in command.preconditions:
         if condition.field == "mode":
@@ -115,7 +115,8 @@ def test_commands_in_the_wrong_mode_are_rejected(bench: Bench, command: CommandD
 
 
 def test_the_same_id_with_other_bytes_is_rejected(bench: Bench) -> None:
-    """id_reused, for other arguments as for another command; the first one's effect stays."""
+    """Other arguments or another command with a used id are rejected as ``id_reused``. The first command's effect
+    remains."""
     done = bench.do("SET_EXPOSURE", exposure_ms=111)
     code = bench.dictionary.command("SET_EXPOSURE").code
     assert answer(bench, code, b"\0\x70", done.request_id) == ("rejected", "id_reused")
@@ -124,7 +125,7 @@ def test_the_same_id_with_other_bytes_is_rejected(bench: Bench) -> None:
 
 
 def test_a_command_too_long_for_a_packet_is_dropped_and_counted(bench: Bench) -> None:
-    """No answer; the next command is received."""
+    """The device drops frames longer than a packet and counts them. It then executes the next command."""
     before = int(bench.status()["frames_bad"])
     _, frame = bench.host.craft(PacketType.COMMAND, 2, bytes(MAX_PACKET_BYTES - 24))
     bench.device.feed(frame, bench.now_s)
@@ -161,7 +162,8 @@ def test_a_command_too_long_for_a_packet_is_dropped_and_counted(bench: Bench) ->
     ],
 )
 def test_impossible_uploads_are_rejected(bench: Bench, values: dict[str, object], reason: str) -> None:
-    """By kind, place, size, camera, dictionary, format and chunk size; nothing is erased for them."""
+    """Uploads with an invalid kind, target, size, camera, dictionary, format or chunk size are rejected, and nothing is
+    opened for them."""
     offer = {"target": 1, "size_bytes": 1000, "chunk_bytes": 256, "sha256": bytes(32), "profile": "cubestar"}
     offer |= {"device_model": bench.dictionary.device_model, "dictionary_hash": bench.dictionary.hash}
     offer |= {"format_version": 1, "epoch_jyear": 2026.0, "stars": 0, "pairs": 0}

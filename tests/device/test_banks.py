@@ -1,4 +1,4 @@
-"""Catalogue banks on board: verify, activate on trial, confirm, fall back, erase; effects of corruption."""
+"""Catalogue banks on board: verification, trial activation, confirmation, fallback, erasure and corruption."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BANKS = {"A": 0, "B": 1, "C": 2, "golden": 3}
 
 
 def load(bench: Bench, bank: str = "B", faint_mag: float = 3.6) -> bytes:
-    """Upload a catalogue that is smaller than the factory's and return its image."""
+    """Upload a catalogue that is smaller than the factory catalogue. Return its image."""
     stars = load_stars(faint_mag)
     image = encode(stars, distance_table(stars, 0.0044, 1.0), "cubestar", "cubestar")
     facts = Compatibility(bench.dictionary.device_model, "cubestar", bench.dictionary.hash, 1, 1991.25)
@@ -38,7 +38,7 @@ def bank_info(bench: Bench, bank: str) -> Telemetry:
 
 
 def test_banks_are_listed_with_their_content(bench: Bench) -> None:
-    """Four banks; the factory's is active and protected."""
+    """The device lists four banks with their content. The factory bank is active and write-protected."""
     assert bench.do("LIST_BANKS").values == {"count": 4}
     golden, empty = bank_info(bench, "golden").values, bank_info(bench, "A").values
     assert (golden["state"], golden["active"], golden["write_protected"]) == ("committed", True, True)
@@ -48,9 +48,8 @@ def test_banks_are_listed_with_their_content(bench: Bench) -> None:
 
 
 def test_a_new_catalogue_changes_what_is_matched(bench: Bench) -> None:
-    """After upload, verify, activate and confirm the same frame is matched with other rows, and its attitude does not
-    change.
-    """
+    """After a smaller catalogue is uploaded, verified, activated and confirmed, fewer stars of the same frame are matched
+    and the frame is still solved."""
     bench.do("TAKE_IMAGE")
     bench.do("FIND_CENTROIDS")
     bench.do("MATCH_STARS")
@@ -75,7 +74,7 @@ def test_a_new_catalogue_changes_what_is_matched(bench: Bench) -> None:
 
 
 def test_without_confirmation_the_old_bank_is_active_again(bench: Bench) -> None:
-    """After the trial time: fallback, with an event."""
+    """If a bank is not confirmed within the trial time, the device returns to the previous bank and sends an event."""
     load(bench)
     bench.do("ACTIVATE_BANK", bank="B", confirm_within_s=10)
     assert bench.memory.record.active == "B"
@@ -90,7 +89,7 @@ def test_without_confirmation_the_old_bank_is_active_again(bench: Bench) -> None
 
 
 def test_a_reset_during_the_trial_falls_back(bench: Bench) -> None:
-    """A catalogue that crashes the device must not stay."""
+    """A reset during the trial reactivates the previous bank, because the new catalogue may have caused it."""
     load(bench)
     bench.do("ACTIVATE_BANK", bank="B", confirm_within_s=600)
     bench.device.reset("watchdog", bench.now_s)
@@ -100,7 +99,7 @@ def test_a_reset_during_the_trial_falls_back(bench: Bench) -> None:
 
 
 def test_a_confirmed_bank_survives_a_reset_and_can_be_rolled_back(bench: Bench) -> None:
-    """Confirmation is permanent; ROLLBACK_BANK reverts it."""
+    """A confirmed bank is still active after a reset. ROLLBACK_BANK returns to the previous bank."""
     load(bench)
     bench.do("ACTIVATE_BANK", bank="B")
     bench.do("CONFIRM_BANK", bank="B")
@@ -112,7 +111,7 @@ def test_a_confirmed_bank_survives_a_reset_and_can_be_rolled_back(bench: Bench) 
 
 
 def test_a_corrupt_bank_is_detected_reported_and_not_used(bench: Bench) -> None:
-    """One flipped bit: VERIFY and ACTIVATE reject it with an event."""
+    """After one bit flip, VERIFY_BANK and ACTIVATE_BANK fail with ``bank_corrupt``, and the device sends an event."""
     load(bench)
     bench.memory.flash.flip(bench.memory.offset("B") + 5000, 3)
     end = bench.do("VERIFY_BANK", bank="B")
@@ -124,7 +123,7 @@ def test_a_corrupt_bank_is_detected_reported_and_not_used(bench: Bench) -> None:
 
 
 def test_a_corrupt_active_bank_makes_matching_fail_with_the_reason(bench: Bench) -> None:
-    """After the damage there is no attitude instead of a wrong one."""
+    """If the active bank is corrupt, matching fails and no attitude is reported until a rollback."""
     load(bench)
     bench.do("ACTIVATE_BANK", bank="B")
     bench.do("CONFIRM_BANK", bank="B")
@@ -146,7 +145,7 @@ def test_a_corrupt_active_bank_makes_matching_fail_with_the_reason(bench: Bench)
 
 
 def test_the_active_and_the_fallback_bank_cannot_be_written_or_erased(bench: Bench) -> None:
-    """Active, golden, and the bank that a trial falls back to."""
+    """The active bank, the golden bank and the fallback bank of a trial cannot be erased or written."""
     load(bench, "A")
     load(bench, "B")
     bench.do("ACTIVATE_BANK", bank="A")
@@ -162,7 +161,7 @@ def test_the_active_and_the_fallback_bank_cannot_be_written_or_erased(bench: Ben
 
 
 def test_erase_empties_an_inactive_bank(bench: Bench) -> None:
-    """Every cell is FF again, and the bank cannot be activated."""
+    """After an erase, every byte is 0xFF, and the bank cannot be verified or activated."""
     load(bench, "C")
     assert bench.do("ERASE_BANK", bank="C").stage is Stage.COMPLETED
     assert (
@@ -173,7 +172,7 @@ def test_erase_empties_an_inactive_bank(bench: Bench) -> None:
 
 
 def test_activation_needs_a_stopped_cycle(bench: Bench) -> None:
-    """A precondition of the dictionary, enforced on board."""
+    """The device rejects ACTIVATE_BANK while the cycle runs."""
     load(bench)
     bench.do("START_CYCLE")
     assert bench.do("ACTIVATE_BANK", bank="B").reason == "wrong_state"
@@ -181,7 +180,7 @@ def test_activation_needs_a_stopped_cycle(bench: Bench) -> None:
 
 @pytest.mark.parametrize("offset", [0, 60, 64, 9000])
 def test_any_flipped_bit_of_the_factory_bank_is_detected_at_boot(bench: Bench, offset: int) -> None:
-    """Header or body: the catalogue is not used and the boot event states the reason."""
+    """After a bit flip in header or body, the device reports BANK_CORRUPT at boot and does not use the catalogue."""
     rng = np.random.default_rng(offset)
     bench.memory.flash.flip(bench.memory.offset("golden") + offset, int(rng.integers(8)))
     bench.device.reset("watchdog", bench.now_s)

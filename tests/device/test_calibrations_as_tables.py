@@ -25,20 +25,22 @@ LENSES: tuple[Distortion, ...] = (
 @pytest.mark.parametrize("name", [i.name for i in shipped_registry().all() if i.profile.chain])
 @pytest.mark.parametrize("lens", LENSES)
 def test_every_lens_model_fits_every_units_table(name: str, lens: Distortion) -> None:
-    """A term that a calibration lacks, or has with the other sign, is valid; the camera read back is the same."""
-    own = shipped_camera(name)
-    camera = replace(own.camera.with_focal_scaled(1.004), distortion=lens, centre_col_px=own.camera.centre_col_px + 7)
-    made = calibrated_profile(own, camera, detector=DetectorFigures(psf_sigma_px=1.1))
-    back = calibrated(own, calibration_values(made))
-    assert back.sensor == made.sensor
-    pixels = np.array([[10.0, 20.0], [own.camera.columns / 2, own.camera.rows - 5.0]])
-    assert np.allclose(back.camera.unproject(pixels), camera.unproject(pixels), atol=1e-12)
+    """Coefficients that are zero or have the opposite sign are valid. The camera read from the table is the same."""
+    nominal = shipped_camera(name)
+    camera = replace(
+        nominal.camera.with_focal_scaled(1.004), distortion=lens, centre_col_px=nominal.camera.centre_col_px + 7
+    )
+    calibration = calibrated_profile(nominal, camera, detector=DetectorFigures(psf_sigma_px=1.1))
+    restored = calibrated(nominal, calibration_values(calibration))
+    assert restored.sensor == calibration.sensor
+    pixels = np.array([[10.0, 20.0], [nominal.camera.columns / 2, nominal.camera.rows - 5.0]])
+    assert np.allclose(restored.camera.unproject(pixels), camera.unproject(pixels), atol=1e-12)
 
 
 def test_implausible_coefficients_are_rejected() -> None:
-    """A factor of a hundred is an error with either sign."""
-    own = shipped_camera("cubestar")
+    """A coefficient about 100 times too large is rejected, with either sign."""
+    nominal = shipped_camera("cubestar")
     for k1 in (40.0, -40.0):
-        values = calibration_values(replace(own, camera=replace(own.camera, distortion=Brown(k1))))
+        values = calibration_values(replace(nominal, camera=replace(nominal.camera, distortion=Brown(k1))))
         with pytest.raises(BadInput, match="k1 is implausible"):
-            calibrated(own, values)
+            calibrated(nominal, values)

@@ -22,7 +22,7 @@ ANSWER = CanFrame(0x5AC, bytes.fromhex("4F00400002000000"))
 
 
 def wait_for(stream: ByteStream, enough: Callable[[bytes], bool]) -> bytes:
-    """Read until the data suffice; the test's own timeout ends a wait for ever."""
+    """Read until ``enough`` is true. There is no deadline here: the timeout of the test applies."""
     data = b""
     while not enough(data):
         data += stream.read(4096, 0.05)
@@ -31,7 +31,7 @@ def wait_for(stream: ByteStream, enough: Callable[[bytes], bool]) -> bytes:
 
 @pytest.fixture
 def bus() -> Iterator[tuple[can.BusABC, str]]:
-    """Another program on a bus of this machine, and the address of that bus."""
+    """Another program on a bus on this machine, and the address of that bus."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("", 0))
         port = taken.getsockname()[1]
@@ -47,8 +47,8 @@ frames = st.builds(CanFrame, st.integers(0, 0x7FF), st.binary(max_size=8), st.ju
 
 @settings(deadline=None)
 @given(st.lists(frames, max_size=6), st.lists(st.integers(1, 40), max_size=8))
-def test_records_are_read_however_they_are_cut(sent: list[CanFrame], cuts: list[int]) -> None:
-    """Every frame comes back as it was, in its order."""
+def test_records_are_read_from_pieces_of_any_length(sent: list[CanFrame], cuts: list[int]) -> None:
+    """All frames are read unchanged and in order, however the bytes are divided."""
     data, reader, received = b"".join(f.record() for f in sent), CanReader(), []
     for cut in cuts:
         received += reader.feed(data[:cut])
@@ -60,7 +60,7 @@ def test_records_are_read_however_they_are_cut(sent: list[CanFrame], cuts: list[
 @settings(deadline=None)
 @given(st.binary(max_size=64))
 def test_a_reader_recovers_after_any_bytes(noise: bytes) -> None:
-    """After at most two whole records that are not known to be whole, the next ones are read."""
+    """After arbitrary bytes the reader loses at most three records and reads all further ones."""
     reader = CanReader()
     reader.feed(noise)
     received = reader.feed(ANSWER.record() * 8)
@@ -68,14 +68,15 @@ def test_a_reader_recovers_after_any_bytes(noise: bytes) -> None:
 
 
 def test_a_record_has_the_head_of_a_capture_file() -> None:
-    """As in LINKTYPE_CAN_SOCKETCAN."""
+    """A record has the same header as in a capture file of type LINKTYPE_CAN_SOCKETCAN."""
     assert ANSWER.record() == bytes.fromhex("000005AC 08000000 4F00400002000000")
     assert CanFrame(0x1234, b"\1", extended=True).record()[:4] == bytes.fromhex("80001234")
     assert RECORD.size == 16
 
 
 def test_frames_pass_a_bus_that_two_programs_share(bus: tuple[can.BusABC, str]) -> None:
-    """In both directions, with identifiers of both lengths; part of a record waits for the rest."""
+    """Frames pass in both directions, with identifiers of both lengths. An incomplete record waits for its remaining
+    bytes."""
     other, url = bus
     stream = open_stream(url)
     record = ANSWER.record()
@@ -112,7 +113,8 @@ def test_noise_on_the_bus_gives_no_frames(bus: tuple[can.BusABC, str]) -> None:
 
 
 def test_a_serial_adapter_carries_frames() -> None:
-    """The text of an SLCAN adapter on its port; damaged lines are dropped, and a port that disappears ends the line."""
+    """Frames are written and read as the text of an SLCAN adapter. Damaged lines are dropped, and the line ends when the
+    port disappears."""
     master, slave = os.openpty()
     tty.setraw(slave)
     stream = open_stream(f"can://slcan{os.ttyname(slave)}", 1_000_000)
@@ -136,10 +138,10 @@ def test_a_serial_adapter_carries_frames() -> None:
 
 
 def test_a_bus_that_cannot_be_opened_is_reported_with_a_hint() -> None:
-    """An interface that this computer does not have, and an adapter that is not there."""
-    with pytest.raises(LinkDown, match="cannot open can://socketcan/nocan7") as refused:
+    """A missing interface is reported with a hint, and so is a missing adapter port."""
+    with pytest.raises(LinkDown, match="cannot open can://socketcan/nocan7") as error:
         open_stream("can://socketcan/nocan7")
-    assert "ip link set" in refused.value.hint
+    assert "ip link set" in error.value.hint
     with pytest.raises(NotFound, match="there is no port /dev/no-adapter"):
         open_stream("can://slcan/dev/no-adapter")
 
@@ -148,24 +150,24 @@ def test_a_bus_that_cannot_be_opened_is_reported_with_a_hint() -> None:
 def far_end() -> Iterator[tuple[zmq.Socket[bytes], str]]:
     """The socket of a mission-control system, and its address."""
     context = zmq.Context()
-    far = context.socket(zmq.DEALER)
-    port = far.bind_to_random_port("tcp://127.0.0.1")
-    yield far, f"zmq://127.0.0.1:{port}"
-    far.close(linger=0)
+    remote = context.socket(zmq.DEALER)
+    port = remote.bind_to_random_port("tcp://127.0.0.1")
+    yield remote, f"zmq://127.0.0.1:{port}"
+    remote.close(linger=0)
     context.term()
 
 
 def test_bytes_and_packets_pass_zeromq(far_end: tuple[zmq.Socket[bytes], str]) -> None:
-    """A write is a message; messages of one or several parts are read as they follow each other."""
-    far, url = far_end
+    """Each write sends one message. Messages with one or several parts are read as one stream of bytes."""
+    remote, url = far_end
     stream = open_stream(url)
     packet = bytes.fromhex("1935C00000010210")
     stream.write(packet)
-    assert far.recv() == packet
-    far.send(packet)
-    far.send_multipart([b"\1\2", b"\3"])
+    assert remote.recv() == packet
+    remote.send(packet)
+    remote.send_multipart([b"\1\2", b"\3"])
     assert wait_for(stream, lambda data: len(data) >= 11) == packet + b"\1\2\3"
-    far.send(bytes(100))
+    remote.send(bytes(100))
     assert stream.read(60, 5.0) + stream.read(60, 5.0) == bytes(100)
     assert stream.read(60, 0.0) == b""
     stream.close()
@@ -174,14 +176,14 @@ def test_bytes_and_packets_pass_zeromq(far_end: tuple[zmq.Socket[bytes], str]) -
         stream.write(b"x")
 
 
-def test_a_zeromq_line_ends_when_the_other_end_does(far_end: tuple[zmq.Socket[bytes], str]) -> None:
-    """After everything that was received."""
-    far, url = far_end
+def test_a_zeromq_line_ends_when_the_other_end_closes(far_end: tuple[zmq.Socket[bytes], str]) -> None:
+    """All received data are read before the line reports that the other end closed."""
+    remote, url = far_end
     stream = open_stream(url)
     stream.write(b"hello")
-    assert far.recv() == b"hello"
-    far.send(b"last")
-    far.close(linger=5000)
+    assert remote.recv() == b"hello"
+    remote.send(b"last")
+    remote.close(linger=5000)
     assert wait_for(stream, lambda data: data == b"last")
     with pytest.raises(LinkDown, match="the other end closed"):
         wait_for(stream, lambda _: False)
@@ -189,7 +191,7 @@ def test_a_zeromq_line_ends_when_the_other_end_does(far_end: tuple[zmq.Socket[by
 
 
 def test_only_a_zeromq_socket_opens_the_line() -> None:
-    """A closed port and another kind of server are refused; a silent one after the deadline."""
+    """Opening the line fails for a silent server after the deadline, for a closed port and for an unknown host."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
         with pytest.raises(LinkDown, match="cannot open"):

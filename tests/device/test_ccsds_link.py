@@ -1,4 +1,4 @@
-"""CCSDS packets in and out with the driver ``link``: the software of NOS3 in front of its star tracker, over UDP too."""
+"""CCSDS packets to and from the NOS3 star tracker software with the driver ``link``, also over UDP."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ DATA = f"09 36 C0 01 00 2A 01 02 03 04 05 06 00 00 00 00 {HALF} 00 00 00 00 00 0
 
 @pytest.fixture
 def session(root: Path) -> Driver:
-    """A session with the link.yaml of docs/instruments.md."""
+    """Session with the link.yaml of docs/instruments.md."""
     text = (root / "docs" / "instruments.md").read_text("utf-8")
     block = re.search(r"```yaml\n# ccsds_link.yaml\n(.*?)```", text, re.DOTALL)
     assert block
     rules = LinkFile.model_validate(yaml.safe_load(block[1]))
-    made = open_session(UnitSetup(parse_dictionary(DICTIONARY), rules, "nos3-cfs"))
-    made.link_up(0.0)
-    return made
+    driver = open_session(UnitSetup(parse_dictionary(DICTIONARY), rules, "nos3-cfs"))
+    driver.link_up(0.0)
+    return driver
 
 
 @pytest.mark.parametrize(
@@ -73,13 +73,14 @@ def session(root: Path) -> Driver:
     [("ENABLE", "19 35 C0 00 00 01 02 10"), ("REQUEST_DATA", "19 36 C0 00 00 01 01 10")],
 )
 def test_requests_have_the_public_bytes(session: Driver, name: str, wire: str) -> None:
-    """Primary header, function code and checksum of the flight software."""
+    """Requests have the primary header, function code and checksum that the flight software expects."""
     session.submit(session.encode(name, {}))
     assert session.poll(0.0)[0] == bytes.fromhex(wire)
 
 
 def test_telemetry_is_read_from_packets_in_any_pieces(session: Driver) -> None:
-    """Header big-endian, content little-endian; the answer completes its request, another packet is telemetry only."""
+    """Big-endian headers and little-endian content are decoded. The response completes its request; other packets are
+    telemetry only."""
     session.submit(session.encode("REQUEST_DATA", {}))
     session.poll(0.0)
     both = bytes.fromhex(HOUSEKEEPING + DATA)
@@ -100,7 +101,7 @@ def test_telemetry_is_read_from_packets_in_any_pieces(session: Driver) -> None:
 
 
 def test_packets_over_udp_reach_the_session(session: Driver) -> None:
-    """A datagram out and a datagram back, on a real socket."""
+    """A request is sent and a response received as datagrams on a real socket."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor:
         sensor.bind(("127.0.0.1", 0))
         sensor.settimeout(10)
@@ -118,8 +119,8 @@ def test_packets_over_udp_reach_the_session(session: Driver) -> None:
             stream.read(10, 0.01)
 
 
-def test_an_absent_far_end_is_a_silent_line() -> None:
-    """UDP has no connection: writing and reading continue until the other end starts."""
+def test_without_a_peer_a_udp_line_is_silent() -> None:
+    """UDP has no connection: without a peer, writes succeed and reads return no data."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
@@ -130,7 +131,7 @@ def test_an_absent_far_end_is_a_silent_line() -> None:
     stream.close()
 
 
-def test_a_host_without_address_is_refused() -> None:
-    """The error names the host's address."""
+def test_a_host_without_address_is_rejected() -> None:
+    """A host name that cannot be resolved is reported with the line's address."""
     with pytest.raises(LinkDown, match="cannot open udp://"):
         open_stream("udp://no-such-host.invalid:1234")

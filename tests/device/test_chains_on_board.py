@@ -1,4 +1,4 @@
-"""Each unit runs its own system's chain from its flash content, and the ground can reproduce it."""
+"""Each unit runs the chain of its system with its flash content, and the ground reproduces the results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Make = Callable[..., "Bench"]
 ARCSEC_RAD = np.pi / 180 / 3600
 
 
-def greeted(make_bench: Make, camera: str) -> Bench:
+def ready_bench(make_bench: Make, camera: str) -> Bench:
     bench = make_bench(camera=camera)
     bench.until(lambda: bench.host.hello is not None)
     return bench
@@ -38,9 +38,10 @@ def greeted(make_bench: Make, camera: str) -> Bench:
 
 @pytest.mark.parametrize("camera", sorted(i.name for i in shipped_registry().all() if i.profile.chain))
 def test_every_camera_finds_its_attitude_with_its_own_chain(make_bench: Make, camera: str) -> None:
-    """Lost in space first, then tracking, each within 0.05° of the rendered attitude; timing is the chain's. If the first result
-    took longer than the chain may track from, stars are matched once more (Sunsat: Jacobs 1995 eq. 3.6)."""
-    bench = greeted(make_bench, camera)
+    """Each camera starts lost in space, reaches tracking within three iterations and ends within 0.05° of the rendered
+    attitude, with the timing of its chain. If a result is too old to track from, stars are matched once more (Sunsat:
+    Jacobs 1995 eq. 3.6)."""
+    bench = ready_bench(make_bench, camera)
     assert bench.tracker.chain is system(camera)
     times: list[float] = []
     for _ in range(3):
@@ -68,12 +69,11 @@ def test_every_camera_finds_its_attitude_with_its_own_chain(make_bench: Make, ca
 
 @pytest.mark.parametrize("camera", sorted(i.name for i in shipped_registry().all() if i.profile.chain))
 def test_the_ground_reproduces_an_iteration_bit_for_bit(make_bench: Make, camera: str) -> None:
-    """Frame, bank, settings from housekeeping and the previously reported attitudes give the same quaternion, four in a
-    row.
-    """
-    bench = greeted(make_bench, camera)
-    own, chain, known = shipped_camera(camera), system(camera), PriorState()
-    prepared = chain.prepare(decode(bench.memory.content("golden")), own)
+    """The ground computes exactly the same quaternion from frame, bank, settings in housekeeping and previous attitudes,
+    for four iterations."""
+    bench = ready_bench(make_bench, camera)
+    profile, chain, prior = shipped_camera(camera), system(camera), PriorState()
+    prepared = chain.prepare(decode(bench.memory.content("golden")), profile)
     for _ in range(4):
         settings = bench.status()
         bench.do("RUN_ITERATION", seconds=70)
@@ -81,19 +81,19 @@ def test_the_ground_reproduces_an_iteration_bit_for_bit(make_bench: Make, camera
         mode = Mode(str(reported["mode"]))
         threshold_dn = float(settings["threshold_dn"]) or None
         least, most = int(settings["min_pixels"]), int(settings["max_pixels"])
-        commanded = Commanded(threshold_dn, least, most, known.radius_rad(mode))
-        parameters = chain.parameters(own, frame.exposure_ms / 1000, commanded, mode)
-        hint = known.hint(mode, float(reported["frame_time_s"]))
-        result = solve(chain, frame.pixels, Work(own.camera, prepared, parameters, mode, hint))
+        commanded = Commanded(threshold_dn, least, most, prior.radius_rad(mode))
+        parameters = chain.parameters(profile, frame.exposure_ms / 1000, commanded, mode)
+        hint = prior.hint(mode, float(reported["frame_time_s"]))
+        result = solve(chain, frame.pixels, Work(profile.camera, prepared, parameters, mode, hint))
         quaternion = np.array([float(reported[f"quaternion_{a}"]) for a in "xyzw"])
         assert result.attitude is not None
         assert (result.attitude.quaternion == quaternion).all()
-        known = known.after(quaternion, float(reported["frame_time_s"]))
-    assert len(known.earlier) == 2
+        prior = prior.after(quaternion, float(reported["frame_time_s"]))
+    assert len(prior.earlier) == 2
 
 
 def test_three_attitudes_in_a_row_are_stored_and_a_failure_clears_them(bench: Bench) -> None:
-    """The last attitude is kept, the ones before it are discarded when an iteration fails."""
+    """After a failed iteration the last attitude is kept and earlier ones are discarded. A reset discards all."""
     for count in (0, 1, 2, 2):
         bench.do("RUN_ITERATION")
         assert len(bench.tracker.prior.earlier) == count
@@ -109,10 +109,10 @@ def test_three_attitudes_in_a_row_are_stored_and_a_failure_clears_them(bench: Be
 
 
 @pytest.mark.parametrize("rate_deg_s", [(0.1, 0.1, 0.1), (0.0, 0.05, 0.0)])
-def test_sunsats_cycle_tracks_while_turning(make_bench: Make, rate_deg_s: tuple[float, float, float]) -> None:
-    """Jacobs 1995 §4.1.8: at up to 0.1°/s per axis the whole cycle gets from lost in space to tracking and stays there, with
-    steps of several seconds at the start and one second later."""
-    bench = greeted(make_bench, "sunsat")
+def test_sunsats_cycle_tracks_while_rotating(make_bench: Make, rate_deg_s: tuple[float, float, float]) -> None:
+    """At up to 0.1°/s per axis the cycle reaches tracking from lost in space and remains there (Jacobs 1995 §4.1.8).
+    Results are several seconds apart at the start, and one second apart in tracking."""
+    bench = ready_bench(make_bench, "sunsat")
     sky = bench.tracker.sky.environment
     attitude = sky.motion.at(bench.device.sky_s).cam_from_icrs
     sky.motion = Inertial(attitude, np.radians(rate_deg_s), bench.device.sky_s)
@@ -131,9 +131,10 @@ def test_sunsats_cycle_tracks_while_turning(make_bench: Make, rate_deg_s: tuple[
 
 @pytest.mark.parametrize(("camera", "oldest_s"), [("cubestar", 1.5), ("sunsat", 1.5)])
 def test_an_attitude_leaves_the_unit_after_it_is_computed(make_bench: Make, camera: str, oldest_s: float) -> None:
-    """In a cycle every result is later than its exposure by copying and processing. In tracking, CubeStar's attitude is at most
-    1.5 s old (Erlank 2013 §5.3.6); Sunsat lost in space reports after its 20 s and then takes a new image."""
-    bench = greeted(make_bench, camera)
+    """In a cycle each result is sent after copying and processing its frame. In tracking, the attitude is less than 1.5 s
+    old (CubeStar: Erlank 2013 §5.3.6). Sunsat lost in space reports more than 15 s after the frame and then takes a new
+    image."""
+    bench = ready_bench(make_bench, camera)
     bench.do("START_CYCLE")
     bench.run(40.0 if camera == "sunsat" else 12.0)
     attitudes, timings = bench.telemetry("attitude"), bench.telemetry("timing")
@@ -151,8 +152,8 @@ def test_an_attitude_leaves_the_unit_after_it_is_computed(make_bench: Make, came
 
 
 def test_the_attitude_control_gets_no_vectors_while_stars_are_matched(make_bench: Make) -> None:
-    """Jacobs 1995 §4.3: at the end of a period without a result the unit sends a report with zero vectors."""
-    bench = greeted(make_bench, "sunsat")
+    """At the end of each period without a result, the unit sends a report with zero vectors (Jacobs 1995 §4.3)."""
+    bench = ready_bench(make_bench, "sunsat")
     bench.do("SET_TIME", utc_s=1.8e9)
     bench.do("SET_ORBIT", raan_deg=0.0, inclination_deg=97.0, latitude_deg=0.0, altitude_km=600.0, epoch_s=0.0)
     bench.do("START_CYCLE")
@@ -165,8 +166,9 @@ def test_the_attitude_control_gets_no_vectors_while_stars_are_matched(make_bench
 
 
 def test_the_rate_in_housekeeping_is_measured(make_bench: Make) -> None:
-    """It follows from successive attitudes: unknown before there are two, then the true rate within their accuracy."""
-    bench = greeted(make_bench, "cubestar")
+    """The rate is calculated from successive attitudes: NaN after one attitude, within 0.02°/s of the true rate after
+    two."""
+    bench = ready_bench(make_bench, "cubestar")
     sky = bench.tracker.sky.environment
     attitude = sky.motion.at(bench.device.sky_s).cam_from_icrs
     sky.motion = Inertial(attitude, np.radians([0.0, 0.05, 0.0]), bench.device.sky_s)
@@ -178,24 +180,24 @@ def test_the_rate_in_housekeeping_is_measured(make_bench: Make) -> None:
 
 
 def test_a_series_of_attitudes_starts_again_after_a_failure() -> None:
-    """The attitude before a failure gives the hint of the next frame, but no rate with the attitude after it."""
+    """The attitude before a failed frame is the hint for the next frame, but is not used for a rate with later ones."""
     first, second = np.array([0.0, 0.0, 0.0, 1.0]), np.array([0.1, 0.0, 0.0, 1.0])
-    known = PriorState().after(first, 1.0).after(None, 2.0)
-    hint = known.hint(Mode.TRACKING, 3.0)
+    prior = PriorState().after(first, 1.0).after(None, 2.0)
+    hint = prior.hint(Mode.TRACKING, 3.0)
     assert hint is not None
     assert hint.ages_s == (2.0,)
-    known = known.after(second, 3.0)
-    assert known.earlier == ()
-    hint = known.after(first, 4.5).hint(Mode.TRACKING, 5.0)
+    prior = prior.after(second, 3.0)
+    assert prior.earlier == ()
+    hint = prior.after(first, 4.5).hint(Mode.TRACKING, 5.0)
     assert hint is not None
     assert (hint.ages_s, hint.steps) == ((0.5, 2.0), pytest.approx(1 / 3))
     # Jacobs 1995 eq. 3.6: 2° at 0.241°/s.
-    assert known.usable(Mode.TRACKING, 11.0, system("sunsat").oldest_attitude_s) is Mode.TRACKING
-    assert known.usable(Mode.TRACKING, 11.4, system("sunsat").oldest_attitude_s) is Mode.ASSISTED
+    assert prior.usable(Mode.TRACKING, 11.0, system("sunsat").oldest_attitude_s) is Mode.TRACKING
+    assert prior.usable(Mode.TRACKING, 11.4, system("sunsat").oldest_attitude_s) is Mode.ASSISTED
 
 
 def test_a_table_with_a_constant_that_chains_no_longer_have_is_valid() -> None:
-    """Tables of version 0.4 contain Sunsat's rate_interval_s; other unknown constants are rejected."""
+    """Sunsat's rate_interval_s, which tables of version 0.4 contain, is valid. Other unknown constants are rejected."""
     sunsat = shipped_camera("sunsat")
     check_parameters(sunsat, {"chain": "sunsat", "rate_interval_s": 1.0})
     with pytest.raises(BadInput, match="no such constant"):
@@ -219,14 +221,15 @@ def upload(bench: Bench, image: bytes, camera: str, form: str) -> str:
     ],
 )
 def test_a_unit_accepts_the_formats_that_it_reads(make_bench: Make, camera: str, form: str, ends: str) -> None:
-    """Its own system's and CubeStar's, no other."""
-    bench, stars = greeted(make_bench, camera), load_stars(3.6)
+    """A unit accepts the catalogue formats of its system and of CubeStar, and rejects others."""
+    bench, stars = ready_bench(make_bench, camera), load_stars(3.6)
     image = encode(stars, distance_table(stars, 0.0044, 0.2), form, camera)  # type: ignore[arg-type]
     assert ends in upload(bench, image, camera, form)
 
 
 def test_another_cameras_catalogue_is_rejected_even_with_a_wrong_offer(bench: Bench) -> None:
-    """The name in the image counts, not the name in the offer: rejected at the commit, and nothing is activated."""
+    """The camera name in the image is checked at the commit, so a wrong name in the offer does not help. The bank is not
+    activated."""
     stars = load_stars(3.6)
     image = encode(stars, distance_table(stars, 0.0044, 0.2), "cubestar", "sunsat")
     assert "catalogue is for sunsat, this is cubestar" in upload(bench, image, "cubestar", "cubestar")
@@ -234,10 +237,9 @@ def test_another_cameras_catalogue_is_rejected_even_with_a_wrong_offer(bench: Be
 
 
 def test_a_slow_chain_delays_its_own_cycle(make_bench: Make) -> None:
-    """Sunsat lost in space needs more than a period: the next image is late by whole periods, and none is taken
-    meanwhile.
-    """
-    bench = greeted(make_bench, "sunsat")
+    """Sunsat lost in space needs more than one period. The next image is taken after a whole number of periods, and none
+    in between."""
+    bench = ready_bench(make_bench, "sunsat")
     bench.do("START_CYCLE")
     bench.run(40.0)
     infos = [t.values for t in bench.telemetry("frame_info")]

@@ -1,4 +1,4 @@
-"""From losses to the size of chunks, and held ranges from one grid to another."""
+"""Chunk size as a function of losses, and conversion of held ranges to another chunk size."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from gss.device.protocol.transfer import ChunkSender, ChunkSet, chunk_count
     ("bit_error_rate", "best"), [(0.0, 1024), (1e-6, 1024), (1e-5, 1024), (1e-4, 256), (3e-4, 128), (1e-2, 128)]
 )
 def test_the_best_size_follows_the_bit_error_rate(bit_error_rate: float, best: int) -> None:
-    """A byte survives with (1 − p)⁸; the result is the size with the highest throughput, and the largest one where
-    sizes are equal.
-    """
+    """The best size has the highest throughput if a byte survives with probability (1 − p)⁸. Of equal sizes it is the
+    largest."""
     assert best_chunk_bytes(-8 * math.log1p(-bit_error_rate)) == best
 
 
 def test_losses_give_the_bit_error_rate() -> None:
-    """Of frames of 1064 bytes at one bit in ten thousand 57.3 % are lost."""
+    """The loss rate per byte is estimated from lost frames: at a bit error rate of 1e-4, 57.3 % of 1064-byte frames are
+    lost."""
     rate = -8 * math.log1p(-1e-4)
     lost = round(1000 * (1 - math.exp(-rate * 1064)))
     assert loss_per_byte(lost, 1000, 1064) == pytest.approx(rate, rel=0.01)
@@ -53,7 +53,7 @@ def test_losses_give_the_bit_error_rate() -> None:
 def test_a_transfer_is_reopened_only_with_a_benefit(
     chunk_bytes: int, lost: int, sent: int, smaller: int | None
 ) -> None:
-    """Enough samples, and clearly more payload per byte sent afterwards."""
+    """A smaller size is proposed only with enough samples and if it carries clearly more payload per byte sent."""
     assert smaller_chunk_bytes(chunk_bytes, lost, sent) == smaller
     if smaller is not None:
         rate = loss_per_byte(lost, sent, chunk_bytes + FRAME_OVERHEAD_BYTES)
@@ -64,18 +64,19 @@ def test_a_transfer_is_reopened_only_with_a_benefit(
 def test_regridding_marks_exactly_the_chunks_with_every_byte_held(
     size: int, old: int, new: int, data: st.DataObject
 ) -> None:
-    """Checked byte by byte: every marked chunk is held, and no completely held chunk is left out."""
+    """After conversion, a chunk is marked exactly if all of its bytes are held."""
     count = chunk_count(size, old)
     held = ChunkSet(count, data.draw(st.lists(st.integers(0, count - 1), max_size=40)))
-    there = bytearray(size)
+    byte_held = bytearray(size)
     for first, last in held.ranges()[0]:
-        there[first * old : (last + 1) * old] = b"\1" * (min((last + 1) * old, size) - first * old)
-    expected = [i for i in range(chunk_count(size, new)) if all(there[i * new : (i + 1) * new])]
+        byte_held[first * old : (last + 1) * old] = b"\1" * (min((last + 1) * old, size) - first * old)
+    expected = [i for i in range(chunk_count(size, new)) if all(byte_held[i * new : (i + 1) * new])]
     assert regrid(held.ranges()[0], size, old, new) == expected
 
 
 def test_a_sender_requests_status_after_its_last_chunk() -> None:
-    """No later chunk would make the receiver report; without the request a lost last chunk would cost its timeout."""
+    """After the last chunk the sender requests status, because no later chunk would cause a report. Without the request,
+    a lost last chunk would cost a timeout."""
     sender = ChunkSender(3, 16, 5.0)
     assert [sender.next_chunk(0.0) for _ in range(3)] == [(0, 1), (1, 2), (2, 3)]
     assert sender.request_due(0.0) == (3, 0)

@@ -1,4 +1,4 @@
-"""Chunk sets, sender and receiver without line or session."""
+"""Chunk sets, sender and receiver, tested without line or session."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, ChunkSet, c
 
 
 def test_chunk_sets_count_ranges_and_bytes() -> None:
-    """Ranges are inclusive, pages are bounded, the last chunk may be short."""
+    """Ranges are inclusive, pages are bounded, and the last chunk may be shorter."""
     held = ChunkSet(10, [0, 1, 4, 9])
     assert held.ranges() == (((0, 1), (4, 4), (9, 9)), 10)
     assert held.ranges(0, 2) == (((0, 1), (4, 4)), 9)
@@ -26,9 +26,8 @@ def test_chunk_sets_count_ranges_and_bytes() -> None:
 
 @pytest.mark.parametrize("loss", [0.0, 0.3, 0.7])
 def test_sender_and_receiver_finish_despite_losses(loss: float) -> None:
-    """Chunks, status pages and requests are lost at random; every chunk arrives, the window is never exceeded, and
-    without loss nothing is sent twice.
-    """
+    """With random loss of chunks, status pages and requests, every chunk arrives and the window is never exceeded.
+    Without loss, no chunk is sent twice."""
     rng = np.random.default_rng(5)
     sender, receiver = ChunkSender(300, 16, 0.5), ChunkReceiver(3000, 10, 16)
     sent, now_s = 0, 0.0
@@ -58,7 +57,7 @@ def test_sender_and_receiver_finish_despite_losses(loss: float) -> None:
 
 
 def test_a_resumed_sender_reads_all_pages_first() -> None:
-    """Alternating held chunks fill many pages; only the gaps are sent."""
+    """If every second chunk is held, which needs several status pages, only the missing chunks are sent."""
     receiver = ChunkReceiver(2000, 10, 16, range(0, 200, 2))
     sender, sent, now_s = ChunkSender(200, 16, 0.5, resumed=True), [], 0.0
     while not sender.complete and now_s < 100:

@@ -34,7 +34,7 @@ ARGUMENTS = [(c, a) for c in DICTIONARY.commands for a in c.arguments]
 
 
 def values_of(item: Item) -> st.SearchStrategy[Any]:
-    """Return a strategy for every value the type can encode."""
+    """Return a strategy for every value that the type can encode."""
     if item.type in INTEGER_RANGES:
         return st.integers(*INTEGER_RANGES[item.type])
     text = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=10)
@@ -56,8 +56,8 @@ def values_of(item: Item) -> st.SearchStrategy[Any]:
 @pytest.mark.parametrize("name", sorted(LAYOUTS))
 @given(data=st.data())
 @settings(max_examples=12, deadline=None)
-def test_every_layout_survives_the_round_trip(name: str, data: st.DataObject) -> None:
-    """Encoded values are decoded value by value and list by list; one byte less or more is rejected."""
+def test_encoded_values_are_decoded_unchanged(name: str, data: st.DataObject) -> None:
+    """Decoding returns the encoded values and lists of every layout. One byte less or more is rejected."""
     layout = LAYOUTS[name]
     values = {e.name: data.draw(values_of(e)) for e in layout if isinstance(e, Item)}
     lists = {
@@ -66,11 +66,13 @@ def test_every_layout_survives_the_round_trip(name: str, data: st.DataObject) ->
         if isinstance(e, Group)
     }
     payload = encode(layout, values, lists)
-    back = decode(layout, payload)
+    decoded = decode(layout, payload)
     enums = {e.name for e in layout if isinstance(e, Item) and e.type == "enum"}
-    assert {n: v for n, v in back.raw.items() if n not in enums} == {n: v for n, v in values.items() if n not in enums}
-    assert {n: back.values[n] for n in enums} == {n: values[n] for n in enums}
-    assert back.lists == lists
+    assert {n: v for n, v in decoded.raw.items() if n not in enums} == {
+        n: v for n, v in values.items() if n not in enums
+    }
+    assert {n: decoded.values[n] for n in enums} == {n: values[n] for n in enums}
+    assert decoded.lists == lists
     if not any(isinstance(e, Item) and e.type == "rest" for e in layout):
         with pytest.raises(CorruptData):
             decode(layout, payload + b"\0")
@@ -81,7 +83,7 @@ def test_every_layout_survives_the_round_trip(name: str, data: st.DataObject) ->
 
 @pytest.mark.parametrize(("command", "argument"), ARGUMENTS, ids=[f"{c.name}.{a.name}" for c, a in ARGUMENTS])
 def test_argument_limits_are_inclusive(command: CommandDefinition, argument: Argument) -> None:
-    """Minimum and maximum pass, one step beyond does not, and the message says "low – high, got x"."""
+    """Minimum and maximum are accepted. One step beyond is rejected with the range and the value."""
     if argument.choices:
         for choice in argument.choices:
             assert check_argument(argument, choice.name) == choice.name
@@ -107,8 +109,8 @@ def test_argument_limits_are_inclusive(command: CommandDefinition, argument: Arg
     assert encode([argument], {argument.name: low})
 
 
-def test_message_for_a_value_out_of_range_is_the_console_s() -> None:
-    """The message that the field shows."""
+def test_the_error_of_a_value_out_of_range_has_range_and_value() -> None:
+    """The error has the allowed range with its unit and the rejected value, which the console displays."""
     threshold = DICTIONARY.command("SET_DETECTION").argument("threshold_dn")
     with pytest.raises(BadInput) as caught:
         check_argument(threshold, 5000)
@@ -117,20 +119,20 @@ def test_message_for_a_value_out_of_range_is_the_console_s() -> None:
 
 @pytest.mark.parametrize("wrong", [True, "12", 12.5, math.nan, math.inf, None, b"\1"])
 def test_a_number_must_be_a_number(wrong: Value) -> None:
-    """No booleans, texts, fractions or infinities for an integer."""
+    """Booleans, texts, fractions, infinities and bytes are rejected for an integer argument."""
     with pytest.raises(BadInput):
         check_argument(Argument("n", "u8", minimum=0, maximum=255), wrong)
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, True, "1.0"])
 def test_a_float_argument_must_be_finite(wrong: Value) -> None:
-    """NaN and infinity are rejected."""
+    """NaN, infinity, booleans and texts are rejected for a float argument."""
     with pytest.raises(BadInput):
         check_argument(DICTIONARY.command("SET_ATTITUDE_HINT").argument("ra_deg"), wrong)
 
 
 def test_unknown_and_missing_arguments_are_rejected_and_defaults_fill_in() -> None:
-    """The packet contains exactly the arguments of the dictionary."""
+    """Unknown arguments, and missing ones without a default, are rejected. Missing ones get their default."""
     command = DICTIONARY.command("TAKE_IMAGE")
     assert check_arguments(command, {"slot": 3}) == {"slot": 3, "exposure_ms": 0}
     with pytest.raises(BadInput, match="unknown argument"):
@@ -140,28 +142,28 @@ def test_unknown_and_missing_arguments_are_rejected_and_defaults_fill_in() -> No
 
 
 def test_bytes_are_big_endian_and_in_order() -> None:
-    """Against struct, written by hand."""
+    """Encoded arguments equal the big-endian bytes of ``struct``, in the order of the dictionary."""
     command = DICTIONARY.command("SET_ATTITUDE_HINT")
     values = {"ra_deg": 10.5, "dec_deg": -3.25, "roll_deg": 1.0, "uncertainty_deg": 5.0}
     assert encode(command.arguments, values) == struct.pack(">dddf", 10.5, -3.25, 1.0, 5.0)
 
 
 def test_telemetry_is_in_engineering_units() -> None:
-    """Linear and polynomial conversion, and enumerations by name."""
+    """Values are converted by linear and polynomial functions, and enumerations are decoded to names."""
     fields = [f for f in DICTIONARY.packet("housekeeping").fields if isinstance(f, Item)]
     chosen = [
         f for f in fields if f.name in ("mode", "sensor_temperature_c", "processor_temperature_c", "supply_3v3_v")
     ]
-    back = decode(chosen, struct.pack(">BHHH", 3, 1000, 1500, 3300))
-    assert back.values["mode"] == "tracking"
-    assert back.values["sensor_temperature_c"] == pytest.approx(12.5)
-    assert back.values["processor_temperature_c"] == pytest.approx(-60 + 75 + 2.25)
-    assert back.values["supply_3v3_v"] == pytest.approx(3.3)
-    assert back.raw["mode"] == 3
+    decoded = decode(chosen, struct.pack(">BHHH", 3, 1000, 1500, 3300))
+    assert decoded.values["mode"] == "tracking"
+    assert decoded.values["sensor_temperature_c"] == pytest.approx(12.5)
+    assert decoded.values["processor_temperature_c"] == pytest.approx(-60 + 75 + 2.25)
+    assert decoded.values["supply_3v3_v"] == pytest.approx(3.3)
+    assert decoded.raw["mode"] == 3
 
 
 def test_an_invalid_payload_is_corrupt() -> None:
-    """Unknown choices, bools above one and invalid text are rejected."""
+    """Unknown choices, booleans above one and truncated text are rejected as corrupt."""
     for kind, payload in (("bool", b"\2"), ("text", b"\2\xff\xff")):
         with pytest.raises(CorruptData):
             decode([Item("x", kind)], payload)

@@ -1,4 +1,4 @@
-"""Commands from queue to end, over a line, with simulated time."""
+"""Commands from the queue to completion, over a line with simulated time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def quaternion_of(values: object) -> np.ndarray:
 
 
 def test_device_identifies_itself(bench: Bench) -> None:
-    """HELLO is sent automatically when the line opens and gets the device's identity."""
+    """HELLO is sent automatically when the line opens, and the device replies with its identity."""
     hello = bench.host.hello
     assert hello is not None
     assert (hello.profile, hello.columns, hello.rows, hello.bits) == ("cubestar", 1024, 512, 8)
@@ -34,7 +34,7 @@ def test_device_identifies_itself(bench: Bench) -> None:
 
 
 def test_a_command_passes_every_stage_in_order(bench: Bench) -> None:
-    """queued, released, sent, accepted, started, progress, completed, with the device's clock."""
+    """A command passes queued, released, sent, accepted, started, progress and completed, with increasing device time."""
     end = bench.do("RUN_ITERATION")
     stages = [s.stage.value for s in bench.stages(end.request_id)]
     assert stages == ["queued", "released", "sent", "accepted", "started", "progress", "completed"]
@@ -45,7 +45,8 @@ def test_a_command_passes_every_stage_in_order(bench: Bench) -> None:
 
 
 def test_an_iteration_reports_every_result_correctly(bench: Bench) -> None:
-    """Centroids, matches, attitude, timing and truth of one frame; the attitude is the rendered one."""
+    """An iteration reports centroids, matches, attitude, timing and truth of one frame. The attitude is within 200″ of
+    the rendered one."""
     end = bench.do("RUN_ITERATION")
     for packet in ("frame_info", "centroids", "matches", "attitude", "timing", "frame_truth"):
         (report,) = bench.telemetry(packet)
@@ -62,7 +63,7 @@ def test_an_iteration_reports_every_result_correctly(bench: Bench) -> None:
 
 
 def test_single_steps_equal_one_iteration(bench: Bench) -> None:
-    """TAKE_IMAGE, FIND_CENTROIDS, MATCH_STARS, CALCULATE_ATTITUDE one by one."""
+    """TAKE_IMAGE, FIND_CENTROIDS, MATCH_STARS and CALCULATE_ATTITUDE, sent one after another, solve a frame."""
     taken = bench.do("TAKE_IMAGE", slot=1, exposure_ms=200)
     assert taken.values == {"frame_number": 1, "slot": 1}
     found = bench.do("FIND_CENTROIDS", slot=1)
@@ -76,7 +77,7 @@ def test_single_steps_equal_one_iteration(bench: Bench) -> None:
 
 
 def test_matches_name_rows_of_the_active_catalogue(bench: Bench, golden_catalogue: object) -> None:
-    """The star numbers of the telemetry are rows of the bank; with its manifest they are the rendered stars."""
+    """Star numbers in telemetry are rows of the bank. With its manifest they identify the rendered stars."""
     bench.do("RUN_ITERATION")
     truth = bench.tracker.slots[0].truth
     assert truth is not None
@@ -89,7 +90,7 @@ def test_matches_name_rows_of_the_active_catalogue(bench: Bench, golden_catalogu
 
 
 def test_housekeeping_is_sent_once_a_second(bench: Bench) -> None:
-    """1 Hz, automatically, with values within limits on a healthy unit."""
+    """Housekeeping is sent automatically at 1 Hz, with power values within limits on a healthy unit."""
     bench.events.clear()
     bench.run(10.0)
     reports = bench.telemetry("housekeeping")
@@ -102,7 +103,7 @@ def test_housekeeping_is_sent_once_a_second(bench: Bench) -> None:
 
 
 def test_the_cycle_gives_an_attitude_every_second(bench: Bench) -> None:
-    """Pipelining as documented: while an image is taken the previous one is solved, so results are up to 1.5 s old."""
+    """The cycle takes one image while it solves the previous one, so results are up to 1.5 s old."""
     bench.do("START_CYCLE")
     bench.events.clear()
     bench.run(6.0)
@@ -119,7 +120,7 @@ def test_the_cycle_gives_an_attitude_every_second(bench: Bench) -> None:
 
 
 def test_mode_follows_the_result(bench: Bench) -> None:
-    """A solution leads to tracking; housekeeping and an event report it."""
+    """After a solution the mode is tracking, which housekeeping and an event report."""
     bench.do("RUN_ITERATION")
     assert bench.do("GET_STATUS").stage is Stage.COMPLETED
     assert bench.host.housekeeping is not None
@@ -130,7 +131,7 @@ def test_mode_follows_the_result(bench: Bench) -> None:
 
 
 def test_a_command_in_the_wrong_mode_is_rejected(bench: Bench) -> None:
-    """The device checks preconditions; the report has the reason and the condition."""
+    """The device checks preconditions. Its report has the reason and the condition."""
     bench.do("SET_MODE", mode="standby")
     end = bench.do("START_CYCLE")
     assert (end.stage, end.reason) == (Stage.REJECTED, "wrong_state")
@@ -144,14 +145,14 @@ def test_a_command_in_the_wrong_mode_is_rejected(bench: Bench) -> None:
 
 
 def test_steps_without_their_input_fail_with_the_reason(bench: Bench) -> None:
-    """No image, no centroids, no matches."""
+    """A step fails with the reason if its image, centroids or matches are missing."""
     assert bench.do("FIND_CENTROIDS", slot=3).reason == "no_image"
     assert "FIND_CENTROIDS" in bench.do("MATCH_STARS").detail
     assert "MATCH_STARS" in bench.do("CALCULATE_ATTITUDE").detail
 
 
 def test_detection_settings_are_used_by_the_chain(bench: Bench) -> None:
-    """A higher threshold finds fewer stars; impossible sizes are rejected on board."""
+    """With a higher threshold fewer stars are detected. Contradictory sizes are rejected on board."""
     bench.do("TAKE_IMAGE")
     many = int(bench.do("FIND_CENTROIDS").values["centroids"])
     bench.do("SET_DETECTION", threshold_dn=100)
@@ -161,7 +162,7 @@ def test_detection_settings_are_used_by_the_chain(bench: Bench) -> None:
 
 
 def test_invalid_arguments_are_rejected_on_the_ground(bench: Bench) -> None:
-    """Range and type are checked before the command is queued; no id is used."""
+    """Range, type and name are checked before a command is queued, and no id is used."""
     before = bench.host.next_request_id
     for name, arguments in (
         ("SET_EXPOSURE", {"exposure_ms": 2001}),
@@ -176,7 +177,7 @@ def test_invalid_arguments_are_rejected_on_the_ground(bench: Bench) -> None:
 
 
 def test_the_device_checks_ranges_too(bench: Bench) -> None:
-    """Without checks on the ground the report is out_of_range; too few or too many bytes are bad_length."""
+    """If the ground's checks are bypassed, the device rejects a value out of range and payloads of the wrong length."""
     queue = bench.host._command_queue
     for request_id, payload, reason in (
         (900, b"\xff\xff", "out_of_range"),
@@ -192,7 +193,7 @@ def test_the_device_checks_ranges_too(bench: Bench) -> None:
 
 
 def test_preview_shows_the_bytes_that_are_sent(bench: Bench) -> None:
-    """The dry run is the packet of the next submit, group by group."""
+    """The preview has the bytes of the packet that the next submit sends, in labelled groups."""
     groups = bench.host.preview(bench.host.encode("TAKE_IMAGE", {"slot": 2, "exposure_ms": 300}))
     assert [label for label, _ in groups][8:] == ["slot", "exposure_ms", "CRC-32"]
     assert dict(groups)["slot"] == b"\x02"
@@ -207,7 +208,7 @@ def test_preview_shows_the_bytes_that_are_sent(bench: Bench) -> None:
 def test_arguments_are_validated_once_from_the_request_to_the_wire(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Dry run and sending use the bytes of one validation."""
+    """Preview and transmission use the result of a single validation."""
     calls: list[str] = []
     check = codec.check_arguments
 

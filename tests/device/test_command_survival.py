@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def test_a_ground_without_stored_ids_continues_above_the_ids_of_the_device(bench: Bench) -> None:
-    """HELLO reports the highest id; an empty server never gets an old report for a new command."""
+    """The reply to HELLO has the highest used id, so a new server does not get the stored report of an old command."""
     for _ in range(4):
         bench.do("TAKE_IMAGE")
     bench.host, bench.events = HostSession(bench.dictionary), []
@@ -34,7 +34,8 @@ def test_a_ground_without_stored_ids_continues_above_the_ids_of_the_device(bench
 
 
 def test_a_missing_report_makes_a_command_unknown_and_a_retry_gets_the_stored_one(bench: Bench) -> None:
-    """A lost report is neither success nor failure; the same id again is answered and not executed twice."""
+    """If a report is lost, the command is unknown. The device answers a retry with the same id from memory and does not
+    execute it twice."""
     request_id = bench.host.submit(bench.host.encode("TAKE_IMAGE", {}))
     bench.until(lambda: bench.stage(request_id) is Stage.STARTED)
     bench.connected = False
@@ -52,7 +53,7 @@ def test_a_missing_report_makes_a_command_unknown_and_a_retry_gets_the_stored_on
 
 
 def test_only_unknown_commands_can_be_retried(bench: Bench) -> None:
-    """A finished command cannot be sent again under its id."""
+    """A retry of a completed command or of an unknown id is rejected."""
     end = bench.do("GET_STATUS")
     with pytest.raises(Conflict, match="completed"):
         bench.host.retry(end.request_id, bench.now_s)
@@ -61,20 +62,20 @@ def test_only_unknown_commands_can_be_retried(bench: Bench) -> None:
 
 
 def test_a_late_report_is_used_and_marked(bench: Bench) -> None:
-    """A report after the window still determines the result, marked late."""
+    """A report that arrives after the time limit determines the result and is marked as late."""
     request_id = bench.host.submit(bench.host.encode("TAKE_IMAGE", {}))
     bench.until(lambda: bench.stage(request_id) is Stage.STARTED)
-    held: list[bytes] = []
-    feed, bench.host.feed = bench.host.feed, lambda data, now_s: held.append(data) or []  # type: ignore[method-assign]
+    delayed: list[bytes] = []
+    feed, bench.host.feed = bench.host.feed, lambda data, now_s: delayed.append(data) or []  # type: ignore[method-assign]
     bench.until(lambda: bench.stage(request_id) is Stage.UNKNOWN)
     bench.host.feed = feed  # type: ignore[method-assign]
-    bench.events += bench.host.feed(b"".join(held), bench.now_s)
+    bench.events += bench.host.feed(b"".join(delayed), bench.now_s)
     end = bench.stages(request_id)[-1]
     assert (end.stage, end.late) == (Stage.COMPLETED, True)
 
 
 def test_the_same_id_with_other_content_is_rejected_on_board(bench: Bench) -> None:
-    """An id is never reused for another command."""
+    """The device rejects a used id with other arguments and does not execute the command."""
     done = bench.do("SET_EXPOSURE", exposure_ms=100)
     bench.host._ids.following = done.request_id
     bench.events.clear()
@@ -84,8 +85,8 @@ def test_the_same_id_with_other_content_is_rejected_on_board(bench: Bench) -> No
     assert bench.tracker.exposure_ms == 100
 
 
-def test_device_stores_the_last_64_commands_over_a_restart(bench: Bench) -> None:
-    """The ring of ids is part of the non-volatile record."""
+def test_the_device_stores_the_last_64_commands(bench: Bench) -> None:
+    """The non-volatile record contains the last 64 request ids."""
     first = bench.do("GET_STATUS").request_id
     for _ in range(63):
         bench.do("GET_STATUS")
@@ -96,7 +97,8 @@ def test_device_stores_the_last_64_commands_over_a_restart(bench: Bench) -> None
 
 
 def test_another_dictionary_blocks_commanding_until_acknowledged(make_bench: Callable[..., Bench]) -> None:
-    """HELLO still works, everything else waits for the operator; unacknowledged packets are rejected on board."""
+    """With another dictionary only HELLO is sent until the operator acknowledges it. The device rejects other commands
+    before."""
     from importlib import resources
 
     text = resources.files("gss.instruments.dictionary").joinpath("gss-common.yaml").read_text("utf-8")
@@ -117,7 +119,7 @@ def test_another_dictionary_blocks_commanding_until_acknowledged(make_bench: Cal
 
 
 def test_abort_overtakes_the_queue_and_stops_the_running_command(bench: Bench) -> None:
-    """ABORT has a separate queue on the ground and on board."""
+    """ABORT is sent before queued commands and stops the running one. The queued command is executed afterwards."""
     running = bench.host.submit(bench.host.encode("RUN_ITERATION", {}))
     waiting = bench.host.submit(bench.host.encode("GET_STATUS", {}))
     bench.until(lambda: bench.stage(running) is Stage.STARTED)
@@ -129,7 +131,7 @@ def test_abort_overtakes_the_queue_and_stops_the_running_command(bench: Bench) -
 
 
 def test_a_reset_during_a_command_reports_it_as_failed(bench: Bench) -> None:
-    """After the reset the device reports the interrupted command; none stays open."""
+    """After a reset the device reports the interrupted command as failed and sends its boot event."""
     running = bench.host.submit(bench.host.encode("TAKE_IMAGE", {}))
     bench.until(lambda: bench.stage(running) is Stage.STARTED)
     bench.device.reset("watchdog", bench.now_s)
@@ -141,7 +143,7 @@ def test_a_reset_during_a_command_reports_it_as_failed(bench: Bench) -> None:
 
 
 def test_reset_command_completes_and_restarts(bench: Bench) -> None:
-    """RESET is answered before it is executed; image memory is empty afterwards, the clock continues."""
+    """RESET is reported as completed before it is executed. Image memory is then empty, and the clock continues."""
     bench.do("TAKE_IMAGE")
     before_s = bench.device.time_s
     assert bench.do("RESET").stage is Stage.COMPLETED
@@ -154,7 +156,8 @@ def test_reset_command_completes_and_restarts(bench: Bench) -> None:
 
 
 def test_losing_the_line_makes_sent_commands_unknown_and_keeps_the_queue(bench: Bench) -> None:
-    """Nothing is resent automatically; unsent commands are sent when the line is open again."""
+    """After the line is lost, sent commands are unknown and are not repeated. Queued commands are sent when the line is
+    open again."""
     sent = bench.host.submit(bench.host.encode("TAKE_IMAGE", {}))
     queued = bench.host.submit(bench.host.encode("GET_STATUS", {}))
     bench.step()
@@ -168,7 +171,8 @@ def test_losing_the_line_makes_sent_commands_unknown_and_keeps_the_queue(bench: 
 
 
 def test_after_a_restart_of_the_server_commands_are_unknown(bench: Bench) -> None:
-    """Ids continue; only the operator sends an old command again."""
+    """After a restart of the server, commands without a final report are unknown. A retry by the operator returns the
+    stored report."""
     done = bench.do("TAKE_IMAGE")
     host = HostSession(bench.dictionary)
     host.restore(done.request_id + 1, [(done.request_id, host.encode("TAKE_IMAGE", {"slot": 0, "exposure_ms": 0}))])
@@ -184,7 +188,7 @@ def test_after_a_restart_of_the_server_commands_are_unknown(bench: Bench) -> Non
 
 @pytest.mark.parametrize("seed_share", [1e-4])
 def test_commands_pass_a_noisy_line_with_retries(make_bench: Callable[..., Bench], seed_share: float) -> None:
-    """At a bit error rate of 1e-4 every command ends, and none is executed twice."""
+    """At a bit error rate of 1e-4, every command completes after retries, and none is executed twice."""
     bench = make_bench(faults=FaultRates(bit_error_rate=seed_share))
     bench.until(lambda: bench.host.hello is not None, 60.0)
     bench.memory.record.frames = 0
@@ -200,7 +204,7 @@ def test_commands_pass_a_noisy_line_with_retries(make_bench: Callable[..., Bench
 
 
 def test_counters_cover_both_directions(bench: Bench) -> None:
-    """Bytes and packets in each direction, and the time of the last valid packet."""
+    """The counters have the bytes and packets of each direction and the time of the last valid packet."""
     before, received = bench.host.counters, bench.device._receiver.good
     for _ in range(3):
         bench.do("GET_STATUS")
@@ -214,7 +218,7 @@ def test_counters_cover_both_directions(bench: Bench) -> None:
 
 
 def replay(bench: Bench, name: str, request_id: int, **arguments: Value) -> tuple[str, str]:
-    """Send a command's frame again without the host; return stage and reason of the answer."""
+    """Send a command's frame directly to the device. Return stage and reason of its last report."""
     command = bench.dictionary.command(name)
     payload = encode(command.arguments, {a.name: a.default for a in command.arguments} | arguments)
     frame = bench.host.craft(PacketType.COMMAND, command.code, payload, request_id=request_id)[1]
@@ -222,13 +226,14 @@ def replay(bench: Bench, name: str, request_id: int, **arguments: Value) -> tupl
     receiver, fields = LineReceiver(from_device=True), bench.dictionary.service("REPORT").fields
     frames = iter(lambda: bench.device.next_frame(bench.now_s), None)
     packets = [packet for sent in frames for packet in receiver.feed(sent)]
-    mine = [p for p in packets if p.type is PacketType.REPORT and p.request_id == request_id]
-    answer = decode(fields, mine[-1].payload).values
+    reports = [p for p in packets if p.type is PacketType.REPORT and p.request_id == request_id]
+    answer = decode(fields, reports[-1].payload).values
     return str(answer["stage"]), str(answer["reason"])
 
 
 def test_a_command_no_longer_stored_is_never_executed_again(bench: Bench) -> None:
-    """After more than 64 other commands a replayed TAKE_IMAGE is rejected and no image is taken; id 0 as well."""
+    """After more than 64 other commands, a replayed TAKE_IMAGE is rejected and no image is taken. An id of 0 is rejected
+    too."""
     old = bench.do("TAKE_IMAGE").request_id
     for _ in range(70):
         bench.do("GET_STATUS")
@@ -240,7 +245,7 @@ def test_a_command_no_longer_stored_is_never_executed_again(bench: Bench) -> Non
 
 
 def test_a_command_lost_on_the_line_may_be_retried_after_newer_ones(bench: Bench) -> None:
-    """An id below the highest that the device never received is accepted while all executed ids are remembered."""
+    """The device accepts an id below the highest one if it never received it and still stores all executed ids."""
     first = bench.do("GET_STATUS").request_id
     lost = first + 1
     bench.host._ids.following = first + 2

@@ -1,4 +1,4 @@
-"""Times and currents of the simulated units follow their documents."""
+"""Times and currents of the simulated units agree with their documents."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ def _unit(name: str) -> SimulatorFile:
 
 
 def test_cubestar_draws_the_currents_of_table_6_2() -> None:
-    """71.2 mA idle, 121.2 starting the imager, 177.3 exposing and processing, 81.8 copying; 396 mW over a second (eq. 6.3.1)."""
+    """CubeStar draws 71.2 mA idle, 121.2 mA starting the imager, 177.3 mA exposing and processing, and 81.8 mA copying.
+    The average power of a one-second cycle is 396 mW (eq. 6.3.1)."""
     power, total_ma = Power(_unit("cubestar").power), {}
     for activity in Activity:
         values = power.values(0.0, activity, 12.0)
@@ -41,7 +42,7 @@ def _bench(make_bench: Callable[..., Bench], name: str) -> Bench:
 
 
 def test_cubestar_captures_in_one_frame_period(make_bench: Callable[..., Bench]) -> None:
-    """Exposure and readout overlap in a rolling-shutter imager: 386 ms and 67.7 ms, whatever the exposure up to 386 ms (app. D)."""
+    """An exposure takes the next longer frame period of the rolling-shutter imager, and the readout 67.7 ms (app. D)."""
     imager = make_bench(timing=_unit("cubestar").timing).tracker.imager
     captured_ms = [imager.capture_ms(ms) - imager.readout_ms for ms in (50, 90, 250, 386, 387, 450)]
     assert captured_ms == pytest.approx([90, 90, 300, 386, 450, 450])
@@ -50,8 +51,8 @@ def test_cubestar_captures_in_one_frame_period(make_bench: Callable[..., Bench])
     assert imager.middle_s(0.0, 386) == pytest.approx(0.193 + 0.0338, abs=1e-4)
 
 
-def test_a_detector_that_integrates_all_the_time_exposes_the_whole_period(make_bench: Callable[..., Bench]) -> None:
-    """Sunsat reads an image out during the next exposure, so a second can be exposed every second (Jacobs 1995 §4.2)."""
+def test_a_continuously_integrating_detector_can_expose_the_whole_period(make_bench: Callable[..., Bench]) -> None:
+    """Sunsat reads an image out during the next exposure, so it can expose one second per second (Jacobs 1995 §4.2)."""
     bench = _bench(make_bench, "sunsat")
     imager = bench.tracker.imager
     assert imager.longest_ms(1000) == 1000
@@ -64,7 +65,7 @@ def test_a_detector_that_integrates_all_the_time_exposes_the_whole_period(make_b
 
 
 def test_aim_updates_every_four_seconds(make_bench: Callable[..., Bench]) -> None:
-    """The period at power-on holds the exposure of 2 s at rest (Moniteq 1983 Table 7.3)."""
+    """AIM takes a frame every 4 s with an exposure of 2 s, the values at power-on (Moniteq 1983 Table 7.3)."""
     bench = _bench(make_bench, "aim")
     assert bench.status()["period_ms"] == 4000
     bench.do("START_CYCLE")

@@ -1,4 +1,4 @@
-"""Each on-board format is uploaded to a unit that reads it, and the unit matches with its tables."""
+"""Each on-board format is uploaded to a unit that reads it, and the unit uses its tables for matching."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from conftest import Bench
 
 Make = Callable[..., "Bench"]
-# Limiting magnitude, separation and radius around the bench's pointing, so that each bank can store it: 192 KiB.
+# Limiting magnitude, largest separation and radius around the bench's pointing. The catalogue fits a bank of 192 KiB.
 SKY = {
     "cubestar": (3.8, 40.0, 60.0),
     "sunsat": (6.0, 12.0, 25.0),
@@ -46,21 +46,21 @@ CASES = [
 
 @lru_cache
 def image_for(camera: str, form: str) -> bytes:
-    """Return a part of the sky for one camera in one format, without the tables that need the complete sky."""
+    """Return an image with part of the sky for one camera in one format, without tables that need the complete sky."""
     faint_mag, far_deg, reach_deg = SKY[camera]
     stars = propagate(load_stars(faint_mag), GOLDEN_EPOCH_JYEAR)
     stars = stars.take(stars.icrs @ CENTRE > np.cos(np.radians(reach_deg)))
     pairs = distance_table(stars, 0.0044, float(np.radians(far_deg)))
-    own = tables_for(form, stars, pairs, shipped_camera(camera).camera, index=form == "cubestar")
-    return encode(stars, own.distances, form, camera, tables=own.tables)
+    prepared_tables = tables_for(form, stars, pairs, shipped_camera(camera).camera, index=form == "cubestar")
+    return encode(stars, prepared_tables.distances, form, camera, tables=prepared_tables.tables)
 
 
 def facts(bench: Bench, camera: str, form: str) -> Compatibility:
     return Compatibility(bench.dictionary.device_model, camera, bench.dictionary.hash, FORMATS[form], 2025.0)
 
 
-def uploaded(make_bench: Make, camera: str, form: str) -> Bench:
-    """A unit with an uploaded bank."""
+def unit_with_bank(make_bench: Make, camera: str, form: str) -> Bench:
+    """Return a unit with an uploaded bank."""
     bench = make_bench(camera=camera)
     bench.until(lambda: bench.host.hello is not None)
     image = image_for(camera, form)
@@ -70,9 +70,9 @@ def uploaded(make_bench: Make, camera: str, form: str) -> Bench:
     return bench
 
 
-def active(make_bench: Make, camera: str, form: str) -> Bench:
-    """Return a unit that matches from an uploaded bank."""
-    bench = uploaded(make_bench, camera, form)
+def unit_with_active_bank(make_bench: Make, camera: str, form: str) -> Bench:
+    """Return a unit that uses an uploaded bank for matching."""
+    bench = unit_with_bank(make_bench, camera, form)
     assert bench.do("ACTIVATE_BANK", bank="B", confirm_within_s=600).stage is Stage.COMPLETED
     assert bench.do("CONFIRM_BANK", bank="B").stage is Stage.COMPLETED
     return bench
@@ -80,10 +80,9 @@ def active(make_bench: Make, camera: str, form: str) -> Bench:
 
 @pytest.mark.parametrize(("camera", "form"), CASES)
 def test_each_format_is_uploaded_and_used_for_matching(make_bench: Make, camera: str, form: str) -> None:
-    """Committed, activated, solved lost in space within 0.05°, and reproduced on the ground bit for bit from the same
-    bytes.
-    """
-    bench = active(make_bench, camera, form)
+    """An uploaded bank is committed and activated. A lost-in-space solution with it is within 0.05°, and the ground
+    reproduces it exactly from the same bytes."""
+    bench = unit_with_active_bank(make_bench, camera, form)
     reported = [t.values for t in bench.telemetry("bank_info") if t.values["bank"] == "B"][-1]
     header = read_header(image_for(camera, form))
     assert (reported["format_version"], reported["stars"], reported["pairs"]) == (
@@ -94,23 +93,22 @@ def test_each_format_is_uploaded_and_used_for_matching(make_bench: Make, camera:
     settings = bench.status()
     done = bench.do("RUN_ITERATION", seconds=70)
     assert (done.stage, done.values["outcome"]) == (Stage.COMPLETED, "solved")
-    found, truth = bench.telemetry("attitude")[-1].values, bench.telemetry("frame_truth")[-1].values
+    attitude, truth = bench.telemetry("attitude")[-1].values, bench.telemetry("frame_truth")[-1].values
     rotations = [
-        cam_from_icrs(*(np.radians(float(v[n])) for n in ("ra_deg", "dec_deg", "roll_deg"))) for v in (found, truth)
+        cam_from_icrs(*(np.radians(float(v[n])) for n in ("ra_deg", "dec_deg", "roll_deg"))) for v in (attitude, truth)
     ]
     assert np.linalg.norm(rotations[0] - rotations[1]) < np.radians(0.05)
     repeated = repeat_on_ground(bench, camera, settings)
-    assert (repeated == np.array([float(found[f"quaternion_{a}"]) for a in "xyzw"])).all()
+    assert (repeated == np.array([float(attitude[f"quaternion_{a}"]) for a in "xyzw"])).all()
 
 
 def test_a_bank_without_required_magnitudes_is_rejected(make_bench: Make) -> None:
-    """Sunsat's matching needs magnitudes: its unit rejects the activation of a bank in CubeStar's format with the
-    reason; where such a bank is active nevertheless, each failed attitude gives the reason.
-    """
-    bench = uploaded(make_bench, "sunsat", "cubestar")
-    refused = bench.do("ACTIVATE_BANK", bank="B", confirm_within_s=600)
-    assert (refused.stage, refused.reason) == (Stage.FAILED, "incompatible")
-    assert "needs magnitudes" in refused.detail
+    """Sunsat's matching needs magnitudes, so the unit rejects activation of a bank in CubeStar's format with the reason.
+    If such a bank is active nevertheless, the attitude report has no solution and states the reason."""
+    bench = unit_with_bank(make_bench, "sunsat", "cubestar")
+    activation = bench.do("ACTIVATE_BANK", bank="B", confirm_within_s=600)
+    assert (activation.stage, activation.reason) == (Stage.FAILED, "incompatible")
+    assert "needs magnitudes" in activation.detail
     assert bench.memory.record.active == "golden"
     bench.memory.activate("B")
     done = bench.do("RUN_ITERATION", seconds=70)
@@ -122,19 +120,19 @@ def test_a_bank_without_required_magnitudes_is_rejected(make_bench: Make) -> Non
 
 def repeat_on_ground(bench: Bench, camera: str, settings: object) -> np.ndarray:
     """Return the quaternion of the first frame from the bytes of bank B."""
-    own, chain, frame, mode = shipped_camera(camera), system(camera), bench.tracker.slots[0], Mode.LOST_IN_SPACE
+    profile, chain, frame, mode = shipped_camera(camera), system(camera), bench.tracker.slots[0], Mode.LOST_IN_SPACE
     least, most = int(settings["min_pixels"]), int(settings["max_pixels"])  # type: ignore[index]
     commanded = Commanded(float(settings["threshold_dn"]) or None, least, most, PriorState().radius_rad(mode))  # type: ignore[index]
-    parameters = chain.parameters(own, frame.exposure_ms / 1000, commanded, mode)
-    prepared = chain.prepare(decode(bench.memory.content("B")), own)
-    result = solve(chain, frame.pixels, Work(own.camera, prepared, parameters, mode, None))
+    parameters = chain.parameters(profile, frame.exposure_ms / 1000, commanded, mode)
+    prepared = chain.prepare(decode(bench.memory.content("B")), profile)
+    result = solve(chain, frame.pixels, Work(profile.camera, prepared, parameters, mode, None))
     assert result.attitude is not None
     return result.attitude.quaternion
 
 
 @pytest.mark.parametrize(("camera", "form"), [("far_mst", "far-mst"), ("oersted", "oersted"), ("aim", "aim")])
 def test_a_unit_boots_from_its_own_format_and_uses_its_tables(make_bench: Make, camera: str, form: str) -> None:
-    """The factory bank contains directory, triplets or links, and the chain uses exactly these."""
+    """The factory bank contains the directory, triplets or links, and the chain uses exactly these."""
     bench = make_bench(camera=camera)
     image = bench.memory.content("golden")
     assert read_header(image).format_name == form
@@ -149,7 +147,8 @@ def test_a_unit_boots_from_its_own_format_and_uses_its_tables(make_bench: Make, 
         table = tables.constellations.table()
         assert np.array_equal(prepared.triplets.key, table.key)
         assert np.array_equal(prepared.triplets.star, table.star)
-        # Not the factory's triplet table, whose limits are single precision: the ground must get the same result.
+        # The unit must not use the factory's triplet table with single-precision limits, because the ground must get
+        # the same result.
         assert bench.tracker.tables.prepare(decode(image)).triplets.limit_mag == table.limit_mag
     else:
         assert prepared.links is not None
@@ -157,27 +156,31 @@ def test_a_unit_boots_from_its_own_format_and_uses_its_tables(make_bench: Make, 
 
 
 def test_the_chain_uses_the_tables_of_the_bank() -> None:
-    """A bank with thinned directory, triplets or links gives a chain exactly those: nothing is rebuilt from the stars."""
+    """The chain uses a reduced directory, reduced catalogue or coarse triplets of a bank and does not rebuild them."""
     stars = propagate(load_stars(4.0), GOLDEN_EPOCH_JYEAR)
     pairs = distance_table(stars, 0.0044, 0.5)
-    own = {name: shipped_camera(name) for name in ("far_mst", "oersted", "aim")}
-    few = frame_of(own["far_mst"].camera, float(np.radians(6.0)))
-    made = tables_for("far-mst", stars, pairs, own["far_mst"].camera, reduced=few)
-    bank = decode(encode(stars, made.distances, "far-mst", "far_mst", tables=made.tables))
-    assert len(system("far_mst").prepare(bank, own["far_mst"]).directory) == len(made.distances) < len(pairs)
+    profiles = {name: shipped_camera(name) for name in ("far_mst", "oersted", "aim")}
+    reduced_frame = frame_of(profiles["far_mst"].camera, float(np.radians(6.0)))
+    reduced_tables = tables_for("far-mst", stars, pairs, profiles["far_mst"].camera, reduced=reduced_frame)
+    bank = decode(encode(stars, reduced_tables.distances, "far-mst", "far_mst", tables=reduced_tables.tables))
+    assert (
+        len(system("far_mst").prepare(bank, profiles["far_mst"]).directory)
+        == len(reduced_tables.distances)
+        < len(pairs)
+    )
     # The reduced catalogue applies to a bank of another format too.
-    bank = decode(encode(stars, made.distances, "sunsat", "far_mst", tables=made.tables))
-    prepared = system("far_mst").prepare(bank, own["far_mst"])
-    assert made.tables.reduced is not None
-    assert np.array_equal(prepared.reduced, made.tables.reduced.kept)
-    coarse = tables_for("oersted", stars, pairs, own["oersted"].camera, uncertainty_rad=0.002)
+    bank = decode(encode(stars, reduced_tables.distances, "sunsat", "far_mst", tables=reduced_tables.tables))
+    prepared = system("far_mst").prepare(bank, profiles["far_mst"])
+    assert reduced_tables.tables.reduced is not None
+    assert np.array_equal(prepared.reduced, reduced_tables.tables.reduced.kept)
+    coarse = tables_for("oersted", stars, pairs, profiles["oersted"].camera, uncertainty_rad=0.002)
     bank = decode(encode(stars, coarse.distances, "oersted", "oersted", tables=coarse.tables))
-    assert system("oersted").prepare(bank, own["oersted"]).triplets.classes.uncertainty_rad == 0.002
+    assert system("oersted").prepare(bank, profiles["oersted"]).triplets.classes.uncertainty_rad == 0.002
 
 
 @pytest.mark.parametrize("camera", sorted(i.name for i in shipped_registry().all() if i.profile.chain))
-def test_a_unit_without_its_own_tables_builds_them(camera: str) -> None:
-    """A bank in another system's format still prepares: the chain makes what it needs from stars and pairs."""
+def test_a_chain_builds_tables_that_a_bank_lacks(camera: str) -> None:
+    """From a bank in another system's format, the chain builds the missing tables with stars and pairs."""
     for form in shipped_camera(camera).formats[1:]:
         if (camera, form) == ("sunsat", "cubestar"):
             continue
@@ -187,13 +190,13 @@ def test_a_unit_without_its_own_tables_builds_them(camera: str) -> None:
 
 @pytest.mark.parametrize("camera", ["oersted", "aim"])
 def test_a_bank_without_distances_rejects_their_download(make_bench: Make, camera: str) -> None:
-    """The star list is downloaded, the missing distance table is rejected."""
+    """From a bank without distances, the star list is downloaded and the distance table is rejected."""
     bench = make_bench(camera=camera)
     bench.until(lambda: bench.host.hello is not None)
     image = bench.memory.content("golden")
     header = read_header(image)
     row = 14 if camera == "oersted" else 11
-    assert bench.bring("star_list", 3) == image[64 : 64 + row * header.stars]
+    assert bench.download("star_list", 3) == image[64 : 64 + row * header.stars]
     transfer_id = bench.host.transfers.start_download("distance_table", 3)
     bench.until(lambda: bench.host.transfer(transfer_id).state in ("verified", "failed", "aborted"), 60.0)
     assert "no distance table" in bench.host.transfer(transfer_id).reason
@@ -202,7 +205,7 @@ def test_a_bank_without_distances_rejects_their_download(make_bench: Make, camer
 @pytest.mark.parametrize("camera", ["oersted", "aim"])
 @pytest.mark.parametrize("chain", ["cubestar", "sunsat", "far_mst"])
 def test_a_chain_that_needs_distances_rejects_a_bank_without(camera: str, chain: str) -> None:
-    """Another system's chain over triplets or links reports the missing table instead of finding no match."""
+    """A chain that needs distances rejects a bank without them, instead of finding no match."""
     bank = decode(image_for(camera, camera))
     with pytest.raises(BadInput, match="needs a distance table"):
         system(chain).prepare(bank, shipped_camera(camera))

@@ -1,4 +1,4 @@
-"""Housekeeping of a simulator whose process did not run for a time, as on a busy machine."""
+"""Housekeeping of a simulator whose process was paused, as on a busy machine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def test_a_pause_of_the_process_loses_no_housekeeping(bench: Bench) -> None:
-    """After five seconds without processor time, every second has its packet, with the time at which it was due."""
+    """After a pause of five seconds, there is a packet for every second, with the time at which it was due."""
     bench.run(3.0)
     bench.now_s += 5.0
     bench.run(3.0)
@@ -22,7 +22,7 @@ def test_a_pause_of_the_process_loses_no_housekeeping(bench: Bench) -> None:
 
 
 def test_after_a_long_pause_the_number_of_late_packets_is_limited(bench: Bench) -> None:
-    """A computer that slept for a day sends a bounded number of packets and continues in time."""
+    """After a pause of one day, the simulator sends a bounded number of late packets and then one per second."""
     bench.run(3.0)
     before = len(bench.telemetry("housekeeping"))
     bench.now_s += 86_400.0

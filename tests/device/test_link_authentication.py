@@ -1,4 +1,4 @@
-"""Authentication of packets to the device: forged, replayed and unsigned ones are never executed; keys can be replaced."""
+"""Authentication of packets to the device: forged, replayed and unsigned packets are dropped, and keys can be replaced."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ PREFIX = 0x1234
 
 
 def receiver(keys: LinkKeys = KEYS, accepted: int = 0) -> LineReceiver:
-    """Return the device's end of a line with keys."""
+    """Return the device's receiver of a line with keys."""
     return LineReceiver(from_device=False, framing="cobs", verifier=PacketVerifier(keys, accepted))
 
 
 def sender(keys: LinkKeys | None = KEYS, first: int = 1) -> LineSender:
-    """Return the ground's end; it does not sign without keys."""
+    """Return the ground's sender, which signs if it has keys."""
     signer = PacketSigner(keys, itertools.count(first).__next__) if keys else None
     return LineSender(to_device=True, prefix=PREFIX, signer=signer)
 
 
 def test_the_bytes_of_the_trailer_are_those_of_the_document() -> None:
-    """Clause 2.5, computed here from the standard library alone."""
+    """The trailer has the bytes of clause 2.5, computed here with the standard library."""
     frame = sender(first=7).packet(PacketType.COMMAND, 2, 5, b"")
     from cobs import cobs
 
@@ -54,42 +54,50 @@ def test_the_bytes_of_the_trailer_are_those_of_the_document() -> None:
 
 
 def test_a_signed_packet_is_accepted_once() -> None:
-    """The same bytes again, and all with a lower counter, are dropped and counted."""
-    line, end = sender(), receiver()
-    frames = [line.packet(PacketType.COMMAND, 2, n, b"x") for n in range(1, 4)]
-    assert [p.payload for p in end.feed(frames[0] + frames[2])] == [b"x", b"x"]
-    assert end.feed(b"".join(frames)) == []
-    assert end.unauthenticated == 3
+    """Repeated packets and packets with a lower counter are dropped and counted."""
+    uplink, unit_receiver = sender(), receiver()
+    frames = [uplink.packet(PacketType.COMMAND, 2, n, b"x") for n in range(1, 4)]
+    assert [p.payload for p in unit_receiver.feed(frames[0] + frames[2])] == [b"x", b"x"]
+    assert unit_receiver.feed(b"".join(frames)) == []
+    assert unit_receiver.unauthenticated == 3
 
 
 def test_unsigned_and_wrongly_signed_packets_are_dropped() -> None:
-    """Another key, a key in the other slot, an empty slot, and no trailer."""
-    stranger = LinkKeys({0: bytes(32)}, 0)
-    exchanged = LinkKeys({0: KEYS.keys[1]}, 0)
-    end = receiver(LinkKeys({0: KEYS.keys[0]}, 0))
-    for keys in (None, stranger, exchanged, LinkKeys(KEYS.keys, 1)):
-        assert end.feed(sender(keys, 100).packet(PacketType.COMMAND, 2, 1, b"")) == []
-    assert end.unauthenticated == 4
+    """Packets with another key, a key of the other slot, an empty slot or no trailer are dropped and counted."""
+    other_key = LinkKeys({0: bytes(32)}, 0)
+    key_in_other_slot = LinkKeys({0: KEYS.keys[1]}, 0)
+    unit_receiver = receiver(LinkKeys({0: KEYS.keys[0]}, 0))
+    for keys in (None, other_key, key_in_other_slot, LinkKeys(KEYS.keys, 1)):
+        assert unit_receiver.feed(sender(keys, 100).packet(PacketType.COMMAND, 2, 1, b"")) == []
+    assert unit_receiver.unauthenticated == 4
 
 
 def test_forged_packets_are_never_accepted() -> None:
-    """20 000 changed or invented packets with a valid CRC (seed 3); tools/forged_packets.py runs a million."""
+    """None of 20 000 changed or invented packets with a valid CRC is accepted (seed 3). tools/forged_packets.py tests a
+    million."""
     from tools.forged_packets import OLD, forged
 
-    end = receiver(accepted=OLD)
-    accepted = sum(len(end.feed(frame)) for frame in forged(KEYS, 20_000, np.random.default_rng(3)))
-    assert (accepted, end.unauthenticated + end.unknown + end.too_short + end.deframer.too_long) == (0, 20_000)
+    unit_receiver = receiver(accepted=OLD)
+    accepted = sum(len(unit_receiver.feed(frame)) for frame in forged(KEYS, 20_000, np.random.default_rng(3)))
+    assert (
+        accepted,
+        unit_receiver.unauthenticated
+        + unit_receiver.unknown
+        + unit_receiver.too_short
+        + unit_receiver.deframer.too_long,
+    ) == (0, 20_000)
 
 
 def test_both_slots_are_accepted_while_a_key_is_replaced() -> None:
-    """The ground changes the slot, the device has both; a removed key is no longer accepted."""
-    end = receiver()
-    assert len(end.feed(sender(KEYS, 1).packet(PacketType.COMMAND, 2, 1, b""))) == 1
-    assert len(end.feed(sender(LinkKeys(KEYS.keys, 1), 2).packet(PacketType.COMMAND, 2, 2, b""))) == 1
+    """A device with two keys accepts packets that are signed with either of them."""
+    unit_receiver = receiver()
+    assert len(unit_receiver.feed(sender(KEYS, 1).packet(PacketType.COMMAND, 2, 1, b""))) == 1
+    assert len(unit_receiver.feed(sender(LinkKeys(KEYS.keys, 1), 2).packet(PacketType.COMMAND, 2, 2, b""))) == 1
 
 
-def test_a_whole_session_with_authentication(make_bench: Callable[..., Bench]) -> None:
-    """HELLO, a command, a download and ABORT; after a reset the recorded command is still refused."""
+def test_a_complete_session_with_authentication(make_bench: Callable[..., Bench]) -> None:
+    """Commands and a download work with authentication. A recorded command is rejected when it is replayed, also after a
+    reset."""
     bench = make_bench(keys=KEYS)
     bench.until(lambda: bench.host.hello is not None)
     recorded: list[bytes] = []
@@ -97,21 +105,21 @@ def test_a_whole_session_with_authentication(make_bench: Callable[..., Bench]) -
     bench.device.feed = lambda data, now_s: recorded.append(data) or feed(data, now_s)  # type: ignore[method-assign]
     assert bench.do("TAKE_IMAGE").stage is Stage.COMPLETED
     bench.device.feed = feed  # type: ignore[method-assign]
-    assert bench.bring("frame", 0)
+    assert bench.download("frame", 0)
     assert bench.do("RESET").stage is Stage.COMPLETED
     bench.run(10.0)
     assert bench.do("GET_STATUS").stage is Stage.COMPLETED
     frames = bench.memory.record.frames
-    bad = bench.status()["frames_bad"]
+    bad_before = bench.status()["frames_bad"]
     bench.device.feed(b"".join(recorded), bench.now_s)
     bench.run(5.0)
     assert bench.memory.record.frames == frames == 1
-    assert bench.status()["frames_bad"] > bad
+    assert bench.status()["frames_bad"] > bad_before
     assert bench.memory.record.accepted_counter > 0
 
 
 def test_a_ground_without_keys_gets_no_answer(make_bench: Callable[..., Bench]) -> None:
-    """Telemetry still arrives: it is not signed."""
+    """The device does not answer a ground without keys. Telemetry is not signed and is received."""
     bench = make_bench(keys=KEYS)
     bench.host, bench.events = HostSession(bench.dictionary), []
     bench.host.link_up(bench.now_s)
@@ -121,7 +129,7 @@ def test_a_ground_without_keys_gets_no_answer(make_bench: Callable[..., Bench]) 
 
 
 def test_the_counter_rises_over_restarts_and_a_clock_set_back(tmp_path: Path) -> None:
-    """Each value is above all earlier ones, whatever the clock does and wherever the program ended."""
+    """Each counter value is above all earlier ones, also after a restart and if the clock was set back."""
     path, clock = tmp_path / "counter", [1_000_000]
     values = []
     for time_us in (1_000_000, 1_000_001, 500_000, 30_000_000, 0):
@@ -132,7 +140,8 @@ def test_the_counter_rises_over_restarts_and_a_clock_set_back(tmp_path: Path) ->
 
 
 def test_key_files_are_private_and_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Made by the command line; readable by others, broken or short files are refused with the reason."""
+    """The command line creates key files that only the user can read. Files that are readable by others or invalid are
+    rejected, and no output contains a key."""
     path = tmp_path / "link.keys"
     assert main(["link-keys", str(path), "--new"]) == 0
     assert main(["link-keys", str(path), "--new"]) == 2
@@ -142,8 +151,8 @@ def test_key_files_are_private_and_checked(tmp_path: Path, capsys: pytest.Captur
     keys = read_link_keys(path)
     assert (keys.active, len(keys.keys)) == (1, 2)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    shown = capsys.readouterr()
-    assert all(key.hex() not in shown.out + shown.err + repr(keys) for key in keys.keys.values())
+    output = capsys.readouterr()
+    assert all(key.hex() not in output.out + output.err + repr(keys) for key in keys.keys.values())
     path.chmod(0o644)
     with pytest.raises(BadInput, match="other users"):
         read_link_keys(path)
@@ -154,8 +163,8 @@ def test_key_files_are_private_and_checked(tmp_path: Path, capsys: pytest.Captur
             read_link_keys(path)
 
 
-def test_a_new_key_leaves_the_active_one(tmp_path: Path) -> None:
-    """The other slot gets a new key each time."""
+def test_a_new_key_does_not_replace_the_active_one(tmp_path: Path) -> None:
+    """A new key is stored in the inactive slot each time, and the active key is kept."""
     first = new_link_keys()
     second, third = with_new_key(first), with_new_key(with_new_key(first))
     assert second.keys[0] == third.keys[0] == first.keys[0]
@@ -170,6 +179,6 @@ def test_a_crc_alone_does_not_authenticate() -> None:
 
     packet = bytearray(cobs.decode(sender().packet(PacketType.COMMAND, 2, 5, b"").strip(b"\0")))
     packet[-10] ^= 1
-    end = receiver()
-    assert end.feed(b"\0" + cobs.encode(with_crc(bytes(packet[:-4]))) + b"\0") == []
-    assert end.unauthenticated == 1
+    unit_receiver = receiver()
+    assert unit_receiver.feed(b"\0" + cobs.encode(with_crc(bytes(packet[:-4]))) + b"\0") == []
+    assert unit_receiver.unauthenticated == 1

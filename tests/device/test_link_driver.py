@@ -1,4 +1,4 @@
-"""The driver ``link``: a protocol composed in ``link.yaml``, against public vectors of sensors of other makers."""
+"""The driver ``link`` with protocols of ``link.yaml``, compared with public byte vectors of sensors of other makers."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ services: []
 
 
 def session_of(link: str, dictionary: str) -> ExchangeSession:
-    """A session on an open line."""
+    """Return a session on an open line."""
     rules = LinkFile.model_validate(yaml.safe_load(link))
     session = open_session(UnitSetup(parse_dictionary(dictionary), rules, "unit"))
     session.link_up(0.0)
@@ -59,7 +59,7 @@ def session_of(link: str, dictionary: str) -> ExchangeSession:
 
 
 def stages(events: list[object]) -> list[Stage]:
-    """Stages in order."""
+    """Return the stages of all command updates, in order."""
     return [e.stage for e in events if isinstance(e, CommandUpdate)]
 
 
@@ -72,14 +72,14 @@ def stages(events: list[object]) -> list[Stage]:
     ],
 )
 def test_nsp_requests_have_the_public_bytes(name: str, arguments: dict[str, int], wire: str) -> None:
-    """Three independent public codecs agree on these frames."""
+    """Requests have the bytes on which three independent public codecs agree."""
     session = session_of(NSP, NSP_DICTIONARY)
     session.submit(session.encode(name, arguments))
     assert session.poll(0.0)[0] == bytes.fromhex(wire)
 
 
 def test_an_nsp_response_completes_its_request_and_a_refusal_rejects_it() -> None:
-    """The bit ACK decides, the code finds the request."""
+    """A response belongs to the request with its code. Its ACK bit decides between completed and rejected."""
     session = session_of(NSP, NSP_DICTIONARY)
     session.submit(session.encode("GO", {"what": 0x0B}))
     session.poll(0.0)
@@ -88,16 +88,17 @@ def test_an_nsp_response_completes_its_request_and_a_refusal_rejects_it() -> Non
     assert any(isinstance(e, HelloReceived) for e in events)
     session.submit(session.encode("PING", {}))
     session.poll(0.2)
-    refused = session.feed(bytes.fromhex("C0 11 0E 80 62 F8 C0"), 0.3)
-    assert stages(refused)[-1] is Stage.REJECTED
+    rejection = session.feed(bytes.fromhex("C0 11 0E 80 62 F8 C0"), 0.3)
+    assert stages(rejection)[-1] is Stage.REJECTED
     assert (
-        next(e.reason for e in refused if isinstance(e, CommandUpdate) and e.stage is Stage.REJECTED) == "control 0x80"
+        next(e.reason for e in rejection if isinstance(e, CommandUpdate) and e.stage is Stage.REJECTED)
+        == "control 0x80"
     )
 
 
 @pytest.mark.parametrize("wire", ["C0 11 0E AB 0B 3D 82 C0", "C0 11 0E 80 48 0A C0"])
-def test_the_checksum_that_others_call_ccitt_is_refused(wire: str) -> None:
-    """CRC-16/IBM-3740 (CCITT-FALSE) over the same bytes is counted as damage and completes nothing."""
+def test_a_ccitt_false_checksum_is_rejected(wire: str) -> None:
+    """A response with the checksum CRC-16/IBM-3740 (CCITT-FALSE) is counted as damaged and completes no request."""
     session = session_of(NSP, NSP_DICTIONARY)
     session.submit(session.encode("GO", {"what": 0x0B}))
     session.poll(0.0)
@@ -110,13 +111,13 @@ def test_the_checksum_that_others_call_ccitt_is_refused(wire: str) -> None:
     [("CRC-16/MCRF4XX", 0x6F91), ("CRC-16/IBM-3740", 0x29B1), ("CRC-16/KERMIT", 0x2189), ("CRC-16/IBM-SDLC", 0x906E)],
 )
 def test_checksums_have_the_check_values_of_the_catalogue(name: str, check: int) -> None:
-    """The catalogue's check value is that of the nine digits."""
+    """Each checksum of the digits 1 to 9 equals the check value of the CRC catalogue."""
     calculate, size = checksum_named(name)
     assert (calculate(b"123456789"), size) == (check, 2)
 
 
-def test_an_unknown_checksum_is_refused_with_an_example() -> None:
-    """The name comes from a file."""
+def test_an_unknown_checksum_is_rejected() -> None:
+    """An unknown checksum name is rejected."""
     for name in ("CRC-16/NOPE", "MD5", "CRC-12/DECT"):
         with pytest.raises(BadInput, match=r"checksum"):
             checksum_named(name)
@@ -153,30 +154,32 @@ services: []
 
 
 def test_a_length_in_the_header_delimits_packets_and_the_id_finds_the_request() -> None:
-    """A packet with another id is unsolicited telemetry if its code says so; noise before the mark is skipped."""
+    """A packet with another id and a telemetry code is unsolicited telemetry. Noise before the sync bytes is skipped and
+    counted."""
     session = session_of(PREFIXED, PREFIXED_DICTIONARY)
     session.submit(session.encode("GET", {}))
     assert session.poll(0.0)[0] == bytes.fromhex("A55A 0007 0001 07")
-    stray = session.feed(bytes.fromhex("FF A5 A55A 0009 0063 09 0100"), 0.1)
-    assert [e.request_id for e in stray if isinstance(e, Telemetry)] == [0]
-    assert not stages(stray)
-    answered = session.feed(bytes.fromhex("A55A 0009 0001 07 3412 A55A"), 0.2)
-    assert [e.values["number"] for e in answered if isinstance(e, Telemetry)] == [0x1234]
-    assert stages(answered) == [Stage.COMPLETED]
+    unsolicited = session.feed(bytes.fromhex("FF A5 A55A 0009 0063 09 0100"), 0.1)
+    assert [e.request_id for e in unsolicited if isinstance(e, Telemetry)] == [0]
+    assert not stages(unsolicited)
+    response = session.feed(bytes.fromhex("A55A 0009 0001 07 3412 A55A"), 0.2)
+    assert [e.values["number"] for e in response if isinstance(e, Telemetry)] == [0x1234]
+    assert stages(response) == [Stage.COMPLETED]
     assert session.counters.received.unframed == 2
 
 
-def test_a_request_without_response_ends_unknown_and_the_next_one_leaves() -> None:
-    """Some sensors ignore what they do not know; nothing is sent twice."""
+def test_a_request_without_response_is_unknown_and_the_next_one_is_sent() -> None:
+    """A request without response is unknown after its timeout, and the next one is sent. No request is repeated
+    automatically."""
     session = session_of(NSP, NSP_DICTIONARY)
     first = session.submit(session.encode("PING", {}))
     second = session.submit(session.encode("PING", {}))
     assert session.poll(0.0)[0]
     out, events = session.poll(1.5)
-    ended = [e for e in events if isinstance(e, CommandUpdate)]
-    assert (ended[0].request_id, ended[0].stage) == (first, Stage.UNKNOWN)
+    updates = [e for e in events if isinstance(e, CommandUpdate)]
+    assert (updates[0].request_id, updates[0].stage) == (first, Stage.UNKNOWN)
     assert out
-    assert [e.request_id for e in ended if e.stage is Stage.SENT] == [second]
+    assert [e.request_id for e in updates if e.stage is Stage.SENT] == [second]
     session.retry(first, 2.0)
     assert stages(session.link_lost(2.0)) == [Stage.QUEUED, Stage.UNKNOWN]
 
@@ -184,7 +187,7 @@ def test_a_request_without_response_ends_unknown_and_the_next_one_leaves() -> No
 @settings(deadline=None)
 @given(st.lists(st.binary(max_size=40), max_size=12), st.booleans())
 def test_no_bytes_make_the_session_fail(pieces: list[bytes], pending: bool) -> None:
-    """Random bytes do not end the session, with and without a pending request."""
+    """Random bytes cause no exception and are counted, with and without a pending request."""
     for link, dictionary, name in ((NSP, NSP_DICTIONARY, "PING"), (PREFIXED, PREFIXED_DICTIONARY, "GET")):
         session = session_of(link, dictionary)
         if pending:
@@ -195,8 +198,8 @@ def test_no_bytes_make_the_session_fail(pieces: list[bytes], pending: bool) -> N
         assert session.counters.received.bytes == sum(map(len, pieces))
 
 
-def test_what_such_a_sensor_lacks_is_refused_with_a_sentence() -> None:
-    """Neither ABORT nor transfers exist unless the driver has them."""
+def test_abort_and_transfers_are_rejected_if_the_sensor_lacks_them() -> None:
+    """ABORT and transfers are rejected with a sentence if the sensor has none."""
     session = session_of(NSP, NSP_DICTIONARY)
     with pytest.raises(Conflict, match="no command to abort"):
         session.abort(0.0)
@@ -213,20 +216,20 @@ def test_what_such_a_sensor_lacks_is_refused_with_a_sentence() -> None:
         (("type: u8, value: 0x0E", "type: u9, value: 0x0E"), "type"),
     ],
 )
-def test_a_wrong_link_file_is_refused_with_its_reason(change: tuple[str, str], reason: str) -> None:
-    """The mistake is found when the package is read."""
+def test_an_invalid_link_file_is_rejected_with_its_reason(change: tuple[str, str], reason: str) -> None:
+    """An invalid link file is rejected with the reason when it is read."""
     with pytest.raises(ValueError, match=reason):
         LinkFile.model_validate(yaml.safe_load(NSP.replace(*change)))
 
 
-def test_names_that_the_dictionary_lacks_are_refused() -> None:
-    """``answers`` and ``poll`` name commands and packets of the dictionary."""
+def test_names_that_the_dictionary_lacks_are_rejected() -> None:
+    """A packet name in ``answers`` that is not in the dictionary is rejected with the file's name."""
     with pytest.raises(BadInput, match=r"link\.yaml"):
         session_of(PREFIXED.replace("GET: state", "GET: nothing"), PREFIXED_DICTIONARY)
 
 
 def test_drivers_are_found_by_name() -> None:
-    """The error lists the installed ones."""
+    """A driver is found by its name. The error for an unknown name lists the installed drivers."""
     assert driver_named("link") is open_session
     with pytest.raises(NotFound) as error:
         driver_named("none")

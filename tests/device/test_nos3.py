@@ -1,4 +1,4 @@
-"""NOS3's generic star tracker: package without code, simulated unit, and the public byte vectors."""
+"""NOS3's generic star tracker: package without code and simulated unit, compared with public byte vectors."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def nos3() -> Instrument:
 
 
 def unit_of(instrument: Instrument, *dialects: str, rate_rad_s: float = 0.0) -> Nos3Unit:
-    """A simulated unit that points to one direction."""
+    """Return a simulated unit that points to ``ATTITUDE`` and rotates with this rate."""
     motion = Inertial(ATTITUDE, np.array([0.0, rate_rad_s, 0.0]))
     return open_unit(UnitWorld(instrument, Environment(instrument.profile, motion), 1, frozenset(dialects)))
 
 
 def answer(unit: Nos3Unit, request: str, now_s: float = 0.0) -> str:
-    """What the unit sends after these bytes, in hexadecimal."""
+    """Return the unit's response to these bytes, in hexadecimal."""
     unit.feed(bytes.fromhex(request), now_s)
     frames = b""
     while (frame := unit.next_frame(now_s)) is not None:
@@ -43,12 +43,12 @@ def answer(unit: Nos3Unit, request: str, now_s: float = 0.0) -> str:
 
 
 def talk(session: Driver, unit: Nos3Unit, until_s: float) -> list[SessionEvent]:
-    """Run both ends in memory; return the host's events."""
+    """Run both ends in memory. Return the host's events."""
     events: list[SessionEvent] = []
     for k in range(int(until_s * 100)):
-        out, more = session.poll(0.01 * k)
+        out, new_events = session.poll(0.01 * k)
         unit.feed(out, 0.01 * k)
-        events += more
+        events += new_events
         while (frame := unit.next_frame(0.01 * k)) is not None:
             events += session.feed(frame, 0.01 * k)
     return events
@@ -60,7 +60,8 @@ DATA = "DE AD 02 00 00 00 00 BE EF"
 
 
 def test_the_unit_answers_with_the_public_bytes(nos3: Instrument) -> None:
-    """Echo first; the first housekeeping after power-up has 1, the next ones 3, 5: not one per request."""
+    """Each response starts with an echo. The counter is 1 in the first housekeeping packet and increases by 2 per
+    request."""
     unit = unit_of(nos3)
     assert answer(unit, HOUSEKEEPING) == f"{HOUSEKEEPING} DE AD 00 00 00 01 BE EF"
     assert answer(unit, HOUSEKEEPING) == f"{HOUSEKEEPING} DE AD 00 00 00 03 BE EF"
@@ -69,7 +70,7 @@ def test_the_unit_answers_with_the_public_bytes(nos3: Instrument) -> None:
 
 
 def test_unknown_opcodes_count_once_and_damaged_requests_do_not(nos3: Instrument) -> None:
-    """Neither has an answer."""
+    """Unknown opcodes increase the counter by one, damaged requests do not. Neither has a response."""
     unit = unit_of(nos3)
     assert answer(unit, "DE AD 03 00 00 00 00 BE EF") == ""
     assert answer(unit, "DE AD 01 00 00 00 00 BE EE") == ""
@@ -78,12 +79,13 @@ def test_unknown_opcodes_count_once_and_damaged_requests_do_not(nos3: Instrument
 
 
 def test_the_test_pattern_is_that_of_the_provider(nos3: Instrument) -> None:
-    """First request: 0.001, 0.002, 0.003, 0.004, scaled and truncated."""
+    """The first response has 0.001, 0.002, 0.003 and 0.004, scaled and truncated."""
     assert answer(unit_of(nos3, TEST_PATTERN), DATA) == f"{DATA} DE AD 80 20 80 41 80 62 80 83 01 BE EF"
 
 
-def test_dialects_change_what_they_name(nos3: Instrument) -> None:
-    """Disabled units are silent; two requests in one write are dropped; the README has other numbers and lengths."""
+def test_dialects_change_the_behaviour_that_they_name(nos3: Instrument) -> None:
+    """A disabled unit is silent, the burst dialect drops two requests in one write, and the README dialect has longer
+    responses. An unknown dialect is rejected."""
     assert answer(unit_of(nos3, DISABLED), HOUSEKEEPING) == ""
     assert answer(unit_of(nos3, BURSTS), NOOP + NOOP) == ""
     assert answer(unit_of(nos3), NOOP + NOOP) == f"{NOOP} {NOOP}"
@@ -94,7 +96,7 @@ def test_dialects_change_what_they_name(nos3: Instrument) -> None:
 
 
 def test_the_package_sends_the_public_requests(nos3: Instrument) -> None:
-    """Byte for byte, by name."""
+    """The requests of the package equal the public byte vectors."""
     session = open_driver(nos3)
     session.link_up(0.0)
     for name, wire in (("NOOP", NOOP), ("REQUEST_HOUSEKEEPING", HOUSEKEEPING), ("REQUEST_DATA", DATA)):
@@ -114,15 +116,15 @@ def test_the_package_sends_the_public_requests(nos3: Instrument) -> None:
     ],
 )
 def test_the_package_decodes_the_public_quaternions(nos3: Instrument, wire: str, expected: tuple[float, ...]) -> None:
-    """Vector part first, scalar last."""
+    """The public quaternions are decoded with the vector part first and the scalar last."""
     packets = [e for e in _data_reply(nos3, wire) if isinstance(e, Telemetry)]
     assert [packets[0].values[f"q{k}"] for k in range(4)] == pytest.approx(expected, abs=1e-8)
     assert packets[0].values["valid"] == "solved"
 
 
 @pytest.mark.parametrize("wire", ["DE AD 00 00 80 00 80 00 FF FF 01 BE EF", "DE AD 80 00 80 00 80 00 FF FF 02 BE EF"])
-def test_values_that_the_scaling_cannot_mean_are_dropped(nos3: Instrument, wire: str) -> None:
-    """Raw 0000 is −1.00003, and the flag is 0 or 1: such a packet is counted and not shown."""
+def test_impossible_values_are_dropped(nos3: Instrument, wire: str) -> None:
+    """A packet with raw 0000, which is −1.00003, or a flag above 1 gives no telemetry and completes no request."""
     session_events = _data_reply(nos3, wire)
     assert not [e for e in session_events if isinstance(e, Telemetry)]
     assert not [e for e in session_events if isinstance(e, CommandUpdate) and e.stage is Stage.COMPLETED]
@@ -137,7 +139,7 @@ def _data_reply(nos3: Instrument, wire: str) -> list[SessionEvent]:
 
 
 def test_a_wrong_echo_completes_nothing(nos3: Instrument) -> None:
-    """Any difference is an error; the request then times out as unknown."""
+    """A response with a wrong echo is ignored. The request times out as unknown."""
     session = open_driver(nos3)
     session.link_up(0.0)
     session.submit(session.encode("NOOP", {}))
@@ -148,7 +150,8 @@ def test_a_wrong_echo_completes_nothing(nos3: Instrument) -> None:
 
 
 def test_the_ground_repeats_both_requests_and_gets_the_attitude(nos3: Instrument) -> None:
-    """Commands pass between the repeated requests; the attitude is that of the motion, within noise and resolution."""
+    """A command completes between the repeated requests. The polled attitude is that of the motion, within noise and
+    resolution."""
     session, unit = open_driver(nos3), unit_of(nos3)
     session.link_up(0.0)
     request_id = session.submit(session.encode("REQUEST_DATA", {}))
@@ -167,15 +170,15 @@ def test_the_ground_repeats_both_requests_and_gets_the_attitude(nos3: Instrument
 
 
 def test_a_fast_unit_repeats_its_last_values_as_invalid(nos3: Instrument) -> None:
-    """Only the validity flag marks repeated values; the numbers look valid."""
+    """Repeated values look valid and are marked only by the validity flag."""
     session, unit = open_driver(nos3), unit_of(nos3, rate_rad_s=0.1)
     session.link_up(0.0)
     packets = [e for e in talk(session, unit, 3.0) if isinstance(e, Telemetry) and e.packet == "attitude"]
     assert {e.values["valid"] for e in packets} == {"none"}
 
 
-def test_the_longer_answers_of_the_readme_need_only_other_data(nos3: Instrument) -> None:
-    """A package with the README's numbers and fields reads the README's answers; the shipped one refuses them."""
+def test_the_longer_responses_of_the_readme_need_only_other_data(nos3: Instrument) -> None:
+    """A package with the README's numbers and fields decodes the README's responses. The shipped package does not."""
     files = dict(nos3.files)
     text = files["dictionary.yaml"].decode()
     text = text.replace("code: 1\n    subsystem", "code: 0\n    subsystem").replace(
@@ -200,8 +203,8 @@ def test_the_longer_answers_of_the_readme_need_only_other_data(nos3: Instrument)
         assert any(isinstance(e, Telemetry) and e.packet == "housekeeping" for e in events) is works
 
 
-def test_an_unknown_simulator_is_refused(nos3: Instrument) -> None:
-    """The name comes from a package."""
-    world = Environment(nos3.profile, Inertial(ATTITUDE, np.zeros(3)))
+def test_an_unknown_simulator_is_rejected(nos3: Instrument) -> None:
+    """An unknown simulator name is rejected."""
+    environment = Environment(nos3.profile, Inertial(ATTITUDE, np.zeros(3)))
     with pytest.raises(NotFound, match="unknown simulator"):
-        make_unit("none", nos3, world, argparse.Namespace(seed=1, dialect=[]))
+        make_unit("none", nos3, environment, argparse.Namespace(seed=1, dialect=[]))

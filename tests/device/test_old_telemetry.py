@@ -1,4 +1,4 @@
-"""Recorded telemetry that is replayed on the line is never taken for current."""
+"""Recorded telemetry that is replayed on the line is not used as current."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 
 def test_replayed_housekeeping_is_marked_and_counted(bench: Bench) -> None:
-    """A packet of 20 minutes ago leaves housekeeping, gaps and the share of missing packets as they were."""
+    """Packets that were recorded 20 minutes earlier are marked as repeated and counted. They do not change the current
+    housekeeping or the gap counter."""
     recorded: list[bytes] = []
     feed = bench.host.feed
     bench.host.feed = lambda data, now_s: recorded.append(data) or feed(data, now_s)  # type: ignore[method-assign]
@@ -32,7 +33,7 @@ def test_replayed_housekeeping_is_marked_and_counted(bench: Bench) -> None:
 
 
 def test_telemetry_after_a_reset_is_current(bench: Bench) -> None:
-    """The device restarts its counts; nothing after its BOOT counts as old."""
+    """Telemetry after a reset, which restarts the device's counters, is marked as current."""
     bench.do("RESET")
     bench.events.clear()
     bench.run(5.0)

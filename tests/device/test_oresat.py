@@ -1,4 +1,4 @@
-"""OreSat's star tracker: driver, package and simulated unit against public vectors; bad input at both ends."""
+"""OreSat's star tracker: driver, package and simulated unit compared with public vectors, and invalid input."""
 
 from __future__ import annotations
 
@@ -50,37 +50,37 @@ def oresat() -> Instrument:
 
 
 def unit_of(instrument: Instrument, *dialects: str, rate_rad_s: float = 0.0) -> OresatUnit:
-    """A simulated unit that points to one direction, or turns."""
-    world = Environment(instrument.profile, Inertial(ATTITUDE, np.array([0.0, rate_rad_s, 0.0])))
-    return open_unit(UnitWorld(instrument, world, 1, frozenset(dialects)))
+    """Return a simulated unit that points to ``ATTITUDE`` and rotates with this rate."""
+    environment = Environment(instrument.profile, Inertial(ATTITUDE, np.array([0.0, rate_rad_s, 0.0])))
+    return open_unit(UnitWorld(instrument, environment, 1, frozenset(dialects)))
 
 
 def frame(identifier: int, text: str) -> bytes:
-    """The record of a frame."""
+    """Return the record of a CAN frame."""
     return CanFrame(identifier, bytes.fromhex(text)).record()
 
 
-def quiet(instrument: Instrument) -> Driver:
-    """A session on an open line."""
+def session_without_requests(instrument: Instrument) -> Driver:
+    """Return a session on an open line."""
     session = open_driver(instrument)
     session.link_up(0.0)
     return session
 
 
 def sent_by(session: Driver, name: str, arguments: dict[str, Value]) -> tuple[int, bytes]:
-    """Request id and first frame of a command; commands leave before repeated requests."""
+    """Submit a command. Return its request id and first frame; commands are sent before repeated requests."""
     request_id = session.submit(session.encode(name, arguments))
     return request_id, session.poll(0.0)[0]
 
 
 def talk(session: Driver, unit: OresatUnit, since_s: float, seconds: float) -> list[SessionEvent]:
-    """Run both ends in memory; return the host's events."""
+    """Run both ends in memory. Return the host's events."""
     events: list[SessionEvent] = []
     for k in range(int(seconds * 50)):
         now_s = since_s + 0.02 * k
-        for _ in range(200):  # both ends answer at once
-            out, more = session.poll(now_s)
-            events += more
+        for _ in range(200):  # both ends respond immediately
+            out, new_events = session.poll(now_s)
+            events += new_events
             unit.feed(out, now_s)
             data = b""
             while (record := unit.next_frame(now_s)) is not None:
@@ -93,19 +93,19 @@ def talk(session: Driver, unit: OresatUnit, since_s: float, seconds: float) -> l
 
 
 def stages(events: list[SessionEvent], request_id: int) -> CommandUpdate:
-    """The last stage of a command."""
+    """Return the last update of a command."""
     return [e for e in events if isinstance(e, CommandUpdate) and e.request_id == request_id][-1]
 
 
 def telemetry(events: list[SessionEvent], packet: str) -> list[Telemetry]:
-    """Packets of one name."""
+    """Return the packets of one name."""
     return [e for e in events if isinstance(e, Telemetry) and e.packet == packet]
 
 
 def test_requests_and_answers_have_the_public_bytes(oresat: Instrument) -> None:
-    """Status := star track, its answer, and the status that is read back; another status rejects the command."""
+    """SET_STATUS and its read-back have the public bytes. Another status in the read-back rejects the command."""
     for read, stage in (("4F 00 40 00 04 00 00 00", Stage.COMPLETED), ("4F 00 40 00 02 00 00 00", Stage.REJECTED)):
-        session = quiet(oresat)
+        session = session_without_requests(oresat)
         request_id, wire = sent_by(session, "SET_STATUS", {"status": "star_track"})
         assert wire == frame(REQUEST, "2F 00 40 00 04 00 00 00")
         session.feed(frame(ANSWER, "60 00 40 00 00 00 00 00"), 0.1)
@@ -114,8 +114,8 @@ def test_requests_and_answers_have_the_public_bytes(oresat: Instrument) -> None:
 
 
 def test_the_time_has_its_public_bytes(oresat: Instrument) -> None:
-    """Seconds and microseconds, in one segmented write; the same eight bytes are the time on the bus of the card."""
-    session, unit = quiet(oresat), unit_of(oresat)
+    """SET_TIME writes seconds and microseconds in the public bytes. The card accepts the same bytes as time on its bus."""
+    session, unit = session_without_requests(oresat), unit_of(oresat)
     order = session.encode("SET_TIME", {"seconds": 1_700_000_000, "microseconds": 250_000})
     assert order.payload == bytes.fromhex("00 F1 53 65 90 D0 03 00")
     session.submit(order)
@@ -128,8 +128,9 @@ def test_the_time_has_its_public_bytes(oresat: Instrument) -> None:
 
 
 def test_attitudes_in_process_data_have_the_public_bytes(oresat: Instrument) -> None:
-    """The example of the project: right ascension 17.9868°, declination 63.4233°, and its roll, which counts the other way."""
-    session = quiet(oresat)
+    """The project's example is decoded to right ascension 17.9868°, declination 63.4233° and its roll, which has the
+    opposite sign."""
+    session = session_without_requests(oresat)
     events = session.feed(
         frame(0x3AC, "04 01 00 2E 93 02")
         + frame(0x4AC, "AC 1E 58 3F CA D6 00 3C")
@@ -149,8 +150,11 @@ def test_attitudes_in_process_data_have_the_public_bytes(oresat: Instrument) -> 
 
 
 def test_the_older_dictionary_has_whole_degrees(oresat: Instrument) -> None:
-    """Recognised by its size; telemetry, but no attitude."""
-    events = quiet(oresat).feed(frame(0x3AC, "04 67 01 D3 FF 0C 00") + frame(0x4AC, "00 F1 53 65"), 0.0)
+    """Process data of the older dictionary is recognised by its size and gives telemetry in whole degrees, but no
+    attitude."""
+    events = session_without_requests(oresat).feed(
+        frame(0x3AC, "04 67 01 D3 FF 0C 00") + frame(0x4AC, "00 F1 53 65"), 0.0
+    )
     values = telemetry(events, "attitude_degrees")[0].values
     assert (values["ra_deg"], values["dec_deg"], values["roll_deg"], values["solve_time"]) == (
         359,
@@ -162,8 +166,8 @@ def test_the_older_dictionary_has_whole_degrees(oresat: Instrument) -> None:
 
 
 def test_an_incomplete_attitude_or_a_wrong_length_gives_no_attitude(oresat: Instrument) -> None:
-    """Lost, repeated and damaged process data are counted or left out, never joined with those of another solve."""
-    session = quiet(oresat)
+    """Incomplete process data, or data of the wrong length, is not combined with data of another solution."""
+    session = session_without_requests(oresat)
     first, second, third = frame(0x3AC, "040100F15365"), frame(0x4AC, "0000803F00000000"), frame(0x1AD, "00" * 8)
     for data in (
         first + third,
@@ -177,8 +181,8 @@ def test_an_incomplete_attitude_or_a_wrong_length_gives_no_attitude(oresat: Inst
 
 
 def test_the_simulated_unit_reports_the_attitude_of_its_motion(oresat: Instrument) -> None:
-    """In star track only; its packets carry the sensor's clock."""
-    session, unit = quiet(oresat), unit_of(oresat)
+    """The unit reports the attitude of its motion only in the status star track, with the time of its clock."""
+    session, unit = session_without_requests(oresat), unit_of(oresat)
     before = talk(session, unit, 0.0, 2.0)
     assert not telemetry(before, "attitude")
     assert {"housekeeping", "clock", "capture", "card", "updater"} == {
@@ -194,13 +198,14 @@ def test_the_simulated_unit_reports_the_attitude_of_its_motion(oresat: Instrumen
 
 
 def test_documented_deviations_can_be_simulated(oresat: Instrument) -> None:
-    """Whole degrees, milliseconds since midnight, and a unit that obeys no status while it starts."""
-    session, unit = quiet(oresat), unit_of(oresat, OLDER, MIDNIGHT)
+    """Dialects give whole degrees, milliseconds since midnight and a unit that ignores status commands while it boots. An
+    unknown dialect is rejected."""
+    session, unit = session_without_requests(oresat), unit_of(oresat, OLDER, MIDNIGHT)
     session.submit(session.encode("SET_STATUS", {"status": "star_track"}))
     values = telemetry(talk(session, unit, 0.0, 2.0), "attitude_degrees")[-1].values
     assert (values["ra_deg"], values["dec_deg"]) in [(84, 5), (84, 4), (83, 5), (83, 4)]
     assert int(values["solve_time"]) < 86_400_000
-    session, unit = quiet(oresat), unit_of(oresat, BOOTING)
+    session, unit = session_without_requests(oresat), unit_of(oresat, BOOTING)
     request_id = session.submit(session.encode("SET_STATUS", {"status": "capture"}))
     ignored = stages(talk(session, unit, 0.0, 0.5), request_id)
     assert (ignored.stage, ignored.reason) == (Stage.REJECTED, "ignored")
@@ -211,8 +216,8 @@ def test_documented_deviations_can_be_simulated(oresat: Instrument) -> None:
 
 
 def test_a_failed_solve_sends_nothing(oresat: Instrument) -> None:
-    """Too fast to solve: the status is star track, and no attitude is sent."""
-    session, unit = quiet(oresat), unit_of(oresat, rate_rad_s=0.1)
+    """If the unit rotates too fast to solve, its status is star track and no attitude is sent."""
+    session, unit = session_without_requests(oresat), unit_of(oresat, rate_rad_s=0.1)
     session.submit(session.encode("SET_STATUS", {"status": "star_track"}))
     events = talk(session, unit, 0.0, 2.5)
     assert telemetry(events, "housekeeping")[-1].values["status"] == "star_track"
@@ -220,12 +225,12 @@ def test_a_failed_solve_sends_nothing(oresat: Instrument) -> None:
 
 
 @pytest.mark.parametrize("dialect", [(), (BLOCK,)])
-def test_an_image_is_downloaded_whole(oresat: Instrument, dialect: tuple[str, ...]) -> None:
-    """By block transfer, and by the segmented one with which the card's library answers; commands wait meanwhile."""
-    session, unit = quiet(oresat), unit_of(oresat, *dialect)
+def test_an_image_is_downloaded_completely(oresat: Instrument, dialect: tuple[str, ...]) -> None:
+    """An image is downloaded by block or segmented transfer, while commands wait. A download without an image fails."""
+    session, unit = session_without_requests(oresat), unit_of(oresat, *dialect)
     empty = session.transfers.start_download("frame", 0)
-    refused = [e for e in talk(session, unit, 0.0, 0.5) if isinstance(e, TransferUpdate) and e.transfer_id == empty]
-    assert (refused[-1].state, refused[-1].reason[:23]) == (TransferState.FAILED, "the sensor has no image")
+    updates = [e for e in talk(session, unit, 0.0, 0.5) if isinstance(e, TransferUpdate) and e.transfer_id == empty]
+    assert (updates[-1].state, updates[-1].reason[:23]) == (TransferState.FAILED, "the sensor has no image")
     session.submit(session.encode("SET_STATUS", {"status": "capture"}))
     captured = telemetry(talk(session, unit, 1.0, 4.0), "capture")[-1]
     assert captured.values["last_capture_s"] == 1_767_225_601
@@ -240,8 +245,9 @@ def test_an_image_is_downloaded_whole(oresat: Instrument, dialect: tuple[str, ..
 
 
 def test_a_download_survives_silence_and_a_lost_line(oresat: Instrument) -> None:
-    """It waits for the sensor and starts again; a paused one starts when it is resumed, and other kinds are refused."""
-    session, unit = quiet(oresat), unit_of(oresat, BLOCK)
+    """A download waits while the sensor is silent or the line is lost, and starts again when it is resumed. Other kinds
+    are rejected."""
+    session, unit = session_without_requests(oresat), unit_of(oresat, BLOCK)
     session.submit(session.encode("SET_STATUS", {"status": "capture"}))
     talk(session, unit, 0.0, 2.0)
     transfer = session.transfers.start_download("frame", 0)
@@ -249,10 +255,10 @@ def test_a_download_survives_silence_and_a_lost_line(oresat: Instrument) -> None
         unit.feed(session.poll(2.0)[0], 2.0)
         while (record := unit.next_frame(2.0)) is not None:
             session.feed(record, 2.0)
-    for k in range(40):  # nothing answers any longer
+    for k in range(40):  # the unit no longer responds
         session.poll(2.1 + 0.1 * k)
-    silent = session.transfer(transfer)
-    assert (silent.state, "silent" in silent.reason) == (TransferState.LINK_LOST, True)
+    update_after_silence = session.transfer(transfer)
+    assert (update_after_silence.state, "silent" in update_after_silence.reason) == (TransferState.LINK_LOST, True)
     session.link_lost(8.0)
     session.link_up(9.0)
     session.transfers.pause(transfer)
@@ -268,8 +274,8 @@ def test_a_download_survives_silence_and_a_lost_line(oresat: Instrument) -> None
 
 
 def test_abort_codes_reject_the_command(oresat: Instrument) -> None:
-    """In words and with the number."""
-    session = quiet(oresat)
+    """An SDO abort code rejects the command, with its number and meaning."""
+    session = session_without_requests(oresat)
     request_id, _ = sent_by(session, "SET_CAPTURE_COUNT", {"capture_count": 3})
     update = stages(session.feed(frame(ANSWER, "80 01 40 01 02 00 01 06"), 0.1), request_id)
     assert (update.stage, update.reason) == (Stage.REJECTED, "abort_06010002")
@@ -277,8 +283,8 @@ def test_abort_codes_reject_the_command(oresat: Instrument) -> None:
 
 
 def test_a_read_back_that_fails_does_not_reject_the_command(oresat: Instrument) -> None:
-    """The sensor took the status; only its confirmation is missing."""
-    session = quiet(oresat)
+    """If the read-back fails, the command is failed and not rejected, because the sensor accepted the status."""
+    session = session_without_requests(oresat)
     request_id, _ = sent_by(session, "SET_STATUS", {"status": "star_track"})
     session.feed(frame(ANSWER, "60 00 40 00 00 00 00 00"), 0.1)
     session.poll(0.1)
@@ -287,27 +293,27 @@ def test_a_read_back_that_fails_does_not_reject_the_command(oresat: Instrument) 
     assert session.counters.sent.good == 2
 
 
-def test_the_status_comes_without_a_request_during_a_download(oresat: Instrument) -> None:
-    """Process data object 3 begins with it."""
-    packet = telemetry(quiet(oresat).feed(frame(0x3AC, "04 01 00 2E 93 02"), 0.0), "housekeeping")[0]
+def test_the_status_is_read_from_process_data(oresat: Instrument) -> None:
+    """Process data object 3 contains the status, so it is received without a request, also during a download."""
+    packet = telemetry(session_without_requests(oresat).feed(frame(0x3AC, "04 01 00 2E 93 02"), 0.0), "housekeeping")[0]
     assert (packet.values["status"], packet.request_id) == ("star_track", 0)
 
 
-def test_a_dictionary_of_another_sensor_is_refused_when_the_driver_is_opened(oresat: Instrument) -> None:
-    """Not by an error at the first frame."""
-    strange = dataclasses.replace(oresat.dictionary, telemetry=oresat.dictionary.telemetry[:1])
+def test_a_dictionary_of_another_sensor_is_rejected_when_the_driver_is_opened(oresat: Instrument) -> None:
+    """A dictionary that does not fit the driver is rejected when the session is opened."""
+    other_dictionary = dataclasses.replace(oresat.dictionary, telemetry=oresat.dictionary.telemetry[:1])
     with pytest.raises(BadInput, match="does not fit the driver oresat"):
-        open_session(UnitSetup(strange, oresat.link))
+        open_session(UnitSetup(other_dictionary, oresat.link))
 
 
 class ImageServer:
-    """A server of the two objects of an image; ``stops``: segments of a block after which it is silent."""
+    """Server of the two objects of an image. ``stops``: number of segments after which it is silent."""
 
     def __init__(self, content: bytes, stops: int = 1 << 20) -> None:
         self.number, self._content, self._stops = 7, content, stops
 
     def answer(self, message: bytes) -> list[bytes]:
-        """Messages after one of the client."""
+        """Return the messages that respond to a message of the client."""
         if message[0] == 0x40:
             return [bytes.fromhex("43 01 40 06") + self.number.to_bytes(4, "little")]
         if message[0] == 0xA4:
@@ -323,8 +329,8 @@ class ImageServer:
         )
 
 
-def downloaded(downloads: SdoDownloads, client: SdoClient, server: ImageServer, seconds: float) -> None:
-    """Run a download against the server."""
+def run_download(downloads: SdoDownloads, client: SdoClient, server: ImageServer, seconds: float) -> None:
+    """Run a download with this server for a time."""
     for k in range(int(seconds * 10)):
         out = downloads.poll(0.1 * k) if downloads.holds_channel else downloads.begin(0.1 * k)
         while out:
@@ -333,17 +339,18 @@ def downloaded(downloads: SdoDownloads, client: SdoClient, server: ImageServer, 
 
 
 def image_downloads() -> tuple[SdoDownloads, SdoClient]:
-    """Downloads of one object, messages without a bus."""
+    """Return downloads of one object and their client, without a bus."""
     client = SdoClient()
     return SdoDownloads(client, {"frame": PREVIEW}, LAST_CAPTURE, send=bytes), client
 
 
-def test_an_image_carries_the_number_that_was_read_before_and_after() -> None:
-    """From a server without checksums; a number that changes meanwhile starts the download again."""
+def test_an_image_has_the_number_that_was_read_before_and_after() -> None:
+    """A downloaded image has the number read before and after it. If the number keeps changing, the download fails. The
+    server has no checksums."""
     downloads, client = image_downloads()
     downloads.start_download("frame", 0)
     server = ImageServer(bytes(range(100)))
-    downloaded(downloads, client, server, 1.0)
+    run_download(downloads, client, server, 1.0)
     done = next(e for e in downloads.news() if isinstance(e, TransferDone))
     assert (done.data, done.frame_number) == (bytes(range(100)), 7)
     transfer = downloads.start_download("frame", 0)
@@ -355,23 +362,26 @@ def test_an_image_carries_the_number_that_was_read_before_and_after() -> None:
         return serve(message)
 
     server.answer = counting  # type: ignore[method-assign]
-    downloaded(downloads, client, server, 2.0)
-    ended = downloads.update(transfer)
-    assert (ended.state, "another image" in ended.reason) == (TransferState.FAILED, True)
+    run_download(downloads, client, server, 2.0)
+    last_update = downloads.update(transfer)
+    assert (last_update.state, "another image" in last_update.reason) == (TransferState.FAILED, True)
 
 
 def test_a_download_that_always_stops_at_the_same_place_fails() -> None:
-    """A silent sensor is waited for; one that stops at the same byte each time is not."""
+    """A download that stops three times at the same byte fails."""
     downloads, client = image_downloads()
     transfer = downloads.start_download("frame", 0)
-    downloaded(downloads, client, ImageServer(bytes(600), stops=9), 60.0)
-    ended = downloads.update(transfer)
-    assert (ended.state, ended.reason) == (TransferState.FAILED, "the download stopped 3 times after at most 63 bytes")
+    run_download(downloads, client, ImageServer(bytes(600), stops=9), 60.0)
+    last_update = downloads.update(transfer)
+    assert (last_update.state, last_update.reason) == (
+        TransferState.FAILED,
+        "the download stopped 3 times after at most 63 bytes",
+    )
 
 
 def test_only_other_nodes_on_the_bus_are_reported_once(oresat: Instrument) -> None:
-    """A wrong node number, or a sensor without power: no unit is reported, and commands end as unknown."""
-    session = quiet(oresat)
+    """If only other nodes send, one event reports it, no unit is identified, and commands end as unknown."""
+    session = session_without_requests(oresat)
     request_id, _ = sent_by(session, "READ_STATUS", {})
     events: list[SessionEvent] = []
     for k in range(20):
@@ -386,9 +396,9 @@ def test_only_other_nodes_on_the_bus_are_reported_once(oresat: Instrument) -> No
 
 
 def test_faults_and_restarts_of_the_card_are_events(oresat: Instrument) -> None:
-    """An emergency message, its end, and the message of a card that starts."""
+    """An emergency message, its end and the boot message of the card are reported as events."""
     data = frame(0x0AC, "00 10 01 00 00 00 00 07") + frame(0x0AC, "00" * 8) + frame(0x72C, "00")
-    events = [e for e in quiet(oresat).feed(data, 0.0) if isinstance(e, DeviceEvent)]
+    events = [e for e in session_without_requests(oresat).feed(data, 0.0) if isinstance(e, DeviceEvent)]
     assert [e.name for e in events] == ["EMERGENCY", "EMERGENCY_OVER", "CARD_STARTED"]
     assert "0x1000" in events[0].text
 
@@ -403,16 +413,16 @@ records = st.binary(max_size=40) | st.builds(
 @settings(deadline=None, max_examples=60)
 @given(st.lists(records, max_size=20), st.booleans())
 def test_no_bytes_make_either_end_fail(pieces: list[bytes], block: bool) -> None:
-    """Garbage and every kind of frame; both ends work afterwards."""
+    """Random bytes and frames cause no exception in driver or unit, and both work afterwards."""
     instrument = shipped_registry().get("oresat")
-    session, unit = quiet(instrument), unit_of(instrument, *([BLOCK] if block else []))
+    session, unit = session_without_requests(instrument), unit_of(instrument, *([BLOCK] if block else []))
     session.transfers.start_download("frame", 0)
     for k, piece in enumerate(pieces):
         session.feed(piece, 0.1 * k)
         unit.feed(session.poll(0.1 * k)[0] + piece, 0.1 * k)
     while unit.next_frame(0.0) is not None:
         pass
-    padding = bytes(16)  # completes a record that the noise has begun
+    padding = bytes(16)  # completes a record that random bytes have begun
     session.feed(padding, 9.0)
     unit.feed(padding, 9.0)
     events = talk(session, unit, 10.0, 6.0)

@@ -1,4 +1,4 @@
-"""Another unit answers on the line: no command for the previous unit reaches it."""
+"""If another unit answers on the line, commands for the previous unit are not sent to it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def test_no_command_is_sent_before_the_device_identifies_itself(bench: Bench) -> None:
-    """After the line was lost and reopened a queued command waits for HELLO, then is sent to the same unit."""
+    """After the line was lost and reopened, a queued command is sent only after the same unit has replied to HELLO."""
     bench.until(lambda: bench.host.hello is not None)
     bench.host.link_lost(bench.now_s)
     waiting = bench.host.submit(bench.host.encode("SET_EXPOSURE", {"exposure_ms": 123}))
@@ -32,7 +32,8 @@ def test_no_command_is_sent_before_the_device_identifies_itself(bench: Bench) ->
 
 
 def test_queued_and_unknown_commands_do_not_reach_another_unit(bench: Bench) -> None:
-    """The queue is withdrawn with the names of both units, and an unknown command can no longer be retried."""
+    """If another unit answers, queued commands are withdrawn with its name in the detail, and unknown commands can no
+    longer be retried."""
     bench.until(lambda: bench.host.hello is not None)
     lost = bench.host.submit(bench.host.encode("SET_EXPOSURE", {"exposure_ms": 111}))
     bench.connected = False
@@ -54,7 +55,8 @@ def test_queued_and_unknown_commands_do_not_reach_another_unit(bench: Bench) -> 
 def test_a_unit_with_an_earlier_wording_of_the_same_layout_is_commanded_as_usual(
     make_bench: Callable[..., Bench],
 ) -> None:
-    """Version 0.4's dictionary differs in descriptions only: no mismatch, packets carry the prefix of the device."""
+    """The dictionary of version 0.4 differs only in descriptions, so there is no mismatch. Packets have the device's
+    dictionary prefix."""
     bench = make_bench()
     (earlier,) = bench.dictionary.same_layout_as
     old = replace(bench.dictionary, hash=earlier, same_layout_as=frozenset())
@@ -63,22 +65,25 @@ def test_a_unit_with_an_earlier_wording_of_the_same_layout_is_commanded_as_usual
     assert bench.host.hello.dictionary_match
     assert bench.do("TAKE_IMAGE").stage is Stage.COMPLETED
     assert bench.telemetry("housekeeping")
-    assert bench.bring("frame", 0)
+    assert bench.download("frame", 0)
 
 
 def test_descriptions_do_not_change_the_hash_and_layout_does() -> None:
-    """A reworded purpose keeps the hash; another range, code or name changes it."""
+    """Another description does not change the hash; another code does."""
     from importlib import resources
 
     text = resources.files("gss.instruments.dictionary").joinpath("gss-common.yaml").read_text("utf-8")
-    here = parse_dictionary(text).hash
+    original_hash = parse_dictionary(text).hash
     purpose = next(line for line in text.splitlines() if "purpose: " in line)
-    assert parse_dictionary(text.replace(purpose, purpose.replace("purpose: ", "purpose: Other, "), 1)).hash == here
-    assert parse_dictionary(text.replace("code: 16,", "code: 216,", 1)).hash != here
+    assert (
+        parse_dictionary(text.replace(purpose, purpose.replace("purpose: ", "purpose: Other, "), 1)).hash
+        == original_hash
+    )
+    assert parse_dictionary(text.replace("code: 16,", "code: 216,", 1)).hash != original_hash
 
 
 def test_hello_is_repeated_after_the_pause_of_the_instrument() -> None:
-    """A session that nothing answers sends HELLO again after ``hello_again_s`` of link.yaml, not earlier."""
+    """Without a reply, the session repeats HELLO after ``hello_again_s`` of link.yaml, and not earlier."""
     session = HostSession(load_dictionary(), hello_again_s=7.0)
     session.link_up(0.0)
     assert [bool(session.poll(now_s)[0]) for now_s in (0.0, 6.9, 7.0, 13.9, 14.0)] == [True, False, True, False, True]

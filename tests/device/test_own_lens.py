@@ -1,6 +1,5 @@
-"""A simulated unit whose lens differs from its document: the sky is rendered with it, and only a table informs the
-unit.
-"""
+"""A simulated unit whose lens differs from its document. The sky is rendered with this lens, and the unit knows it only
+from an uploaded table."""
 
 from __future__ import annotations
 
@@ -30,53 +29,61 @@ BANK_A = 0
 
 @pytest.mark.parametrize("name", sorted(i.name for i in shipped_registry().all() if i.profile.chain))
 def test_the_lens_deviation_is_proportional_and_reproducible(name: str) -> None:
-    """One percent: focal length 1 %, centre 4 px, distortion 3 %; the seed decides the direction, and 0 is the
-    document's lens.
-    """
-    known = shipped_camera(name)
-    one, again, other = own_lens(known, 1.0, 5), own_lens(known, 1.0, 5), own_lens(known, 1.0, 6)
-    assert one == again
-    assert one.camera != other.camera
-    assert own_lens(known, 0.0, 5) is known
-    assert one.camera.focal_col_px == pytest.approx(1.01 * known.camera.focal_col_px)
-    moved = np.hypot(
-        one.camera.centre_col_px - known.camera.centre_col_px, one.camera.centre_row_px - known.camera.centre_row_px
+    """A deviation of 1 % changes the focal length by 1 % and the centre by 4 px. The same seed gives the same lens, and a
+    deviation of 0 the document's lens. More than 10 % is rejected."""
+    document_profile = shipped_camera(name)
+    deviating, repeated, other_seed = (
+        own_lens(document_profile, 1.0, 5),
+        own_lens(document_profile, 1.0, 5),
+        own_lens(document_profile, 1.0, 6),
     )
-    assert moved == pytest.approx(4.0)
-    half, whole = (camera_difference(known.camera, own_lens(known, p, 5).camera).rms_px for p in (0.5, 1.0))
-    assert whole == pytest.approx(2 * half, rel=0.1)
-    if isinstance(known.camera.distortion, RadialTilt):
-        assert one.camera.distortion.focal_mm == pytest.approx(one.focal_mm)
+    assert deviating == repeated
+    assert deviating.camera != other_seed.camera
+    assert own_lens(document_profile, 0.0, 5) is document_profile
+    assert deviating.camera.focal_col_px == pytest.approx(1.01 * document_profile.camera.focal_col_px)
+    centre_shift_px = np.hypot(
+        deviating.camera.centre_col_px - document_profile.camera.centre_col_px,
+        deviating.camera.centre_row_px - document_profile.camera.centre_row_px,
+    )
+    assert centre_shift_px == pytest.approx(4.0)
+    half_rms_px, full_rms_px = (
+        camera_difference(document_profile.camera, own_lens(document_profile, p, 5).camera).rms_px for p in (0.5, 1.0)
+    )
+    assert full_rms_px == pytest.approx(2 * half_rms_px, rel=0.1)
+    if isinstance(document_profile.camera.distortion, RadialTilt):
+        assert deviating.camera.distortion.focal_mm == pytest.approx(deviating.focal_mm)
     with pytest.raises(BadInput, match="lens error is out of range"):
-        own_lens(known, 11.0, 5)
+        own_lens(document_profile, 11.0, 5)
 
 
 def test_an_impossible_lens_is_rejected_at_the_start(capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit code 2 and a message, as for other options."""
+    """An invalid lens deviation ends the simulator with exit code 2 and a message."""
     assert main(["--instrument", "cubestar", "--pty", "--lens-off", "40"]) == 2
     assert "at most 10 %" in capsys.readouterr().err
 
 
 def test_the_unit_matches_more_with_the_table_of_its_lens(make_bench: Callable[..., Bench]) -> None:
-    """Half a percent off: its own table gives twice the matches of the factory table of the document's lens."""
+    """With a lens deviation of 0.5 %, the table of the real lens gives at least twice the matches of the factory table."""
     bench = make_bench()
     bench.until(lambda: bench.host.hello is not None)
-    known: CameraProfile = bench.tracker.profile
-    real, plain = own_lens(known, 0.5, 3), bench.tracker.sky
-    bench.tracker.imager._sky = bench.tracker.sky = SimulatedSky(real, plain.environment.motion, 2026.0, 1)
-    assert bench.tracker.tables.profile.camera == known.camera
+    document_profile: CameraProfile = bench.tracker.profile
+    real_profile, document_sky = own_lens(document_profile, 0.5, 3), bench.tracker.sky
+    bench.tracker.imager._sky = bench.tracker.sky = SimulatedSky(
+        real_profile, document_sky.environment.motion, 2026.0, 1
+    )
+    assert bench.tracker.tables.profile.camera == document_profile.camera
 
     def matched() -> int:
         bench.do("SET_MODE", mode="lost_in_space")
         bench.do("TAKE_IMAGE")
         for command in ("FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE"):
             bench.do(command)
-        said = bench.telemetry("attitude")[-1].values
-        return int(bench.status()["stars_matched"]) if said["outcome"] == "solved" else 0
+        attitude = bench.telemetry("attitude")[-1].values
+        return int(bench.status()["stars_matched"]) if attitude["outcome"] == "solved" else 0
 
     before = matched()
-    data = encode_table("calibration", known.name, calibration_values(real))
-    facts = Compatibility(bench.dictionary.device_model, known.name, bench.dictionary.hash, TABLE_FORMAT)
+    data = encode_table("calibration", document_profile.name, calibration_values(real_profile))
+    facts = Compatibility(bench.dictionary.device_model, document_profile.name, bench.dictionary.hash, TABLE_FORMAT)
     transfer_id = bench.host.transfers.start_upload("calibration", BANK_A, data, facts)
     bench.transfer_ends(transfer_id, "committed")
     bench.do("VERIFY_TABLE", table="calibration", bank="A")

@@ -1,4 +1,4 @@
-"""Packets as bytes: golden vectors, and an independent parser."""
+"""Bytes of packets, compared with golden vectors and with an independent parser."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def examples() -> dict[str, Packet]:
 
 @pytest.mark.parametrize("name", sorted(examples()))
 def test_packet_has_its_golden_bytes_and_is_decoded_again(name: str) -> None:
-    """The bytes on the wire are fixed: changing them changes the interface."""
+    """Each packet has its golden bytes and is decoded to an equal packet. Other bytes would change the interface."""
     packet = examples()[name]
     data = encode_packet(packet)
     path = GOLDEN / f"link-{name}.hex"
@@ -79,11 +79,11 @@ def test_packet_has_its_golden_bytes_and_is_decoded_again(name: str) -> None:
 
 
 def test_another_ccsds_parser_reads_the_same_headers() -> None:
-    """space_packet_parser reads the intended primary headers."""
+    """The package space_packet_parser reads the intended primary headers."""
     packets = [encode_packet(p) for p in examples().values()]
-    seen = list(ccsds_generator(io.BytesIO(b"".join(packets))))
-    assert len(seen) == len(packets)
-    for ours, (data, theirs) in zip(examples().values(), zip(packets, seen, strict=True), strict=True):
+    parsed = list(ccsds_generator(io.BytesIO(b"".join(packets))))
+    assert len(parsed) == len(packets)
+    for ours, (data, theirs) in zip(examples().values(), zip(packets, parsed, strict=True), strict=True):
         assert bytes(theirs) == data
         assert theirs.apid == 0x100 + ours.type
         assert theirs.type == int(ours.to_device)
@@ -93,23 +93,23 @@ def test_another_ccsds_parser_reads_the_same_headers() -> None:
         assert theirs.version_number == 0
 
 
-def test_header_fields_survive_at_their_limits() -> None:
-    """Request id and device time at the ends of their ranges."""
+def test_header_fields_are_decoded_unchanged_at_their_limits() -> None:
+    """Request id and device time are decoded unchanged at the ends of their ranges."""
     for request_id, time_s in ((0, 0.0), (0xFFFF_FFFF, 4294967295.0), (1, 0.999), (2, 59.9996)):
         packet = Packet(PacketType.TELEMETRY, 255, request_id, b"", 0xFFFF, False, 0, time_s)
-        back = decode_packet(encode_packet(packet))
-        assert isinstance(back, Packet)
-        assert back.request_id == request_id
-        assert math.isclose(back.time_s, time_s, abs_tol=0.0006)
+        decoded = decode_packet(encode_packet(packet))
+        assert isinstance(decoded, Packet)
+        assert decoded.request_id == request_id
+        assert math.isclose(decoded.time_s, time_s, abs_tol=0.0006)
 
 
 def test_kinds_of_damage_are_distinguished() -> None:
-    """Too short, bad CRC and unknown type give different errors."""
-    good = encode_packet(examples()["hello"])
-    assert decode_packet(good[:10]) is Damage.TOO_SHORT
-    assert decode_packet(good[:-1] + bytes([good[-1] ^ 1])) is Damage.BAD_CRC
-    other_apid = bytearray(good[:-4])
+    """A packet with a wrong length, a bad CRC and an unknown APID give different errors."""
+    valid = encode_packet(examples()["hello"])
+    assert decode_packet(valid[:10]) is Damage.TOO_SHORT
+    assert decode_packet(valid[:-1] + bytes([valid[-1] ^ 1])) is Damage.BAD_CRC
+    other_apid = bytearray(valid[:-4])
     other_apid[1] ^= 0x40
     assert decode_packet(with_crc(bytes(other_apid))) is Damage.UNKNOWN
-    longer = good[:-4] + b"extra"
+    longer = valid[:-4] + b"extra"
     assert decode_packet(longer + zlib.crc32(longer).to_bytes(4, "big")) is Damage.TOO_SHORT

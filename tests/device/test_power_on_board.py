@@ -1,4 +1,4 @@
-"""Power of the unit: switching, latch-ups and their protection, heat."""
+"""Power of the unit: switching, latch-ups with their protection, and overheating."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ RAILS = ("imager", "fpga", "sram")
 
 @pytest.mark.parametrize("rail", RAILS)
 def test_without_power_no_image_is_taken(bench: Bench, rail: str) -> None:
-    """TAKE_IMAGE, RUN_ITERATION and START_CYCLE are rejected before anything starts; with power again they work."""
+    """TAKE_IMAGE, RUN_ITERATION and START_CYCLE are rejected while a rail is off. TAKE_IMAGE works after it is on again."""
     assert bench.do("POWER", rail=rail, state="off").stage is Stage.COMPLETED
     assert bench.status()[f"{rail}_on"] is False
     for name in ("TAKE_IMAGE", "RUN_ITERATION", "START_CYCLE"):
-        refused = bench.do(name)
-        assert (refused.stage, refused.reason) == (Stage.REJECTED, "powered_off")
-        assert rail in refused.detail
+        update = bench.do(name)
+        assert (update.stage, update.reason) == (Stage.REJECTED, "powered_off")
+        assert rail in update.detail
     bench.do("POWER", rail=rail, state="on")
     assert bench.do("TAKE_IMAGE").stage is Stage.COMPLETED
     assert len(bench.device_events("POWER_CHANGED")) == 2
 
 
 def test_image_memory_is_cleared_without_power(bench: Bench) -> None:
-    """SRAM off: frames are lost, searches and uploads are rejected, a running download ends with the reason."""
+    """If the SRAM is switched off, frames are lost, commands that need it are rejected, and a running download ends with
+    the reason."""
     bench.do("TAKE_IMAGE", slot=0)
     transfer_id = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(transfer_id).state == "transferring")
@@ -45,18 +46,17 @@ def test_image_memory_is_cleared_without_power(bench: Bench) -> None:
 
 @pytest.mark.parametrize("rail", RAILS)
 def test_a_latch_up_draws_current_until_the_protection_trips(bench: Bench, rail: str) -> None:
-    """Current far above critical at once, then off, counted and reported; only CLEAR_LATCHUP restores it, even over a
-    reset.
-    """
+    """A latch-up raises the current above the critical limit until the protection switches the rail off, counts and
+    reports it. Only CLEAR_LATCHUP restores the rail; POWER and a reset do not."""
     bench.do("START_CYCLE")
     bench.do("SIM_INJECT", fault=f"latchup_{rail}")
-    critical = next(f for f in bench.dictionary.packet("housekeeping").values if f.name == f"current_{rail}_ma")
-    assert float(bench.status()[f"current_{rail}_ma"]) > float(critical.limits.critical[1] or 0)
+    current_field = next(f for f in bench.dictionary.packet("housekeeping").values if f.name == f"current_{rail}_ma")
+    assert float(bench.status()[f"current_{rail}_ma"]) > float(current_field.limits.critical[1] or 0)
     bench.until(lambda: bool(bench.device_events("LATCHUP")), 5.0)
-    after = bench.status()
-    assert (after[f"{rail}_on"], after["latched_rails"], after["latchups"]) == (False, 1, 1)
-    assert float(after[f"current_{rail}_ma"]) < 1.0
-    assert after["cycle_running"] is False
+    tripped = bench.status()
+    assert (tripped[f"{rail}_on"], tripped["latched_rails"], tripped["latchups"]) == (False, 1, 1)
+    assert float(tripped[f"current_{rail}_ma"]) < 1.0
+    assert tripped["cycle_running"] is False
     assert bench.do("POWER", rail=rail, state="on").reason == "wrong_state"
     bench.do("RESET")
     bench.run(1.0)
@@ -69,7 +69,7 @@ def test_a_latch_up_draws_current_until_the_protection_trips(bench: Bench, rail:
 
 
 def test_switching_off_in_time_ends_a_latch_up(bench: Bench) -> None:
-    """Switching the rail off before the protection does removes the short circuit."""
+    """Switching the rail off before the protection trips ends the latch-up, and none is counted."""
     bench.do("SIM_INJECT", fault="latchup_fpga")
     bench.do("POWER", rail="fpga", state="off")
     bench.run(3.0)
@@ -78,7 +78,8 @@ def test_switching_off_in_time_ends_a_latch_up(bench: Bench) -> None:
 
 
 def test_overheating_is_reported_once_until_it_has_cooled(bench: Bench) -> None:
-    """Sensor and processor rise by the injected amount; OVERHEAT once; after cooling the next one is reported."""
+    """Sensor and processor temperatures rise by the injected amount, and OVERHEAT is sent once. After cooling, the next
+    overheating is reported again."""
     cold = bench.status()
     for round_ in (1, 2):
         bench.do("SIM_INJECT", fault="overheat", value=60.0)

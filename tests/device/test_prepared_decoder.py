@@ -1,4 +1,4 @@
-"""A prepared decoder equals the plain one, for valid payloads and for invalid ones."""
+"""A prepared decoder gives the same results as the plain one, for valid and invalid payloads."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WIDTH = {"u8": 1, "u16": 2, "u32": 4, "i8": 1, "i16": 2, "i32": 4, "f32": 4, "f6
 
 
 def payload_of(layout: Layout, rng: random.Random) -> bytes:
-    """Return bytes of about the right length, mostly with valid bools, choices and texts."""
+    """Return bytes of about the right length, mostly with valid booleans, choices and texts."""
     parts: list[bytes] = []
     for entry in layout:
         if isinstance(entry, Group):
@@ -31,23 +31,23 @@ def payload_of(layout: Layout, rng: random.Random) -> bytes:
             parts += [bytes([count]), *(bytes_of(item, rng) for _ in range(count) for item in entry.items)]
         else:
             parts.append(bytes_of(entry, rng))
-    whole = b"".join(parts)
+    payload = b"".join(parts)
     if rng.random() < 0.3:
-        whole = rng.choice([whole[:-1], whole + b"\0", whole[: len(whole) // 2], whole[1:]])
-    return whole
+        payload = rng.choice([payload[:-1], payload + b"\0", payload[: len(payload) // 2], payload[1:]])
+    return payload
 
 
 def bytes_of(item: Item, rng: random.Random) -> bytes:
-    """Return the bytes of an item; one in two hundred is any byte where it is not valid."""
-    wild = rng.random() < 0.005
-    if item.type == "bool" and not wild:
+    """Return the bytes of an item. One in 200 may be invalid."""
+    invalid = rng.random() < 0.005
+    if item.type == "bool" and not invalid:
         return bytes([rng.randrange(2)])
-    if item.type == "enum" and not wild:
+    if item.type == "enum" and not invalid:
         return bytes([rng.choice(item.choices).value])
-    if item.type == "str" and not wild:
+    if item.type == "str" and not invalid:
         return "ä b"[: rng.randrange(4)].encode()[: item.size].ljust(item.size, b"\0")
     if item.type == "text":
-        return bytes([2]) + (b"\xff\xfe" if wild else b"ok")
+        return bytes([2]) + (b"\xff\xfe" if invalid else b"ok")
     return rng.randbytes(WIDTH.get(item.type, item.size or 5))
 
 
@@ -57,21 +57,21 @@ def outcome(make: Any) -> tuple[Any, ...]:
     NaN equals itself as text.
     """
     try:
-        found: Decoded = make()
+        decoded: Decoded = make()
     except CorruptData as error:
         return (str(error), error.expected, error.got)
-    return tuple(repr(part) for part in (found.raw, found.values, found.lists))
+    return tuple(repr(part) for part in (decoded.raw, decoded.values, decoded.lists))
 
 
 @pytest.mark.parametrize("name", sorted(LAYOUTS))
 def test_a_prepared_layout_decodes_like_the_plain_layout(name: str) -> None:
-    """The same values of the same types in the same order, and for an invalid payload the same message."""
+    """Both decoders return the same values with the same types and order. For an invalid payload the errors are equal."""
     layout, rng = LAYOUTS[name], random.Random(name)
     decoder = Decoder(layout)
-    answers = set()
+    outcomes = set()
     for _ in range(60):
         payload = payload_of(layout, rng)
         expected = outcome(lambda p=payload: decode(layout, p))
         assert outcome(lambda p=payload: decoder.decode(p)) == expected
-        answers.add(expected)
-    assert len(answers) > 1 or not layout
+        outcomes.add(expected)
+    assert len(outcomes) > 1 or not layout

@@ -1,4 +1,4 @@
-"""arcsec's Sagitta: driver, package and simulated unit against public byte vectors."""
+"""arcsec's Sagitta: driver, package and simulated unit compared with public byte vectors."""
 
 from __future__ import annotations
 
@@ -34,40 +34,40 @@ def sagitta() -> Instrument:
 
 
 def unit_of(instrument: Instrument, *dialects: str) -> SagittaUnit:
-    """A simulated unit that points to one direction."""
-    world = Environment(instrument.profile, Inertial(ATTITUDE, np.zeros(3)))
-    return open_unit(UnitWorld(instrument, world, 1, frozenset(dialects)))
+    """Return a simulated unit that points to ``ATTITUDE``."""
+    environment = Environment(instrument.profile, Inertial(ATTITUDE, np.zeros(3)))
+    return open_unit(UnitWorld(instrument, environment, 1, frozenset(dialects)))
 
 
-def quiet(instrument: Instrument) -> Driver:
-    """A session on an open line whose repeated requests have been sent and answered by nothing."""
+def open_session_of(instrument: Instrument) -> Driver:
+    """Return a session on an open line."""
     session = open_driver(instrument)
     session.link_up(0.0)
     return session
 
 
 def sent_by(session: Driver, name: str, arguments: dict[str, Value]) -> bytes:
-    """The frame of a command; commands leave before repeated requests."""
+    """Submit a command and return its frame. Commands are sent before repeated requests."""
     session.submit(session.encode(name, arguments))
     return session.poll(0.0)[0]
 
 
 def talk(session: Driver, unit: SagittaUnit, since_s: float, seconds: float) -> list[SessionEvent]:
-    """Run both ends in memory; return the host's events."""
+    """Run both ends in memory. Return the host's events."""
     events: list[SessionEvent] = []
     for k in range(int(seconds * 50)):
         now_s = since_s + 0.02 * k
-        out, more = session.poll(now_s)
+        out, new_events = session.poll(now_s)
         unit.feed(out, now_s)
         unit.advance(now_s)
-        events += more
+        events += new_events
         while (frame := unit.next_frame(now_s)) is not None:
             events += session.feed(frame, now_s)
     return events
 
 
 def test_the_hash_has_its_published_values() -> None:
-    """XXH32 with seed 0."""
+    """XXH32 with seed 0 gives its published values."""
     assert (xxhash.xxh32_intdigest(b"", 0), xxhash.xxh32_intdigest(b"abc", 0)) == (0x02CC5D05, 0x32D153FF)
 
 
@@ -84,13 +84,13 @@ def test_the_hash_has_its_published_values() -> None:
     ],
 )
 def test_requests_have_the_public_bytes(sagitta: Instrument, name: str, arguments: dict[str, Value], wire: str) -> None:
-    """Byte for byte, also where a hash contains an escaped byte."""
-    assert sent_by(quiet(sagitta), name, arguments) == bytes.fromhex(wire)
+    """Requests equal the public bytes, also if a hash contains an escaped byte."""
+    assert sent_by(open_session_of(sagitta), name, arguments) == bytes.fromhex(wire)
 
 
 def test_the_public_reply_completes_the_request(sagitta: Instrument) -> None:
-    """Status 0 means done; the same reply without its request means nothing."""
-    session, reply = quiet(sagitta), bytes.fromhex("C0 21 80 06 00 8F BD 5E C2 C0")
+    """A reply with status 0 completes its request. The same reply without a request is counted as unknown."""
+    session, reply = open_session_of(sagitta), bytes.fromhex("C0 21 80 06 00 8F BD 5E C2 C0")
     assert not [e for e in session.feed(reply, 0.0) if isinstance(e, CommandUpdate)]
     sent_by(session, "SET_MOUNTING", {})
     assert [e.stage for e in session.feed(reply, 0.1) if isinstance(e, CommandUpdate)] == [Stage.COMPLETED]
@@ -98,8 +98,8 @@ def test_the_public_reply_completes_the_request(sagitta: Instrument) -> None:
 
 
 def test_asynchronous_telemetry_is_read_with_its_time(sagitta: Instrument) -> None:
-    """Time is one little-endian number; a damaged hash drops the packet."""
-    session = quiet(sagitta)
+    """The packet's time is one little-endian number. A packet with a damaged hash is dropped and counted."""
+    session = open_session_of(sagitta)
     packets = [e for e in session.feed(bytes.fromhex(ASYNCHRONOUS), 0.0) if isinstance(e, Telemetry)]
     assert packets[0].values == {"mcu_c": 26.0, "cmos_c": 24.0, "fpga_c": 25.0}
     assert (packets[0].device_time_s, packets[0].request_id) == (1_700_000_000.25, 0)
@@ -109,9 +109,9 @@ def test_asynchronous_telemetry_is_read_with_its_time(sagitta: Instrument) -> No
     assert session.counters.received.bad_crc == 1
 
 
-def test_the_solution_has_its_published_size_and_place_of_the_flag(sagitta: Instrument) -> None:
-    """67 bytes of content in a frame of 87 with address and time, and the flag at byte 77."""
-    session, unit = quiet(sagitta), unit_of(sagitta, BOOTED)
+def test_the_solution_has_its_published_size_and_flag_position(sagitta: Instrument) -> None:
+    """The solution has 67 bytes of content in a packet of 87, with the flag at byte 77."""
+    session, unit = open_session_of(sagitta), unit_of(sagitta, BOOTED)
     unit.feed(sent_by(session, "REQUEST_SOLUTION", {}), 1.0)
     frame = unit.next_frame(1.0)
     assert frame is not None
@@ -121,14 +121,14 @@ def test_the_solution_has_its_published_size_and_place_of_the_flag(sagitta: Inst
 
 
 def test_telemetry_begins_after_boot_and_has_the_attitude_of_the_motion(sagitta: Instrument) -> None:
-    """In the bootloader the repeated requests end without answer, and commands pass between them."""
-    session, unit = quiet(sagitta), unit_of(sagitta)
+    """In the bootloader the unit answers commands but sends no telemetry. After BOOT it sends the attitude of the motion."""
+    session, unit = open_session_of(sagitta), unit_of(sagitta)
     ping = session.submit(session.encode("PING", {"number": 7}))
     before = talk(session, unit, 0.0, 3.0)
     assert session.hello is not None
     assert not [e for e in before if isinstance(e, Telemetry)]
-    done = [e for e in before if isinstance(e, CommandUpdate) and e.request_id == ping]
-    assert (done[-1].stage, dict(done[-1].values)) == (Stage.COMPLETED, {"number": 7})
+    ping_updates = [e for e in before if isinstance(e, CommandUpdate) and e.request_id == ping]
+    assert (ping_updates[-1].stage, dict(ping_updates[-1].values)) == (Stage.COMPLETED, {"number": 7})
     session.submit(session.encode("BOOT", {}))
     after = [e for e in talk(session, unit, 3.0, 8.0) if isinstance(e, Telemetry)]
     assert {e.packet for e in after} == {"solution", "housekeeping"}
@@ -141,8 +141,8 @@ def test_telemetry_begins_after_boot_and_has_the_attitude_of_the_motion(sagitta:
 
 
 def test_every_parameter_is_read_back_as_it_was_set(sagitta: Instrument) -> None:
-    """All seventeen, each with different values."""
-    session, unit = quiet(sagitta), unit_of(sagitta, BOOTED)
+    """Each of the 17 parameters is read back with the values that were set."""
+    session, unit = open_session_of(sagitta), unit_of(sagitta, BOOTED)
     names = [c.name.removeprefix("SET_") for c in sagitta.dictionary.commands if c.code < 64]
     assert len(names) == 17
     now_s = 0.0
@@ -162,8 +162,8 @@ def test_every_parameter_is_read_back_as_it_was_set(sagitta: Instrument) -> None
 
 
 def test_a_subscription_sends_without_requests(sagitta: Instrument) -> None:
-    """Five times a second, with the matched stars of the field and their catalogue numbers."""
-    session, unit = quiet(sagitta), unit_of(sagitta, BOOTED)
+    """A subscription sends matched stars with their catalogue numbers at least four times per second, without requests."""
+    session, unit = open_session_of(sagitta), unit_of(sagitta, BOOTED)
     session.submit(session.encode("SET_SUBSCRIPTION", {"telemetry_1": 40, "telemetry_2": 37}))
     events = [e for e in talk(session, unit, 0.0, 3.0) if isinstance(e, Telemetry)]
     matches = [e for e in events if e.packet == "matches"]
@@ -174,8 +174,8 @@ def test_a_subscription_sends_without_requests(sagitta: Instrument) -> None:
 
 
 def test_errors_of_the_sensor_reject_the_command(sagitta: Instrument) -> None:
-    """Status 1 is not implemented; other numbers are errors."""
-    session, unit = quiet(sagitta), unit_of(sagitta, BOOTED)
+    """A reply with status 1 rejects the command as not implemented."""
+    session, unit = open_session_of(sagitta), unit_of(sagitta, BOOTED)
     request_id = session.submit(session.encode("BOOT", {"region": 9}))
     stages = [e for e in talk(session, unit, 0.0, 1.0) if isinstance(e, CommandUpdate) and e.request_id == request_id]
     assert (stages[-1].stage, stages[-1].reason) == (Stage.REJECTED, "not_implemented")
@@ -184,9 +184,9 @@ def test_errors_of_the_sensor_reject_the_command(sagitta: Instrument) -> None:
 @settings(deadline=None)
 @given(st.lists(st.binary(max_size=60), max_size=8))
 def test_no_bytes_make_either_end_fail(pieces: list[bytes]) -> None:
-    """Whatever is received."""
+    """Random bytes cause no exception in driver or unit."""
     instrument = shipped_registry().get("sagitta")
-    session, unit = quiet(instrument), unit_of(instrument)
+    session, unit = open_session_of(instrument), unit_of(instrument)
     session.poll(0.0)
     for piece in pieces:
         session.feed(piece, 0.1)

@@ -1,4 +1,4 @@
-"""Scheduled commands: kept over a reset, executed with all checks, reported."""
+"""Scheduled commands survive a reset, are executed with all checks, and are reported."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from conftest import Bench
 
 
-def later(bench: Bench, seconds: float, name: str, **arguments: float | str | bool) -> CommandUpdate:
-    """SCHEDULE a command by name."""
+def schedule(bench: Bench, seconds: float, name: str, **arguments: float | str | bool) -> CommandUpdate:
+    """Schedule a command by name, ``seconds`` after the current device time."""
     command = bench.dictionary.command(name)
     payload = encode(command.arguments, check_arguments(command, arguments))
     at_s = bench.device.time_s + seconds
@@ -28,8 +28,9 @@ def entries(bench: Bench) -> dict[int, Telemetry]:
 
 
 def test_a_command_runs_at_its_time(bench: Bench) -> None:
-    """Not before; then once, with the id of its SCHEDULE on all its reports; housekeeping counts waiting entries."""
-    done = later(bench, 3.0, "TAKE_IMAGE", slot=2)
+    """A scheduled command runs once, not before its time. Its reports have the request id of SCHEDULE. Housekeeping has
+    the number of waiting entries."""
+    done = schedule(bench, 3.0, "TAKE_IMAGE", slot=2)
     number = int(done.values["schedule_id"])
     status = bench.status()
     assert (status["scheduled"], number) == (1, 1)
@@ -37,10 +38,10 @@ def test_a_command_runs_at_its_time(bench: Bench) -> None:
     bench.until(lambda: bench.device.time_s > due_s - 0.1)
     assert bench.do("LIST_FRAMES").values == {"count": 0}
     bench.run(3.0)
-    (ran,) = bench.device_events("SCHEDULE_RUN")
-    assert "TAKE_IMAGE" in ran.text
+    (run_event,) = bench.device_events("SCHEDULE_RUN")
+    assert "TAKE_IMAGE" in run_event.text
     (info,) = bench.telemetry("frame_info")
-    assert (info.request_id, ran.request_id) == (done.request_id, done.request_id)
+    assert (info.request_id, run_event.request_id) == (done.request_id, done.request_id)
     assert info.values["slot"] == 2
     assert entries(bench)[number].values["state"] == "done"
     assert bench.status()["scheduled"] == 0
@@ -49,20 +50,20 @@ def test_a_command_runs_at_its_time(bench: Bench) -> None:
 
 
 def test_preconditions_are_checked_at_execution_time(bench: Bench) -> None:
-    """TAKE_IMAGE while the cycle runs fails with the reason, and the cycle continues."""
-    later(bench, 2.0, "TAKE_IMAGE")
+    """A scheduled TAKE_IMAGE that is due while the cycle runs fails with the reason, and the cycle continues."""
+    schedule(bench, 2.0, "TAKE_IMAGE")
     bench.do("START_CYCLE")
     bench.run(3.0)
-    (failed,) = bench.device_events("SCHEDULE_FAILED")
-    assert "wrong_state" in failed.text
+    (failure,) = bench.device_events("SCHEDULE_FAILED")
+    assert "wrong_state" in failure.text
     assert entries(bench)[1].values["reason"] == "wrong_state"
     assert bench.status()["cycle_running"] is True
 
 
 def test_the_schedule_survives_a_reset_and_reports_missed_entries(bench: Bench) -> None:
-    """Later entries run; those due during the boot are missed and not run late."""
-    later(bench, 2.5, "SET_EXPOSURE", exposure_ms=77)
-    later(bench, 6.0, "SET_GAIN", gain=3)
+    """After a reset, later entries run. Entries that were due during the boot are reported as missed and are not run."""
+    schedule(bench, 2.5, "SET_EXPOSURE", exposure_ms=77)
+    schedule(bench, 6.0, "SET_GAIN", gain=3)
     bench.run(2.2)
     bench.device.power.restart()
     bench.device.reset("watchdog", bench.now_s)
@@ -77,10 +78,10 @@ def test_the_schedule_survives_a_reset_and_reports_missed_entries(bench: Bench) 
 
 
 def test_the_schedule_survives_the_process(make_bench: Callable[..., Bench]) -> None:
-    """The flash record is unchanged by JSON."""
+    """Entries are stored in the flash record and run after a restart of the simulator's process."""
     first = make_bench()
     first.until(lambda: first.host.hello is not None)
-    later(first, 50.0, "SET_GAIN", gain=2)
+    schedule(first, 50.0, "SET_GAIN", gain=2)
     first.memory.save()
     first.device.shut_down(first.now_s)
     second = make_bench(memory=first.memory)
@@ -91,16 +92,16 @@ def test_the_schedule_survives_the_process(make_bench: Callable[..., Bench]) -> 
 
 
 def test_a_scheduled_reset_runs_once(bench: Bench) -> None:
-    """RESET is marked before it runs, so that it does not run again after the restart."""
-    later(bench, 1.0, "RESET")
+    """A scheduled RESET runs once, because it is marked as done before it runs."""
+    schedule(bench, 1.0, "RESET")
     bench.run(10.0)
     assert bench.memory.record.resets == 1
     assert entries(bench)[1].values["state"] == "done"
 
 
 def test_an_entry_interrupted_by_a_reset_has_failed(bench: Bench) -> None:
-    """A long scheduled exposure ended by a reset is reported as failed by LIST_SCHEDULE afterwards."""
-    later(bench, 1.0, "TAKE_IMAGE", exposure_ms=2000)
+    """An exposure that a reset interrupted is listed as failed by LIST_SCHEDULE."""
+    schedule(bench, 1.0, "TAKE_IMAGE", exposure_ms=2000)
     bench.run(1.5)
     bench.device.reset("watchdog", bench.now_s)
     bench.run(3.0)
@@ -110,14 +111,14 @@ def test_an_entry_interrupted_by_a_reset_has_failed(bench: Bench) -> None:
 
 
 def test_the_schedule_has_sixteen_entries(bench: Bench) -> None:
-    """schedule_full for the seventeenth; CANCEL frees one, 0 cancels all."""
+    """The 17th entry is rejected as ``schedule_full``. CANCEL removes one entry, and CANCEL with id 0 all."""
     for _ in range(16):
-        assert later(bench, 1000.0, "GET_STATUS").stage is Stage.COMPLETED
-    full = later(bench, 1000.0, "GET_STATUS")
-    assert (full.stage, full.reason) == (Stage.FAILED, "schedule_full")
+        assert schedule(bench, 1000.0, "GET_STATUS").stage is Stage.COMPLETED
+    rejected = schedule(bench, 1000.0, "GET_STATUS")
+    assert (rejected.stage, rejected.reason) == (Stage.FAILED, "schedule_full")
     assert bench.do("CANCEL", schedule_id=5).values == {"count": 1}
     assert bench.do("CANCEL", schedule_id=5).reason == "not_found"
-    assert later(bench, 1000.0, "GET_STATUS").stage is Stage.COMPLETED
+    assert schedule(bench, 1000.0, "GET_STATUS").stage is Stage.COMPLETED
     assert bench.do("CANCEL", schedule_id=0).values == {"count": 16}
     assert bench.do("CANCEL", schedule_id=0).values == {"count": 0}
     assert bench.status()["scheduled"] == 0
@@ -137,8 +138,8 @@ def test_the_schedule_has_sixteen_entries(bench: Bench) -> None:
     ],
 )
 def test_impossible_entries_are_rejected(bench: Bench, change: dict[str, float | str], reason: str) -> None:
-    """Unknown codes, wrong bytes, past times, and nested SCHEDULE."""
+    """Entries with unknown or forbidden commands, invalid arguments or a past time are rejected and not stored."""
     bench.run(2.0)
-    refused = bench.do("SCHEDULE", **({"at_s": 1.0e6, "command_code": 2, "length": 0, "payload": ""} | change))
-    assert (refused.stage, refused.reason) == (Stage.FAILED, reason)
+    update = bench.do("SCHEDULE", **({"at_s": 1.0e6, "command_code": 2, "length": 0, "payload": ""} | change))
+    assert (update.stage, update.reason) == (Stage.FAILED, reason)
     assert bench.memory.record.schedule == []

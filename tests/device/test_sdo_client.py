@@ -1,4 +1,4 @@
-"""Service data objects: the client against the library ``canopen`` in both directions, and against damaged transfers."""
+"""Service data objects: the client with the library ``canopen`` in both directions, and with damaged transfers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Server = Callable[[bytes], list[bytes]]
 
 
 class MemoryNetwork(canopen.network.Network):
-    """The library's network without a bus: ``deliver`` gets what is sent."""
+    """The library's network without a bus. Each sent message is passed to ``deliver``."""
 
     def __init__(self, deliver: Callable[[int, bytes], None]) -> None:
         super().__init__()
@@ -31,7 +31,7 @@ class MemoryNetwork(canopen.network.Network):
 
 
 def library_server(content: bytes, written: list[bytes]) -> Server:
-    """The library's server with one object."""
+    """Return the library's server with one object."""
     dictionary = canopen.ObjectDictionary()
     variable = ODVariable("content", INDEX, 0)
     variable.data_type, variable.access_type = dt.DOMAIN, "rw"
@@ -51,7 +51,7 @@ def library_server(content: bytes, written: list[bytes]) -> Server:
 
 
 def run(client: SdoClient, first: bytes, server: Server, lose: set[int] | None = None) -> SdoResult:
-    """Exchange messages until there is a result; answers with the numbers in ``lose`` do not arrive, each once."""
+    """Exchange messages until there is a result. Responses with the numbers in ``lose`` are dropped once."""
     lost, count, messages = set(lose or ()), 0, [first]
     for _ in range(100_000):
         answers = server(messages.pop(0)) if messages else []
@@ -72,7 +72,8 @@ def run(client: SdoClient, first: bytes, server: Server, lose: set[int] | None =
 @settings(deadline=None, max_examples=40)
 @given(st.binary(min_size=1, max_size=400), st.booleans())
 def test_objects_are_read_from_the_library_and_written_to_it(data: bytes, block: bool) -> None:
-    """Of every size, also where a block transfer is answered by a segmented one."""
+    """Objects of every size are read from the library's server and written to it, also if it answers a block request with
+    a segmented transfer."""
     written: list[bytes] = []
     server, client = library_server(data, written), SdoClient()
     assert run(client, client.start_read(INDEX, 0, block=block), server).data == data
@@ -82,7 +83,7 @@ def test_objects_are_read_from_the_library_and_written_to_it(data: bytes, block:
 
 @pytest.mark.parametrize("size", [1, 7, 8, 889, 890, 3000])
 def test_blocks_are_read_by_the_library_too(size: int) -> None:
-    """The simulated server satisfies the library's client, and ours."""
+    """The library's client and ours both read blocks from the simulated server."""
     content = bytes(k * 7 % 251 for k in range(size))
     server = BlockServer(lambda *_: content)
     client = SdoClient()
@@ -101,24 +102,24 @@ def test_blocks_are_read_by_the_library_too(size: int) -> None:
 @settings(deadline=None, max_examples=60)
 @given(st.integers(900, 4000), st.sets(st.integers(2, 600), max_size=12))
 def test_lost_segments_of_a_block_are_repeated(size: int, lose: set[int]) -> None:
-    """The content is the same or the transfer fails: damaged content is never returned."""
+    """With lost segments the content is read unchanged, or the transfer fails. Damaged content is never returned."""
     content = bytes(k * 11 % 253 for k in range(size))
     client = SdoClient()
     result = run(client, client.start_read(INDEX, 5, block=True), BlockServer(lambda *_: content).respond, lose)
     assert result.data == content if not result.abort else result.data == b""
 
 
-def test_one_lost_segment_costs_no_transfer() -> None:
-    """In the middle of a block, and the last of all."""
+def test_a_transfer_succeeds_despite_one_lost_segment() -> None:
+    """A transfer succeeds if a segment within a block, the last of a block or the last of all is lost."""
     content = bytes(range(256)) * 8
-    for lost in (40, 127, -(-len(content) // 7)):
+    for lost_segment in (40, 127, -(-len(content) // 7)):
         client = SdoClient()
         server = BlockServer(lambda *_: content).respond
-        assert run(client, client.start_read(INDEX, 5, block=True), server, {lost + 1}).data == content
+        assert run(client, client.start_read(INDEX, 5, block=True), server, {lost_segment + 1}).data == content
 
 
 def test_damaged_content_is_rejected_by_its_checksum() -> None:
-    """A segment whose bytes changed."""
+    """A transfer with a changed byte fails with a checksum error."""
     server = BlockServer(lambda *_: bytes(100)).respond
 
     def damaging(message: bytes) -> list[bytes]:
@@ -129,7 +130,7 @@ def test_damaged_content_is_rejected_by_its_checksum() -> None:
 
 
 def test_an_interrupted_transfer_ends_with_a_reason() -> None:
-    """The client requests a silent server to continue a few times, then gives up and sends the reason."""
+    """The client repeats its request to a silent server ``NUDGES`` times, then aborts with the reason."""
     client, server = SdoClient(), BlockServer(lambda *_: bytes(2000)).respond
     answer = client.feed(server(client.start_read(INDEX, 5, block=True))[0])
     for segment in server(answer)[:50]:
@@ -144,7 +145,7 @@ def test_an_interrupted_transfer_ends_with_a_reason() -> None:
     ("code", "text"), [(0x06020000, "does not exist"), (0x06010002, "write"), (0x12345678, "Unknown")]
 )
 def test_abort_codes_are_reported_in_words(code: int, text: str) -> None:
-    """With the number, also of unknown ones."""
+    """An abort code is reported in words with its number, also an unknown one."""
     client = SdoClient()
     client.start_write(0x4000, 0, b"\4")
     client.feed(bytes.fromhex("80004000") + code.to_bytes(4, "little"))
@@ -156,7 +157,7 @@ def test_abort_codes_are_reported_in_words(code: int, text: str) -> None:
 @settings(deadline=None)
 @given(st.booleans(), st.lists(st.binary(max_size=8), max_size=30))
 def test_no_messages_make_the_client_fail(block: bool, messages: list[bytes]) -> None:
-    """Whatever they are; and a transfer afterwards works."""
+    """Random messages cause no exception, and a transfer works afterwards."""
     client = SdoClient()
     client.start_read(INDEX, 0, block=block)
     for message in messages:
@@ -168,7 +169,7 @@ def test_no_messages_make_the_client_fail(block: bool, messages: list[bytes]) ->
 @settings(deadline=None)
 @given(st.lists(st.binary(min_size=8, max_size=8), max_size=30))
 def test_no_messages_make_the_simulated_block_server_fail(messages: list[bytes]) -> None:
-    """Whatever they are."""
+    """Random messages cause no exception in the simulated block server."""
     server = BlockServer(lambda *_: bytes(20))
     for message in messages:
         if BlockServer.is_block_upload(message):

@@ -1,4 +1,4 @@
-"""Sequence counts: gaps, late and repeated packets, restarts of the sender, replays."""
+"""Sequence counts: gaps, late, repeated and replayed packets, and restarts of the sender."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def packet(sequence: int, time_s: float, kind: PacketType = PacketType.TELEMETRY
 
 
 def test_a_late_packet_is_stale_and_no_longer_missing() -> None:
-    """Packets 0 1 3 2 4: one gap until the late packet arrives; counts of 16 383 never occur."""
+    """For packets 0, 1, 3, 2, 4 there is one gap until the late packet arrives, and then none."""
     tracker = SequenceTracker()
     assert [tracker.arrival(packet(n, n)) for n in (0, 1, 3)] == [CURRENT] * 3
     assert tracker.gaps == 1
@@ -27,7 +27,7 @@ def test_a_late_packet_is_stale_and_no_longer_missing() -> None:
 
 
 def test_a_replayed_packet_is_stale_and_a_duplicate() -> None:
-    """A packet of 20 minutes ago changes neither the expected count nor the gaps."""
+    """A packet sent 20 minutes earlier is counted as a duplicate and changes neither the expected count nor the gaps."""
     tracker = SequenceTracker()
     for n in range(1300):
         assert tracker.arrival(packet(n, n)) is CURRENT
@@ -38,7 +38,7 @@ def test_a_replayed_packet_is_stale_and_a_duplicate() -> None:
 
 @pytest.mark.parametrize("age", [9000, 12000, 16000])
 def test_a_replay_older_than_half_the_range_is_stale_too(age: int) -> None:
-    """Its count seems to be ahead; its device time shows that it is not."""
+    """The count of such a packet seems to be ahead. Its device time shows that it is old, so it is not current."""
     tracker = SequenceTracker()
     for n in range(20_000):
         tracker.arrival(packet(n, n / 10))
@@ -48,7 +48,7 @@ def test_a_replay_older_than_half_the_range_is_stale_too(age: int) -> None:
 
 
 def test_a_sender_that_restarts_its_count_is_current() -> None:
-    """The device time continues, the count restarts at 0."""
+    """A packet whose count restarts at 0 is current if its device time continues."""
     tracker = SequenceTracker()
     for n in range(500):
         tracker.arrival(packet(n, n))
@@ -60,7 +60,7 @@ def test_a_sender_that_restarts_its_count_is_current() -> None:
 @pytest.mark.parametrize("age", [1, 1200, 8300, 9000, 16_000, SEQUENCE_MODULO])
 @pytest.mark.parametrize("reopened", [False, True])
 def test_consecutive_old_packets_are_never_current(age: int, reopened: bool) -> None:
-    """A replay of five packets in their order changes no gap, also if it is the first on a newly opened line."""
+    """Five replayed packets in their order are not current and change no gaps, also directly after the line is reopened."""
     tracker = SequenceTracker()
     for n in range(20_000):
         tracker.arrival(packet(n, n))
@@ -73,7 +73,8 @@ def test_consecutive_old_packets_are_never_current(age: int, reopened: bool) -> 
 
 
 def test_a_reset_clock_is_accepted_after_the_response_to_hello() -> None:
-    """Without it the packets are old ones. A response that was only overtaken by other packets changes nothing."""
+    """Packets with an earlier device time are old until the reply to HELLO confirms the reset clock. A reply that is only
+    slightly late changes nothing."""
     tracker = SequenceTracker()
     tracker.arrival(packet(10, 1000))
     assert tracker.arrival(packet(11, 5)) is not CURRENT
@@ -85,7 +86,7 @@ def test_a_reset_clock_is_accepted_after_the_response_to_hello() -> None:
 
 
 def test_a_reopened_line_does_not_count_the_pause_as_a_gap() -> None:
-    """What was sent while the line was closed is not missing."""
+    """Packets sent while the line was closed are not counted as missing."""
     tracker = SequenceTracker()
     tracker.arrival(packet(10, 1000))
     tracker.reopen()
@@ -95,7 +96,7 @@ def test_a_reopened_line_does_not_count_the_pause_as_a_gap() -> None:
 
 
 def test_wrap_around_is_not_counted_as_a_gap() -> None:
-    """16 383 is followed by 0."""
+    """A count of 0 after 16 383 is not counted as a gap."""
     tracker = SequenceTracker()
     for n in range(SEQUENCE_MODULO - 3, SEQUENCE_MODULO + 3):
         assert tracker.arrival(packet(n, n)) is CURRENT
@@ -103,7 +104,7 @@ def test_wrap_around_is_not_counted_as_a_gap() -> None:
 
 
 def test_counts_are_exact_under_loss_reordering_repetition_and_replay() -> None:
-    """``gaps`` is the number of packets lost and ``duplicates`` the number sent again, over 50 000 packets (seed 7)."""
+    """Over 50 000 packets, ``gaps`` is the number of lost packets and ``duplicates`` that of repeated ones (seed 7)."""
     rng = np.random.default_rng(7)
     tracker, lost, repeated, n = SequenceTracker(), 0, 0, 0
     tracker.arrival(packet(0, 0))
@@ -113,7 +114,7 @@ def test_counts_are_exact_under_loss_reordering_repetition_and_replay() -> None:
         if draw < 0.05:
             lost += 1
             continue
-        if draw < 0.10:  # two packets are exchanged
+        if draw < 0.10:  # two packets are swapped
             assert tracker.arrival(packet(n + 1, n + 1)) is CURRENT
             assert tracker.arrival(packet(n, n)) is not CURRENT
             n += 1
@@ -121,17 +122,17 @@ def test_counts_are_exact_under_loss_reordering_repetition_and_replay() -> None:
         assert tracker.arrival(packet(n, n)) is CURRENT
         if draw < 0.15:
             repeated += 1
-            back = n - int(rng.integers(0, 20))
+            repeated_number = n - int(rng.integers(0, 20))
             before = tracker.gaps
-            assert tracker.arrival(packet(back, back)) is not CURRENT
-            if tracker.gaps < before:  # the original had been lost: its replay fills the gap
+            assert tracker.arrival(packet(repeated_number, repeated_number)) is not CURRENT
+            if tracker.gaps < before:  # the original was lost, so its repetition fills the gap
                 lost, repeated = lost - 1, repeated - 1
     tracker.arrival(packet(n + 1, n + 1))
     assert (tracker.gaps, tracker.duplicates) == (lost, repeated)
 
 
 def test_types_are_followed_separately() -> None:
-    """Reports and telemetry have separate counts."""
+    """Reports and telemetry have separate sequence counts."""
     tracker = SequenceTracker()
     assert tracker.arrival(packet(500, 1)) is CURRENT
     assert tracker.arrival(packet(3, 1, PacketType.REPORT)) is CURRENT

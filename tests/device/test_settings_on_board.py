@@ -1,4 +1,4 @@
-"""Settings and requests: stored results, gain, period, time, memories, and Sunsat's use of orbit and matched vectors."""
+"""Settings and requests: stored results, gain, period, time, memory areas, and orbit and matched vectors of Sunsat."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ UTC_S = 1_790_000_000.0
     ],
 )
 def test_results_can_be_requested_again(bench: Bench, ask: str, make: str, packet: str, count: str) -> None:
-    """no_image before there is one; afterwards the same packet as the original."""
-    refused = bench.do(ask)
-    assert (refused.stage, refused.reason) == (Stage.FAILED, "no_image")
+    """A request for a result fails with ``no_image`` before an image is taken. Afterwards it repeats the original packet."""
+    rejection = bench.do(ask)
+    assert (rejection.stage, rejection.reason) == (Stage.FAILED, "no_image")
     bench.do("TAKE_IMAGE")
     for name in ("FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE"):
         bench.do(name)
         if name == make:
             break
-    made = bench.telemetry(packet)[-1]
-    answer, again = bench.do(ask), bench.telemetry(packet)[-1]
-    assert (again.values, again.lists) == (made.values, made.lists)
-    assert again is not made
-    assert answer.values["frame_number"] == made.values["frame_number"]
+    original = bench.telemetry(packet)[-1]
+    answer, repeated = bench.do(ask), bench.telemetry(packet)[-1]
+    assert (repeated.values, repeated.lists) == (original.values, original.lists)
+    assert repeated is not original
+    assert answer.values["frame_number"] == original.values["frame_number"]
     if count:
-        assert answer.values[count] == len(made.lists["items"])
+        assert answer.values[count] == len(original.lists["items"])
 
 
 def test_gain_multiplies_the_signal_above_bias(bench: Bench) -> None:
@@ -57,17 +57,17 @@ def test_gain_multiplies_the_signal_above_bias(bench: Bench) -> None:
     assert bench.do("SET_GAIN", gain=4).stage is Stage.COMPLETED
     assert bench.status()["gain"] == 4
     bench.do("TAKE_IMAGE", slot=1)
-    plain, loud = (bench.tracker.slots[i].pixels.astype(float) for i in (0, 1))
+    low_gain, high_gain = (bench.tracker.slots[i].pixels.astype(float) for i in (0, 1))
     bias = bench.tracker.profile.sensor.bias_dn
-    assert loud.max() == 255
-    assert (loud.mean() - bias) / (plain.mean() - bias) == pytest.approx(4.0, rel=0.15)
+    assert high_gain.max() == 255
+    assert (high_gain.mean() - bias) / (low_gain.mean() - bias) == pytest.approx(4.0, rel=0.15)
     bench.do("RESET")
     bench.run(1.0)
     assert bench.status()["gain"] == 1
 
 
 def test_the_period_of_the_cycle_is_the_commanded_one(bench: Bench) -> None:
-    """Half a second to one minute; frames are taken at that interval."""
+    """With a commanded period of 2.5 s, frames are taken at that interval, and housekeeping has the period."""
     bench.do("SET_FRAME_RATE", period_ms=2500)
     bench.do("START_CYCLE")
     bench.run(11.0)
@@ -78,7 +78,7 @@ def test_the_period_of_the_cycle_is_the_commanded_one(bench: Bench) -> None:
 
 
 def test_the_clock_keeps_its_time_until_power_off(bench: Bench) -> None:
-    """Unset before SET_TIME, right afterwards, kept over a reset."""
+    """The clock is unset before SET_TIME, correct afterwards, and continues over a reset."""
     before = bench.status()
     assert before["time_set"] is False
     assert np.isnan(float(before["utc_s"]))
@@ -93,7 +93,8 @@ def test_the_clock_keeps_its_time_until_power_off(bench: Bench) -> None:
 
 
 def test_memories_are_read_unchanged(bench: Bench) -> None:
-    """Flash, image memory across the boundary of two slots, and the registers, which are a housekeeping packet."""
+    """READ_MEMORY returns flash, image memory across the boundary of two slots, and the registers, which are encoded like
+    housekeeping."""
     bench.do("TAKE_IMAGE", slot=0)
     bench.do("TAKE_IMAGE", slot=1)
 
@@ -103,20 +104,23 @@ def test_memories_are_read_unchanged(bench: Bench) -> None:
         assert (packet.values["area"], packet.values["address"]) == (area, address)
         return bytes(int(row["byte"]) for row in packet.lists["items"])
 
-    golden_at = bench.memory.offset("golden")
-    assert read("flash", golden_at, 240) == bench.memory.content("golden")[:240]
+    golden_offset = bench.memory.offset("golden")
+    assert read("flash", golden_offset, 240) == bench.memory.content("golden")[:240]
     size = bench.tracker.imager.frame_size
-    whole = bench.tracker.slots[0].data + bench.tracker.slots[1].data
-    assert read("sram", size - 100, 200) == whole[size - 100 : size + 100]
+    both_slots = bench.tracker.slots[0].data + bench.tracker.slots[1].data
+    assert read("sram", size - 100, 200) == both_slots[size - 100 : size + 100]
     fields = bench.dictionary.packet("housekeeping").fields
     length = len(bench.device._registers())
-    registers = b"".join(read("registers", at, min(240, length - at)) for at in range(0, length, 240))
+    registers = b"".join(
+        read("registers", address_of_part, min(240, length - address_of_part))
+        for address_of_part in range(0, length, 240)
+    )
     assert decode(fields, registers).values["gain"] == 1
 
 
 @pytest.mark.parametrize("area", ["flash", "sram", "registers"])
 def test_memory_cannot_be_read_beyond_its_end(bench: Bench, area: str) -> None:
-    """The last byte can be read, the one after it cannot."""
+    """The last byte of each area can be read. Reading beyond it is rejected."""
     sizes = {
         "flash": len(bench.memory.flash),
         "sram": 4 * bench.tracker.imager.frame_size,
@@ -129,16 +133,18 @@ def test_memory_cannot_be_read_beyond_its_end(bench: Bench, area: str) -> None:
 
 
 def sunsat(make_bench: Callable[..., Bench]) -> tuple[Bench, KnownOrbit, tuple[float, float, float]]:
-    """A Sunsat unit, an orbit, and the true roll, pitch and yaw of its camera against it."""
+    """Return a Sunsat unit, an orbit, and the true roll, pitch and yaw of its camera relative to the orbit frame."""
     bench = make_bench(camera="sunsat")
     bench.until(lambda: bench.host.hello is not None)
     orbit = KnownOrbit(np.radians(40.0), np.radians(97.0), np.radians(10.0), 600e3, 0.0)
     now_s = bench.device.time_s
-    true = bench.tracker.sky.environment.motion.at(now_s).cam_from_icrs
-    return bench, orbit, attitude_angles_rad(true, orbit.elements_at(now_s))
+    true_attitude = bench.tracker.sky.environment.motion.at(now_s).cam_from_icrs
+    return bench, orbit, attitude_angles_rad(true_attitude, orbit.elements_at(now_s))
 
 
-def give(bench: Bench, orbit: KnownOrbit, angles_rad: tuple[float, float, float], off_deg: float = 0.0) -> None:
+def send_orbit_and_apriori(
+    bench: Bench, orbit: KnownOrbit, angles_rad: tuple[float, float, float], off_deg: float = 0.0
+) -> None:
     degrees = np.degrees(angles_rad)
     bench.do(
         "SET_ORBIT",
@@ -153,12 +159,11 @@ def give(bench: Bench, orbit: KnownOrbit, angles_rad: tuple[float, float, float]
 
 
 def test_the_apriori_attitude_is_the_hint_of_an_assisted_iteration(make_bench: Callable[..., Bench]) -> None:
-    """SET_MODE assisted is rejected without orbit and a-priori attitude; with both the iteration starts from the
-    attitude at its time.
-    """
+    """Assisted mode is rejected without orbit and a-priori attitude. With both, the hint of an iteration is the a-priori
+    attitude at the time of the frame."""
     bench, orbit, angles_rad = sunsat(make_bench)
     assert bench.do("SET_MODE", mode="assisted").reason == "wrong_state"
-    give(bench, orbit, angles_rad)
+    send_orbit_and_apriori(bench, orbit, angles_rad)
     assert bench.status()["orbit_known"] is True
     assert bench.do("SET_MODE", mode="assisted").stage is Stage.COMPLETED
     assert bench.do("RUN_ITERATION", seconds=70).values["outcome"] == "solved"
@@ -174,20 +179,19 @@ def test_the_apriori_attitude_is_the_hint_of_an_assisted_iteration(make_bench: C
 
 
 def test_a_wrong_apriori_attitude_gives_no_attitude(make_bench: Callable[..., Bench]) -> None:
-    """Twenty degrees off with three allowed: no attitude instead of a wrong one."""
+    """With an a-priori attitude that is wrong by 20° and an uncertainty of 3°, an iteration has no result."""
     bench, orbit, angles_rad = sunsat(make_bench)
-    give(bench, orbit, angles_rad, off_deg=20.0)
+    send_orbit_and_apriori(bench, orbit, angles_rad, off_deg=20.0)
     bench.do("SET_MODE", mode="assisted")
     assert bench.do("RUN_ITERATION", seconds=70).values["outcome"] == "none"
 
 
 def test_matched_vectors_are_sent_with_every_attitude_and_agree_with_astropy(make_bench: Callable[..., Bench]) -> None:
-    """Observed in body axes, reference in orbit axes with aberration by an independent ephemeris; none before orbit and
-    UTC are known.
-    """
+    """Matched vectors are observed directions in body axes and reference directions in orbit axes, with aberration equal
+    to that of an independent ephemeris. None are sent before orbit and UTC are known."""
     bench, orbit, angles_rad = sunsat(make_bench)
     bench.do("RUN_ITERATION", seconds=70)
-    give(bench, orbit, angles_rad)
+    send_orbit_and_apriori(bench, orbit, angles_rad)
     bench.do("RUN_ITERATION", seconds=70)
     assert bench.telemetry("matched_vectors") == []
     bench.do("SET_TIME", utc_s=UTC_S)
@@ -203,26 +207,26 @@ def test_matched_vectors_are_sent_with_every_attitude_and_agree_with_astropy(mak
     rows = last.lists["items"]
     body = np.array([[row[f"body_{a}"] for a in "xyz"] for row in rows], float)
     reference = np.array([[row[f"orbit_{a}"] for a in "xyz"] for row in rows], float)
-    at_s = float(last.values["frame_time_s"])
-    elements = orbit.elements_at(at_s)
+    frame_time_s = float(last.values["frame_time_s"])
+    elements = orbit.elements_at(frame_time_s)
     cam_from_icrs = matrix_from_quaternion(np.array([float(attitude[f"quaternion_{a}"]) for a in "xyzw"]))
     body_from_orbit = BODY_FROM_CAM @ cam_from_icrs @ elements.orbit_from_icrs.T
     assert np.abs(np.linalg.norm(body, axis=1) - 1).max() < 1e-6
-    # Without aberration both sets are equal within the attitude error; with it they differ by up to 30″ more.
+    # Both sets are equal within the attitude error and up to 30″ of aberration.
     assert np.abs(body @ body_from_orbit - reference).max() < np.radians(0.02)
     catalogue = bench.tracker.catalogue
     assert catalogue is not None
     stars = np.array([int(row["star"]) for row in rows])
     icrs = catalogue.icrs[stars].astype(float)
     icrs /= np.linalg.norm(icrs, axis=1, keepdims=True)
-    when = Time(UTC_S + (at_s - _device_time_of(bench)), format="unix")
+    when = Time(UTC_S + (frame_time_s - _device_time_of(bench)), format="unix")
     earth = get_body_barycentric_posvel("earth", when)[1].xyz.to_value(units.km / units.s)
     speed_km_s = orbit.rate_rad_s * (EARTH_RADIUS_M + orbit.altitude_m) / 1000
     velocity = earth + elements.orbit_from_icrs.T @ np.array([speed_km_s, 0.0, 0.0])
-    seen = icrs + velocity / 299_792.458
-    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
-    off_rad = np.linalg.norm(seen @ elements.orbit_from_icrs.T - reference, axis=1)
-    assert off_rad.max() < np.radians(0.3 / 3600)
+    apparent = icrs + velocity / 299_792.458
+    apparent /= np.linalg.norm(apparent, axis=1, keepdims=True)
+    error_rad = np.linalg.norm(apparent @ elements.orbit_from_icrs.T - reference, axis=1)
+    assert error_rad.max() < np.radians(0.3 / 3600)
 
 
 def _device_time_of(bench: Bench) -> float:
@@ -233,10 +237,10 @@ def _device_time_of(bench: Bench) -> float:
 
 
 def test_the_unit_runs_the_stages_that_need_its_orbit(make_bench: Callable[..., Bench]) -> None:
-    """Rows of docs/chains.md that only a unit with orbit, UTC and a-priori attitude runs."""
+    """A unit with orbit, UTC and a-priori attitude runs the stages that docs/chains.md lists for such units only."""
     bench, orbit, angles_rad = sunsat(make_bench)
     bench.do("SET_TIME", utc_s=UTC_S)
-    give(bench, orbit, angles_rad)
+    send_orbit_and_apriori(bench, orbit, angles_rad)
     bench.do("SET_MODE", mode="assisted")
     bench.do("SET_FRAME_RATE", period_ms=1000)
     with recorded() as calls:

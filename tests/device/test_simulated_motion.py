@@ -1,6 +1,4 @@
-"""Position and attitude of the simulated camera: every mode against the derivative of its attitude, orbits against
-references.
-"""
+"""Position and attitude of the simulated camera: rates compared with derivatives of the attitude, orbits with references."""
 
 from __future__ import annotations
 
@@ -40,19 +38,18 @@ MOTIONS: dict[str, Motion] = {
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_rates_are_derivatives_of_the_attitude(name: str) -> None:
-    """The angular velocity given to the renderer equals the numerical rotation of the attitude in every mode (scipy is
-    the reference).
-    """
+    """In every mode, the rate passed to the renderer equals the numerical derivative of the attitude, calculated with
+    scipy."""
     motion = MOTIONS[name]
     for time_s in (9.0, 20.0, 300.0):
         before, now, after = (motion.at(time_s + d) for d in (-0.01, 0.0, 0.01))
-        turn = Rotation.from_matrix(after.cam_from_icrs @ before.cam_from_icrs.T).as_rotvec() / 0.02
-        assert -turn == pytest.approx(now.rate_rad_s, abs=2e-6)
+        rotation_rad_s = Rotation.from_matrix(after.cam_from_icrs @ before.cam_from_icrs.T).as_rotvec() / 0.02
+        assert -rotation_rad_s == pytest.approx(now.rate_rad_s, abs=2e-6)
         assert now.cam_from_icrs @ now.cam_from_icrs.T == pytest.approx(np.eye(3), abs=1e-12)
 
 
 def test_a_tumble_keeps_its_angular_speed_and_momentum() -> None:
-    """Torque-free: angular speed is constant, its direction is not, neither in the body nor in space."""
+    """A tumble is torque-free: its angular speed and momentum are constant, and the direction of its rate changes."""
     motion = Tumble.of_rate(START, 0.05)
     poses = [motion.at(t) for t in np.linspace(0, 500, 60)]
     rates = np.stack([p.rate_rad_s for p in poses])
@@ -66,21 +63,21 @@ def test_a_tumble_keeps_its_angular_speed_and_momentum() -> None:
 
 
 def test_a_slew_ends_on_its_target_at_rest() -> None:
-    """Start, middle and end of a slew to a target."""
+    """A slew starts at the current attitude, is fastest in the middle, and ends on its target at rest."""
     target = cam_from_icrs(4.0, 1.0, 0.3)
     motion = SlewTo(START, target, 8.0, 40.0)
     assert motion.at(0.0).cam_from_icrs == pytest.approx(START)
     for time_s in (48.0, 1000.0):
         assert motion.at(time_s).cam_from_icrs == pytest.approx(target, abs=1e-12)
         assert np.linalg.norm(motion.at(time_s).rate_rad_s) == pytest.approx(0.0, abs=1e-12)
-    whole_rad = float(np.linalg.norm(Rotation.from_matrix(target @ START.T).as_rotvec()))
-    assert np.linalg.norm(motion.at(28.0).rate_rad_s) == pytest.approx(2 * whole_rad / 40.0)
+    slew_angle_rad = float(np.linalg.norm(Rotation.from_matrix(target @ START.T).as_rotvec()))
+    assert np.linalg.norm(motion.at(28.0).rate_rad_s) == pytest.approx(2 * slew_angle_rad / 40.0)
     with pytest.raises(BadInput, match="duration of a slew"):
         SlewTo(START, target, 0.0, 0.0)
 
 
 def test_the_earth_rotates_the_camera_once_in_a_sidereal_day() -> None:
-    """After 86 164.1 s the same stars are at the same position; the declination of the zenith is constant."""
+    """After 86 164.1 s the attitude is the same. The declination of the zenith is constant."""
     motion, site = on_the_ground(cam_from_icrs(1.0, np.radians(-33.9), 0.0), 2000.0)
     cross, about = pointing_difference_rad(motion.at(86_164.1).cam_from_icrs, motion.at(0.0).cam_from_icrs)
     assert max(cross, abs(about)) < 1e-5
@@ -94,7 +91,7 @@ def test_the_earth_rotates_the_camera_once_in_a_sidereal_day() -> None:
 
 
 def test_earth_pointing_on_a_circular_orbit_equals_the_zenith_camera() -> None:
-    """Two ways to the same attitude, with the position in the zenith's direction."""
+    """Both motions give the same attitude and rate, and the position is in the zenith's direction."""
     zenith, general = Zenith(raan_rad=0.7, start_rad=1.0), EarthPointing(CircularOrbit(raan_rad=0.7, start_rad=1.0))
     for time_s in (0.0, 777.0):
         a, b = zenith.at(time_s), general.at(time_s)
@@ -107,7 +104,8 @@ def test_earth_pointing_on_a_circular_orbit_equals_the_zenith_camera() -> None:
 
 
 def test_a_tle_orbit_agrees_with_sgp4_and_astropy() -> None:
-    """SGP4 in its own axes, transformed to ICRS by astropy, within 50 m and 5 cm/s; the epoch is the TLE's."""
+    """The orbit equals SGP4, transformed from TEME to GCRS by astropy, within 50 m and 5 cm/s. The epoch is that of the
+    TLE."""
     orbit = Sgp4Orbit(TLE)
     assert orbit.epoch_jyear == pytest.approx(
         2000.0 + (2458826.5 - 2451545.0 + 0.69339541 + 69.184 / 86400) / 365.25, abs=1e-9
@@ -116,76 +114,80 @@ def test_a_tle_orbit_agrees_with_sgp4_and_astropy() -> None:
     for time_s in (0.0, 5000.0):
         error, place, velocity = satellite.sgp4(satellite.jdsatepoch, satellite.jdsatepochF + time_s / 86400)
         assert error == 0
-        known = CartesianRepresentation(place * u.km, differentials=CartesianDifferential(velocity * u.km / u.s))
+        teme_state = CartesianRepresentation(place * u.km, differentials=CartesianDifferential(velocity * u.km / u.s))
         moment = Time(satellite.jdsatepoch, satellite.jdsatepochF + time_s / 86400, format="jd", scale="utc")
         with iers.conf.set_temp("auto_download", False), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            there = TEME(known, obstime=moment).transform_to(GCRS(obstime=moment)).cartesian
+            gcrs_state = TEME(teme_state, obstime=moment).transform_to(GCRS(obstime=moment)).cartesian
         place_km, velocity_km_s = orbit.state(time_s)
-        assert place_km == pytest.approx(there.xyz.to_value(u.km), abs=0.05)
-        assert velocity_km_s == pytest.approx(there.differentials["s"].d_xyz.to_value(u.km / u.s), abs=5e-5)
+        assert place_km == pytest.approx(gcrs_state.xyz.to_value(u.km), abs=0.05)
+        assert velocity_km_s == pytest.approx(gcrs_state.differentials["s"].d_xyz.to_value(u.km / u.s), abs=5e-5)
 
 
 def test_a_tle_from_another_year_is_rejected() -> None:
-    """Elements are valid for weeks."""
+    """A TLE is rejected for an epoch of another year, because elements are valid only for weeks."""
     with pytest.raises(BadInput, match="outside the TLE's validity"):
         Sgp4Orbit(TLE, 2026.0)
 
 
 def test_motion_changes_at_run_time_from_the_current_attitude() -> None:
-    """Every change starts at the current attitude; a ground test keeps the position; zenith returns to the orbit."""
-    world = Environment(shipped_camera("cubestar"), Zenith())
-    before = world.motion.at(100.0).cam_from_icrs
+    """Each change of motion starts at the current attitude. The motion "ground" fixes the position, and "zenith" returns to
+    the orbit."""
+    environment = Environment(shipped_camera("cubestar"), Zenith())
+    before = environment.motion.at(100.0).cam_from_icrs
     for kind in ("inertial", "slew", "tumble", "ground"):
-        world.set_motion("zenith", 100.0)
-        world.set_motion(kind, 100.0, rate_rad_s=0.01)
-        assert world.motion.at(100.0).cam_from_icrs == pytest.approx(before, abs=1e-12), kind
-    assert isinstance(world.orbit, GroundSite)
-    assert world.in_eclipse(0.0)
-    assert world.rate_rad_s(150.0) == pytest.approx(7.2921e-5, rel=1e-4)
-    world.set_motion("slew", 180.0, rate_rad_s=0.01, from_rad=(3.0, -0.5, 0.2))
-    assert ra_dec_roll_rad(world.motion.at(180.0).cam_from_icrs) == pytest.approx((3.0, -0.5, 0.2), abs=1e-9)
-    world.set_motion("point", 200.0, ra_rad=2.0, dec_rad=0.5, roll_rad=1.0, duration_s=10.0)
-    assert ra_dec_roll_rad(world.motion.at(210.0).cam_from_icrs) == pytest.approx((2.0, 0.5, 1.0), abs=1e-9)
-    world.set_motion("zenith", 300.0)
-    assert world.motion.at(100.0).cam_from_icrs == pytest.approx(before)
-    assert not world.orbit.grounded
+        environment.set_motion("zenith", 100.0)
+        environment.set_motion(kind, 100.0, rate_rad_s=0.01)
+        assert environment.motion.at(100.0).cam_from_icrs == pytest.approx(before, abs=1e-12), kind
+    assert isinstance(environment.orbit, GroundSite)
+    assert environment.in_eclipse(0.0)
+    assert environment.rate_rad_s(150.0) == pytest.approx(7.2921e-5, rel=1e-4)
+    environment.set_motion("slew", 180.0, rate_rad_s=0.01, from_rad=(3.0, -0.5, 0.2))
+    assert ra_dec_roll_rad(environment.motion.at(180.0).cam_from_icrs) == pytest.approx((3.0, -0.5, 0.2), abs=1e-9)
+    environment.set_motion("point", 200.0, ra_rad=2.0, dec_rad=0.5, roll_rad=1.0, duration_s=10.0)
+    assert ra_dec_roll_rad(environment.motion.at(210.0).cam_from_icrs) == pytest.approx((2.0, 0.5, 1.0), abs=1e-9)
+    environment.set_motion("zenith", 300.0)
+    assert environment.motion.at(100.0).cam_from_icrs == pytest.approx(before)
+    assert not environment.orbit.grounded
 
 
 def test_a_camera_with_an_inertial_start_can_change_to_the_orbit() -> None:
-    """Zenith from an inertial start is Earth-pointing on its orbit."""
-    world = Environment(shipped_camera("cubestar"), Inertial(START, np.zeros(3)), orbit=CircularOrbit(800.0))
-    world.set_motion("zenith", 10.0)
-    assert world.motion.at(10.0).cam_from_icrs == pytest.approx(Zenith(800.0).at(10.0).cam_from_icrs, abs=1e-12)
+    """The motion "zenith" after an inertial start points to the zenith on the environment's orbit."""
+    environment = Environment(shipped_camera("cubestar"), Inertial(START, np.zeros(3)), orbit=CircularOrbit(800.0))
+    environment.set_motion("zenith", 10.0)
+    assert environment.motion.at(10.0).cam_from_icrs == pytest.approx(Zenith(800.0).at(10.0).cam_from_icrs, abs=1e-12)
 
 
 def test_invalid_input_changes_no_motion() -> None:
-    """A wrong name or rate gives the expected values and leaves the camera unchanged."""
-    world = Environment(shipped_camera("cubestar"), Zenith())
-    before = world.motion
+    """An unknown motion, rate or duration is rejected, and the motion does not change."""
+    environment = Environment(shipped_camera("cubestar"), Zenith())
+    before = environment.motion
     with pytest.raises(BadInput, match="unknown motion"):
-        world.set_motion("dance", 0.0)
+        environment.set_motion("dance", 0.0)
     with pytest.raises(BadInput, match="out of range"):
-        world.set_motion("tumble", 0.0, rate_rad_s=1.0)
+        environment.set_motion("tumble", 0.0, rate_rad_s=1.0)
     with pytest.raises(BadInput, match="duration of a slew"):
-        world.set_motion("point", 0.0, duration_s=-1.0)
-    assert world.motion is before
+        environment.set_motion("point", 0.0, duration_s=-1.0)
+    assert environment.motion is before
 
 
 def test_a_third_of_a_low_noon_orbit_is_in_the_earths_shadow() -> None:
-    """Eclipse, angles to Sun and limb, and a temperature that follows the day side."""
+    """On a noon orbit, 36.5 % of the time is eclipse. Angles to Sun and limb are correct, and the sensor is warmer on the
+    day side."""
     sun_ra = np.radians(281.3)  # 1 January
-    world = Environment(shipped_camera("cubestar"), Zenith(inclination_rad=np.radians(97.8), raan_rad=float(sun_ra)))
+    environment = Environment(
+        shipped_camera("cubestar"), Zenith(inclination_rad=np.radians(97.8), raan_rad=float(sun_ra))
+    )
     times_s = np.linspace(0, 5800, 117)
-    dark = np.array([world.in_eclipse(t) for t in times_s])
+    dark = np.array([environment.in_eclipse(t) for t in times_s])
     assert dark.mean() == pytest.approx(0.365, abs=0.03)
-    angles = np.array([world.sun_angle_rad(t) for t in times_s])
+    angles = np.array([environment.sun_angle_rad(t) for t in times_s])
     # Camera at the zenith: in the shadow the Sun is behind it.
     assert angles[dark].min() > np.radians(110)
     limb_rad = np.pi - np.arcsin(6378.137 / 6978.137)
-    assert [world.earth_angle_rad(t) for t in times_s[:3]] == pytest.approx([limb_rad] * 3)
-    warm = np.array([world.sensor_temperature_c(t) for t in times_s])
+    assert [environment.earth_angle_rad(t) for t in times_s[:3]] == pytest.approx([limb_rad] * 3)
+    warm = np.array([environment.sensor_temperature_c(t) for t in times_s])
     assert warm.max() - warm.min() == pytest.approx(12.0, abs=1.0)
-    world.temperature_offset_c = 16.0
-    assert world.sensor_temperature_c(0.0) == pytest.approx(warm[0] + 16)
-    assert world.dark_factor == pytest.approx(4.0)
+    environment.temperature_offset_c = 16.0
+    assert environment.sensor_temperature_c(0.0) == pytest.approx(warm[0] + 16)
+    assert environment.dark_factor == pytest.approx(4.0)

@@ -1,4 +1,4 @@
-"""The simulator's options: each gives the simulation it names, or an error with the expected values."""
+"""The simulator's options: each has its stated effect, and invalid ones are rejected with the expected values."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ TLE = """1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991
 """
 
 
-def _world(*options: str) -> Environment:
+def _environment(*options: str) -> Environment:
     parser = argparse.ArgumentParser()
     add_arguments(parser)
-    named = () if "--instrument" in options else ("--instrument", "cubestar")
-    arguments = parser.parse_args([*named, *options])
+    instrument_option = () if "--instrument" in options else ("--instrument", "cubestar")
+    arguments = parser.parse_args([*instrument_option, *options])
     instrument = instrument_of(arguments)
     return make_environment(arguments, instrument.profile, instrument)
 
 
 def test_the_default_is_the_plain_sky_on_the_standard_orbit() -> None:
-    """Stars only, a perfect detector, a perfect line: the reference for replay and the chains."""
-    world = _world()
+    """By default the simulation has stars only, a perfect detector and a perfect line, as replay and the chains expect."""
+    world = _environment()
     assert world.motion == Zenith()
     assert world.epoch_jyear == 2026.0
     switches = (world.aberration, world.planets, world.moon, world.sun, world.earth, world.stray)
@@ -44,53 +44,55 @@ def test_the_default_is_the_plain_sky_on_the_standard_orbit() -> None:
 
 
 def test_the_real_sky_excludes_aberration() -> None:
-    """--sky real enables everything except aberration."""
-    world = _world("--sky", "real", "--instrument", "sunsat")
+    """The option ``--sky real`` enables everything except aberration."""
+    world = _environment("--sky", "real", "--instrument", "sunsat")
     assert all((world.planets, world.moon, world.sun, world.earth, world.stray))
     assert world.defects == shipped_camera("sunsat").defects
     assert not world.aberration
-    assert _world("--aberration").aberration
+    assert _environment("--aberration").aberration
 
 
 def test_motions_start_at_the_given_attitude() -> None:
-    """Right ascension, declination and roll in degrees; zenith with an attitude stays there."""
+    """A motion starts at the given right ascension, declination and roll in degrees. With an attitude, "zenith" is
+    inertial."""
     for kind, expected in (("zenith", Inertial), ("slew", Inertial), ("tumble", Tumble), ("ground", EarthFixed)):
-        world = _world("--motion", kind, "--attitude", "200,-33.9,15", "--rate-deg-s", "0.5")
+        world = _environment("--motion", kind, "--attitude", "200,-33.9,15", "--rate-deg-s", "0.5")
         assert isinstance(world.motion, expected)
         assert np.degrees(ra_dec_roll_rad(world.motion.at(0.0).cam_from_icrs)) == pytest.approx((200, -33.9, 15))
     assert isinstance(world.orbit, GroundSite)
     for kind, rate_deg_s in (("inertial", 0.0), ("slew", 0.5), ("tumble", 0.5)):
-        world = _world("--motion", kind, "--attitude", "200,-33.9,15", "--rate-deg-s", "0.5")
+        world = _environment("--motion", kind, "--attitude", "200,-33.9,15", "--rate-deg-s", "0.5")
         assert np.degrees(world.rate_rad_s(7.0)) == pytest.approx(rate_deg_s)
 
 
 def test_orbits_come_from_elements_or_a_file(tmp_path: Path) -> None:
-    """A TLE has its own epoch; a mounting and body angles rotate the camera."""
+    """The orbit is that of a TLE file, with its epoch, or of the given elements. Mounting and body angles rotate the
+    camera."""
     file = tmp_path / "station.tle"
     file.write_text(TLE)
-    flown = _world("--tle", str(file))
-    assert isinstance(flown.orbit, Sgp4Orbit)
-    assert isinstance(flown.motion, EarthPointing)
-    assert flown.epoch_jyear == pytest.approx(2019.94, abs=0.01)
-    place_km, _ = flown.orbit.state(100.0)
-    assert flown.motion.at(100.0).cam_from_icrs[2] == pytest.approx(place_km / np.linalg.norm(place_km), abs=1e-12)
-    higher = _world("--altitude-km", "800", "--inclination-deg", "51.6", "--raan-deg", "10")
+    from_file = _environment("--tle", str(file))
+    assert isinstance(from_file.orbit, Sgp4Orbit)
+    assert isinstance(from_file.motion, EarthPointing)
+    assert from_file.epoch_jyear == pytest.approx(2019.94, abs=0.01)
+    place_km, _ = from_file.orbit.state(100.0)
+    assert from_file.motion.at(100.0).cam_from_icrs[2] == pytest.approx(place_km / np.linalg.norm(place_km), abs=1e-12)
+    higher = _environment("--altitude-km", "800", "--inclination-deg", "51.6", "--raan-deg", "10")
     assert higher.motion == Zenith(800.0, float(np.radians(51.6)), float(np.radians(10)))
-    down = _world("--mounting", "nadir")
+    down = _environment("--mounting", "nadir")
     assert down.earth_angle_rad(0.0) < -1.0
-    tilted = _world("--roll-pitch-yaw", "5,0,0")
+    tilted = _environment("--roll-pitch-yaw", "5,0,0")
     cosine = tilted.motion.at(0.0).cam_from_icrs[2] @ Zenith().at(0.0).cam_from_icrs[2]
     assert np.degrees(np.arccos(cosine)) == pytest.approx(5.0)
 
 
 def test_every_fault_has_its_option() -> None:
-    """Rates of both directions, the delay in milliseconds."""
+    """Each fault option sets the rate of both directions. The delay is in milliseconds."""
     options = (
         "--bit-error-rate 1e-5 --burst-rate 0.1 --drop-rate 0.2 --duplicate-rate 0.3 --stall-rate 0.4 --delay-ms 250"
     )
-    want = FaultRates(1e-5, 0.2, 0.3, 0.4, burst_rate=0.1, delay_s=0.25)
-    world = _world(*options.split())
-    assert world.line.up.rates == world.line.down.rates == want
+    expected = FaultRates(1e-5, 0.2, 0.3, 0.4, burst_rate=0.1, delay_s=0.25)
+    world = _environment(*options.split())
+    assert world.line.up.rates == world.line.down.rates == expected
 
 
 @pytest.mark.parametrize(
@@ -106,8 +108,8 @@ def test_every_fault_has_its_option() -> None:
     ],
 )
 def test_invalid_options_are_rejected_with_the_expected_values(options: str, said: str) -> None:
-    """No traceback: a message with the expected and the received value."""
+    """An invalid option is rejected with the expected and the received value."""
     with pytest.raises(GssError, match=said) as caught:
-        _world(*options.split())
+        _environment(*options.split())
     assert caught.value.expected
     assert caught.value.got

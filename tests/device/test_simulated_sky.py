@@ -1,4 +1,4 @@
-"""Simulated exposures: their content, its positions, and their reproducibility."""
+"""Simulated exposures: their content, the positions in them, and their reproducibility."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ NAMES = sorted(i.name for i in shipped_registry().all() if i.profile.chain)
 def _sky(name: str, ra_deg: float = 84.0, dec_deg: float = 5.0, roll_deg: float = 10.0, seed: int = 1) -> SimulatedSky:
     p = shipped_camera(name)
     pointing = np.radians([ra_deg, dec_deg, roll_deg])
-    world = Environment(p, Inertial.pointing(*(float(a) for a in pointing)), EPOCH_JYEAR, seed)
-    return SimulatedSky(p, world.motion, EPOCH_JYEAR, seed, world)
+    environment = Environment(p, Inertial.pointing(*(float(a) for a in pointing)), EPOCH_JYEAR, seed)
+    return SimulatedSky(p, environment.motion, EPOCH_JYEAR, seed, environment)
 
 
 def _towards(sky: SimulatedSky, icrs: Array, off_deg: float) -> None:
-    """Point the camera ``off_deg`` from a direction, away from the Earth where that is easy."""
+    """Point the camera ``off_deg`` from a direction, on the side away from the Earth."""
     nadir, _ = sky.environment.earth_disc(0.0)
     away = np.cross(np.cross(icrs, nadir), icrs)
     away = -away / np.linalg.norm(away)
@@ -43,7 +43,7 @@ def _towards(sky: SimulatedSky, icrs: Array, off_deg: float) -> None:
     sky.environment.motion = Inertial.pointing(float(ra), float(dec), 0.3)
 
 
-def _found(sky: SimulatedSky, pixels: np.ndarray) -> Centroids:
+def _centroids_of(sky: SimulatedSky, pixels: np.ndarray) -> Centroids:
     sensor = sky.environment.profile.sensor
     return find_stars(pixels, psf_sigma_px=sensor.psf_sigma_px, saturation_dn=sensor.saturation_dn).centroids
 
@@ -55,30 +55,29 @@ def _miss_px(centroids: Centroids, places: Array) -> Array:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_stars_of_the_limiting_magnitude_are_found(name: str) -> None:
-    """In every camera, with its defects and all sky sources, stars of the last half magnitude are detected at their
-    positions in nine of ten cases, with almost no false detections.
-    """
+    """In every camera, with defects and all sky sources, at least 90 % of stars within 0.5 magnitudes of the limit are
+    detected, with at most 5 % false detections."""
     sky = _sky(name)
     sky.environment.make_real()
     sky.environment.moon = False
-    p, missed, others, count = sky.environment.profile, [], 0, 0
+    p, missed, false_count, count = sky.environment.profile, [], 0, 0
     for number, (ra_deg, dec_deg) in enumerate([(84, 5), (52, 49), (150, 10), (110, -25)]):
         sky.environment.motion = Inertial.pointing(float(np.radians(ra_deg)), float(np.radians(dec_deg)), 0.3)
         assert not sky.environment.blinded(0.0)
         shot = sky.expose(0.0, p.sensor.exposure_s, number)
-        centroids, truth = _found(sky, shot.pixels), shot.truth
+        centroids, truth = _centroids_of(sky, shot.pixels), shot.truth
         faint = (np.abs(truth.v_mag - p.sensor.faint_limit_mag + 0.25) <= 0.25) & p.camera.contains(truth.pixels, 4)
         missed += (_miss_px(centroids, truth.pixels[faint]) > 1.5).tolist()
-        strange = np.linalg.norm(centroids.pixels[:, None] - truth.pixels[None], axis=2).min(axis=1) > 2
-        others, count = others + int(strange.sum()), count + len(centroids)
+        false_detection = np.linalg.norm(centroids.pixels[:, None] - truth.pixels[None], axis=2).min(axis=1) > 2
+        false_count, count = false_count + int(false_detection.sum()), count + len(centroids)
     assert len(missed) >= 3
     assert np.mean(missed) <= 0.1
-    assert others <= 0.05 * count
+    assert false_count <= 0.05 * count
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_exposure_range_is_usable(name: str) -> None:
-    """Shortest and longest exposure are rendered; the longer one is brighter."""
+    """The shortest and the longest exposure are rendered, and the longer one is brighter."""
     sky = _sky(name)
     sky.environment.make_real()
     sensor = sky.environment.profile.sensor
@@ -89,7 +88,7 @@ def test_the_exposure_range_is_usable(name: str) -> None:
 
 
 def test_the_same_settings_give_the_same_image_bit_for_bit() -> None:
-    """Seed, frame number, time and settings determine an image, with everything enabled."""
+    """The same seed, frame number, time and settings give the same image, with everything enabled."""
     shots = []
     for _ in range(2):
         sky = _sky("cubestar", seed=9)
@@ -100,8 +99,8 @@ def test_the_same_settings_give_the_same_image_bit_for_bit() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(*shots, strict=True))
 
 
-def test_hot_pixels_stay_while_seed_and_noise_change() -> None:
-    """The seed determines the chip: other frame numbers keep the hot pixels, another seed moves them."""
+def test_hot_pixels_depend_on_the_seed_only() -> None:
+    """Frames with different numbers have the same hot pixels. Another seed gives other hot pixels."""
     hot = []
     for seed, number in ((1, 1), (1, 2), (2, 1)):
         sky = _sky("cubestar", 200.0, 80.0, seed=seed)
@@ -109,16 +108,16 @@ def test_hot_pixels_stay_while_seed_and_noise_change() -> None:
         pixels = sky.expose(0.0, 1.0, number).pixels.ravel()
         chip = sky.environment.chip
         assert chip is not None
-        strong = chip.hot[chip.dark_e_s.ravel()[chip.hot] > 2000]
-        assert len(strong) > 5
-        assert np.median(pixels[strong]) > np.median(pixels) + 100
+        hottest = chip.hot[chip.dark_e_s.ravel()[chip.hot] > 2000]
+        assert len(hottest) > 5
+        assert np.median(pixels[hottest]) > np.median(pixels) + 100
         hot.append(chip.hot)
     assert np.array_equal(hot[0], hot[1])
     assert not np.array_equal(hot[0], hot[2])
 
 
 def test_disabled_options_give_the_plain_sky() -> None:
-    """No part of the real sky is in a frame unless enabled, and it can be disabled again."""
+    """After the real sky was enabled and disabled again, frames equal those of the plain sky."""
     plain = _sky("cubestar").expose(0.0, 0.25, 5).pixels
     sky = _sky("cubestar")
     sky.environment.make_real()
@@ -129,9 +128,8 @@ def test_disabled_options_give_the_plain_sky() -> None:
 
 
 def test_aberration_moves_stars_by_the_closed_formula_and_not_the_attitude() -> None:
-    """The true attitude stays relative to ICRS; the true star positions are the apparent ones of Jacobs' correction,
-    including the orbit, to 0.05″; the stars are rendered there.
-    """
+    """Aberration does not change the true attitude. The true star positions are apparent ones and equal Jacobs' correction,
+    including the orbit, within 0.05″."""
     sky = _sky("far_mst", 280.0, 60.0)
     before = sky.expose(0.0, 0.1, 1).truth
     sky.environment.aberration = True
@@ -145,14 +143,15 @@ def test_aberration_moves_stars_by_the_closed_formula_and_not_the_attitude() -> 
     earth_c = earth.xyz.to_value("km/s") / 299_792.458
     orbit_c = Zenith().orbit.state(0.0)[1] / 299_792.458
     apparent = aberrate(unit, earth_c + orbit_c)
-    want = camera.project(apparent @ matrix_from_quaternion(shot.truth.quaternion).T)
-    assert np.abs(want - shot.truth.pixels).max() * camera.pixel_rad < 0.05 * ARCSEC_RAD
-    shift_rad = np.linalg.norm(camera.project(unit @ matrix_from_quaternion(before.quaternion).T) - want, axis=1)
+    expected = camera.project(apparent @ matrix_from_quaternion(shot.truth.quaternion).T)
+    assert np.abs(expected - shot.truth.pixels).max() * camera.pixel_rad < 0.05 * ARCSEC_RAD
+    shift_rad = np.linalg.norm(camera.project(unit @ matrix_from_quaternion(before.quaternion).T) - expected, axis=1)
     assert 5 * ARCSEC_RAD < shift_rad.max() * camera.pixel_rad < 30 * ARCSEC_RAD
 
 
 def test_planets_are_rendered_at_their_positions() -> None:
-    """Jupiter of January 2026 is the brightest spot of its field, not in the truth, and absent when disabled."""
+    """Jupiter in January 2026 is the brightest spot of its field and not in the truth. It is absent if planets are
+    disabled."""
     sky = _sky("far_mst")
     bodies = sky.environment.bodies(0.0)
     jupiter = bodies.planets_icrs[PLANETS.index("Jupiter")]
@@ -162,17 +161,17 @@ def test_planets_are_rendered_at_their_positions() -> None:
     camera = sky.environment.profile.camera
     place = camera.project((matrix_from_quaternion(shot.truth.quaternion) @ jupiter)[None])
     assert camera.contains(place).all()
-    centroids = _found(sky, shot.pixels)
+    centroids = _centroids_of(sky, shot.pixels)
     brightest = centroids.pixels[int(np.argmax(centroids.flux_dn))]
     assert np.linalg.norm(brightest - place[0]) < 0.5
     assert np.linalg.norm(shot.truth.pixels - place, axis=1).min() > 3
     sky.environment.planets = False
-    assert _miss_px(_found(sky, sky.expose(0.0, 0.02, 1).pixels), place)[0] > 3
+    assert _miss_px(_centroids_of(sky, sky.expose(0.0, 0.02, 1).pixels), place)[0] > 3
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_moon_is_a_saturated_disc_with_glare(name: str) -> None:
-    """A disc of the Moon's size, clipped; glare falls off around it; without stray light only the disc is left."""
+    """The Moon is a saturated disc of its size at its position. With stray light there is glare around it."""
     sky = _sky(name)
     p, bodies = sky.environment.profile, sky.environment.bodies(0.0)
     _towards(sky, bodies.moon.icrs, 0.4 * np.degrees(p.camera.half_diagonal_rad))
@@ -192,20 +191,20 @@ def test_the_moon_is_a_saturated_disc_with_glare(name: str) -> None:
     assert len(np.argwhere(glaring > min(3.0, 100.0 / p.sensor.gain_e_per_dn))) > 2 * area_px
 
 
-def test_half_a_moon_is_lit_on_the_side_of_the_sun() -> None:
-    """At the last quarter of 10 January 2026 the centroid of light is displaced from the disc's centre towards the Sun."""
+def test_a_half_moon_is_lit_on_the_side_of_the_sun() -> None:
+    """At the last quarter of 10 January 2026, the centroid of light is displaced from the disc's centre towards the Sun."""
     sky = _sky("aim")
-    world = sky.environment
+    environment = sky.environment
     time_s = 9.1 * 86_400.0
-    bodies = world.bodies(time_s)
-    world.moon = True
+    bodies = environment.bodies(time_s)
+    environment.moon = True
     ra, dec = np.arctan2(bodies.moon.icrs[1], bodies.moon.icrs[0]), np.arcsin(bodies.moon.icrs[2])
-    world.motion = Inertial.pointing(float(ra), float(dec), 0.0)
+    environment.motion = Inertial.pointing(float(ra), float(dec), 0.0)
     pixels = sky.expose(time_s, 0.02, 1).pixels
     row, col = np.argwhere(pixels > 2000).mean(axis=0)
-    camera = world.profile.camera
+    camera = environment.profile.camera
     light = np.array([col - camera.centre_col_px, row - camera.centre_row_px])
-    sun = (world.motion.at(time_s).cam_from_icrs @ bodies.sun.icrs)[:2]
+    sun = (environment.motion.at(time_s).cam_from_icrs @ bodies.sun.icrs)[:2]
     assert light @ sun / np.linalg.norm(light) / np.linalg.norm(sun) > 0.95
     radius_px = bodies.moon.radius_rad / camera.pixel_rad
     assert 0.25 * radius_px < np.linalg.norm(light) < 0.6 * radius_px
@@ -219,47 +218,46 @@ def _level_e_s(sky: SimulatedSky) -> float:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_stray_light_rises_towards_the_sun_until_saturation(name: str) -> None:
-    """The background increases as the Sun approaches; within the baffle's angle the whole frame is saturated; behind
-    the Earth, or disabled, the Sun has no effect.
-    """
+    """The background increases as the Sun approaches, until the frame is saturated within the baffle's blind angle. In
+    eclipse, or if disabled, the Sun has no effect."""
     sky = _sky(name)
-    world, baffle = sky.environment, sky.environment.profile.baffle
-    world.orbit = Zenith(raan_rad=float(np.arctan2(*world.bodies(0.0).sun.icrs[[1, 0]]))).orbit
-    sun = world.bodies(0.0).sun.icrs
-    assert not world.in_eclipse(0.0)
-    world.sun = world.stray = True
+    environment, baffle = sky.environment, sky.environment.profile.baffle
+    environment.orbit = Zenith(raan_rad=float(np.arctan2(*environment.bodies(0.0).sun.icrs[[1, 0]]))).orbit
+    sun = environment.bodies(0.0).sun.icrs
+    assert not environment.in_eclipse(0.0)
+    environment.sun = environment.stray = True
     limit_deg, blind_deg = np.degrees([baffle.sun_limit_rad, baffle.blind_rad])
     levels = []
     for angle_deg in (limit_deg + 40, max(limit_deg - 12, blind_deg + 1), blind_deg - 2):
         _towards(sky, sun, angle_deg)
-        assert np.degrees(world.sun_angle_rad(0.0)) == pytest.approx(angle_deg)
+        assert np.degrees(environment.sun_angle_rad(0.0)) == pytest.approx(angle_deg)
         levels.append(_level_e_s(sky))
-    assert world.blinded(0.0)
+    assert environment.blinded(0.0)
     assert levels[0] < levels[1] < levels[2]
-    p = world.profile
+    p = environment.profile
     white = sky.expose(0.0, p.sensor.exposure_s, 1).pixels
     full_dn = min(p.sensor.saturation_dn, p.sensor.bias_dn + p.sensor.full_well_e / p.sensor.gain_e_per_dn)
     assert white.min() >= 0.99 * full_dn
     half_period_s = np.pi / Zenith().mean_motion_rad_s
-    assert world.in_eclipse(half_period_s)
-    assert not world.blinded(half_period_s)
-    world.sun = False
+    assert environment.in_eclipse(half_period_s)
+    assert not environment.blinded(half_period_s)
+    environment.sun = False
     assert _level_e_s(sky) < levels[1]
 
 
 def test_the_earth_in_the_field_hides_stars() -> None:
-    """Below the limb no stars are detected, above it they are; the truth contains both."""
+    """Bright stars below the limb are not detected, and those above it are. The truth contains both."""
     sky = _sky("cubestar")
-    world = sky.environment
-    nadir, earth_rad = world.earth_disc(0.0)
-    world.orbit = Zenith().orbit
-    world.earth = True
+    environment = sky.environment
+    nadir, earth_rad = environment.earth_disc(0.0)
+    environment.orbit = Zenith().orbit
+    environment.earth = True
     _towards(sky, nadir + np.array([0.0, 0.0, 1e-9]), float(np.degrees(earth_rad)) + 3.0)
     shot = sky.expose(0.0, 0.25, 1)
-    unit = world.profile.camera.unproject(shot.truth.pixels) @ world.motion.at(0.0).cam_from_icrs
+    unit = environment.profile.camera.unproject(shot.truth.pixels) @ environment.motion.at(0.0).cam_from_icrs
     behind = np.arccos(np.clip(unit @ nadir, -1, 1)) < earth_rad - 0.02
     bright = shot.truth.v_mag < 4.0
-    miss_px = _miss_px(_found(sky, shot.pixels), shot.truth.pixels)
+    miss_px = _miss_px(_centroids_of(sky, shot.pixels), shot.truth.pixels)
     assert (behind & bright).sum() >= 3
     assert (~behind & bright).sum() >= 3
     assert (miss_px[behind & bright] < 1.5).mean() < 0.2
@@ -267,7 +265,7 @@ def test_the_earth_in_the_field_hides_stars() -> None:
 
 
 def test_heat_increases_the_dark_current() -> None:
-    """Sixteen degrees more are four times the dark current."""
+    """A temperature increase of 16 °C gives four times the dark current."""
     sky = _sky("far_mst")
     sensor = sky.environment.profile.sensor
     level: Callable[[], float] = lambda: float(sky.expose(0.0, 1.0, 1).pixels.mean())  # noqa: E731
@@ -278,7 +276,7 @@ def test_heat_increases_the_dark_current() -> None:
 
 @pytest.mark.parametrize("name", ["aim", "cubestar"])
 def test_the_fastest_tumble_can_be_rendered(name: str) -> None:
-    """At 20°/s every star is smeared below the noise; a frame is rendered nevertheless, with Moon and truth."""
+    """At 20°/s a frame with the Moon is rendered with its truth, and fewer stars are detected because they are smeared."""
     sky = _sky(name)
     sky.environment.make_real()
     _towards(sky, sky.environment.bodies(0.0).moon.icrs, 1.0)
@@ -287,4 +285,4 @@ def test_the_fastest_tumble_can_be_rendered(name: str) -> None:
     fast = sky.expose(0.0, 0.25, 1)
     assert np.array_equal(fast.truth.hip, still.truth.hip)
     assert fast.truth.v_mag == pytest.approx(still.truth.v_mag)
-    assert len(_found(sky, fast.pixels)) < len(_found(sky, still.pixels)) or name == "aim"
+    assert len(_centroids_of(sky, fast.pixels)) < len(_centroids_of(sky, still.pixels)) or name == "aim"

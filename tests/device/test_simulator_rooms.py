@@ -1,4 +1,4 @@
-"""Flash, motion, sky and line faults of the simulator, each against its specification."""
+"""Flash, motion, sky and line faults of the simulator, each compared with its specification."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gss.instruments.registry import shipped_camera
 
 
 def test_flash_bits_are_only_cleared_until_erased() -> None:
-    """Programming over other data fails; the same data again does not; erasing takes whole sectors."""
+    """Programming the same data again succeeds, and other data over it fails. An erase clears a complete sector."""
     flash = Flash(bytearray(b"\xff" * 3 * 4096))
     flash.program(4090, b"\x0f\xf0abcdefgh")
     flash.program(4090, b"\x0f\xf0abcdefgh")
@@ -32,19 +32,19 @@ def test_flash_bits_are_only_cleared_until_erased() -> None:
 
 
 def test_state_survives_a_restart(tmp_path: Path) -> None:
-    """Flash and record are restored exactly from the directory, including a suspended write."""
+    """Flash and record are restored exactly from the directory, including a suspended upload."""
     memory = Memory.in_directory(tmp_path)
     memory.burn("A", b"catalogue", BankRecord(stars=3, profile="cubestar", epoch_jyear=2025.5))
     memory.record.uploads["B"] = SuspendedUpload(1000, 100, "ab" * 32, ((0, 3), (5, 5)))
     memory.remember(StoredRequest(7, 33, "cd", "0500"))
     memory.activate("A")
     memory.save()
-    again = Memory.in_directory(tmp_path)
-    assert asdict(again.record) == asdict(memory.record)
-    assert again.content("A") == b"catalogue"
-    assert again.intact("A")
-    again.flash.flip(again.offset("A"))
-    assert not again.intact("A")
+    restored = Memory.in_directory(tmp_path)
+    assert asdict(restored.record) == asdict(memory.record)
+    assert restored.content("A") == b"catalogue"
+    assert restored.intact("A")
+    restored.flash.flip(restored.offset("A"))
+    assert not restored.intact("A")
 
 
 @pytest.mark.parametrize(
@@ -52,9 +52,7 @@ def test_state_survives_a_restart(tmp_path: Path) -> None:
     [Zenith(), Zenith(raan_rad=1.0, start_rad=2.0), Inertial.pointing(1.0, -0.4, 2.0, (0.001, -0.002, 0.0005))],
 )
 def test_rate_is_the_derivative_of_attitude(motion: Motion) -> None:
-    """The angular velocity given to the renderer equals the numerical rotation of the attitude (scipy's Rotation is the
-    reference).
-    """
+    """The rate passed to the renderer equals the numerical derivative of the attitude, calculated with scipy."""
     for time_s in (0.0, 1234.5):
         before, after = motion.at(time_s - 0.5), motion.at(time_s + 0.5)
         change = Rotation.from_matrix(after.cam_from_icrs @ before.cam_from_icrs.T).as_rotvec()
@@ -63,7 +61,7 @@ def test_rate_is_the_derivative_of_attitude(motion: Motion) -> None:
 
 
 def test_the_zenith_camera_rotates_once_per_orbit() -> None:
-    """The boresight follows a great circle inclined like the orbit; 600 km take 96.7 minutes."""
+    """At 600 km the zenith camera rotates once in 96.7 minutes along a great circle with the orbit's inclination."""
     motion = Zenith()
     period_s = 2 * np.pi / motion.mean_motion_rad_s
     assert period_s / 60 == pytest.approx(96.7, abs=0.1)
@@ -74,7 +72,7 @@ def test_the_zenith_camera_rotates_once_per_orbit() -> None:
 
 
 def test_seed_and_number_determine_an_image() -> None:
-    """The same frame again is identical; another number has other noise."""
+    """The same seed and frame number give the same image, and another number gives another one."""
     camera = shipped_camera("cubestar")
     skies = [SimulatedSky(camera, Zenith(), 2026.0, 5) for _ in range(2)]
     first, second = (sky.expose(10.0, 0.25, 3).pixels for sky in skies)
@@ -83,30 +81,30 @@ def test_seed_and_number_determine_an_image() -> None:
 
 
 def test_bit_errors_have_the_configured_rate() -> None:
-    """A million bits at 1e-3 flip about a thousand; none at rate zero."""
+    """At a bit error rate of 1e-3, about 1000 of a million bits are flipped, and none at rate zero."""
     data = bytes(125_000)
-    spoiled = LineFaults(FaultRates(bit_error_rate=1e-3), 3).apply(data)
-    flipped = int(np.unpackbits(np.frombuffer(spoiled, np.uint8)).sum())
+    damaged = LineFaults(FaultRates(bit_error_rate=1e-3), 3).apply(data)
+    flipped = int(np.unpackbits(np.frombuffer(damaged, np.uint8)).sum())
     assert 900 < flipped < 1100
     assert LineFaults(FaultRates(), 3).apply(data) == data
 
 
 def test_drops_and_duplicates_affect_blocks() -> None:
-    """Blocks of 64 bytes are lost or arrive twice."""
+    """At a rate of 0.1, about 10 % of the blocks of 64 bytes are lost, or arrive twice."""
     data = bytes(64 * 1000)
     assert 64 * 850 < len(LineFaults(FaultRates(drop_rate=0.1), 3).apply(data)) < 64 * 950
     assert 64 * 1050 < len(LineFaults(FaultRates(duplicate_rate=0.1), 3).apply(data)) < 64 * 1150
 
 
 def test_stalls_last_their_time() -> None:
-    """A stalled line transfers nothing and then continues."""
+    """With these rates the line is stalled between 20 % and 50 % of the time."""
     faults = LineFaults(FaultRates(stall_rate=1.0, stall_s=0.5), 4)
     states = [faults.stalled(t) for t in np.arange(0, 60, 0.01)]
     assert 0.2 < np.mean(states) < 0.5
 
 
 def test_every_command_of_the_dictionary_has_a_handler() -> None:
-    """A new row without a handler fails here, not in flight."""
+    """The simulated device has a handler for every command of the dictionary, and no others."""
     camera = shipped_camera("cubestar")
     memory = Memory.in_ram()
     tracker = StarTracker(camera, SimulatedSky(camera, Zenith(), 2026.0, 1), memory)

@@ -1,4 +1,4 @@
-"""Tables as bytes: the round trip is exact, damage is always detected, invalid values are named."""
+"""Encoding of tables: values are restored exactly, damage is always detected, and invalid values are named."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 
 @CAMERAS
 def test_a_calibration_restores_its_camera(camera: CameraProfile) -> None:
-    """Geometry, distortion and photometry are restored exactly, for all five cameras."""
+    """Geometry, distortion and photometry are restored exactly, for all cameras with a chain."""
     name, values = decode_table("calibration", encode_table("calibration", camera.name, calibration_values(camera)))
     assert name == camera.name
     assert calibrated(camera, values) == camera
@@ -41,9 +41,8 @@ def test_a_calibration_restores_its_camera(camera: CameraProfile) -> None:
 
 @CAMERAS
 def test_a_parameter_set_of_default_values_changes_nothing(camera: CameraProfile) -> None:
-    """In every mode and at other exposures the chain's parameters are those without a table, once detection is
-    commanded.
-    """
+    """With a table of default values and commanded detection settings, the chain's parameters in every mode and exposure
+    are those without a table."""
     name, values = decode_table("parameters", encode_table("parameters", camera.name, parameter_values(camera)))
     assert name == camera.name
     check_parameters(camera, values)
@@ -57,8 +56,8 @@ def test_a_parameter_set_of_default_values_changes_nothing(camera: CameraProfile
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.dictionaries(NAMES.filter(lambda n: n != "chain"), NUMBERS, max_size=30))
-def test_any_numbers_survive_the_round_trip(numbers: dict[str, float]) -> None:
-    """Names and values of any kind, in any order."""
+def test_any_numbers_are_restored_exactly(numbers: dict[str, float]) -> None:
+    """Values with any valid names, in any order, are restored exactly."""
     values: dict[str, Scalar] = {"chain": "x", **numbers}
     if any(not n.isidentifier() for n in numbers):
         with pytest.raises(BadInput):
@@ -70,15 +69,17 @@ def test_any_numbers_survive_the_round_trip(numbers: dict[str, float]) -> None:
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(st.data())
 def test_every_damaged_byte_is_detected(data: st.DataObject) -> None:
-    """One bit flipped anywhere, or a truncated end: CorruptData, never other values."""
-    good = encode_table("calibration", "cubestar", calibration_values(shipped_camera("cubestar")))
+    """A table with a flipped bit or a truncated end raises ``CorruptData``."""
+    valid = encode_table("calibration", "cubestar", calibration_values(shipped_camera("cubestar")))
     if data.draw(st.booleans()):
-        bad = good[: data.draw(st.integers(0, len(good) - 1))]
+        damaged = valid[: data.draw(st.integers(0, len(valid) - 1))]
     else:
-        at = data.draw(st.integers(0, len(good) - 1))
-        bad = good[:at] + bytes([good[at] ^ (1 << data.draw(st.integers(0, 7)))]) + good[at + 1 :]
+        position = data.draw(st.integers(0, len(valid) - 1))
+        damaged = (
+            valid[:position] + bytes([valid[position] ^ (1 << data.draw(st.integers(0, 7)))]) + valid[position + 1 :]
+        )
     with pytest.raises(CorruptData):
-        decode_table("calibration", bad)
+        decode_table("calibration", damaged)
 
 
 def sealed(head: bytes, body: bytes) -> bytes:
@@ -101,9 +102,8 @@ def sealed(head: bytes, body: bytes) -> bytes:
     ],
 )
 def test_a_sealed_table_with_invalid_content_is_rejected(body: bytes) -> None:
-    """Unsorted or duplicate names, values that are not numbers, too few, too many: a valid checksum does not make them
-    valid.
-    """
+    """Unsorted or duplicate names, values that are not numbers, and too few or too many values are rejected despite a valid
+    checksum."""
     head = encode_table("parameters", "cubestar", {"chain": "x", "a": 1.0, "b": 2.0})[: HEADER_BYTES - 4]
     with pytest.raises(CorruptData):
         decode_table("parameters", sealed(head, body))
@@ -128,14 +128,14 @@ def test_a_sealed_table_with_invalid_content_is_rejected(body: bytes) -> None:
     ],
 )
 def test_an_impossible_table_names_the_value(kind: str, name: str, values: dict[str, Scalar], says: str) -> None:
-    """BadInput names the value."""
+    """A table with an invalid value is rejected with the name of the value."""
     with pytest.raises(BadInput) as caught:
         encode_table(kind, name, values)
     assert says in str(caught.value)
 
 
 def test_the_longest_table_fits_its_sector() -> None:
-    """Two hundred values with short names fit; with long names they give an error message."""
+    """A table with 200 values and short names fits its sector. With long names it is rejected as too long."""
     numbers: dict[str, Scalar] = {f"n{i}": float(i) for i in range(200)}
     assert len(encode_table("parameters", "cubestar", {"chain": "x", **numbers})) <= 4096
     long: dict[str, Scalar] = {f"n{i:039d}": float(i) for i in range(200)}

@@ -1,5 +1,5 @@
-"""Calibration, parameters and triplets on board: uploaded, verified, active on trial, confirmed, rolled back; and their
-effects.
+"""Calibration, parameter and triplet tables on board: upload, verification, trial activation, confirmation, rollback, and
+their effects.
 """
 
 from __future__ import annotations
@@ -44,12 +44,15 @@ def parameters(**change: Scalar) -> bytes:
 
 
 def table_info(bench: Bench, table: str, bank: str) -> dict[str, object]:
-    mine = [t.values for t in bench.telemetry("table_info") if (t.values["table"], t.values["bank"]) == (table, bank)]
-    return dict(mine[-1])
+    packets = [
+        t.values for t in bench.telemetry("table_info") if (t.values["table"], t.values["bank"]) == (table, bank)
+    ]
+    return dict(packets[-1])
 
 
 def test_tables_are_listed_with_their_content(bench: Bench) -> None:
-    """Three tables in three banks; the factory's calibration and parameters are active, CubeStar has no triplets."""
+    """The device lists three tables in three banks. The factory's calibration and parameters are active, and CubeStar has
+    no triplets."""
     assert bench.do("LIST_TABLES").values == {"count": 9}
     for table in ("calibration", "parameters"):
         info = table_info(bench, table, "factory")
@@ -57,11 +60,11 @@ def test_tables_are_listed_with_their_content(bench: Bench) -> None:
         assert info["sha256"] == bytes.fromhex(bench.memory.hash_of(f"{table}.factory"))
     assert table_info(bench, "triplets", "factory")["state"] == "empty"
     assert table_info(bench, "calibration", "A")["capacity_bytes"] == 4096
-    assert bench.bring("calibration", 3) == calibration()
+    assert bench.download("calibration", 3) == calibration()
 
 
 def test_another_calibration_changes_the_matches(bench: Bench) -> None:
-    """With a focal length 10 % off the same image has no attitude; after a rollback it has one."""
+    """With a focal length that is wrong by 10 % the image is not solved. After a rollback it is solved."""
     bench.do("TAKE_IMAGE")
     wrong = calibration(
         focal_col_px=1.1 * CUBESTAR.camera.focal_col_px, focal_row_px=1.1 * CUBESTAR.camera.focal_row_px
@@ -86,7 +89,8 @@ def test_another_calibration_changes_the_matches(bench: Bench) -> None:
 
 
 def test_other_parameters_replace_the_chains_constants(bench: Bench) -> None:
-    """At most five centroids: five are found. The table's threshold becomes the setting, and a command overrides it."""
+    """A table with at most five centroids limits them to five. Its threshold becomes the setting, and a command overrides
+    it."""
     bench.do("TAKE_IMAGE")
     bench.do("FIND_CENTROIDS")
     many = len(bench.telemetry("centroids")[-1].lists["items"])
@@ -101,7 +105,7 @@ def test_other_parameters_replace_the_chains_constants(bench: Bench) -> None:
 
 
 def test_parameters_select_the_chain(make_bench: Callable[..., Bench]) -> None:
-    """An AIM unit configured to run CubeStar's chain."""
+    """A parameter table makes an AIM unit run CubeStar's chain."""
     bench = make_bench(camera="aim")
     bench.until(lambda: bench.host.hello is not None)
     from gss.pipeline.chains.systems import system
@@ -113,7 +117,7 @@ def test_parameters_select_the_chain(make_bench: Callable[..., Bench]) -> None:
 
 
 def test_an_unconfirmed_table_falls_back(bench: Bench) -> None:
-    """After the trial time, and after a reset; a confirmed table stays."""
+    """An unconfirmed table falls back after the trial time and after a reset. A confirmed table remains active."""
     send(bench, "calibration", "A", calibration(bias_dn=9.0))
     bench.do("ACTIVATE_TABLE", table="calibration", bank="A", confirm_within_s=10)
     assert table_info(bench, "calibration", "A")["confirm_left_s"] == 10
@@ -134,9 +138,8 @@ def test_an_unconfirmed_table_falls_back(bench: Bench) -> None:
 
 
 def test_a_corrupt_table_is_detected_and_not_used(bench: Bench) -> None:
-    """One flipped bit: VERIFY and ACTIVATE reject it; if it is already active, the unit reports it and uses its default
-    values.
-    """
+    """After a bit flip, VERIFY_TABLE fails. If the table is active, the unit reports it at boot and uses its default
+    values."""
     send(bench, "calibration", "A", calibration(bias_dn=9.0))
     bench.do("ACTIVATE_TABLE", table="calibration", bank="A")
     bench.do("CONFIRM_TABLE", table="calibration")
@@ -151,7 +154,8 @@ def test_a_corrupt_table_is_detected_and_not_used(bench: Bench) -> None:
 
 
 def test_active_and_factory_tables_cannot_be_written_or_erased(bench: Bench) -> None:
-    """bank_active and write_protected, for uploads and ERASE_TABLE alike."""
+    """Uploads and ERASE_TABLE are rejected for factory tables as ``write_protected`` and for active ones as
+    ``bank_active``."""
     assert "write_protected" in send(bench, "parameters", "factory", parameters()).reason
     assert bench.do("ERASE_TABLE", table="parameters", bank="factory").reason == "write_protected"
     send(bench, "parameters", "A", parameters(max_centroids=9))
@@ -184,27 +188,26 @@ def test_active_and_factory_tables_cannot_be_written_or_erased(bench: Bench) -> 
     ],
 )
 def test_implausible_tables_are_rejected_at_the_commit(bench: Bench, kind: str, data: bytes, says: str) -> None:
-    """Another camera's, another detector's, impossible numbers, damaged bytes: incompatible, and the bank stays
-    unusable.
-    """
-    ended = send(bench, kind, "A", data, HEADER_VERSION if kind == "triplets" else TABLE_FORMAT)
-    assert ended.state in ("failed", "aborted")
-    assert "incompatible" in ended.reason
-    assert says in ended.reason
+    """A table of another camera or detector, with invalid values, or damaged is rejected as incompatible, and the bank
+    remains empty."""
+    update = send(bench, kind, "A", data, HEADER_VERSION if kind == "triplets" else TABLE_FORMAT)
+    assert update.state in ("failed", "aborted")
+    assert "incompatible" in update.reason
+    assert says in update.reason
     assert bench.do("ACTIVATE_TABLE", table=kind, bank="A").reason == "bank_empty"
 
 
 def test_triplets_replace_those_that_the_unit_builds_itself(make_bench: Callable[..., Bench]) -> None:
-    """Oersted with a table of a few stars matches nothing; with a table of its whole catalogue it does."""
+    """With an uploaded table of 50 triplets, Oersted matches no stars. After a rollback to the factory table it does."""
     bench = make_bench(camera="oersted")
     bench.until(lambda: bench.host.hello is not None)
-    own, image = shipped_camera("oersted"), bench.memory.content("golden")
-    full = prepare(decode(image), own).triplets
+    profile, image = shipped_camera("oersted"), bench.memory.content("golden")
+    full = prepare(decode(image), profile).triplets
     assert bench.memory.record.tables["triplets"].active == "factory"
     bench.do("TAKE_IMAGE")
-    few = replace(full, key=full.key[:50], star=full.star[:50])
+    reduced = replace(full, key=full.key[:50], star=full.star[:50])
     crc = read_header(image).body_crc32
-    assert send(bench, "triplets", "A", encode_triplets(few, crc), HEADER_VERSION).state == "committed"
+    assert send(bench, "triplets", "A", encode_triplets(reduced, crc), HEADER_VERSION).state == "committed"
     assert bench.do("ACTIVATE_TABLE", table="triplets", bank="A").stage is Stage.COMPLETED
     bench.do("FIND_CENTROIDS")
     assert bench.do("MATCH_STARS").stage is Stage.FAILED

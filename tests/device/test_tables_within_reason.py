@@ -11,10 +11,10 @@ from gss.instruments.registry import shipped_camera, shipped_registry
 
 @pytest.mark.parametrize("name", sorted(i.name for i in shipped_registry().all() if i.profile.chain))
 def test_a_units_default_values_are_accepted(name: str) -> None:
-    """The values that the form offers can be sent back."""
-    known = shipped_camera(name)
-    assert calibrated(known, calibration_values(known)).camera == known.camera
-    check_parameters(known, parameter_values(known))
+    """The unit's default values, which the form offers, are valid."""
+    profile = shipped_camera(name)
+    assert calibrated(profile, calibration_values(profile)).camera == profile.camera
+    check_parameters(profile, parameter_values(profile))
 
 
 @pytest.mark.parametrize(
@@ -36,10 +36,10 @@ def test_a_units_default_values_are_accepted(name: str) -> None:
     ],
 )
 def test_an_impossible_calibration_is_rejected(field: str, value: float | str) -> None:
-    """The message names the value."""
-    known = shipped_camera("cubestar")
+    """A calibration with an implausible value is rejected with the name of the value."""
+    profile = shipped_camera("cubestar")
     with pytest.raises(BadInput, match=field):
-        calibrated(known, calibration_values(known) | {field: value})
+        calibrated(profile, calibration_values(profile) | {field: value})
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_an_impossible_calibration_is_rejected(field: str, value: float | str) -
     ],
 )
 def test_impossible_parameters_are_rejected(field: str, value: float) -> None:
-    """The message names the constant."""
-    known = shipped_camera("cubestar")
+    """A parameter set with an implausible constant is rejected with the name of the constant."""
+    profile = shipped_camera("cubestar")
     with pytest.raises(BadInput, match=field):
-        check_parameters(known, parameter_values(known) | {field: value})
+        check_parameters(profile, parameter_values(profile) | {field: value})

@@ -1,4 +1,4 @@
-"""Transfers with a faulty line or device, in simulated time."""
+"""Transfers with a faulty line or device, with simulated time."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def upload(bench: Bench, bank: int, data: bytes, profile: str = "cubestar") -> i
     return bench.host.transfers.start_upload("catalogue", bank, data, compatibility)
 
 
-def greeted(bench: Bench) -> Bench:
+def after_hello(bench: Bench) -> Bench:
     bench.until(lambda: bench.host.hello is not None, 60)
     return bench
 
 
-def pictured(bench: Bench) -> bytes:
-    """Return the wire bytes of a frame in slot 0."""
+def take_image(bench: Bench) -> bytes:
+    """Take an image in slot 0. Return its bytes as downloaded."""
     while bench.do("TAKE_IMAGE").stage is not Stage.COMPLETED:
         pass
     return bench.tracker.slots[0].pixels.tobytes()
@@ -61,11 +61,10 @@ def done(bench: Bench, transfer_id: int) -> TransferDone:
 
 
 def test_a_download_continues_in_smaller_chunks_when_the_line_becomes_noisy(make_bench: Callable[..., Bench]) -> None:
-    """Held bytes stay held: only the others are requested in the new grid; large chunks would give a third of the
-    throughput.
-    """
-    bench = greeted(make_bench())
-    pixels = pictured(bench)
+    """When the line becomes noisy, a download keeps its received bytes and requests the others in smaller chunks. Large
+    chunks would give a third of the throughput."""
+    bench = after_hello(make_bench())
+    pixels = take_image(bench)
     transfer_id = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > len(pixels) // 2)
     before = bench.host.transfer(transfer_id)
@@ -77,11 +76,11 @@ def test_a_download_continues_in_smaller_chunks_when_the_line_becomes_noisy(make
     assert update.chunk_size < CHUNK_1024_BYTES
     assert any("noisy" in u.reason for u in bench.updates(transfer_id))
     stored = [u.stored_bytes for u in bench.updates(transfer_id)]
-    # At each edge of a held range the new grid cuts at most one chunk of the old grid.
+    # At each edge of a held range, at most one chunk of the previous size is lost by the new division.
     assert all(b > a - 16 * CHUNK_1024_BYTES for a, b in itertools.pairwise(stored))
-    rest = len(pixels) - before.stored_bytes
-    assert bench.host.counters.received.bytes - received < 2.2 * rest
-    assert rest / (bench.now_s - start_s) / 92_160 > 0.4
+    remaining_bytes = len(pixels) - before.stored_bytes
+    assert bench.host.counters.received.bytes - received < 2.2 * remaining_bytes
+    assert remaining_bytes / (bench.now_s - start_s) / 92_160 > 0.4
     assert done(bench, transfer_id).data == pixels
 
 
@@ -89,9 +88,10 @@ def test_a_download_continues_in_smaller_chunks_when_the_line_becomes_noisy(make
 def test_a_noisy_line_has_more_than_half_its_rate_from_the_first_transfer_on(
     make_bench: Callable[..., Bench], baud: int
 ) -> None:
-    """At a bit error rate of 1e-4; chunks of 1024 bytes gave a third."""
-    bench = greeted(make_bench(baud=baud, faults=FaultRates(bit_error_rate=1e-4)))
-    pictured(bench)
+    """At a bit error rate of 1e-4 the first transfer uses more than 55 % of the line's rate. Chunks of 1024 bytes used a
+    third."""
+    bench = after_hello(make_bench(baud=baud, faults=FaultRates(bit_error_rate=1e-4)))
+    take_image(bench)
     start_s = bench.now_s
     transfer_id = bench.host.transfers.start_download("frame", 0)
     update = bench.transfer_ends(transfer_id, "verified", 300)
@@ -99,8 +99,8 @@ def test_a_noisy_line_has_more_than_half_its_rate_from_the_first_transfer_on(
 
 
 def test_an_upload_completes_on_a_noisy_line_with_either_grid(make_bench: Callable[..., Bench]) -> None:
-    """The content is right and committed; a device that keeps its grid does not get repeated requests."""
-    bench = greeted(make_bench(faults=FaultRates(bit_error_rate=1e-4)))
+    """The upload is committed with the correct content, and it is opened at most four times."""
+    bench = after_hello(make_bench(faults=FaultRates(bit_error_rate=1e-4)))
     data = catalogue()
     transfer_id = upload(bench, B, data)
     bench.transfer_ends(transfer_id, "committed", 300)
@@ -109,21 +109,21 @@ def test_an_upload_completes_on_a_noisy_line_with_either_grid(make_bench: Callab
 
 
 def test_a_requested_chunk_size_is_kept(make_bench: Callable[..., Bench]) -> None:
-    """A size in the request is used whatever the line does."""
-    bench = greeted(make_bench(faults=FaultRates(bit_error_rate=1e-4)))
-    pictured(bench)
+    """A chunk size in the request is used even on a noisy line."""
+    bench = after_hello(make_bench(faults=FaultRates(bit_error_rate=1e-4)))
+    take_image(bench)
     transfer_id = bench.host.transfers.start_download("thumbnail", 0, chunk_bytes=512)
     assert bench.transfer_ends(transfer_id, "verified", 120).chunk_size == 512
 
 
 def test_the_next_transfer_after_noise_starts_with_small_chunks(make_bench: Callable[..., Bench]) -> None:
-    """The recent error rate decides; after a minute without errors large ones are used again."""
-    bench = greeted(make_bench(faults=FaultRates(bit_error_rate=1e-4)))
-    pictured(bench)
+    """The recent error rate determines the chunk size of a new transfer. After a minute without errors it is large again."""
+    bench = after_hello(make_bench(faults=FaultRates(bit_error_rate=1e-4)))
+    take_image(bench)
     bench.transfer_ends(bench.host.transfers.start_download("frame", 0), "verified", 120)
-    again = bench.host.transfers.start_download("thumbnail", 0)
-    assert bench.host.transfer(again).chunk_size < CHUNK_1024_BYTES
-    bench.transfer_ends(again, "verified", 60)
+    second = bench.host.transfers.start_download("thumbnail", 0)
+    assert bench.host.transfer(second).chunk_size < CHUNK_1024_BYTES
+    bench.transfer_ends(second, "verified", 60)
     for faults in (bench.up_faults, bench.down_faults):
         faults.rates = FaultRates()
     bench.run(65.0)
@@ -135,9 +135,9 @@ def test_the_next_transfer_after_noise_starts_with_small_chunks(make_bench: Call
 
 
 def test_a_command_overtakes_a_transfer_within_a_few_chunk_times(make_bench: Callable[..., Bench]) -> None:
-    """At 115 200 Bd, up and down: from submission to the completion report never more than five chunks of 1024 bytes."""
-    bench = greeted(make_bench(baud=115_200))
-    pictured(bench)
+    """At 115 200 Bd, during an upload or a download, a command completes within the time of five chunks of 1024 bytes."""
+    bench = after_hello(make_bench(baud=115_200))
+    take_image(bench)
     for start in (
         lambda: bench.host.transfers.start_download("frame", 0),
         lambda: upload(bench, B, catalogue(3.8)),
@@ -154,8 +154,8 @@ def test_a_command_overtakes_a_transfer_within_a_few_chunk_times(make_bench: Cal
 
 
 def test_unacknowledged_chunks_never_exceed_the_device_s_window(make_bench: Callable[..., Bench]) -> None:
-    """Counted at the device: chunks sent since the last acknowledged one."""
-    bench = greeted(make_bench(faults=FaultRates(bit_error_rate=2e-5)))
+    """The number of chunks sent since the last acknowledged one never exceeds the device's window of 16."""
+    bench = after_hello(make_bench(faults=FaultRates(bit_error_rate=2e-5)))
     transfer_id = upload(bench, C, catalogue(3.8))
     most = 0
     while bench.host.transfer(transfer_id).state != "committed":
@@ -175,7 +175,7 @@ def inject_chunk(bench: Bench, session: int, index: int, data: bytes) -> None:
 
 
 def test_a_chunk_beyond_the_size_changes_nothing(bench: Bench) -> None:
-    """An index out of range, a chunk too long, one too short: not stored, and the transfer completes."""
+    """Chunks with an index out of range, too long or too short are not stored, and the transfer completes."""
     data = catalogue()
     neighbour = bench.memory.flash.read(bench.memory.offset("C"), 4096)
     transfer_id = upload(bench, B, data)
@@ -191,7 +191,7 @@ def test_a_chunk_beyond_the_size_changes_nothing(bench: Bench) -> None:
 
 
 def test_a_wrong_hash_is_detected_by_reading_back_and_nothing_is_committed(bench: Bench) -> None:
-    """The ground announces other content than it sends."""
+    """If the announced hash differs from the content, the upload fails when it is read back and is not committed."""
     data = catalogue()
     transfer_id = upload(bench, B, data)
     bench.host.transfers.get(transfer_id).sha256 = hashlib.sha256(b"something else").digest()
@@ -201,18 +201,18 @@ def test_a_wrong_hash_is_detected_by_reading_back_and_nothing_is_committed(bench
 
 
 def test_another_camera_s_catalogue_is_rejected_by_block_and_by_content(bench: Bench) -> None:
-    """The compatibility block is checked first; a wrong block is detected from the header of the content."""
-    honest = upload(bench, B, catalogue(3.4, "sunsat"), "sunsat")
-    assert bench.transfer_ends(honest, "failed").reason.startswith("incompatible")
-    lying = upload(bench, B, catalogue(3.4, "sunsat"), "cubestar")
-    update = bench.transfer_ends(lying, "failed")
+    """A catalogue of another camera is rejected by its compatibility block, or by its header if the block is wrong."""
+    declared_sunsat = upload(bench, B, catalogue(3.4, "sunsat"), "sunsat")
+    assert bench.transfer_ends(declared_sunsat, "failed").reason.startswith("incompatible")
+    declared_cubestar = upload(bench, B, catalogue(3.4, "sunsat"), "cubestar")
+    update = bench.transfer_ends(declared_cubestar, "failed")
     assert update.reason.startswith("incompatible")
     assert "sunsat" in update.reason
     assert bench.memory.record.banks["B"].state != "committed"
 
 
-def test_a_full_bank_is_reported_before_anything_is_sent(bench: Bench) -> None:
-    """One byte more than the bank has."""
+def test_a_catalogue_too_large_is_rejected_before_it_is_sent(bench: Bench) -> None:
+    """A catalogue with one byte more than the bank's capacity is rejected before any chunk is sent."""
     sent = bench.host.counters.sent.bytes
     transfer_id = upload(bench, B, bytes(bench.memory.bank_bytes + 1))
     assert bench.transfer_ends(transfer_id, "failed").reason.startswith("too_large")
@@ -222,13 +222,14 @@ def test_a_full_bank_is_reported_before_anything_is_sent(bench: Bench) -> None:
 def test_a_flash_failure_ends_the_upload_and_a_later_one_succeeds(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The device ends it with flash_error and an event; the bank is not committed."""
+    """After a flash failure the device ends the upload with ``flash_error`` and an event, and does not commit the bank. A
+    later upload succeeds."""
     data, program = catalogue(), bench.memory.flash.program
-    left = [10]
+    writes_left = [10]
 
     def failing(offset: int, piece: bytes) -> None:
-        left[0] -= 1
-        if left[0] < 0:
+        writes_left[0] -= 1
+        if writes_left[0] < 0:
             raise FlashError("cell worn out")
         program(offset, piece)
 
@@ -247,7 +248,7 @@ def test_a_flash_failure_ends_the_upload_and_a_later_one_succeeds(
 
 @pytest.mark.parametrize("jump_s", [3600.0, 20.0])
 def test_a_clock_jump_delays_a_transfer_only_briefly(bench: Bench, jump_s: float) -> None:
-    """After a computer's sleep all timeouts have passed at once, and the transfer continues with the stored chunks."""
+    """After the computer was suspended all timeouts have expired. The transfer continues with the stored chunks."""
     data = catalogue()
     transfer_id = upload(bench, B, data)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > len(data) // 2)
@@ -259,8 +260,8 @@ def test_a_clock_jump_delays_a_transfer_only_briefly(bench: Bench, jump_s: float
 
 
 def test_repeated_port_losses_only_delay_a_transfer(bench: Bench) -> None:
-    """Eight losses of the port during one frame: it is downloaded completely, and no received chunk is sent twice."""
-    pixels = pictured(bench)
+    """A frame is downloaded completely despite eight losses of the port, with less than 50 % more received bytes."""
+    pixels = take_image(bench)
     transfer_id = bench.host.transfers.start_download("frame", 0)
     for share in range(1, 9):
         bench.until(lambda s=share: bench.host.transfer(transfer_id).stored_bytes > s * len(pixels) // 10)
@@ -275,24 +276,23 @@ def test_repeated_port_losses_only_delay_a_transfer(bench: Bench) -> None:
 
 
 def test_transfers_of_a_previous_server_wait_for_the_device_and_continue(bench: Bench) -> None:
-    """A new session gets the open transfers: paused with the reason until the device has identified itself, then
-    resumed.
-    """
-    pixels, data = pictured(bench), catalogue()
+    """A new session pauses the open transfers of a previous server until the device has identified itself, and then
+    resumes them. A transfer paused by the user remains paused."""
+    pixels, data = take_image(bench), catalogue()
     down = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(down).stored_bytes > len(pixels) // 2)
     update = bench.host.transfer(down)
     part = HeldPart(update.sha256, update.chunk_size, *bench.host.transfers.partial(down))
     restarted = HostSession(bench.dictionary)
     bench.host = restarted
-    why = "the server restarted"
-    resumed = restarted.transfers.start_download("frame", 0, partial=part, paused=why)
+    pause_reason = "the server restarted"
+    resumed = restarted.transfers.start_download("frame", 0, partial=part, paused=pause_reason)
     compatibility = Compatibility(bench.dictionary.device_model, "cubestar", bench.dictionary.hash, 1, 1991.25)
-    up = restarted.transfers.start_upload("catalogue", B, data, compatibility, paused=why)
-    by_hand = restarted.transfers.start_download("thumbnail", 0)
-    restarted.transfers.pause(by_hand)
-    assert [restarted.transfer(i).state for i in (resumed, up, by_hand)] == ["paused"] * 3
-    assert restarted.transfer(resumed).reason == why
+    up = restarted.transfers.start_upload("catalogue", B, data, compatibility, paused=pause_reason)
+    paused_by_user = restarted.transfers.start_download("thumbnail", 0)
+    restarted.transfers.pause(paused_by_user)
+    assert [restarted.transfer(i).state for i in (resumed, up, paused_by_user)] == ["paused"] * 3
+    assert restarted.transfer(resumed).reason == pause_reason
     bench.run(1.0)  # no port yet
     assert restarted.transfer(resumed).state == "paused"
     restarted.link_up(bench.now_s)
@@ -302,23 +302,23 @@ def test_transfers_of_a_previous_server_wait_for_the_device_and_continue(bench: 
     assert done(bench, resumed).data == pixels
     bench.transfer_ends(up, "committed")
     assert bench.memory.content("B") == data
-    assert restarted.transfer(by_hand).state == "paused"
-    restarted.transfers.resume(by_hand)
-    bench.transfer_ends(by_hand, "verified")
+    assert restarted.transfer(paused_by_user).state == "paused"
+    restarted.transfers.resume(paused_by_user)
+    bench.transfer_ends(paused_by_user, "verified")
 
 
 def test_a_damaged_stored_part_is_discarded_and_downloaded_again(bench: Bench) -> None:
-    """The hash of the complete content decides; the second attempt uses no stored bytes."""
-    pixels = pictured(bench)
+    """If the hash of the complete content is wrong, the stored part is discarded and the download starts again."""
+    pixels = take_image(bench)
     first = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(first).stored_bytes > len(pixels) // 2)
     update = bench.host.transfer(first)
     data, ranges = bench.host.transfers.partial(first)
     bench.host.transfers.abort(first)
-    rotten = bytearray(data)
-    rotten[100] ^= 1
+    damaged = bytearray(data)
+    damaged[100] ^= 1
     second = bench.host.transfers.start_download(
-        "frame", 0, partial=HeldPart(update.sha256, update.chunk_size, bytes(rotten), ranges)
+        "frame", 0, partial=HeldPart(update.sha256, update.chunk_size, bytes(damaged), ranges)
     )
     bench.transfer_ends(second, "verified")
     assert done(bench, second).data == pixels
@@ -326,15 +326,14 @@ def test_a_damaged_stored_part_is_discarded_and_downloaded_again(bench: Bench) -
 
 
 def test_another_image_in_the_slot_is_reported_when_a_download_continues(bench: Bench) -> None:
-    """A new image was taken while the line was closed: the old part is discarded, and the transfer reports that it
-    restarted.
-    """
-    pictured(bench)
+    """If a new image was taken while a download was paused, the stored part is discarded and the transfer reports the
+    change."""
+    take_image(bench)
     transfer_id = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 200_000)
     bench.host.transfers.pause(transfer_id)
     bench.run(0.5)
-    newer = pictured(bench)
+    newer = take_image(bench)
     bench.host.transfers.resume(transfer_id)
     bench.transfer_ends(transfer_id, "verified")
     assert done(bench, transfer_id).data == newer
@@ -342,8 +341,8 @@ def test_another_image_in_the_slot_is_reported_when_a_download_continues(bench: 
 
 
 def test_a_reset_clears_image_memory_and_the_transfer_restarts(bench: Bench) -> None:
-    """An image upload restarts after the reset and is committed completely."""
-    picture = pictured(bench)
+    """After a reset, which clears image memory, an image upload restarts and is committed completely."""
+    picture = take_image(bench)
     transfer_id = bench.host.transfers.start_upload("image", 1, picture, Compatibility())
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > len(picture) // 2)
     bench.device.reset("watchdog", bench.now_s)

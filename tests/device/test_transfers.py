@@ -1,4 +1,4 @@
-"""Transfers in both directions, with errors, interruptions and resets, in simulated time."""
+"""Transfers in both directions, with errors, interruptions and resets, with simulated time."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def done(bench: Bench, transfer_id: int) -> TransferDone:
 
 @pytest.mark.parametrize("baud", [115_200, 921_600])
 def test_a_frame_is_downloaded_at_nearly_the_line_s_rate(make_bench: Callable[..., Bench], baud: int) -> None:
-    """Every pixel, and at least 92 % of the line's bytes are pixels."""
+    """A frame is downloaded without error at 92 % of the line's rate or more, with its number and hash."""
     bench = make_bench(baud=baud)
     bench.until(lambda: bench.host.hello is not None)
     number = bench.do("TAKE_IMAGE").values["frame_number"]
@@ -69,7 +69,7 @@ def test_a_frame_is_downloaded_at_nearly_the_line_s_rate(make_bench: Callable[..
 
 
 def test_a_thumbnail_is_the_frame_in_blocks_of_four(bench: Bench) -> None:
-    """Averages of 4x4 pixels, rows top to bottom."""
+    """A thumbnail has the averages of 4x4 pixels, row by row from the top."""
     bench.do("TAKE_IMAGE")
     transfer_id = bench.host.transfers.start_download("thumbnail", 0)
     bench.transfer_ends(transfer_id, "verified")
@@ -83,7 +83,8 @@ def test_a_thumbnail_is_the_frame_in_blocks_of_four(bench: Bench) -> None:
 def test_a_catalogue_is_uploaded_verified_and_committed_at_nearly_the_line_s_rate(
     make_bench: Callable[..., Bench],
 ) -> None:
-    """The bank contains exactly the sent bytes, and is not active."""
+    """An upload at 92 % of the line's rate or more is committed. The bank contains exactly the sent bytes and is not
+    activated."""
     bench = make_bench(baud=115_200)
     bench.until(lambda: bench.host.hello is not None)
     data, start_s = small_catalogue(), bench.now_s
@@ -105,7 +106,7 @@ def test_a_catalogue_is_uploaded_verified_and_committed_at_nearly_the_line_s_rat
 
 @pytest.mark.parametrize("seed", range(2))
 def test_both_directions_complete_at_a_bit_error_rate_of_1e_4(make_bench: Callable[..., Bench], seed: int) -> None:
-    """Only damaged chunks are sent again; the content is right."""
+    """At a bit error rate of 1e-4 a download and an upload complete with the correct content."""
     bench = make_bench(faults=FaultRates(bit_error_rate=1e-4))
     bench.until(lambda: bench.host.hello is not None, 60)
     while bench.do("TAKE_IMAGE", slot=seed).stage is not Stage.COMPLETED:
@@ -114,7 +115,7 @@ def test_both_directions_complete_at_a_bit_error_rate_of_1e_4(make_bench: Callab
     start_s = bench.now_s
     update = bench.transfer_ends(down, "verified", 300)
     assert done(bench, down).data == bench.tracker.slots[seed].pixels.tobytes()
-    # 79 % of chunks of 2400 bits survive; few bytes are sent twice.
+    # 79 % of chunks of 2400 bits arrive undamaged, and few bytes are sent twice.
     assert update.size / (bench.now_s - start_s) / 92_160 > 0.6
     data = small_catalogue()
     up = upload(bench, B, data)
@@ -124,7 +125,7 @@ def test_both_directions_complete_at_a_bit_error_rate_of_1e_4(make_bench: Callab
 
 @pytest.mark.parametrize("bit_error_rate", [0.0, 1e-4])
 def test_a_download_counts_repeated_requests(make_bench: Callable[..., Bench], bit_error_rate: float) -> None:
-    """As many as chunks sent more than once: none on a clean line, all damaged ones on another."""
+    """The number of repeated requests equals the number of chunks sent again: 0 on a clean line, more on a noisy one."""
     bench = make_bench(faults=FaultRates(bit_error_rate=bit_error_rate))
     bench.until(lambda: bench.host.hello is not None, 60)
     while bench.do("TAKE_IMAGE").stage is not Stage.COMPLETED:
@@ -144,7 +145,7 @@ def test_a_download_counts_repeated_requests(make_bench: Callable[..., Bench], b
 
 
 def test_a_line_with_bursts_losses_and_duplicates_delivers(make_bench: Callable[..., Bench]) -> None:
-    """Lost and repeated runs of bytes."""
+    """An upload is committed with the correct content on a line that loses and repeats blocks of bytes."""
     bench = make_bench(faults=FaultRates(drop_rate=0.01, duplicate_rate=0.01))
     bench.until(lambda: bench.host.hello is not None, 60)
     data = small_catalogue()
@@ -155,7 +156,7 @@ def test_a_line_with_bursts_losses_and_duplicates_delivers(make_bench: Callable[
 
 
 def test_commands_are_sent_before_chunks(make_bench: Callable[..., Bench]) -> None:
-    """On a slow line a command is answered within half a second during an upload."""
+    """During an upload on a slow line, a command completes within half a second."""
     bench = make_bench(baud=57_600)
     bench.until(lambda: bench.host.hello is not None)
     upload(bench, B, small_catalogue())
@@ -166,7 +167,7 @@ def test_commands_are_sent_before_chunks(make_bench: Callable[..., Bench]) -> No
 
 
 def test_a_lost_line_suspends_and_resumes_with_the_stored_chunks(bench: Bench) -> None:
-    """After the loss only the remaining chunks are sent."""
+    """After the line was lost, an upload resumes and sends only the remaining chunks."""
     data = small_catalogue()
     transfer_id = upload(bench, B, data)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > len(data) // 2)
@@ -185,7 +186,7 @@ def test_a_lost_line_suspends_and_resumes_with_the_stored_chunks(bench: Bench) -
 
 
 def test_a_silent_line_is_detected_and_the_transfer_resumes_automatically(bench: Bench) -> None:
-    """Bytes are lost for half a minute; the transfer continues when they arrive again."""
+    """A download on a line that loses all bytes is suspended. It continues automatically when bytes arrive again."""
     bench.do("TAKE_IMAGE")
     transfer_id = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 200_000)
@@ -205,7 +206,7 @@ def test_a_silent_line_is_detected_and_the_transfer_resumes_automatically(bench:
 
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.98])
 def test_an_upload_survives_a_reset(bench: Bench, share: float) -> None:
-    """Chunks in flash count; the others follow after the boot."""
+    """After a reset an upload continues with the chunks stored in flash and is committed."""
     data = small_catalogue()
     transfer_id = upload(bench, B, data)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > share * len(data))
@@ -216,7 +217,7 @@ def test_an_upload_survives_a_reset(bench: Bench, share: float) -> None:
 
 
 def test_a_reset_during_a_download_fails_it_with_the_reason(bench: Bench) -> None:
-    """The image was in volatile memory: the transfer fails with the reason, received bytes stay readable."""
+    """A reset clears image memory, so the download fails with the reason. The received part is kept."""
     bench.do("TAKE_IMAGE")
     transfer_id = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 200_000)
@@ -227,7 +228,7 @@ def test_a_reset_during_a_download_fails_it_with_the_reason(bench: Bench) -> Non
 
 
 def test_a_new_server_continues_an_interrupted_download(bench: Bench) -> None:
-    """The stored part of an earlier session is used if the content is the same, and discarded otherwise."""
+    """A new session uses the stored part of an earlier download if the content is the same, and discards it otherwise."""
     bench.do("TAKE_IMAGE")
     first = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(first).stored_bytes > 300_000)
@@ -247,7 +248,7 @@ def test_a_new_server_continues_an_interrupted_download(bench: Bench) -> None:
 
 
 def test_pause_and_resume(bench: Bench) -> None:
-    """A paused transfer sends nothing and continues where it was; another may run meanwhile."""
+    """A paused upload sends nothing while another transfer runs, and continues when it is resumed."""
     data = small_catalogue()
     transfer_id = upload(bench, B, data)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 20_000)
@@ -265,7 +266,7 @@ def test_pause_and_resume(bench: Bench) -> None:
 
 
 def test_abort_from_the_ground_frees_the_bank(bench: Bench) -> None:
-    """An aborted upload has ended on both sides; other content can follow."""
+    """An upload aborted by the ground ends on both sides, and other content can be uploaded to the bank."""
     transfer_id = upload(bench, B, small_catalogue())
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 20_000)
     bench.host.transfers.abort(transfer_id)
@@ -277,13 +278,13 @@ def test_abort_from_the_ground_frees_the_bank(bench: Bench) -> None:
         bench.host.transfer(transfer_id)
     stars = load_stars(3.0)
     other = encode(stars, distance_table(stars, 0.01, 0.5), "cubestar", "cubestar")
-    again = upload(bench, B, other)
-    bench.transfer_ends(again, "committed")
+    second = upload(bench, B, other)
+    bench.transfer_ends(second, "committed")
     assert bench.memory.content("B") == other
 
 
 def test_abort_command_stops_transfers_from_the_device_s_side(bench: Bench) -> None:
-    """ABORT ends a running transfer, and the ground receives its end."""
+    """The command ABORT ends a running transfer on board, and the ground reports it as aborted."""
     transfer_id = upload(bench, B, small_catalogue())
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 20_000)
     bench.host.abort(bench.now_s)
@@ -304,7 +305,7 @@ def test_abort_command_stops_transfers_from_the_device_s_side(bench: Bench) -> N
 def test_incompatible_content_is_rejected_before_it_is_sent(
     bench: Bench, bank: int, changes: dict[str, object], reason: str
 ) -> None:
-    """The compatibility block decides at opening."""
+    """The device rejects an upload with an incompatible block when it is opened, before content is sent."""
     data = small_catalogue()
     sent = bench.host.counters.sent.bytes
     transfer_id = bench.host.transfers.start_upload("catalogue", bank, data, compatible(bench, **changes))
@@ -314,19 +315,19 @@ def test_incompatible_content_is_rejected_before_it_is_sent(
 
 
 def test_too_large_empty_and_unknown_transfers_are_rejected(bench: Bench) -> None:
-    """Sizes and names."""
+    """Uploads that are too large or empty, an unknown kind, and a download from an empty slot are rejected."""
     big = upload(bench, B, bytes(bench.memory.bank_bytes + 1))
     assert bench.transfer_ends(big, "failed").reason.startswith("too_large")
     with pytest.raises(BadInput):
         upload(bench, B, b"")
     with pytest.raises(BadInput):
         bench.host.transfers.start_download("video", 0)
-    nothing = bench.host.transfers.start_download("frame", 2)
-    assert bench.transfer_ends(nothing, "failed").reason.startswith("no_image")
+    empty_slot = bench.host.transfers.start_download("frame", 2)
+    assert bench.transfer_ends(empty_slot, "failed").reason.startswith("no_image")
 
 
 def test_bytes_that_are_not_a_catalogue_are_not_committed(bench: Bench) -> None:
-    """Hash and transfer are valid, the content is not."""
+    """Content that is not a catalogue is rejected as incompatible, although its hash is correct."""
     transfer_id = upload(bench, B, bytes(range(256)) * 40)
     update = bench.transfer_ends(transfer_id, "failed")
     assert update.reason.startswith("incompatible")
@@ -334,7 +335,7 @@ def test_bytes_that_are_not_a_catalogue_are_not_committed(bench: Bench) -> None:
 
 
 def test_a_cell_that_flips_before_verification_is_detected(bench: Bench) -> None:
-    """VERIFY reads flash, not the received bytes; the next attempt starts from an empty bank."""
+    """Verification reads the flash, so a flipped bit is detected. The upload then succeeds when it is resumed."""
     data = small_catalogue()
     transfer_id = upload(bench, B, data)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > len(data) // 2)
@@ -346,7 +347,7 @@ def test_a_cell_that_flips_before_verification_is_detected(bench: Bench) -> None
 
 
 def test_an_uploaded_image_is_solved_on_board(bench: Bench) -> None:
-    """Image memory accepts an image from the ground; the chain gives the rendered attitude."""
+    """An image uploaded to image memory is solved on board. An image of the wrong length is rejected."""
     bench.do("TAKE_IMAGE", slot=0)
     picture = bench.tracker.slots[0].pixels.tobytes()
     bench.do("RESET")
@@ -362,7 +363,7 @@ def test_an_uploaded_image_is_solved_on_board(bench: Bench) -> None:
 
 
 def test_transfers_run_one_at_a_time(bench: Bench) -> None:
-    """In order."""
+    """A second transfer is queued until the first one has ended."""
     bench.do("TAKE_IMAGE")
     first = bench.host.transfers.start_download("frame", 0)
     second = bench.host.transfers.start_download("thumbnail", 0)
@@ -374,7 +375,7 @@ def test_transfers_run_one_at_a_time(bench: Bench) -> None:
 
 @pytest.mark.parametrize("stated", [{"stars": 5}, {"pairs": 7}, {"epoch_jyear": 1900.0}])
 def test_a_catalogue_other_than_announced_is_not_committed(bench: Bench, stated: dict[str, float]) -> None:
-    """Stars, pairs and epoch of the opening are compared with the content."""
+    """A catalogue whose stars, pairs or epoch differ from the announced values is not committed."""
     transfer_id = bench.host.transfers.start_upload("catalogue", 1, small_catalogue(), compatible(bench, **stated))
     end = bench.transfer_ends(transfer_id, "failed")
     assert "incompatible" in end.reason
@@ -382,8 +383,8 @@ def test_a_catalogue_other_than_announced_is_not_committed(bench: Bench, stated:
 
 
 @pytest.mark.parametrize("epoch", [float("nan"), float("inf"), -5.0, 1e9])
-def test_an_impossible_epoch_is_rejected_at_once(bench: Bench, epoch: float) -> None:
-    """Nothing is erased for it."""
+def test_an_impossible_epoch_is_rejected_immediately(bench: Bench, epoch: float) -> None:
+    """An upload with an invalid epoch is rejected when it is opened, and nothing is erased for it."""
     before = bench.memory.record.banks["B"]
     transfer_id = bench.host.transfers.start_upload(
         "catalogue", 1, small_catalogue(), compatible(bench, epoch_jyear=epoch)
@@ -392,8 +393,8 @@ def test_an_impossible_epoch_is_rejected_at_once(bench: Bench, epoch: float) -> 
     assert bench.memory.record.banks["B"] == before
 
 
-def test_an_opening_that_cannot_be_decoded_is_answered(bench: Bench) -> None:
-    """By length or kind; an image of the wrong size gets "too large" or "too small"."""
+def test_an_invalid_opening_is_rejected_with_a_reason(bench: Bench) -> None:
+    """The device rejects an image of the wrong size and an opening that cannot be decoded, with the reason."""
     row = bench.dictionary.service("OPEN_DOWNLOAD")
     size = bench.tracker.imager.frame_size
     facts = {"kind": "image", "target": 0, "chunk_bytes": 256, "sha256": bytes(32), "device_model": "", "profile": ""}

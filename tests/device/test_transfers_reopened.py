@@ -1,4 +1,4 @@
-"""Reopened transfers: with other chunks, after a reset, after a lost COMMITTED; for every uploaded kind."""
+"""Transfers that are opened again: with another chunk size, after a reset, and after they were committed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def stored(bench: Bench, transfer_id: int) -> int:
 
 @pytest.mark.parametrize("reset", [True, False])
 def test_an_upload_continues_in_smaller_chunks(bench: Bench, reset: bool) -> None:
-    """Completely held chunks stay held, also over a reset; the others are sent in the new size, and the bank is right."""
+    """An upload opened again with smaller chunks keeps the stored ones, also after a reset, and sends only the others."""
     image = bench.memory.content("golden")
     first = bench.host.transfers.start_upload("catalogue", 1, image, facts(bench), chunk_bytes=1024)
     bench.until(lambda: stored(bench, first) > len(image) // 2)
@@ -44,7 +44,7 @@ def test_an_upload_continues_in_smaller_chunks(bench: Bench, reset: bool) -> Non
 
 
 def test_a_table_upload_survives_a_reset(bench: Bench) -> None:
-    """The record lists the table's chunks in flash."""
+    """After a reset a table upload continues with the chunks in flash. The incomplete table cannot be activated."""
     table = encode_table("calibration", "cubestar", calibration_values(bench.tracker.profile))
     first = bench.host.transfers.start_upload("calibration", 0, table, facts(bench), chunk_bytes=16)
     bench.until(lambda: stored(bench, first) > 100)
@@ -62,7 +62,7 @@ def test_a_table_upload_survives_a_reset(bench: Bench) -> None:
 
 
 def test_a_committed_image_is_not_stored_twice(bench: Bench) -> None:
-    """The same pixels to the same slot: reported as complete with their number, no new frame."""
+    """A second upload of the same pixels to the same slot completes without a new frame and keeps the frame number."""
     bench.do("TAKE_IMAGE", slot=0)
     pixels = bench.tracker.slots[0].data
     first = bench.host.transfers.start_upload("image", 1, pixels, facts(bench))
@@ -76,14 +76,14 @@ def test_a_committed_image_is_not_stored_twice(bench: Bench) -> None:
 
 
 def test_an_uploaded_image_is_solved_like_one_that_was_taken(bench: Bench) -> None:
-    """The pixels of another exposure give the same attitude when uploaded."""
+    """The pixels of a captured image give the same attitude when they are uploaded to another slot."""
     bench.do("RUN_ITERATION", slot=0)
-    taken = bench.telemetry("attitude")[-1].values
+    captured = bench.telemetry("attitude")[-1].values
     transfer_id = bench.host.transfers.start_upload("image", 2, bench.tracker.slots[0].data, facts(bench))
     bench.transfer_ends(transfer_id, "committed")
     bench.do("SET_MODE", mode="lost_in_space")
     for name in ("FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE"):
         assert bench.do(name, **({"slot": 2} if name == "FIND_CENTROIDS" else {})).stage is Stage.COMPLETED
-    again = bench.telemetry("attitude")[-1].values
-    assert [again[f"quaternion_{a}"] for a in "xyzw"] == [taken[f"quaternion_{a}"] for a in "xyzw"]
-    assert again["frame_number"] != taken["frame_number"]
+    uploaded = bench.telemetry("attitude")[-1].values
+    assert [uploaded[f"quaternion_{a}"] for a in "xyzw"] == [captured[f"quaternion_{a}"] for a in "xyzw"]
+    assert uploaded["frame_number"] != captured["frame_number"]

@@ -1,4 +1,4 @@
-"""Ports that are in use, hang up, or disappear and return."""
+"""Ports that are in use, that close, or that disappear and return."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Serve = Callable[[Callable[[socket.socket], None]], str]
 
 @pytest.fixture
 def serve() -> Iterator[Serve]:
-    """Starts TCP servers with one behaviour per connection and returns their addresses."""
+    """Function that starts a TCP server with one behaviour per connection and returns its address."""
     listeners: list[socket.socket] = []
 
     def start(do: Callable[[socket.socket], None]) -> str:
@@ -50,39 +50,39 @@ def use_until_gone(stream: ByteStream) -> None:
 
 
 def test_a_device_server_for_one_client_rejects_the_second_with_a_hint(serve: Serve) -> None:
-    """It accepts and hangs up: a Conflict with a hint, not a line that opens and closes in a loop."""
-    with pytest.raises(Conflict, match="closed the connection immediately") as refused:
+    """A server that accepts and closes the connection gives a Conflict with a hint, not a line that opens repeatedly."""
+    with pytest.raises(Conflict, match="closed the connection immediately") as error:
         open_stream(serve(lambda peer: peer.close()))
-    assert "another program" in refused.value.hint
+    assert "another program" in error.value.hint
 
 
 def test_bytes_received_while_opening_are_not_lost(serve: Serve) -> None:
     """Data that a device sends during opening are received from the first byte."""
-    kept: list[socket.socket] = []
+    peers_held: list[socket.socket] = []
 
     def greet(peer: socket.socket) -> None:
-        kept.append(peer)
+        peers_held.append(peer)
         time.sleep(0.05)  # pyserial empties the buffer when it connects
         peer.sendall(b"hello")
 
     stream = open_stream(serve(greet))
-    got = b""
+    received = b""
     for _ in range(20):
-        got += stream.read(100, 0.1)
-    assert got == b"hello"
-    kept[0].close()
+        received += stream.read(100, 0.1)
+    assert received == b"hello"
+    peers_held[0].close()
     with pytest.raises(LinkDown):
         use_until_gone(stream)
     stream.close()
 
 
 def test_a_silent_device_is_not_an_error(serve: Serve) -> None:
-    """Silence while opening is permitted."""
-    kept: list[socket.socket] = []
-    stream = open_stream(serve(kept.append))
+    """A line to a device that sends nothing while it is opened is open."""
+    peers_held: list[socket.socket] = []
+    stream = open_stream(serve(peers_held.append))
     assert stream.read(10, 0.01) == b""
     stream.close()
-    for peer in kept:
+    for peer in peers_held:
         peer.close()
 
 
@@ -93,7 +93,7 @@ def wait_for_openings() -> None:
 
 
 def test_a_port_that_opens_after_the_deadline_is_closed(serve: Serve) -> None:
-    """The caller gets LinkDown in time, and the peer sees the late connection closed."""
+    """The caller gets LinkDown at the deadline, and a connection that opens later is closed."""
     peers: list[socket.socket] = []
     with pytest.raises(LinkDown, match=r"an open port within 0.01 s; got no answer"):
         open_stream(serve(peers.append), within_s=0.01)
@@ -104,7 +104,7 @@ def test_a_port_that_opens_after_the_deadline_is_closed(serve: Serve) -> None:
 
 
 def test_hanging_openings_are_limited(serve: Serve) -> None:
-    """A peer that never negotiates uses a bounded number of threads; afterwards lines open again."""
+    """Openings of a peer that never negotiates use a bounded number of threads. Lines can be opened again afterwards."""
     peers: list[socket.socket] = []
     silent = serve(peers.append)
     for _ in range(UNFINISHED_MOST):
@@ -118,10 +118,10 @@ def test_hanging_openings_are_limited(serve: Serve) -> None:
         peer.close()
 
 
-def test_an_opening_whose_thread_cannot_start_frees_its_place(serve: Serve) -> None:
-    """No memory for a thread's stack is LinkDown each time, and afterwards lines open again."""
-    kept: list[socket.socket] = []
-    url = serve(kept.append)
+def test_an_opening_whose_thread_cannot_start_is_not_counted(serve: Serve) -> None:
+    """If no thread can be started for lack of memory, each opening is LinkDown. Lines can be opened again afterwards."""
+    peers_held: list[socket.socket] = []
+    url = serve(peers_held.append)
     before = threading.stack_size(1 << 47)  # more than a process can address
     try:
         for _ in range(UNFINISHED_MOST + 1):
@@ -130,12 +130,12 @@ def test_an_opening_whose_thread_cannot_start_frees_its_place(serve: Serve) -> N
     finally:
         threading.stack_size(before)
     open_stream(url).close()
-    for peer in kept:
+    for peer in peers_held:
         peer.close()
 
 
 def test_a_terminal_has_one_owner_and_can_disappear_and_return(tmp_path: Path) -> None:
-    """The second opening is a Conflict during the first; a missing port is LinkDown, then NotFound.
+    """A terminal cannot be opened twice. If it disappears, the line is LinkDown, and opening it is NotFound.
 
     The port has a separate name, as an adapter has, because the system reuses the terminal's number for the next
     process that opens a terminal.
@@ -153,12 +153,12 @@ def test_a_terminal_has_one_owner_and_can_disappear_and_return(tmp_path: Path) -
     first.close()
     second = open_stream(name)
     second.close()
-    again = open_stream(name)
+    third = open_stream(name)
     os.close(slave)
     os.close(master)
     with pytest.raises(LinkDown):
-        use_until_gone(again)
-    again.close()
+        use_until_gone(third)
+    third.close()
     adapter.unlink()
     with pytest.raises(NotFound):
         open_stream(name)

@@ -1,4 +1,4 @@
-"""The XTCE document: valid by the standard's schema, and an independent parser reads the same values with it."""
+"""The XTCE document is valid by the standard's schema, and an independent parser decodes the same values with it."""
 
 from __future__ import annotations
 
@@ -42,9 +42,10 @@ def parser() -> XtcePacketDefinition:
     ("name", "repeat_lists"), [("cubestar", False), ("cubestar", True), ("nos3", False), ("sagitta", False)]
 )
 def test_the_document_is_valid_xtce(name: str, repeat_lists: bool) -> None:
-    """The schema of XTCE 1.2 holds for the document, and the references inside its telemetry exist.
+    """The document is valid by the schema of XTCE 1.2, and all references within its telemetry exist.
 
-    The parser's check of references does not know that the container of a command may be the base of another one.
+    Commands are excluded from the check of references, because the parser does not support that the container of a
+    command is the base of another one.
     """
     text = xtce_of(shipped_registry().get(name), repeat_lists=repeat_lists)
     root = etree.fromstring(text.encode())
@@ -57,7 +58,7 @@ def test_the_document_is_valid_xtce(name: str, repeat_lists: bool) -> None:
 
 
 def test_the_container_of_a_command_is_its_packet() -> None:
-    """Fixed header bytes, then the arguments and the checksum; the parts add up to what the sender writes."""
+    """The container of a command has the fixed header bytes, then the arguments and the checksum, as in the sent packet."""
     space = {"x": "http://www.omg.org/spec/XTCE/20180204"}
     root = etree.fromstring(xtce(DICTIONARY).encode())
     header = root.find(".//x:CommandContainer[@name='GSSCommand']/x:EntryList", space)
@@ -75,7 +76,7 @@ def test_the_container_of_a_command_is_its_packet() -> None:
 
 
 def test_another_parser_reads_a_little_endian_sensor() -> None:
-    """Packets of a sensor with another driver: their content alone, in the byte order of its line."""
+    """The parser decodes the content of a packet of a sensor with another driver, in the byte order of its line."""
     sagitta = shipped_registry().get("sagitta")
     theirs = XtcePacketDefinition.from_xtce(io.BytesIO(xtce_of(sagitta).encode()))
     row = next(p for p in sagitta.dictionary.telemetry if any(isinstance(f, Group) and f.slots for f in p.fields))
@@ -90,8 +91,8 @@ def test_another_parser_reads_a_little_endian_sensor() -> None:
 
 
 def test_repeated_rows_name_their_count() -> None:
-    """In the standard's own form a list is a container repeated as often as the count before it says."""
-    root = ET.fromstring(xtce(DICTIONARY, repeat_lists=True))  # noqa: S314 - our own document
+    """In the standard form, a list is a container that is repeated by the count before it."""
+    root = ET.fromstring(xtce(DICTIONARY, repeat_lists=True))  # noqa: S314 - generated document
     space = {"x": "http://www.omg.org/spec/XTCE/20180204"}
     repeated = root.findall(".//x:SequenceContainer[@name='matches']/x:EntryList/x:ContainerRefEntry", space)
     assert [e.get("containerRef") for e in repeated] == ["matches_items_row"]
@@ -100,15 +101,15 @@ def test_repeated_rows_name_their_count() -> None:
     assert count.get("parameterRef") == "matches_items_count"
 
 
-def same(ours: Value, theirs: Any) -> bool:
-    """True if equal; not-a-number equals itself, and a polynomial may be summed in another order."""
+def is_equal(ours: Value, theirs: Any) -> bool:
+    """True if both values are equal. NaN equals itself; numbers may differ by the rounding of a polynomial."""
     if isinstance(ours, float) and not isinstance(theirs, str | bytes):
         return (math.isnan(ours) and math.isnan(theirs)) or math.isclose(ours, theirs, rel_tol=1e-12, abs_tol=1e-12)
     return bool(theirs == ours)
 
 
 def assert_same_layout(owner: str, layout: Layout, payload: bytes, parsed: Any) -> int:
-    """Compare raw and engineering values of a payload with the other parser's; returns the number of compared values."""
+    """Compare raw and engineering values of a payload with those of the other parser. Return the number of values."""
     ours, compared = decode(layout, payload), 0
     for entry in layout:
         name = f"{owner}_{entry.name}"
@@ -116,15 +117,15 @@ def assert_same_layout(owner: str, layout: Layout, payload: bytes, parsed: Any) 
         if isinstance(entry, Group):
             compared += assert_same_rows(name, entry, ours.lists[entry.name], parsed)
             continue
-        assert same(ours.values[entry.name], theirs), (name, ours.values[entry.name], theirs)
+        assert is_equal(ours.values[entry.name], theirs), (name, ours.values[entry.name], theirs)
         if entry.type not in ("str", "text"):
-            assert same(ours.raw[entry.name], theirs.raw_value), (name, ours.raw[entry.name], theirs.raw_value)
+            assert is_equal(ours.raw[entry.name], theirs.raw_value), (name, ours.raw[entry.name], theirs.raw_value)
         compared += 1
     return compared
 
 
 def assert_same_rows(name: str, group: Group, rows: Iterable[dict[str, Value]], parsed: Any) -> int:
-    """Compare each row of a list, read by the row's own container."""
+    """Compare each row of a list, decoded with the container of the row."""
     rows, data = list(rows), bytes(parsed[name])
     assert parsed[f"{name}_count"] == len(rows)
     size = len(data) // len(rows) if rows else 0
@@ -132,12 +133,12 @@ def assert_same_rows(name: str, group: Group, rows: Iterable[dict[str, Value]], 
     for i, row in enumerate(rows):
         theirs = parser().parse_bytes(data[i * size : (i + 1) * size], root_container_name=f"{name}_row")
         for item in group.items:
-            assert same(row[item.name], theirs[f"{name}_row_{item.name}"]), (name, i, item.name)
+            assert is_equal(row[item.name], theirs[f"{name}_row_{item.name}"]), (name, i, item.name)
     return len(rows) * len(group.items)
 
 
 def assert_same_packet(packet: Packet) -> int:
-    """Compare a packet of the device in both readings; returns the number of compared values."""
+    """Compare a packet of the device as decoded by both parsers. Return the number of compared values."""
     parsed = parser().parse_bytes(encode_packet(packet))
     assert parsed["CODE"] == packet.code
     assert parsed["REQUEST_ID"] == packet.request_id
@@ -153,7 +154,7 @@ def assert_same_packet(packet: Packet) -> int:
         returned = command.returns if command is not None and packet.payload[0] == 5 else ()
         values = decode((*common, *returned), packet.payload).values
         named = [("REPORT", f.name) for f in common] + [(command.name, r.name) for r in returned if command]
-        assert all(same(values[name], parsed[f"{owner}_{name}"]) for owner, name in named)
+        assert all(is_equal(values[name], parsed[f"{owner}_{name}"]) for owner, name in named)
         return len(named)
     service = DICTIONARY.service_of_code(packet.type.name.lower(), packet.code) or DICTIONARY.service("EVENT")
     return assert_same_layout(service.name, service.fields, packet.payload, parsed)
@@ -172,7 +173,7 @@ def values_of(item: Item) -> st.SearchStrategy[Value]:
     if item.type == "bytes":
         return st.binary(min_size=item.size, max_size=item.size)
     if item.type in ("str", "text"):
-        # The last byte of a fixed text stays zero: see the limits in the module's text.
+        # The last byte of a text of fixed length is always zero.
         room = item.size - 1 if item.type == "str" else 255
         letters = st.characters(exclude_categories=("Cs",), exclude_characters="\0")
         return st.text(letters, max_size=room // 4)
@@ -192,7 +193,7 @@ def telemetry(draw: st.DrawFn, row: PacketRow) -> Packet:
 
 @pytest.mark.parametrize("name", [p.name for p in DICTIONARY.telemetry])
 def test_another_parser_reads_every_telemetry_packet_to_the_same_values(name: str) -> None:
-    """Raw and engineering values are equal over the whole range of every field."""
+    """Both parsers decode equal raw and engineering values over the complete range of every field."""
     row = DICTIONARY.packet(name)
 
     @settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -204,7 +205,7 @@ def test_another_parser_reads_every_telemetry_packet_to_the_same_values(name: st
 
 
 def recorded(bench: Bench) -> list[Packet]:
-    """A contact with every kind of message, as received from the line."""
+    """Return all packets of a contact with every kind of message, as received from the line."""
     stream = bytearray()
     feed: Callable[[bytes, float], Any] = bench.host.feed
 
@@ -235,7 +236,7 @@ def recorded(bench: Bench) -> list[Packet]:
 
 
 def test_another_parser_reads_a_recorded_contact_to_the_same_values(bench: Bench) -> None:
-    """Telemetry, events, reports and transfer messages of a contact: every packet is known and every value equal."""
+    """The other parser decodes all telemetry, events, reports and transfer messages of a contact to equal values."""
     packets = recorded(bench)
     kinds = {p.type for p in packets}
     assert kinds == {PacketType.REPORT, PacketType.TELEMETRY, PacketType.EVENT, PacketType.TRANSFER}

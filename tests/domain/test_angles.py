@@ -10,7 +10,7 @@ from gss.domain.angles import ra_dec_from_unit, separation_rad, unit_from_ra_dec
 
 
 def test_unit_vectors_and_angles_are_inverse_everywhere():
-    """Right ascension and declination survive the conversion to a unit vector and back, poles included."""
+    """Conversion to a unit vector and back returns the same right ascension and declination, including at the poles."""
     rng = np.random.default_rng(1)
     ra = np.concatenate([rng.uniform(0, 2 * np.pi, 500), [0.0, 0.0, 6.2]])
     dec = np.concatenate([np.arcsin(rng.uniform(-1, 1, 500)), [np.pi / 2 - 1e-9, -np.pi / 2 + 1e-9, 0.0]])
@@ -20,7 +20,7 @@ def test_unit_vectors_and_angles_are_inverse_everywhere():
 
 
 def test_separation_agrees_with_astropy_to_a_nanoarcsecond_scale():
-    """The angle between two directions is astropy's within 1e-13 rad, for tiny and for nearly opposite ones too."""
+    """The angle between two directions equals astropy's within 1e-13 rad, also for tiny and nearly opposite separations."""
     rng = np.random.default_rng(2)
     ra, dec = rng.uniform(0, 2 * np.pi, (2, 300)), np.arcsin(rng.uniform(-1, 1, (2, 300)))
     ra[1, :50], dec[1, :50] = ra[0, :50] + 1e-9, dec[0, :50]
@@ -32,5 +32,5 @@ def test_separation_agrees_with_astropy_to_a_nanoarcsecond_scale():
 
 @pytest.mark.parametrize(("angle", "signed"), [(0.0, 0.0), (np.pi, -np.pi), (-0.1, -0.1), (2 * np.pi - 0.1, -0.1)])
 def test_wrapping_keeps_the_half_open_range(angle, signed):
-    """[−π, π)."""
+    """Angles are wrapped to [−π, π)."""
     assert wrap_pi_rad(angle) == pytest.approx(signed)

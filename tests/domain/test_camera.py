@@ -17,7 +17,7 @@ from gss.instruments.registry import shipped_camera, shipped_registry
 
 @pytest.mark.parametrize("name", sorted(shipped_registry().cameras()))
 def test_projection_is_exact_both_ways_for_every_profile(name):
-    """Pixels to unit vectors and back return to the same place within 1e-9 px all over the detector."""
+    """Conversion of pixels to unit vectors and back is exact within 1e-9 px over the complete detector."""
     camera = shipped_camera(name).camera
     cols, rows = np.meshgrid(np.linspace(0, camera.columns - 1, 25), np.linspace(0, camera.rows - 1, 25))
     pixels = np.column_stack([cols.ravel(), rows.ravel()])
@@ -35,7 +35,7 @@ def test_brown_inverse_undoes_any_moderate_lens(k1, k2, p1, p2):
 
 
 def test_brown_follows_the_published_formula():
-    """The formula on OpenCV's calibration page, calculated by hand for one point."""
+    """The model equals the formula on OpenCV's calibration page, evaluated here for one point."""
     x, y, k1, k2, p1, p2, k3 = 0.3, -0.2, -0.3, 0.1, 0.004, -0.006, 0.02
     r2 = 0.13
     radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
@@ -47,7 +47,7 @@ def test_brown_follows_the_published_formula():
 
 
 def test_inverted_signs_are_only_an_approximation():
-    """Erlank's undistortion with inverted signs leaves pixels at the corner, as the errata say; the inverse leaves none."""
+    """Erlank's undistortion with inverted signs is wrong by 5 to 40 pixels at the corner, as the errata state."""
     camera = shipped_camera("cubestar").camera
     exact: Brown = camera.distortion
     approximate = BrownUndistort(-exact.k1, -exact.k2, -exact.p1, -exact.p2)
@@ -57,7 +57,7 @@ def test_inverted_signs_are_only_an_approximation():
 
 
 def test_tilted_detector_follows_jacobs_formula():
-    """Jacobs 1995 eq. 6.13 with 6.14 and 6.16, worked out by hand for one point, millimetres."""
+    """The model equals Jacobs 1995 eq. 6.13 with 6.14 and 6.16, evaluated here in millimetres for one point."""
     f, theta_max, phi_max, k = 25.0, np.radians(0.733), np.radians(306), (1e-3, -8e-5, -4.4e-4)
     u, v = 1.9, -1.1
     r, phi = np.hypot(u, v), np.arctan2(v, u)
@@ -68,8 +68,8 @@ def test_tilted_detector_follows_jacobs_formula():
     assert np.allclose(ours, [r_true * np.cos(phi), r_true * np.sin(phi)], atol=1e-14)
 
 
-def test_tilt_alone_is_the_perspective_of_a_turned_plane():
-    """Without a lens term the tilt model equals ray tracing onto a tilted plane (an outside truth), to second order in tilt."""
+def test_tilt_alone_is_the_perspective_of_a_tilted_plane():
+    """Without a lens term, the tilt model equals independent ray tracing onto a tilted plane, to second order in tilt."""
     tilt = np.radians(0.733)
     model = RadialTilt(25.0, tilt, 0.0, ())
     ideal = np.array([[0.05, 0.0], [-0.05, 0.0], [0.0, 0.05]])
@@ -83,7 +83,7 @@ def test_tilt_alone_is_the_perspective_of_a_turned_plane():
 
 
 def test_pinhole_is_the_gnomonic_projection_of_fits():
-    """A TAN world coordinate system of the same attitude puts the same sky at the same pixels (FITS counts from 1)."""
+    """A FITS TAN projection of the same attitude gives the same sky position for each pixel (FITS counts from 1)."""
     camera = Camera(1024, 768, 5000.0, 5200.0, 500.3, 400.7)
     ra, dec, roll = np.radians([56.3, 30.7, 42.8])
     m = cam_from_icrs(ra, dec, roll)
@@ -100,7 +100,8 @@ def test_pinhole_is_the_gnomonic_projection_of_fits():
 
 
 def test_fields_of_view_are_those_of_the_documents():
-    """Jacobs 11.17° x 8.32°, Huffman 30.06° x 24.25°, Moniteq 3.45°; CubeStar's 49.1° x 25.7° is without distortion."""
+    """The fields of view are Jacobs 11.17° x 8.32°, Huffman 30.06° x 24.25°, Moniteq 3.45° and, without distortion,
+    CubeStar 49.1° x 25.7°."""
     fov = {name: np.degrees(p.camera.fov_rad) for name, p in shipped_registry().cameras().items()}
     assert fov["sunsat"] == pytest.approx((11.17, 8.32), abs=0.03)
     assert fov["far_mst"] == pytest.approx((30.06, 24.25), abs=0.01)
@@ -118,7 +119,7 @@ def test_stars_behind_the_camera_have_no_position():
 
 
 def test_impossible_cameras_are_rejected_with_a_message():
-    """Zero pixels, negative focal lengths and a field of 180° are rejected."""
+    """A camera with zero columns and a field of view of 180° are rejected."""
     with pytest.raises(BadInput, match="at least 1 x 1"):
         Camera(0, 10, 1, 1, 0, 0)
     with pytest.raises(BadInput, match="between 0° and 180°"):
@@ -134,7 +135,7 @@ def test_diagonal_bounds_every_pair_on_the_detector():
 
 
 def test_unit_vectors_point_where_the_sky_is():
-    """Higher columns are −east at roll 0, higher rows are south: the image is not mirrored."""
+    """At roll 0, east is at lower columns and north at lower rows: the image is not mirrored."""
     camera = Camera.from_fov(1000, 1000, 0.2)
     m = cam_from_icrs(1.0, 0.3, 0.0)
     east = camera.project((unit_from_ra_dec(1.01, 0.3) @ m.T)[None])[0]

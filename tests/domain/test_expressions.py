@@ -37,14 +37,14 @@ VALUES: dict[str, Quantity | None] = {"hk.t": 20.5, "hk.n": 4, "hk.on": True, "h
     ],
 )
 def test_expressions_have_the_usual_precedence(text: str, value: float | bool | None) -> None:
-    """Signs, products, sums, comparisons, not, and, or; comparisons are not chained."""
+    """Precedence is signs, products, sums, comparisons, not, and, or. Chained comparisons are rejected."""
     if value is None:
         with pytest.raises(BadInput, match="cannot be chained"):
             parse(text)
         return
-    found = parse(text).value(VALUES).value
-    assert found == pytest.approx(value)
-    assert isinstance(found, bool) == isinstance(value, bool)
+    value_found = parse(text).value(VALUES).value
+    assert value_found == pytest.approx(value)
+    assert isinstance(value_found, bool) == isinstance(value, bool)
 
 
 @pytest.mark.parametrize(
@@ -59,12 +59,12 @@ def test_expressions_have_the_usual_precedence(text: str, value: float | bool | 
     ],
 )
 def test_what_cannot_be_computed_is_unknown_with_a_reason(text: str, reason: str) -> None:
-    """Neither an exception nor a number."""
+    """Evaluation returns no value and states the reason; it raises no exception."""
     assert parse(text).value({**VALUES, "hk.nan": math.nan}) == Evaluation(None, reason)
 
 
 def test_one_operand_decides_if_it_suffices() -> None:
-    """False and unknown is false; true or unknown is true."""
+    """``unknown and false`` is false; ``unknown or true`` is true."""
     assert parse("hk.missing > 1 and hk.t < 0").value(VALUES) == Evaluation(False)
     assert parse("hk.missing > 1 or hk.t > 0").value(VALUES) == Evaluation(True)
 
@@ -111,20 +111,20 @@ def test_invalid_text_is_rejected_with_its_position(text: str, words: str) -> No
     ],
 )
 def test_kinds_are_checked_before_a_value_arrives(text: str, words: str) -> None:
-    """A definition that could never be computed is refused when it is written."""
+    """An expression that could never be computed is rejected when it is defined."""
     with pytest.raises(BadInput, match=words):
         parse(text).kind(KINDS)
 
 
 def test_the_kind_of_a_result_and_its_references() -> None:
-    """Each field is named once, in order."""
+    """The kind of the result is derived from the expression. Each referenced field is listed once, in order."""
     expression = parse("hk.t > hk.n or hk.t < 0")
     assert (expression.kind(KINDS), [str(r) for r in expression.references]) == ("bool", ["hk.t", "hk.n"])
     assert (parse("hk.t").kind(KINDS), parse("'a'").kind(KINDS)) == ("number", "text")
 
 
 def test_random_arithmetic_agrees_with_python() -> None:
-    """Sums and products of constants, against Python's own evaluation of the same text."""
+    """Arithmetic with constants gives the same value as Python's evaluation of the same text."""
     random.seed(7)
     for _ in range(500):
         parts = [f"{random.uniform(0.5, 9):.3f}"]
@@ -133,11 +133,11 @@ def test_random_arithmetic_agrees_with_python() -> None:
         if random.random() < 0.5 and len(parts) > 3:
             parts[0], parts[2] = f"({parts[0]}", f"{parts[2]})"
         text = " ".join(parts)
-        assert parse(text).value({}).value == pytest.approx(eval(text)), text  # noqa: S307 - text made here
+        assert parse(text).value({}).value == pytest.approx(eval(text)), text  # noqa: S307 - text generated here
 
 
-def test_random_characters_end_in_a_value_or_in_bad_input() -> None:
-    """No text makes the parser fail in another way."""
+def test_random_text_gives_a_value_or_bad_input() -> None:
+    """Random text is evaluated or rejected with ``BadInput``; it causes no other exception."""
     random.seed(8)
     pieces = [
         "1",

@@ -25,7 +25,7 @@ def test_roll_is_north_counter_clockwise_from_image_up(angles_deg, x_axis, bores
 
 
 def test_angles_and_matrix_are_inverse_at_random_and_at_the_poles():
-    """ra, dec, roll rebuild the matrix; at a pole ra is arbitrary, but with roll it still rebuilds it."""
+    """ra, dec and roll reproduce the matrix, also at a pole, where ra is arbitrary."""
     rng = np.random.default_rng(6)
     matrices = [matrix_from_quaternion(random_quaternion(rng)) for _ in range(200)]
     matrices += [cam_from_icrs(1.0, np.pi / 2, 0.5), cam_from_icrs(4.0, -np.pi / 2, 2.5)]
@@ -35,7 +35,7 @@ def test_angles_and_matrix_are_inverse_at_random_and_at_the_poles():
 
 
 def test_pointing_difference_splits_across_and_about_the_boresight():
-    """A small turn about x or y shows across, a turn about z about."""
+    """A small rotation about x or y is a cross-boresight difference; a rotation about z is one about the boresight."""
     base = cam_from_icrs(1.0, 0.5, 0.2)
     cross, about = pointing_difference_rad(rotation_from_vector(np.array([3e-4, 4e-4, 0])) @ base, base)
     assert cross == pytest.approx(5e-4, rel=1e-6)
@@ -57,7 +57,7 @@ def test_sunsats_boresight_lies_where_jacobs_says_for_every_place_in_the_orbit(i
 
 
 def test_orbit_axes_are_a_right_handed_frame_with_z_down():
-    """+z nadir, +x velocity, +y against the orbit normal."""
+    """+z points to nadir, +x along the velocity and +y against the orbit normal."""
     m = orbit_from_icrs(0.3, 1.2, 2.0)
     assert np.allclose(m @ m.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(m) == pytest.approx(1)

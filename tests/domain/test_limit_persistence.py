@@ -25,7 +25,7 @@ def counted(samples: list[State], n: int, start: Persistence | None = None) -> l
 
 @given(RUNS, PERSISTENCES)
 def test_a_rise_needs_n_samples_at_least_that_bad_and_a_fall_n_samples_no_worse(samples, n):
-    """Each change of the persistent state is supported by all of the last n samples."""
+    """The state rises if the last n samples are at least as bad as the new state, and falls if none of them is worse."""
     before = State.OK
     for k, now in enumerate(counted(samples, n)):
         last = samples[max(0, k + 1 - n) : k + 1]
@@ -42,7 +42,7 @@ def test_a_rise_needs_n_samples_at_least_that_bad_and_a_fall_n_samples_no_worse(
 
 @given(RUNS, STATES, PERSISTENCES)
 def test_n_equal_samples_set_the_state(samples, state, n):
-    """After n samples of one state it is the persistent state, whatever the previous samples were."""
+    """After n samples with the same state, that is the persistent state, whatever the previous samples were."""
     assert counted([*samples, *[state] * n], n)[-1] is state
 
 
@@ -55,13 +55,13 @@ def test_fewer_than_n_samples_change_nothing(samples, n):
 
 @given(RUNS)
 def test_with_persistence_one_every_sample_counts(samples):
-    """The plain limit check is the special case n = 1."""
+    """With n = 1 the persistent state is that of each sample."""
     assert counted(samples, 1) == samples
 
 
 @given(RUNS, PERSISTENCES)
 def test_memory_is_bounded_by_the_persistence(samples, n):
-    """At most n − 1 samples are kept."""
+    """A persistence of n samples stores at most n − 1 of them."""
     run = Persistence()
     for sample in samples:
         run = run.after(sample, n)
@@ -69,13 +69,13 @@ def test_memory_is_bounded_by_the_persistence(samples, n):
 
 
 def test_a_missing_sample_resets_the_count_but_not_the_alarm():
-    """Out, out, nothing, out is not a run of three; an active alarm continues."""
+    """Two violations, a missing sample and a violation are not three in a row. An active alarm remains active."""
     run = Persistence().after(State.WARNING, 3).after(State.WARNING, 3).broken().after(State.WARNING, 3)
     assert run.counted is State.OK
     assert Persistence(State.CRITICAL, (State.OK,)).broken() == Persistence(State.CRITICAL)
 
 
-def test_a_persistence_below_one_is_refused():
+def test_a_persistence_below_one_is_rejected():
     """A persistence of zero samples is rejected."""
     with pytest.raises(BadInput, match="persistence"):
         Persistence().after(State.OK, 0)

@@ -18,8 +18,8 @@ from gss.domain.rotation import (
 )
 
 
-def test_matrix_of_a_quaternion_is_scipys():
-    """The same scalar-last quaternion gives the same matrix as scipy's Rotation."""
+def test_matrix_of_a_quaternion_equals_scipys():
+    """A scalar-last quaternion gives the same matrix as scipy's Rotation."""
     rng = np.random.default_rng(3)
     for _ in range(200):
         q = random_quaternion(rng)
@@ -27,7 +27,7 @@ def test_matrix_of_a_quaternion_is_scipys():
 
 
 def test_quaternion_of_a_matrix_is_exact_near_every_half_turn():
-    """Shepperd's choice keeps full precision where the scalar part vanishes."""
+    """Shepperd's method keeps full precision where the scalar part is near zero."""
     rng = np.random.default_rng(4)
     axes = np.vstack([np.eye(3), rng.normal(size=(50, 3))])
     for axis in axes / np.linalg.norm(axes, axis=1, keepdims=True):
@@ -40,12 +40,12 @@ def test_quaternion_of_a_matrix_is_exact_near_every_half_turn():
 
 @pytest.mark.parametrize(("ours", "axis"), [(rotation_x, "x"), (rotation_y, "y"), (rotation_z, "z")])
 def test_axis_rotations_change_coordinates_as_jacobs_prints_them(ours, axis):
-    """Jacobs 1995 eq. 1.10–1.12 turn the axes, which is the transpose of scipy's active rotation."""
+    """Jacobs 1995 eq. 1.10–1.12 rotate the axes, which is the transpose of scipy's active rotation."""
     assert np.allclose(ours(0.3), Rotation.from_euler(axis, 0.3).as_matrix().T, atol=1e-15)
 
 
 def test_rotation_vector_and_angle_agree_with_scipy():
-    """Rodrigues' rotation and the angle between two rotations are scipy's, small angles included."""
+    """Rodrigues' rotation and the angle between two rotations equal scipy's, also for small angles."""
     rng = np.random.default_rng(5)
     for scale in (1e-8, 1e-3, 1.0):
         v = rng.normal(size=3) * scale

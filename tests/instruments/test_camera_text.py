@@ -15,7 +15,8 @@ from gss.instruments.registry import shipped_registry
 
 @pytest.mark.parametrize("name", shipped_registry().names())
 def test_written_files_are_read_back(name: str) -> None:
-    """Camera and description of every shipped instrument, with a comment and with uncertainties."""
+    """Camera and description of every shipped instrument are equal after writing and reading, also with a comment and
+    an uncertainty."""
     instrument = shipped_registry().get(name)
     content = instrument.camera.model_dump()
     content["geometry"]["focal_length"]["sigma"] = 1.5e-6
@@ -28,8 +29,8 @@ def test_written_files_are_read_back(name: str) -> None:
     load_instrument({**instrument.files, "camera.yaml": text, "instrument.yaml": instrument_text(instrument.about)})
 
 
-def test_a_negative_uncertainty_is_a_mistake_with_its_line() -> None:
-    """The error names file, line and field."""
+def test_a_negative_uncertainty_is_rejected_with_its_line() -> None:
+    """A negative uncertainty is rejected with file, line and field."""
     camera = shipped_registry().get("nos3").camera
     text = camera_text(camera).replace(b'unit: "mm", source', b'unit: "mm", sigma: -1, source', 1)
     with pytest.raises(BadInput, match=r"camera.yaml, line \d+: geometry.focal_length.sigma"):
@@ -37,7 +38,7 @@ def test_a_negative_uncertainty_is_a_mistake_with_its_line() -> None:
 
 
 def test_the_uncertainty_is_part_of_the_listed_numbers() -> None:
-    """Numbers without one say so."""
+    """The list of numbers has the uncertainty of each, and None for a number without one."""
     content = shipped_registry().get("nos3").camera.model_dump()
     content["lens"] = {"model": "brown"} | {
         k: {"value": 0.5, "unit": "1", "sigma": 0.25, "source": "stars"} for k in ("k1", "k2", "p1", "p2")

@@ -1,4 +1,4 @@
-"""The shipped units are the instruments of their documents: field, stars, photometry, times."""
+"""The shipped units agree with the documents of their instruments: field of view, stars, photometry and timing."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SKY_DEG2 = 41_253.0
 
 
 def _field_deg2(name: str) -> float:
-    """Solid angle of the detector through a lens without distortion."""
+    """Return the solid angle that the detector covers with a lens without distortion, in square degrees."""
     camera = shipped_camera(name).camera
     a, b = camera.columns / 2 / camera.focal_col_px, camera.rows / 2 / camera.focal_row_px
     return float(np.degrees(np.degrees(4 * np.arcsin(a * b / np.sqrt((1 + a * a) * (1 + b * b))))))
@@ -39,7 +39,8 @@ def _timing(name: str) -> UnitTiming:
 
 
 def test_oersted_sees_the_stars_of_its_document() -> None:
-    """A circle of 30°, 1539 stars on board, 1107 of them used, 18.9 in an average image (Liebe 1992 Fig. 2, Table 4)."""
+    """The field has the area of a 30° circle. Of 1539 stars on board 1107 are used, 18.9 in an average image
+    (Liebe 1992 Fig. 2, Table 4)."""
     profile = shipped_camera("oersted")
     bank = decode(build_golden(profile, BANK_BYTES).image)
     used = int(np.count_nonzero(bank.v_mag <= prepare(bank, profile).triplets.limit_mag))
@@ -50,7 +51,8 @@ def test_oersted_sees_the_stars_of_its_document() -> None:
 
 
 def test_oersted_solves_rendered_frames_as_its_document() -> None:
-    """The initial estimate succeeds in about 95 % of the images (Liebe 1992 Table 2), and no attitude is wrong."""
+    """At least 25 of 30 images are solved and none wrongly. Liebe 1992 Table 2 states about 95 % for the initial
+    estimate."""
     profile = shipped_camera("oersted")
     golden, chain = build_golden(profile, BANK_BYTES), system("oersted")
     bank = chain.prepare(replace(decode(golden.image), hip=golden.hip), profile)
@@ -60,8 +62,8 @@ def test_oersted_solves_rendered_frames_as_its_document() -> None:
     verdicts: Counter[Verdict] = Counter()
     for k in range(30):
         rng = np.random.default_rng([20, k])
-        turn = rng.normal(size=4)
-        attitude = matrix_from_quaternion(turn / np.linalg.norm(turn))
+        quaternion = rng.normal(size=4)
+        attitude = matrix_from_quaternion(quaternion / np.linalg.norm(quaternion))
         frame = render(stars, profile.camera, profile.sensor, attitude, profile.sensor.exposure_s, rng)
         verdicts[score(onboard.solve(chain, frame.pixels, work), frame.truth, profile.camera)] += 1
     assert verdicts[Verdict.WRONG] == 0
@@ -69,7 +71,8 @@ def test_oersted_solves_rendered_frames_as_its_document() -> None:
 
 
 def test_aim_has_the_photometry_of_its_document() -> None:
-    """V 6 gives 1500 e/s per cm² of an 85 mm f/1.4 lens; dark current, well, noise and exposures of Moniteq's tables."""
+    """A star of V 6 gives 1500 e/s per cm² of an 85 mm f/1.4 lens. Dark current, full well, noise and exposures are those
+    of Moniteq's tables."""
     sensor = shipped_camera("aim").sensor
     assert float(sensor.star_e(6.0, 1.0)) == pytest.approx(43_425, rel=0.001)
     assert (sensor.dark_current_e_s, sensor.full_well_e, sensor.read_noise_e) == (4000.0, 1.3e6, 73.0)
@@ -79,8 +82,8 @@ def test_aim_has_the_photometry_of_its_document() -> None:
     assert _timing("aim").cycle_ms == 4000
 
 
-def test_cubestar_exposes_as_its_imager_can() -> None:
-    """Frame periods of Erlank's Table D.2; the default is register 7."""
+def test_cubestar_has_the_exposures_of_its_imager() -> None:
+    """The frame periods are those of Erlank's Table D.2. The default exposure is that of register 7."""
     sensor = shipped_camera("cubestar").sensor
     assert _timing("cubestar").frame_ms == (90, 300, 337, 386, 450)
     assert (sensor.exposure_s, sensor.exposure_max_s) == (0.386, 0.45)

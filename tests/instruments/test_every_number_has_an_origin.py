@@ -1,4 +1,4 @@
-"""Every number of every package of a document has its place in the document, or the reason why it was chosen."""
+"""Every number in a package based on a document states its place in the document, or why it was chosen."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DOCUMENTS = {
     "aim": "Moniteq 1983",
 }
 FILES = ("camera.yaml", "simulator.yaml", "link.yaml", "catalogue.yaml")
-# Value and place of each number that a document gives, as read there; the other numbers were chosen.
+# Value and place of each number that a document states. All other numbers were chosen.
 FROM_DOCUMENTS: dict[str, dict[str, tuple[float | tuple[float, ...], str]]] = {
     "sunsat": {
         "geometry.columns": (752, "§1.1"),
@@ -100,7 +100,7 @@ FROM_DOCUMENTS: dict[str, dict[str, tuple[float | tuple[float, ...], str]]] = {
 
 
 def _without_origin(content: object, path: str = "", stated: bool = False) -> Iterator[str]:
-    """Yield the paths of numbers that neither their mapping nor one around it states an origin for."""
+    """Yield the paths of numbers for which neither their mapping nor an enclosing mapping states an origin."""
     if isinstance(content, dict):
         stated = stated or bool(content.get("source") or content.get("chosen"))
         for name, value in content.items():
@@ -115,14 +115,15 @@ def _without_origin(content: object, path: str = "", stated: bool = False) -> It
 @pytest.mark.parametrize("name", DOCUMENTS)
 @pytest.mark.parametrize("file", FILES)
 def test_no_number_is_without_origin(name: str, file: str) -> None:
-    """Camera, simulated unit, line and banks: a source or a reason beside each number or each group of numbers."""
+    """In the files for camera, simulated unit, line and catalogue, each number or group of numbers has a source or a
+    reason."""
     content = yaml.safe_load((SHIPPED / name / file).read_text("utf-8"))
     assert list(_without_origin(content)) == []
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_a_unit_states_its_times_currents_and_defects(name: str) -> None:
-    """No unit silently uses the values of the model."""
+    """Each unit states its defects and the origin of its timing and power values; none uses defaults silently."""
     simulator = shipped_registry().get(name).simulator
     assert simulator is not None
     assert simulator.defects is not None
@@ -131,8 +132,8 @@ def test_a_unit_states_its_times_currents_and_defects(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)
-def test_numbers_from_a_document_are_the_documents(name: str) -> None:
-    """Each number with a source has the value read at that place; every other number was chosen."""
+def test_numbers_with_a_source_equal_those_of_the_document(name: str) -> None:
+    """Each number with a source has the value that the document states at that place; all other numbers were chosen."""
     expected = FROM_DOCUMENTS[name]
     sourced = {f"{n.part}.{n.name}": n for n in shipped_registry().get(name).camera.numbers() if n.source}
     # Stray light is scaled from Moniteq's table for every camera.

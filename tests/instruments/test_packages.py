@@ -18,14 +18,14 @@ CUBESTAR = read_package_files(SHIPPED / "cubestar")
 
 
 def changed(file: str, old: str, new: str) -> dict[str, bytes]:
-    """Files of the cubestar package with one text replaced."""
+    """Return the files of the cubestar package with one text replaced."""
     text = CUBESTAR[file].decode()
     assert old in text
     return {**CUBESTAR, file: text.replace(old, new, 1).encode()}
 
 
 def renamed(name: str) -> dict[str, bytes]:
-    """Files of the cubestar package under another name."""
+    """Return the files of the cubestar package with another name."""
     return changed("instrument.yaml", "id: cubestar", f"id: {name}")
 
 
@@ -48,8 +48,8 @@ def renamed(name: str) -> dict[str, bytes]:
         ("simulator.yaml", "hot_share: ", "hot_shares: ", "defects.hot_shares", "not permitted"),
     ],
 )
-def test_a_mistake_is_named_by_file_line_and_field(file: str, old: str, new: str, field: str, reason: str) -> None:
-    """The error has the file, the line of the field in that file, its path and the reason."""
+def test_an_error_states_file_line_and_field(file: str, old: str, new: str, field: str, reason: str) -> None:
+    """The error states the file, the line of the field in that file, the field's path and the reason."""
     files = changed(file, old, new)
     with pytest.raises(BadInput) as caught:
         load_instrument(files)
@@ -62,8 +62,8 @@ def test_a_mistake_is_named_by_file_line_and_field(file: str, old: str, new: str
     assert field.split(".")[-1] in lines[number - 1] or field.split(".")[-2] in lines[number - 1]
 
 
-def test_all_mistakes_of_a_file_are_reported_together() -> None:
-    """Two wrong numbers give two lines of text."""
+def test_all_errors_of_a_file_are_reported_together() -> None:
+    """The error for a file with two wrong units names both fields."""
     text = CUBESTAR["camera.yaml"].decode().replace("unit: mag", "unit: lux")
     with pytest.raises(BadInput) as caught:
         load_instrument({**CUBESTAR, "camera.yaml": text.encode()})
@@ -84,8 +84,8 @@ def test_all_mistakes_of_a_file_are_reported_together() -> None:
         ("<<: {a: 1}\n", "plain text"),
     ],
 )
-def test_yaml_that_a_package_does_not_need_is_refused(text: str, reason: str) -> None:
-    """Aliases, duplicate keys, deep nesting, tags and merge keys are errors with the file's name."""
+def test_unneeded_yaml_features_are_rejected(text: str, reason: str) -> None:
+    """Aliases, duplicate keys, deep nesting, tags and merge keys are rejected with the file's name."""
     with pytest.raises(BadInput, match=r"instrument\.yaml") as caught:
         load_instrument({**CUBESTAR, "instrument.yaml": text.encode()})
     assert reason in str(caught.value)
@@ -100,13 +100,13 @@ def test_exponents_without_a_point_are_numbers() -> None:
 
 
 def test_only_true_and_false_are_booleans() -> None:
-    """``on``, ``off``, ``yes`` and ``no`` are text, as in YAML 1.2, so that an argument can be named so."""
+    """``on``, ``off``, ``yes`` and ``no`` are text, as in YAML 1.2, so that they can be names of arguments."""
     content = parse_yaml("procedure.yaml", b"a: on\nb: [off, yes, No]\nc: true\nd: False\n").content
     assert content == {"a": "on", "b": ["off", "yes", "No"], "c": True, "d": False}
 
 
 def test_missing_and_unknown_files_are_errors() -> None:
-    """A package needs instrument.yaml and camera.yaml and contains nothing else than package files."""
+    """A package without camera.yaml, or with a file that is not a package file, is rejected."""
     with pytest.raises(BadInput, match=r"camera\.yaml is missing"):
         load_instrument({k: v for k, v in CUBESTAR.items() if k != "camera.yaml"})
     with pytest.raises(BadInput, match="no such file"):
@@ -114,34 +114,34 @@ def test_missing_and_unknown_files_are_errors() -> None:
 
 
 def test_the_version_follows_the_content() -> None:
-    """Comments, layout and line ends leave the version; a number, a procedure or the dictionary changes it."""
+    """Comments and line ends do not change the version; a number or a procedure changes it."""
     version = load_instrument(CUBESTAR).version
     remarks = {name: b"# remark\r\n" if name.endswith(".yaml") else b"" for name in CUBESTAR}
     remarked = {name: remarks[name] + data.replace(b"\n", b"\r\n") for name, data in CUBESTAR.items()}
     assert load_instrument(remarked).version == version
     assert load_instrument(changed("camera.yaml", "value: 6.28", "value: 6.29")).version != version
     assert load_instrument({**CUBESTAR, "procedures/start.md": b"# Start\n"}).version != version
-    own = {**changed("instrument.yaml", "dictionary: gss-common\n", ""), "dictionary.yaml": DICTIONARY}
-    assert load_instrument(own).dictionary.hash == load_instrument(CUBESTAR).dictionary.hash
+    with_dictionary = {**changed("instrument.yaml", "dictionary: gss-common\n", ""), "dictionary.yaml": DICTIONARY}
+    assert load_instrument(with_dictionary).dictionary.hash == load_instrument(CUBESTAR).dictionary.hash
 
 
 DICTIONARY = (SHIPPED.parent / "dictionary" / "gss-common.yaml").read_bytes()
 
 
-def test_a_mistake_in_the_packages_own_dictionary_is_named() -> None:
-    """File, line and row."""
-    own = changed("instrument.yaml", "dictionary: gss-common\n", "")
+def test_an_error_in_the_packages_dictionary_states_its_line() -> None:
+    """An invalid dictionary.yaml is rejected with file and line, and so is a package with two dictionaries."""
+    without_shared = changed("instrument.yaml", "dictionary: gss-common\n", "")
     broken = DICTIONARY.replace(
         b"type: u16, unit: ms, min: 1, max: 2000,", b"type: u12, unit: ms, min: 1, max: 2000,", 1
     )
     with pytest.raises(BadInput, match=r"dictionary\.yaml, line \d+: .*unknown type"):
-        load_instrument({**own, "dictionary.yaml": broken})
+        load_instrument({**without_shared, "dictionary.yaml": broken})
     with pytest.raises(BadInput, match="remove one of the two"):
         load_instrument({**CUBESTAR, "dictionary.yaml": DICTIONARY})
 
 
 def archive(entries: dict[str, bytes]) -> bytes:
-    """A zip archive with any names."""
+    """Return a zip archive with these files, without any check of their names."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
         for name, data in entries.items():
@@ -150,7 +150,7 @@ def archive(entries: dict[str, bytes]) -> bytes:
 
 
 def test_an_archive_gives_the_same_package() -> None:
-    """With and without an enclosing folder."""
+    """An archive, with or without an enclosing folder, has the same version as its files."""
     version = load_instrument(CUBESTAR).version
     assert load_instrument(read_zip(write_zip("cubestar", CUBESTAR))).version == version
     assert load_instrument(read_zip(archive(dict(CUBESTAR)))).version == version
@@ -159,14 +159,15 @@ def test_an_archive_gives_the_same_package() -> None:
 @pytest.mark.parametrize(
     "name", ["../instrument.yaml", "/instrument.yaml", "a/../../instrument.yaml", "procedures/../x.md", "a\\b.yaml"]
 )
-def test_an_archive_cannot_name_files_elsewhere(name: str) -> None:
-    """Absolute names and names with dots are refused."""
+def test_an_archive_cannot_contain_outside_paths(name: str) -> None:
+    """Absolute paths, paths with ``..`` and paths with backslashes are rejected."""
     with pytest.raises(BadInput, match="no such file"):
         read_zip(archive({**CUBESTAR, name: b"x"}))
 
 
-def test_an_archive_that_expands_without_end_is_refused() -> None:
-    """A file of 300 MB of zeros is cut off at the limit, however small the archive; so are many files."""
+def test_a_decompression_bomb_is_rejected() -> None:
+    """A small archive that expands to 300 times the file limit, an archive with too many files and an invalid archive
+    are rejected."""
     bomb = archive({**CUBESTAR, "procedures/big.md": b"\0" * (300 * MAX_FILE_BYTES)})
     assert len(bomb) < MAX_FILE_BYTES
     with pytest.raises(BadInput, match="too large"):
@@ -177,7 +178,7 @@ def test_an_archive_that_expands_without_end_is_refused() -> None:
         read_zip(b"PK\3\4 not a zip")
 
 
-def test_a_link_to_another_file_is_refused(tmp_path: Path) -> None:
+def test_a_link_to_another_file_is_rejected(tmp_path: Path) -> None:
     """A folder with a symbolic link is not read."""
     write_folder(tmp_path / "a", CUBESTAR)
     (tmp_path / "a" / "link.yaml").unlink()
@@ -187,7 +188,8 @@ def test_a_link_to_another_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_added_package_is_found_and_a_changed_one_read_again(tmp_path: Path) -> None:
-    """The registry has it at once, keeps the former version for comparison, and notices an edited file."""
+    """The registry lists an added package immediately, keeps the previous version for comparison, and reads edited
+    files again."""
     registry = Registry(tmp_path)
     first = registry.add(renamed("mine"))
     second = registry.add({**renamed("mine"), "procedures/start.md": b"# Start\n"})
@@ -200,8 +202,9 @@ def test_an_added_package_is_found_and_a_changed_one_read_again(tmp_path: Path) 
     assert Registry(tmp_path).get("mine").version == registry.get("mine").version
 
 
-def test_an_invalid_package_is_reported_and_harms_no_other(tmp_path: Path) -> None:
-    """It is listed as broken with its reason; nothing of it is loaded, and a rejected one is not installed."""
+def test_an_invalid_package_does_not_affect_the_others(tmp_path: Path) -> None:
+    """An invalid package is listed as broken with the reason and is not loaded. An invalid or shipped package cannot be
+    added."""
     registry = Registry(tmp_path)
     write_folder(tmp_path / "broken", changed("camera.yaml", "value: 6.28", "value: much"))
     write_folder(tmp_path / "other", CUBESTAR)

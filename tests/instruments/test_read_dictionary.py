@@ -17,7 +17,7 @@ TEXT = resources.files("gss.instruments.dictionary").joinpath("gss-common.yaml")
 
 
 def test_interface_document_is_up_to_date() -> None:
-    """docs/icd.md is generated from the dictionary; ``gss export icd --out docs/icd.md`` renews it."""
+    """docs/icd.md is equal to the document generated from the dictionary. ``gss export icd --out docs/icd.md`` updates it."""
     path = Path(__file__).parents[2] / "docs" / "icd.md"
     assert path.read_text("utf-8") == icd_markdown(load_dictionary())
 
@@ -27,14 +27,16 @@ LAYOUT = "e800eadc6c2cd92bcbc3252b6cd58d812db2b55ccd7e6bb538729fd711047e1b"
 
 
 def test_a_changed_layout_does_not_claim_to_be_an_earlier_one() -> None:
-    """If this fails after you changed a field, range or code: empty ``same_layout_as``, raise ``version``, and enter the new
-    hash above. Otherwise a unit with the earlier layout would be read as if it had the new one."""
+    """A dictionary with a changed layout has an empty ``same_layout_as``.
+
+    If this fails after you changed a field, range or code: empty ``same_layout_as``, increase ``version``, and enter the
+    new hash above. Otherwise a unit with the earlier layout would be decoded with the new one."""
     dictionary = load_dictionary()
     assert dictionary.hash.hex() == LAYOUT or not dictionary.same_layout_as, dictionary.hash.hex()
 
 
 def test_hash_depends_on_the_layout_and_not_on_order_or_descriptions() -> None:
-    """A comment, another order of keys or another description leaves the hash; a changed range does not."""
+    """A comment, another order of keys or another description does not change the hash; another timeout does."""
     content = yaml.safe_load(TEXT)
     assert parse_dictionary(yaml.safe_dump(content)).hash == load_dictionary().hash
     assert parse_dictionary(TEXT + "# remark\n").hash == load_dictionary().hash
@@ -67,8 +69,8 @@ def test_hash_depends_on_the_layout_and_not_on_order_or_descriptions() -> None:
         ("commands:", "commands: [", "not YAML"),
     ],
 )
-def test_a_wrong_row_is_refused_and_named(old: str, new: str, message: str) -> None:
-    """Each kind of mistake in the file is found when it is loaded."""
+def test_an_invalid_row_is_rejected_with_the_reason(old: str, new: str, message: str) -> None:
+    """A dictionary with an error of any kind is rejected when it is loaded, with the reason."""
     assert old in TEXT
     with pytest.raises(BadInput) as caught:
         parse_dictionary(TEXT.replace(old, new, 1))
@@ -95,7 +97,7 @@ def test_hazardous_commands_are_marked() -> None:
 
 
 def test_a_value_of_an_enumeration_can_be_the_hazard() -> None:
-    """POWER is harmless switching on and a warning with its reason switching off; the worse of both counts."""
+    """POWER has no hazard when it switches on, and a warning with a reason when it switches off."""
     d = load_dictionary()
     power = d.command("POWER")
     assert power.hazard_for({"rail": "sram", "state": "on"}) == (Hazard.NONE, "")
@@ -107,7 +109,7 @@ def test_a_value_of_an_enumeration_can_be_the_hazard() -> None:
 
 
 def test_limits_follow_the_chosen_set() -> None:
-    """A field without limits for a set keeps its own; persistence is 1 unless the row says more."""
+    """A field has limits for a set only if its row states them. Persistence is 1 unless stated."""
     d = load_dictionary()
     fields = {f.name: f for f in d.packet("housekeeping").values}
     warm, rate = fields["sensor_temperature_c"], fields["rate_deg_s"]
@@ -120,14 +122,14 @@ def test_limits_follow_the_chosen_set() -> None:
 
 
 def test_only_a_simulator_has_the_instructors_commands() -> None:
-    """Exactly the commands whose name starts with SIM_ are marked."""
+    """The commands marked as simulator-only are exactly those whose name starts with ``SIM_``."""
     assert {c.name for c in load_dictionary().commands if c.simulator_only} == {
         c.name for c in load_dictionary().commands if c.name.startswith("SIM_")
     }
 
 
 def test_unknown_names_list_the_known_ones() -> None:
-    """Look-ups fail with the list of names; codes from the line give None."""
+    """Look-up of an unknown name raises an error with the known names. Look-up of an unknown code returns None."""
     d = load_dictionary()
     with pytest.raises(NotFound, match="TAKE_IMAGE"):
         d.command("TAKE_PICTURE")
@@ -140,7 +142,7 @@ def test_unknown_names_list_the_known_ones() -> None:
 
 
 def test_conversion_is_the_polynomial() -> None:
-    """Raw to engineering by Horner; without coefficients nothing changes."""
+    """Raw values are converted with the polynomial. Values without coefficients and text are returned unchanged."""
     assert Conversion((2.0, 3.0, 0.5)).engineering(4) == pytest.approx(2 + 12 + 8)
     assert Conversion().engineering(4) == 4
     assert Conversion((1.0, 1.0)).engineering("text") == "text"
@@ -158,7 +160,7 @@ def test_conversion_is_the_polynomial() -> None:
     ],
 )
 def test_preconditions_compare(op: str, value: int | str, left: int | str, met: bool) -> None:
-    """Each operator, and unknown where the field is not known."""
+    """Each operator compares the field with the value. The result is None if the field is unknown."""
     condition = Precondition("f", op, value, "")
     assert condition.met({"f": left}) is met
     assert condition.met({}) is None

@@ -1,4 +1,4 @@
-"""Dictionaries as XTCE: what ``gss export xtce`` writes is read back equal; what has no row is refused by name and line."""
+"""Dictionaries as XTCE: exported documents are read back equal; unsupported elements are rejected with name and line."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ MINUTES = """<VerifierSet><AcceptedVerifier><ComparisonList/><CheckWindow timeTo
 
 
 def ours(facts: str) -> str:
-    """Return the element with our own data."""
+    """Return the ancillary element with data of GSS."""
     return f'<AncillaryDataSet><AncillaryData name="gss">{facts}</AncillaryData></AncillaryDataSet>'
 
 
@@ -85,21 +85,21 @@ def read(text: str) -> Dictionary:
     ("name", "order"), [("cubestar", "big"), ("nos3", "big"), ("sagitta", "little"), ("oresat", "little")]
 )
 def test_the_exported_dictionary_is_read_back_equal(name: str, order: str) -> None:
-    """All rows, their order and the hash are equal, for each shipped dictionary."""
+    """Export and import return an equal dictionary and byte order, for each shipped dictionary."""
     instrument = shipped_registry().get(name)
-    found = read_xtce("dictionary.xml", xtce_of(instrument).encode())
-    assert found.dictionary == instrument.dictionary
-    assert found.byte_order == order
+    document_read = read_xtce("dictionary.xml", xtce_of(instrument).encode())
+    assert document_read.dictionary == instrument.dictionary
+    assert document_read.byte_order == order
 
 
 def test_repeated_rows_are_read_back_equal() -> None:
-    """A list is the same whether its rows are bytes or repeated containers; also one with a fixed number of rows."""
+    """Lists exported as repeated containers are read back equal, also with a fixed number of rows."""
     sagitta = shipped_registry().get("sagitta")
     assert read(xtce_of(sagitta, repeat_lists=True)) == sagitta.dictionary
 
 
 def test_an_edited_document_has_another_hash() -> None:
-    """The stated hash is used only for the layout that it was stated for."""
+    """An edited document has another hash, because a stated hash applies only to its layout."""
     changed = read(document().replace('label="solved"', 'label="valid"'))
     assert changed.packet("attitude").values[4].choices[1].name == "valid"
     assert changed.hash != NOS3.dictionary.hash
@@ -107,7 +107,8 @@ def test_an_edited_document_has_another_hash() -> None:
 
 
 def test_a_foreign_document_becomes_a_dictionary() -> None:
-    """Codes from the comparison and the assigned argument; units, calibration, alarms, ranges and significance are read."""
+    """Codes are read from comparisons and assigned arguments. Units, calibrations, alarms, ranges and significance are
+    read too."""
     expected = parse_dictionary("""
 version: 1
 device_model: THERMO
@@ -120,9 +121,9 @@ telemetry:
 events: []
 services: []
 """)
-    found = read(FOREIGN)
-    assert (found.commands, found.telemetry) == (expected.commands, expected.telemetry)
-    assert (found.version, found.device_model) == (1, "THERMO")
+    dictionary = read(FOREIGN)
+    assert (dictionary.commands, dictionary.telemetry) == (expected.commands, expected.telemetry)
+    assert (dictionary.version, dictionary.device_model) == (1, "THERMO")
 
 
 @pytest.mark.parametrize(
@@ -199,8 +200,8 @@ def test_unsupported_elements_are_rejected_with_name_and_line(old: str, new: str
     assert "dictionary.xml" in str(error.value)
 
 
-def test_entries_between_packet_and_header_are_refused() -> None:
-    """A container between header and packet would be lost, because a dictionary has the content of packets alone."""
+def test_entries_between_packet_and_header_are_rejected() -> None:
+    """A container between header and packet is rejected, because a dictionary contains only the content of packets."""
     middle = (
         '<SequenceContainer name="Time" abstract="true"><EntryList><ParameterRefEntry parameterRef="Kind"/></EntryList>'
     )
@@ -213,10 +214,11 @@ def test_entries_between_packet_and_header_are_refused() -> None:
 
 
 def test_a_package_may_have_its_dictionary_as_xtce() -> None:
-    """The instrument is the same; the file and link.yaml must agree on the byte order; two dictionaries are refused."""
+    """A package with dictionary.xml is the same instrument. A byte order that differs from link.yaml and two
+    dictionaries are rejected."""
     files = {k: v for k, v in NOS3.files.items() if k != "dictionary.yaml"} | {"dictionary.xml": document().encode()}
-    found = load_instrument(files)
-    assert (found.dictionary, found.version) == (NOS3.dictionary, NOS3.version)
+    instrument = load_instrument(files)
+    assert (instrument.dictionary, instrument.version) == (NOS3.dictionary, NOS3.version)
     little = {**files, "link.yaml": files["link.yaml"].replace(b"byte_order: big", b"byte_order: little")}
     with pytest.raises(BadInput, match="different byte orders"):
         load_instrument(little)
@@ -224,17 +226,17 @@ def test_a_package_may_have_its_dictionary_as_xtce() -> None:
         load_instrument({**NOS3.files, "dictionary.xml": document().encode()})
 
 
-def test_what_xtce_cannot_express_is_not_exported() -> None:
-    """XTCE permits no dot in names; the export reports it instead of writing an invalid document."""
+def test_names_that_xtce_does_not_allow_are_not_exported() -> None:
+    """A name with a dot, which XTCE does not allow, is rejected at export; no invalid document is written."""
     text = "version: 1\ndevice_model: a.b\ncommands: []\ntelemetry: []\nevents: []\nservices: []\n"
     with pytest.raises(BadInput, match="XTCE does not allow this name"):
         xtce(parse_dictionary(text), headers=False)
 
 
 def test_hazards_of_choices_and_limit_sets_are_kept() -> None:
-    """What XTCE has no element for is in our own data of the document."""
-    found = load_dictionary()
-    text = xtce(found)
-    assert read(text).limit_sets == found.limit_sets
+    """Properties for which XTCE has no element are exported as ancillary data of GSS and are read back."""
+    dictionary = load_dictionary()
+    text = xtce(dictionary)
+    assert read(text).limit_sets == dictionary.limit_sets
     assert '"sets":{"' in text
     assert 'consequenceLevel="critical"' in text

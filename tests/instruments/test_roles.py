@@ -18,12 +18,12 @@ CUBESTAR = read_package_files(SHIPPED / "cubestar")
 
 
 def roles_of(text: str) -> Roles:
-    """Roles in a text, for the shared dictionary."""
+    """Return the roles in a text, for the shared dictionary."""
     return read_roles(parse_yaml("operations.yaml", text.encode()), load_dictionary())
 
 
 def test_every_operation_of_the_shared_protocol_is_mapped() -> None:
-    """The instruments of the documents have every standard operation, and share one file."""
+    """Every instrument with the shared dictionary has all standard operations, and uses the shared file."""
     shared = default_roles(load_dictionary())
     assert set(shared.operations.names()) == set(Operation)
     for instrument in (i for i in shipped_registry().all() if i.about.dictionary == SHARED):
@@ -33,7 +33,7 @@ def test_every_operation_of_the_shared_protocol_is_mapped() -> None:
 
 
 def test_every_command_is_in_a_subsystem_that_has_a_permission() -> None:
-    """Otherwise only administrators could send it."""
+    """Each command belongs to a subsystem with a permission; otherwise only administrators could send it."""
     for instrument in shipped_registry().all():
         assert {c.subsystem for c in instrument.dictionary.commands} <= set(GROUPS), instrument.name
 
@@ -75,25 +75,25 @@ def test_every_command_is_in_a_subsystem_that_has_a_permission() -> None:
         ("events:\n  boot: START\n", "line 2: events.boot", "no event START"),
     ],
 )
-def test_a_wrong_name_is_refused_with_line_field_and_reason(text: str, place: str, reason: str) -> None:
-    """An unknown command, argument, packet, field or event is named with its line, field and reason."""
+def test_a_wrong_name_is_rejected_with_line_field_and_reason(text: str, place: str, reason: str) -> None:
+    """An unknown command, argument, packet, field or event is rejected with its line, field and reason."""
     with pytest.raises(BadInput) as caught:
         roles_of(text)
     assert f"operations.yaml, {place}" in str(caught.value)
     assert reason in str(caught.value)
 
 
-def test_the_package_reports_the_file_that_has_the_mistake() -> None:
-    """A package's own operations.yaml is checked when the package is read, and replaces the shared file."""
+def test_operations_of_a_package_are_checked_and_replace_the_shared_ones() -> None:
+    """A package's operations.yaml is checked when the package is read, and replaces the shared file."""
     with pytest.raises(BadInput, match=r"operations\.yaml, line 1"):
         load_instrument({**CUBESTAR, "operations.yaml": b"operations: {hello: {command: HULLO}}\n"})
-    own = load_instrument({**CUBESTAR, "operations.yaml": b"operations: {hello: {command: HELLO}}\n"})
-    assert own.roles.operations.names() == (Operation.HELLO,)
-    assert own.version != load_instrument(CUBESTAR).version
+    instrument = load_instrument({**CUBESTAR, "operations.yaml": b"operations: {hello: {command: HELLO}}\n"})
+    assert instrument.roles.operations.names() == (Operation.HELLO,)
+    assert instrument.version != load_instrument(CUBESTAR).version
 
 
 def test_arguments_are_renamed_and_converted_both_ways() -> None:
-    """Standard arguments become the command's, in its unit and type, and back."""
+    """Standard arguments are converted to the command's arguments, in its unit and type, and back."""
     text = (
         "operations:\n  take_image: {command: TAKE_IMAGE, arguments: {exposure_s: {name: exposure_ms, scale: 1000}}}\n"
     )
@@ -106,7 +106,7 @@ def test_arguments_are_renamed_and_converted_both_ways() -> None:
 
 
 def test_fixed_arguments_are_added() -> None:
-    """An operation may be a command with a value that never changes."""
+    """An operation can be mapped to a command with a fixed argument, which is added to each call."""
     roles = roles_of("operations: {stop_cycle: {command: SET_MODE, fixed: {mode: standby}}}\n")
     assert roles.operations.call(Operation.STOP_CYCLE).arguments == {"mode": "standby"}
 
@@ -118,15 +118,15 @@ def test_fixed_arguments_are_added() -> None:
         (Operation.SET_TIME, "This sensor has no command to set time."),
     ],
 )
-def test_an_absent_operation_is_refused_with_one_sentence(operation: Operation, sentence: str) -> None:
-    """The reason is a sentence for the operator."""
+def test_an_absent_operation_is_rejected_with_one_sentence(operation: Operation, sentence: str) -> None:
+    """An operation that the instrument lacks is rejected with a sentence for the operator."""
     with pytest.raises(Conflict) as caught:
         roles_of("operations: {hello: {command: HELLO}}\n").operations.require(operation)
     assert caught.value.message == sentence
 
 
 def test_a_quaternion_is_read_in_its_order_and_sense() -> None:
-    """The result is scalar-last and turns from ICRS to camera, whatever the instrument sends."""
+    """A quaternion with another order and direction is converted to scalar-last and ICRS to camera."""
     head = "quantities:\n  attitude:\n    packet: attitude\n"
     head += "    quaternion: [quaternion_w, quaternion_x, quaternion_y, quaternion_z]\n"
     attitude = roles_of(head + "    order: scalar_first\n    rotation: icrs_from_cam\n").quantities.attitude
@@ -134,8 +134,8 @@ def test_a_quaternion_is_read_in_its_order_and_sense() -> None:
     assert attitude.quaternion_of(values) == (-0.1, -0.2, -0.3, 0.5)
 
 
-def test_an_own_dictionary_without_own_roles_keeps_what_it_shares() -> None:
-    """A dictionary that lacks a command of the shared protocol lacks that operation alone."""
+def test_a_separate_dictionary_keeps_the_operations_it_shares() -> None:
+    """A dictionary that lacks one command of the shared protocol lacks only that operation."""
     text = (SHIPPED.parent / "dictionary" / "gss-common.yaml").read_text()
-    own = read_dictionary("dictionary.yaml", text.replace("name: TAKE_IMAGE", "name: EXPOSE").encode())
-    assert set(Operation) - set(default_roles(own).operations.names()) == {Operation.TAKE_IMAGE}
+    dictionary = read_dictionary("dictionary.yaml", text.replace("name: TAKE_IMAGE", "name: EXPOSE").encode())
+    assert set(Operation) - set(default_roles(dictionary).operations.names()) == {Operation.TAKE_IMAGE}

@@ -1,4 +1,4 @@
-"""A second camera needs a package and no code: it is checked, added, simulated, and its frames are solved."""
+"""A second camera needs only a package and no code."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gss.pipeline.render import render
 
 
 def test_a_camera_is_added_by_its_package_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A copy of cubestar with a focal length of 9 mm: check, add, list, simulate, solve."""
+    """A copy of cubestar with a focal length of 9 mm is checked, added, listed and simulated, and its frame is solved."""
     data = tmp_path / "data"
     (data / "instruments").mkdir(parents=True)
     new = ["instrument", "new", "longer", "--from", "cubestar", "--into", str(tmp_path), "--title", "CubeStar: 9 mm"]
@@ -38,7 +38,7 @@ def test_a_camera_is_added_by_its_package_alone(tmp_path: Path, capsys: pytest.C
     assert "+  focal_length: {value: 9.0" in capsys.readouterr().out
 
     registry = Registry(data / "instruments")
-    known = registry.camera("longer")
+    camera_profile = registry.camera("longer")
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     simulated = instrument_of(parser.parse_args(["--instrument", str(registry.folder("longer"))]))
@@ -49,8 +49,8 @@ def test_a_camera_is_added_by_its_package_alone(tmp_path: Path, capsys: pytest.C
 
     stars = propagate(load_stars(6.0), 2026.5)
     pose = cam_from_icrs(1.4, 0.1, 0.3)
-    drawn = render(stars, known.camera, known.sensor, pose, 0.25, np.random.default_rng(5))
-    result = Solver(registry.camera, epoch_jyear=2026.5).solve(drawn.pixels, SolveRequest(profile="longer"))
+    frame = render(stars, camera_profile.camera, camera_profile.sensor, pose, 0.25, np.random.default_rng(5))
+    result = Solver(registry.camera, epoch_jyear=2026.5).solve(frame.pixels, SolveRequest(profile="longer"))
     assert result.outcome is Outcome.SOLVED
     assert result.attitude is not None
     assert np.allclose(result.attitude.cam_from_icrs, pose, atol=2e-3)

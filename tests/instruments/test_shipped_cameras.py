@@ -1,4 +1,4 @@
-"""The shipped packages describe the same cameras as the program's former constants, bit for bit."""
+"""The shipped packages describe exactly the same cameras as the former constants of the program."""
 
 from __future__ import annotations
 
@@ -268,7 +268,7 @@ EXPECTED: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("name", sorted(EXPECTED))
 def test_a_shipped_camera_has_the_same_numbers(name: str) -> None:
-    """Geometry, photometry, defects and baffle equal the literal values, without any tolerance."""
+    """Geometry, photometry, defects and baffle equal the literal values exactly."""
     profile = shipped_registry().camera(name)
     values = asdict(profile)
     lens = values["camera"].pop("distortion")
@@ -286,7 +286,8 @@ OF_OTHER_MAKERS = {"nos3", "oresat", "sagitta"}
 
 
 def test_the_shipped_instruments_are_those_of_the_documents_and_of_other_makers() -> None:
-    """No more and no fewer; all of them are valid, and those of the documents share one dictionary."""
+    """The shipped instruments are exactly these, all are valid with different versions, and those of the documents share
+    one dictionary."""
     registry = shipped_registry()
     assert set(registry.names()) == set(EXPECTED) | OF_OTHER_MAKERS
     assert registry.broken() == ()

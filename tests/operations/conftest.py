@@ -1,4 +1,4 @@
-"""A migrated database with an event bus, and clocks that tests set."""
+"""Migrated database with an event bus, a clock that tests set, and an operator console."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from gss.store.engine import Database, migrate, open_engine
 
 
 class ManualClock:
-    """A clock that advances only when a test advances it."""
+    """Clock that advances only when a test advances it."""
 
     def __init__(self) -> None:
         self.at = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
@@ -47,13 +47,13 @@ class ManualClock:
 
 @pytest.fixture
 def clock() -> ManualClock:
-    """The manual clock."""
+    """Manual clock."""
     return ManualClock()
 
 
 @pytest.fixture
 def database(tmp_path: Path) -> Iterator[Database]:
-    """An SQLite database at the newest schema."""
+    """SQLite database with the newest schema."""
     url = f"sqlite:///{tmp_path / 'gss.db'}"
     migrate(url)
     database = Database(open_engine(url))
@@ -63,7 +63,7 @@ def database(tmp_path: Path) -> Iterator[Database]:
 
 @pytest.fixture
 def bus(database: Database, clock: ManualClock) -> EventBus:
-    """The bus on that database."""
+    """Event bus of the database."""
     return EventBus(database, clock)
 
 
@@ -71,9 +71,9 @@ ENDED = ("completed", "rejected", "failed", "unknown", "withdrawn")
 
 
 class OperatorConsole:
-    """An operator's commanding services on a sensor in memory.
+    """An operator's commanding services with a sensor in memory.
 
-    ``now``: a clock that the caller owns; ``schedule``: the schedule service subscribes to the link.
+    ``now``: clock; ``schedule``: the schedule service subscribes to the link.
     """
 
     def __init__(
@@ -166,7 +166,7 @@ class OperatorConsole:
 
 @pytest.fixture
 def make_console(sensor_in_memory, database, bus, clock, tmp_path) -> Iterator[Callable[..., OperatorConsole]]:
-    """Factory of consoles that use the same store one after the other; each closes its link at the end."""
+    """Factory of consoles that use the same store one after another. Each closes its link at the end."""
     made: list[OperatorConsole] = []
 
     def make(
@@ -180,5 +180,5 @@ def make_console(sensor_in_memory, database, bus, clock, tmp_path) -> Iterator[C
         return made[-1].start()
 
     yield make
-    for desk in made:
-        desk.stop()
+    for console in made:
+        console.stop()

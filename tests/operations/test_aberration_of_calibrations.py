@@ -1,4 +1,4 @@
-"""Aberration in calibrations: ahead of the moving Earth the sky contracts by 1e-4; the calibrated camera must not."""
+"""Aberration in calibrations: ahead of the moving Earth the sky contracts by 1e-4, which must not change the calibration."""
 
 from __future__ import annotations
 
@@ -38,10 +38,9 @@ FRAMES = 14
 
 
 def shots(solver: Solver, *, corrected: bool) -> list[Shot]:
-    """Frames near the apex of the Earth's motion as a moving observer sees them; with the observer's velocity if
-    ``corrected``.
-    """
-    rng, made = np.random.default_rng(7), []
+    """Return frames with aberration near the apex of the Earth's motion. They have the observer's velocity if
+    ``corrected``."""
+    rng, shots_made = np.random.default_rng(7), []
     observer = observer_at(NIGHT)
     velocity_c = np.array(observer.velocity_c)
     x, y, z = velocity_c / np.linalg.norm(velocity_c)
@@ -53,23 +52,23 @@ def shots(solver: Solver, *, corrected: bool) -> list[Shot]:
         )
         shot = Shot(f"{k}", taken, 0.25, 12, lambda: None, observer=observer if corrected else None)
         table = solver.cache.stars(epoch_at(shot.taken)).brighter_than(6.5)
-        seen = replace(table, icrs=aberrate(table.icrs, velocity_c))
-        pixels = render(seen, KNOWN.camera, KNOWN.sensor, attitude, 0.25, rng).pixels
-        made.append(replace(shot, pixels=partial(np.asarray, pixels)))
+        apparent_table = replace(table, icrs=aberrate(table.icrs, velocity_c))
+        pixels = render(apparent_table, KNOWN.camera, KNOWN.sensor, attitude, 0.25, rng).pixels
+        shots_made.append(replace(shot, pixels=partial(np.asarray, pixels)))
     assert jyear_of(NIGHT) == pytest.approx(2026.16, abs=0.01)
-    return made
+    return shots_made
 
 
 def focal_error(*, corrected: bool) -> float:
-    """Relative error of the focal length."""
+    """Return the relative error of the calibrated focal length."""
     solver = Solver(shipped_camera)
     solved = solve_shots(solver, shots(solver, corrected=corrected), KNOWN, None, lambda share, text: None)
-    found = calibrate_camera(solved.stars, KNOWN.camera, models=("pinhole",), focal_mm=KNOWN.focal_mm, folds=2)
-    true = float(np.sqrt(KNOWN.camera.focal_col_px * KNOWN.camera.focal_row_px))
-    return found.parameter("focal_px").value / true - 1
+    calibration = calibrate_camera(solved.stars, KNOWN.camera, models=("pinhole",), focal_mm=KNOWN.focal_mm, folds=2)
+    true_focal_px = float(np.sqrt(KNOWN.camera.focal_col_px * KNOWN.camera.focal_row_px))
+    return calibration.parameter("focal_px").value / true_focal_px - 1
 
 
 def test_the_focal_length_is_right_with_a_known_observer_and_biased_without() -> None:
-    """Within 0.005 % with the observer's velocity; without it too short by about v/c, 0.01 %."""
+    """The focal length is within 0.005 % with the observer's velocity, and 0.01 % (about v/c) too short without it."""
     assert abs(focal_error(corrected=True)) < 5e-5
     assert focal_error(corrected=False) == pytest.approx(-1e-4, abs=4e-5)

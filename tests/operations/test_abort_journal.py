@@ -1,4 +1,4 @@
-"""The file of ABORTs that are not yet stored in the database."""
+"""The journal of ABORT commands that are not yet stored in the database."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ ENTRY = IssuedAbort(7, "bob", "abort", "2026-12-01T18:00:00+00:00")
 
 
 def test_an_abort_is_kept_until_it_is_stored(tmp_path):
-    """The next server stores it too; a line truncated by a crash hides no other line."""
+    """An ABORT stays in the journal, also after a restart, until it is removed. A line truncated by a crash is skipped."""
     path = tmp_path / "aborts.jsonl"
     AbortJournal(path).add(ENTRY)
     with path.open("a") as file:
         file.write('{"request_id": 8, "us')
-    again = AbortJournal(path)
-    assert again.entries() == [ENTRY]
-    again.remove(7)
+    reopened = AbortJournal(path)
+    assert reopened.entries() == [ENTRY]
+    reopened.remove(7)
     assert AbortJournal(path).entries() == []
 
 
 def test_an_abort_stored_before_it_was_journalled_leaves_no_entry(tmp_path):
-    """The dispatcher may be faster than the request's thread: the next server must not report the ABORT as unknown."""
+    """An entry that is removed before it is added, because the dispatcher was faster, is not stored. Otherwise the next
+    server would report the ABORT as unknown."""
     journal = AbortJournal(tmp_path / "aborts.jsonl")
     journal.remove(7)
     journal.add(ENTRY)

@@ -1,4 +1,4 @@
-"""Alarms latch, escalate, are acknowledged, shelved and closed, and survive a restart; limit changes are recorded."""
+"""Alarms latch, escalate, are acknowledged, shelved and closed, and survive a restart. Limit changes are recorded."""
 
 from __future__ import annotations
 
@@ -61,12 +61,13 @@ class AlarmHarness:
 
 @pytest.fixture
 def harness(database, bus, clock, tmp_path):
-    """A new harness."""
+    """Harness without received packets."""
     return AlarmHarness(database, bus, clock, tmp_path)
 
 
 def test_an_alarm_is_raised_after_persistence_and_latches_until_normal_and_acknowledged(harness):
-    """Two violations raise nothing, three raise the alarm; normal again it waits for acknowledgement and then closes."""
+    """Three consecutive violations raise the alarm. When the value is normal again, the alarm remains until it is
+    acknowledged."""
     harness.receive(20, 50, 50, 20, 50, 50)
     assert harness.alarms.opened() == []
     harness.receive(50)
@@ -87,7 +88,7 @@ def test_an_alarm_is_raised_after_persistence_and_latches_until_normal_and_ackno
 
 
 def test_an_acknowledged_alarm_closes_when_its_value_is_normal(harness):
-    """acked, then closed, without user action."""
+    """An acknowledged alarm is closed automatically when its value is normal."""
     harness.receive(50, 50, 50)
     alarm_id = harness.only().row.id
     assert harness.alarms.acknowledge(alarm_id, user="ann").row.state == "acked"
@@ -99,7 +100,7 @@ def test_an_acknowledged_alarm_closes_when_its_value_is_normal(harness):
 
 
 def test_a_worse_level_resets_the_acknowledgement_and_the_worst_level_is_kept(harness):
-    """watch, acknowledged, warning, critical, warning: raised again only when the level increases."""
+    """An acknowledged alarm is raised again when its level increases, not when it decreases. Its worst level is kept."""
     harness.receive(50, 50, 50)
     alarm_id = harness.only().row.id
     harness.alarms.acknowledge(alarm_id, user="ann")
@@ -118,7 +119,7 @@ def test_a_worse_level_resets_the_acknowledgement_and_the_worst_level_is_kept(ha
 
 
 def test_a_new_violation_before_acknowledgement_is_the_same_alarm(harness):
-    """cleared returns to raised; there is no second row."""
+    """A new violation before acknowledgement raises the cleared alarm again and adds no row."""
     harness.receive(60, 60, 60, 20, 20, 20)
     alarm_id = harness.only().row.id
     harness.receive(50, 50, 50)
@@ -128,27 +129,25 @@ def test_a_new_violation_before_acknowledgement_is_the_same_alarm(harness):
 
 
 def test_alarms_and_shelves_survive_a_restart(harness, database, bus, clock, tmp_path):
-    """A new server restores the alarm, continues its count of violations, and closes it as the previous server would
-    have.
-    """
+    """After a restart, an alarm keeps its state, level and shelving, and is closed when its value is normal."""
     harness.receive(60, 60, 60)
     alarm_id = harness.only().row.id
     harness.alarms.shelve(alarm_id, clock() + timedelta(hours=1), user="ann", note="known")
     harness.alarms.acknowledge(alarm_id, user="ann")
-    again = AlarmHarness(database, bus, clock, tmp_path)
-    view = again.only()
+    restarted = AlarmHarness(database, bus, clock, tmp_path)
+    view = restarted.only()
     assert (view.row.id, view.row.state, view.level, view.shelved) == (alarm_id, "acked", State.WARNING, True)
-    again.receive(60)
-    assert again.only().row.state == "acked"
-    again.receive(20, 20)
-    assert again.only().row.state == "acked"
-    again.receive(20)
-    assert again.alarms.opened() == []
-    assert again.alarms.get(alarm_id).row.state == "closed"
+    restarted.receive(60)
+    assert restarted.only().row.state == "acked"
+    restarted.receive(20, 20)
+    assert restarted.only().row.state == "acked"
+    restarted.receive(20)
+    assert restarted.alarms.opened() == []
+    assert restarted.alarms.get(alarm_id).row.state == "closed"
 
 
 def test_shelving_needs_a_reason_and_an_end(harness):
-    """At most a day, with a note; after the time the alarm is shown again, and it can be unshelved earlier."""
+    """An alarm is shelved with a note for at most a day. It is shown again after this time, or when it is unshelved."""
     harness.receive(50, 50, 50)
     alarm_id = harness.only().row.id
     now = harness.clock()
@@ -167,8 +166,8 @@ def test_shelving_needs_a_reason_and_an_end(harness):
     assert any("no longer shelved" in text for text in harness.texts())
 
 
-def test_closing_by_hand_needs_a_normal_or_stale_value(harness):
-    """Refused while the value is fresh and violates its limit; permitted when no values arrive any more."""
+def test_closing_an_alarm_needs_a_normal_or_stale_value(harness):
+    """An alarm cannot be closed while a current value violates its limit. It can be closed when the value is stale."""
     harness.receive(50, 50, 50)
     alarm_id = harness.only().row.id
     with pytest.raises(Conflict, match="persists"):
@@ -182,7 +181,7 @@ def test_closing_by_hand_needs_a_normal_or_stale_value(harness):
 
 
 def test_results_of_a_stopped_cycle_raise_no_alarm(harness):
-    """No stars while the cycle runs is an alarm; after the cycle stops the alarm only waits for acknowledgement."""
+    """No matched stars while the cycle runs raise an alarm, which is cleared when the cycle stops."""
     for _ in range(3):
         harness.receive(20, stars_matched=0)
     assert harness.only().row.field == "stars_matched"
@@ -192,7 +191,7 @@ def test_results_of_a_stopped_cycle_raise_no_alarm(harness):
 
 
 def test_a_cycle_without_an_iteration_raises_no_alarm(harness):
-    """While no iteration is complete the zeros are those of an idle sensor.
+    """Until an iteration is complete, values of zero raise no alarm, because they are those of an idle sensor.
 
     The first iteration starts from the pointing before the pause and may fail; from the second on failures count.
     """
@@ -206,7 +205,7 @@ def test_a_cycle_without_an_iteration_raises_no_alarm(harness):
 
 
 def test_an_unmeasured_value_neither_raises_nor_clears(harness):
-    """Not-a-number interrupts the count of violations and leaves the alarm unchanged."""
+    """A value of NaN interrupts the count of violations and does not change the alarm."""
     harness.receive(50, 50, math.nan, 50, 50)
     assert harness.alarms.opened() == []
     harness.receive(50)
@@ -215,7 +214,8 @@ def test_an_unmeasured_value_neither_raises_nor_clears(harness):
 
 
 def test_severe_device_events_raise_alarms_with_a_count(harness):
-    """A latch-up waits for acknowledgement; a repetition increases the count; a harmless event raises no alarm."""
+    """A latch-up raises an alarm that waits for acknowledgement, and a repetition increases its count. A harmless event
+    raises no alarm."""
     event = DeviceEvent("LATCHUP", "critical", "rail fpga", 5.0)
     harness.alarms.handle(
         LineBatch(
@@ -242,7 +242,7 @@ def test_severe_device_events_raise_alarms_with_a_count(harness):
 
 
 def test_silence_on_an_open_line_is_loss_of_signal(harness):
-    """No alarm while the link is closed; open and silent raises it; received data or closing the link clears it."""
+    """Silence on an open line raises the alarm, and received data clear it. On a closed line there is no alarm."""
     harness.clock.forward(100)
     harness.alarms.tick()
     assert harness.alarms.opened() == []
@@ -260,7 +260,8 @@ def test_silence_on_an_open_line_is_loss_of_signal(harness):
 
 
 def test_a_limit_set_changes_the_violations_and_is_stored(harness, database, bus, clock, tmp_path):
-    """50 °C is a watch in service and normal during commissioning; the selection survives a restart."""
+    """A value of 50 °C is a watch in the nominal limit set and normal in that for commissioning. The selection is recorded
+    and survives a restart."""
     harness.receive(50, 50, 50)
     assert harness.only().row.limit_set == "nominal"
     harness.telemetry.limits.choose("commissioning", user="ann", note="bench")
@@ -275,31 +276,32 @@ def test_a_limit_set_changes_the_violations_and_is_stored(harness, database, bus
 def test_custom_limits_apply_until_they_are_reset_and_are_recorded_with_the_user(
     harness, database, bus, clock, tmp_path
 ):
-    """An operator's limits override the set; contradictory values, texts and unknown fields are rejected."""
+    """An operator's limits override the set until they are reset, and are recorded with the user. Contradictory values,
+    text fields and unknown fields are rejected."""
     book, key = harness.telemetry.limits, f"housekeeping.{FIELD}"
-    own = Limits((0, 30), (-5, 35), (-10, 40))
-    book.override(key, own, 1, user="ann", note="thermal test")
+    custom = Limits((0, 30), (-5, 35), (-10, 40))
+    book.override(key, custom, 1, user="ann", note="thermal test")
     harness.receive(31)
     assert (harness.only().row.worst, harness.only().row.limit_text) == ("watch", "above 30 (watch)")
     after = AlarmHarness(database, bus, clock, tmp_path).telemetry.limits.rule("housekeeping", book.find(key)[1])
-    assert (after.limits, after.persistence, after.origin, after.changed_by) == (own, 1, "operator", "ann")
+    assert (after.limits, after.persistence, after.origin, after.changed_by) == (custom, 1, "operator", "ann")
     (text,) = harness.texts("limits")
     assert "ann changed the limits of housekeeping.sensor_temperature_c from watch -15 … 45" in text
     assert text.endswith("1 sample: thermal test")
     assert book.restore(key, user="bob").origin == "dictionary"
-    for bad in (f"housekeeping.{FIELD}x", "warp.x", FIELD):
+    for unknown_field in (f"housekeeping.{FIELD}x", "warp.x", FIELD):
         with pytest.raises(NotFound):
-            book.override(bad, own, 1, user="ann")
+            book.override(unknown_field, custom, 1, user="ann")
     with pytest.raises(BadInput, match="numbers and yes"):
-        book.override("housekeeping.mode", own, 1, user="ann")
+        book.override("housekeeping.mode", custom, 1, user="ann")
     with pytest.raises(BadInput, match="persistence"):
-        book.override(key, own, 0, user="ann")
+        book.override(key, custom, 0, user="ann")
     with pytest.raises(BadInput, match="limits are empty"):
         book.override(key, Limits((2, 1)), 1, user="ann")
 
 
 def test_an_unacknowledged_alarm_keeps_its_place_after_its_value_is_back(harness):
-    """A cleared critical alarm is listed before a watch that is still violated, until it is acknowledged."""
+    """A cleared critical alarm is listed before an active watch until it is acknowledged."""
     harness.receive(*[70] * 4, *[20] * 3, stars_matched=10)
     assert harness.only().row.state == "cleared"
     harness.receive(*[20] * 4, stars_matched=3)
@@ -311,11 +313,11 @@ def test_an_unacknowledged_alarm_keeps_its_place_after_its_value_is_back(harness
     assert [(v.row.field, v.level) for v in harness.alarms.opened()] == [
         ("stars_matched", State.WATCH),
         (FIELD, State.WATCH),
-    ], "acknowledged, it counts with its current level"
+    ], "an acknowledged alarm is sorted by its current level"
 
 
-def test_an_alarm_says_what_to_do(harness):
-    """The text is the one of the dictionary's row, for a value and for an event."""
+def test_an_alarm_has_the_action_of_the_dictionary(harness):
+    """The action of an alarm is that of the dictionary's field or event."""
     harness.receive(*[70] * 4)
     field = next(f for f in DICTIONARY.packet("housekeeping").values if f.name == FIELD)
     assert harness.only().action == field.action != ""

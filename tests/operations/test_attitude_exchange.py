@@ -14,7 +14,8 @@ from gss.orbit.write_attitude import aem_of
 
 
 def test_a_message_is_read_in_a_child_process_with_limits(database, clock) -> None:
-    """A viewer may send 20 MB of very short lines, which take more than a gigabyte of memory."""
+    """A message that exceeds the limits of the child process is rejected. 20 MB of very short lines would need more than a
+    gigabyte of memory."""
     times_s = clock().timestamp() + np.arange(20.0)
     history = AttitudeHistory("A", "SC_BODY_1", times_s, np.tile([0, 0, 0, 1.0], (20, 1)), np.full((20, 3), np.nan))
     data = "".join(aem_of(history, clock())).encode()

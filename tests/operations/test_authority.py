@@ -1,4 +1,4 @@
-"""Command authority: taking, releasing, breaking, and their records."""
+"""Command authority: taking, releasing and breaking it, and the records of these."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.operations.commanding.authority import AuthorityService
 
 @pytest.fixture
 def authority(database, bus, clock) -> AuthorityService:
-    """Authority on an empty database."""
+    """Authority service with an empty database."""
     return AuthorityService(database, bus, clock)
 
 
@@ -21,7 +21,7 @@ def texts(bus) -> list[str]:
 
 
 def test_one_holder_at_a_time(authority, clock):
-    """Take it, reject the other user with the holder's name, release it, then the other may take it."""
+    """Another user is rejected with the holder's name, and can take the authority after it is released."""
     assert authority.state().holder is None
     assert authority.take("ann").holder.holder == "ann"
     with pytest.raises(Conflict, match="held by ann") as caught:
@@ -44,8 +44,8 @@ def test_taking_twice_is_recorded_once(authority, bus):
     assert texts(bus) == ["ann took command authority"]
 
 
-def test_the_first_command_takes_it_and_records_so(authority, bus):
-    """No user has to take it beforehand; the record states how it was taken."""
+def test_the_first_command_takes_authority(authority, bus):
+    """The first command takes the authority if no user holds it, and the event states this."""
     authority.require("ann")
     authority.require("ann")
     assert authority.holder() == "ann"
@@ -55,15 +55,16 @@ def test_the_first_command_takes_it_and_records_so(authority, bus):
 
 
 def test_breaking_needs_a_reason_and_another_holder(authority, bus):
-    """The reason is stored with the ended row and in a warning; a user cannot break his own or unheld authority."""
+    """Breaking needs a reason, which is stored with the ended row and in a warning. Only authority
+    of another user can be broken."""
     with pytest.raises(Conflict, match="no other user"):
         authority.break_("bob", "pass begins")
     authority.take("ann")
     with pytest.raises(Conflict, match="no other user"):
         authority.break_("ann", "pass begins")
-    for bad in ("", "  \n ", "x" * 301):
+    for invalid_reason in ("", "  \n ", "x" * 301):
         with pytest.raises(BadInput, match="needs a reason"):
-            authority.break_("bob", bad)
+            authority.break_("bob", invalid_reason)
     assert authority.holder() == "ann"
     state = authority.break_("bob", " ann left \n her desk ")
     assert (state.holder.holder, state.history[1].ended_by, state.history[1].reason) == (
@@ -77,7 +78,7 @@ def test_breaking_needs_a_reason_and_another_holder(authority, bus):
 
 
 def test_only_the_holder_releases(authority):
-    """Neither another user, nor any user after the release."""
+    """Only the holder can release the authority."""
     with pytest.raises(Conflict, match="only the holder"):
         authority.release("ann")
     authority.take("ann")
@@ -86,10 +87,10 @@ def test_only_the_holder_releases(authority):
     assert str(caught.value).count("ann") == 1
 
 
-def test_two_first_commands_at_once_have_one_winner(authority):
-    """The second one is rejected however small the delay."""
+def test_of_simultaneous_first_commands_one_takes_authority(authority):
+    """If several users send a first command simultaneously, exactly one takes the authority and the others are rejected."""
 
-    def first(user: str) -> bool:
+    def try_command(user: str) -> bool:
         try:
             authority.require(user)
         except Conflict:
@@ -97,27 +98,27 @@ def test_two_first_commands_at_once_have_one_winner(authority):
         return True
 
     with ThreadPoolExecutor(8) as pool:
-        won = list(pool.map(first, [f"user-{k}" for k in range(8)]))
-    assert won.count(True) == 1
-    assert authority.holder() == f"user-{won.index(True)}"
+        results = list(pool.map(try_command, [f"user-{k}" for k in range(8)]))
+    assert results.count(True) == 1
+    assert authority.holder() == f"user-{results.index(True)}"
 
 
 def test_authority_survives_a_restart(authority, database, bus, clock):
-    """A new server restores the same holder."""
+    """After a restart the holder is the same."""
     authority.take("ann")
     assert AuthorityService(database, bus, clock).holder() == "ann"
 
 
 @pytest.mark.parametrize("name", ["", " ann", "a\nb", "x" * 61])
 def test_unprintable_names_cannot_hold_authority(authority, name):
-    """Names are shown in the header bar and in exports."""
+    """An unprintable user name is rejected, because names are shown in the header bar and in exports."""
     with pytest.raises(BadInput, match="user name is not valid"):
         authority.take(name)
     assert authority.holder() is None
 
 
 def test_every_change_is_published(authority, bus):
-    """Topic "authority" carries the complete state."""
+    """Every change is published on the topic "authority" with the complete state."""
     subscription = bus.subscribe(lambda: None)
     authority.take("ann")
     authority.release("ann")

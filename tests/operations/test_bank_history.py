@@ -56,7 +56,7 @@ class BankHistoryHarness:
         self.expiry = ExpiryWatch(self.history, self.alarms, clock, watch_days=5.0)
 
     def identify(self, serial="FM2") -> None:
-        """A device identifies itself on a new contact."""
+        """Process the identification of a device on a new contact."""
         with self.database.unit_of_work() as session:
             contact = devices.open_contact(session, "x", self.clock(), "")
             facts = {"profile": "cubestar", "firmware": "1", "simulated": True, "dictionary_hash": "0"}
@@ -98,7 +98,7 @@ class BankHistoryHarness:
             return catalogues.add(session, row)
 
     def command(self, name, bank) -> None:
-        """Complete a command of ann's on a bank."""
+        """Process a completed command of the user ann on a bank."""
         facts = {"contact_id": None, "request_id": 77, "name": name, "arguments": {"bank": bank}, "user": "ann"}
         with self.database.unit_of_work() as session:
             commands.add(session, self.clock(), source="form", **facts)
@@ -118,8 +118,8 @@ def harness(database, bus, clock, tmp_path):
     return BankHistoryHarness(database, bus, clock, tmp_path)
 
 
-def test_the_same_report_again_is_the_same_span(harness):
-    """Only changes add a row; a repeated report only confirms it."""
+def test_a_repeated_report_extends_the_period(harness):
+    """A repeated report extends the current period. Only a change adds a row."""
     harness.identify()
     harness.report("A", "committed", OLD, active=True)
     harness.clock.forward(60)
@@ -130,9 +130,8 @@ def test_the_same_report_again_is_the_same_span(harness):
 
 
 def test_upload_activation_and_confirmation_are_recorded_with_user_and_cause(harness):
-    """An upload fills the bank, ann's activation starts a trial, and the confirmation makes it active; the old bank is
-    kept.
-    """
+    """The history records the upload, the user's activation as a trial, the confirmation, and that the previous bank is
+    kept."""
     harness.identify()
     harness.report("A", "empty")
     harness.report("B", "committed", OLD, active=True)
@@ -155,7 +154,7 @@ def test_upload_activation_and_confirmation_are_recorded_with_user_and_cause(har
 
 
 def test_a_trial_that_falls_back_was_never_active(harness):
-    """Without a confirmation the previous bank is active again, and the record states the fallback."""
+    """After a fallback the previous bank is active again, the other one is held, and both rows state the fallback."""
     harness.identify()
     harness.report("A", "committed", OLD, active=True)
     harness.command("ACTIVATE_BANK", "B")
@@ -172,23 +171,23 @@ def test_a_trial_that_falls_back_was_never_active(harness):
 
 
 def test_the_record_survives_a_restart_and_is_separate_per_device(harness):
-    """A new service reads the same spans; another device has separate spans."""
+    """A restarted service reads the same periods, separately for each device."""
     harness.identify("FM1")
     harness.report("A", "committed", OLD, active=True)
     harness.clock.forward(3600)
     harness.identify("FM2")
     harness.report("A", "corrupt")
-    again = BankHistoryService(harness.link, harness.database, harness.clock, [])
+    restarted = BankHistoryService(harness.link, harness.database, harness.clock, [])
     span = harness.clock() - timedelta(days=1), harness.clock()
-    newest = again.timeline(*span)
+    newest = restarted.timeline(*span)
     assert (newest.device.name, [d.name for d in newest.devices]) == ("FM2", ["FM2", "FM1"])
     assert [s.row.state for s in newest.stays] == ["damaged"]
-    first = again.timeline(*span, device_id=newest.devices[1].id)
+    first = restarted.timeline(*span, device_id=newest.devices[1].id)
     assert [(s.row.state, s.row.sha256) for s in first.stays] == [("active", OLD)]
 
 
 def test_a_bank_that_is_read_back_later_gets_its_name(harness):
-    """The record keeps the hash; the catalogue of that hash is looked up when it becomes available."""
+    """The record stores the hash of a bank. Its catalogue is found when a catalogue with this hash becomes available."""
     harness.identify()
     harness.report("A", "committed", OLD, active=True)
     assert harness.history.active().catalogue is None
@@ -197,7 +196,7 @@ def test_a_bank_that_is_read_back_later_gets_its_name(harness):
 
 
 def test_missing_records_and_impossible_spans_are_rejected(harness):
-    """No device, an unknown device, a span that ends before it starts."""
+    """A request without a recorded device, for an unknown device, or with an inverted span is rejected."""
     span = harness.clock() - timedelta(days=1), harness.clock()
     with pytest.raises(NotFound, match="no banks recorded"):
         harness.history.timeline(*span)
@@ -210,7 +209,8 @@ def test_missing_records_and_impossible_spans_are_rejected(harness):
 
 
 def test_an_expiring_catalogue_raises_an_alarm_that_escalates(harness):
-    """No alarm, watch at five days, warning at one, critical when it has expired; a new active catalogue clears it."""
+    """An expiring catalogue raises a watch at five days, a warning at one, and is critical when it has expired. Another
+    active catalogue clears the alarm."""
     harness.identify()
     harness.keep("zen-1", OLD, days=14)
     harness.keep("zen-2", NEW, days=40)
@@ -250,7 +250,7 @@ def test_the_expiry_alarm_needs_no_link_and_survives_a_restart(harness):
 
 
 def test_coverage_is_described_in_text(harness):
-    """A gap is named, with the bank that would close it; a planned activation closes it."""
+    """The text states a gap in coverage and the bank that would close it. A planned activation in time closes it."""
     harness.identify()
     now = harness.clock()
     harness.keep("zen-1", OLD, days=3)
@@ -258,14 +258,17 @@ def test_coverage_is_described_in_text(harness):
     harness.report("B", "committed", OLD, active=True)
     span = now - timedelta(days=1), now
 
-    def word(planned=()):
+    def coverage(planned=()):
         return cover(harness.history.timeline(*span).stays, planned, now, watch_days=5.0)
 
-    assert (word().state, word().text) == (State.WATCH, "no cover from 12-04 18:00 and no bank holds a successor")
+    assert (coverage().state, coverage().text) == (
+        State.WATCH,
+        "no cover from 12-04 18:00 and no bank holds a successor",
+    )
     harness.report("A", "committed", NEW)
-    assert word().text == "no cover from 12-04 18:00 unless bank A is activated"
+    assert coverage().text == "no cover from 12-04 18:00 unless bank A is activated"
     at = now + timedelta(days=2)
     plan = Planned("A", "activation", at, NEW, "zen-2", 2, now, now + timedelta(days=20), "")
-    assert (word([plan]).state, word([plan]).text) == (State.OK, "cover until 2026-12-21")
+    assert (coverage([plan]).state, coverage([plan]).text) == (State.OK, "cover until 2026-12-21")
     late = Planned("A", "activation", now + timedelta(days=4), NEW, "zen-2", 2, now, now + timedelta(days=20), "")
-    assert word([late]).state is State.WATCH
+    assert coverage([late]).state is State.WATCH

@@ -1,4 +1,4 @@
-"""Real cameras calibrated from real frames, against independent solutions of the same frames."""
+"""Calibration of real cameras from real frames, compared with independent solutions of the same frames."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ pytestmark = pytest.mark.photographs
 
 
 def test_a_real_camera_is_calibrated_from_three_frames(photographs: Path) -> None:
-    """ESA's test camera: one lens for all three frames, residuals of 0.1 px, half of a pinhole's residuals, also on
-    left-out frames, and the scale and pointing of the independent reference.
-    """
+    """One lens is calibrated from three frames of ESA's test camera. Its residuals are about 0.1 px, also for held-out
+    frames, less than half of a pinhole's, and scale and pointing agree with the independent reference."""
     images = json.loads((photographs / "truth.json").read_text())["images"]
     names = sorted(n for n in images if n.startswith("esa_tetra3"))
     solver, frames = Solver(shipped_camera), []
@@ -33,17 +32,17 @@ def test_a_real_camera_is_calibrated_from_three_frames(photographs: Path) -> Non
         frames.append(frame)
     first = frames[0]
     start = Camera.from_fov(first.columns, first.rows, float(np.radians(images[names[0]]["fov_h_deg"])))
-    made = calibrate_camera(frames, start)
-    assert made.residuals.noise_px < 0.12
-    assert made.residuals.rejected < 0.1 * made.residuals.stars
-    assert made.before.rms_px > 2 * made.residuals.rms_px
-    assert made.held_out is not None
-    assert made.held_out.rms_px < 1.15 * made.residuals.noise_px
-    assert made.model != "pinhole"
-    for fit in made.frames:
+    calibration = calibrate_camera(frames, start)
+    assert calibration.residuals.noise_px < 0.12
+    assert calibration.residuals.rejected < 0.1 * calibration.residuals.stars
+    assert calibration.before.rms_px > 2 * calibration.residuals.rms_px
+    assert calibration.held_out is not None
+    assert calibration.held_out.rms_px < 1.15 * calibration.residuals.noise_px
+    assert calibration.model != "pinhole"
+    for fit in calibration.frames:
         image = images[fit.name]
         focal_px = first.columns / 2 / np.tan(np.radians(image["fov_h_deg"] / 2))
-        assert made.parameter("focal_px").value == pytest.approx(focal_px, rel=5e-4)
-        middle = made.camera.unproject(np.array([[(first.columns - 1) / 2, (first.rows - 1) / 2]]))[0]
-        seen = middle @ matrix_from_quaternion(fit.quaternion)
-        assert np.degrees(np.linalg.norm(seen - np.array(image["R_icrs_to_cam"])[2])) * 3600 < 20
+        assert calibration.parameter("focal_px").value == pytest.approx(focal_px, rel=5e-4)
+        middle = calibration.camera.unproject(np.array([[(first.columns - 1) / 2, (first.rows - 1) / 2]]))[0]
+        boresight = middle @ matrix_from_quaternion(fit.quaternion)
+        assert np.degrees(np.linalg.norm(boresight - np.array(image["R_icrs_to_cam"])[2])) * 3600 < 20

@@ -1,6 +1,4 @@
-"""Calibrations as use cases: created from stored frames, versioned, compared, used for reruns, exported as a sensor
-table.
-"""
+"""Calibrations: created from stored frames, versioned, compared, used for reruns and exported as a sensor table."""
 
 from __future__ import annotations
 
@@ -49,7 +47,7 @@ TRUE = replace(
 
 @dataclass
 class Night:
-    """A server's objects with frames of one night in the store."""
+    """Services with stored frames of one night."""
 
     services: Services
     frames: tuple[int, ...]
@@ -61,16 +59,16 @@ class Night:
         """Return the job after its end."""
         end = time.monotonic() + 600
         while time.monotonic() < end:
-            now = self.services.base.jobs.get(job.id)
-            if now.state not in ("queued", "running"):
-                return now
+            current = self.services.base.jobs.get(job.id)
+            if current.state not in ("queued", "running"):
+                return current
             time.sleep(0.05)
         raise AssertionError("the job did not end")
 
 
 @pytest.fixture(scope="module")
 def night(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Night]:
-    """Ten frames of stars through the real camera, five darks, three pairs of flats."""
+    """Services with eight frames of stars by the real camera, five darks and three pairs of flats."""
     services = build(Settings(data=Path(tmp_path_factory.mktemp("night"))))
     services.base.jobs.start()
     rng = np.random.default_rng(5)
@@ -118,9 +116,9 @@ def from_darks(ids: tuple[int, ...], flats: tuple[tuple[int, int], ...] = ()) ->
 
 @pytest.fixture(scope="module")
 def calibrated(night: Night) -> int:
-    """Id of a calibration of all star frames."""
-    wanted = from_stars(night.frames, name="roof", note="first light")
-    job = night.done(night.services.studies.calibrations.start(wanted, user="engineer-1"))
+    """Id of a calibration from all star frames."""
+    request = from_stars(night.frames, name="roof", note="first light")
+    job = night.done(night.services.studies.calibrations.start(request, user="engineer-1"))
     assert job.state == "done", job.text
     return int(job.result["calibration_id"])
 
@@ -161,10 +159,10 @@ def test_versions_are_compared_over_the_detector(night: Night, calibrated: int) 
     services = night.services
     wanted = from_stars(night.frames[:6], photometry=False, psf=False)
     job = night.done(services.studies.calibrations.start(wanted, user="engineer-1"))
-    found = services.studies.calibrations.compare(calibrated, int(job.result["calibration_id"]))
-    assert 0 < found.geometry.rms_px < 1.0
-    assert "focal_col_px" in found.changed
-    assert "columns" not in found.changed
+    comparison = services.studies.calibrations.compare(calibrated, int(job.result["calibration_id"]))
+    assert 0 < comparison.geometry.rms_px < 1.0
+    assert "focal_col_px" in comparison.changed
+    assert "columns" not in comparison.changed
 
 
 def test_a_calibration_becomes_a_table_once(night: Night, calibrated: int) -> None:
@@ -179,7 +177,7 @@ def test_a_calibration_becomes_a_table_once(night: Night, calibrated: int) -> No
 
 
 def test_dark_frames_and_flats_calibrate_the_detector(night: Night) -> None:
-    """Five electrons per number, and the hot pixel at its position."""
+    """Darks and flats give a gain of five electrons per digital number, and the hot pixel at its position."""
     services = night.services
     wanted = from_darks(night.darks, night.flats)
     job = night.done(services.studies.calibrations.start(wanted, user="engineer-1"))
@@ -191,7 +189,7 @@ def test_dark_frames_and_flats_calibrate_the_detector(night: Night) -> None:
 
 
 def test_exports_are_readable_by_other_software(night: Night, calibrated: int) -> None:
-    """JSON contains everything, ECSV is a table for astropy, HTML and PDF are the report."""
+    """A calibration is exported completely as JSON, as an ECSV table that astropy reads, and as HTML and PDF reports."""
     row = night.services.studies.calibrations.get(calibrated)
     content = json.loads(export_calibration(row, "json"))
     assert content["result"]["geometry"]["parameters"]
@@ -205,7 +203,7 @@ def test_exports_are_readable_by_other_software(night: Night, calibrated: int) -
 
 
 def test_a_camera_without_a_profile_is_calibrated_blind(night: Night) -> None:
-    """Frames are solved blind; the camera can be exported, but not sent."""
+    """A camera without a profile is calibrated from blind solutions. It cannot become a table or be used."""
     services = night.services
     wanted = from_stars(
         night.frames[:5], profile="", photometry=False, psf=False, fov_deg=float(np.degrees(TRUE.fov_rad[0]))
@@ -213,8 +211,8 @@ def test_a_camera_without_a_profile_is_calibrated_blind(night: Night) -> None:
     job = night.done(services.studies.calibrations.start(wanted, user="engineer-1"))
     assert job.state == "done", job.text
     row = services.studies.calibrations.get(int(job.result["calibration_id"]))
-    found: Camera = services.studies.calibrations.camera(row.id)
-    assert abs(found.focal_col_px / TRUE.focal_col_px - 1) < 2e-3
+    camera: Camera = services.studies.calibrations.camera(row.id)
+    assert abs(camera.focal_col_px / TRUE.focal_col_px - 1) < 2e-3
     with pytest.raises(BadInput, match="no profile"):
         services.studies.calibrations.table(row.id, user="engineer-1")
     with pytest.raises(BadInput, match="no profile"):
@@ -222,7 +220,8 @@ def test_a_camera_without_a_profile_is_calibrated_blind(night: Night) -> None:
 
 
 def test_unusable_input_is_rejected_before_it_is_queued(night: Night) -> None:
-    """Unknown frames, cameras and models, and too few darks are rejected at once; a frame without stars fails the job."""
+    """Unknown frames, cameras and models, and too few darks are rejected immediately. Frames without stars make the job
+    fail."""
     service = night.services.studies.calibrations
     for wrong in (
         lambda: from_stars(()),
@@ -242,7 +241,7 @@ def test_unusable_input_is_rejected_before_it_is_queued(night: Night) -> None:
 
 
 def test_a_measured_centre_constrains_the_camera_where_stars_do_not(night: Night) -> None:
-    """With two frames and a reference spot measured around the true centre the centre is five times more accurate."""
+    """With two frames, the centre is five times more accurate if a measured centre is used."""
     services = night.services
     angle = np.arange(36) * 2 * np.pi / 36
     dots = np.column_stack([TRUE.centre_col_px + 8 * np.cos(angle), TRUE.centre_row_px + 8 * np.sin(angle)])
@@ -251,14 +250,14 @@ def test_a_measured_centre_constrains_the_camera_where_stars_do_not(night: Night
             BenchCentre(kind="bench-centre", profile="cubestar", dots_px=dots.tolist()), user="x"
         )
     )
-    known = int(job.result["calibration_id"])
+    prior_id = int(job.result["calibration_id"])
 
     def error_px(priors: list[int]) -> float:
         wanted = from_stars(night.frames[:2], models=["brown-2"], photometry=False, psf=False, prior_ids=priors)
-        made = night.done(services.studies.calibrations.start(wanted, user="x"))
-        camera = services.studies.calibrations.camera(int(made.result["calibration_id"]))
+        star_job = night.done(services.studies.calibrations.start(wanted, user="x"))
+        camera = services.studies.calibrations.camera(int(star_job.result["calibration_id"]))
         return float(np.hypot(camera.centre_col_px - TRUE.centre_col_px, camera.centre_row_px - TRUE.centre_row_px))
 
-    free, held = error_px([]), error_px([known])
-    assert held < 0.2
-    assert free > 5 * held
+    without_prior_px, with_prior_px = error_px([]), error_px([prior_id])
+    assert with_prior_px < 0.2
+    assert without_prior_px > 5 * with_prior_px

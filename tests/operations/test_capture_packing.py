@@ -19,7 +19,7 @@ Filled = Callable[..., tuple[LineCapture, CapturePacking]]
 
 
 class Clock:
-    """A clock that the test advances."""
+    """Clock that advances by 10 s with each call."""
 
     def __init__(self) -> None:
         self.at_s = 0.0
@@ -31,7 +31,7 @@ class Clock:
 
 @pytest.fixture
 def filled(tmp_path: Path) -> Iterator[Filled]:
-    """Makes a capture of several closed files and one that is being written, and what compresses it."""
+    """Function that creates a capture with several closed files and one that is being written, and its packing."""
     made: list[LineCapture] = []
 
     def fill(records: int = 60, keep_bytes: int = 1 << 30) -> tuple[LineCapture, CapturePacking]:
@@ -55,7 +55,7 @@ def run(packing: CapturePacking) -> None:
 def test_closed_files_are_compressed_and_read_as_before(
     filled: Filled, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Same records, same span; the file being written stays plain, and ends compressed after the contact."""
+    """Compressed files have the same records and span. The file being written is compressed after the contact ends."""
     monkeypatch.setattr(capture_packing, "STEP_BYTES", 3000)
     capture, packing = filled()
     before, span = list(read_captures(capture_files(tmp_path))), capture_span(capture_files(tmp_path))
@@ -80,7 +80,7 @@ def test_closed_files_are_compressed_and_read_as_before(
 def test_a_stop_between_any_two_steps_loses_nothing(
     filled: Filled, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """After each step a new start reads every record once and completes the rest."""
+    """After a stop at any step, every record is read once, and the next start completes the compression."""
     monkeypatch.setattr(capture_packing, "STEP_BYTES", 9000)
     capture, packing = filled(records=25)
     before = list(read_captures(capture_files(tmp_path)))
@@ -96,7 +96,7 @@ def test_a_stop_between_any_two_steps_loses_nothing(
 
 
 def test_a_name_read_before_is_still_readable(filled: Filled, tmp_path: Path) -> None:
-    """A reader that has the plain name opens the compressed file; a name that retention removed is not found."""
+    """A reader with the name of the uncompressed file opens the compressed one. A removed file is not found."""
     _, packing = filled()
     names = capture_files(tmp_path)
     run(packing)
@@ -107,21 +107,21 @@ def test_a_name_read_before_is_still_readable(filled: Filled, tmp_path: Path) ->
 
 
 def test_retention_counts_and_removes_compressed_files(filled: Filled, tmp_path: Path) -> None:
-    """Compressed files count with their size on disk, so more of them are kept; the oldest are removed first."""
+    """Retention counts compressed files with their size on disk and removes the oldest first."""
     capture, packing = filled(records=100, keep_bytes=60_000)
     run(packing)
     assert sum(f.bytes for f in capture_sizes(tmp_path)) <= 60_000
     for k in range(120):
         capture.write(RECEIVED, bytes([k]) * 2000)
         packing()
-    kept = capture_files(tmp_path)
-    assert "contact-000007-000.raw" not in {plain_name(p) for p in kept}
-    records: list[Record] = list(read_captures(kept))
+    files_kept = capture_files(tmp_path)
+    assert "contact-000007-000.raw" not in {plain_name(p) for p in files_kept}
+    records: list[Record] = list(read_captures(files_kept))
     assert records[-1][2][:1] == bytes([119])
 
 
 def test_a_new_contact_of_the_same_number_keeps_the_compressed_files(filled: Filled, tmp_path: Path) -> None:
-    """A recreated database numbers its contacts from 1 again; existing files are not overwritten in either form."""
+    """A new contact with a used number, as after the database was recreated, does not overwrite compressed files."""
     capture, packing = filled()
     capture.end()
     run(packing)
@@ -132,7 +132,7 @@ def test_a_new_contact_of_the_same_number_keeps_the_compressed_files(filled: Fil
 
 
 def test_a_damaged_compressed_file_does_not_hide_the_next(filled: Filled, tmp_path: Path) -> None:
-    """What can be read is read, and the file is named by its plain name."""
+    """A damaged compressed file is reported by its uncompressed name, and the other files are read."""
     capture, packing = filled()
     capture.end()
     run(packing)

@@ -1,4 +1,4 @@
-"""The conformance check against the simulated device in memory: compliant, and with one broken clause at a time."""
+"""The conformance check of a simulated device in memory that is compliant or violates one clause at a time."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def factory_catalogue(camera: str = CAMERA) -> Golden:
 
 
 class MemoryLine:
-    """A line to a device in this process; simulated time advances only while a caller waits for bytes."""
+    """Line to a device in this process. Simulated time advances only while a caller waits for bytes."""
 
     def __init__(self, camera: str = CAMERA) -> None:
         self.url, self.now_s = "memory", 100.0
@@ -64,12 +64,12 @@ class MemoryLine:
         self.device.feed(data, self.now_s)
 
     def close(self) -> None:
-        """No resources to release."""
+        """Do nothing: there are no resources to release."""
 
 
 @pytest.fixture
 def line() -> MemoryLine:
-    """A line to a compliant device."""
+    """Line to a compliant device."""
     return MemoryLine()
 
 
@@ -83,7 +83,7 @@ def put(line: MemoryLine, bank: str, image: bytes) -> None:
 
 
 def test_a_compliant_device_passes_and_is_left_unchanged(line: MemoryLine) -> None:
-    """Every clause that can be tested passes; settings, mode, cycle and all banks are as before."""
+    """A compliant device passes every clause that can be tested. Settings, mode, cycle and banks are restored."""
     line.device._tracker.exposure_ms, line.device._tracker.threshold_dn = 123, 17
     probe = probe_on(line)
     probe.order("START_CYCLE")
@@ -103,9 +103,7 @@ def test_a_compliant_device_passes_and_is_left_unchanged(line: MemoryLine) -> No
 
 @pytest.mark.parametrize("camera", ["far_mst", "oersted", "aim"])
 def test_sections_of_other_formats_pass_too(camera: str) -> None:
-    """Units whose banks have sections, two of them without a distance table, comply with the clauses about a bank's
-    parts.
-    """
+    """Units with banks of other formats, two of them without a distance table, pass the clauses about sections of a bank."""
     probe, findings = probe_on(MemoryLine(camera)), Findings()
     check_contents.check_sections(probe, findings)
     results = {number: [x.passed for x in findings.cases[number]] for number in ("6.12", "7.4")}
@@ -114,7 +112,7 @@ def test_sections_of_other_formats_pass_too(camera: str) -> None:
 
 @pytest.mark.parametrize("same_as_active", [True, False])
 def test_a_full_bank_is_restored_after_the_test(line: MemoryLine, same_as_active: bool) -> None:
-    """If no bank is empty, the tested bank has its previous content afterwards and was written in between."""
+    """If no bank is empty, a full bank is written for the test, and its previous content is restored."""
     image = line.memory.content("golden")
     for bank in ("A", "B", "C"):
         put(line, bank, image if same_as_active else _other_catalogue())
@@ -140,7 +138,7 @@ def _other_catalogue() -> bytes:
 
 
 def test_nothing_is_written_without_a_writable_bank(line: MemoryLine) -> None:
-    """Banks used by a transfer are not written, and the report states it."""
+    """If all banks are used by transfers, none is written, and the clause is reported as not checked."""
     for bank in ("A", "B", "C"):
         line.memory.set_state(bank, "loading")
     findings = Findings()
@@ -150,7 +148,7 @@ def test_nothing_is_written_without_a_writable_bank(line: MemoryLine) -> None:
 
 
 def test_a_bank_on_trial_is_not_disturbed(line: MemoryLine) -> None:
-    """The check refuses to start because it might confirm or end the trial."""
+    """The check is rejected while a bank is on trial, because it might confirm or end the trial."""
     put(line, "A", line.memory.content("golden"))
     probe = probe_on(line)
     assert probe.order("ACTIVATE_BANK", {"bank": "A"}).is_("completed")
@@ -160,7 +158,7 @@ def test_a_bank_on_trial_is_not_disturbed(line: MemoryLine) -> None:
 
 
 def test_another_dictionary_fails_and_ends_the_check(line: MemoryLine, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Messages that both ends would decode differently are not tested."""
+    """If the device has another dictionary, the check fails and ends, because both ends would decode messages differently."""
     hello = line.device._processor.handlers["HELLO"]
     monkeypatch.setitem(
         line.device._processor.handlers, "HELLO", lambda a, i: {**hello(a, i), "dictionary_hash": bytes(32)}
@@ -210,7 +208,7 @@ def sends_another_catalogue(line: MemoryLine, patch: Patch) -> None:
 def takes_uploads_anywhere(line: MemoryLine, patch: Patch) -> None:
     writer = line.device._loader._writer
     patch.setattr(writer, "check", lambda v, target, _: writer.area(str(v["kind"]), target))
-    # The device stores what it receives, so its own record must not be trusted.
+    # The device stores received content, so its record must not be trusted.
     patch.setattr(line.memory, "intact", lambda _: False)
 
 
@@ -366,7 +364,7 @@ BROKEN: list[tuple[Breakage, Part, set[str]]] = [
 def test_a_broken_clause_is_reported_by_its_number(
     line: MemoryLine, monkeypatch: pytest.MonkeyPatch, breakage: Breakage, part: Part, numbers: set[str]
 ) -> None:
-    """The clause fails, names its test, and the clauses beside it pass."""
+    """Exactly the violated clauses fail."""
     breakage(line, monkeypatch)
     findings = Findings()
     part(probe_on(line), findings)
@@ -375,7 +373,7 @@ def test_a_broken_clause_is_reported_by_its_number(
 
 
 def test_clause_numbers_are_unique() -> None:
-    """A number names one clause, and no result has a number that does not exist."""
+    """Each clause has a unique number. A result with an unknown number is rejected."""
     numbers = [c.number for c in CLAUSES]
     assert len(set(numbers)) == len(numbers)
     with pytest.raises(NotFound):
@@ -383,7 +381,7 @@ def test_clause_numbers_are_unique() -> None:
 
 
 def test_a_scheduled_command_may_be_stamped_within_the_headers_resolution() -> None:
-    """The header has whole milliseconds: a sum of floats or a rounded stamp is not early, two milliseconds are."""
+    """Rounding to whole milliseconds in the header is not an early execution. Two milliseconds are."""
     stamps = [k / 1000 for k in range(100_000, 110_000, 7)]
     assert all(is_due((round((s + SOON_S) * 1000)) / 1000 - (s + SOON_S)) for s in stamps)
     assert is_due(-0.0005)

@@ -1,4 +1,4 @@
-"""Device time against UTC, from packets that arrive late by unknown amounts."""
+"""Correlation of device time with UTC, from packets with unknown delays."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def device_of(utc_s: float, drift: float) -> float:
 
 
 def test_nothing_is_estimated_from_too_few_packets():
-    """Two packets are not a correlation."""
+    """With fewer than ``MIN_SAMPLES`` packets there is no estimate."""
     for k in range(MIN_SAMPLES):
         assert fed(k).estimate() is None
     assert fed(MIN_SAMPLES).estimate() is not None
@@ -34,7 +34,7 @@ def test_nothing_is_estimated_from_too_few_packets():
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("drift", [0.0, 80e-6, -500e-6])
 def test_the_true_time_is_within_the_uncertainty(seed, drift):
-    """In both directions, now and half an hour ahead, with a steady and a drifting clock."""
+    """The true time is within the uncertainty in both directions, up to half an hour ahead, with and without drift."""
     clock = fed(300, drift=drift, seed=seed).estimate()
     for ahead_s in (0.0, 300.0, 2100.0):
         utc_s = START_S + ahead_s
@@ -46,14 +46,14 @@ def test_the_true_time_is_within_the_uncertainty(seed, drift):
 
 
 def test_both_conversions_are_inverse():
-    """device_of and utc_of are inverse functions."""
+    """``device_of`` and ``utc_of`` are inverse functions."""
     clock = fed(200, drift=1e-4).estimate()
     for utc_s in (START_S, START_S + 1e5):
         assert clock.utc_of(clock.device_of(utc_s)) == pytest.approx(utc_s, abs=1e-5)
 
 
 def test_uncertainty_grows_away_from_now():
-    """A day ahead the drift dominates; before the drift is measured its bound does."""
+    """The uncertainty grows with the time ahead. Before the drift is measured, its bound is used."""
     young, old = fed(10).estimate(), fed(500).estimate()
     assert young.drift is None
     assert young.uncertainty_at(START_S + 86400) > 8.0
@@ -61,7 +61,7 @@ def test_uncertainty_grows_away_from_now():
 
 
 def test_a_stalled_line_is_not_a_jump_of_the_clock():
-    """A few late packets are excluded and the estimate does not change."""
+    """A few packets delayed by a stalled line are excluded, and the estimate does not change."""
     tracker = fed(100)
     before = tracker.estimate()
     for k in range(JUMPED_AFTER - 1):
@@ -74,7 +74,7 @@ def test_a_stalled_line_is_not_a_jump_of_the_clock():
 
 @pytest.mark.parametrize("jump_s", [5.0, -5.0])
 def test_the_correlation_restarts_after_a_clock_jump(jump_s):
-    """A forward jump at once, a backward jump after some packets; earlier samples are discarded."""
+    """After a clock jump in either direction, earlier samples are discarded and the new relation is estimated."""
     tracker = fed(100)
     for k in range(100, 120):
         tracker.add(START_S + k + 0.03, device_of(START_S + k, 0.0) + jump_s)
@@ -84,7 +84,7 @@ def test_the_correlation_restarts_after_a_clock_jump(jump_s):
 
 
 def test_a_device_that_runs_faster_than_time_is_not_correlated():
-    """Accelerated simulation: no estimate is better than a wrong one."""
+    """For a device whose time runs ten times as fast, as in an accelerated simulation, there is no estimate."""
     tracker = ClockTracker()
     for k in range(100):
         tracker.add(START_S + k, 10.0 * k)

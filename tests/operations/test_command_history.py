@@ -1,4 +1,4 @@
-"""Commands during and after execution: authority, hazards, late reports, retries, restarts, and the searchable history."""
+"""Commands during and after execution: authority, hazards, late reports, retries, restarts and the command history."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.timeout(120)
 
 @pytest.fixture
 def console(make_console):
-    """An operator console whose sensor has identified itself."""
+    """Operator console whose sensor has identified itself."""
     return make_console()
 
 
@@ -31,7 +31,8 @@ def stages(row: Any) -> list[str]:
 
 
 def test_a_command_without_authority_is_rejected_with_the_holders_name(console):
-    """The first command takes authority; another user's is rejected and leaves no row; any user's ABORT is sent."""
+    """The first command takes authority. A command of another user is rejected and not stored, but ABORT of any user is
+    sent."""
     assert console.end(console.send("GET_STATUS")).result == "completed"
     assert console.authority.holder() == "ann"
     before = len(console.history.page(Filter(), 100))
@@ -45,7 +46,7 @@ def test_a_command_without_authority_is_rejected_with_the_holders_name(console):
 
 
 def test_a_rejected_command_does_not_take_authority(console):
-    """After bad arguments or a missing confirmation authority is free."""
+    """A command rejected for invalid arguments or a missing confirmation does not take authority."""
     for name, arguments in (("SET_EXPOSURE", {"exposure_ms": 99_999}), ("RESET", {})):
         with pytest.raises(BadInput):
             console.send(name, **arguments)
@@ -53,7 +54,7 @@ def test_a_rejected_command_does_not_take_authority(console):
 
 
 def test_the_argument_value_decides_what_must_be_confirmed(console):
-    """POWER on is harmless, POWER off needs a confirmation: the hazard belongs to the value."""
+    """The hazard depends on the argument: POWER on is harmless, and POWER off needs a confirmation."""
     assert console.end(console.send("POWER", rail="imager", state="on")).result == "completed"
     with pytest.raises(BadInput, match="POWER was not confirmed"):
         console.send("POWER", rail="imager", state="off")
@@ -64,7 +65,7 @@ def test_the_argument_value_decides_what_must_be_confirmed(console):
 
 
 def test_schedule_is_as_hazardous_as_its_inner_command(console):
-    """The inner command's name must be typed; SCHEDULE's own is not enough."""
+    """SCHEDULE has the hazard of its inner command, whose name confirms it. The name SCHEDULE does not."""
     dictionary = console.link.dictionary
     erase = dictionary.command("ERASE_BANK")
     order = {"at_s": 1e6, "command_code": erase.code, "length": 1, "payload": "02" + "00" * 63}
@@ -78,7 +79,7 @@ def test_schedule_is_as_hazardous_as_its_inner_command(console):
 
 
 def test_simulator_commands_are_hidden_from_a_real_unit(make_console):
-    """They are neither listed nor sent to a device that reports simulated = false."""
+    """Simulator commands are neither listed for nor sent to a device that identifies itself as real."""
     console = make_console(simulated=False, serial="FM-1")
     only = {c.name for c in console.link.dictionary.commands if c.simulator_only}
     assert only
@@ -90,7 +91,7 @@ def test_simulator_commands_are_hidden_from_a_real_unit(make_console):
 
 
 def test_simulator_commands_are_available_on_a_simulator(console):
-    """The training panel needs them."""
+    """Simulator commands are listed and permitted for a simulator."""
     assert "SIM_INJECT" in {c.name for c in console.commands.visible()}
     assert console.commands.check("SIM_INJECT", {}, user="ann").problems == ()
 
@@ -99,7 +100,7 @@ def test_simulator_commands_are_available_on_a_simulator(console):
 
 
 def test_a_missing_report_gives_unknown_and_a_retry_keeps_the_id(console):
-    """No report in time: unknown. The retry has the same id, and the device executes it once."""
+    """A command without a report in time is unknown. A retry has the same id, and the device executes it once."""
     frames = console.sensor.memory.record.frames
     console.sensor.deaf = True
     row = console.end(console.send("TAKE_IMAGE"))
@@ -107,28 +108,28 @@ def test_a_missing_report_gives_unknown_and_a_retry_keeps_the_id(console):
     view = console.commands.view(row)
     assert (view.idempotent, view.can_retry) == (False, True)
     console.sensor.deaf = False
-    again = console.end(console.commands.retry(row.id, user="ann"))
-    assert (again.result, again.request_id, again.attempts) == ("completed", row.request_id, 2)
+    retried = console.end(console.commands.retry(row.id, user="ann"))
+    assert (retried.result, retried.request_id, retried.attempts) == ("completed", row.request_id, 2)
     assert console.sensor.memory.record.frames == frames + 1
     with pytest.raises(Conflict, match="only a command whose fate is unknown"):
         console.commands.retry(row.id, user="ann")
 
 
 def test_a_late_report_is_recorded_and_marked(console):
-    """The command ran but its reports were delayed: unknown, then completed, marked late, with an event."""
+    """If the reports of a command are delayed, it is unknown, then completed and marked as late, with an event."""
     advance = console.sensor.device.next_frame
-    held: list[bytes] = []
+    delayed: list[bytes] = []
 
     def hold(now_s: float) -> bytes | None:
         frame = advance(now_s)
         if frame is not None:
-            held.append(frame)
+            delayed.append(frame)
         return None
 
     console.sensor.device.next_frame = hold
     row = console.end(console.send("GET_STATUS"))
     assert row.result == "unknown"
-    console.sensor.device.next_frame = lambda now_s: held.pop(0) if held else advance(now_s)
+    console.sensor.device.next_frame = lambda now_s: delayed.pop(0) if delayed else advance(now_s)
     console.wait(lambda: console.commands.get(row.id).result == "completed")
     row = console.commands.get(row.id)
     assert row.late
@@ -138,7 +139,7 @@ def test_a_late_report_is_recorded_and_marked(console):
 
 
 def test_an_operator_resolves_an_unknown_command(console):
-    """Resolving needs no authority and sends nothing; a later report is stored beside the operator's statement."""
+    """A user without authority can resolve an unknown command once, with a note. Nothing is sent."""
     console.sensor.deaf = True
     row = console.end(console.send("GET_STATUS"))
     written = len(console.sensor.written)
@@ -150,7 +151,7 @@ def test_an_operator_resolves_an_unknown_command(console):
 
 
 def test_a_queued_command_can_be_withdrawn_and_a_sent_one_not(console):
-    """No byte of it is sent; the record names the user who withdrew it."""
+    """A queued command can be withdrawn, is not sent, and records the user. A sent command cannot be withdrawn."""
     console.sensor.deaf = True
     first, second = console.send("TAKE_IMAGE"), console.send("SET_EXPOSURE", exposure_ms=77)
     console.wait(lambda: console.commands.get(first.id).result == "sent")
@@ -165,7 +166,7 @@ def test_a_queued_command_can_be_withdrawn_and_a_sent_one_not(console):
 
 
 def test_only_a_user_who_could_send_a_command_can_withdraw_it(console):
-    """Without the permission of its group or without authority the request is rejected and the command stays queued."""
+    """A user without authority or without permission for a command cannot withdraw it, and it remains queued."""
     console.sensor.deaf = True
     console.send("TAKE_IMAGE")
     row = console.send("SET_EXPOSURE", exposure_ms=77)
@@ -180,9 +181,8 @@ def test_only_a_user_who_could_send_a_command_can_withdraw_it(console):
 
 
 def test_a_restarted_server_repeats_no_command(make_console):
-    """Commands in progress become unknown and need the operator; idempotent ones are marked; both can be retried by
-    hand.
-    """
+    """After a restart, commands in progress are unknown and not repeated. Those that are not idempotent need the operator,
+    and both kinds can be retried."""
     first = make_console()
     first.sensor.deaf = True
     image, status = first.send("TAKE_IMAGE"), first.send("GET_STATUS")
@@ -190,7 +190,7 @@ def test_a_restarted_server_repeats_no_command(make_console):
     first.link._stopping = True
     first.link._thread.join()
     frames = first.sensor.memory.record.frames
-    first.commands._recorder._change(image.id, None, result="sent")  # as kill -9 would have left it
+    first.commands._recorder._change(image.id, None, result="sent")  # the state after kill -9
     first.sensor.deaf = False
 
     second = make_console(first.sensor)
@@ -205,9 +205,7 @@ def test_a_restarted_server_repeats_no_command(make_console):
 
 
 def test_a_command_id_that_the_device_no_longer_stores_is_not_resent(console):
-    """The device stores a limited number of ids; an older command that must not run twice is rejected, an idempotent
-    one is not.
-    """
+    """The device stores a limited number of ids. A retry of an older command is rejected unless it is idempotent."""
     console.sensor.deaf = True
     image, status = console.send("TAKE_IMAGE"), console.send("GET_STATUS")
     for row in (image, status):
@@ -223,7 +221,7 @@ def test_a_command_id_that_the_device_no_longer_stores_is_not_resent(console):
 
 
 def test_abort_needs_neither_store_nor_queue(console, monkeypatch):
-    """While the store is locked ABORT is sent; it is recorded with all its stages when the store is available again."""
+    """ABORT is sent while the store is locked. It is recorded with all its stages when the store is available again."""
     from gss.domain.errors import StoreDown
 
     def locked(*_: Any) -> None:
@@ -241,9 +239,7 @@ def test_abort_needs_neither_store_nor_queue(console, monkeypatch):
 
 
 def test_reports_during_a_store_lock_are_recorded_later(console, monkeypatch):
-    """Every stage of every command that completed meanwhile is recorded once and in order when the store is available
-    again.
-    """
+    """Reports received while the store is locked are recorded once and in order when it is available again."""
     from gss.domain.errors import StoreDown
 
     def locked(*_: Any, **__: Any) -> None:
@@ -267,9 +263,7 @@ def test_reports_during_a_store_lock_are_recorded_later(console, monkeypatch):
 
 
 def test_an_abort_not_sent_before_a_link_loss_is_not_sent_later(console):
-    """The link is lost after ABORT was accepted and before it is sent: it ends as withdrawn and never reaches the
-    device.
-    """
+    """If the link is lost after ABORT was queued and before it is sent, ABORT ends as withdrawn and is not sent later."""
     console.sensor.cut = True
     with console.link.lock:
         issued = console.link.session.abort(console.link.monotonic_s())
@@ -285,9 +279,7 @@ def test_an_abort_not_sent_before_a_link_loss_is_not_sent_later(console):
 
 
 def test_abort_withdraws_queued_commands(console, monkeypatch):
-    """None of twenty queued commands is sent after ABORT: each ends as withdrawn with the user who aborted, also if the
-    store was locked at that time.
-    """
+    """ABORT withdraws twenty queued commands. Each records the user who aborted, also if the store was locked."""
     from gss.domain.errors import StoreDown
 
     def locked(*_: Any) -> None:
@@ -311,7 +303,7 @@ def test_abort_withdraws_queued_commands(console, monkeypatch):
 
 
 def test_a_command_overtaken_by_abort_is_rejected(console, monkeypatch):
-    """ABORT arrives between storing a command's row and queueing it: it is not sent, and its row states the reason."""
+    """If ABORT is requested after a command was stored and before it is queued, the command is rejected with the reason."""
     add = console.commands._recorder.add
 
     def add_slowly(request_id: int, name: str, *rest: Any) -> Any:
@@ -332,7 +324,7 @@ def test_a_command_overtaken_by_abort_is_rejected(console, monkeypatch):
 
 @pytest.fixture
 def full(console, clock):
-    """Commands with different results, one minute apart."""
+    """Console with stored commands with different results, one minute apart."""
     for name, arguments in (
         ("SET_EXPOSURE", {"exposure_ms": 123}),
         ("FIND_CENTROIDS", {"slot": 3}),
@@ -345,7 +337,7 @@ def full(console, clock):
 
 
 def test_history_is_searched_by_every_field(full, clock):
-    """Span, name, result, user, contact and text, alone and combined; pages follow by id."""
+    """The history is filtered by span, name, result, user, contact and text, alone and combined, and paged by id."""
 
     def found(**wanted: Any) -> list[str]:
         return [f"{r.name} {r.result}" for r in full.history.page(Filter(**wanted), 100)]
@@ -375,13 +367,13 @@ def test_history_is_searched_by_every_field(full, clock):
         full.history.page(Filter(start=start, end=start), 5)
 
 
-@pytest.mark.parametrize("wanted", [Filter(), Filter(names=("SET_EXPOSURE",)), Filter(text="nothing has this")])
-def test_exports_contain_exactly_the_search_result(full, wanted):
-    """Both formats, oldest first, equal to each other and to the page."""
-    page = full.history.page(wanted, 100)
-    exported = json.loads("".join(full.history.json(wanted)))
+@pytest.mark.parametrize("search", [Filter(), Filter(names=("SET_EXPOSURE",)), Filter(text="nothing has this")])
+def test_exports_contain_exactly_the_search_result(full, search):
+    """JSON and CSV exports have the same commands as the page, oldest first."""
+    page = full.history.page(search, 100)
+    exported = json.loads("".join(full.history.json(search)))
     assert [e["id"] for e in exported] == [row.id for row in reversed(page)]
-    table = list(csv.DictReader(io.StringIO("".join(full.history.csv(wanted)))))
+    table = list(csv.DictReader(io.StringIO("".join(full.history.csv(search)))))
     assert [int(line["id"]) for line in table] == [e["id"] for e in exported]
     for line, record in zip(table, exported, strict=True):
         assert json.loads(line["arguments"]) == record["arguments"]

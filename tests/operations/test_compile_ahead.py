@@ -18,7 +18,7 @@ from gss.pipeline.kernels import kernels
 
 
 def test_every_loop_is_compiled_and_progress_is_reported() -> None:
-    """Afterwards every loop that Python calls has a signature; the report counts the cases."""
+    """After compilation every loop that Python calls has a signature. Progress is reported for each case."""
     steps: list[tuple[int, int, str]] = []
     cameras = shipped_registry()
     solver = Solver(cameras.camera, SolverCache(), time.perf_counter)
@@ -35,10 +35,10 @@ def test_every_loop_is_compiled_and_progress_is_reported() -> None:
 
 
 def test_a_camera_that_does_not_solve_the_frame_is_an_error() -> None:
-    """Without a solution it is unknown which loops were compiled."""
-    known = shipped_camera("cubestar")
-    geometry = replace(known.camera, focal_col_px=1.4 * known.camera.focal_col_px)
-    other = replace(known, camera=geometry)
+    """A camera that does not solve the frame is an error, because it is unknown which loops were compiled."""
+    profile = shipped_camera("cubestar")
+    geometry = replace(profile.camera, focal_col_px=1.4 * profile.camera.focal_col_px)
+    other = replace(profile, camera=geometry)
     solver = Solver(lambda _name: other, SolverCache(), time.perf_counter)
     with pytest.raises(GssError, match="could not be compiled"):
-        compile_ahead(solver, known, lambda *_step: None)
+        compile_ahead(solver, profile, lambda *_step: None)

@@ -1,4 +1,4 @@
-"""What is stored about the device of a contact."""
+"""Stored properties of a contact's device."""
 
 from __future__ import annotations
 
@@ -19,10 +19,9 @@ COUNTERS = LinkCounters(DirectionCounters(), DirectionCounters(), None)
 
 
 @pytest.mark.parametrize(("url", "simulated"), [(OWN, True), ("socket://127.0.0.1:5556", False)])
-def test_a_unit_that_cannot_say_so_is_simulated_at_the_address_of_the_own_simulator(
-    url, simulated, database, bus, clock, tmp_path
-):
-    """The header and the stored device agree; a unit at another address is not simulated."""
+def test_a_unit_at_the_address_of_the_servers_simulator_is_simulated(url, simulated, database, bus, clock, tmp_path):
+    """A unit whose identification does not state it is simulated if it has the address of the server's simulator. Link and
+    stored device agree."""
     link = LinkService(
         load_dictionary(),
         default_roles(load_dictionary()),
@@ -42,8 +41,8 @@ def test_a_unit_that_cannot_say_so_is_simulated_at_the_address_of_the_own_simula
     assert device.simulated == simulated
 
 
-def test_a_line_that_does_not_fit_the_framing_is_refused(database, bus, clock, tmp_path) -> None:
-    """Frames of a CAN bus and bytes of a serial line are different things."""
+def test_a_line_that_does_not_fit_the_framing_is_rejected(database, bus, clock, tmp_path) -> None:
+    """A CAN line is rejected for a sensor with a framing for serial lines."""
     queue = LineEventQueue(clock, lambda: 0.0)
     link = LinkService(
         load_dictionary(), default_roles(load_dictionary()), database, bus, tmp_path, clock, lambda: 0.0, queue

@@ -1,4 +1,4 @@
-"""Dark frames stored with a calibration and subtracted in ground reruns while that calibration is in use."""
+"""Dark frames that are stored with a calibration and subtracted in ground reruns while the calibration is in use."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from gss.wiring.services import Services
 
 SUNSAT = shipped_camera("sunsat")
 WARM = 16.0
-"""Factor of the dark current: 32 °C warmer, where fixed pattern and hot pixels dominate a frame."""
+"""Factor of the dark current at 32 °C more, where fixed pattern and hot pixels dominate a frame."""
 NIGHT = datetime(2026, 6, 1, tzinfo=UTC)
 FRAMES = 6
 
 
-class Warm:
-    """A server with dark frames and star frames of one warm detector in its store."""
+class WarmServer:
+    """Services with stored dark frames and star frames of one warm detector."""
 
     def __init__(self, folder: Path) -> None:
         self.services: Services = build(Settings(data=folder))
@@ -69,13 +69,16 @@ class Warm:
         )
         return frame.id
 
-    def calibrate(self, wanted: DetectorCalibration | StarCalibration) -> Calibration:
-        job: Job = self.services.studies.calibrations.start(wanted, user="engineer-1")
+    def calibrate(self, request: DetectorCalibration | StarCalibration) -> Calibration:
+        job: Job = self.services.studies.calibrations.start(request, user="engineer-1")
         end = time.monotonic() + 600
-        while (now := self.services.base.jobs.get(job.id)).state in ("queued", "running") and time.monotonic() < end:
+        while (current := self.services.base.jobs.get(job.id)).state in (
+            "queued",
+            "running",
+        ) and time.monotonic() < end:
             time.sleep(0.02)
-        assert now.state == "done", now.text
-        return self.services.studies.calibrations.get(int(now.result["calibration_id"]))
+        assert current.state == "done", current.text
+        return self.services.studies.calibrations.get(int(current.result["calibration_id"]))
 
     def spots(self, chain: str = "reference") -> tuple[int, list[str]]:
         """Return the number of stars matched in all frames, and the notes of the last result."""
@@ -89,30 +92,31 @@ class Warm:
 
 
 @pytest.fixture(scope="module")
-def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Warm]:
-    """A server with one warm detector, shared by the tests of this file."""
-    made = Warm(Path(tmp_path_factory.mktemp("warm")))
-    yield made
-    made.services.base.jobs.stop()
-    made.services.frames.frames.stop()
-    made.services.base.database.close()
+def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WarmServer]:
+    """Services with a warm detector, shared by the tests of this file."""
+    warm_server = WarmServer(Path(tmp_path_factory.mktemp("warm")))
+    yield warm_server
+    warm_server.services.base.jobs.stop()
+    warm_server.services.frames.frames.stop()
+    warm_server.services.base.database.close()
 
 
 @pytest.fixture(scope="module")
-def detector(warm: Warm) -> Calibration:
-    """A calibration of its detector."""
+def detector(warm: WarmServer) -> Calibration:
+    """Calibration of the warm detector."""
     return warm.calibrate(DetectorCalibration(kind="detector", profile="sunsat", dark_ids=list(warm.darks)))
 
 
-def test_the_median_dark_frame_is_stored_and_shown(warm: Warm, detector: Calibration) -> None:
-    """A map with a resolution of 0.01 DN in the store, and a picture in the report, the PDF and the page."""
-    kept = detector.result["dark_frame"]
-    pattern = warm.services.studies.calibrations._darks.pattern(kept["key"])
+def test_the_median_dark_frame_is_stored_and_shown(warm: WarmServer, detector: Calibration) -> None:
+    """The median dark frame is stored, equal within 0.02 DN, and shown in the report as HTML and PDF. Invalid and oversized
+    data are rejected."""
+    stored = detector.result["dark_frame"]
+    pattern = warm.services.studies.calibrations._darks.pattern(stored["key"])
     stacked = np.median(
         [warm.services.frames.frames.pixels(warm.services.frames.frames.get(i)) for i in warm.darks], axis=0
     )
     assert np.allclose(pattern.pattern_dn, stacked - np.median(stacked), atol=0.02)
-    assert len(pattern.bad) == kept["bad"] > 0
+    assert len(pattern.bad) == stored["bad"] > 0
     drawings = [d for s in calibration_sheet(detector).sections for d in s.drawings]
     assert any(isinstance(d, Picture) for d in drawings)
     assert b"data:image/png;base64," in export_calibration(detector, "html")
@@ -125,8 +129,9 @@ def test_the_median_dark_frame_is_stored_and_shown(warm: Warm, detector: Calibra
         from_bytes(bomb.getvalue())
 
 
-def test_reruns_detect_more_stars_without_the_pattern_and_report_it(warm: Warm, detector: Calibration) -> None:
-    """Subtracted, not subtracted, and in a worker process; the sensor's own chain gets the unmodified pixels."""
+def test_reruns_detect_more_stars_without_the_pattern_and_report_it(warm: WarmServer, detector: Calibration) -> None:
+    """Ground reruns subtract the dark frame, also in a worker process, detect more stars and report it. The sensor's chain
+    gets unmodified pixels."""
     services = warm.services
     before, notes = warm.spots()
     system, _ = warm.spots("sunsat")
@@ -138,9 +143,9 @@ def test_reruns_detect_more_stars_without_the_pattern_and_report_it(warm: Warm, 
         assert any(n.startswith("dark frame subtracted, ") for n in notes)
         assert warm.spots("sunsat")[0] == system
         frame = services.frames.frames.get(warm.frames[0])
-        known = replace(services.studies.calibrations.book.profile("sunsat"), sensor=SUNSAT.sensor)
+        profile = replace(services.studies.calibrations.book.profile("sunsat"), sensor=SUNSAT.sensor)
         order = BatchSettings(
-            services.base.settings.blobs_url, 2026.5, "reference", {"sunsat": known}, {"sunsat": known}
+            services.base.settings.blobs_url, 2026.5, "reference", {"sunsat": profile}, {"sunsat": profile}
         )
         task = Task(frame.id, frame.sha256, frame.dtype, frame.rows, frame.columns, "sunsat", None)
         assert any("dark frame subtracted" in n for n in run_batch(order, [task])[0]["notes"])
@@ -149,21 +154,24 @@ def test_reruns_detect_more_stars_without_the_pattern_and_report_it(warm: Warm, 
     assert warm.spots()[0] == before
 
 
-def test_a_calibration_from_stars_inherits_the_dark_frame(warm: Warm, detector: Calibration) -> None:
-    """The new camera keeps the detector's dark frame when it is used."""
+def test_a_calibration_from_stars_inherits_the_dark_frame(warm: WarmServer, detector: Calibration) -> None:
+    """A calibration from stars has the dark frame of the detector calibration in use, and keeps it when it is used."""
     service = warm.services.studies.calibrations
-    wanted = StarCalibration(
+    request = StarCalibration(
         kind="stars", frame_ids=list(warm.frames), profile="sunsat", models=["radial-tilt"], photometry=False, psf=False
     )
-    plain = warm.calibrate(wanted)
+    without_dark = warm.calibrate(request)
     service.use(detector.id, user="engineer-1")
     try:
-        made = warm.calibrate(wanted)
-        assert "dark_frame" not in plain.result
-        assert made.result["dark_frame"] == detector.result["dark_frame"]["key"]
-        assert made.result["geometry"]["residuals"]["stars"] > 1.3 * plain.result["geometry"]["residuals"]["stars"]
-        service.use(made.id, user="engineer-1")
+        with_dark = warm.calibrate(request)
+        assert "dark_frame" not in without_dark.result
+        assert with_dark.result["dark_frame"] == detector.result["dark_frame"]["key"]
+        assert (
+            with_dark.result["geometry"]["residuals"]["stars"]
+            > 1.3 * without_dark.result["geometry"]["residuals"]["stars"]
+        )
+        service.use(with_dark.id, user="engineer-1")
         assert service.book.dark_of("sunsat") == detector.result["dark_frame"]["key"]
-        assert calibration_sheet(made).sections
+        assert calibration_sheet(with_dark).sections
     finally:
         service.use_documented("sunsat", user="engineer-1")

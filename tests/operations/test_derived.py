@@ -1,4 +1,4 @@
-"""Derived parameters: computed on arrival, stored, judged and plotted like telemetry, and recomputed over the past."""
+"""Derived parameters: computed on reception, stored, checked and plotted like telemetry, and recomputed for the past."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ POWER = "housekeeping.supply_3v3_v * housekeeping.current_imager_ma / 1000"
 
 
 def request(name: str = "power_w", expression: str = POWER, **more: Any) -> DerivedRequest:
-    """Return a definition with plain values."""
+    """Return a definition of a derived parameter."""
     values = {"title": "Power", "unit": "W", "decimals": 3} | more
     return DerivedRequest(name=name, expression=expression, **values)
 
 
 class Ground:
-    """Telemetry and jobs without a link; one packet of housekeeping per call."""
+    """Telemetry and jobs without a link. Each ``receive`` processes one packet."""
 
     def __init__(self, database: Any, bus: Any, clock: Any) -> None:
         self.clock, self.database = clock, database
@@ -52,13 +52,13 @@ class Ground:
 
 @pytest.fixture
 def ground(database: Any, bus: Any, clock: Any) -> Any:
-    made = Ground(database, bus, clock)
-    yield made
-    made.jobs.stop()
+    new_ground = Ground(database, bus, clock)
+    yield new_ground
+    new_ground.jobs.stop()
 
 
 def test_a_parameter_is_computed_with_every_packet_and_has_a_history(ground: Ground) -> None:
-    """Value, unit and page of the telemetry page; the stored history; the export of the archive."""
+    """A parameter is computed with every packet, is listed with value, unit and page, and is stored."""
     ground.derived.add(request(), user="ann")
     for current in (100, 200, 300):
         ground.receive(supply_3v3_v=3.0, current_imager_ma=current)
@@ -70,8 +70,8 @@ def test_a_parameter_is_computed_with_every_packet_and_has_a_history(ground: Gro
     assert [row.values["power_w"] for row in rows] == pytest.approx([0.9, 0.6, 0.3])
 
 
-def test_limits_of_a_parameter_are_judged(ground: Ground) -> None:
-    """From the definition, then from an operator's override."""
+def test_limits_of_a_parameter_are_checked(ground: Ground) -> None:
+    """The limits are those of the definition, or those of an operator's override."""
     ground.derived.add(request(warning=[None, 0.5]), user="ann")
     [judged] = ground.receive(supply_3v3_v=3.0, current_imager_ma=200)
     assert [(j.packet, j.state) for j in judged.judgements if j.packet == "derived_power_w"] == [
@@ -86,8 +86,8 @@ def test_limits_of_a_parameter_are_judged(ground: Ground) -> None:
     assert ground.value().state == "critical"
 
 
-def test_what_cannot_be_computed_is_unknown_with_its_reason(ground: Ground) -> None:
-    """Division by zero, a value that was not received, and a packet that is too old."""
+def test_a_parameter_that_cannot_be_computed_is_unknown_with_the_reason(ground: Ground) -> None:
+    """After a division by zero, or with a missing or stale value, a parameter is unknown with the reason."""
     ground.derived.add(request("share", "1 / housekeeping.current_imager_ma"), user="ann")
     ground.derived.add(request("both", "housekeeping.supply_3v3_v + timing.detect_ms"), user="ann")
     assert ground.value("share").text == "never"
@@ -103,7 +103,8 @@ def test_what_cannot_be_computed_is_unknown_with_its_reason(ground: Ground) -> N
 
 
 def test_the_past_is_recomputed_as_a_job(ground: Ground) -> None:
-    """Packets from before the definition, over several hours; a changed definition replaces the stored values."""
+    """A job computes the parameter from packets received before its definition. After a change of the definition, a job
+    replaces the stored values of its span."""
     for hour in range(3):
         for _ in range(3):
             ground.receive(supply_3v3_v=3.0, current_imager_ma=100 * (hour + 1))
@@ -117,13 +118,13 @@ def test_the_past_is_recomputed_as_a_job(ground: Ground) -> None:
     assert ground.plotted() == pytest.approx([0.3] * 3 + [0.6] * 3 + [0.9] * 3)
     ground.telemetry.rollups.make()
     ground.derived.change("power_w", request(expression=f"10 * {POWER}"), user="ann")
-    again = ground.history.recompute("power_w", start, ground.clock() - timedelta(hours=2, minutes=30), user="ann")
-    wait(ground, again.id)
+    second_job = ground.history.recompute("power_w", start, ground.clock() - timedelta(hours=2, minutes=30), user="ann")
+    wait(ground, second_job.id)
     assert ground.plotted() == pytest.approx([3.0] * 3 + [0.6] * 3 + [0.9] * 3)
 
 
-def test_recomputing_gives_what_was_computed_on_arrival(ground: Ground) -> None:
-    """With two packets, of which one becomes too old, the stored rows are the same."""
+def test_recomputation_gives_the_values_computed_on_reception(ground: Ground) -> None:
+    """Recomputed rows equal those computed on reception, also with two packets of which one becomes stale."""
     ground.derived.add(request("both", "housekeeping.supply_3v3_v > timing.detect_ms"), user="ann")
     for k in range(40):
         ground.receive("timing" if k % 7 == 3 else "housekeeping", supply_3v3_v=3.0 + k, detect_ms=20.0)
@@ -139,9 +140,9 @@ def test_recomputing_gives_what_was_computed_on_arrival(ground: Ground) -> None:
     assert content(after) == content(before)
 
 
-def test_invalid_definitions_are_refused(ground: Ground) -> None:
-    """Each with the reason; nothing is stored."""
-    for bad, words in [
+def test_invalid_definitions_are_rejected(ground: Ground) -> None:
+    """An invalid definition is rejected with the reason and not stored."""
+    for invalid, words in [
         (request("Power"), "name of the derived parameter is invalid"),
         (request(expression="housekeeping.nothing"), "unknown telemetry field"),
         (request(expression="1 + 1"), "refers to no telemetry field"),
@@ -150,7 +151,7 @@ def test_invalid_definitions_are_refused(ground: Ground) -> None:
         (request(watch=[2.0, 1.0]), "limits are empty"),
     ]:
         with pytest.raises(BadInput, match=words):
-            ground.derived.add(bad, user="ann")
+            ground.derived.add(invalid, user="ann")
     assert ground.derived.every() == []
     ground.derived.add(request(), user="ann")
     with pytest.raises(Conflict, match="exists"):
@@ -164,7 +165,8 @@ def test_invalid_definitions_are_refused(ground: Ground) -> None:
 
 
 def test_a_deleted_parameter_leaves_the_page_and_keeps_its_history(ground: Ground, database: Any, bus: Any) -> None:
-    """Defining it again shows the history; another server process reads the definition on request."""
+    """A deleted parameter is not listed. When it is defined again, its history is available. Another server process reads
+    a new definition on request."""
     other = TelemetryService(DICTIONARY, database, bus, ground.clock, lambda: None, lambda: True)
     ground.derived.add(request(), user="ann")
     ground.receive(supply_3v3_v=3.0, current_imager_ma=100)

@@ -32,12 +32,12 @@ def quick(**changes: Any) -> dict[str, Any]:
 
 
 def figure(record: dict[str, Any], key: str) -> Any:
-    """Return the figure of that name."""
+    """Return the figure with this key."""
     return next(f for f in record["figures"] if f["key"] == key)
 
 
 def test_every_figure_has_unit_source_and_a_finite_number() -> None:
-    """The record is plain JSON without NaN; figures state their source; the paper's values are listed beside ours."""
+    """The record is JSON without NaN, each figure has its source, and values of papers are listed with ours."""
     record = quick(mag_limit=6.0)
     json.dumps(record, allow_nan=False)
     assert all(f["source"] and f["label"] and f["group"] for f in record["figures"])
@@ -52,7 +52,7 @@ def test_every_figure_has_unit_source_and_a_finite_number() -> None:
 
 
 def test_an_edited_camera_is_listed_before_the_documented_one() -> None:
-    """Unchanged there are five rows; edited there are six, the edited one first, and the lens changes its figures."""
+    """An unchanged camera gives five rows. An edited camera is a sixth row, listed first, with changed figures."""
     assert [c["name"] for c in quick()["cameras"]] == ["aim", "cubestar", "far_mst", "oersted", "sunsat"]
     longer = quick(focal_mm=50.0)
     assert not any(c["marks"] for c in longer["curves"])
@@ -65,20 +65,18 @@ def test_an_edited_camera_is_listed_before_the_documented_one() -> None:
 
 
 def test_the_full_count_adds_the_lens_trade_and_is_reproducible() -> None:
-    """A small full count contains every lens and more pointings, reports its progress, and repeats exactly with the
-    same seed.
-    """
+    """A full count contains every lens, reports its progress, and gives exactly the same result with the same seed."""
     reported: list[float] = []
     request = r.DesignRequest(DesignCamera.from_profile(shipped_camera("sunsat")).edited(mag_limit=6.0))
     first = r.design(request, STARS, SMALL, progress=reported.append)
-    again = r.design(request, STARS, SMALL)
+    repeated = r.design(request, STARS, SMALL)
     assert len(first.trade) == len(r.lens_trade.__globals__["LENS_FOCALS"]) * 3
     assert first.in_view.pointings == 3_000
     assert reported == sorted(reported)
     assert reported[0] >= 0
     assert reported[-1] <= 1
-    assert np.array_equal(first.in_view.histogram, again.in_view.histogram)
-    assert first.accuracy == again.accuracy
+    assert np.array_equal(first.in_view.histogram, repeated.in_view.histogram)
+    assert first.accuracy == repeated.accuracy
     other = r.design(replace(request, seed=2), STARS, SMALL)
     assert not np.array_equal(first.in_view.histogram, other.in_view.histogram)
     faster = {row.camera.f_number: row.limit_mag for row in first.trade if row.camera.focal_mm == 25.0}
@@ -86,7 +84,7 @@ def test_the_full_count_adds_the_lens_trade_and_is_reproducible() -> None:
 
 
 def test_wide_and_deep_cameras_are_counted_with_fewer_pointings() -> None:
-    """A 100° camera to V 9 stays within its budget of stars and states its number of pointings."""
+    """A wide camera with a faint limit is counted with fewer pointings, within the limit on counted stars."""
     wide = DesignCamera.from_profile(shipped_camera("cubestar")).edited(
         focal_mm=3.0, exposure_s=20.0, f_number=0.5, dark_current_e_s=1.0
     )
@@ -97,7 +95,7 @@ def test_wide_and_deep_cameras_are_counted_with_fewer_pointings() -> None:
 
 
 def test_an_orbit_replaces_the_whole_sky() -> None:
-    """Along an orbit the record says so; a law that follows no orbit is refused."""
+    """A study along an orbit states this in the record. A pointing law that follows no orbit is rejected."""
     along = DesignQuestion(profile="sunsat", sky="orbit", inclination_deg=97.4, raan_deg=[0.0, 360.0])
     record = answer(along, SUNSAT, STARS, quick=True, documents=ROWS)
     assert record["sky"] == "along the orbit"
@@ -106,7 +104,7 @@ def test_an_orbit_replaces_the_whole_sky() -> None:
 
 
 def test_impossible_designs_are_rejected() -> None:
-    """No star bright enough, a negative spare width; an impossible baffle is a sentence in the record, not an error."""
+    """A design that detects no star and a negative spare width are rejected. An impossible baffle is a text in the record."""
     with pytest.raises(BadInput, match="detects no star"):
         quick(exposure_s=0.001, read_noise_e=10_000.0, f_number=32.0)
     with pytest.raises(BadInput, match="spare_mm"):
@@ -119,7 +117,7 @@ def test_impossible_designs_are_rejected() -> None:
 
 
 def test_the_page_contains_figures_drawings_and_no_script() -> None:
-    """One page with every figure's source, a drawing per curve and baffle, and nothing loaded from outside."""
+    """The page contains every figure and a drawing per curve and baffle, without scripts or external resources."""
     record = quick(focal_mm=35.0)
     page = as_html(design_sheet(record))
     assert page.count("<svg") == len(record["curves"]) + len(record["baffles"])

@@ -1,4 +1,4 @@
-"""Bytes of an image transfer to pixels and back, complete and incomplete."""
+"""Conversion of the bytes of an image transfer to pixels and back, complete and incomplete."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def noise(bits: int) -> np.ndarray:
 
 @pytest.mark.parametrize("shape", [EIGHT, TWELVE])
 def test_a_frame_is_unchanged_by_upload_and_download(shape: Shape) -> None:
-    """More than eight bits take two bytes, high byte first."""
+    """Pixels are unchanged by upload and download. Those of more than eight bits have two bytes, high byte first."""
     image = noise(shape.bits)
     data = wire_bytes(image, shape)
     assert len(data) == image.size * (1 if shape.bits == 8 else 2)
@@ -32,7 +32,7 @@ def test_a_frame_is_unchanged_by_upload_and_download(shape: Shape) -> None:
 
 @pytest.mark.parametrize("shape", [EIGHT, TWELVE])
 def test_an_incomplete_frame_lists_its_complete_rows(shape: Shape) -> None:
-    """A row with a missing byte is incomplete."""
+    """An incomplete frame lists the rows without a missing byte."""
     row = 40 * shape.wire.itemsize
     picture = picture_of(
         "frame", wire_bytes(noise(shape.bits), shape), shape, None, [(0, 2 * row + 1), (5 * row - 1, 9 * row)]
@@ -42,25 +42,25 @@ def test_an_incomplete_frame_lists_its_complete_rows(shape: Shape) -> None:
 
 
 def test_a_region_keeps_its_position_and_an_incomplete_one_lists_its_rows() -> None:
-    """Pixel coordinates stay those of the detector."""
+    """The pixels of a region keep their position on the detector. An incomplete region lists its rows."""
     image, part = noise(12), Part(7, 11, 20, 5)
     data = wire_bytes(image, TWELVE)
-    cut = image[11:16, 7:27].astype(">u2").tobytes()
-    picture = picture_of("region", cut, TWELVE, part, [])
+    region_bytes = image[11:16, 7:27].astype(">u2").tobytes()
+    picture = picture_of("region", region_bytes, TWELVE, part, [])
     assert np.array_equal(picture.pixels[11:16, 7:27], image[11:16, 7:27])
     assert picture.pixels.sum() == image[11:16, 7:27].sum()
     assert (picture.rows_held, picture.boxes, picture.complete) == (((11, 15),), ((7, 11, 20, 5),), False)
-    broken = picture_of("region", cut, TWELVE, part, [(0, 90)])
+    broken = picture_of("region", region_bytes, TWELVE, part, [(0, 90)])
     assert (broken.rows_held, broken.boxes) == (((11, 12),), ((7, 11, 20, 2),))
     with pytest.raises(CorruptData):
         picture_of("region", data, TWELVE, Part(30, 0, 20, 5), [])
 
 
 def test_frames_that_do_not_fit_the_detector_are_rejected_with_a_reason() -> None:
-    """Size, data type and range."""
-    with pytest.raises(BadInput, match="does not fit") as refused:
+    """Frames with a wrong size, data type or range are rejected with the reason."""
+    with pytest.raises(BadInput, match="does not fit") as error:
         wire_bytes(noise(8)[:20], EIGHT)
-    assert (refused.value.expected, refused.value.got) == ("40 x 30 px", "40 x 20 px")
+    assert (error.value.expected, error.value.got) == ("40 x 30 px", "40 x 20 px")
     with pytest.raises(BadInput, match="brighter"):
         wire_bytes(np.full((30, 40), 256, np.uint16), EIGHT)
     with pytest.raises(BadInput, match="integers"):
@@ -68,6 +68,6 @@ def test_frames_that_do_not_fit_the_detector_are_rejected_with_a_reason() -> Non
 
 
 def test_the_image_s_own_size_overrides_the_detector_s() -> None:
-    """frame_info is sent with the image; the identity of the device is only the fallback."""
+    """The size in the image's metadata is used. That of the device is only used if it is missing."""
     assert shape_of({"columns": 10, "rows": 5, "bits": 12}, 40, 30, 8) == Shape(10, 5, 12)
     assert shape_of({}, 40, 30, 8) == EIGHT

@@ -20,7 +20,7 @@ from gss.wiring.build import build
 
 
 def test_recorded_events_reach_every_subscriber_with_their_number(bus):
-    """BatchSettings and numbers are those of the record; other messages have no number."""
+    """Subscribers get recorded events with their sequence number. Other messages have no number."""
     woken = threading.Event()
     mailbox = bus.subscribe(woken.set)
     first = bus.record("kind", "ok", "one", detail=1)
@@ -36,7 +36,7 @@ def test_recorded_events_reach_every_subscriber_with_their_number(bus):
 
 
 def test_a_slow_subscriber_loses_the_oldest_and_gets_their_number(bus):
-    """Queues are bounded; dropped messages are counted and reported."""
+    """Queues are bounded. A slow subscriber loses the oldest messages and gets their number."""
     mailbox = bus.subscribe(lambda: None)
     for k in range(MAILBOX + 3):
         bus.publish("x", k)
@@ -82,7 +82,7 @@ def wait_for_end(jobs, job_id: int) -> Job:
 
 
 def test_a_job_reports_progress_and_stores_its_result(jobs, bus):
-    """Completed items, total and text are readable while it runs; the result is stored."""
+    """A job publishes its progress and stores its request and result."""
     mailbox = bus.subscribe(lambda: None)
 
     def work(request, run):
@@ -93,12 +93,12 @@ def test_a_job_reports_progress_and_stores_its_result(jobs, bus):
     job = wait_for_end(jobs, jobs.begin("sum", "title", Sum((40, 2), user="ann")).id)
     assert (job.state, job.result) == ("done", {"answer": 42})
     assert job.request == {"numbers": [40, 2], "user": "ann"}
-    seen = [m.payload.text for m in mailbox.take()[0] if m.topic == "job"]
-    assert "Done" in seen
+    texts = [m.payload.text for m in mailbox.take()[0] if m.topic == "job"]
+    assert "Done" in texts
 
 
 def test_a_cancelled_job_ends_at_its_next_report(jobs):
-    """A cancelled job has no result; a second cancellation reports that it has ended."""
+    """A cancelled job ends at its next progress report and has no result. A second cancellation is rejected."""
     running, go = threading.Event(), threading.Event()
 
     def work(run):
@@ -125,7 +125,7 @@ def test_a_cancelled_job_ends_at_its_next_report(jobs):
     ],
 )
 def test_a_failing_job_states_the_reason_and_the_next_one_runs(jobs, bus, error, words):
-    """Invalid input and defects both give a visible result; the worker continues."""
+    """A job that fails because of invalid input or a defect states the reason, and the next job runs."""
 
     def work(_run):
         raise error
@@ -138,7 +138,7 @@ def test_a_failing_job_states_the_reason_and_the_next_one_runs(jobs, bus, error,
 
 
 def test_jobs_of_a_killed_server_are_closed_at_the_next_start(jobs, database, clock):
-    """No job stays "running"."""
+    """A job that was running in a killed server has failed after the next start."""
     with database.unit_of_work() as session:
         job_id = store.add(session, Job(kind="k", title="t", state="running", created=clock())).id
     jobs.start()
@@ -147,8 +147,8 @@ def test_jobs_of_a_killed_server_are_closed_at_the_next_start(jobs, database, cl
     assert "Start it again" in job.text
 
 
-def copy_as_a_crash_leaves_it(source, folder):
-    """Copy the database as kill -9 at this time would leave it, and open it as the next server does."""
+def copy_crashed_database(source, folder):
+    """Copy the database as after kill -9 at this time. Return it opened as by the next server."""
     with sqlite3.connect(source.engine.url.database) as live, sqlite3.connect(folder / "after.db") as after:
         live.backup(after)
     live.close()
@@ -156,54 +156,51 @@ def copy_as_a_crash_leaves_it(source, folder):
     return Database(open_engine(f"sqlite:///{folder / 'after.db'}"))
 
 
-def a_sum(run, upto=6):
-    """Sum squares in chunks, each stored at once."""
-    kept = dict(run.checkpoint or {"next": 0, "sum": 0, "steps": []})
-    for k in range(kept["next"], upto):
+def sum_in_chunks(run, upto=6):
+    """Sum squares in chunks, and store a checkpoint after each."""
+    checkpoint = dict(run.checkpoint or {"next": 0, "sum": 0, "steps": []})
+    for k in range(checkpoint["next"], upto):
         run.progress(k, upto, f"chunk {k}")
-        kept = {"next": k + 1, "sum": kept["sum"] + k * k, "steps": [*kept["steps"], k]}
-        run.keep(kept)
-    return {"sum": kept["sum"], "chunks": len(kept["steps"])}
+        checkpoint = {"next": k + 1, "sum": checkpoint["sum"] + k * k, "steps": [*checkpoint["steps"], k]}
+        run.keep(checkpoint)
+    return {"sum": checkpoint["sum"], "chunks": len(checkpoint["steps"])}
 
 
 @pytest.mark.parametrize("killed_after", range(6))
 def test_a_job_continues_at_its_last_chunk_after_a_crash(jobs, database, clock, tmp_path, killed_after):
-    """After a kill between any two chunks the next server does only the remaining ones, and the result equals that of
-    an uninterrupted run.
-    """
-    left: list[Database] = []
+    """After a crash between any two chunks, the next server runs only the remaining ones, and the result equals that of an
+    uninterrupted run."""
+    crashed_databases: list[Database] = []
 
     def dying(run):
         def keep(checkpoint, session=None):
             run.keep(checkpoint, session)
             if checkpoint["next"] == killed_after:
-                left.append(copy_as_a_crash_leaves_it(database, tmp_path))
+                crashed_databases.append(copy_crashed_database(database, tmp_path))
 
         if killed_after == 0:
-            left.append(copy_as_a_crash_leaves_it(database, tmp_path))
-        return a_sum(replace(run, keep=keep))
+            crashed_databases.append(copy_crashed_database(database, tmp_path))
+        return sum_in_chunks(replace(run, keep=keep))
 
-    whole = wait_for_end(jobs, begin(jobs, dying))
-    (after,) = left
+    uninterrupted = wait_for_end(jobs, begin(jobs, dying))
+    (after,) = crashed_databases
     done: list[int] = []
 
-    def rest(run):
+    def remaining_work(run):
         done.append((run.checkpoint or {"next": 0})["next"])
-        return a_sum(run)
+        return sum_in_chunks(run)
 
     second = JobService(after, EventBus(after, clock), clock, lambda _: None)
-    register(second, rest)
+    register(second, remaining_work)
     second.start()
-    job = wait_for_end(second, whole.id)
+    job = wait_for_end(second, uninterrupted.id)
     second.stop()
-    assert (job.state, job.result, done) == ("done", whole.result, [killed_after])
+    assert (job.state, job.result, done) == ("done", uninterrupted.result, [killed_after])
     after.close()
 
 
 def test_a_job_that_kills_the_server_is_not_restarted_without_limit(jobs, database, clock):
-    """After the third crash without progress it fails with the reason; its request is kept so that a user can start it
-    again.
-    """
+    """After the third crash without progress the job fails with the reason. A user can start it again."""
     with database.unit_of_work() as session:
         row = store.add(
             session, Job(kind="design", title="t", state="running", created=clock(), request={"numbers": [3]})
@@ -213,12 +210,12 @@ def test_a_job_that_kills_the_server_is_not_restarted_without_limit(jobs, databa
     jobs.start()
     job = jobs.get(row.id)
     assert (job.state, "stopped 3 times" in job.text) == ("failed", True)
-    again = wait_for_end(jobs, jobs.again(job.id, user="ann").id)
-    assert (again.id > job.id, again.state, again.result) == (True, "done", {"sum": 3})
+    restarted = wait_for_end(jobs, jobs.again(job.id, user="ann").id)
+    assert (restarted.id > job.id, restarted.state, restarted.result) == (True, "done", {"sum": 3})
 
 
 def test_a_regular_stop_leaves_resumable_jobs_to_the_next_server(database, bus, clock):
-    """Ctrl-C does not cancel: the job waits and continues at its last chunk."""
+    """A regular stop does not cancel a job. The next server continues it at its last chunk."""
     running, first, second = (
         threading.Event(),
         JobService(database, bus, clock, lambda _: None),
@@ -236,14 +233,14 @@ def test_a_regular_stop_leaves_resumable_jobs_to_the_next_server(database, bus, 
     assert running.wait(10)
     first.stop()
     assert second.get(job_id).state == "queued"
-    register(second, a_sum)
+    register(second, sum_in_chunks)
     second.start()
     assert wait_for_end(second, job_id).result == {"sum": 55, "chunks": 6}
     second.stop()
 
 
 def test_an_announced_stop_marks_jobs_before_the_threads_end(tmp_path):
-    """A process that is killed while a thread still computes leaves no job that counts as crashed."""
+    """After a stop was announced, a running job is queued, so that it does not count as crashed if the process is killed."""
     services, running, release = build(Settings(data=tmp_path)), threading.Event(), threading.Event()
 
     def compute(run):
@@ -269,8 +266,8 @@ def test_an_announced_stop_marks_jobs_before_the_threads_end(tmp_path):
 
 
 def test_an_interrupted_service_starts_no_job_and_stores_one_that_finished(jobs, database):
-    """A job queued after the interruption waits for the next server; a second interruption changes nothing."""
-    done = wait_for_end(jobs, begin(jobs, a_sum))
+    """After an interruption a new job remains queued for the next server, and a completed one stays done."""
+    done = wait_for_end(jobs, begin(jobs, sum_in_chunks))
     jobs.interrupt()
     late = jobs.begin("sum", "late", Sum())
     jobs.interrupt()

@@ -1,4 +1,4 @@
-"""Jobs in this thread, on processes, and on a Dask cluster with scheduler and workers in separate processes."""
+"""Jobs in this thread, in processes, and on a Dask cluster with scheduler and workers in separate processes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ FRAMES = 14
 
 
 class Cluster:
-    """A scheduler and its workers, each a process; :meth:`stop` ends all."""
+    """A scheduler and its workers, each a process. :meth:`stop` ends all."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.file, self.processes = folder, folder / "scheduler.json", []
@@ -117,9 +117,9 @@ class ReprocessingServer:
 def test_a_cluster_that_loses_a_worker_gives_the_local_results(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One of two workers is killed midway: the stored rows are those of a local run, in order, each once."""
+    """If one of two workers is killed during a run, the stored rows equal those of a local run, in order."""
     monkeypatch.setattr(reprocess, "BATCH", 1)
-    wanted, kept = ReprocessRequest(chain="cubestar"), []
+    request, outcomes = ReprocessRequest(chain="cubestar"), []
     for name, executor in (("here", HereExecutor()), ("dask", make_executor(cluster.url, 2))):
         (tmp_path / name).mkdir()
         server, reported = ReprocessingServer(tmp_path / name, executor), []
@@ -129,42 +129,42 @@ def test_a_cluster_that_loses_a_worker_gives_the_local_results(
             if name == "dask" and len(set(reported)) == 2:
                 cluster.processes[-1].send_signal(signal.SIGKILL)
 
-        answer = server.service.work(wanted, server.service.tasks(wanted), progress)
+        answer = server.service.work(request, server.service.tasks(request), progress)
         assert (answer["frames"], reported[-1]) == (FRAMES, FRAMES)
         assert sum(n for key, n in answer["counts"].items() if key in ("solved", "none")) == FRAMES
-        kept.append((server.results(), answer["counts"]))
+        outcomes.append((server.results(), answer["counts"]))
         executor.stop()
         server.database.close()
     assert cluster.processes[-1].wait(20) == -signal.SIGKILL
     cluster.add_worker()
-    assert kept[0] == kept[1]
-    assert [row["frame_id"] for row in kept[0][0]] == list(range(1, FRAMES + 1))
+    assert outcomes[0] == outcomes[1]
+    assert [row["frame_id"] for row in outcomes[0][0]] == list(range(1, FRAMES + 1))
 
 
 def test_experiments_on_a_cluster_report_progress_and_equal_local_ones(cluster: Cluster) -> None:
-    """The same names and seed give the same records in the same order; running items report their share."""
+    """The same experiments and seeds give the same records in the same order on a cluster. Running items report progress."""
     requested = [("liebe-18", 300, 3), ("moniteq-noise", 6000, 1), ("erlank-3-6", 500, 4)]
     shares: list[float] = []
     executor = make_executor(cluster.url, 1)
     with closing(executor.in_order(experiments.run_item, requested, shares.append)) as records:
-        there = list(records)
-    assert there == list(HereExecutor().in_order(experiments.run_item, requested, shares.append))
+        cluster_records = list(records)
+    assert cluster_records == list(HereExecutor().in_order(experiments.run_item, requested, shares.append))
     executor.stop()
     assert any(0 < share < 1 for share in shares)
 
 
 def test_a_cancelled_run_frees_the_cluster(cluster: Cluster) -> None:
-    """Queued items are dropped at the next check, and the next run is executed."""
-    executor, looks = make_executor(cluster.url, 1), []
+    """When a run is cancelled, queued items are dropped at the next check, and the next run is executed."""
+    executor, checks = make_executor(cluster.url, 1), []
 
     def cancel(_share: float) -> None:
-        looks.append(1)
+        checks.append(1)
         raise Cancelled
 
     requested = [("liebe-18", 300, 3)] * 30
     with pytest.raises(Cancelled), closing(executor.in_order(experiments.run_item, requested, cancel)) as records:
         list(records)
-    assert looks == [1]
+    assert checks == [1]
     with closing(executor.in_order(experiments.run_item, [("moniteq-noise", 600, 1)])) as records:
         assert len(list(records)) == 1
     executor.stop()
@@ -182,7 +182,7 @@ def test_an_error_of_an_item_is_raised_by_every_executor(cluster: Cluster) -> No
 
 
 def test_an_unavailable_cluster_is_reported(tmp_path: Path) -> None:
-    """No scheduler, a wrong URL, and a scheduler without workers give three messages instead of a hang."""
+    """A missing scheduler, a wrong URL and a scheduler without workers are reported as errors."""
     pytest.importorskip("distributed")
     from gss.operations.studies import dask_executor
 
@@ -190,8 +190,8 @@ def test_an_unavailable_cluster_is_reported(tmp_path: Path) -> None:
         executor = dask_executor.DaskExecutor(url, connect_s=0.5)
         with pytest.raises((StoreDown, BadInput)), closing(executor.in_order(experiments.run_item, [1])) as records:
             list(records)
-    lonely = Cluster(tmp_path)
-    executor = dask_executor.DaskExecutor(lonely.url, no_worker_s=0.5)
+    without_workers = Cluster(tmp_path)
+    executor = dask_executor.DaskExecutor(without_workers.url, no_worker_s=0.5)
     requested = [("moniteq-noise", 600, 1)]
     with (
         pytest.raises(StoreDown, match="no worker"),
@@ -199,4 +199,4 @@ def test_an_unavailable_cluster_is_reported(tmp_path: Path) -> None:
     ):
         list(records)
     executor.stop()
-    lonely.stop()
+    without_workers.stop()

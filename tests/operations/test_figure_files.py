@@ -1,4 +1,4 @@
-"""Dictionaries of the blind solver on disk."""
+"""Pattern dictionaries of the blind solver on disk."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SKY = SkyCatalogue(STARS.hip, STARS.icrs, STARS.v_mag)
 RADIUS_RAD = 0.2
 
 
-def same(a: PatternLevel, b: PatternLevel) -> bool:
+def is_equal(a: PatternLevel, b: PatternLevel) -> bool:
     """True if two dictionaries are bitwise equal."""
     return (
         a.bright_count == b.bright_count
@@ -27,39 +27,39 @@ def same(a: PatternLevel, b: PatternLevel) -> bool:
 
 
 def test_a_stored_dictionary_equals_the_built_one(tmp_path: Path) -> None:
-    """The second process reads the first one's file, bitwise equal."""
+    """A stored dictionary is read by the next user of the folder and is bitwise equal to a built one."""
     built = build_level(SKY, RADIUS_RAD)
-    assert same(FigureFiles(tmp_path).levels(SKY)(RADIUS_RAD), built)
+    assert is_equal(FigureFiles(tmp_path).levels(SKY)(RADIUS_RAD), built)
     (path,) = tmp_path.glob("*.npz")
     before = path.stat().st_mtime_ns
-    assert same(FigureFiles(tmp_path).levels(SKY)(RADIUS_RAD), built)
+    assert is_equal(FigureFiles(tmp_path).levels(SKY)(RADIUS_RAD), built)
     assert path.stat().st_mtime_ns == before
 
 
 def test_another_sky_has_another_file(tmp_path: Path) -> None:
-    """Positions of another epoch, or another size, do not use this file."""
+    """Other star positions and another size have separate files."""
     files = FigureFiles(tmp_path)
     files.levels(SKY)(RADIUS_RAD)
     moved = SkyCatalogue(SKY.hip, np.roll(SKY.icrs, 1, axis=1), SKY.v_mag)
-    assert same(files.levels(moved)(RADIUS_RAD), build_level(moved, RADIUS_RAD))
+    assert is_equal(files.levels(moved)(RADIUS_RAD), build_level(moved, RADIUS_RAD))
     files.levels(SKY)(RADIUS_RAD * 1.5)
     assert len(list(tmp_path.glob("*.npz"))) == 3
 
 
 def test_a_damaged_file_is_rebuilt(tmp_path: Path) -> None:
-    """A truncated file or one of other content costs only time."""
+    """A truncated file or one with other content is rebuilt."""
     files = FigureFiles(tmp_path)
     built = files.levels(SKY)(RADIUS_RAD)
     (path,) = tmp_path.glob("*.npz")
-    whole = path.read_bytes()
-    for content in (whole[: len(whole) // 2], b"", b"something else"):
+    valid = path.read_bytes()
+    for content in (valid[: len(valid) // 2], b"", b"something else"):
         path.write_bytes(content)
-        assert same(files.levels(SKY)(RADIUS_RAD), built)
-        assert path.read_bytes() == whole or len(path.read_bytes()) == len(whole)
+        assert is_equal(files.levels(SKY)(RADIUS_RAD), built)
+        assert path.read_bytes() == valid or len(path.read_bytes()) == len(valid)
 
 
 def test_a_folder_that_cannot_be_written_prevents_no_result(tmp_path: Path) -> None:
-    """If a file exists at the folder's path the dictionary is built and not stored."""
+    """If the folder cannot be created, the dictionary is built and not stored."""
     place = tmp_path / "taken"
     place.write_text("a file")
     assert len(FigureFiles(place).levels(SKY)(RADIUS_RAD).stars)

@@ -1,4 +1,4 @@
-"""FITS files whose world coordinates agree with our cameras."""
+"""World coordinates of exported FITS files agree with the cameras."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ VELOCITY_C = np.array([0.4e-4, -1.2e-4, 0.8e-4])
 @pytest.mark.parametrize("moving", [False, True], ids=["still", "moving"])
 @pytest.mark.parametrize("name", ["cubestar", "sunsat", "far_mst"])
 def test_world_coordinates_follow_the_camera_over_the_whole_detector(name, moving):
-    """astropy reads the same sky within 0.05 px at every pixel, and finds the pixel of a star again within 0.1 px, also
-    if the solution was corrected for aberration, here of 31″."""
+    """World coordinates read by astropy agree with the camera within 0.05 px, and their inverse within 0.1 px, also if the
+    solution was corrected for an aberration of 31″."""
     camera = shipped_camera(name).camera
     attitude = cam_from_icrs(*np.radians([84.0, -60.0, 313.0]))
     frame = Frame(id=1, number=3, taken=datetime(2026, 12, 1, tzinfo=UTC), exposure_s=0.25, profile=name)
@@ -53,7 +53,7 @@ def test_world_coordinates_follow_the_camera_over_the_whole_detector(name, movin
 
 
 def true_directions(apparent):
-    """Return (n, 3) directions of which astropy's boost by the observer's velocity gives the apparent ones."""
+    """Return (n, 3) directions from which erfa's aberration for the observer's velocity gives the apparent ones."""
     true = apparent.copy()
     for _ in range(5):
         moved = erfa.ab(true, VELOCITY_C, 1.0, np.sqrt(1 - VELOCITY_C @ VELOCITY_C))
@@ -64,7 +64,7 @@ def true_directions(apparent):
 
 @pytest.mark.parametrize("name", sorted(shipped_registry().cameras()))
 def test_a_camera_is_restored_from_plain_values(name):
-    """The camera stored with a solution is the one it was measured with."""
+    """A camera that was stored as plain values with a solution is restored exactly."""
     import json
 
     camera = shipped_camera(name).camera

@@ -1,4 +1,4 @@
-"""Banks of catalogues and of tables are one concept: (kind, bank)."""
+"""Banks of catalogues and tables, identified by kind and bank."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ SHA256 = bytes(range(32))
 
 
 def flash(hello: Any = "a device") -> FlashBanks:
-    """The banks of a device that has identified itself."""
+    """Return the banks of a device that has identified itself."""
     return FlashBanks(SimpleNamespace(hello=hello, reason="silence", roles=default_roles(load_dictionary())))  # type: ignore[arg-type]
 
 
-def test_reports_of_catalogues_and_tables_are_kept_apart_by_kind() -> None:
-    """Bank A of the catalogues and bank B of two kinds of tables; a newer report replaces the older one."""
+def test_reports_of_catalogues_and_tables_are_separated_by_kind() -> None:
+    """Reports of catalogues and of each kind of table are separate. A newer report replaces an older one."""
     banks = flash()
     banks.take({"bank": "A", "state": "empty", "active": False, "sha256": bytes(32)})
     banks.take({"table": "calibration", "bank": "B", "state": "empty", "active": False, "sha256": bytes(32)})
@@ -38,9 +38,7 @@ def test_reports_of_catalogues_and_tables_are_kept_apart_by_kind() -> None:
 
 
 def test_an_upload_goes_to_an_inactive_bank_of_its_kind() -> None:
-    """An active bank is rejected for its own kind only; so are an unknown bank and a device that has not identified
-    itself.
-    """
+    """An upload to an active bank of the same kind or to an unknown bank, or without an identified device, is rejected."""
     banks = flash()
     banks.take({"table": "parameters", "bank": "B", "state": "committed", "active": True, "sha256": SHA256})
     assert banks.target("calibration", "B")[0] == TABLES.number(default_roles(load_dictionary()).operations, "B")

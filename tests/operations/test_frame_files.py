@@ -37,7 +37,7 @@ def picture(array: np.ndarray, kind: str, **options: object) -> bytes:
 @pytest.mark.parametrize("kind", ["PNG", "TIFF"])
 @pytest.mark.parametrize("array", [GREY8, GREY16], ids=["8 bit", "16 bit"])
 def test_lossless_pictures_keep_every_value(kind: str, array: np.ndarray) -> None:
-    """PNG and TIFF of 8 and 16 bits are read exactly, whatever the file name."""
+    """PNG and TIFF of 8 and 16 bits are read exactly, regardless of the file name."""
     frame = read_frame(picture(array, kind), "holiday.jpg")
     assert frame.pixels.dtype == array.dtype
     assert (frame.pixels == array).all()
@@ -54,7 +54,7 @@ def test_colour_becomes_luminance() -> None:
 
 
 def test_jpeg_is_read() -> None:
-    """A grey JPEG of high quality is within its own errors of the original, as 8 bits."""
+    """A grey JPEG of high quality is read as 8 bits, within 4 DN of the original."""
     smooth = np.rint(np.linspace(0, 200, 60)[None] + np.zeros((40, 1))).astype(np.uint8)
     frame = read_frame(picture(smooth, "JPEG", quality=95), "x.fits")
     assert frame.pixels.dtype == np.uint8
@@ -64,12 +64,13 @@ def test_jpeg_is_read() -> None:
 @pytest.mark.parametrize("options", [{}, {"progressive": True}, {"optimize": True}, {"restart_marker_rows": 1}])
 @pytest.mark.parametrize("bands", [1, 3])
 def test_a_jpeg_header_that_states_more_rows_than_the_data_is_rejected(options: dict[str, object], bands: int) -> None:
-    """The decoder would invent the other pixels; the unchanged file is read in every form."""
+    """A JPEG whose header states more rows than it has is rejected, because the decoder would invent pixels. The unchanged
+    file is read."""
     shape = (64, 96) if bands == 1 else (64, 96, bands)
     data = picture(RNG.integers(0, 256, shape, dtype=np.uint8), "JPEG", **options)
     assert read_frame(data, "x.jpg").pixels.shape == (64, 96)
-    at = next(k for k in range(2, len(data)) if data[k : k + 2] in (b"\xff\xc0", b"\xff\xc2")) + 5
-    enlarged = data[:at] + (256).to_bytes(2, "big") + data[at + 2 :]
+    position = next(k for k in range(2, len(data)) if data[k : k + 2] in (b"\xff\xc0", b"\xff\xc2")) + 5
+    enlarged = data[:position] + (256).to_bytes(2, "big") + data[position + 2 :]
     with pytest.raises(BadInput, match="damaged"):
         read_frame(enlarged, "x.jpg")
 
@@ -98,7 +99,7 @@ def test_fits_header_is_read() -> None:
 
 
 def bomb() -> bytes:
-    """A PNG that declares 40 000 x 40 000 pixels."""
+    """Return a PNG that declares 40 000 x 40 000 pixels."""
 
     def chunk(name: bytes, body: bytes) -> bytes:
         return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
@@ -110,7 +111,7 @@ def bomb() -> bytes:
 
 
 def huge_fits() -> bytes:
-    """A FITS header that declares 30 000 x 30 000 pixels, without them."""
+    """Return a FITS header that declares 30 000 x 30 000 pixels, without data."""
     cards = ["SIMPLE  =                    T", "BITPIX  =                   16", "NAXIS   =                    2"]
     cards += ["NAXIS1  =                30000", "NAXIS2  =                30000", "END"]
     return "".join(c.ljust(80) for c in cards).encode().ljust(2880)
@@ -154,10 +155,10 @@ def test_unusable_files_are_rejected_with_a_reason(what: str) -> None:
 
 
 def test_any_truncation_is_rejected_or_complete() -> None:
-    """Truncated anywhere, a PNG is either rejected or decodes completely: never a partly empty frame."""
-    whole = picture(GREY8, "PNG")
-    for length in range(0, len(whole), 37):
+    """A PNG truncated at any length is rejected or decoded completely, never to a partly empty frame."""
+    complete_file = picture(GREY8, "PNG")
+    for length in range(0, len(complete_file), 37):
         try:
-            assert (read_frame(whole[:length], "x").pixels == GREY8).all()
+            assert (read_frame(complete_file[:length], "x").pixels == GREY8).all()
         except BadInput:
             continue

@@ -30,7 +30,7 @@ def services(tmp_path: Path) -> Iterator[Services]:
 
 @pytest.fixture
 def reads(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Keys of the blobs that were read back."""
+    """Keys of the blobs that were read."""
     keys: list[str] = []
     real = BlobStore.get
 
@@ -42,7 +42,7 @@ def reads(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return keys
 
 
-def arrived(services: Services) -> Any:
+def receive_frame(services: Services) -> Any:
     """Store a dark frame from the device and wait until the solver thread has processed it."""
     facts = {"taken": datetime.now(UTC), "bits": 8, "profile": "cubestar", "number": 1}
     frame = services.frames.frames.add_from_device(np.zeros((CAMERA.rows, CAMERA.columns), np.uint8), facts)
@@ -51,8 +51,8 @@ def arrived(services: Services) -> Any:
 
 
 def test_a_frame_is_solved_from_memory(services: Services, reads: list[str]) -> None:
-    """The pixels are stored and the frame has a solution, but its bytes were not read back."""
-    frame = arrived(services)
+    """A frame is stored and solved without reading its stored pixels."""
+    frame = receive_frame(services)
     ground = services.frames.frames.detail(frame.id).ground
     assert ground is not None
     assert ground.outcome == "none"
@@ -63,17 +63,17 @@ def test_a_frame_is_solved_from_memory(services: Services, reads: list[str]) -> 
 def test_pixels_beyond_the_memory_limit_are_read_back(
     services: Services, reads: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A frame that arrives while the queue is full is solved too, from the store."""
+    """A frame received while the queue is full is solved with the pixels from the store."""
     monkeypatch.setattr(solve_queue, "MAX_PIXEL_BYTES", 0)
-    frame = arrived(services)
+    frame = receive_frame(services)
     assert services.frames.frames.detail(frame.id).ground is not None
     assert reads == [frame.sha256]
 
 
-def test_a_number_that_comes_again_after_the_clock_was_set_back_is_another_frame(services: Services) -> None:
-    """A sensor that numbers its images by the time counts from the same second after each power-up. An earlier image with this
-    number does not keep the new one from being downloaded."""
-    frame = arrived(services)
+def test_a_repeated_number_after_a_clock_reset_is_another_frame(services: Services) -> None:
+    """Sensors that number images by time repeat numbers after each power-up. A frame with the same number is known only if
+    its time is similar, so that a new image is downloaded."""
+    frame = receive_frame(services)
     frames = services.frames.frames
     assert frames.has_number(1, frame.taken + timedelta(seconds=5))
     assert not frames.has_number(1, frame.taken + timedelta(minutes=10))

@@ -1,4 +1,4 @@
-"""Every gap of a record gets the cause that other records prove, and no other."""
+"""Each gap of a record has the cause that other records prove, and no other."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def count(at: float, **values: float) -> Count:
 
 @given(st.sets(st.integers(1, 58)))
 def test_stored_and_missing_packets_add_up_to_those_sent(without):
-    """Sixty packets were sent, whatever number was lost."""
+    """Stored and missing packets add up to the sixty sent, whichever were lost."""
     check = check_record(steady(60, without=without), [], [])
     assert (check.expected, check.held) == (60, 60 - len(without))
     assert sum(gap.missing for gap in check.gaps) == len(without)
@@ -53,7 +53,7 @@ def test_stored_and_missing_packets_add_up_to_those_sent(without):
     ],
 )
 def test_counters_explain_only_gaps_of_their_time(counts, cause):
-    """A rise over the gap explains it; one before it, or in another contact, does not."""
+    """An increase of a counter during a gap explains it. One before it, or in another contact, does not."""
     (gap,) = check_record(steady(30, without={10, 11, 12}), counts, []).gaps
     assert gap.missing == 3
     assert gap.cause.startswith(cause)
@@ -61,7 +61,7 @@ def test_counters_explain_only_gaps_of_their_time(counts, cause):
 
 
 def test_a_restart_a_set_clock_and_a_closed_link_are_causes():
-    """Recognised by the uptime, by an event, and by the contacts."""
+    """A restart, a set clock and a closed link are recognised as causes by uptime, event and contact."""
     before, after = steady(5), [HousekeepingSample(1012.0 + k, 3.0 + k, 1.0 + k, 1) for k in range(5)]
     check = check_record([*before, *after], [], [Happening(1010.0, RESTARTED, "watchdog")])
     assert [(g.missing, g.cause) for g in check.gaps] == [(7, "the device restarted (watchdog)")]
@@ -74,8 +74,8 @@ def test_a_restart_a_set_clock_and_a_closed_link_are_causes():
     assert gap.cause == "the line was closed in this time"
 
 
-def test_late_is_not_missing():
-    """A line that pauses for six seconds and then delivers everything gives no gap and one late span."""
+def test_late_packets_are_not_missing():
+    """If a line pauses for six seconds and then delivers all packets, there is no gap and one late span."""
     samples = [*steady(5), *(HousekeepingSample(1010.0 + 0.01 * k, 55.0 + k, 15.0 + k, 1) for k in range(6))]
     check = check_record(samples, [], [])
     assert (check.gaps, check.expected, check.share) == ((), 11, 1.0)
@@ -84,7 +84,7 @@ def test_late_is_not_missing():
 
 
 def test_gaps_at_the_ends_of_a_contact_are_found():
-    """Before the first packet and after the last one; an empty contact is unexplained unless the link was lost."""
+    """Gaps before the first packet and after the last one are found. A gap without a known cause is unexplained."""
     young = [HousekeepingSample(1010.0, 2.0, 1.0, 1)]
     (gap,) = check_record(young, [], [], start_s=1000.0, end_s=1011.0).gaps
     assert gap.cause == "the device was not running yet"
@@ -97,14 +97,14 @@ def test_gaps_at_the_ends_of_a_contact_are_found():
 
 
 def test_a_device_that_sends_fifty_times_a_second_misses_as_many_packets_as_it_sent():
-    """The period is that of the device's clock, not the longest one that the interface document allows."""
+    """Missing packets are counted with the device's period, not with the longest one of the interface document."""
     samples = [HousekeepingSample(1000.0 + k / 50, 50.0 + k / 50, 10.0, 1) for k in range(500) if not 100 <= k < 250]
     (gap,) = check_record(samples, [count(1000)], []).gaps
     assert gap.missing == 150
 
 
 def test_packets_that_the_server_could_not_store_were_not_lost_on_the_line():
-    """Sequence counts of other packets rise in the same span; the event names the true cause."""
+    """If an event states that packets were not stored, it is the cause, although sequence counts increased too."""
     stored_again = Happening(
         1012.5, NOT_STORED, "telemetry is stored again; 3 earlier packets are in the raw capture only"
     )

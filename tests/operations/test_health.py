@@ -1,4 +1,4 @@
-"""Health of a sensor as a use case: frames of a mission show the drift of the lens, whose proposed calibration can be used."""
+"""Health analysis of a sensor: frames of a mission show the drift of the lens, and the proposed calibration can be used."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FRAMES, DAYS = 30, 160.0
 FOCAL_SHRINKS = 8e-4
 WARM = HotPixel(300, 200, 1200.0)
 FULL = HotPixel(700, 90, 1e5)
-"""It saturates from the same day on."""
+"""Pixel that is saturated from the same day on."""
 WARM_FROM = 12
 CAMERA = shipped_camera("cubestar")
 TLE = """GSS TEST
@@ -78,16 +78,17 @@ def _frames(services: Services) -> list[int]:
 
 def _done(services: Services, job: Job) -> Analysis:
     end = time.monotonic() + 600
-    while (now := services.base.jobs.get(job.id)).state in ("queued", "running"):
+    while (current := services.base.jobs.get(job.id)).state in ("queued", "running"):
         assert time.monotonic() < end
         time.sleep(0.05)
-    assert now.state == "done", now.text
-    return services.studies.analyses.get(int(now.result["analysis_id"]))
+    assert current.state == "done", current.text
+    return services.studies.analyses.get(int(current.result["analysis_id"]))
 
 
 @pytest.mark.timeout(400)
 def test_a_drifting_lens_and_a_warm_pixel_become_a_calibration(tmp_path: Path) -> None:
-    """The report states the drift and the onset; the proposed calibration carries the focal length of the end and the pixel."""
+    """The report has the drift and the onset of both pixels. The proposed calibration has the final focal length and these
+    pixels."""
     services = build(Settings(data=tmp_path))
     services.base.jobs.start()
     try:
@@ -130,8 +131,8 @@ def test_a_drifting_lens_and_a_warm_pixel_become_a_calibration(tmp_path: Path) -
         services.base.database.close()
 
 
-def test_the_place_is_below_the_orbit_while_it_is_defined() -> None:
-    """Latitudes stay within the inclination; a time long before the elements has no place."""
+def test_the_position_is_below_the_orbit_while_it_is_defined() -> None:
+    """Latitudes are within the inclination. A time long before or after the elements has no position."""
     places = places_below(orbit_within(read_orbits(TLE)))
     times = START.timestamp() + np.linspace(0, 6000, 120)
     lat, lon = places(times).T

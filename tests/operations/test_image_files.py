@@ -1,4 +1,4 @@
-"""Images that a sensor sends as files: downloaded over a real bus, parsed, stored and solved, each once."""
+"""Images that a sensor sends as files are downloaded over a real bus, parsed, stored and solved once each."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TRUE = cam_from_icrs(*np.radians([84.0, 5.0, 30.0]))
 
 @pytest.fixture
 def bus() -> Iterator[str]:
-    """The address of a simulated OreSat star tracker that answers block transfers."""
+    """Address of a simulated OreSat star tracker that supports block transfers."""
     command = [sys.executable, "-m", "gss.device.simulator", "--instrument", "oresat", "--dialect", "block"]
     command += ["--motion", "inertial", "--attitude", "84,5,30", "--baud", "0", "--exit-with-stdin"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
@@ -35,7 +35,7 @@ def bus() -> Iterator[str]:
 
 @pytest.fixture
 def services(tmp_path: Path, bus: str) -> Iterator[Services]:
-    """A server of the sensor on that bus."""
+    """Services of a server with the sensor on this bus."""
     services = build(Settings(data=tmp_path, instrument="oresat", device=bus))
     services.start()
     yield services
@@ -43,14 +43,15 @@ def services(tmp_path: Path, bus: str) -> Iterator[Services]:
 
 
 def wait_for(ready: Callable[[], Any]) -> Any:
-    """Return the first value that is true; the test's timeout ends the wait."""
+    """Return the first true value. The timeout of the test limits the wait."""
     while not (value := ready()):
         time.sleep(0.05)
     return value
 
 
 def test_a_preview_is_downloaded_parsed_stored_and_solved_once(services: Services, bus: str) -> None:
-    """The attitude on the ground is that of the motion; the same image is not downloaded again on a line that was reopened."""
+    """A preview is stored and solved with the attitude of the motion. After the line was reopened, the same image is not
+    downloaded again."""
     wait_for(lambda: services.line.link.connected and services.line.link.hello)
     link, capture = services.line.link, {"status": "capture"}
     with link.lock:

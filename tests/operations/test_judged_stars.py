@@ -21,11 +21,11 @@ from gss.wiring.build import build
 
 CAMERA = shipped_camera("cubestar").camera
 FAST_HIP = 104214
-"""61 Cygni A: 5.3″ per year, 1.5 px of this camera since the catalogue's epoch."""
+"""61 Cygni A: 5.3″ per year, or 1.5 px of this camera since the catalogue's epoch."""
 
 
-def frame_with_the_star_come_in(old: Any, new: Any) -> np.ndarray:
-    """Return cam_from_icrs (3, 3) of a camera whose first column the star entered through proper motion."""
+def attitude_after_star_entered(old: Any, new: Any) -> np.ndarray:
+    """Return cam_from_icrs (3, 3) of a camera in which the star moved into the first column by proper motion."""
     place = CAMERA.unproject(np.array([[0.0, CAMERA.rows / 2], [0.1, CAMERA.rows / 2]]))
     inwards = np.cross(np.cross(place[0], place[1] - place[0]), place[0])
     across = np.cross(np.cross(new, new - old), new)
@@ -35,7 +35,7 @@ def frame_with_the_star_come_in(old: Any, new: Any) -> np.ndarray:
 
 
 def perfect(cam_from_icrs: np.ndarray, stars: Any) -> SolveResult:
-    """Return the result of an error-free chain for the stars of that frame."""
+    """Return the result of an error-free chain for the stars of a frame."""
     quaternion = quaternion_from_matrix(cam_from_icrs)
     truth = truth_on(CAMERA, quaternion, stars.brighter_than(6.0))
     n, flux = len(truth.hip), np.ones(len(truth.hip))
@@ -48,11 +48,11 @@ def perfect(cam_from_icrs: np.ndarray, stars: Any) -> SolveResult:
 def test_a_star_that_entered_the_frame_by_proper_motion_is_not_a_false_match(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The server's own parts score it as correct; with the stars of the catalogue's epoch it would be wrong."""
+    """The server scores a match with such a star as correct. With positions at the catalogue's epoch it would be wrong."""
     then = load_stars()
     now = propagate(then, jyear_of(datetime.now(UTC)))
     row = int(np.flatnonzero(then.hip == FAST_HIP)[0])
-    cam_from_icrs = frame_with_the_star_come_in(then.icrs[row], now.icrs[row])
+    cam_from_icrs = attitude_after_star_entered(then.icrs[row], now.icrs[row])
     result = perfect(cam_from_icrs, now)
     quaternion = [float(v) for v in quaternion_from_matrix(cam_from_icrs)]
     assert FAST_HIP in result.matches.hip

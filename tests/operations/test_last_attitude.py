@@ -1,4 +1,4 @@
-"""The last solved attitude, whatever order and names a sensor gives it."""
+"""The last solved attitude of a sensor with any order and names of the quaternion's elements."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gss.operations.telemetry.last_attitude import LastAttitude
 
 ROLE = AttitudeRole(packet="solution", quaternion=("w", "x", "y", "z"), order="scalar_first", outcome="valid")
 AXIS = {"w": 0.5**0.5, "x": 0.5**0.5, "y": 0.0, "z": 0.0}
-"""The camera turned by 90° about its x axis: it looks along −y or +y of the inertial frame."""
+"""Rotation of the camera by 90° about its x axis: the boresight is along −y or +y of the inertial frame."""
 
 
 class Seconds:
@@ -31,7 +31,7 @@ def batch(at_s: float, **values: Any) -> LineBatch:
 
 
 def test_the_last_solved_attitude_stays_with_its_age() -> None:
-    """A later report without a solution is named, and does not replace the attitude."""
+    """A later report without a solution does not replace the last attitude. Its outcome is stated."""
     clock = Seconds()
     last = LastAttitude(ROLE, clock, lambda: None)
     assert last.report() is None
@@ -47,7 +47,7 @@ def test_the_last_solved_attitude_stays_with_its_age() -> None:
 
 
 def test_the_mode_is_that_of_the_newest_report() -> None:
-    """Also without a solution; None for a sensor that reports its mode elsewhere."""
+    """The mode is that of the newest report, also without a solution, and None before the first report."""
     role = ROLE.model_copy(update={"mode": "mode"})
     last = LastAttitude(role, Seconds(), lambda: None)
     assert last.mode() is None
@@ -56,16 +56,16 @@ def test_the_mode_is_that_of_the_newest_report() -> None:
 
 
 @pytest.mark.parametrize("bad", [{"w": 0.0, "x": 0.0}, {"w": float("nan")}])
-def test_a_quaternion_that_is_none_gives_no_attitude(bad: dict[str, float]) -> None:
-    """Of length zero, or not a number."""
+def test_an_invalid_quaternion_gives_no_attitude(bad: dict[str, float]) -> None:
+    """A quaternion of length zero or with NaN gives no attitude."""
     last = LastAttitude(ROLE, Seconds(), lambda: None)
     last.handle(batch(8.0, valid="solved", **{**AXIS, **bad}))
     assert last.report() is None
 
 
 @pytest.mark.parametrize("frame_time_s", [1e300, -1e13])
-def test_a_time_that_no_date_can_hold_is_replaced_by_that_of_reception(frame_time_s: float) -> None:
-    """A faulty sensor must not keep its attitude from being shown."""
+def test_an_impossible_time_is_replaced_by_that_of_reception(frame_time_s: float) -> None:
+    """If a faulty sensor sends a time outside the range of dates, its attitude has the time of reception."""
     role = ROLE.model_copy(update={"frame_time_s": "time"})
     last = LastAttitude(role, Seconds(), lambda: Correlation(0.0, 0.0, None, 0.0, 0.1, 2, 1.0))
     last.handle(batch(8.0, valid="solved", time=frame_time_s, **AXIS))

@@ -1,4 +1,4 @@
-"""Which addresses are valid for a link, and which an operator may open."""
+"""Addresses that are valid for a link, and those that an operator may open."""
 
 from __future__ import annotations
 
@@ -34,9 +34,8 @@ LIST = "serial-server.lab, 10.0.5.0/24, fd00::/8"
     ],
 )
 def test_an_operator_may_open_local_devices_and_listed_addresses(url: str, allowed: bool) -> None:
-    """Devices, loopback, listed names and networks; another spelling of an address counts as a name, and names are
-    compared as text.
-    """
+    """Devices, loopback addresses, and listed names and networks are allowed. Names are compared as text, and another
+    spelling of an address is a name."""
     assert is_allowed(parse_line_address(url), LIST) is allowed
     assert is_allowed(parse_line_address("socket://10.0.5.9:7000"), "") is False
 
@@ -90,14 +89,14 @@ def test_an_operator_may_open_local_devices_and_listed_addresses(url: str, allow
     ],
 )
 def test_only_host_and_port_or_a_path_form_an_address(url: str) -> None:
-    """No user name, path, query, fragment or other scheme; ports are 1 – 65535."""
-    with pytest.raises(BadInput) as refused:
+    """Addresses with a user name, path, query, fragment, another scheme or an invalid port are rejected."""
+    with pytest.raises(BadInput) as error:
         parse_line_address(url)
-    assert refused.value.expected == EXPECTED
+    assert error.value.expected == EXPECTED
 
 
 def test_an_address_has_scheme_host_and_port() -> None:
-    """As the checks need them; the text stays unchanged."""
+    """A parsed address has scheme, host, port and channel, and its unchanged text."""
     assert parse_line_address("/dev/ttyS0") == LineAddress("/dev/ttyS0")
     text = "rfc2217://[FE80::1%eth0]:65535"
     assert parse_line_address(text) == LineAddress(text, "rfc2217", "fe80::1%eth0", 65535)

@@ -1,4 +1,4 @@
-"""Compiling the solver's loops beside a running server: numpy until then, the compiled loops afterwards."""
+"""Compilation of the solver's loops while the server runs. It uses numpy until then, and the compiled loops afterwards."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def compiler(program: str, bus: Any, *, compiled: bool = False) -> LoopCompiler:
 
 
 def wait_for(state: str, of: LoopCompiler) -> None:
-    """Wait until the state begins so."""
+    """Wait until the state begins with this text."""
     for _ in range(400):
         if of.state.startswith(state):
             return
@@ -37,7 +37,7 @@ def wait_for(state: str, of: LoopCompiler) -> None:
 
 
 def test_compiled_loops_are_the_default_once_they_are_marked(tmp_path: Path) -> None:
-    """A new installation solves with numpy until gss compile has marked the loops; a caller can choose either at any time."""
+    """A new installation uses numpy until the loops are marked as compiled. A caller can select either at any time."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", MARKED], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == ["numpy False numba", "numba True numpy"]
@@ -53,7 +53,7 @@ def test_compiled_loops_are_not_compiled_again(bus: Any) -> None:
 
 
 def test_progress_and_end_are_reported(bus: Any) -> None:
-    """The state shows the child's last line; two events say when it began and ended."""
+    """The state has the last line of the child's output. Two events report start and end."""
     loops = compiler("import sys; print('1 of 4', flush=True); sys.stdin.read(); import time; time.sleep(0.3)", bus)
     loops.start()
     wait_for("compiling: 1 of 4", loops)
@@ -62,7 +62,7 @@ def test_progress_and_end_are_reported(bus: Any) -> None:
 
 
 def test_a_failure_is_reported_with_what_to_do(bus: Any) -> None:
-    """The last line of the child is the reason."""
+    """A failure is reported with the child's last line as the reason, and the command to run."""
     loops = compiler("import sys; sys.exit('no space left on device')", bus)
     loops.start()
     wait_for("not compiled: no space left on device", loops)
@@ -70,7 +70,7 @@ def test_a_failure_is_reported_with_what_to_do(bus: Any) -> None:
     assert (last.severity, last.text.endswith("Run gss compile")) == ("watch", True)
 
 
-def test_stop_ends_the_child_at_once(bus: Any) -> None:
+def test_stop_ends_the_child_immediately(bus: Any) -> None:
     """A server that stops does not wait for the compiler."""
     loops = compiler("print('1 of 4', flush=True); import time; time.sleep(600)", bus)
     loops.start()

@@ -29,7 +29,7 @@ ROLE = AttitudeRole(packet="attitude", quaternion=("x", "y", "z", "w"), outcome=
 
 
 def facing(axis: np.ndarray) -> dict[str, float]:
-    """Return a quaternion cam_from_icrs whose boresight is that unit vector."""
+    """Return a quaternion cam_from_icrs whose boresight is this unit vector."""
     half = np.cross(axis, [0.0, 0.0, 1.0])
     w = 1.0 + axis[2]
     x, y, z, w = np.array([*half, w]) / np.linalg.norm([*half, w])
@@ -37,7 +37,8 @@ def facing(axis: np.ndarray) -> dict[str, float]:
 
 
 def test_the_angle_to_the_earth_counts_from_its_limb() -> None:
-    """Towards the Sun and the centre of the Earth: 0° from the Sun, minus the Earth's radius from its limb."""
+    """For a boresight towards Sun and Earth's centre, the angle to the Sun is 0° and that to the limb is minus the angular
+    radius of the Earth."""
     margins = margins_deg(SUN, AT, LOW_ORBIT)
     assert margins["Sun"] == (pytest.approx(0.0, abs=1e-5), pytest.approx(40.0))
     assert margins["Earth limb"][0] == pytest.approx(-np.degrees(np.arcsin(6378.137 / 6878.0)), abs=0.01)
@@ -45,7 +46,7 @@ def test_the_angle_to_the_earth_counts_from_its_limb() -> None:
 
 
 def test_an_alarm_follows_the_attitude_while_it_is_current(database, bus, clock, tmp_path) -> None:
-    """Raised near the Sun, kept while no attitude arrives, cleared when the boresight has turned away."""
+    """The alarm is raised near the Sun, kept while there is no attitude, and cleared when the boresight points away."""
     clock.at = AT
     seconds = [0.0]
     dictionary = load_dictionary()

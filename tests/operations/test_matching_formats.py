@@ -8,7 +8,8 @@ from gss.operations.catalogues.build_catalogue import check_matching
 
 
 def test_a_bank_that_the_unit_cannot_match_with_is_not_sent() -> None:
-    """CubeStar's format lacks the magnitudes that Sunsat's matching needs; a unit's own format is accepted."""
+    """CubeStar's format, which lacks the magnitudes that Sunsat's matching needs, is rejected for Sunsat. Formats with which
+    the unit can match are accepted."""
     with pytest.raises(Conflict, match="cannot match"):
         check_matching("cubestar", shipped_camera("sunsat"))
     for form, camera in (

@@ -1,4 +1,4 @@
-"""The metrics of a server, as Prometheus' own parser reads them."""
+"""Metrics of a server, read with the parser of Prometheus."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def _queue(name: str, depth: float) -> list[MetricSample]:
 
 
 def test_sources_share_a_metric_and_a_failing_source_is_counted():
-    """Two sources add to one family, which is declared once; the failure of a third hides none of their values."""
+    """Two sources contribute to one metric, which is declared once. A failing third source is counted and hides no values."""
 
     def broken() -> list[MetricSample]:
         raise OSError("no such file")
@@ -26,7 +26,7 @@ def test_sources_share_a_metric_and_a_failing_source_is_counted():
 
 
 def test_two_servers_in_one_process_count_separately():
-    """Each instance has its own registry."""
+    """Two instances have separate registries."""
     first, second = Metrics([]), Metrics([])
     first.count_request("frames", "2xx")
     first.observe_response("frames", 0.02)

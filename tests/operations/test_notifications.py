@@ -1,4 +1,4 @@
-"""Notifications against a real mail server and a real webhook receiver: rules, escalation, failures, restarts."""
+"""Notifications to a real mail server and a real webhook receiver: rules, escalation, failures and restarts."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ DISK = ("store", "disk")
 
 
 class Mailbox:
-    """A small SMTP server on a loopback port that keeps the letters, refuses "gone@…", and answers QUIT with an error.
-    ``gate``: cleared while it accepts connections and does not answer."""
+    """SMTP server on a loopback port that stores messages, rejects "gone@…", and responds to QUIT with an error.
+    ``gate``: cleared while it accepts connections and does not respond."""
 
     def __init__(self) -> None:
         self.letters: list[str] = []
@@ -61,7 +61,7 @@ class Mailbox:
 
 
 class Receiver:
-    """A webhook receiver. ``status``: its answer; ``gate``: cleared while it hangs."""
+    """Webhook receiver. ``status``: status of its responses; ``gate``: cleared while it does not respond."""
 
     def __init__(self) -> None:
         self.bodies: list[dict[str, Any]] = []
@@ -89,20 +89,20 @@ class Receiver:
 
 @pytest.fixture
 def mailbox() -> Iterator[Mailbox]:
-    made = Mailbox()
-    yield made
-    made.gate.set()
-    made.server.shutdown()
-    made.server.server_close()
+    started = Mailbox()
+    yield started
+    started.gate.set()
+    started.server.shutdown()
+    started.server.server_close()
 
 
 @pytest.fixture
 def receiver() -> Iterator[Receiver]:
-    made = Receiver()
-    yield made
-    made.gate.set()
-    made.server.shutdown()
-    made.server.server_close()
+    started = Receiver()
+    yield started
+    started.gate.set()
+    started.server.shutdown()
+    started.server.server_close()
 
 
 RULES = """
@@ -147,7 +147,7 @@ class Harness:
         self.service = self.new_service()
 
     def new_service(self) -> NotificationService:
-        """The service of a server that starts now, without its thread."""
+        """Return the service of a server that starts now, without its thread."""
         rules = read_rules(str(self.file), ENVIRONMENT)
         service = NotificationService(
             rules, self.alarms, self.bus, self.database, self.clock, Sender(True, ENVIRONMENT).send
@@ -160,7 +160,7 @@ class Harness:
         self.alarms.watch(DISK, state, 1.0, "Disk: nearly full", "nearly full")
 
     def look(self, after_s: float = 0.0) -> dict[str, str]:
-        """Advance the clock, look, wait for messages under way, and look again; state of each row by its key."""
+        """Advance the clock, run a pass, wait for messages being sent, and run another. Return each row's state by key."""
         self.clock.forward(after_s)
         self.service.tick()
         for job, _ in list(self.service._sending.values()):
@@ -171,14 +171,15 @@ class Harness:
 
 @pytest.fixture
 def harness(database, bus, clock, tmp_path, mailbox, receiver) -> Iterator[Harness]:
-    made = Harness(database, bus, clock, tmp_path, RULES.format(mail=mailbox.port, hook=receiver.port))
-    yield made
+    new_harness = Harness(database, bus, clock, tmp_path, RULES.format(mail=mailbox.port, hook=receiver.port))
+    yield new_harness
     receiver.gate.set()
-    made.service.stop()
+    new_harness.service.stop()
 
 
 def test_an_alarm_is_sent_once_and_escalates_until_it_is_acknowledged(harness, mailbox, receiver):
-    """The webhook is signed; the mail follows after ten minutes; after the acknowledgement nothing is sent."""
+    """An alarm is sent once to the webhook, with a signature, and by mail after ten minutes. After the acknowledgement
+    nothing is sent."""
     harness.raise_alarm()
     harness.look()
     harness.look(120)
@@ -195,7 +196,7 @@ def test_an_alarm_is_sent_once_and_escalates_until_it_is_acknowledged(harness, m
 
 
 def test_a_worse_level_is_sent_again(harness, receiver):
-    """Warning, then critical: two messages."""
+    """An alarm that becomes critical after a warning gives a second message."""
     harness.raise_alarm()
     harness.look()
     harness.raise_alarm(State.CRITICAL)
@@ -204,7 +205,7 @@ def test_a_worse_level_is_sent_again(harness, receiver):
 
 
 def test_an_acknowledged_alarm_that_waits_is_withdrawn(harness, receiver):
-    """A message that failed once is not tried again after the acknowledgement."""
+    """A message that failed is withdrawn when its alarm is acknowledged, and is not sent again."""
     receiver.status = 500
     harness.raise_alarm()
     assert list(harness.look().values()) == ["pending"]
@@ -214,8 +215,8 @@ def test_an_acknowledged_alarm_that_waits_is_withdrawn(harness, receiver):
     assert len(receiver.bodies) == 1
 
 
-def test_a_storm_is_one_message(harness, receiver):
-    """Events of a minute after the first message are combined."""
+def test_many_events_are_combined_to_one_message(harness, receiver):
+    """Events within a minute after the first message are combined to one message."""
     for k in range(60):
         harness.bus.record("transfer", "warning", f"frame {k} failed")
         harness.bus.record("frame", "warning", "another kind")
@@ -231,8 +232,8 @@ def test_a_storm_is_one_message(harness, receiver):
     assert "and 19 more" in receiver.bodies[1]["text"]
 
 
-def test_a_failed_message_is_tried_again_and_then_given_up(harness, receiver):
-    """Each attempt has the same key; the end is recorded as an event with the reason."""
+def test_a_failed_message_is_retried_a_limited_number_of_times(harness, receiver):
+    """A failed message is retried with the same key. After ``MAX_TRIES`` attempts an event records the failure."""
     receiver.status = 503
     harness.raise_alarm()
     for _ in range(MAX_TRIES + 2):
@@ -245,7 +246,7 @@ def test_a_failed_message_is_tried_again_and_then_given_up(harness, receiver):
 
 
 def test_a_receiver_that_hangs_delays_no_other_target(harness, mailbox, receiver):
-    """The mail is sent while the webhook hangs."""
+    """The mail is sent while the webhook does not respond."""
     receiver.gate.clear()
     harness.raise_alarm()
     harness.clock.forward(601)
@@ -256,7 +257,7 @@ def test_a_receiver_that_hangs_delays_no_other_target(harness, mailbox, receiver
 
 
 def test_a_mail_server_that_hangs_delays_no_other_target(harness, mailbox, receiver):
-    """Webhooks are sent meanwhile; the mail is sent once when the server answers again."""
+    """Webhooks are sent while the mail server does not respond. The mail is sent once when it responds again."""
     mailbox.gate.clear()
     harness.raise_alarm()
     harness.clock.forward(601)
@@ -271,7 +272,7 @@ def test_a_mail_server_that_hangs_delays_no_other_target(harness, mailbox, recei
 
 
 def test_nothing_is_sent_twice_over_a_restart(harness, receiver):
-    """Sent messages stay sent; one that was under way when the server ended is unknown."""
+    """After a restart a sent message is not sent again. A message being sent when the server ended is unknown."""
     harness.raise_alarm()
     harness.look()
     receiver.gate.clear()
@@ -288,7 +289,7 @@ def test_nothing_is_sent_twice_over_a_restart(harness, receiver):
 
 
 def test_a_locked_database_does_not_prevent_the_start(harness):
-    """Nothing is written at the start; the thread writes when the lock is gone."""
+    """The service starts while the database is locked, and writes when it is unlocked."""
     lock = sqlite3.connect(str(harness.database.engine.url.database), isolation_level=None)
     lock.execute("BEGIN IMMEDIATE")
     service = harness.new_service()
@@ -298,7 +299,7 @@ def test_a_locked_database_does_not_prevent_the_start(harness):
     service.stop()
 
 
-def test_quiet_hours_hold_all_but_critical(database, bus, clock, tmp_path, mailbox, receiver):
+def test_quiet_hours_delay_all_but_critical_alarms(database, bus, clock, tmp_path, mailbox, receiver):
     """A warning waits for the end of the quiet hours, a critical alarm does not."""
     start, end = f"{clock():%H:%M}", f"{clock().replace(hour=(clock().hour + 2) % 24):%H:%M}"
     rules = RULES.format(mail=mailbox.port, hook=receiver.port).replace(
@@ -315,8 +316,8 @@ def test_quiet_hours_hold_all_but_critical(database, bus, clock, tmp_path, mailb
     harness.service.stop()
 
 
-def test_a_refused_recipient_is_on_record(database, bus, clock, tmp_path, mailbox, receiver):
-    """The others receive the mail once, and an event names the refused one."""
+def test_a_rejected_recipient_is_recorded(database, bus, clock, tmp_path, mailbox, receiver):
+    """If the server rejects a recipient, the others get the mail once, and an event names the rejected one."""
     rules = RULES.format(mail=mailbox.port, hook=receiver.port).replace(
         "[op@example.org]", "[op@example.org, gone@example.org]"
     )
@@ -334,20 +335,20 @@ def test_a_refused_recipient_is_on_record(database, bus, clock, tmp_path, mailbo
     "address", ["127.0.0.1", "10.1.2.3", "169.254.1.1", "224.0.0.1", "::1", "::ffff:10.0.0.1", "64:ff9b::7f00:1"]
 )
 def test_addresses_that_are_not_public(address):
-    """Loopback, private, link-local and multicast addresses, also when IPv6 carries them."""
+    """Loopback, private, link-local and multicast addresses are not public, also if they are embedded in IPv6."""
     assert not is_public(address)
     assert is_public("2606:4700::1111")
 
 
 def test_a_private_address_needs_the_setting(harness):
-    """Loopback is refused by default, and the message names the setting."""
+    """A loopback address is rejected by default, and the message names the setting."""
     target = harness.service.rules.target("hook")
     with pytest.raises(NotPermitted, match="GSS_NOTIFICATIONS_PRIVATE"):
         Sender(False, ENVIRONMENT).send(target, OutgoingMessage("k", "ok", "s", "t"))
 
 
 def test_a_test_message_is_sent(harness, mailbox):
-    """To one target; an unknown one is rejected."""
+    """A test message is sent to one target. An unknown target is rejected."""
     harness.service.test("mail", user="ann")
     harness.look()
     assert "Test message by ann" in mailbox.letters[0]
@@ -370,7 +371,7 @@ def test_a_test_message_is_sent(harness, mailbox):
     ],
 )
 def test_an_invalid_file_is_rejected_with_its_line(tmp_path, change, words):
-    """Line, field and reason."""
+    """An invalid file is rejected with line, field and reason."""
     file = tmp_path / "rules.yaml"
     file.write_text(RULES.format(mail=25, hook=80).replace(*change, 1))
     with pytest.raises(BadInput, match=words):

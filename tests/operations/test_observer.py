@@ -1,4 +1,4 @@
-"""The observer's velocity: when it is known, and its value."""
+"""The observer's velocity and star epoch of a frame."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ TLE = """1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927
 
 
 def frame(**values: Any) -> Any:
-    """The columns of a stored frame that matter here."""
+    """Return a stored frame with the columns that these tests need."""
     row = {"source": "device", "taken": MOMENT, "received": MOMENT + timedelta(days=1), "truth": None}
     return cast(Any, SimpleNamespace(**(row | values)))
 
 
 def test_velocity_without_an_orbit_is_that_of_the_earth() -> None:
-    """Astropy gives it to 0.05″."""
+    """Without an orbit, the velocity is that of the Earth by astropy, within 0.05″ of aberration."""
     observer = observer_at(MOMENT)
     _, velocity = get_body_barycentric_posvel("earth", Time(MOMENT), ephemeris="builtin")
-    off = np.array(observer.velocity_c) - velocity.xyz.to_value("m/s") / 299_792_458.0
-    assert np.linalg.norm(off) < 0.05 * ARCSEC_RAD
+    difference = np.array(observer.velocity_c) - velocity.xyz.to_value("m/s") / 299_792_458.0
+    assert np.linalg.norm(difference) < 0.05 * ARCSEC_RAD
     assert "was corrected" in observer.note
 
 
 def test_an_orbit_adds_its_own_velocity() -> None:
-    """The station's element set adds 7.7 km/s, along the orbit's plane of that day."""
+    """A TLE adds the orbital velocity of 7.7 km/s in the orbit's plane."""
     added = np.array(observer_at(MOMENT, TLE).velocity_c) - np.array(observer_at(MOMENT).velocity_c)
     speed_km_s = np.linalg.norm(added) * 299_792.458
     assert 7.5 < speed_km_s < 7.8
@@ -46,9 +46,8 @@ def test_an_orbit_adds_its_own_velocity() -> None:
 
 
 def test_a_velocity_needs_a_known_time() -> None:
-    """A device's frame has a time, an import dated by its arrival has none, a simulated one is uncorrected unless
-    requested.
-    """
+    """Frames with a known time have an observer. An import dated by its reception has none, and a simulated frame only on
+    request."""
     assert observer_of_frame(frame()) is not None
     assert observer_of_frame(frame(source="import")) is not None
     assert observer_of_frame(frame(source="import", received=MOMENT)) is None
@@ -58,7 +57,7 @@ def test_a_velocity_needs_a_known_time() -> None:
 
 
 def test_star_positions_are_those_of_the_exposure() -> None:
-    """The Julian year of the frame to a quarter; None, the solver's own, for an unknown time or a simulated sky."""
+    """The epoch is the frame's Julian year rounded to a quarter, and None for an unknown time or a simulated sky."""
     assert epoch_of_frame(frame()) == 2008.75
     assert epoch_of_frame(frame(source="import", taken=MOMENT - timedelta(days=120))) == 2008.5
     assert epoch_of_frame(frame(source="import", received=MOMENT)) is None
@@ -66,6 +65,6 @@ def test_star_positions_are_those_of_the_exposure() -> None:
 
 
 def test_a_time_without_zone_is_rejected() -> None:
-    """The time zone of a local time is unknown."""
+    """A time without a time zone is rejected."""
     with pytest.raises(BadInput, match="time zone"):
         observer_at(MOMENT.replace(tzinfo=None))

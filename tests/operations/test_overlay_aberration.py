@@ -15,30 +15,31 @@ TIME = Time("2026-03-21T00:00:00", scale="utc")
 
 
 def test_predicted_positions_include_the_observers_velocity() -> None:
-    """Stars are drawn where astropy's geocentric observer sees them; without the velocity they are a quarter of a pixel
-    off.
-    """
+    """Predicted positions equal those for astropy's geocentric observer. Without the velocity they differ by more than a
+    quarter of a pixel."""
     camera = shipped_camera("sunsat").camera
     stars = propagate(load_stars(6.0), 2026.2)
     velocity_c = tuple(float(v) for v in earth_velocity_c())
     rows = predicted(camera, np.eye(3), stars, 6.0, Centroids.from_pixels(np.zeros((0, 2))), velocity_c)
-    still = {r["hip"]: r for r in predicted(camera, np.eye(3), stars, 6.0, Centroids.from_pixels(np.zeros((0, 2))))}
+    without_velocity = {
+        r["hip"]: r for r in predicted(camera, np.eye(3), stars, 6.0, Centroids.from_pixels(np.zeros((0, 2))))
+    }
     assert len(rows) > 5
     for row in rows:
         unit = stars.icrs[stars.row_of_hip[row["hip"]]]
         at = SkyCoord(*unit, representation_type="cartesian", frame=ICRS()).transform_to(GCRS(obstime=TIME))
         place = camera.project(at.cartesian.xyz.value[None])[0]
         assert np.hypot(row["col_px"] - place[0], row["row_px"] - place[1]) < 0.01
-    apart = [
-        np.hypot(r["col_px"] - still[r["hip"]]["col_px"], r["row_px"] - still[r["hip"]]["row_px"])
+    shifts_px = [
+        np.hypot(r["col_px"] - without_velocity[r["hip"]]["col_px"], r["row_px"] - without_velocity[r["hip"]]["row_px"])
         for r in rows
-        if r["hip"] in still
+        if r["hip"] in without_velocity
     ]
-    assert min(apart) > 0.25
+    assert min(shifts_px) > 0.25
 
 
 def earth_velocity_c() -> np.ndarray:
-    """The Earth's velocity relative to the barycentre, in units of c."""
+    """Return the Earth's velocity relative to the barycentre, in units of c."""
     from astropy.coordinates import get_body_barycentric_posvel
 
     return np.asarray(get_body_barycentric_posvel("earth", TIME)[1].xyz.to_value("km/s")) / 299792.458

@@ -1,4 +1,4 @@
-"""Files are parsed in child processes: their results, their limits and their end."""
+"""Child processes that parse files: their results, their limits and their end."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ LIMITS = ParseLimits(memory_bytes=1 << 30, cpu_s=2.0, wall_s=60.0, result_bytes=
 
 @pytest.fixture
 def parsers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """Functions that a child process can import."""
+    """Module with functions that a child process can import."""
     (tmp_path / "some_parsers.py").write_text(textwrap.dedent(SOURCE))
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
@@ -76,16 +76,16 @@ def parsing() -> Iterator[ParseProcesses]:
 
 
 def until(true: Callable[[], Any]) -> None:
-    """Wait until ``true()``, for 30 s at most."""
+    """Wait at most 30 s until ``true()``."""
     for _ in range(3000):
         if true():
             return
         time.sleep(0.01)
-    raise AssertionError("it did not happen within 30 s")
+    raise AssertionError("the condition was not met within 30 s")
 
 
 def is_alive(pid: int) -> bool:
-    """True while the process runs; an ended process that is not yet reaped counts as ended."""
+    """True if the process runs. An ended process that is not yet reaped does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -101,22 +101,22 @@ class Nested:
 
 
 def test_plain_data_is_returned_unchanged() -> None:
-    """Numbers, text, times, arrays of any shape, named numbers and allowed dataclasses survive the transfer."""
+    """Numbers, text, times, arrays, mappings and allowed dataclasses are returned unchanged."""
     pixels = np.arange(12, dtype=">u2").reshape(3, 4)
     frame = ImportedFrame(pixels, 16, None, datetime(2026, 1, 2, tzinfo=UTC), {"a": "b"})
-    whole = Nested(
+    original = Nested(
         (frame, None, True, 1.5, float("inf"), "ü\n", b"\0\1", [1, []], np.zeros((0, 3)), {}), {7: "é", 9: ""}
     )
-    text, buffers = encode(whole)
+    text, buffers = encode(original)
     body = bytearray()
     for part in buffers:
         body += bytes(padding(len(body))) + part
-    found = decode(text, body, {"Nested": Nested, "ImportedFrame": ImportedFrame})
-    assert (found.values[0].pixels == pixels).all()
-    assert found.values[0].taken_at == frame.taken_at
-    assert found.values[1:8] == whole.values[1:8]
-    assert found.values[8].shape == (0, 3)
-    assert found.names == whole.names
+    decoded = decode(text, body, {"Nested": Nested, "ImportedFrame": ImportedFrame})
+    assert (decoded.values[0].pixels == pixels).all()
+    assert decoded.values[0].taken_at == frame.taken_at
+    assert decoded.values[1:8] == original.values[1:8]
+    assert decoded.values[8].shape == (0, 3)
+    assert decoded.names == original.names
 
 
 @pytest.mark.parametrize(
@@ -134,8 +134,8 @@ def test_plain_data_is_returned_unchanged() -> None:
         b'["time", 3]',
     ],
 )
-def test_an_answer_that_is_not_plain_data_is_refused(text: bytes) -> None:
-    """Other classes, objects, and ranges outside the answer raise CorruptData, whatever a child writes."""
+def test_a_result_that_is_not_plain_data_is_rejected(text: bytes) -> None:
+    """A result with other classes, objects or ranges outside its bytes raises ``CorruptData``."""
     with pytest.raises(CorruptData, match="result of the file parser"):
         decode(text, bytearray(4), {})
 
@@ -157,7 +157,8 @@ def test_an_answer_that_is_not_plain_data_is_refused(text: bytes) -> None:
 def test_every_failure_is_one_clear_error(
     parsing: ParseProcesses, parsers: ModuleType, name: str, kind: type[Exception], words: str
 ) -> None:
-    """A rejection, a defect, a crash and each limit give the caller one error that names it; the next file is read."""
+    """A rejection, a defect, a crash and each exceeded limit give the caller one error with the reason. The next file is
+    read."""
     for _ in range(2):  # also in a child that has read a file
         with pytest.raises(kind, match=f"(?s){words}"):
             parsing.parse(getattr(parsers, name), b"x")
@@ -165,7 +166,7 @@ def test_every_failure_is_one_clear_error(
 
 
 def test_a_waiting_parser_is_ended_by_the_time_limit(parsers: ModuleType) -> None:
-    """A child that uses neither processor nor memory ends at the time limit."""
+    """A child that uses neither processor nor memory is ended by the time limit."""
     with ParseProcesses(ParseLimits(wall_s=3.0)) as parsing, pytest.raises(TooCostly, match=r"limit of time.*3 s"):
         parsing.parse(parsers.sleep, b"")
 
@@ -173,9 +174,8 @@ def test_a_waiting_parser_is_ended_by_the_time_limit(parsers: ModuleType) -> Non
 def test_a_child_inherits_nothing_from_the_server(
     parsing: ParseProcesses, parsers: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its open files are pipes and the null device, its environment has no settings; its printed output is not in the
-    answer.
-    """
+    """A child has only pipes and the null device open and no settings in its environment. Its printed output is not in the
+    result."""
     monkeypatch.setenv("GSS_DATABASE", "sqlite:///elsewhere.db")
     opened = parsing.parse(parsers.inside, b"")
     assert {name.split(":")[0] for name in opened} <= {"pipe", "/dev/null"}
@@ -184,7 +184,7 @@ def test_a_child_inherits_nothing_from_the_server(
 
 
 def test_a_child_is_reused_only_after_a_successful_read(parsing: ParseProcesses, parsers: ModuleType) -> None:
-    """The same process reads two valid files; after a rejection another one reads."""
+    """The same process reads two valid files. After a rejection another process is used."""
     first = parsing.parse(parsers.process, b"")
     assert parsing.parse(parsers.process, b"") == first
     with pytest.raises(BadInput):
@@ -194,7 +194,7 @@ def test_a_child_is_reused_only_after_a_successful_read(parsing: ParseProcesses,
 
 
 def test_an_idle_child_ends_and_the_next_file_is_read(parsers: ModuleType) -> None:
-    """A child without work ends automatically; a later file gets a new one."""
+    """An idle child ends automatically, and a later file is read by a new one."""
     with ParseProcesses(ParseLimits(idle_s=0.1)) as parsing:
         first = parsing.parse(parsers.process, b"")
         until(lambda: not is_alive(first))
@@ -202,7 +202,7 @@ def test_an_idle_child_ends_and_the_next_file_is_read(parsers: ModuleType) -> No
 
 
 def test_too_many_files_are_rejected_and_a_stop_ends_all(parsers: ModuleType, tmp_path: Path) -> None:
-    """One is read, one waits, the third gets "server busy"; a stop ends the first and the second."""
+    """While one file is read and one waits, a third is rejected as busy. A stop ends the first two with an error."""
     errors: list[Exception] = []
     with ParseProcesses(turns=ParsingQueue(at_once=1, waiting=1, wait_s=60.0)) as parsing:
 
@@ -229,7 +229,7 @@ def test_too_many_files_are_rejected_and_a_stop_ends_all(parsers: ModuleType, tm
 
 
 def test_a_file_that_waits_too_long_is_rejected(parsers: ModuleType, tmp_path: Path) -> None:
-    """The waiting time is bounded too."""
+    """A file that waits longer than the limit for a worker is rejected."""
     with ParseProcesses(turns=ParsingQueue(at_once=1, waiting=1, wait_s=0.1)) as parsing:
         thread = threading.Thread(target=lambda: parsing.parse(parsers.wait_for, b"", str(tmp_path / "go")))
         thread.start()
@@ -242,7 +242,7 @@ def test_a_file_that_waits_too_long_is_rejected(parsers: ModuleType, tmp_path: P
 
 @pytest.mark.parametrize("function", ["wait_for", "hold_interpreter"])
 def test_a_child_ends_with_its_parent(parsers: ModuleType, tmp_path: Path, function: str) -> None:
-    """Kill -9 of the server ends the child during a file, also in code that never returns to the interpreter."""
+    """If the server is killed, a child that reads a file ends, also in code that does not return to the interpreter."""
     more = f", {str(tmp_path / 'x')!r}" if function == "wait_for" else ""
     program = "import some_parsers as p; from gss.operations.parsing.parse_processes import ParseProcesses as P; "
     program += f"P().parse(p.{function}, b''{more})"
@@ -257,7 +257,8 @@ def test_a_child_ends_with_its_parent(parsers: ModuleType, tmp_path: Path, funct
 
 
 def test_a_child_that_cannot_be_started_is_reported_as_busy(parsing: ParseProcesses, parsers: ModuleType) -> None:
-    """Without a free file descriptor the client gets "send the file again"; afterwards files are read."""
+    """If no child can be started for lack of file descriptors, the caller gets Busy with a retry time. Files are read
+    again afterwards."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     for _ in range(ParsingQueue().at_once + 1):
         resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))

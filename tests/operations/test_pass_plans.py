@@ -1,4 +1,4 @@
-"""Pass plans on a simulated sensor with a clock that the test owns: acquisition, loss of signal, next pass, ABORT, restart."""
+"""Pass plans with a simulated sensor and clock: acquisition, loss of signal, next pass, ABORT and restart."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STELLENBOSCH = GroundStation("Stellenbosch", -0.59215, 0.32926, 136.0, 0.0873)
 
 
 class Mission:
-    """Passes and plans on a console. The plans here have stacks only: transfers are not needed."""
+    """Passes and plans on a console. Its plans have stacks and procedures, but no transfers."""
 
     def __init__(self, console: Any, database: Any, bus: Any, clock: Any, tle: str) -> None:
         self.console, self.clock, self.bus = console, clock, bus
@@ -74,7 +74,7 @@ class Mission:
 
 @pytest.fixture
 def mission(make_console, database, bus, clock, tle_of):
-    """A mission with one station and an orbit of yesterday."""
+    """Mission with one station and a TLE of the previous day."""
     return Mission(make_console(), database, bus, clock, tle_of(1, clock.at))
 
 
@@ -83,7 +83,7 @@ def states(plan: Any) -> list[str]:
 
 
 def test_a_plan_starts_at_its_pass_and_records_each_item(mission):
-    """Nothing is sent before the pass or without arming; then the items run in order, each with its times."""
+    """Nothing is sent before the pass or if the plan is not armed. In the pass the items run in order, with their times."""
     plan = mission.plan(mission.stack(STANDBY, name="a"), mission.stack(STATUS, name="b"))
     mission.at(plan.rise + timedelta(seconds=5))
     mission.runner.tick()
@@ -103,7 +103,7 @@ def test_a_plan_starts_at_its_pass_and_records_each_item(mission):
 
 
 def test_loss_of_signal_pauses_and_the_next_pass_continues(mission):
-    """The item after the loss is sent once, in the next pass over the station."""
+    """A loss of signal pauses the plan. The next item is sent once, in the next pass over the station."""
     plan = mission.plan(mission.stack(STATUS, name="a"), mission.stack(STANDBY, name="b"), resume=True)
     mission.plans.arm(plan.id, [], user="ann")
     mission.at(plan.rise + timedelta(seconds=5))
@@ -127,7 +127,7 @@ def test_loss_of_signal_pauses_and_the_next_pass_continues(mission):
 
 
 def test_a_pass_without_signal_is_missed(mission):
-    """Without a line nothing is sent, and the record says why."""
+    """A plan without signal in its pass sends nothing and is missed with the reason."""
     plan = mission.plan(mission.stack(STATUS, name="a"))
     mission.plans.arm(plan.id, [], user="ann")
     mission.console.link.close()
@@ -139,7 +139,7 @@ def test_a_pass_without_signal_is_missed(mission):
 
 @pytest.mark.parametrize("how", ["abort", "stop"])
 def test_abort_and_stop_end_the_plan_and_its_stack(mission, how):
-    """The stack in progress ends, the items after it are not sent."""
+    """ABORT and a stop end the plan and its current stack. Later items are not sent."""
     plan = mission.plan(mission.stack(STATUS | {"delay_s": 600}, name="a"), mission.stack(STANDBY, name="b"))
     mission.plans.arm(plan.id, [], user="ann")
     mission.at(plan.rise + timedelta(seconds=5))
@@ -159,7 +159,8 @@ def test_abort_and_stop_end_the_plan_and_its_stack(mission, how):
 def test_after_a_restart_an_item_in_progress_is_unknown_and_an_armed_plan_stays(
     mission, make_console, database, bus, clock, tle_of
 ):
-    """Nothing is sent twice; a plan that had not begun is still armed."""
+    """After a restart, a running plan is stopped with its item unknown, and nothing is sent again. An armed plan is still
+    armed."""
     later = mission.plan(mission.stack(STANDBY, name="b"), name="later")
     mission.at(later.set + timedelta(minutes=5))
     second = mission.plan(mission.stack(STATUS | {"delay_s": 600}, name="a"), name="second")
@@ -169,18 +170,19 @@ def test_after_a_restart_an_item_in_progress_is_unknown_and_an_armed_plan_stays(
         mission.plans.arm(plan.id, [], user="ann")
     mission.at(second.rise + timedelta(seconds=5))
     mission.until(second, "running")
-    again = Mission(make_console(), database, bus, clock, "")
-    again.console.runs.start()
-    again.runner.start()
-    stopped = again.plans.get(second.id)
+    restarted = Mission(make_console(), database, bus, clock, "")
+    restarted.console.runs.start()
+    restarted.runner.start()
+    stopped = restarted.plans.get(second.id)
     assert (stopped.state, states(stopped), "restarted" in stopped.reason) == ("stopped", ["unknown"], True)
-    assert again.plans.get(third.id).state == "armed"
-    again.runner.tick()
-    assert again.sent("GET_STATUS") == 0
+    assert restarted.plans.get(third.id).state == "armed"
+    restarted.runner.tick()
+    assert restarted.sent("GET_STATUS") == 0
 
 
 def test_a_plan_is_armed_only_if_it_fits_and_its_user_may(mission):
-    """Too long, overlapping, over, not permitted, not confirmed, without authority: each with its reason."""
+    """A plan that is too long, overlaps another, is in the past, or whose user lacks permission, confirmation or authority
+    is not armed, with the reason."""
     item = mission.stack(STATUS, name="a")
     long = mission.plan(*[item] * 40, name="long")
     with pytest.raises(Conflict, match="cannot be armed") as caught:
@@ -208,7 +210,7 @@ def test_a_plan_is_armed_only_if_it_fits_and_its_user_may(mission):
 
 
 def test_lost_authority_fails_the_plan_before_anything_is_sent(mission):
-    """Another user broke the authority: the plan does not send in the name of the first."""
+    """If another user broke the authority, the plan fails and sends nothing."""
     plan = mission.plan(mission.stack(STANDBY, name="a"))
     mission.plans.arm(plan.id, [], user="ann")
     mission.console.authority.break_("eve", "urgent")
@@ -251,7 +253,8 @@ GET_STATUS
 
 
 def test_a_procedure_in_a_plan_asks_sends_and_waits_for_the_signal(mission):
-    """It waits for its answer, sends the command that was confirmed at arming, and judges no check while the signal is lost."""
+    """A procedure in a plan waits for an answer, sends the command that was confirmed at arming, and evaluates no check
+    while the signal is lost."""
     plan = mission.plan(mission.procedure(ERASE), resume=True)
     with pytest.raises(BadInput, match="need confirmation"):
         mission.plans.arm(plan.id, [], user="ann")
@@ -288,8 +291,8 @@ def test_a_procedure_in_a_plan_asks_sends_and_waits_for_the_signal(mission):
 
 
 @pytest.mark.parametrize("kind", ["procedure", "stack"])
-def test_what_was_changed_after_arming_is_not_run(mission, kind):
-    """An edited procedure or stack fails the plan; nothing of either text is sent."""
+def test_items_changed_after_arming_are_not_run(mission, kind):
+    """If a procedure or stack was changed after arming, the plan fails, and neither version is sent."""
     console, before = mission.console, "# Look\n\n## a: A\n\n```command\nGET_STATUS\n```\n"
     item = mission.procedure(before) if kind == "procedure" else mission.stack(STATUS, name="a")
     plan = mission.plan(item)
@@ -305,7 +308,7 @@ def test_what_was_changed_after_arming_is_not_run(mission, kind):
 
 
 def test_a_procedure_with_an_unknown_command_cannot_be_planned(mission):
-    """The plan is rejected with the line and the command."""
+    """A plan with such a procedure is rejected with line and command."""
     with pytest.raises(BadInput, match=r"Line 5.*NO_SUCH"):
         mission.plan(mission.procedure("# Wrong\n\n## a: A\n```command\nNO_SUCH\n```\n"))
 
@@ -313,7 +316,8 @@ def test_a_procedure_with_an_unknown_command_cannot_be_planned(mission):
 def test_after_a_restart_the_procedure_of_a_plan_is_interrupted_and_a_person_resumes_it(
     mission, make_console, database, bus, clock
 ):
-    """The run has its reason and blocks no other procedure; resumed, it continues in its step and sends nothing twice."""
+    """After a restart the run is interrupted and does not block other procedures. When a user resumes it, it continues in
+    its step and sends nothing twice."""
     text = "# Look\n\n## ask: Ask\n\n```command\nGET_STATUS\n```\n\n## pause: Pause\n\n```wait\n1 h\n```\n"
     plan = mission.plan(mission.procedure(text))
     mission.plans.arm(plan.id, [], user="ann")
@@ -321,22 +325,27 @@ def test_after_a_restart_the_procedure_of_a_plan_is_interrupted_and_a_person_res
     mission.until(plan, "running")
     run = mission.console.procedure_runs.newest(1)[0]
     mission.console.wait(lambda: mission.console.procedure_runs.get(run.id).current == "pause")
-    again = Mission(make_console(), database, bus, clock, "")
-    again.runner.start()
-    runs, stopped = again.console.procedure_runs, again.plans.get(plan.id)
-    left = runs.get(run.id)
-    assert (stopped.state, left.state, left.current, is_intact(left)) == ("stopped", "interrupted", "pause", True)
+    restarted = Mission(make_console(), database, bus, clock, "")
+    restarted.runner.start()
+    runs, stopped = restarted.console.procedure_runs, restarted.plans.get(plan.id)
+    interrupted = runs.get(run.id)
+    assert (stopped.state, interrupted.state, interrupted.current, is_intact(interrupted)) == (
+        "stopped",
+        "interrupted",
+        "pause",
+        True,
+    )
     assert "resume it" in items_of(stopped)[0].detail
     with pytest.raises(Conflict, match="has ended"):
         runs.run_step(run.id, "pause", user="ann")
-    other = runs.begin(again.console.procedures.create("# B\n\n## a: A\n", user="ann").id, user="ann")
+    other = runs.begin(restarted.console.procedures.create("# B\n\n## a: A\n", user="ann").id, user="ann")
     with pytest.raises(Conflict, match="Another procedure"):
         runs.resume(run.id, user="ann")
     runs.stop(other.id, "", user="ann")
     assert runs.resume(run.id, user="ann").current == "pause"
-    again.console.wait(lambda: runs.get(run.id).current == "pause")
+    restarted.console.wait(lambda: runs.get(run.id).current == "pause")
     runs.skip(run.id, "pause", "long enough", user="ann")
     done = runs.get(run.id)
-    assert (done.state, is_intact(done), again.sent("GET_STATUS")) == ("completed", True, 1)
+    assert (done.state, is_intact(done), restarted.sent("GET_STATUS")) == ("completed", True, 1)
     with pytest.raises(Conflict, match="Only an interrupted run"):
         runs.resume(run.id, user="ann")

@@ -1,4 +1,4 @@
-"""What is read beside the pixels of photographs: optics in headers, raw files, level and gain of the sky."""
+"""Properties of photographs: optics in headers, raw files, and level and gain of the sky background."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PIXELS = np.random.default_rng(1).integers(0, 200, (60, 80), dtype=np.uint8)
 
 
 def jpeg(tags: dict[int, object], model: str = "") -> bytes:
-    """A picture with EXIF tags."""
+    """Return a picture with EXIF tags."""
     exif, file = Image.Exif(), io.BytesIO()
     if model:
         exif[0x0110] = model
@@ -27,7 +27,8 @@ def jpeg(tags: dict[int, object], model: str = "") -> bytes:
 
 
 def test_optics_of_a_photograph_are_read() -> None:
-    """Focal length, aperture, model, and the pixel size from the resolution in the focal plane."""
+    """Focal length, aperture, model and pixel size are read from EXIF. The pixel size is derived from the resolution in the
+    focal plane."""
     data = jpeg({0x920A: 24.0, 0x829D: 1.4, 0xA20E: 2000.0, 0xA210: 3, 0xA002: 80, 0xA003: 60}, "Roof 5")
     source = read_frame(data, "a.jpg").source
     assert (source["focal_mm"], source["f_number"], source["pixel_um"], source["camera"]) == (
@@ -40,14 +41,14 @@ def test_optics_of_a_photograph_are_read() -> None:
 
 
 def test_a_resized_photograph_states_no_pixel_size() -> None:
-    """The size of the original is kept instead."""
+    """For a resized photograph the original size is read, and no pixel size."""
     source = read_frame(jpeg({0xA20E: 2000.0, 0xA210: 3, 0xA002: 800, 0xA003: 600}), "a.jpg").source
     assert source["original_px"] == "800 x 600"
     assert "pixel_um" not in source
 
 
 def test_optics_of_a_fits_file_are_read() -> None:
-    """XPIXSZ in micrometres and FOCALLEN in millimetres; implausible values are ignored."""
+    """The pixel size of a FITS file is read from its header. An implausible focal length is ignored."""
     hdu, file = fits.PrimaryHDU(PIXELS), io.BytesIO()
     hdu.header["XPIXSZ"], hdu.header["FOCALLEN"] = 3.76, 1e9
     hdu.writeto(file)
@@ -58,7 +59,7 @@ def test_optics_of_a_fits_file_are_read() -> None:
 
 @pytest.mark.parametrize("tag", [{0xC612: bytes((1, 4, 0, 0))}, {0xFE: 1}])
 def test_a_raw_file_is_rejected(tag: dict[int, object]) -> None:
-    """Its first image is a preview, which must not be taken for the photograph."""
+    """A raw file is rejected, because its first image is only a preview."""
     file = io.BytesIO()
     Image.fromarray(PIXELS).save(file, "TIFF", tiffinfo=tag)
     with pytest.raises(BadInput, match="raw file"):
@@ -66,7 +67,8 @@ def test_a_raw_file_is_rejected(tag: dict[int, object]) -> None:
 
 
 def test_the_gain_follows_from_skies_of_different_level() -> None:
-    """Within four of its standard deviations from skies of two levels; not stated from one level or a file that is not linear."""
+    """From skies with different levels the gain is within four standard deviations. With one level or non-linear files it
+    is not stated."""
     rng = np.random.default_rng(4)
     skies = [rng.poisson(2.5 * level, (320, 320)) / 2.5 + rng.normal(100, 3, (320, 320)) for level in (50, 400, 900)]
     measured = sky_figures(skies, linear=True)

@@ -48,11 +48,11 @@ def check(result: SolveResult, image: dict[str, Any], name: str) -> None:
     assert np.linalg.norm(ours[2] - theirs[2]) / ARCSEC_RAD < limit, name
     assert np.degrees(np.abs((ours @ theirs.T)[0, 1])) < 0.3, name
     assert abs(np.degrees(result.camera.fov_rad[0]) / image["fov_h_deg"] - 1) < 0.01, name
-    found = dict(zip(result.matches.hip.tolist(), result.matches.centroid.tolist(), strict=True))
-    both = [s for s in image["stars"] if s["hip"] in found]
+    matched_centroids = dict(zip(result.matches.hip.tolist(), result.matches.centroid.tolist(), strict=True))
+    both = [s for s in image["stars"] if s["hip"] in matched_centroids]
     assert len(both) >= 0.4 * len(image["stars"]), name
     pixels = result.centroids.pixels
-    offsets = [np.hypot(*(pixels[found[s["hip"]]] - [s["x"], s["y"]])) for s in both]
+    offsets = [np.hypot(*(pixels[matched_centroids[s["hip"]]] - [s["x"], s["y"]])) for s in both]
     assert np.median(offsets) < (3.0 if name == TRAILED else 0.5), name
 
 
@@ -60,7 +60,8 @@ def check(result: SolveResult, image: dict[str, Any], name: str) -> None:
 def test_every_photograph_is_solved_and_the_empty_one_is_not(
     way: str, photographs: Path, truth: dict[str, dict[str, Any]], solver: Solver
 ) -> None:
-    """All within 60″ and their own tolerance, blind and with a rough field of view; the starless one stays unsolved."""
+    """All photographs are solved within 60″ and their tolerance, blind and with an approximate field of view. The one
+    without stars is not solved."""
     for k, (name, image) in enumerate(sorted(truth.items())):
         frame = read_frame((photographs / name).read_bytes(), name)
         wrong_by = 1 + 0.05 * (-1) ** k
@@ -81,7 +82,7 @@ def test_every_photograph_is_solved_and_the_empty_one_is_not(
 def test_mirrored_photographs_are_not_solved(
     photographs: Path, truth: dict[str, dict[str, Any]], solver: Solver
 ) -> None:
-    """A photograph reversed left to right has no solution, and the reason is "mirrored"."""
+    """A mirrored photograph has no solution, and the reason states this."""
     for name in ("cedar_pleiades.jpg", "ost_sciencecam_img2.png"):
         frame = read_frame((photographs / name).read_bytes(), name)
         result = solver.solve(frame.pixels[:, ::-1], SolveRequest(fov_rad=np.radians(truth[name]["fov_h_deg"])))

@@ -30,29 +30,29 @@ def checked(text: str) -> str:
 
 
 def test_a_two_line_element_set_gives_the_position_of_astropy():
-    """SGP4's axes are rotated to ICRS: within 100 m of astropy's transformation from TEME."""
+    """The position of a TLE in ICRS is within 100 m of astropy's transformation from TEME."""
     moment = datetime(2026, 11, 22, 3, 4, 5, tzinfo=UTC)
     at = Time(moment)
     lines = checked(TLE).splitlines()
     error, place, _ = Satrec.twoline2rv(*lines).sgp4(at.jd1, at.jd2)
     assert error == 0
     teme = TEME(CartesianRepresentation(np.array(place) * u.km), obstime=at)
-    # astropy's prediction of the Earth's rotation dates from its release: some metres here.
+    # astropy's prediction of the Earth's rotation is as old as its release, which causes an error of some metres.
     offline = iers.conf.set_temp("auto_download", False), iers.conf.set_temp("auto_max_age", None)
     with offline[0], offline[1], warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        want = teme.transform_to(GCRS(obstime=at)).cartesian.xyz.to_value(u.km)
-    assert np.linalg.norm(tle_km(checked(TLE), moment) - want) < 0.1
+        expected_km = teme.transform_to(GCRS(obstime=at)).cartesian.xyz.to_value(u.km)
+    assert np.linalg.norm(tle_km(checked(TLE), moment) - expected_km) < 0.1
 
 
 def test_a_commanded_orbit_equals_the_simulators_circle():
-    """SET_ORBIT's elements and clock give the same position as the simulator's orbit, in kilometres."""
+    """The elements of SET_ORBIT give the position of the simulator's orbit within 50 m."""
     from gss.device.simulator.orbit import CircularOrbit
 
     orbit = {"raan_deg": 84.0, "inclination_deg": 97.8, "latitude_deg": 30.0, "altitude_km": 600.0, "epoch_s": 100.0}
-    flown = CircularOrbit(start_rad=np.radians(30.0))
+    simulated = CircularOrbit(start_rad=np.radians(30.0))
     for after_s in (0.0, 777.0, 6000.0):
-        assert np.linalg.norm(circular_km(orbit, 100.0 + after_s) - flown.state(after_s)[0]) < 0.05
+        assert np.linalg.norm(circular_km(orbit, 100.0 + after_s) - simulated.state(after_s)[0]) < 0.05
 
 
 def test_the_earth_disc_has_the_direction_and_size_for_the_height():
@@ -63,7 +63,7 @@ def test_the_earth_disc_has_the_direction_and_size_for_the_height():
 
 
 def test_an_element_set_far_from_its_epoch_has_no_position():
-    """A decayed orbit raises an error with a message."""
+    """For a decayed orbit, no position is returned but an error is raised."""
     with pytest.raises(BadInput):
         tle_km(
             checked(TLE.replace(".00010000", ".90000000")), datetime(2026, 11, 21, tzinfo=UTC) + timedelta(days=4000)

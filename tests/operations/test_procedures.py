@@ -1,4 +1,4 @@
-"""Procedures: read and checked before they start, run step by step on a simulated sensor, recorded and frozen."""
+"""Procedures: checked before they start, run step by step on a simulated sensor, recorded and frozen."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ GOOD = procedure(
 
 @pytest.fixture
 def console(make_console: Callable[..., Any]) -> Any:
-    """An operator console whose sensor has sent housekeeping."""
+    """Operator console whose sensor has sent housekeeping."""
     console = make_console()
     console.wait(lambda: console.telemetry.newest_values("housekeeping") is not None)
     return console
@@ -62,7 +62,7 @@ def states(console: Any, run: Any) -> list[tuple[str, str]]:
 
 
 def step(console: Any, run: Any, name: str, user: str = "ann", **how: Any) -> Any:
-    """Run a step and wait until it is no longer under way."""
+    """Run a step and wait until it has ended."""
     console.procedure_runs.run_step(run.id, name, user=user, **how)
     console.wait(lambda: states(console, run)[-1][1] == "failed" or console.procedure_runs.get(run.id).current != name)
     return console.procedure_runs.get(run.id)
@@ -77,10 +77,10 @@ def sent(console: Any) -> list[str]:
 
 
 def test_a_procedure_is_read_with_its_texts_and_actions() -> None:
-    """Title, introduction, and each step with text, action, options and targets."""
-    found = read_procedure(GOOD)
-    assert (found.title, found.introduction, found.mistakes) == ("Test", "Introduction.", ())
-    assert [(s.id, s.kind) for s in found.steps] == [
+    """A procedure is read with title, introduction, and the text, action, options and targets of each step."""
+    document = read_procedure(GOOD)
+    assert (document.title, document.introduction, document.mistakes) == ("Test", "Introduction.", ())
+    assert [(s.id, s.kind) for s in document.steps] == [
         ("note", "text"),
         ("cool", "check"),
         ("status", "command"),
@@ -90,10 +90,10 @@ def test_a_procedure_is_read_with_its_texts_and_actions() -> None:
         ("second", "hold"),
         ("signed", "sign"),
     ]
-    cool = found.step("cool")
+    cool = document.step("cool")
     assert (cool.words, cool.seconds, cool.target("else")) == ("housekeeping.sensor_temperature_c < 200", 60.0, "pause")
-    assert found.step("note").text == "Read this."
-    assert found.after(found.step("signed"), "next") is None
+    assert document.step("note").text == "Read this."
+    assert document.after(document.step("signed"), "next") is None
 
 
 @pytest.mark.parametrize(
@@ -124,14 +124,14 @@ def test_a_procedure_is_read_with_its_texts_and_actions() -> None:
     ],
 )
 def test_a_mistake_is_reported_with_its_line(console: Any, text: str, line: int, words: str) -> None:
-    """Each mistake of a procedure that must not start."""
-    found = [m for m in console.procedures.check(text).mistakes if words in m.text]
-    assert found, console.procedures.check(text).mistakes
-    assert found[0].line == line, found
+    """Each error in a procedure is reported with its line."""
+    matches = [m for m in console.procedures.check(text).mistakes if words in m.text]
+    assert matches, console.procedures.check(text).mistakes
+    assert matches[0].line == line, matches
 
 
 def test_a_procedure_with_mistakes_is_stored_and_cannot_start(console: Any) -> None:
-    """An unfinished text is not lost; starting it states the first mistake."""
+    """A procedure with errors is stored. Starting it is rejected with the first error."""
     row = console.procedures.create(procedure(("a", fence("command", "NO_SUCH"))), user="ann")
     with pytest.raises(BadInput, match=r"cannot start\. Line 8: unknown command"):
         console.procedure_runs.begin(row.id, user="ann")
@@ -145,7 +145,7 @@ def test_a_procedure_with_mistakes_is_stored_and_cannot_start(console: Any) -> N
 
 
 def test_a_procedure_is_run_step_by_step_and_its_record_is_frozen(console: Any) -> None:
-    """Checks with their values, the command with its result, the answer, a second person, and the hash of the record."""
+    """The record has the values of checks, the command, the answer and the users, and its hash reveals a change."""
     run = begin(console, GOOD)
     assert console.procedure_runs.get(run.id).current == "note"
     for name, how in (("note", {}), ("cool", {}), ("status", {}), ("dark", {"answer": "yes"}), ("way", {})):
@@ -170,7 +170,7 @@ def test_a_procedure_is_run_step_by_step_and_its_record_is_frozen(console: Any) 
 
 
 def test_an_automatic_run_stops_where_a_person_is_needed(console: Any, clock: Any) -> None:
-    """Text, check, command, branch and wait run alone; the question waits."""
+    """Commands, branches and waits run automatically, and a question waits for a user."""
     text = procedure(
         ("status", fence("command", "GET_STATUS")),
         ("way", fence("branch", "if housekeeping.sensor_temperature_c < 200: pause", "else: end")),
@@ -185,7 +185,7 @@ def test_an_automatic_run_stops_where_a_person_is_needed(console: Any, clock: An
 
 
 def test_a_check_that_is_not_met_or_unknown_fails_and_waits_for_a_person(console: Any) -> None:
-    """It can be run again, or skipped with a reason; nothing continues alone."""
+    """A check that is not met or unknown fails. A user can run it again, or skip it with a reason."""
     unknown = "housekeeping.sensor_temperature_c / 0 > 1"
     run = begin(
         console,
@@ -204,7 +204,7 @@ def test_a_check_that_is_not_met_or_unknown_fails_and_waits_for_a_person(console
 
 
 def test_only_a_person_with_command_authority_sends(console: Any) -> None:
-    """A refused command is on the record and was not sent."""
+    """A command of a user without authority or permission is recorded as failed and is not sent."""
     run = begin(console, procedure(("status", fence("command", "GET_STATUS"))))
     console.authority.take("bob")
     with pytest.raises(Conflict, match="held by bob"):
@@ -218,7 +218,7 @@ def test_only_a_person_with_command_authority_sends(console: Any) -> None:
 
 
 def test_abort_ends_a_procedure(console: Any) -> None:
-    """The step under way ends, the record is frozen, and no later step can be run."""
+    """ABORT ends the procedure and its current step, and no later step can be run."""
     run = begin(console, procedure(("pause", fence("wait", "1 h")), ("status", fence("command", "GET_STATUS"))))
     console.procedure_runs.run_step(run.id, "pause", user="ann")
     console.commands.abort(user="bob", source="header")
@@ -230,34 +230,34 @@ def test_abort_ends_a_procedure(console: Any) -> None:
 
 
 def test_one_procedure_runs_at_a_time(console: Any) -> None:
-    """The second one states which run it waits for."""
+    """A second procedure is rejected with the number of the running one."""
     run = begin(console, procedure(("a", "x")))
     with pytest.raises(Conflict, match=f"got run {run.id}"):
         begin(console, procedure(("a", "x"), title="Second"))
 
 
 def test_a_run_continues_after_a_restart_and_sends_nothing_twice(console: Any, make_console: Any, clock: Any) -> None:
-    """A wait continues; a command whose result was lost is unknown and is retried with the same id."""
+    """After a restart a wait continues, and a completed command is not sent again."""
     text = procedure(("status", fence("command", "GET_STATUS")), ("pause", fence("wait", "30 s")), ("last", "x"))
     run = begin(console, text)
     step(console, run, "status")
     console.procedure_runs.run_step(run.id, "pause", user="ann")
-    again = make_console(sensor=console.sensor)
-    assert states(again, run) == [("status", "done"), ("pause", "running")]
+    restarted = make_console(sensor=console.sensor)
+    assert states(restarted, run) == [("status", "done"), ("pause", "running")]
     clock.forward(31)
-    again.wait(lambda: again.procedure_runs.get(run.id).current == "last")
-    assert sent(again) == ["GET_STATUS"]
+    restarted.wait(lambda: restarted.procedure_runs.get(run.id).current == "last")
+    assert sent(restarted) == ["GET_STATUS"]
 
 
 def test_a_server_that_dies_before_queueing_leaves_a_step_that_was_not_sent(console: Any, make_console: Any) -> None:
-    """The entry was stored as sending, but there is no command: the step failed, and a person runs it again."""
+    """A step that was stored as sending without a command has failed after a restart, and a user can run it again."""
     run = begin(console, procedure(("status", fence("command", "GET_STATUS"))))
     recorder = console.procedure_runs._record
     recorder.add(run.id, StepEntry("status", "t", "command", "sending", "ann", console.link._now().isoformat()))
-    again = make_console(sensor=console.sensor)
-    [entry] = entries_of(again.procedure_runs.get(run.id))
+    restarted = make_console(sensor=console.sensor)
+    [entry] = entries_of(restarted.procedure_runs.get(run.id))
     assert (entry.state, "was not sent" in entry.detail) == ("failed", True)
-    assert step(again, run, "status").state == "completed"
+    assert step(restarted, run, "status").state == "completed"
 
 
 def stack_step(command: str, arguments: dict[str, Any], **more: Any) -> dict[str, Any]:
@@ -266,7 +266,8 @@ def stack_step(command: str, arguments: dict[str, Any], **more: Any) -> dict[str
 
 
 def test_a_stack_becomes_a_procedure_that_sends_the_same(console: Any, clock: Any) -> None:
-    """Delays, conditions on numbers, words and yes/no, arguments and notes; a note adds no step."""
+    """A stack with delays, conditions, arguments and notes becomes a procedure that sends the same commands. A note adds no
+    step."""
     conditions = [
         {"packet": "housekeeping", "field": "supply_3v3_v", "op": "gt", "value": 1.5, "wait_s": 20.0},
         {"packet": "housekeeping", "field": "mode", "op": "ne", "value": "tracking", "wait_s": 20.0},
@@ -289,8 +290,9 @@ def test_a_stack_becomes_a_procedure_that_sends_the_same(console: Any, clock: An
     assert sorted(sent(console)) == ["GET_STATUS", "GET_STATUS", "SET_EXPOSURE"]
 
 
-def test_a_stack_that_a_procedure_cannot_hold_is_refused() -> None:
-    """A line break in an argument would end the block. A very short wait is written without an exponent."""
+def test_a_stack_that_a_procedure_cannot_represent_is_rejected() -> None:
+    """A stack with a line break in an argument, which would end the block, is rejected. A very short wait is written
+    without an exponent."""
     assert "0.00001 s" in procedure_of_stack("Short", "", [stack_step("GET_STATUS", {}, delay_s=1e-5)])
     broken = stack_step("GET_STATUS", {"name": "a\n```\n## more: More"})
     with pytest.raises(BadInput, match="Step 1 cannot be written"):

@@ -1,4 +1,4 @@
-"""A bank that was read back: the star of each of its rows."""
+"""Recognition of the star of each row in a bank that was read back."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ALPHA_CENTAURI = (71683, 71681)
 
 
 def test_both_stars_of_a_close_pair_are_recognised():
-    """Each row is a separate star: α Centauri's two, 20″ apart, are not twice the brighter one.
+    """The two stars of α Centauri, 20″ apart, are recognised as separate stars.
 
     No magnitudes are needed.
     """

@@ -1,4 +1,4 @@
-"""Rerun recordings from the store and live, read with rerun's own reader."""
+"""Rerun recordings from the store and live, read with the reader of rerun."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ def services(tmp_path_factory: pytest.TempPathFactory):
     """Connected services that are never started, with four dark frames a second apart, telemetry and one recorded
     event.
     """
-    made = build(Settings(data=tmp_path_factory.mktemp("data")))
+    built = build(Settings(data=tmp_path_factory.mktemp("data")))
     pixels = np.random.default_rng(1).integers(8, 14, (64, 128)).astype(np.uint8)
     for k in range(4):
         values = {"taken": START + timedelta(seconds=k), "bits": 8, "profile": None, "mode": "tracking"}
-        made.frames.frames.add_from_device(pixels, values)
-    with made.base.database.unit_of_work() as session:
+        built.frames.frames.add_from_device(pixels, values)
+    with built.base.database.unit_of_work() as session:
         session.add_all(packet(k) for k in range(4))
-    yield made
-    made.stop()
+    yield built
+    built.stop()
 
 
 def packet(k: int) -> TelemetryPacket:
@@ -56,7 +56,7 @@ def entities(data: bytes, tmp_path: Path) -> dict[str, set[str]]:
 
 
 def test_a_sequence_contains_pictures_telemetry_and_sky_on_both_timelines(services, tmp_path):
-    """Frames by number and by UTC; the catalogue's stars are static."""
+    """A recording has frames, telemetry and sky, with timelines by frame number and by UTC."""
     scope = services.recordings.scopes.of_frames([1, 2, 3])
     found = entities(services.recordings.stored.write(scope), tmp_path)
     assert {"camera/image", "sky/stars", "telemetry/sensor_temperature", "states/mode", "states/link"} <= set(found)
@@ -86,14 +86,14 @@ def test_lanes_show_states_where_they_change():
 
 
 def test_a_frame_is_recorded_with_its_neighbours(services):
-    """The page's frame with those before and after it, if there are any."""
+    """A frame is recorded with the frames before and after it, if they exist."""
     assert services.recordings.scopes.around(2, 1).frame_ids == (1, 2, 3)
     assert services.recordings.scopes.around(4, 12).frame_ids == (1, 2, 3, 4)
 
 
 @pytest.mark.parametrize("what", ["of_contact", "of_calibration", "of_analysis", "of_campaign"])
 def test_an_empty_recording_is_rejected(services, what):
-    """A selection without frames gives an error."""
+    """A selection without frames is rejected."""
     with pytest.raises(NotFound):
         getattr(services.recordings.scopes, what)(77)
     with pytest.raises(BadInput):
@@ -101,7 +101,7 @@ def test_an_empty_recording_is_rejected(services, what):
 
 
 def test_a_live_recording_grows_with_events_and_frames(services: Services, tmp_path, request):
-    """The first block has layout, sky and earlier frames; each event and frame adds a block; idle time adds none."""
+    """The first block has sky and earlier frames. Each event and frame adds a block, and idle time none."""
     woken: list[int] = []
     first, live = services.recordings.live.open(lambda: woken.append(1), "ann")
     request.addfinalizer(lambda: services.recordings.live.close(live))
@@ -117,7 +117,7 @@ def test_a_live_recording_grows_with_events_and_frames(services: Services, tmp_p
 
 
 def test_the_number_of_live_recordings_is_limited(services):
-    """One more is rejected with a message, and closing one frees its place."""
+    """A recording above the limit is rejected. After another one is closed, it can be opened."""
     opened = [services.recordings.live.open(lambda: None, f"user {k // MAX_PER_USER}")[1] for k in range(MAX_OPEN)]
     try:
         with pytest.raises(Conflict, match="too many"):
@@ -129,8 +129,8 @@ def test_the_number_of_live_recordings_is_limited(services):
             services.recordings.live.close(live)
 
 
-def test_one_user_leaves_live_recordings_to_others(services):
-    """More than two are rejected although places are free."""
+def test_the_number_of_live_recordings_per_user_is_limited(services):
+    """A user with the maximum number of recordings cannot open another one, but other users can."""
     opened = [services.recordings.live.open(lambda: None, "ann")[1] for _ in range(MAX_PER_USER)]
     try:
         with pytest.raises(Conflict, match="per user"):
@@ -143,29 +143,29 @@ def test_one_user_leaves_live_recordings_to_others(services):
 
 @pytest.mark.parametrize("text", ["9" * 400, "3-" + "9" * 5000, str(2**31), "1,99999999999999999999"])
 def test_numbers_beyond_every_frame_are_bad_input(text):
-    """They are not passed to the database, and not converted if they are very long."""
+    """Numbers too large for a frame are rejected before they are passed to the database."""
     with pytest.raises(BadInput, match="no frame has this number"):
         ids_of(text)
 
 
 def test_a_failed_opening_leaves_no_subscriber(services, monkeypatch):
-    """The place is free again, and there is no subscriber."""
+    """A failed opening leaves no subscriber and does not count against the limit."""
 
     def broken(*_arguments, **_named):
         raise OSError("the disk is gone")
 
-    listening = len(services.base.bus._subscriptions)
+    subscribers_before = len(services.base.bus._subscriptions)
     with monkeypatch.context() as patch:
         patch.setattr(services.recordings.stored, "frame", broken)
         for _ in range(MAX_OPEN + 1):
             with pytest.raises(OSError, match="disk"):
                 services.recordings.live.open(lambda: None, "ann")
-    assert len(services.base.bus._subscriptions) == listening
+    assert len(services.base.bus._subscriptions) == subscribers_before
     services.recordings.live.close(services.recordings.live.open(lambda: None, "ann")[1])
 
 
 def test_a_frame_that_was_deleted_meanwhile_is_left_out(services, monkeypatch):
-    """Among earlier frames as among new ones."""
+    """A live recording is opened without an earlier frame that was deleted meanwhile."""
     real = services.recordings.stored.frame
 
     def without_the_last(recorder, frame_id, picture):
@@ -180,7 +180,7 @@ def test_a_frame_that_was_deleted_meanwhile_is_left_out(services, monkeypatch):
 
 
 def test_frame_ranges_are_parsed():
-    """Numbers and ranges, in order; other text is rejected with the expected form."""
+    """Numbers and ranges are parsed in order. Other text is rejected."""
     assert ids_of("3,5-7") == [3, 5, 6, 7]
     for bad in ("", "3-1", "a", "1-999999", "²"):
         with pytest.raises(BadInput):

@@ -1,4 +1,4 @@
-"""Folders of rehearsals whose server was killed."""
+"""Removal of the folders of rehearsals whose server was killed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gss.wiring.build import build
 
 
 def test_a_folder_left_behind_is_removed_by_the_next_rehearsal(tmp_path: Path) -> None:
-    """The folder of a rehearsal that may still run stays."""
+    """The next rehearsal removes an old folder. A recent one, whose rehearsal may still run, is kept."""
     old, recent = (tmp_path / "rehearsals" / name for name in ("old", "recent"))
     for folder in (old, recent):
         folder.mkdir(parents=True)

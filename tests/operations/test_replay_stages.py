@@ -1,4 +1,4 @@
-"""Replay stage by stage: every system's chain compared with its sensor's packets, and each possible difference."""
+"""Replay by stages: the chain of each system compared with its sensor's packets, and each possible difference."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ATTITUDES = {name: cam_from_icrs(1.4, 0.05, 0.3) for name in SYSTEMS} | {"aim": 
 
 
 def _single(values: dict[str, Any]) -> dict[str, Any]:
-    """Return the values as the wire rounds them: every real except quaternion components is single precision."""
+    """Return the values as sent: all reals except quaternion components are rounded to single precision."""
     return {
         k: float(np.float32(v)) if isinstance(v, float) and not k.startswith("quaternion") else v
         for k, v in values.items()
@@ -50,8 +50,8 @@ def _run(name: str, change: Callable[[Work], Work] = lambda w: w) -> tuple[Rerun
     frame = render(STARS, known.camera, known.sensor, attitude, known.sensor.exposure_s, rng)
     work, chain, trace = change(_work(name)), system(name), Trace()
     result = solve(chain, frame.pixels, work, trace=trace)
-    kept: dict[str, Any] = trace.kept
-    return Rerun(result, kept["detection"], kept["matching"]), work
+    intermediates: dict[str, Any] = trace.kept
+    return Rerun(result, intermediates["detection"], intermediates["matching"]), work
 
 
 @lru_cache(maxsize=8)
@@ -60,8 +60,8 @@ def _work(name: str) -> Work:
 
 
 @lru_cache(maxsize=8)
-def _honest(name: str) -> tuple[OnboardRecord, Rerun]:
-    """Return the unit's packets of a frame as they arrive, and the ground's run of the same frame."""
+def _equal_run(name: str) -> tuple[OnboardRecord, Rerun]:
+    """Return the unit's packets of a frame as received, and the ground's run of the same frame."""
     rerun, work = _run(name)
     return _sent(rerun, work), rerun
 
@@ -83,20 +83,18 @@ def _verdicts(found: list[ReplayStage]) -> dict[str, StageVerdict]:
 
 @pytest.mark.parametrize("name", sorted(SYSTEMS))
 def test_every_system_replays_equal(name: str) -> None:
-    """The packets of a unit that ran this chain are equal in every stage; only values that are never sent are not
-    compared.
-    """
-    record, rerun = _honest(name)
-    found = stages(record, rerun)
-    assert first_difference(found) == "equal"
+    """A replay equals the packets of a unit with this chain in every stage, except for values that are never sent."""
+    record, rerun = _equal_run(name)
+    replayed = stages(record, rerun)
+    assert first_difference(replayed) == "equal"
     assert rerun.result.attitude is not None, rerun.result.reason
-    assert [s.name for s in found if s.verdict is not StageVerdict.EQUAL] == ["unit vectors"]
+    assert [s.name for s in replayed if s.verdict is not StageVerdict.EQUAL] == ["unit vectors"]
 
 
 @pytest.mark.parametrize("name", sorted(SYSTEMS))
 def test_another_threshold_differs_first_in_detection(name: str) -> None:
     """With another threshold than on board the first difference is in detection, not in matching or attitude."""
-    record, _ = _honest(name)
+    record, _ = _equal_run(name)
 
     def higher(work: Work) -> Work:
         known = shipped_camera(name)
@@ -105,30 +103,28 @@ def test_another_threshold_differs_first_in_detection(name: str) -> None:
         other = system(name).parameters(known, None, Commanded(threshold_dn=threshold_dn), work.mode)
         return replace(work, parameters=other)
 
-    found = stages(record, _run(name, higher)[0])
-    first = next(s for s in found if s.verdict is StageVerdict.DIFFERS)
+    replayed = stages(record, _run(name, higher)[0])
+    first = next(s for s in replayed if s.verdict is StageVerdict.DIFFERS)
     assert first.name in ("regions rejected", "centroids", "places", "light")
-    assert first.difference == first_difference(found) != "equal"
+    assert first.difference == first_difference(replayed) != "equal"
 
 
 def test_another_bank_differs_first_in_the_matches() -> None:
-    """Same pixels and parameters, rows in another order: centroids are equal, matches are not, and both stars are
-    named.
-    """
-    record, _ = _honest("cubestar")
+    """With another bank, centroids are equal and the first difference is in the matches."""
+    record, _ = _equal_run("cubestar")
 
     def other_bank(work: Work) -> Work:
         setting = replace(setting_of("cubestar", OWN), bank_mag=3.4)
         return replace(work, catalogue=works_of(setting, shipped_camera("cubestar"), STARS)[work.mode].catalogue)
 
-    found = stages(record, _run("cubestar", other_bank)[0])
-    first = next(s for s in found if s.verdict is StageVerdict.DIFFERS)
+    replayed = stages(record, _run("cubestar", other_bank)[0])
+    first = next(s for s in replayed if s.verdict is StageVerdict.DIFFERS)
     assert first.name == "matches"
     assert "on board" in first.difference
-    assert _verdicts(found)["places"] is StageVerdict.EQUAL
+    assert _verdicts(replayed)["places"] is StageVerdict.EQUAL
 
 
-def _spoilt(record: OnboardRecord, stage: str) -> OnboardRecord:
+def _with_difference(record: OnboardRecord, stage: str) -> OnboardRecord:
     rows, matches, sent_attitude = (
         [dict(r) for r in record.centroids],
         [dict(r) for r in record.matches],
@@ -169,9 +165,9 @@ STAGES = (
 @pytest.mark.parametrize("stage", STAGES)
 def test_each_stage_is_reported_if_it_differs_first(stage: str) -> None:
     """A difference injected into one stage is reported there first, with both values."""
-    record, rerun = _honest("cubestar")
-    found = stages(_spoilt(record, stage), rerun)
-    first = next(s for s in found if s.verdict is StageVerdict.DIFFERS)
+    record, rerun = _equal_run("cubestar")
+    replayed = stages(_with_difference(record, stage), rerun)
+    first = next(s for s in replayed if s.verdict is StageVerdict.DIFFERS)
     assert first.name == stage
     assert first.on_board != first.ground
     if stage == "places":
@@ -183,17 +179,17 @@ def test_each_stage_is_reported_if_it_differs_first(stage: str) -> None:
 
 def test_missing_packets_are_reported_as_not_sent() -> None:
     """Without the attitude packet and the packet's header those stages are not sent, which is not a difference."""
-    record, rerun = _honest("cubestar")
-    found = stages(replace(record, attitude=None, detected={}), rerun)
-    verdicts = _verdicts(found)
+    record, rerun = _equal_run("cubestar")
+    replayed = stages(replace(record, attitude=None, detected={}), rerun)
+    verdicts = _verdicts(replayed)
     for name in ("regions rejected", "black level", "unit vectors", "mode", "outcome", "quaternion"):
         assert verdicts[name] is StageVerdict.NOT_SENT, name
-    assert first_difference(found) == "equal"
+    assert first_difference(replayed) == "equal"
 
 
 def test_a_result_without_intermediates_is_compared_as_far_as_possible() -> None:
-    """Only the number of matches can be compared with a bare result."""
-    record, rerun = _honest("cubestar")
+    """With a result without intermediates, only the number of matches is compared."""
+    record, rerun = _equal_run("cubestar")
     bare: SolveResult = rerun.result
     verdicts = _verdicts(stages(record, Rerun(bare)))
     assert verdicts["matches"] is StageVerdict.EQUAL
@@ -201,22 +197,22 @@ def test_a_result_without_intermediates_is_compared_as_far_as_possible() -> None
 
 
 def test_the_onboard_record_survives_the_store() -> None:
-    """A record is unchanged by JSON, including the prior of its frame."""
-    record, rerun = _honest("cubestar")
+    """A record, including the prior of its frame, is read unchanged from the store. Records of version 0.4 can be read."""
+    record, rerun = _equal_run("cubestar")
     quaternion = np.array([0.1, 0.2, 0.3, math.sqrt(0.86)])
     orbit, apriori = KnownOrbit(1.0, 1.7, 0.2, 6e5, 100.0), Apriori(0.0, 0.1, 0.2, 0.09)
     series = (TimedAttitude(quaternion, 8.5), TimedAttitude(quaternion, math.nan))
     prior = PriorState(series, True, None, 0.05, orbit, apriori)
     frame = Frame(number=5, profile="cubestar", exposure_s=0.25, bank_sha256="ab", parameters={"threshold_dn": 13})
     stored = reported_of(replace(record, prior=prior), frame)
-    back = record_from(stored)
-    assert first_difference(stages(back, rerun)) == "equal"
-    hint = back.prior.hint(Mode.TRACKING, 0.0)
+    restored = record_from(stored)
+    assert first_difference(stages(restored, rerun)) == "equal"
+    hint = restored.prior.hint(Mode.TRACKING, 0.0)
     assert hint is not None
     assert np.allclose(hint.boresight_icrs, AttitudePrior.from_quaternion(quaternion).boresight_icrs)
-    assert (back.prior.orbit, back.prior.apriori) == (prior.orbit, prior.apriori)
-    assert [a.time_s for a in back.prior.series] == pytest.approx([8.5, math.nan], nan_ok=True)
-    assert back.prior.failed
+    assert (restored.prior.orbit, restored.prior.apriori) == (prior.orbit, prior.apriori)
+    assert [a.time_s for a in restored.prior.series] == pytest.approx([8.5, math.nan], nan_ok=True)
+    assert restored.prior.failed
     # Results of version 0.4 have attitudes without times.
     listed = {**stored["prior"], "quaternion": quaternion.tolist(), "earlier": [quaternion.tolist()]}
     del listed["series"], listed["failed"]

@@ -1,4 +1,4 @@
-"""Reports: the same content as JSON, HTML and PDF."""
+"""Reports with the same content as JSON, HTML and PDF."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_the_sheet_is_well_formed_and_loads_nothing() -> None:
                 self.open.append(tag)
 
         def handle_startendtag(self, tag: str, attrs: object) -> None:
-            """A self-closing tag leaves nothing open."""
+            """Do nothing: a self-closing tag needs no end tag."""
 
         def handle_endtag(self, tag: str) -> None:
             assert self.open.pop() == tag
@@ -87,8 +87,8 @@ def test_the_sheet_is_well_formed_and_loads_nothing() -> None:
 
 def test_the_pdf_has_the_same_content_and_is_reproducible() -> None:
     """The same report gives the same bytes; the pages contain drawings and text."""
-    first, again = as_pdf(REPORT, MADE), as_pdf(REPORT, MADE)
-    assert first == again
+    first, repeated = as_pdf(REPORT, MADE), as_pdf(REPORT, MADE)
+    assert first == repeated
     assert first.startswith(b"%PDF-")
     streams = [s for s in re.findall(rb"stream\n(.*?)\nendstream", first, re.DOTALL) if s[:1] == b"x"]
     pages = b"".join(zlib.decompress(s) for s in streams)
@@ -97,13 +97,13 @@ def test_the_pdf_has_the_same_content_and_is_reproducible() -> None:
 
 
 def test_an_empty_plot_has_a_message() -> None:
-    """No numbers: no axes, but a text."""
+    """A plot without numbers has a text instead of axes."""
     assert "nothing to draw" in as_svg(Plot("Empty", "x", "y", [Series("a", [], [])]))
     assert "nothing to draw" in as_svg(Plot("Empty", "x", "y", [Series("a", [1.0], [None])]))
 
 
 def test_missing_values_break_a_line() -> None:
-    """A gap splits the line into two pieces."""
+    """A missing value splits the line into two."""
     line = Plot("Line", "x", "y", [Series("a", [0, 1, 2, 3, 4], [0.0, 1.0, None, 1.0, 2.0])])
     assert as_svg(line).count("stroke-width='1.1'") == 2
 

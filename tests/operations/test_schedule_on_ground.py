@@ -14,7 +14,7 @@ START = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 
 @pytest.fixture
 def console(make_console, sensor_in_memory):
-    """A console whose wall clock follows the sensor's time, with correlated clocks and a received empty schedule."""
+    """Console whose clock follows the sensor's time, with correlated clocks and an empty schedule from the device."""
     sensor = sensor_in_memory()
     console = make_console(sensor, now=lambda: START + timedelta(seconds=sensor.now_s), schedule=True)
     console.schedule._request_list()
@@ -46,7 +46,7 @@ def problems(console, name: str, **when):
 
 
 def test_a_command_runs_on_board_at_its_utc_time(console):
-    """Listed with name, arguments and time; it runs at that time of the device's clock; the list then shows it as done."""
+    """A scheduled command is listed with name, arguments and time, runs at this time, and is then listed as done."""
     at = in_seconds(console, 20)
     row = put(console, "SET_EXPOSURE", 20, exposure_ms=321)
     assert (row.name, row.source, row.result) == ("SCHEDULE", "schedule", "completed")
@@ -60,9 +60,7 @@ def test_a_command_runs_on_board_at_its_utc_time(console):
 
 
 def test_the_list_is_the_devices_not_the_grounds(console):
-    """Entries that the device no longer lists are removed, whatever the ground has stored; bytes of another dictionary
-    stay bytes.
-    """
+    """Entries that the device no longer lists are removed. An entry with an unknown command is listed with its bytes."""
     row = put(console, "GET_STATUS", 500)
     number = row.values["schedule_id"]
     console.sensor.memory.record.schedule.clear()
@@ -80,7 +78,7 @@ def test_the_list_is_the_devices_not_the_grounds(console):
 
 
 def test_one_or_all_are_cancelled(console):
-    """By number, and all at once; an entry that does not wait is rejected before anything is sent."""
+    """One entry or all can be cancelled. Cancelling an entry that is not waiting or unknown is rejected."""
     one, two, three = (put(console, "GET_STATUS", 500 + k).values["schedule_id"] for k in range(3))
     console.end(console.schedule.cancel(two, user="ann"))
     console.wait(lambda: [by_id(console)[k].state for k in (one, two, three)] == ["waiting", "cancelled", "waiting"])
@@ -95,7 +93,7 @@ def test_one_or_all_are_cancelled(console):
 
 @pytest.mark.parametrize("name", ["ABORT", "HELLO", "SCHEDULE", "LIST_SCHEDULE", "CANCEL", "SIM_INJECT"])
 def test_commands_that_cannot_be_scheduled_are_rejected(console, name):
-    """With the reason, and nothing is sent."""
+    """Commands that cannot be scheduled are rejected with the reason, and nothing is sent."""
     written = len(console.sensor.written)
     with pytest.raises(BadInput, match=f"{name} cannot be scheduled"):
         console.schedule.send(name, {}, at=in_seconds(console, 60), at_device_s=None, confirm=name, user="ann")
@@ -103,7 +101,7 @@ def test_commands_that_cannot_be_scheduled_are_rejected(console, name):
 
 
 def test_a_time_in_the_past_is_rejected(console):
-    """In UTC and in device time; the message states the device's clock."""
+    """A past time is rejected in UTC and in device time. Exactly one of the two must be given."""
     now_s = console.schedule.clock().device_of(console.link._now().timestamp())
     assert "in the past" in problems(console, "GET_STATUS", at=in_seconds(console, -60))[0]
     assert "in the past" in problems(console, "GET_STATUS", at_device_s=now_s - 60)[0]
@@ -114,7 +112,7 @@ def test_a_time_in_the_past_is_rejected(console):
 
 
 def test_warnings_do_not_prevent_scheduling(console):
-    """RESET, a time soon after now, conditions that are checked on board, an uncertain time."""
+    """A reset, a time in the near future, conditions checked on board and an uncertain time give warnings only."""
 
     def warned(name: str, seconds: float) -> str:
         plan = console.schedule.plan(name, {}, at=in_seconds(console, seconds), at_device_s=None)
@@ -129,7 +127,7 @@ def test_warnings_do_not_prevent_scheduling(console):
 
 
 def test_the_inner_command_is_checked_and_confirmed_now(console):
-    """Its arguments and its hazard are checked when it is scheduled."""
+    """Arguments and hazard of the inner command are checked, and confirmed, when it is scheduled."""
     with pytest.raises(BadInput, match="1 – 2000"):
         put(console, "SET_EXPOSURE", 60, exposure_ms=2001)
     with pytest.raises(BadInput, match="ERASE_BANK is critical"):
@@ -141,7 +139,7 @@ def test_the_inner_command_is_checked_and_confirmed_now(console):
 
 
 def test_a_full_schedule_is_reported_by_the_device(console):
-    """The rejection contains its reason; existing entries stay."""
+    """The 17th entry fails with the device's reason, and existing entries are kept."""
     rows = [put(console, "GET_STATUS", 1000 + k) for k in range(16)]
     assert {row.result for row in rows} == {"completed"}
     row = put(console, "GET_STATUS", 2000)
@@ -151,7 +149,7 @@ def test_a_full_schedule_is_reported_by_the_device(console):
 
 
 def test_scheduling_needs_command_authority(console):
-    """So does cancelling."""
+    """A user without command authority can neither schedule nor cancel."""
     put(console, "GET_STATUS", 500)
     with pytest.raises(Conflict, match="held by ann"):
         put(console, "GET_STATUS", 500, user="bob")
@@ -160,7 +158,7 @@ def test_scheduling_needs_command_authority(console):
 
 
 def test_without_correlated_clocks_only_device_time_is_accepted(console):
-    """UTC is rejected before enough packets have arrived."""
+    """While the clocks are not correlated, a UTC time is rejected and a device time accepted."""
     put(console, "GET_STATUS", 500)
     console.schedule_subscribed = False
     console.schedule._clock.restart()

@@ -1,6 +1,4 @@
-"""Frames are written to a slow store beside the link: telemetry is not late, nothing is lost, no frame is reported
-early.
-"""
+"""Frames are written to a slow store in the background: telemetry is not delayed, no frame is lost or reported early."""
 
 from __future__ import annotations
 
@@ -22,7 +20,7 @@ from gss.wiring.services import Services
 
 
 class SlowStore(BlobStore):
-    """A folder that blocks every write until ``open`` is set, and fails while it is ``broken``, or ``failures`` times."""
+    """Store that blocks every write until ``open`` is set, and fails while ``broken``, or ``failures`` times."""
 
     def __init__(self, url: str) -> None:
         super().__init__(url)
@@ -38,7 +36,7 @@ class SlowStore(BlobStore):
 
 
 class Ground:
-    """All ground services on a sensor in memory, with a slow store for frames and without the solver."""
+    """All ground services with a sensor in memory, with a slow store for frames and without the solver."""
 
     def __init__(self, folder: Path, sensor: Any) -> None:
         self.folder, self.sensor = folder, sensor
@@ -89,16 +87,15 @@ class Ground:
 
 @pytest.fixture
 def ground(tmp_path: Path, sensor_in_memory: Callable[..., Any]) -> Iterator[Ground]:
-    made = Ground(tmp_path, sensor_in_memory())
-    yield made
-    made.store.open.set()
-    made.stop()
+    new_ground = Ground(tmp_path, sensor_in_memory())
+    yield new_ground
+    new_ground.store.open.set()
+    new_ground.stop()
 
 
 def test_telemetry_is_stored_while_a_frame_waits_for_its_store(ground: Ground) -> None:
-    """Packets are stored one after the other; until its bytes are stored the frame has no row and its transfer is not
-    complete, and then both exist and refer to each other.
-    """
+    """Telemetry is stored while a frame waits for its store. Until its bytes are stored, the frame has no row and its
+    transfer is not complete."""
     ground.image()
     ground.wait(lambda: ground.store.requested)
     before = ground.housekeeping()
@@ -113,8 +110,8 @@ def test_telemetry_is_stored_while_a_frame_waits_for_its_store(ground: Ground) -
     assert ground.services.transfers.writer.waits == 0
 
 
-def test_frame_downloads_wait_for_room_in_the_queue(ground: Ground) -> None:
-    """One frame is being stored and a few wait; the next stays on board until there is room for it."""
+def test_frame_downloads_wait_while_the_queue_is_full(ground: Ground) -> None:
+    """While the queue of frames to store is full, the next frame stays on board. It is downloaded afterwards."""
     begun = MAX_WAITING + 1
     for k in range(begun):
         ground.image()
@@ -134,7 +131,7 @@ def test_frame_downloads_wait_for_room_in_the_queue(ground: Ground) -> None:
 
 
 def test_a_failing_store_is_reported_and_ends_the_transfer(ground: Ground) -> None:
-    """The link continues, and an event records the loss."""
+    """If the store fails, an event records it and the transfer fails. It can be resumed."""
     ground.store.broken = True
     ground.store.open.set()
     ground.image()
@@ -150,7 +147,7 @@ def test_a_failing_store_is_reported_and_ends_the_transfer(ground: Ground) -> No
 
 
 def test_a_short_store_failure_loses_no_frame(ground: Ground) -> None:
-    """Storing is retried before the transfer is reported as complete."""
+    """After a short store failure the frame is stored, because writing is retried."""
     ground.store.failures = 2
     ground.store.open.set()
     ground.image()
@@ -162,7 +159,7 @@ def test_a_short_store_failure_loses_no_frame(ground: Ground) -> None:
 def test_content_without_a_storing_service_is_not_reported_as_complete(
     ground: Ground, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A defect between link and store: the transfer fails, and its content can be downloaded again."""
+    """After a defect between link and store, the transfer fails, and its content can be downloaded again."""
     ground.store.open.set()
 
     def defect(*_: Any) -> Any:
@@ -178,7 +175,8 @@ def test_content_without_a_storing_service_is_not_reported_as_complete(
 
 
 def test_a_server_stop_does_not_wait_for_a_hanging_store(ground: Ground, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A frame whose store hangs has no row and its transfer is not complete: the next server downloads it again, once."""
+    """A server stops although the store does not respond. The frame's transfer is not complete, and the next server
+    downloads it again."""
     monkeypatch.setattr("gss.operations.transfers.transfers.STORE_WITHIN_S", 0.2)
     ground.image()
     ground.wait(lambda: ground.store.requested)
@@ -195,7 +193,7 @@ def test_a_server_stop_does_not_wait_for_a_hanging_store(ground: Ground, monkeyp
 
 
 def test_frames_beyond_the_queue_limit_are_counted_and_recorded(bus: EventBus) -> None:
-    """Bounded memory, nothing dropped, in the order of arrival."""
+    """If the queue is full, the caller waits, which is counted and recorded. All items are written in order."""
     now_s = [0.0]
     go, begun, done = threading.Event(), threading.Event(), []
 

@@ -35,7 +35,7 @@ from gss.operations.telemetry.value_format import plain
 
 
 def test_captured_bytes_are_returned_in_order_without_a_truncated_record(tmp_path):
-    """Received and sent bytes are exact; a crash during a record loses only that record."""
+    """Received and sent bytes are returned exactly. A truncated record is skipped."""
     capture = RawCapture(tmp_path, 7)
     for k, (direction, data) in enumerate([(SENT, b"abc"), (RECEIVED, b"\0\1"), (RECEIVED, b"")]):
         capture.write(100.0 + k, direction, data)
@@ -47,7 +47,7 @@ def test_captured_bytes_are_returned_in_order_without_a_truncated_record(tmp_pat
 
 
 def test_captures_rotate_and_the_oldest_is_deleted(tmp_path):
-    """The number and total size of files are bounded; the file being written is never deleted."""
+    """The total size of files is bounded, and the newest is not deleted."""
     capture = RawCapture(tmp_path, 1, Retention(1000, 3000))
     for k in range(40):
         capture.write(k, RECEIVED, bytes([k]) * 300)
@@ -59,7 +59,7 @@ def test_captures_rotate_and_the_oldest_is_deleted(tmp_path):
 
 
 def test_thinning_keeps_every_extreme_and_short_series_unchanged():
-    """The extremes of each bin are kept, in time order."""
+    """Thinning keeps the extremes in time order. A short series is unchanged."""
     t, y = [float(k) for k in range(10_000)], [0.0] * 10_000
     y[4321], y[8765] = 9.0, -9.0
 
@@ -79,13 +79,13 @@ def test_thinning_keeps_every_extreme_and_short_series_unchanged():
 
 
 def test_values_outside_json_become_none():
-    """Not-a-number and infinities are absent values; bytes are hex."""
+    """NaN and infinity become None, and bytes hexadecimal text."""
     assert [plain(v) for v in (math.nan, math.inf, 1.5, b"\x0a", "x", True)] == [None, None, 1.5, "0a", "x", True]
 
 
 @pytest.fixture
 def telemetry(database, bus, clock):
-    """The service with one housekeeping packet."""
+    """Telemetry service without packets."""
     return TelemetryService(load_dictionary(), database, bus, clock, lambda: None, lambda: True)
 
 
@@ -96,7 +96,7 @@ def housekeeping(**values) -> Telemetry:
 
 
 def test_states_follow_limits_age_and_the_running_cycle(telemetry, clock):
-    """Limits apply while the cycle runs; old values are stale; values never received are marked as such."""
+    """Values have the state of their limits. Values of a stopped cycle and old values are stale, others "never"."""
 
     def state(name):
         return next(v.state for v in telemetry.values() if v.name == name and v.packet == "housekeeping")
@@ -131,7 +131,8 @@ def test_history_returns_a_span_and_rejects_wrong_input(telemetry, clock):
 
 
 def test_stretch_shows_stars_and_inverts():
-    """Sky becomes dark, a star bright; inverted the opposite; constant and not-a-number frames do not fail."""
+    """After the stretch the background is dark and a star bright, or the opposite if inverted. Constant and NaN frames are
+    accepted."""
     pixels = np.random.default_rng(1).normal(10, 1, (64, 64)).astype(np.float32)
     pixels[30, 30] = 200
     stretch = pictures.auto_stretch(pixels)
@@ -150,7 +151,7 @@ ATTITUDE = Attitude(quaternion_from_matrix(cam_from_icrs(*np.radians([84.0, 0.0,
 
 
 def test_overlay_draws_the_sky_for_the_attitude():
-    """Predicted stars, grid and north are in the image's pixels; Orion's belt is among them."""
+    """Predicted stars, grid and north have the correct positions in the image."""
     camera, stars = shipped_camera("cubestar").camera, load_stars(6.5)
     detail = overlay.describe(camera, stars, 3.8, Centroids.from_pixels(np.zeros((0, 2))), ATTITUDE.cam_from_icrs)
     names = {p["name"] for p in detail["predicted"]}
@@ -195,7 +196,8 @@ def on_board(centroids: np.ndarray, quaternion=None) -> OnboardRecord:
 
 
 def test_replay_reports_equal_or_the_first_difference():
-    """Centroids first, then the outcome, then the quaternion; its sign does not matter."""
+    """A replay is equal, or the first difference of centroids, outcome and quaternion is reported. The sign of the
+    quaternion is ignored."""
     c, q = np.array([[100.25, 50.5], [300.1, 70.9]]), ATTITUDE.quaternion
     assert compare(on_board(c, q), result(c, ATTITUDE)) == "equal"
     assert compare(on_board(c, -q), result(c, ATTITUDE)) == "equal"
@@ -207,8 +209,8 @@ def test_replay_reports_equal_or_the_first_difference():
     assert "quaternion differs" in compare(on_board(c, q + 1e-9), result(c, ATTITUDE))
 
 
-def test_row_numbers_of_an_unknown_bank_are_not_taken_for_stars():
-    """Without the bank the page states it; with it rows become Hipparcos numbers."""
+def test_row_numbers_of_an_unknown_bank_are_not_used_as_stars():
+    """If the bank is unknown, a note states it. With the bank, rows become Hipparcos numbers."""
     record = on_board(np.array([[10.0, 10.0]]), ATTITUDE.quaternion)
     record = record.with_packet(
         "matches", {}, [{"centroid": 0, "star": 1, "weight": 3.0}, {"centroid": 9, "star": 0, "weight": 1.0}]
@@ -217,12 +219,12 @@ def test_row_numbers_of_an_unknown_bank_are_not_taken_for_stars():
     assert "not available on the ground" in onboard_result(record, camera, "cubestar").notes[0]
     named = onboard_result(replace(record, hip_of_row=[11, 22]), camera, "cubestar")
     assert named.matches.hip.tolist() == [22]
-    assert named.outcome is Outcome.NONE, "new matches make an older attitude void"
+    assert named.outcome is Outcome.NONE, "new matches invalidate an older attitude"
 
 
 @pytest.mark.parametrize("day", ["2026-03-20", "2026-11-21", "2027-07-01"])
 def test_sun_and_moon_of_the_chart_are_near_astropys(day):
-    """Within 0.02° and 0.4°; the Moon as seen from the Earth's centre."""
+    """The Sun is within 0.02° and the Moon within 0.4° of astropy's geocentric positions."""
     at = datetime.fromisoformat(day).replace(tzinfo=UTC)
     sun, moon = bodies(at)
     t = Time(at)

@@ -1,4 +1,4 @@
-"""Stacks of commands: checked when stored, tried as a dry run, run step by step, and ended by any deviation."""
+"""Stacks of commands: checked when stored, previewed in a dry run, run step by step, and ended by any deviation."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ ERASE = {"command": "ERASE_BANK", "arguments": {"bank": "C"}}
 
 @pytest.fixture
 def console(make_console):
-    """An operator console whose sensor has identified itself."""
+    """Operator console whose sensor has identified itself."""
     return make_console()
 
 
-def kept(console, *steps: Any, name: str = "s") -> Any:
+def store_stack(console, *steps: Any, name: str = "s") -> Any:
     return console.stacks.create(name, "", steps, user="ann")
 
 
@@ -33,8 +33,9 @@ def states(run: Any) -> list[str]:
 
 
 def test_a_stack_is_stored_in_full_changed_and_deleted(console):
-    """Defaults are filled in, so that a later dictionary's defaults do not change it."""
-    row = kept(console, {"command": "TAKE_IMAGE", "delay_s": 2, "note": "first light"}, name=" two  words ")
+    """A stack is stored with its defaults, so that defaults of a later dictionary do not change it. It can be changed and
+    deleted."""
+    row = store_stack(console, {"command": "TAKE_IMAGE", "delay_s": 2, "note": "first light"}, name=" two  words ")
     assert row.name == "two words"
     assert row.steps == [
         {
@@ -46,7 +47,7 @@ def test_a_stack_is_stored_in_full_changed_and_deleted(console):
         }
     ]
     with pytest.raises(Conflict, match="a stack with this name exists"):
-        kept(console, STATUS, name="two words")
+        store_stack(console, STATUS, name="two words")
     changed = console.stacks.change(row.id, "three", "n", [STATUS], user="bob")
     assert (changed.name, changed.author, len(changed.steps)) == ("three", "bob", 1)
     assert [s.name for s in console.stacks.every()] == ["three"]
@@ -86,14 +87,14 @@ def test_a_stack_is_stored_in_full_changed_and_deleted(console):
 def test_an_invalid_step_is_named_and_nothing_is_stored(console, step, words):
     """Every step is checked against the dictionary before the stack is stored."""
     with pytest.raises(BadInput, match=rf"step 2: .*{words}"):
-        kept(console, STATUS, step)
+        store_stack(console, STATUS, step)
     assert console.stacks.every() == []
 
 
 def test_an_exported_stack_is_unchanged_by_import(console):
-    """Export, delete, import."""
+    """A stack that was exported, deleted and imported has the same steps."""
     steps = (STATUS, ERASE, {"command": "GET_STATUS", "condition": {"field": "gain", "op": "ge", "value": 1}})
-    row = kept(console, *steps)
+    row = store_stack(console, *steps)
     file = console.stacks.exported(row.id)
     console.stacks.delete(row.id)
     assert console.stacks.create(file["name"], file["note"], file["steps"], user="bob").steps == row.steps
@@ -103,7 +104,8 @@ def test_an_exported_stack_is_unchanged_by_import(console):
 
 
 def test_a_dry_run_lists_bytes_hazards_and_times_and_sends_nothing(console):
-    """Every step with its packet; the names to type, each once; shortest and longest time."""
+    """A dry run lists the packet and hazard of each step, the names to confirm, and the shortest and longest time. Nothing
+    is sent."""
     written = len(b"".join(console.sensor.written))
     wait = {"field": "cycle_running", "op": "eq", "value": False, "wait_s": 30}
     steps = [
@@ -121,15 +123,15 @@ def test_a_dry_run_lists_bytes_hazards_and_times_and_sends_nothing(console):
     windows_s = sum(c.accept_s + c.complete_s for c in (console.link.dictionary.command(s["command"]) for s in steps))
     assert check.longest_s == 5.0 + 30.0 + windows_s
     assert len(b"".join(console.sensor.written)) == written
-    bad = console.stacks.check([STATUS, {"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 0}}], user="ann")
-    assert [p[:7] for p in bad.problems] == ["step 2:"]
+    invalid = console.stacks.check([STATUS, {"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 0}}], user="ann")
+    assert [p[:7] for p in invalid.problems] == ["step 2:"]
 
 
 # --- running -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_run_executes_its_steps_in_order_with_delay_and_condition(console):
-    """Delay, condition on telemetry received after the previous step, command; each step's command is recorded."""
+    """Steps run in order, after their delay and when their condition is met. Each command is recorded with its run."""
     stopped = {"field": "cycle_running", "op": "eq", "value": False, "wait_s": 20}
     running = {"field": "cycle_running", "op": "eq", "value": True, "wait_s": 20}
     steps = [
@@ -140,7 +142,7 @@ def test_a_run_executes_its_steps_in_order_with_delay_and_condition(console):
     ]
     subscription = console.bus.subscribe(lambda: None)
     began_s = console.sensor.now_s
-    run = console.run_ends(console.runs.run(kept(console, *steps).id, [], user="ann"))
+    run = console.run_ends(console.runs.run(store_stack(console, *steps).id, [], user="ann"))
     assert (run.state, run.reason, states(run)) == ("completed", "", ["completed"] * 4)
     assert console.sensor.now_s - began_s >= 3
     rows = [console.commands.get(step["command_id"]) for step in run.steps]
@@ -152,8 +154,8 @@ def test_a_run_executes_its_steps_in_order_with_delay_and_condition(console):
 
 
 def test_names_are_typed_once_before_the_run(console):
-    """Without them nothing is sent; with them the hazardous steps are sent without further confirmation."""
-    stack = kept(console, STATUS, {"command": "POWER", "arguments": {"state": "off"}}, {"command": "RESET"})
+    """A run is rejected without the names of its hazardous commands. With them no further confirmation is needed."""
+    stack = store_stack(console, STATUS, {"command": "POWER", "arguments": {"state": "off"}}, {"command": "RESET"})
     for typed in ([], ["POWER"], ["power", "reset"]):
         with pytest.raises(BadInput, match="need confirmation") as caught:
             console.runs.run(stack.id, typed, user="ann")
@@ -164,41 +166,41 @@ def test_names_are_typed_once_before_the_run(console):
 
 
 def test_a_failed_command_ends_the_run(console):
-    """The first command that is not completed is the last; the reason names it."""
+    """A command that fails ends the run, and the reason names it."""
     run = console.run_ends(
-        console.runs.run(kept(console, STATUS, {"command": "FIND_CENTROIDS"}, STATUS).id, [], user="ann")
+        console.runs.run(store_stack(console, STATUS, {"command": "FIND_CENTROIDS"}, STATUS).id, [], user="ann")
     )
     assert (run.state, run.step, states(run)) == ("failed", 1, ["completed", "failed", "waiting"])
     assert "step 2, FIND_CENTROIDS: failed no_image" in run.reason
 
 
 def test_a_missing_report_ends_the_run_and_nothing_is_repeated(console):
-    """Unknown is not success: the run stops, and the operator must resolve the command."""
+    """A command with an unknown result ends the run and is not repeated."""
     console.sensor.deaf = True
-    run = console.run_ends(console.runs.run(kept(console, {"command": "TAKE_IMAGE"}, STATUS).id, [], user="ann"))
+    run = console.run_ends(console.runs.run(store_stack(console, {"command": "TAKE_IMAGE"}, STATUS).id, [], user="ann"))
     assert (run.state, states(run)) == ("failed", ["unknown", "waiting"])
     assert console.commands.get(run.steps[0]["command_id"]).attempts == 1
 
 
 def test_a_condition_that_is_not_met_ends_the_run(console):
-    """After its timeout the actual value is reported, and the command is not sent."""
+    """If a condition is not met within its timeout, the run ends with the actual value, and the command is not sent."""
     wait = {"field": "cycle_running", "op": "eq", "value": True, "wait_s": 3}
-    run = console.run_ends(console.runs.run(kept(console, STATUS | {"condition": wait}).id, [], user="ann"))
+    run = console.run_ends(console.runs.run(store_stack(console, STATUS | {"condition": wait}).id, [], user="ann"))
     assert (run.state, run.steps[0]["command_id"]) == ("failed", None)
     assert "cycle_running eq True not met within 3 s; cycle_running: False" in run.reason
 
 
 def test_a_command_that_is_not_allowed_ends_the_run(console):
-    """Preconditions are checked when the step is reached."""
+    """Preconditions are checked when the step is reached. If one is not met, the run ends."""
     steps = ({"command": "SET_MODE", "arguments": {"mode": "standby"}}, STATUS, {"command": "START_CYCLE"})
-    run = console.run_ends(console.runs.run(kept(console, *steps).id, [], user="ann"))
+    run = console.run_ends(console.runs.run(store_stack(console, *steps).id, [], user="ann"))
     assert (run.state, run.step) == ("failed", 2)
     assert "standby" in run.reason
 
 
 def test_a_run_is_paused_resumed_and_stopped(console):
-    """A paused run sends nothing more; a stopped one ends, and sent commands are still followed."""
-    stack = kept(console, STATUS | {"delay_s": 2}, STATUS, STATUS | {"delay_s": 3600})
+    """A paused run sends nothing and can be resumed. A stopped run has ended, and further requests are rejected."""
+    stack = store_stack(console, STATUS | {"delay_s": 2}, STATUS, STATUS | {"delay_s": 3600})
     run = console.runs.run(stack.id, [], user="ann")
     assert console.runs.pause(run.id, user="ann").state == "paused"
     later_s = console.sensor.now_s + 10
@@ -216,10 +218,10 @@ def test_a_run_is_paused_resumed_and_stopped(console):
 
 
 def test_abort_stops_the_run_and_is_sent_before_it(console):
-    """Any user's ABORT is sent at once, and no further step runs."""
+    """ABORT of any user is sent immediately and stops the run."""
     steps = ({"command": "RUN_ITERATION"}, {"command": "RUN_ITERATION"}, {"command": "RUN_ITERATION"})
     console.end(console.send("SET_MODE", mode="lost_in_space"))
-    run = console.runs.run(kept(console, *steps).id, [], user="ann")
+    run = console.runs.run(store_stack(console, *steps).id, [], user="ann")
     console.wait(lambda: any(r.result in ("started", "progress") for r in console.history.page(_of(run), 5)))
     abort = console.end(console.commands.abort(user="bob", source="abort").row(20))
     row = console.run_ends(run)
@@ -235,9 +237,9 @@ def _of(run: Any) -> Any:
 
 
 def test_a_run_needs_command_authority_and_ends_when_it_is_broken(console):
-    """No other user can start one meanwhile; breaking authority ends it at its next step."""
+    """A user without command authority cannot start a run. When authority is broken, the run ends at its next step."""
     console.authority.take("ann")
-    stack = kept(console, STATUS, STATUS | {"delay_s": 20})
+    stack = store_stack(console, STATUS, STATUS | {"delay_s": 20})
     with pytest.raises(Conflict, match="held by ann"):
         console.runs.run(stack.id, [], user="bob")
     run = console.runs.run(stack.id, [], user="ann")
@@ -249,24 +251,24 @@ def test_a_run_needs_command_authority_and_ends_when_it_is_broken(console):
 
 
 def test_a_lost_link_ends_the_run(console):
-    """The command in progress is unknown; unsent commands do not wait for the next contact."""
+    """If the link is lost, the command in progress is unknown and the run ends. A run without a link is rejected."""
     image = {"command": "TAKE_IMAGE", "arguments": {"exposure_ms": 2000}}
-    run = console.runs.run(kept(console, image, STATUS).id, [], user="ann")
+    run = console.runs.run(store_stack(console, image, STATUS).id, [], user="ann")
     console.wait(lambda: [r.result for r in console.history.page(_of(run), 5)] == ["started"])
     console.sensor.cut = True
     row = console.run_ends(run)
     assert (row.state, states(row)) == ("failed", ["unknown", "waiting"])
-    late = kept(console, STATUS | {"delay_s": 1}, name="later")
+    late = store_stack(console, STATUS | {"delay_s": 1}, name="later")
     assert any("line is down" in p for p in console.stacks.check(late.steps, user="ann").problems)
     with pytest.raises(Conflict, match="cannot run in the current state"):
         console.runs.run(late.id, [], user="ann")
 
 
 def test_a_queued_command_is_withdrawn_when_the_link_is_lost(console):
-    """A step queued behind another command is not sent in the next contact, where no operator expects it."""
+    """A step that is queued when the link is lost is withdrawn, so that it is not sent in the next contact."""
     image = console.send("TAKE_IMAGE", exposure_ms=2000)
     console.wait(lambda: console.commands.get(image.id).result == "started")
-    run = console.runs.run(kept(console, {"command": "SET_EXPOSURE"}).id, [], user="ann")
+    run = console.runs.run(store_stack(console, {"command": "SET_EXPOSURE"}).id, [], user="ann")
     console.wait(lambda: len(console.history.page(_of(run), 5)) == 1)
     console.sensor.cut = True
     row = console.run_ends(run)
@@ -274,15 +276,15 @@ def test_a_queued_command_is_withdrawn_when_the_link_is_lost(console):
 
 
 def test_a_run_ends_with_the_server(make_console, database):
-    """The next server finds it in progress, records why it ended, and sends nothing."""
+    """A run in progress is stopped at the next start of the server, with the reason, and nothing is sent."""
     from gss.store import stacks as store
     from gss.store.models import StackRun
 
     first = make_console()
-    stack = kept(first, STATUS, STATUS)
+    stack = store_stack(first, STATUS, STATUS)
     with database.unit_of_work() as session:
         steps = [dict(s) | {"state": "waiting", "command_id": None, "detail": ""} for s in stack.steps]
-        left = StackRun(
+        interrupted = StackRun(
             stack_id=stack.id,
             name="s",
             steps=steps,
@@ -292,13 +294,13 @@ def test_a_run_ends_with_the_server(make_console, database):
             user="ann",
             started=first.link._now(),
         )
-        store.add(session, left)
+        store.add(session, interrupted)
     second = make_console(first.sensor)
-    row = second.runs.get(left.id)
+    row = second.runs.get(interrupted.id)
     assert (row.state, row.reason) == ("stopped", "stopped: server restarted")
-    assert second.history.page(_of(left), 5) == []
+    assert second.history.page(_of(interrupted), 5) == []
     second.stacks.delete(stack.id)
-    assert second.runs.get(left.id).stack_id is None
+    assert second.runs.get(interrupted.id).stack_id is None
 
 
 # --- resumed
@@ -306,41 +308,41 @@ def test_a_run_ends_with_the_server(make_console, database):
 
 
 def test_a_failed_step_is_retried_or_skipped_with_a_reason(console):
-    """Retry sends it as a new command; skip continues after it, and the reason is stored with the step."""
+    """A retry sends the failed step as a new command. A skip continues after it and stores the reason with the step."""
     steps = (STATUS, {"command": "FIND_CENTROIDS"}, STATUS)
-    run = console.run_ends(console.runs.run(kept(console, *steps).id, [], user="ann"))
+    run = console.run_ends(console.runs.run(store_stack(console, *steps).id, [], user="ann"))
     first = run.steps[1]["command_id"]
-    again = console.run_ends(console.runs.continue_run(run.id, "", [], user="ann"))
-    assert (again.id, again.state, states(again)) == (run.id, "failed", ["completed", "failed", "waiting"])
-    assert again.steps[0]["command_id"] == run.steps[0]["command_id"]
-    assert again.steps[1]["command_id"] > first
-    passed = console.run_ends(console.runs.continue_run(run.id, "no image tonight", [], user="ann"))
-    assert (passed.state, states(passed)) == ("completed", ["completed", "skipped", "completed"])
-    assert passed.steps[1]["detail"].startswith("by ann: no image tonight; previously failed no_image")
+    retried = console.run_ends(console.runs.continue_run(run.id, "", [], user="ann"))
+    assert (retried.id, retried.state, states(retried)) == (run.id, "failed", ["completed", "failed", "waiting"])
+    assert retried.steps[0]["command_id"] == run.steps[0]["command_id"]
+    assert retried.steps[1]["command_id"] > first
+    skipped_run = console.run_ends(console.runs.continue_run(run.id, "no image tonight", [], user="ann"))
+    assert (skipped_run.state, states(skipped_run)) == ("completed", ["completed", "skipped", "completed"])
+    assert skipped_run.steps[1]["detail"].startswith("by ann: no image tonight; previously failed no_image")
     with pytest.raises(Conflict, match="only a failed run"):
         console.runs.continue_run(run.id, "", [], user="ann")
 
 
 def test_a_step_with_unknown_result_is_retried_with_its_id(console):
-    """The device executes it once, whether it received the first one or not."""
+    """A step with an unknown result is retried with the same command id, so that the device executes it once."""
     console.sensor.deaf = True
-    run = console.run_ends(console.runs.run(kept(console, {"command": "TAKE_IMAGE"}).id, [], user="ann"))
+    run = console.run_ends(console.runs.run(store_stack(console, {"command": "TAKE_IMAGE"}).id, [], user="ann"))
     assert states(run) == ["unknown"]
     console.sensor.deaf = False
-    again = console.run_ends(console.runs.continue_run(run.id, "", [], user="ann"))
-    assert (again.state, states(again)) == ("completed", ["completed"])
-    assert again.steps[0]["command_id"] == run.steps[0]["command_id"]
-    assert console.commands.get(again.steps[0]["command_id"]).attempts == 2
+    retried = console.run_ends(console.runs.continue_run(run.id, "", [], user="ann"))
+    assert (retried.state, states(retried)) == ("completed", ["completed"])
+    assert retried.steps[0]["command_id"] == run.steps[0]["command_id"]
+    assert console.commands.get(retried.steps[0]["command_id"]).attempts == 2
 
 
 def test_hazards_after_the_failed_step_are_confirmed_again(console):
-    """Names typed for a failed run do not apply to the retry; skipping the last step needs none."""
-    stack = kept(console, {"command": "FIND_CENTROIDS"}, {"command": "POWER", "arguments": {"state": "off"}})
+    """The names that confirmed a failed run do not apply to its continuation. Only the last run can be continued."""
+    stack = store_stack(console, {"command": "FIND_CENTROIDS"}, {"command": "POWER", "arguments": {"state": "off"}})
     run = console.run_ends(console.runs.run(stack.id, ["POWER"], user="ann"))
     with pytest.raises(BadInput, match="need confirmation"):
         console.runs.continue_run(run.id, "not needed", [], user="ann")
     later = console.run_ends(
-        console.runs.run(kept(console, {"command": "FIND_CENTROIDS"}, name="t").id, [], user="ann")
+        console.runs.run(store_stack(console, {"command": "FIND_CENTROIDS"}, name="t").id, [], user="ann")
     )
     with pytest.raises(Conflict, match="another stack has run since"):
         console.runs.continue_run(run.id, "not needed", ["POWER"], user="ann")

@@ -83,9 +83,9 @@ STORED = {
 @pytest.fixture(scope="module")
 def services(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """Services that are connected but not started."""
-    made = build(Settings(data=tmp_path_factory.mktemp("data")))
-    yield made
-    made.stop()
+    built = build(Settings(data=tmp_path_factory.mktemp("data")))
+    yield built
+    built.stop()
 
 
 @pytest.mark.parametrize("name", sorted(STORED))
@@ -98,7 +98,7 @@ def test_a_stored_request_of_0_4_is_read_and_stored_again_without_loss(services:
 
 
 def test_the_values_of_a_stored_request_of_0_4_are_kept(services: Any) -> None:
-    """Angles, filters, options and times have their values."""
+    """Angles, filters, options and times of requests of version 0.4 are read with their values."""
     kinds = services.base.jobs._kinds
     catalogue = kinds["catalogue"].read(STORED["catalogue"])
     assert (catalogue.asked.name, catalogue.bank_bytes) == ("old", 65536)
@@ -124,7 +124,7 @@ def test_the_values_of_a_stored_request_of_0_4_are_kept(services: Any) -> None:
 
 
 def test_a_request_that_cannot_be_read_ends_its_job_with_the_reason(services: Any) -> None:
-    """A field that this version does not know: the job fails and says what to do; others continue."""
+    """A job whose stored request has an unknown field fails with the reason and cannot be started again."""
     stored = {"asked": {"no_such_field": 1}, "user": "ann", "at": "2026-10-01T12:00:00Z"}
     with services.base.database.unit_of_work() as session:
         job = store.add(
@@ -132,7 +132,7 @@ def test_a_request_that_cannot_be_read_ends_its_job_with_the_reason(services: An
         )
         job.attempts = 0
     services.base.jobs.start()
-    ended = services.base.jobs.get(job.id)
-    assert (ended.state, "stored by another version" in ended.text) == ("failed", True)
+    failed_job = services.base.jobs.get(job.id)
+    assert (failed_job.state, "stored by another version" in failed_job.text) == ("failed", True)
     with pytest.raises(BadInput, match="another version"):
         services.base.jobs.again(job.id, user="bob")

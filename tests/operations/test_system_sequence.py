@@ -1,4 +1,4 @@
-"""Systems' chains from the ground with their own modes, methods and constants."""
+"""Chains of the systems on the ground, with their modes, methods and constants."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _frame(name: str, attitude: Array, seed: int = 3, shown: bool = True) -> np.
     ).pixels
 
 
-def _turned(step: int) -> Array:
+def _attitude_at(step: int) -> Array:
     """Return the attitude of a slow rotation of 3′ per frame."""
     return np.asarray(rotation_from_vector(np.radians([0.03, -0.04, 0.02]) * step) @ START)
 
@@ -73,40 +73,41 @@ def test_every_method_of_a_document_can_be_selected(name: str, option: str) -> N
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat", "far_mst", "oersted"])
 def test_a_sequence_changes_from_lost_to_tracking(name: str) -> None:
-    """The first image is lost in space, the next ones are tracked; after a blank one the system falls back."""
+    """The first image is solved lost in space and the next ones in tracking mode. After a blank image the next one is
+    solved again."""
     sequence, modes = SystemSequencer(name), []
     for step, shown in enumerate((True, True, True, False, True)):
         result = sequence.solve(
-            SOLVER, _frame(name, _turned(step), step, shown), SolveRequest(chain=name, profile=name)
+            SOLVER, _frame(name, _attitude_at(step), step, shown), SolveRequest(chain=name, profile=name)
         )
         modes.append(next(n for n in result.notes if n.startswith("mode")))
         if result.attitude is not None:
-            off = pointing_difference_rad(result.attitude.cam_from_icrs, _turned(step))[0]
-            assert off < 3 * shipped_camera(name).camera.pixel_rad
+            error_rad = pointing_difference_rad(result.attitude.cam_from_icrs, _attitude_at(step))[0]
+            assert error_rad < 3 * shipped_camera(name).camera.pixel_rad
     assert modes[:3] == ["mode: lost in space", "mode: tracking", "mode: tracking"]
     assert result.outcome is Outcome.SOLVED, result.reason
 
 
 def test_a_hint_starts_in_assisted_mode() -> None:
     """A commanded attitude starts the sequence in assisted mode with its radius."""
-    sequence = SystemSequencer("cubestar", BoundedPrior(_turned(20), float(np.radians(4))))
+    sequence = SystemSequencer("cubestar", BoundedPrior(_attitude_at(20), float(np.radians(4))))
     result = sequence.solve(SOLVER, _frame("cubestar", START), SolveRequest(chain="cubestar", profile="cubestar"))
     assert "mode: assisted" in result.notes
     assert result.outcome is Outcome.SOLVED
 
 
 def test_far_mst_bridges_an_image_that_it_cannot_match() -> None:
-    """With too few stars for a match the attitude is propagated by the rotation between images and marked so."""
+    """If too few stars are matched, the attitude is propagated by the rotation between images, with a note."""
     sequence = SystemSequencer("far_mst")
     request = SolveRequest(chain="far_mst", profile="far_mst")
-    first = sequence.solve(SOLVER, _frame("far_mst", _turned(0), 0), request)
+    first = sequence.solve(SOLVER, _frame("far_mst", _attitude_at(0), 0), request)
     assert first.outcome is Outcome.SOLVED
-    deaf = replace(request, options=(("min_identified", "30,30,30"),))
-    second = sequence.solve(SOLVER, _frame("far_mst", _turned(1), 1), deaf)
+    unmatchable = replace(request, options=(("min_identified", "30,30,30"),))
+    second = sequence.solve(SOLVER, _frame("far_mst", _attitude_at(1), 1), unmatchable)
     assert second.attitude is not None, second.reason
     assert any("chained over 1 image" in note for note in second.notes)
     assert (
-        pointing_difference_rad(second.attitude.cam_from_icrs, _turned(1))[0]
+        pointing_difference_rad(second.attitude.cam_from_icrs, _attitude_at(1))[0]
         < shipped_camera("far_mst").camera.pixel_rad
     )
     assert second.attitude.sigma_rad[0] > first.attitude.sigma_rad[0]  # type: ignore[union-attr]
@@ -114,11 +115,11 @@ def test_far_mst_bridges_an_image_that_it_cannot_match() -> None:
 
 @pytest.mark.parametrize("name", sorted(SYSTEMS))
 def test_options_change_only_the_named_constants(name: str) -> None:
-    """Every plain constant can be given as text with its own value; the parameters stay equal."""
-    own = system(name).parameters(shipped_camera(name), None, Commanded(), Mode.LOST_IN_SPACE)
-    given = {n: getattr(own, n) for n in names(own) if getattr(own, n) is not None}
+    """If every constant is given as text with its current value, the parameters are unchanged."""
+    parameters = system(name).parameters(shipped_camera(name), None, Commanded(), Mode.LOST_IN_SPACE)
+    given = {n: getattr(parameters, n) for n in names(parameters) if getattr(parameters, n) is not None}
     texts = {n: ",".join(map(repr, v)) if isinstance(v, tuple) else str(v) for n, v in given.items()}
-    assert with_options(own, texts) == own
+    assert with_options(parameters, texts) == parameters
 
 
 @pytest.mark.parametrize(
@@ -132,9 +133,9 @@ def test_options_change_only_the_named_constants(name: str) -> None:
 )
 def test_invalid_options_are_rejected(pair: str, words: str) -> None:
     """Unknown names, wrong kinds, unknown methods and texts without a value give an error message."""
-    own = system("sunsat").parameters(shipped_camera("sunsat"), None, Commanded(), Mode.LOST_IN_SPACE)
+    parameters = system("sunsat").parameters(shipped_camera("sunsat"), None, Commanded(), Mode.LOST_IN_SPACE)
     with pytest.raises(BadInput, match=words):
-        with_options(own, parse([pair]))
+        with_options(parameters, parse([pair]))
 
 
 def test_the_reference_chain_has_no_options() -> None:

@@ -30,7 +30,7 @@ MODES = ("standby", "lost_in_space", "tracking")
 
 @pytest.fixture
 def telemetry(database, bus, clock):
-    """Ten seconds of housekeeping with an attitude packet every two seconds."""
+    """Telemetry service with ten seconds of housekeeping and a centroids packet every two seconds."""
     service = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
     for k in range(10):
         clock.forward(1)
@@ -50,7 +50,7 @@ def telemetry(database, bus, clock):
 
 
 def span(clock):
-    """The span of everything stored."""
+    """Return a span with all stored packets."""
     return clock() - timedelta(hours=1), clock() + timedelta(hours=1)
 
 
@@ -59,9 +59,8 @@ samples = st.lists(st.one_of(st.none(), st.floats(-1e6, 1e6)), min_size=1, max_s
 
 @given(samples, st.integers(10, 60))
 def test_thinning_keeps_order_bound_and_both_extremes(values, points):
-    """Never more samples than requested; the smallest and the largest value are always included; a short series is
-    unchanged.
-    """
+    """Thinning returns at most the requested number of samples, in order, with the smallest and the largest value. A short
+    series is unchanged."""
     thinner = Thinner(0.0, float(len(values)), points)
     for t, y in enumerate(values):
         thinner.take(float(t), y)
@@ -70,14 +69,14 @@ def test_thinning_keeps_order_bound_and_both_extremes(values, points):
     assert t == sorted(t)
     assert thinned == (len(values) > points)
     assert all(values[int(at)] == value for at, value in zip(t, y, strict=True))
-    known = [v for v in values if v is not None]
-    if known:
-        kept = [v for v in y if v is not None]
-        assert (min(kept), max(kept)) == (min(known), max(known))
+    valid_values = [v for v in values if v is not None]
+    if valid_values:
+        kept_values = [v for v in y if v is not None]
+        assert (min(kept_values), max(kept_values)) == (min(valid_values), max(valid_values))
 
 
 def test_enumerations_and_booleans_of_any_packet_are_plotted_as_numbers(telemetry, clock):
-    """mode as its wire number, a bool as 0 and 1, a field of another packet by its full key."""
+    """An enumeration is plotted as its raw number, a boolean as 0 and 1, and a field of another packet by its full key."""
     mode, running, frame = telemetry.archive.history(
         ["mode", "housekeeping.cycle_running", "centroids.frame_number"], *span(clock), 100
     )
@@ -94,20 +93,20 @@ def test_enumerations_and_booleans_of_any_packet_are_plotted_as_numbers(telemetr
 
 
 def test_a_long_span_is_read_in_blocks_of_bounded_size(telemetry, database, bus, clock):
-    """No statement returns more rows than a block, and the samples at block boundaries are neither lost nor doubled."""
-    same = clock()
+    """Each statement is limited to a block, and samples at block boundaries are neither lost nor repeated."""
+    now = clock()
     fields = {"latchups": 77}
-    seven = (
+    equal_times = (
         Telemetry("housekeeping", 1.0, 0, fields, fields),
     ) * 7  # with one time: a block boundary between equal times
-    telemetry.handle(LineBatch(seven, clock(), 0.0))
+    telemetry.handle(LineBatch(equal_times, clock(), 0.0))
     sizes: list[int] = []
 
     def count(_connection, cursor, statement, *_rest) -> None:
         sizes.append(statement.count("LIMIT"))
 
     event.listen(database.engine, "before_cursor_execute", count)
-    rows = list(store.rows(database, "housekeeping", ["latchups"], same - timedelta(hours=1), same, block=3))
+    rows = list(store.rows(database, "housekeeping", ["latchups"], now - timedelta(hours=1), now, block=3))
     event.remove(database.engine, "before_cursor_execute", count)
     assert [r.values[0] for r in rows] == [*range(10), *[77] * 7]
     assert len({r.id for r in rows}) == 17
@@ -133,7 +132,7 @@ KEYS = [
 
 @pytest.mark.parametrize("form", ["converted", "raw", "formatted"])
 def test_csv_and_parquet_have_the_same_content(telemetry, clock, form):
-    """In every form, including times."""
+    """CSV and Parquet exports have the same values and times in every form."""
     options = {"form": form}
     rows = read_csv(export(telemetry.archive, KEYS, *span(clock), file_format="csv", **options))
     data = b"".join(export(telemetry.archive, KEYS, *span(clock), file_format="parquet", **options))
@@ -148,26 +147,25 @@ def test_csv_and_parquet_have_the_same_content(telemetry, clock, form):
 
 
 def test_hdf5_has_the_values_units_and_times_of_csv(telemetry, clock):
-    """A group per packet; numbers, words, yes/no and lists; values of another packet are not in between; a field is missing in
-    no row."""
+    """An HDF5 export has a group per packet with the numbers, texts, booleans, lists, units and times of the CSV export."""
     rows = read_csv(export(telemetry.archive, KEYS, *span(clock), form="converted", file_format="csv"))
     data = b"".join(export(telemetry.archive, KEYS, *span(clock), form="converted", file_format="hdf5"))
     with h5py.File(io.BytesIO(data)) as file:
         assert {name: len(group["received"]) for name, group in file.items()} == {"housekeeping": 10, "centroids": 5}
-        own = [row for row in rows if row["packet"] == "housekeeping"]
+        housekeeping_rows = [row for row in rows if row["packet"] == "housekeeping"]
         group = file["housekeeping"]
-        assert group["supply_3v3_v"][:].tolist() == [float(row["supply_3v3_v"]) for row in own]
+        assert group["supply_3v3_v"][:].tolist() == [float(row["supply_3v3_v"]) for row in housekeeping_rows]
         assert group["supply_3v3_v"].attrs["unit"] == "V"
-        assert group["mode"].asstr()[:].tolist() == [row["mode"] for row in own]
+        assert group["mode"].asstr()[:].tolist() == [row["mode"] for row in housekeeping_rows]
         assert group["cycle_running"][:].tolist() == [0] * 5 + [1] * 5
-        stamps = [datetime.fromisoformat(row["received"]).timestamp() for row in own]
+        stamps = [datetime.fromisoformat(row["received"]).timestamp() for row in housekeeping_rows]
         assert group["received"][:] == pytest.approx(stamps, abs=1e-3)
         assert group["contact"][:].tolist() == [-1] * 10
         assert json.loads(file["centroids"]["items"].asstr()[0])[0]["peak_dn"] == 7
 
 
 def test_an_export_equals_the_displayed_values(telemetry, clock):
-    """The newest row, formatted, is the value of the page; raw and converted are those of the packet."""
+    """The newest formatted row equals the displayed values. Raw and converted values are those of the packet."""
     shown = {v.name: v for v in telemetry.values() if v.packet == "housekeeping"}
     by_form = {
         form: read_csv(export(telemetry.archive, KEYS[:4], *span(clock), form=form, file_format="csv"))[-1]
@@ -180,7 +178,7 @@ def test_an_export_equals_the_displayed_values(telemetry, clock):
 
 
 def test_an_invalid_export_is_rejected_before_it_starts(telemetry, clock):
-    """Unknown format, form, field; empty span."""
+    """An export with an unknown format, form or field, without fields, or with an inverted span is rejected."""
     start, end = span(clock)
     for keys, a, b, form, kind in (
         (["mode"], start, end, "converted", "xls"),
@@ -195,7 +193,7 @@ def test_an_invalid_export_is_rejected_before_it_starts(telemetry, clock):
 
 
 def test_an_empty_span_gives_an_empty_file_with_its_columns(telemetry, clock):
-    """A header, a schema, no rows."""
+    """An export of a span without packets has its columns and no rows."""
     start, end = clock() + timedelta(days=1), clock() + timedelta(days=2)
     assert read_csv(export(telemetry.archive, KEYS, start, end, form="raw", file_format="csv")) == []
     data = b"".join(export(telemetry.archive, KEYS, start, end, form="raw", file_format="parquet"))
@@ -216,7 +214,7 @@ def test_an_empty_span_gives_an_empty_file_with_its_columns(telemetry, clock):
     ],
 )
 def test_raw_values_are_recovered_exactly(key, raws):
-    """Linear and polynomial conversions and enumerations are inverted; a value outside their range has no raw value."""
+    """Raw values are recovered from linear and polynomial conversions and enumerations. Other values have no raw value."""
     field = next(f for f in DICTIONARY.packet("housekeeping").values if f.name == key)
     for raw in raws:
         value = field.choice_name(raw) if field.choices else field.conversion.engineering(raw)
@@ -227,7 +225,7 @@ def test_raw_values_are_recovered_exactly(key, raws):
 
 
 def test_packets_are_paged_newest_first(telemetry):
-    """Whole packets with their lists; a page continues where the last one ended."""
+    """Packets are listed with their lists, newest first, and a page continues where the previous one ended."""
     first = telemetry.archive.packets("centroids", None, None, 2, None)
     second = telemetry.archive.packets("centroids", None, None, 9, first[-1].id)
     assert [r.values["frame_number"] for r in [*first, *second]] == [9, 7, 5, 3, 1]

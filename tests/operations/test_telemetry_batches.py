@@ -1,4 +1,4 @@
-"""Packets that queued up are processed together with the same rows, judgements and alarms as one by one."""
+"""Packets processed in a batch give the same rows, limit checks and alarms as packets processed one by one."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class BatchHarness:
         self._clock = clock
 
     def receive(self, *packets: Telemetry) -> None:
-        """Process a batch as the dispatcher passes it on."""
+        """Process a batch like the dispatcher."""
         batch = LineBatch(packets, self._clock(), 0.0)
         derived = self.telemetry.handle(batch)
         self.judgements += [judgement for event in derived for judgement in event.judgements]
@@ -72,23 +72,23 @@ def packets(count: int, seed: int) -> list[Telemetry]:
     """Simulate a sensor that runs, pauses and runs again, with occasional limit violations, not-a-number values and
     lists, encoded and decoded as on the link.
     """
-    rng, found = random.Random(seed), []
+    rng, simulated = random.Random(seed), []
     for k in range(count):
         name = rng.choice(NAMES)
         definition = DICTIONARY.packet(name)
         iteration = {"cycle_running": not 20 < k % 50 < 30, "iteration": 100 + k // 50}
-        values = {f.name: iteration.get(f.name, a_value(f, rng, k)) for f in definition.values}
+        values = {f.name: iteration.get(f.name, random_value(f, rng, k)) for f in definition.values}
         lists = {
-            group.name: tuple({i.name: a_value(i, rng, k) for i in group.items} for _ in range(k % 3))
+            group.name: tuple({i.name: random_value(i, rng, k) for i in group.items} for _ in range(k % 3))
             for group in definition.fields
             if isinstance(group, Group)
         }
         message = decode(definition.fields, encode(definition.fields, values, lists))
-        found.append(Telemetry(name, float(k), k % 2, message.raw, message.values, message.lists))
-    return found
+        simulated.append(Telemetry(name, float(k), k % 2, message.raw, message.values, message.lists))
+    return simulated
 
 
-def a_value(item: Any, rng: random.Random, k: int) -> Any:
+def random_value(item: Any, rng: random.Random, k: int) -> Any:
     """Return a value within limits, outside them for several packets, or sometimes unknown."""
     if item.type == "bool":
         return rng.random() < 0.5
@@ -112,7 +112,7 @@ def hash_of(name: str) -> int:
 
 
 def test_packets_processed_together_equal_those_processed_one_by_one(tmp_path: Path, clock: Any) -> None:
-    """Every byte of the rows of telemetry, alarms and events, the latest values, and the last judgement of each field."""
+    """Stored telemetry, alarms and events and the latest values are equal for packets processed in batches and one by one."""
     received = packets(144, seed=3)
     one, many = BatchHarness(tmp_path / "one", clock), BatchHarness(tmp_path / "many", clock)
     for packet in received:
@@ -143,19 +143,19 @@ def test_skipping_normal_values_gives_the_same_judgements(database: Database, bu
         if k == 140:
             book.choose("commissioning", user="ann")
         thorough.limits._reset_fast_path()
-        expected, found = thorough.take(packet, clock()), quick.take(packet, clock())
+        expected, reported = thorough.take(packet, clock()), quick.take(packet, clock())
         assert repr(quick.values(clock())) == repr(thorough.values(clock())), k
-        rest = [j for j in expected if j not in found]
-        assert [j for j in expected if j in found] == found
-        assert all(j.state == "ok" for j in rest)
-        left_out, followed = left_out + len(rest), followed + len(found)
+        omitted = [j for j in expected if j not in reported]
+        assert [j for j in expected if j in reported] == reported
+        assert all(j.state == "ok" for j in omitted)
+        left_out, followed = left_out + len(omitted), followed + len(reported)
     assert left_out > followed > 100, (left_out, followed)
 
 
 def test_a_field_with_an_open_alarm_is_reported_while_it_is_normal(
     database: Database, bus: EventBus, clock: Any
 ) -> None:
-    """An open alarm receives every sample of its field."""
+    """A normal value is reported if its field has an open alarm."""
     book = LimitBook(DICTIONARY, database, bus, clock)
     alarms: dict[tuple[str, str], Alarm] = {}
     board = TelemetryBoard(DICTIONARY, book.rule, alarms)
@@ -178,7 +178,7 @@ class Everything(dict[tuple[str, str], Alarm]):
 
 
 def test_old_packets_do_not_become_current_values(tmp_path: Path, clock: Any) -> None:
-    """A late packet is stored and not shown, a repeated one is only counted; one warning reports both."""
+    """A late packet is stored and not displayed, and a repeated one is only counted. One warning reports both."""
     harness = BatchHarness(tmp_path / "room", clock)
     first, second, third, *_ = [p for p in packets(200, 5) if p.packet == "housekeeping"]
     harness.receive(first, third)
@@ -194,7 +194,7 @@ def test_old_packets_do_not_become_current_values(tmp_path: Path, clock: Any) ->
 
 
 def test_stored_packets_reach_the_disk_once_a_second(tmp_path: Path, clock: Any, monkeypatch: Any) -> None:
-    """A power failure costs at most the last second of rows; waiting for the disk with every batch would be slow."""
+    """Telemetry is committed durably once per second, so that a power failure loses at most one second of rows."""
     ground = BatchHarness(tmp_path / "one", clock)
     durable: list[bool] = []
     begin = ground.database.unit_of_work

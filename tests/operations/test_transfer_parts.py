@@ -1,4 +1,4 @@
-"""Parts of broken downloads on disk."""
+"""Stored parts of interrupted downloads."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PART = HeldPart(hashlib.sha256(DATA).hexdigest(), 1024, DATA, ((0, 2), (5, 5)))
 
 
 def test_a_part_is_unchanged_by_the_store(tmp_path: Path) -> None:
-    """Bytes, grid and ranges; the newest version counts."""
+    """Bytes, chunk size and ranges of a part are read unchanged. A newer version replaces an older one."""
     store = PartStore(tmp_path / "parts")
     assert store.load(7) is None
     store.keep(7, PART)
@@ -30,7 +30,7 @@ def test_a_part_is_unchanged_by_the_store(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("damage", ["notes cut", "notes gone", "bytes gone", "no json", "bad hash"])
 def test_a_damaged_part_is_ignored(tmp_path: Path, damage: str) -> None:
-    """A crash while a part is written costs the part, never the server's start."""
+    """A part that is damaged, as after a crash, is ignored."""
     store = PartStore(tmp_path)
     store.keep(1, PART)
     notes, content = tmp_path / "1.json", tmp_path / "1.part"
@@ -48,7 +48,7 @@ def test_a_damaged_part_is_ignored(tmp_path: Path, damage: str) -> None:
 
 
 def test_only_the_newest_parts_are_kept(tmp_path: Path) -> None:
-    """Failed downloads must not fill the disk."""
+    """Only the newest parts are kept, so that failed downloads do not fill the disk."""
     store = PartStore(tmp_path)
     for transfer_id in range(1, KEPT_PARTS + 5):
         store.keep(transfer_id, PART)

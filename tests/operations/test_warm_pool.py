@@ -1,4 +1,4 @@
-"""Worker processes kept between jobs, and solutions as they are stored."""
+"""Worker processes that are kept between jobs, and stored solutions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from gss.store.models import Base, Frame, Solution
 
 
 def _runs(process_id: int) -> bool:
-    """True if there is a process of that number."""
+    """True if a process with this id exists."""
     try:
         os.kill(process_id, 0)
     except ProcessLookupError:
@@ -40,7 +40,7 @@ def _runs(process_id: int) -> bool:
 
 
 def test_processes_are_kept_and_end_when_idle() -> None:
-    """Two jobs use the same process; it ends some time after the last one, and a later job gets another."""
+    """Two jobs use the same process. It ends when it is idle, and a later job gets another one."""
     pool = WarmPool(1, idle_s=0.2)
     with pool.borrowed() as first:
         one = first.submit(os.getpid).result(60)
@@ -58,7 +58,7 @@ def test_processes_are_kept_and_end_when_idle() -> None:
 
 
 def test_a_killed_process_fails_only_its_job() -> None:
-    """The job gets an error; the next one runs on new processes."""
+    """The job of a killed process gets an error, and the next job runs in a new process."""
     pool = WarmPool(1)
     with pytest.raises(BrokenProcessPool), pool.borrowed() as first:
         first.submit(os._exit, 3).result(60)
@@ -68,7 +68,7 @@ def test_a_killed_process_fails_only_its_job() -> None:
 
 
 def test_a_stored_solution_is_small_and_shows_the_same_sky(tmp_path: Path) -> None:
-    """A row takes at most 6 kB; read back, its stars and overlays are those of the result to 1e-5 px."""
+    """A stored solution has less than 6 kB. Its stars and overlays are those of the result within 1e-5 px."""
     stars, known = load_stars(6.5), shipped_camera("cubestar")
     attitude = cam_from_icrs(1.4, 0.05, 0.3)
     frame = render(stars, known.camera, known.sensor, attitude, 0.25, np.random.default_rng(2))
@@ -109,15 +109,15 @@ def test_a_stored_solution_is_small_and_shows_the_same_sky(tmp_path: Path) -> No
 
 
 def test_a_worker_uses_the_camera_of_its_job(tmp_path: Path) -> None:
-    """Two jobs on one process with different cameras under one name give results of these cameras."""
-    known = shipped_camera("cubestar")
-    longer = replace(known, camera=known.camera.with_focal_scaled(1.002))
+    """Jobs in one process with different cameras of the same name give results of these cameras."""
+    profile = shipped_camera("cubestar")
+    longer = replace(profile, camera=profile.camera.with_focal_scaled(1.002))
     blobs = BlobStore(str(tmp_path))
     frame = render(
-        load_stars(6.5), known.camera, known.sensor, cam_from_icrs(1.4, 0.05, 0.3), 0.25, np.random.default_rng(2)
+        load_stars(6.5), profile.camera, profile.sensor, cam_from_icrs(1.4, 0.05, 0.3), 0.25, np.random.default_rng(2)
     )
     task = Task(1, blobs.put(frame.pixels.tobytes()), frame.pixels.dtype.str, 512, 1024, "cubestar", None)
-    for camera in (known, longer, known):
+    for camera in (profile, longer, profile):
         (row,) = run_batch(
             BatchSettings(str(tmp_path), 2026.5, "cubestar", {"cubestar": camera}, {"cubestar": camera}), [task]
         )

@@ -1,4 +1,4 @@
-"""Databases to test on: SQLite always, PostgreSQL where its server program is installed."""
+"""Databases for the tests: SQLite always, and PostgreSQL if its server program is installed."""
 
 from __future__ import annotations
 

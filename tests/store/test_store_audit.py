@@ -23,13 +23,13 @@ def now() -> datetime:
 
 @pytest.fixture
 def anchors(tmp_path) -> AnchorFile:
-    """The file of anchors beside the database."""
+    """Anchor file beside the database."""
     return AnchorFile(tmp_path / "anchors.jsonl")
 
 
 @pytest.fixture
 def audit(database, anchors) -> AuditService:
-    """A record with five rows."""
+    """Audit log with five rows."""
     service = AuditService(database, now, anchors)
     service.begin_anchors()
     for number in range(5):
@@ -41,8 +41,8 @@ def audit(database, anchors) -> AuditService:
     "statement",
     ["UPDATE audit SET who = 'eve' WHERE seq = 2", "DELETE FROM audit", "DELETE FROM audit WHERE seq = 5"],
 )
-def test_the_database_itself_refuses_to_change_or_remove_a_row(audit, database, statement):
-    """Triggers hold for every program that opens the database."""
+def test_the_database_itself_rejects_changes_and_removal_of_rows(audit, database, statement):
+    """Triggers in the database reject changes and removal of rows by any program."""
     with pytest.raises(DBAPIError, match="append-only"), database.engine.begin() as connection:
         connection.execute(text(statement))
     assert audit.verify().problem == ""
@@ -68,7 +68,7 @@ def test_a_row_cannot_be_replaced_by_other_statements(audit, database):
     ],
 )
 def test_a_change_without_triggers_breaks_the_chain(audit, database, statement, problem):
-    """The chain of hashes identifies the row."""
+    """If a row is changed or removed without triggers, the hash chain identifies it."""
     with database.engine.begin() as connection:
         if database.engine.dialect.name == "sqlite":
             connection.execute(text("DROP TRIGGER audit_no_update"))
@@ -80,7 +80,7 @@ def test_a_change_without_triggers_breaks_the_chain(audit, database, statement, 
 
 
 def test_rows_before_the_first_one_are_detected(audit, database):
-    """No trigger rejects such a row and no later hash depends on it; rows before the first are counted."""
+    """A row before the first one, which no trigger rejects and no hash depends on, is detected by counting."""
     copy = "INSERT INTO audit SELECT -1, at, 'eve', role, action, target, result, detail, address, 'nothing', hash"
     with database.engine.begin() as connection:
         connection.execute(text(f"{copy} FROM audit WHERE seq = 2"))
@@ -88,7 +88,7 @@ def test_rows_before_the_first_one_are_detected(audit, database):
 
 
 def test_a_truncated_end_is_detected_with_an_exported_hash(audit, database, anchors):
-    """If the anchor file was truncated with it, only the last hash of an earlier export can."""
+    """If log and anchor file were both truncated, the last hash of an earlier export reveals it."""
     anchors.path.write_text("".join(anchors.path.read_text().splitlines(keepends=True)[:4]))
     noted = audit.verify().last_hash
     with database.engine.begin() as connection:
@@ -100,7 +100,7 @@ def test_a_truncated_end_is_detected_with_an_exported_hash(audit, database, anch
 
 
 def test_a_missing_or_changed_trigger_is_detected(audit, database):
-    """A trigger that was dropped, disabled or replaced by one that rejects nothing is reported, even if no row was changed yet."""
+    """A trigger that was dropped, disabled or replaced by an ineffective one is reported, even if no row was changed."""
     sqlite = database.engine.dialect.name == "sqlite"
     assert audit.verify().problem == ""
     weak = "CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit BEGIN SELECT 1; END"
@@ -121,7 +121,8 @@ def test_a_missing_or_changed_trigger_is_detected(audit, database):
 
 
 def test_the_hash_includes_the_full_time_and_older_rows_still_verify(audit, database):
-    """An older row has milliseconds in its hash and stays valid; in a new row a change of one microsecond is detected."""
+    """A row of an older version, whose hash includes milliseconds, is valid. In a new row a change of one microsecond is
+    detected."""
     sqlite = database.engine.dialect.name == "sqlite"
     with database.unit_of_work() as session:
         older = AuditRow(**{f: getattr(last(session), f) for f in FIELDS})
@@ -139,7 +140,7 @@ def test_the_hash_includes_the_full_time_and_older_rows_still_verify(audit, data
     assert audit.verify().problem == "row 7 was changed"
 
 
-def unguarded(database) -> None:
+def remove_triggers(database) -> None:
     """Remove the triggers, as an attacker with access to the file would."""
     sqlite = database.engine.dialect.name == "sqlite"
     names = ("audit_no_update", "audit_no_delete", "audit_no_replace") if sqlite else ("audit_no_change",)
@@ -148,9 +149,9 @@ def unguarded(database) -> None:
             connection.execute(text(f"DROP TRIGGER {name}" + ("" if sqlite else " ON audit")))
 
 
-def rewritten(database, without: int) -> None:
+def rewrite_log(database, without: int) -> None:
     """Delete a row and rebuild numbers and hashes of all later ones, so that the chain itself is intact."""
-    unguarded(database)
+    remove_triggers(database)
     with database.unit_of_work() as session:
         rows = [AuditRow(**{f: getattr(row, f) for f in FIELDS}) for row in every(session, AuditFilter())]
         session.execute(text("DELETE FROM audit"))
@@ -164,8 +165,8 @@ def rewritten(database, without: int) -> None:
 
 
 def test_a_truncated_end_contradicts_the_anchors(audit, database):
-    """Also after new rows took the numbers of the removed ones."""
-    unguarded(database)
+    """A truncated log contradicts the anchors, also after new rows have the numbers of the removed ones."""
+    remove_triggers(database)
     with database.engine.begin() as connection:
         connection.execute(text("DELETE FROM audit WHERE seq >= 4"))
     assert "row 5, anchored 2026-12-01T18:00:00.123Z, is missing" in audit.compare()
@@ -176,15 +177,15 @@ def test_a_truncated_end_contradicts_the_anchors(audit, database):
 
 
 def test_a_rewritten_log_contradicts_the_anchors(audit, database):
-    """Every hash is recomputed, so that only the anchor file reveals the change."""
-    rewritten(database, without=2)
+    """If all hashes were recomputed after a change, the anchor file reveals it."""
+    rewrite_log(database, without=2)
     assert audit.verify().rows == 4
     assert audit.verify().problem.startswith("row 2 differs from its anchor")
     assert "row 5" in audit.compare()
 
 
 def test_a_removed_anchor_file_is_a_problem(audit, anchors):
-    """Rows are still written, and no new file is started."""
+    """If the anchor file is missing, rows are still written, no new file is created, and the problem is reported."""
     anchors.path.unlink()
     audit.begin_anchors()
     audit.record("ann", "x.y", "z", "done")
@@ -194,7 +195,7 @@ def test_a_removed_anchor_file_is_a_problem(audit, anchors):
 
 
 def test_the_log_of_an_older_version_is_anchored_from_its_last_row(database, anchors):
-    """A missing file is not a problem before the first row is anchored."""
+    """A log without anchors is not reported as a problem. Anchoring starts with its last row."""
     older = AuditService(database, now, anchors)
     for number in range(3):
         older.record("ann", "x.y", str(number), "done")
@@ -205,8 +206,8 @@ def test_the_log_of_an_older_version_is_anchored_from_its_last_row(database, anc
 
 
 def test_a_replaced_database_is_accepted_with_a_reason(audit, database, anchors):
-    """The acceptance stays in the file and in the log; later rows are compared again."""
-    rewritten(database, without=5)
+    """A replaced database can be accepted with a reason, which is stored in the anchor file and the log."""
+    rewrite_log(database, without=5)
     assert audit.compare()
     audit.accept("shell:ann", "older copy put back")
     verdict = audit.verify()
@@ -218,7 +219,7 @@ def test_a_replaced_database_is_accepted_with_a_reason(audit, database, anchors)
 
 
 def test_damaged_lines_of_the_anchor_file_are_skipped(audit, anchors):
-    """A power failure may leave a truncated line."""
+    """Invalid lines of the anchor file, as after a power failure, are skipped."""
     with anchors.path.open("a") as file:
         file.write('{"seq": 6, "ha\n[1]\n{"seq": "x", "hash": "y", "at": ""}\n')
     audit.record("ann", "x.y", "z", "done")
@@ -226,7 +227,7 @@ def test_damaged_lines_of_the_anchor_file_are_skipped(audit, anchors):
 
 
 def test_a_row_is_stored_while_its_anchor_cannot_be_written(audit, anchors):
-    """A log with more rows than the anchor file is accepted."""
+    """If the anchor cannot be written, the row is stored. A log with more rows than anchors is valid."""
     aside = anchors.path.rename(anchors.path.with_suffix(".aside"))
     anchors.path.symlink_to("/dev/full")
     audit.record("ann", "x.y", "z", "done")
@@ -235,8 +236,7 @@ def test_a_row_is_stored_while_its_anchor_cannot_be_written(audit, anchors):
 
 
 def test_several_writers_make_one_chain(database, anchors):
-    """Two services as two processes would have them, four threads: each row is stored once and contains the hash of the
-    previous row."""
+    """With two services and four threads, each row is stored once and contains the hash of the previous row."""
     services = [AuditService(database, now, anchors) for _ in range(2)]
     services[0].begin_anchors()
 
@@ -257,8 +257,8 @@ def test_several_writers_make_one_chain(database, anchors):
     }
 
 
-def test_the_record_is_filtered_paged_and_exported(audit):
-    """Newest first on the page, oldest first in a file; text from outside cannot forge a line or a formula."""
+def test_the_log_is_filtered_paged_and_exported(audit):
+    """Pages list the newest row first, exports the oldest. Input text cannot add a line or a formula to an export."""
     audit.record("=HYPERLINK(1)", "session.sign_in", "a\nb\x1b[2J", "denied", "x" * 5000)
     assert [row.seq for row in audit.page(AuditFilter(), 2)] == [6, 5]
     assert [row.seq for row in audit.page(AuditFilter(action="link."), 2, before=5)] == [4, 3]

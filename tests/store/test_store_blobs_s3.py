@@ -1,4 +1,4 @@
-"""Blobs in an object store: a real S3 server program on this machine (moto's), reached over HTTP as any other would be."""
+"""Blobs in an object store: an S3 server program on this machine (moto's), accessed over HTTP."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BUCKET = "frames-of-tests"
 
 @pytest.fixture
 def s3(s3_server: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """URL of an empty prefix; where the store is and who asks is in the environment only."""
+    """URL of an empty prefix. The address and credentials of the store are in the environment only."""
     import s3fs
 
     for name, value in (
@@ -40,15 +40,15 @@ def s3(s3_server: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     s3fs.S3FileSystem.clear_instance_cache()
 
 
-def raw(url: str, key: str) -> tuple[object, str]:
-    """The file system behind a store, and the object of a key."""
+def stored_object(url: str, key: str) -> tuple[object, str]:
+    """Return the file system of a store and the object path of a key."""
     import s3fs
 
     return s3fs.S3FileSystem(), f"{url.removeprefix('s3://')}/{key[:2]}/{key[2:]}"
 
 
-def test_an_object_store_keeps_what_a_folder_keeps(s3: str, tmp_path) -> None:
-    """The same bytes have the same keys in both; listing, size, presence and removal agree."""
+def test_an_object_store_behaves_like_a_folder(s3: str, tmp_path) -> None:
+    """Object store and folder have the same keys for the same bytes. Listing, size, presence and removal agree."""
     stores = [BlobStore(s3), BlobStore(str(tmp_path / "blobs"))]
     contents = [b"", b"pixels", os.urandom(300_000), b"pixels"]
     for store in stores:
@@ -66,10 +66,10 @@ def test_an_object_store_keeps_what_a_folder_keeps(s3: str, tmp_path) -> None:
 
 
 def test_damaged_objects_are_reported_and_repaired_by_their_next_copy(s3: str) -> None:
-    """An object of other bytes, or a truncated one, is never returned as pixels."""
+    """An object with other bytes or a truncated one is reported as damaged. Storing the content again repairs it."""
     store = BlobStore(s3)
     key = store.put(b"the sky over Stellenbosch")
-    fs, path = raw(s3, key)
+    fs, path = stored_object(s3, key)
     for damage in (b"the sky over Stellenbosch!", b"the sky", b""):
         fs.pipe_file(path, damage)
         with pytest.raises(CorruptData, match="damaged"):
@@ -79,7 +79,7 @@ def test_damaged_objects_are_reported_and_repaired_by_their_next_copy(s3: str) -
 
 
 def test_a_write_that_fails_leaves_no_key(s3: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Only whole objects have keys: nothing half-written and no temporary name is left behind."""
+    """Only complete objects have keys. A failed write leaves no partial object and no temporary name."""
     store = BlobStore(s3)
     with monkeypatch.context() as patched:
         patched.setattr(store._fs, "pipe_file", lambda *_: (_ for _ in ()).throw(ConnectionResetError("line cut")))
@@ -87,7 +87,7 @@ def test_a_write_that_fails_leaves_no_key(s3: str, monkeypatch: pytest.MonkeyPat
             store.put(b"half")
     assert list(store.keys()) == []
     store.put(b"whole")
-    fs, _ = raw(s3, "0" * 64)
+    fs, _ = stored_object(s3, "0" * 64)
     assert [name.rsplit("/", 1)[1] for name in fs.find(s3)] == [hashlib.sha256(b"whole").hexdigest()[2:]]
 
 
@@ -95,19 +95,19 @@ def test_a_write_that_fails_leaves_no_key(s3: str, monkeypatch: pytest.MonkeyPat
 def test_a_silent_or_busy_store_is_down_and_blocks_no_caller(
     answer: bytes, s3: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A store that accepts without answering, or rejects, is StoreDown within its limited retries."""
+    """A store that accepts a connection and does not respond, or rejects requests, is StoreDown after limited retries."""
     import s3fs
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        taken: list[socket.socket] = []
+        accepted: list[socket.socket] = []
 
         def accept() -> None:
             while True:
                 try:
-                    taken.append(listener.accept()[0])
+                    accepted.append(listener.accept()[0])
                     if answer:
-                        taken[-1].recv(65536)
-                        taken[-1].sendall(answer)
+                        accepted[-1].recv(65536)
+                        accepted[-1].sendall(answer)
                 except OSError:
                     return
 
@@ -119,19 +119,20 @@ def test_a_silent_or_busy_store_is_down_and_blocks_no_caller(
         s3fs.S3FileSystem.clear_instance_cache()
         with pytest.raises(StoreDown):
             BlobStore(s3, timeout_s=0.3).get(key)
-        for sock in taken:
+        for sock in accepted:
             sock.close()
 
 
 def test_a_wrong_bucket_or_address_is_reported_at_the_start(s3: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A missing bucket is never created; credentials in the URL are rejected without repeating them."""
+    """A missing bucket and an unreachable address are reported at the start. Credentials in the URL are rejected, and the
+    error does not repeat them."""
     import s3fs
 
     with pytest.raises(StoreDown, match="bucket"):
         BlobStore("s3://no-such-bucket-here/frames")
-    with pytest.raises(BadInput) as refused:
+    with pytest.raises(BadInput) as error:
         BlobStore("s3://tester:hunter2@bucket/frames")
-    assert "hunter2" not in str(refused.value)
+    assert "hunter2" not in str(error.value)
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     monkeypatch.setenv("AWS_ENDPOINT_URL_S3", f"http://127.0.0.1:{port}")
@@ -142,8 +143,8 @@ def test_a_wrong_bucket_or_address_is_reported_at_the_start(s3: str, monkeypatch
 
 
 def test_a_store_whose_response_never_ends_is_down_after_the_deadline(s3: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A response that trickles byte by byte passes every limit of a single step. The overall deadline ends the wait, the next
-    request fails without another connection, and the health check reports it."""
+    """A response that arrives byte by byte exceeds no timeout of a single step. The overall deadline ends the request, the
+    next request fails without another connection, and the health check reports it."""
     import s3fs
 
     with socket.create_server(("127.0.0.1", 0)) as listener:

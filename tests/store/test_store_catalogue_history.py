@@ -14,18 +14,18 @@ T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 DAY = timedelta(days=1)
 
 
-def a_device(session, name: str, seen: datetime):
+def add_device(session, name: str, seen: datetime):
     facts = {"profile": "p", "firmware": "1", "simulated": True, "dictionary_hash": "h"}
     return devices.remember(session, seen, name=name, **facts)
 
 
-def a_stay(device_id: int, bank: str, began: datetime, ended: datetime | None, sha256: str = "") -> BankHistory:
+def bank_period(device_id: int, bank: str, began: datetime, ended: datetime | None, sha256: str = "") -> BankHistory:
     return BankHistory(
         device_id=device_id, bank=bank, state="held", sha256=sha256, began=began, told=ended or began, ended=ended
     )
 
 
-def a_list(name: str, profile: str = "") -> StarList:
+def star_list(name: str, profile: str = "") -> StarList:
     return StarList(
         name=name,
         created=T0,
@@ -43,32 +43,31 @@ def a_list(name: str, profile: str = "") -> StarList:
     )
 
 
-def test_a_banks_past_is_found_by_span_and_its_present_by_device(database):
-    """Stays that overlap the span are ordered by bank and time; those without an end are the present state; other devices
+def test_bank_history_is_read_by_time_span_and_by_device(database):
+    """Periods that overlap the span are ordered by bank and time. Periods without an end are the current state. Devices
     are separate."""
     with database.unit_of_work() as session:
-        first, second = a_device(session, "one", T0), a_device(session, "two", T0 + DAY)
-        bank_history.add(session, a_stay(first.id, "B", T0 - 9 * DAY, T0 - 5 * DAY, "aa"))
-        bank_history.add(session, a_stay(first.id, "B", T0 - 5 * DAY, None, "bb"))
-        bank_history.add(session, a_stay(first.id, "A", T0 - 2 * DAY, None))
-        bank_history.add(session, a_stay(second.id, "A", T0, None, "cc"))
+        first, second = add_device(session, "one", T0), add_device(session, "two", T0 + DAY)
+        bank_history.add(session, bank_period(first.id, "B", T0 - 9 * DAY, T0 - 5 * DAY, "aa"))
+        bank_history.add(session, bank_period(first.id, "B", T0 - 5 * DAY, None, "bb"))
+        bank_history.add(session, bank_period(first.id, "A", T0 - 2 * DAY, None))
+        bank_history.add(session, bank_period(second.id, "A", T0, None, "cc"))
         first_id, second_id = first.id, second.id
     with database.unit_of_work() as session:
-        found = bank_history.between(session, first_id, T0 - 4 * DAY, T0)
-        assert [(r.bank, r.sha256) for r in found] == [("A", ""), ("B", "bb")]
+        matches = bank_history.between(session, first_id, T0 - 4 * DAY, T0)
+        assert [(r.bank, r.sha256) for r in matches] == [("A", ""), ("B", "bb")]
         assert [r.sha256 for r in bank_history.between(session, first_id, T0 - 30 * DAY, T0 - 5 * DAY)] == ["aa", "bb"]
         assert [(r.bank, r.sha256) for r in bank_history.still_so(session, first_id)] == [("A", ""), ("B", "bb")]
         assert [d.id for d in bank_history.devices(session)] == [second_id, first_id]
-        assert found[1].began == T0 - 5 * DAY
-        assert found[1].ended is None
+        assert matches[1].began == T0 - 5 * DAY
+        assert matches[1].ended is None
 
 
 def test_contacts_of_a_span_are_those_of_the_device(database):
-    """Contacts that overlap the span are returned in order, an open one too; those with other devices, or with none,
-    are not.
-    """
+    """Contacts of the device that overlap the span are returned in order, including an open one. Contacts with another
+    device or with none are not returned."""
     with database.unit_of_work() as session:
-        first, second = a_device(session, "one", T0), a_device(session, "two", T0)
+        first, second = add_device(session, "one", T0), add_device(session, "two", T0)
         ids = []
         cases = ((first, -20, -19.9), (first, 0, None), (first, -3, -2.9), (second, -3, -2.9), (None, -3, -2.9))
         for device, began, ended in cases:
@@ -79,17 +78,17 @@ def test_contacts_of_a_span_are_those_of_the_device(database):
             ids.append(contact.id)
         first_id = first.id
     with database.unit_of_work() as session:
-        found = bank_history.contacts_between(session, first_id, T0 - 10 * DAY, T0 + DAY)
-        assert [(c.id, c.ended is None) for c in found] == [(ids[2], False), (ids[1], True)]
+        matches = bank_history.contacts_between(session, first_id, T0 - 10 * DAY, T0 + DAY)
+        assert [(c.id, c.ended is None) for c in matches] == [(ids[2], False), (ids[1], True)]
         assert bank_history.device_of_contact(session, ids[0]) == first_id
         assert bank_history.device_of_contact(session, ids[4]) is None
         assert bank_history.device_of_contact(session, 10**6) is None
 
 
-def test_star_lists_come_back_whole_and_newest_first(database):
-    """A list keeps its camera, mapping and report; an unknown one raises NotFound."""
+def test_star_lists_are_read_completely_and_newest_first(database):
+    """Star lists are read with their camera, mapping and report, newest first. An unknown one raises NotFound."""
     with database.unit_of_work() as session:
-        ids = [star_lists.add(session, a_list(name, camera)).id for name, camera in (("x", ""), ("y", "sunsat"))]
+        ids = [star_lists.add(session, star_list(name, camera)).id for name, camera in (("x", ""), ("y", "sunsat"))]
     with database.unit_of_work() as session:
         assert [row.id for row in star_lists.newest(session, 5)] == ids[::-1]
         assert len(star_lists.newest(session, 1)) == 1

@@ -1,4 +1,4 @@
-"""History, stacks and authority, on every supported database."""
+"""Command history, stacks and authority, on every supported database."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 
 @pytest.fixture
 def filled(database):
-    """Six commands, a minute apart, alternating in name and fate."""
+    """Database with six commands, a minute apart, with alternating names."""
     with database.unit_of_work() as session:
         for k in range(6):
             name, arguments = ("RESET", {}) if k % 2 else ("SET_EXPOSURE", {"exposure_ms": 100 + k})
@@ -35,7 +35,7 @@ def filled(database):
 
 
 @pytest.mark.parametrize(
-    ("wanted", "ids"),
+    ("filter_used", "ids"),
     [
         (Filter(), [6, 5, 4, 3, 2, 1]),
         (Filter(start=T0 + timedelta(minutes=2), end=T0 + timedelta(minutes=4)), [4, 3]),
@@ -50,15 +50,16 @@ def filled(database):
         (Filter(run_id=1), []),
     ],
 )
-def test_a_filter_means_the_same_in_every_database(filled, wanted, ids):
-    """Newest first in pages, oldest first in full; text is searched literally, ignoring case."""
+def test_a_filter_means_the_same_in_every_database(filled, filter_used, ids):
+    """A filter returns the same rows in every database, newest first in pages and oldest first in full. Text is searched
+    literally, ignoring case."""
     with filled.unit_of_work() as session:
-        assert [row.id for row in commands.page(session, wanted, 100)] == ids
-        assert [row.id for row in commands.every(session, wanted)] == ids[::-1]
+        assert [row.id for row in commands.page(session, filter_used, 100)] == ids
+        assert [row.id for row in commands.every(session, filter_used)] == ids[::-1]
 
 
-def test_an_export_is_read_in_batches_without_gap_or_double(filled, monkeypatch):
-    """For any batch size each row is returned once with its stages."""
+def test_an_export_in_batches_has_no_gaps_or_duplicates(filled, monkeypatch):
+    """With any batch size, each row is returned once with its stages."""
     for size in (1, 2, 3, 6, 7):
         monkeypatch.setattr(paging, "BATCH", size)
         with filled.unit_of_work() as session:
@@ -67,7 +68,7 @@ def test_an_export_is_read_in_batches_without_gap_or_double(filled, monkeypatch)
 
 
 def test_facets_list_the_existing_values(filled):
-    """Each once, sorted."""
+    """Facets list each existing value once, sorted."""
     with filled.unit_of_work() as session:
         assert commands.facets(session) == {
             "names": ["RESET", "SET_EXPOSURE"],
@@ -97,7 +98,7 @@ def test_a_deleted_stack_keeps_its_runs(database):
 
 
 def test_the_open_row_is_the_holder(database):
-    """Ended rows are history."""
+    """The row without an end is the current holder of the authority. Ended rows are the history."""
     with database.unit_of_work() as session:
         assert authority.holder(session) is None
         row = authority.take(session, "ann", T0)

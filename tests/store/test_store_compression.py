@@ -16,13 +16,13 @@ from gss.store.models.packed_detail import packed, unpacked
 
 
 def noise(dtype: str, rows: int = 512, columns: int = 1024) -> np.ndarray:
-    """A dark frame with the noise of a typical detector."""
+    """Return a dark frame with the noise of a typical detector."""
     return np.random.default_rng(4).normal(18, 2.5, (rows, columns)).clip(0, 255).astype(dtype)
 
 
 @pytest.mark.parametrize("dtype", ["<u1", "<u2", "<f4"])
-def test_a_frame_takes_little_over_half_and_reads_back(tmp_path: Path, dtype: str) -> None:
-    """At most 55 % of the raw size for integers; the same bytes come back under the same hash."""
+def test_a_frame_is_compressed_and_read_back_unchanged(tmp_path: Path, dtype: str) -> None:
+    """A frame of integers is stored in at most 55 % of its size, and read back unchanged under the hash of its bytes."""
     frame = noise(dtype)
     data, blobs = frame.tobytes(), BlobStore(str(tmp_path))
     key = blobs.put(frame.data.cast("B"), frame.itemsize)
@@ -34,7 +34,8 @@ def test_a_frame_takes_little_over_half_and_reads_back(tmp_path: Path, dtype: st
 
 
 def test_files_of_older_versions_are_read_and_kept(tmp_path: Path) -> None:
-    """A plain file is read as it is and not written again; a damaged one is replaced by the next copy."""
+    """An uncompressed file of an older version is read and not written again. If damaged, it is replaced by the next
+    copy."""
     data = noise("<u1").tobytes()
     blobs, key = BlobStore(str(tmp_path)), hashlib.sha256(data).hexdigest()
     path = tmp_path / key[:2] / key[2:]
@@ -51,15 +52,15 @@ def test_files_of_older_versions_are_read_and_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("place", [3, 9, 12, 20, 200, -1])
-def test_a_damaged_compressed_file_is_noticed(tmp_path: Path, place: int) -> None:
-    """One wrong byte anywhere, or a missing end: CorruptData, not other pixels."""
+def test_a_damaged_compressed_file_is_detected(tmp_path: Path, place: int) -> None:
+    """A compressed file with a wrong byte or a missing end raises ``CorruptData``."""
     blobs = BlobStore(str(tmp_path))
     key = blobs.put(noise("<u1").tobytes())
     path = tmp_path / key[:2] / key[2:]
-    whole = bytearray(path.read_bytes())
+    valid = bytearray(path.read_bytes())
     for damaged in (
-        whole[:place],
-        whole[:place] + bytes([whole[place] ^ 0x55]) + (whole[place + 1 :] if place > 0 else b""),
+        valid[:place],
+        valid[:place] + bytes([valid[place] ^ 0x55]) + (valid[place + 1 :] if place > 0 else b""),
     ):
         path.write_bytes(damaged)
         with pytest.raises(CorruptData):
@@ -68,14 +69,14 @@ def test_a_damaged_compressed_file_is_noticed(tmp_path: Path, place: int) -> Non
 
 @pytest.mark.parametrize("data", [b"", b"x", MAGIC, MAGIC + bytes(30), MAGIC + b"\x01" + bytes(600), b"\xff" * 511])
 def test_any_content_reads_back(tmp_path: Path, data: bytes) -> None:
-    """Also content that looks like a compressed form, and content that is too short to compress."""
+    """Any content is read back unchanged, also if it resembles compressed data or is too short to compress."""
     blobs = BlobStore(str(tmp_path))
     assert blobs.get(blobs.put(data)) == data
     assert blobs.get(blobs.put(data + bytes(3), item_bytes=2)) == data + bytes(3)
 
 
-def test_noise_is_stored_plain() -> None:
-    """Content without redundancy is not wrapped, and bytes with impossible sizes in the header are not read as compressed."""
+def test_noise_is_stored_uncompressed() -> None:
+    """Content without redundancy is not compressed. Bytes with an impossible size in the header are not decompressed."""
     random = np.random.default_rng(1).bytes(100_000)
     assert compressed(random) is None
     assert decompressed(random) is None
@@ -97,7 +98,7 @@ REGION = {
 
 
 def test_a_packed_detail_reads_back() -> None:
-    """Stars with and without a name, missing numbers, regions, and all that is not packed."""
+    """Packed stars with and without names, missing numbers, regions and unpacked fields are read back unchanged."""
     named = STAR | {"index": 1} | NAMED | RESIDUALS
     unknown = named | {"index": 2, "hip": 2_000_000_001, "name": "Gaia row 1", "v_mag": None}
     detail = {"stars": [STAR, named, unknown], "regions": [REGION, REGION | {"rejected": ""}], "versions": {"gss": "1"}}
@@ -120,7 +121,7 @@ def test_a_packed_detail_reads_back() -> None:
         {"regions": [REGION | {"area_px": None}]},
     ],
 )
-def test_a_detail_with_other_fields_is_stored_as_it_is(detail: dict[str, object]) -> None:
-    """Nothing is lost from lists that do not have the expected form."""
+def test_a_detail_with_other_fields_is_stored_unchanged(detail: dict[str, object]) -> None:
+    """Lists that do not have the expected form are stored without packing, so that nothing is lost."""
     assert packed(deepcopy(detail)) == detail
     assert unpacked(deepcopy(detail)) == detail

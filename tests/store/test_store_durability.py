@@ -20,14 +20,14 @@ FULL, NORMAL = 2, 1
 
 
 def synchronous(database: Database, **options: bool) -> int:
-    """Return the setting within a transaction."""
+    """Return SQLite's setting ``synchronous`` within a transaction."""
     with database.unit_of_work(**options) as session:
         return int(session.connection().exec_driver_sql("PRAGMA synchronous").scalar_one())
 
 
 @pytest.fixture
 def flushed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Paths that were flushed to the disk, in order; each is really flushed."""
+    """Paths that were flushed to the disk, in order. The flush is executed."""
     paths: list[str] = []
     flush = os.fsync
 
@@ -40,7 +40,7 @@ def flushed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_commits_reach_the_disk_except_telemetry(tmp_path: Path) -> None:
-    """Each commit of SQLite is flushed; one that may be lost does not change the commits after it."""
+    """Each commit of SQLite is flushed, except those with ``durable=False``, which do not change later commits."""
     database = Database(open_engine(f"sqlite:///{tmp_path / 'gss.db'}"))
     assert synchronous(database) == FULL
     assert synchronous(database, durable=False) == NORMAL
@@ -48,8 +48,8 @@ def test_commits_reach_the_disk_except_telemetry(tmp_path: Path) -> None:
     database.close()
 
 
-def test_a_stored_blob_is_flushed_before_its_name_is_given(tmp_path: Path, flushed: list[str]) -> None:
-    """The bytes first, then the folders that hold the name."""
+def test_a_stored_blob_is_flushed_before_its_name_exists(tmp_path: Path, flushed: list[str]) -> None:
+    """The bytes of a blob are flushed first, then the folders with its name."""
     root = tmp_path / "blobs"
     key = BlobStore(str(root)).put(b"pixels")
     assert flushed[0].startswith(f"{root}/{key[:2]}/{key[2:]}.")
@@ -57,20 +57,21 @@ def test_a_stored_blob_is_flushed_before_its_name_is_given(tmp_path: Path, flush
 
 
 def test_captures_are_flushed_once_a_second(tmp_path: Path, flushed: list[str]) -> None:
-    """Every file that was written since, also one that was closed meanwhile; without new bytes nothing is flushed."""
+    """Once per second, all capture files that were written since are flushed, also closed ones. Without new bytes nothing
+    is flushed."""
     capture = LineCapture(tmp_path, Retention(file_bytes=100), utc_now, lambda text: None)
-    at_s = [0.0]
-    sync = CaptureSync(capture, lambda: at_s[0])
+    now_s = [0.0]
+    sync = CaptureSync(capture, lambda: now_s[0])
     capture.begin(1)
     for _ in range(3):
         capture.write(RECEIVED, bytes(90))
     sync()
     assert flushed == []
-    at_s[0] = 1.0
+    now_s[0] = 1.0
     sync()
     assert sorted(flushed) == [str(tmp_path), *(str(p) for p in sorted(tmp_path.glob("*.raw")))]
     flushed.clear()
-    at_s[0] = 2.0
+    now_s[0] = 2.0
     sync()
     assert flushed == []
     capture.end()
@@ -79,8 +80,8 @@ def test_captures_are_flushed_once_a_second(tmp_path: Path, flushed: list[str]) 
 def test_a_large_write_ahead_log_is_cut_when_the_long_read_has_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A reader that stays open keeps the log from being merged: the health check counts it, every row is kept, and the next
-    write after the read makes the file small again."""
+    """A long read keeps the write-ahead log from being merged. The size of the database includes the log, no row is lost,
+    and writes after the read truncate the log."""
     monkeypatch.setattr(engine, "MAX_WAL_BYTES", 100_000)
     path = tmp_path / "gss.db"
     database = Database(open_engine(f"sqlite:///{path}"))

@@ -1,4 +1,4 @@
-"""The list of frames: filters alone or together, and paging through thousands."""
+"""The list of frames: filters, alone or combined, and pages of thousands of frames."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ START = datetime(2026, 11, 21, 18, 0, tzinfo=UTC)
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory):
-    """3000 frames, one a second: every third unsolved, every fifth without a solution, stars 0…19, two modes."""
+    """Session with 3000 frames, one per second, in two modes. Every third has no result, of the others every fifth no
+    attitude; the number of stars is 0 to 19."""
     url = f"sqlite:///{tmp_path_factory.mktemp('frames') / 'gss.db'}"
     migrate(url)
     database = Database(open_engine(url))
@@ -33,7 +34,7 @@ def session(tmp_path_factory: pytest.TempPathFactory):
 
 
 def frame(k: int) -> Frame:
-    """The k-th frame."""
+    """Return the k-th frame."""
     taken = START + timedelta(seconds=k)
     mode, source = ("tracking" if k % 2 else "assisted"), ("import" if k == 7 else "device")
     shape = {"columns": 8, "rows": 4, "bits": 8, "dtype": "|u1", "sha256": "0" * 64, "complete": True}
@@ -41,7 +42,7 @@ def frame(k: int) -> Frame:
 
 
 def result(k: int, matched: int | None = None, operational: bool = True) -> Solution:
-    """Its ground result."""
+    """Return the ground result of the k-th frame."""
     outcome, verdict = ("none", "none") if k % 5 == 0 else ("solved", "wrong" if k % 100 == 1 else "correct")
     known = {"chain": "reference", "version": "1", "created": START, "origin": "ground", "detail": {}, "timing_s": {}}
     return Solution(
@@ -61,8 +62,8 @@ def ids(session: Session, **wanted: object) -> set[int]:
     return {row.id for row in rows}
 
 
-def test_without_filters_all_frames_come_newest_first(session):
-    """A page in the middle of thousands is that page, and the total is that of all."""
+def test_without_filters_all_frames_are_listed_newest_first(session):
+    """A page in the middle has the expected frames, newest first, and the total number of frames."""
     total, rows = frames.page(session, 50, 2000)
     assert total == 3000
     assert [row.id for row in rows] == list(range(1000, 950, -1))
@@ -87,17 +88,19 @@ def test_without_filters_all_frames_come_newest_first(session):
     ],
 )
 def test_filters_select_the_matching_frames(session, wanted, passes):
-    """Each alone and several together; outcome and stars are those of the newest ground result."""
+    """Filters select the matching frames, alone and combined. Outcome and stars are those of the operational ground
+    result."""
     assert ids(session, **wanted) == {k for k in range(1, 3001) if passes(k)}
 
 
 def test_modes_are_those_of_all_frames(session):
-    """Not only of the page that is shown."""
+    """The list has the modes of all frames, not only of one page."""
     assert frames.modes(session) == ["assisted", "tracking"]
 
 
 def test_attitudes_of_sensor_and_ground_are_paired(session):
-    """The newest frames with both, newest first; of two on-board results the newer one; none without an attitude."""
+    """The newest frames with an on-board and a ground attitude are listed, newest first, with the newer of two on-board
+    results."""
     known = {"chain": "cubestar", "version": "1", "created": START, "origin": "on board", "detail": {}, "timing_s": {}}
     for k, outcome in ((1, "solved"), (4, "solved"), (4, "solved"), (8, "none"), (10, "solved")):
         session.add(Solution(frame_id=k, outcome=outcome, **known))
@@ -106,4 +109,7 @@ def test_attitudes_of_sensor_and_ground_are_paired(session):
     assert [frame.id for frame, _, _ in pairs] == [4, 1]  # 10 has no ground attitude
     assert pairs[0][1].id > pairs[1][1].id + 1
     assert pairs[0][2].operational
-    assert [frame.id for frame, _, _ in frames.attitude_pairs(session, 2)] == [4, 1]  # frames count, not results
+    assert [frame.id for frame, _, _ in frames.attitude_pairs(session, 2)] == [
+        4,
+        1,
+    ]  # the limit applies to frames, not results

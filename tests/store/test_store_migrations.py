@@ -1,4 +1,4 @@
-"""Data of an earlier schema survives migration to the newest one."""
+"""Data of the first schema are preserved by the migration to the newest one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STARTED = "2026-01-02 03:04:05.000000"
 
 
 def test_rows_of_the_first_schema_are_read_by_the_newest(tmp_path: Path) -> None:
-    """A contact and a transfer written under 0001 are migrated with default values in the new columns."""
+    """A contact and a transfer stored with schema 0001 are migrated, with default values in the new columns."""
     url = f"sqlite:///{tmp_path / 'old.db'}"
     config = Config()
     config.set_main_option("script_location", str(CHECKOUT))

@@ -1,4 +1,4 @@
-"""Every released schema, filled with data, is migrated to the newest one; also if the migration is interrupted by kill -9."""
+"""Migration of every released schema with data to the newest one, also if the process is killed during the migration."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ AT = datetime(2026, 1, 2, 3, 4, 5)
 SCHEMAS = known_schemas()
 
 
-def filled(url: str, schema: str) -> dict[str, list[dict[str, Any]]]:
-    """A database at that schema with rows in every table, generated from the column definitions in the database."""
+def fill_schema(url: str, schema: str) -> dict[str, list[dict[str, Any]]]:
+    """Create a database of this schema with rows in every table, generated from the columns. Return the rows."""
     command.upgrade(migration_config(url), schema)
     engine = open_for_migration(url)
-    found = sa.MetaData()
+    metadata = sa.MetaData()
     with engine.begin() as connection:
-        found.reflect(connection)
-        tables = [t for t in found.sorted_tables if t.name != "alembic_version"]
+        metadata.reflect(connection)
+        tables = [t for t in metadata.sorted_tables if t.name != "alembic_version"]
         for table in tables:
             connection.execute(table.insert(), [row_of(table, k) for k in range(1, ROWS + 1)])
     rows = read(url, [t.name for t in tables])
@@ -40,7 +40,7 @@ def filled(url: str, schema: str) -> dict[str, list[dict[str, Any]]]:
 
 
 def row_of(table: sa.Table, k: int) -> dict[str, Any]:
-    """Values that fit; references name the rows of the same number."""
+    """Return values of the columns' types. References refer to rows with the same number."""
     return {column.name: value_of(table, column, k) for column in table.columns}
 
 
@@ -64,23 +64,23 @@ def value_of(table: sa.Table, column: sa.Column[Any], k: int) -> Any:
 def read(url: str, names: list[str]) -> dict[str, list[dict[str, Any]]]:
     engine = open_engine(url)
     with engine.connect() as connection:
-        found = sa.MetaData()
-        found.reflect(connection, only=names)
-        held = {}
+        metadata = sa.MetaData()
+        metadata.reflect(connection, only=names)
+        content = {}
         for name in names:
-            table = found.tables[name]
+            table = metadata.tables[name]
             rows = connection.execute(table.select().order_by(*table.primary_key.columns)).mappings()
-            held[name] = [dict(row) for row in rows]
+            content[name] = [dict(row) for row in rows]
     engine.dispose()
-    return held
+    return content
 
 
 def check(url: str, before: dict[str, list[dict[str, Any]]]) -> None:
     """Check that the newest schema contains all previous rows and is readable by the models."""
     after = read(url, list(before))
     for name, rows in before.items():
-        kept = [{k: row[k] for k in rows[0] if k in row} for row in after[name]]
-        assert kept == [{k: v for k, v in row.items() if k in after[name][0]} for row in rows], name
+        stored = [{k: row[k] for k in rows[0] if k in row} for row in after[name]]
+        assert stored == [{k: v for k, v in row.items() if k in after[name][0]} for row in rows], name
     engine = open_engine(url)
     with engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
@@ -103,10 +103,12 @@ def check(url: str, before: dict[str, list[dict[str, Any]]]) -> None:
     ],
     indirect=["database_url"],
 )
-def test_data_of_every_released_schema_comes_through(database_url, schema):
-    """Three rows in every table of each older schema: all of their values are in the newest one, and the models read them.
-    On PostgreSQL every third schema: each step is still run with data in the tables that it changes."""
-    before = filled(database_url, schema)
+def test_data_of_every_released_schema_are_migrated(database_url, schema):
+    """All values of three rows in every table of each older schema are in the migrated one, and the models read them.
+
+    On PostgreSQL only every third schema is migrated, which still runs each step with data in the tables that it
+    changes."""
+    before = fill_schema(database_url, schema)
     migrate(database_url)
     check(database_url, before)
 
@@ -130,13 +132,14 @@ OLD_SOLUTIONS = [
 
 
 def test_stored_results_get_an_operational_one_per_frame(database_url):
-    """The configured chain's result at reception, else another that no campaign made, else the campaign's with that chain."""
-    filled(database_url, "0006")
+    """For each frame the migration selects the result of the configured chain at reception as operational, else another
+    result outside campaigns, else the campaign's result with that chain."""
+    fill_schema(database_url, "0006")
     engine = open_engine(database_url)
-    found = sa.MetaData()
+    metadata = sa.MetaData()
     with engine.begin() as connection:
-        found.reflect(connection, only=["solutions"])
-        table = found.tables["solutions"]
+        metadata.reflect(connection, only=["solutions"])
+        table = metadata.tables["solutions"]
         connection.execute(table.delete())
         for k, (frame, chain, origin, replay, camera, detail, outcome, _) in enumerate(OLD_SOLUTIONS, 1):
             values = {"frame_id": frame, "chain": chain, "origin": origin, "replay": replay, "outcome": outcome}
@@ -149,8 +152,8 @@ def test_stored_results_get_an_operational_one_per_frame(database_url):
 
 
 def test_rows_stored_before_have_an_unknown_instrument_version(database_url):
-    """The version is null, not a guess, and the rows stay otherwise unchanged."""
-    before = filled(database_url, "0008")
+    """The instrument version of earlier rows is null after migration, and the rows are otherwise unchanged."""
+    before = fill_schema(database_url, "0008")
     migrate(database_url)
     tables = ["frames", "contacts", "catalogues"]
     for table, rows in read(database_url, tables).items():
@@ -159,15 +162,15 @@ def test_rows_stored_before_have_an_unknown_instrument_version(database_url):
 
 
 def migrate_and_die(url: str, statement: int) -> bool:
-    """Migrate in a process that is killed as it sends that statement; False if it ended before."""
+    """Migrate in a process that is killed when it sends this statement. Return False if it completed before."""
     child = os.fork()
     if child == 0:
-        seen = 0
+        count_sent = 0
 
         def count(*_: object) -> None:
-            nonlocal seen
-            seen += 1
-            if seen == statement:
+            nonlocal count_sent
+            count_sent += 1
+            if count_sent == statement:
                 os.kill(os.getpid(), signal.SIGKILL)
 
         sa.event.listen(sa.Engine, "before_cursor_execute", count)
@@ -179,11 +182,11 @@ def migrate_and_die(url: str, statement: int) -> bool:
     return os.WIFSIGNALED(status)
 
 
-def test_a_migration_killed_at_any_statement_leaves_the_old_schema_whole(tmp_path: Path):
-    """kill -9 at every statement between the first schema and the newest: the old schema is intact, and the next start
-    completes the migration."""
+def test_a_migration_killed_at_any_statement_leaves_the_old_schema_intact(tmp_path: Path):
+    """If the migration is killed at a statement, the old schema and its data are intact, and the next start completes the
+    migration."""
     url = f"sqlite:///{tmp_path / 'full.db'}"
-    before = filled(url, SCHEMAS[0])
+    before = fill_schema(url, SCHEMAS[0])
     killed, statement = 0, 1
     while True:
         for file in tmp_path.glob("trial.db*"):
@@ -198,15 +201,16 @@ def test_a_migration_killed_at_any_statement_leaves_the_old_schema_whole(tmp_pat
             assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
         connection.close()
         assert read(trial, list(before)) == before
-        statement += max(1, statement // 3)  # each of the first, then ever fewer of the many
+        statement += max(1, statement // 3)  # all of the first statements, then with growing steps
     migrate(trial)
     check(trial, before)
     assert killed > 8
 
 
 @pytest.mark.postgres
-def test_a_migration_killed_on_postgresql_leaves_the_old_schema_whole(request, tmp_path):
-    """The same on the other database: its transactions hold the schema too."""
+def test_a_migration_killed_on_postgresql_leaves_the_old_schema_intact(request, tmp_path):
+    """A migration on PostgreSQL that is killed leaves the old schema and its data intact, because its transactions
+    include schema changes."""
     url = request.getfixturevalue("postgres_url")
     for statement in (12, 40):
         engine = open_engine(url)
@@ -214,7 +218,7 @@ def test_a_migration_killed_on_postgresql_leaves_the_old_schema_whole(request, t
             connection.execute(sa.text("DROP SCHEMA public CASCADE"))
             connection.execute(sa.text("CREATE SCHEMA public"))
         engine.dispose()
-        before = filled(url, SCHEMAS[0])
+        before = fill_schema(url, SCHEMAS[0])
         assert migrate_and_die(url, statement)
         assert read(url, list(before)) == before
         migrate(url)

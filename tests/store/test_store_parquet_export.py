@@ -1,4 +1,4 @@
-"""The store as partitioned Parquet tables, read back by others' readers and held against the store."""
+"""Export as partitioned Parquet tables, read with other libraries and compared with the store."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SPOT = {"items": [{"col_px": 1.5, "row_px": 2.5, "flux_dn": 9.0, "peak_dn": 7, "
 
 @pytest.fixture
 def filled(database: Database, monkeypatch: pytest.MonkeyPatch) -> Database:
-    """Rows of four hours across midnight UTC; blocks are small, so that several make a day."""
+    """Database with rows of four hours across midnight UTC, and small blocks, so that a day has several."""
     monkeypatch.setattr(blocks, "BLOCK_ROWS", 7)
     monkeypatch.setattr(blocks, "SOLUTION_ROWS", 2)
     with database.unit_of_work() as session:
@@ -34,8 +34,10 @@ def filled(database: Database, monkeypatch: pytest.MonkeyPatch) -> Database:
             at, values = T0 + timedelta(minutes=6 * k), {"supply_3v3_v": 3.3 + k / 3, "mode": "tracking", "latchups": k}
             rows = [("housekeeping", values), ("ground_line", {"good": k})]
             rows += [("centroids", SPOT)] if k % 10 == 0 else []
-            for name, own in rows:
-                row = TelemetryPacket(packet=name, received=at, device_time_s=float(k), request_id=k, values=own)
+            for name, packet_values in rows:
+                row = TelemetryPacket(
+                    packet=name, received=at, device_time_s=float(k), request_id=k, values=packet_values
+                )
                 telemetry.add_batch(session, [row])
             events.add(session, at, "link", "ok", f"line {k} – ü", {"k": k})
         for k in range(5):
@@ -61,14 +63,14 @@ def filled(database: Database, monkeypatch: pytest.MonkeyPatch) -> Database:
 
 
 def read(folder: Path, table: str) -> list[dict[str, object]]:
-    """A table as pyarrow reads it, with the folders' columns."""
+    """Return a table as pyarrow reads it, including the columns in folder names."""
     rows: list[dict[str, object]] = ds.dataset(folder / table, partitioning="hive").to_table().to_pylist()
     return rows
 
 
-def test_tables_read_back_are_the_store(filled: Database, tmp_path: Path) -> None:
-    """Every row once, in its own day, with its own value to the last bit, on every database."""
-    made = export_parquet(filled, load_dictionary(), tmp_path / "out")
+def test_exported_tables_equal_the_store(filled: Database, tmp_path: Path) -> None:
+    """The export has every row once, in the folder of its day, with exactly its values, on every database."""
+    summary = export_parquet(filled, load_dictionary(), tmp_path / "out")
     out = tmp_path / "out"
     rows = read(out, "telemetry/packet=housekeeping")
     assert [r["id"] for r in rows] == sorted(r["id"] for r in rows)
@@ -88,13 +90,13 @@ def test_tables_read_back_are_the_store(filled: Database, tmp_path: Path) -> Non
     sent = read(out, "commands")
     assert [(r["name"], json.loads(str(r["arguments"]))["k"]) for r in sent] == [("NOOP", k) for k in range(5)]
     assert [[s["stage"] for s in r["stages"]] for r in sent] == [["queued"]] * 5
-    assert made.rows == 40 + 40 + 4 + 5 + 10 + 5 + 40
-    assert made.files == len(list(out.rglob("*.parquet"))) == 7 * 2
+    assert summary.rows == 40 + 40 + 4 + 5 + 10 + 5 + 40
+    assert summary.files == len(list(out.rglob("*.parquet"))) == 7 * 2
     assert not list(out.rglob("*.part"))
 
 
-def test_units_are_in_the_columns_and_beside(filled: Database, tmp_path: Path) -> None:
-    """A generic reader finds unit and title of each field."""
+def test_units_are_in_the_columns_and_in_the_schema_file(filled: Database, tmp_path: Path) -> None:
+    """Unit and title of each field are in the metadata of its column and in schema.json."""
     export_parquet(filled, load_dictionary(), tmp_path / "out")
     out = tmp_path / "out"
     (file, _) = sorted((out / "telemetry" / "packet=housekeeping").rglob("*.parquet"))
@@ -107,8 +109,8 @@ def test_units_are_in_the_columns_and_beside(filled: Database, tmp_path: Path) -
     assert "day=YYYY-MM-DD" in (out / "README.md").read_text()
 
 
-def test_duckdb_reads_it_as_it_is(filled: Database, tmp_path: Path) -> None:
-    """A query as in the README with a reader other than the writer's library."""
+def test_duckdb_reads_the_exported_files(filled: Database, tmp_path: Path) -> None:
+    """DuckDB, another library than the writer's, answers a query like that in the README."""
     duckdb = pytest.importorskip("duckdb")
     export_parquet(filled, load_dictionary(), tmp_path / "out")
     files = f"'{tmp_path}/out/telemetry/packet=housekeeping/**/*.parquet'"
@@ -118,7 +120,8 @@ def test_duckdb_reads_it_as_it_is(filled: Database, tmp_path: Path) -> None:
 
 
 def test_days_are_rewritten_and_foreign_folders_left_unchanged(filled: Database, tmp_path: Path) -> None:
-    """One day of two; the same folder again gets the other; a folder with other content is rejected."""
+    """A second export into the same folder adds the other day. A folder with other files and an inverted span are
+    rejected."""
     out = tmp_path / "out"
     export_parquet(filled, load_dictionary(), out, date(2026, 12, 2), date(2026, 12, 2))
     assert {r["day"] for r in read(out, "events")} == {"2026-12-02"}
@@ -133,7 +136,7 @@ def test_days_are_rewritten_and_foreign_folders_left_unchanged(filled: Database,
 
 
 def test_the_shell_exports_a_data_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """``gss export parquet`` on a store."""
+    """``gss export parquet`` exports a data folder and reports files and rows."""
     url = f"sqlite:///{tmp_path / 'gss.db'}"
     migrate(url)
     database = Database(open_engine(url))

@@ -19,7 +19,7 @@ from gss.store.models import Base, Catalogue, Frame, Job, Solution, TelemetryPac
 T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 
 
-def a_frame(**values) -> Frame:
+def frame_row(**values) -> Frame:
     """Return a frame's row with the required columns only."""
     row = {
         "source": "device",
@@ -38,7 +38,7 @@ def a_frame(**values) -> Frame:
     return Frame(**(row | values))
 
 
-def a_solution(frame_id: int, origin: str, outcome: str) -> Solution:
+def solution_row(frame_id: int, origin: str, outcome: str) -> Solution:
     """Return a solution's row with the required columns only."""
     return Solution(frame_id=frame_id, origin=origin, chain="c", version="1", created=T0, outcome=outcome, detail={})
 
@@ -71,7 +71,7 @@ def schema_of(url):
 
 
 def by_name(parts):
-    """Sort what an inspector returned; the filter of a partial index is compared as text."""
+    """Sort the parts that an inspector returned. The filter of a partial index is converted to text."""
     return sorted(
         (
             {k: str(v) for k, v in {**p, **p.get("dialect_options", {})}.items() if k != "dialect_options"}
@@ -82,7 +82,7 @@ def by_name(parts):
 
 
 def test_an_empty_database_gets_the_schema_that_the_migrations_lead_to(database_url):
-    """The schema created at once equals that of all migrations in order: columns, keys, indexes and triggers."""
+    """The schema created in one step equals that of all migrations: columns, keys, indexes and triggers."""
     migrate(database_url)
     created = schema_of(database_url)
     engine = open_for_migration(database_url)
@@ -97,7 +97,7 @@ def test_an_empty_database_gets_the_schema_that_the_migrations_lead_to(database_
 
 
 def test_migrations_lead_to_exactly_the_models(database_url):
-    """After all migrations nothing is left that autogenerate would change."""
+    """After all migrations, autogenerate finds no difference from the models."""
     command.upgrade(migration_config(database_url), "head")
     engine = open_engine(database_url)
     with engine.connect() as connection:
@@ -106,31 +106,31 @@ def test_migrations_lead_to_exactly_the_models(database_url):
 
 
 def test_migrating_twice_changes_nothing(database, database_url):
-    """Every start migrates; the second finds nothing to do and keeps the data."""
+    """A second migration, as at every start, changes nothing and keeps the data."""
     with database.unit_of_work() as session:
-        frames.add(session, a_frame(name="kept"))
+        frames.add(session, frame_row(name="kept"))
     migrate(database_url)
     with database.unit_of_work() as session:
         assert frames.latest(session).name == "kept"
 
 
 def test_times_are_returned_in_utc_and_local_times_are_rejected(database):
-    """A stored time is returned with its zone; a time without a zone cannot be stored."""
+    """A stored time is returned in UTC. A time without a zone is rejected."""
     with database.unit_of_work() as session:
-        frames.add(session, a_frame(taken=T0.astimezone()))
+        frames.add(session, frame_row(taken=T0.astimezone()))
     with database.unit_of_work() as session:
         assert frames.latest(session).taken == T0
         assert frames.latest(session).taken.tzinfo is UTC
     with pytest.raises(Exception, match="no time zone"), database.unit_of_work() as session:
-        frames.add(session, a_frame(taken=datetime(2026, 1, 1)))
+        frames.add(session, frame_row(taken=datetime(2026, 1, 1)))
 
 
 def test_a_failed_unit_of_work_leaves_nothing(database):
-    """One transaction: all of it or none."""
+    """A unit of work that raises an exception stores nothing."""
 
     def half_done() -> None:
         with database.unit_of_work() as session:
-            frames.add(session, a_frame())
+            frames.add(session, frame_row())
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -140,15 +140,16 @@ def test_a_failed_unit_of_work_leaves_nothing(database):
 
 
 def test_frames_are_paged_newest_first_and_filtered_by_operational_outcome(database):
-    """Filters combine; the outcome is that of the operational ground solution, not of one beside it."""
+    """Frames are listed newest first. The filter uses the outcome of the operational ground solution, also combined with
+    other filters."""
     with database.unit_of_work() as session:
         a, b, c = (
-            frames.add(session, a_frame(number=n, source=s)) for n, s in ((1, "device"), (2, "import"), (3, "device"))
+            frames.add(session, frame_row(number=n, source=s)) for n, s in ((1, "device"), (2, "import"), (3, "device"))
         )
         for frame, outcomes in ((a, ("solved", "none")), (b, ("solved",)), (c, ("none", "solved"))):
-            first, *_ = [frames.add_solution(session, a_solution(frame.id, "ground", o)).id for o in outcomes]
+            first, *_ = [frames.add_solution(session, solution_row(frame.id, "ground", o)).id for o in outcomes]
             frames.pin(session, frame.id, first)
-        frames.add_solution(session, a_solution(c.id, "on board", "solved"))
+        frames.add_solution(session, solution_row(c.id, "on board", "solved"))
     with database.unit_of_work() as session:
         assert [f.number for f in frames.page(session, 10, 0)[1]] == [3, 2, 1]
         assert [f.number for f in frames.page(session, 1, 1)[1]] == [2]
@@ -165,7 +166,8 @@ def test_frames_are_paged_newest_first_and_filtered_by_operational_outcome(datab
 
 
 def test_commands_keep_their_stages_and_those_in_flight_are_found(database):
-    """A restart reads the largest request id and the commands in progress."""
+    """Commands are stored with their stages. The largest request id and the commands in progress are found after a
+    restart."""
     with database.unit_of_work() as session:
         contact = devices.open_contact(session, "socket://x", T0, "c")
         for request_id, result in ((7, "completed"), (4_294_967_290, "sent")):
@@ -189,8 +191,8 @@ def test_commands_keep_their_stages_and_those_in_flight_are_found(database):
         ]
 
 
-def test_telemetry_spans_read_numbers_out_of_packets(database):
-    """A span gives each field's values in time order, both ends included, None where a packet lacks the field."""
+def test_telemetry_spans_read_values_of_packets(database):
+    """A span returns the values of fields in time order, including both ends, and None if a packet lacks a field."""
     with database.unit_of_work() as session:
         rows = [
             TelemetryPacket(
@@ -205,8 +207,8 @@ def test_telemetry_spans_read_numbers_out_of_packets(database):
         telemetry.add_batch(session, rows)
     names, first, last = ["a", "mode", "on", "items"], T0 + timedelta(seconds=1), T0 + timedelta(seconds=3)
     for block in (1, 2, 100):
-        got = list(telemetry.rows(database, "hk", names, first, last, block=block))
-        assert [(r.received, r.values) for r in got] == [
+        span_rows = list(telemetry.rows(database, "hk", names, first, last, block=block))
+        assert [(r.received, r.values) for r in span_rows] == [
             (T0 + timedelta(seconds=1), (0.5, "tracking", True, [{"x": 1}])),
             (T0 + timedelta(seconds=2), (None, None, None, None)),
             (T0 + timedelta(seconds=3), (1.5, "tracking", True, [{"x": 3}])),
@@ -218,12 +220,12 @@ def test_telemetry_spans_read_numbers_out_of_packets(database):
 
 
 def test_contacts_count_their_frames_and_commands(database):
-    """The list of contacts joins device, frames and commands; a crash's open contact is closed at its last packet."""
+    """The list of contacts has device, frames and commands. A contact left open by a crash ends at its last packet."""
     with database.unit_of_work() as session:
         device = devices.remember(session, T0, name="d", profile="p", firmware="1", simulated=True, dictionary_hash="h")
         contact = devices.open_contact(session, "u", T0, "c")
         devices.update_contact(session, contact.id, device_id=device.id, rx_bytes=10)
-        frames.add(session, a_frame(contact_id=contact.id))
+        frames.add(session, frame_row(contact_id=contact.id))
         last = TelemetryPacket(
             contact_id=contact.id,
             packet="hk",
@@ -235,13 +237,13 @@ def test_contacts_count_their_frames_and_commands(database):
         telemetry.add_batch(session, [last])
         devices.close_left_open(session, T0 + timedelta(seconds=9))
     with database.unit_of_work() as session:
-        ((row, found, n_frames, n_commands),) = devices.list_contacts(session, 5)
-        assert (found.name, n_frames, n_commands, row.rx_bytes) == ("d", 1, 0, 10)
+        ((row, device_row, n_frames, n_commands),) = devices.list_contacts(session, 5)
+        assert (device_row.name, n_frames, n_commands, row.rx_bytes) == ("d", 1, 0, 10)
         assert row.ended == T0 + timedelta(seconds=4)
 
 
 def test_the_cause_of_a_closed_line_is_found_in_new_and_old_events(database):
-    """Versions up to 0.4 wrote the beginning of the text in lower case."""
+    """The cause of a closed line is found in events of all versions; up to 0.4 their text began in lower case."""
     with database.unit_of_work() as session:
         for contact_id, text in ((1, "line closed: the cable was cut"), (2, "Line closed: closed by the operator")):
             events.add(session, T0, "link", "watch", text, {"contact_id": contact_id})
@@ -251,8 +253,8 @@ def test_the_cause_of_a_closed_line_is_found_in_new_and_old_events(database):
     assert causes == ["the cable was cut", "closed by the operator", None]
 
 
-def test_catalogues_are_found_by_hash_and_the_rest_by_state(database):
-    """A restart finds unfinished transfers and jobs; events are resumed after a number."""
+def test_catalogues_are_found_by_hash_and_unfinished_work_by_state(database):
+    """Catalogues are found by hash, and unfinished transfers and jobs by state. Events are read after a sequence number."""
     with database.unit_of_work() as session:
         catalogues.add(
             session,
@@ -289,7 +291,7 @@ def test_catalogues_are_found_by_hash_and_the_rest_by_state(database):
 
 
 def test_blobs_are_stored_once_under_their_hash_and_damage_is_reported(tmp_path):
-    """Same bytes, same key; a missing or damaged file gives an error, never wrong bytes."""
+    """Equal bytes have the same key. A missing or damaged file raises an error."""
     store = BlobStore(str(tmp_path / "blobs"))
     key = store.put(b"pixels")
     assert store.put(b"pixels") == key

@@ -29,15 +29,15 @@ MODES = ("standby", "lost_in_space", "tracking")
 
 
 def values(k: int) -> dict[str, object]:
-    """Housekeeping of second ``k``: noise, two spikes of one second, and stretches without a value."""
+    """Return the housekeeping values of second ``k``: noise, two spikes of one second, and a period without a value."""
     noise = random.Random(k).gauss(0, 0.01)
     spike = {4321: 2.5, 15_001: -2.5}.get(k, 0.0)
     fields: dict[str, object] = {"latchups": k // 5000, "mode": MODES[k // 700 % 3], "cycle_running": k % 900 < 450}
     return fields if 8000 <= k < 9500 else fields | {"supply_3v3_v": 3.3 + noise + spike}
 
 
-class Moving:
-    """A clock that is put where the test wants it."""
+class ManualClock:
+    """Clock that the test sets."""
 
     def __init__(self) -> None:
         self.at = T0
@@ -47,13 +47,13 @@ class Moving:
 
 
 @pytest.fixture
-def clock() -> Moving:
-    return Moving()
+def clock() -> ManualClock:
+    return ManualClock()
 
 
 @pytest.fixture
-def telemetry(database: Database, clock: Moving) -> TelemetryService:
-    """Six hours of housekeeping, every third second, with twenty minutes of silence."""
+def telemetry(database: Database, clock: ManualClock) -> TelemetryService:
+    """Service with six hours of housekeeping, every third second, with a gap of twenty minutes."""
     service = TelemetryService(
         load_dictionary(), database, EventBus(database, clock), clock, lambda: None, lambda: True
     )
@@ -88,14 +88,14 @@ Plot = Callable[[], list[tuple[list[float], list[float | None], int]]]
 
 
 def plotted(telemetry: TelemetryService, start: datetime, end: datetime, points: int) -> list[object]:
-    """What a plot is given."""
+    """Return the series of a plot."""
     series = telemetry.archive.history(NAMES, start, end, points)
     return [(s.t, s.y, s.samples, s.thinned) for s in series]
 
 
-def test_a_plot_from_rollups_is_the_plot_from_packets(telemetry: TelemetryService, clock: Moving) -> None:
-    """Bins of whole tens of seconds give the same points to the last bit, spikes and stretches without values as well; rollups are
-    read for all but the ends."""
+def test_a_plot_from_rollups_is_the_plot_from_packets(telemetry: TelemetryService, clock: ManualClock) -> None:
+    """Bins that are multiples of ten seconds give exactly the same points from rollups, including spikes and gaps. Packets
+    are read only for the ends of the span."""
     spans = [(T0, T0 + timedelta(hours=HOURS)), (T0 + timedelta(seconds=1230), T0 + timedelta(hours=5, seconds=1230))]
     before = [plotted(telemetry, *span, 240) for span in spans]
     clock.at = T0 + timedelta(hours=HOURS, seconds=61)
@@ -108,23 +108,23 @@ def test_a_plot_from_rollups_is_the_plot_from_packets(telemetry: TelemetryServic
     supply = before[0][0][1]
     assert max(v for v in supply if v is not None) > 5.5
     assert min(v for v in supply if v is not None) < 1.0
-    # The first span: two empty ends; the second: both ends, some minutes each. Not one block of thousands in between.
+    # The first span has two empty ends, the second two ends of some minutes. No block of packets between them is read.
     assert sum("FROM telemetry_packets" in statement for statement in read) <= 4
 
 
-def test_short_spans_and_few_samples_are_read_from_packets(telemetry: TelemetryService, clock: Moving) -> None:
-    """Where the plot is finer than rollups, or every sample fits, every sample is there."""
+def test_short_spans_and_few_samples_are_read_from_packets(telemetry: TelemetryService, clock: ManualClock) -> None:
+    """A plot that is finer than rollups, or has room for every sample, has all samples."""
     clock.at = T0 + timedelta(hours=HOURS, seconds=61)
     telemetry.rollups.make()
     (short, *_) = telemetry.archive.history(NAMES, T0, T0 + timedelta(seconds=2999), 2000)
     assert (short.samples, short.thinned, len(short.t)) == (1000, False, 1000)
-    (whole, *_) = telemetry.archive.history(NAMES, T0, T0 + timedelta(hours=HOURS), 20_000)
-    assert whole.samples == len(whole.t)
-    assert not whole.thinned
+    (full_span, *_) = telemetry.archive.history(NAMES, T0, T0 + timedelta(hours=HOURS), 20_000)
+    assert full_span.samples == len(full_span.t)
+    assert not full_span.thinned
 
 
-def test_late_packets_are_in_the_plot(telemetry: TelemetryService, clock: Moving) -> None:
-    """If a clock that was set back stores packets into a completed hour, its rollup is invalidated and rebuilt."""
+def test_late_packets_are_in_the_plot(telemetry: TelemetryService, clock: ManualClock) -> None:
+    """Packets stored in a completed hour, after the clock was set back, are in the plot, and the rollup is rebuilt."""
     clock.at = T0 + timedelta(hours=HOURS, seconds=61)
     telemetry.rollups.make()
     clock.at = T0 + timedelta(hours=2, seconds=1000.5)
@@ -138,16 +138,16 @@ def test_late_packets_are_in_the_plot(telemetry: TelemetryService, clock: Moving
     assert telemetry.archive.history(NAMES, *span, 240)[0] == supply
 
 
-def test_the_current_hour_has_no_rollup(telemetry: TelemetryService, clock: Moving) -> None:
-    """Only hours that are over, and have been for a minute, are made; the rest is read from packets."""
+def test_the_current_hour_has_no_rollup(telemetry: TelemetryService, clock: ManualClock) -> None:
+    """A rollup is built only for hours that ended at least a minute ago."""
     clock.at = T0 + timedelta(hours=3, seconds=59)
     assert telemetry.rollups.make() == 2
     clock.at = T0 + timedelta(hours=3, seconds=61)
     assert telemetry.rollups.make() == 1
 
 
-def test_rollups_outlive_their_packets(telemetry: TelemetryService, clock: Moving) -> None:
-    """Retention may thin out or remove packets; the plot of that time keeps its spikes."""
+def test_rollups_outlive_their_packets(telemetry: TelemetryService, clock: ManualClock) -> None:
+    """After retention has removed packets, the plot from rollups is unchanged."""
     span = (T0, T0 + timedelta(hours=HOURS))
     before = plotted(telemetry, *span, 240)
     clock.at = T0 + timedelta(hours=HOURS, seconds=61)
@@ -166,25 +166,28 @@ samples = st.lists(st.tuples(st.floats(0, 50), st.one_of(st.none(), st.floats(-1
 
 @given(samples, st.integers(4, 40))
 def test_buckets_lose_no_extreme(given_samples: list[tuple[float, float | None]], points: int) -> None:
-    """Packed and read again: per ten seconds the count, the first smallest and the first largest value with their times; a plot
-    of them has the smallest and the largest of all."""
+    """Packed buckets have the count and the first smallest and largest value of each ten seconds, with their times. A plot
+    of them has the smallest and largest value of all."""
     t_s, y = np.cumsum([gap for gap, _ in given_samples]), [v for _, v in given_samples]
     numbers = np.array([np.nan if v is None else v for v in y])
-    held = Buckets.unpacked(0, buckets(t_s, numbers).packed(0))
-    assert held.count.sum() == len(y)
+    packed_buckets = Buckets.unpacked(0, buckets(t_s, numbers).packed(0))
+    assert packed_buckets.count.sum() == len(y)
     for k, number in enumerate(dict.fromkeys((t_s // 10).tolist())):
-        own = [(t, v) for t, v in zip(t_s.tolist(), y, strict=True) if t // 10 == number and v is not None]
-        if not own:
-            assert np.isnan(held.low[k])
+        bucket_samples = [(t, v) for t, v in zip(t_s.tolist(), y, strict=True) if t // 10 == number and v is not None]
+        if not bucket_samples:
+            assert np.isnan(packed_buckets.low[k])
             continue
-        low, high = min(own, key=lambda s: s[1]), max(own, key=lambda s: s[1])
-        assert (held.low_s[k], held.low[k], held.high_s[k], held.high[k]) == (*low, *high)
+        low, high = min(bucket_samples, key=lambda s: s[1]), max(bucket_samples, key=lambda s: s[1])
+        assert (packed_buckets.low_s[k], packed_buckets.low[k], packed_buckets.high_s[k], packed_buckets.high[k]) == (
+            *low,
+            *high,
+        )
     thinner = Thinner(0.0, float(t_s[-1]) + 1, points)
-    thinner.merge(held)
-    t, kept, _ = thinner.result()
+    thinner.merge(packed_buckets)
+    t, plot_values, _ = thinner.result()
     assert len(t) <= points
     assert t == sorted(t)
-    known = [v for v in y if v is not None]
-    if known:
-        plotted_values = [v for v in kept if v is not None]
-        assert (min(plotted_values), max(plotted_values)) == (min(known), max(known))
+    numbers_given = [v for v in y if v is not None]
+    if numbers_given:
+        plotted_values = [v for v in plot_values if v is not None]
+        assert (min(plotted_values), max(plotted_values)) == (min(numbers_given), max(numbers_given))

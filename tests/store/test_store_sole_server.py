@@ -1,4 +1,4 @@
-"""One server on one database, wherever its data folder is."""
+"""Only one server can run on a database."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from gss.store.engine import sole_server
 
 
 def test_one_sqlite_file_has_one_server(tmp_path):
-    """By whatever name the file is given; another file of the folder is independent; the lock ends with its process."""
+    """A second server is rejected under any name of the file. Other files in the folder are independent, and the lock ends
+    with its process."""
     (tmp_path / "other name.db").symlink_to(tmp_path / "gss.db")
-    hold = (
+    program = (
         f"import sys; from gss.store.engine import sole_server\nwith sole_server('sqlite:///{tmp_path / 'gss.db'}'):\n"
     )
-    hold += " print('held', flush=True); sys.stdin.read()"
-    first = subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    program += " print('held', flush=True); sys.stdin.read()"
+    first = subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert first.stdout is not None
         assert first.stdout.readline() == "held\n"

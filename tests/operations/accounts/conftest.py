@@ -1,4 +1,4 @@
-"""A database at the newest schema for each test, migrated once and copied."""
+"""Database with the newest schema for each test, migrated once and copied."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.store.engine import Database, migrate, open_engine
 
 @pytest.fixture(scope="session")
 def migrated_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The file to copy."""
+    """Database file to copy."""
     path: Path = tmp_path_factory.mktemp("migrated") / "gss.db"
     migrate(f"sqlite:///{path}")
     return path
@@ -21,7 +21,7 @@ def migrated_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def database(migrated_file: Path, tmp_path: Path) -> Iterator[Database]:
-    """An SQLite database at the newest schema."""
+    """SQLite database with the newest schema."""
     database = Database(open_engine(f"sqlite:///{shutil.copy(migrated_file, tmp_path / 'gss.db')}"))
     yield database
     database.close()

@@ -1,4 +1,4 @@
-"""A clock that is set back, or was ahead for a time, revives no session and no token."""
+"""A clock that is set back, or was temporarily ahead, makes no expired session or token valid."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DAY_S = 86400.0
 
 
 class Seconds:
-    """A monotonic clock, independent of the system clock."""
+    """Monotonic clock, independent of the system clock."""
 
     def __init__(self) -> None:
         self.at_s = 0.0
@@ -26,7 +26,8 @@ class Seconds:
 
 
 def test_a_clock_set_back_revives_neither_token_nor_session(database, clock):
-    """While the server runs: the monotonic clock continues where the system clock had been."""
+    """If the system clock is set back while the server runs, expired tokens and sessions remain invalid, because the
+    monotonic clock continues."""
     seconds = Seconds()
     accounts = open_account_service(database, RULES, clock, seconds)
     accounts.users.add("ann", "admin", by="test", password=PASSWORD)
@@ -42,7 +43,8 @@ def test_a_clock_set_back_revives_neither_token_nor_session(database, clock):
 
 
 def test_after_a_restart_with_a_clock_set_back_an_expired_token_stays_expired(database, clock, tmp_path):
-    """The newest audit row is the floor; after further rows with the wrong time, the last trusted time still is."""
+    """After a restart, time is at least that of the newest audit row, or the last trusted time if newer rows have a wrong
+    time."""
     accounts = open_account_service(database, RULES, clock, Seconds())
     token = accounts.tokens.add("t", "viewer", 1, by="ann").key
     audit = AuditService(database, clock, AnchorFile(tmp_path / "anchors"))
@@ -58,14 +60,15 @@ def test_after_a_restart_with_a_clock_set_back_an_expired_token_stays_expired(da
 
 
 def test_keys_made_with_a_clock_ahead_are_not_valid_for_years(database, clock):
-    """Made ten years ahead, they would live ten years longer than they may; once the clock is right they are refused."""
+    """Keys created with a clock ten years ahead are rejected once the clock is correct; otherwise they would be valid for
+    ten years."""
     clock.forward(3650 * DAY_S)
-    ahead = open_account_service(database, RULES, clock, Seconds())
-    ahead.users.add("ann", "admin", by="test", password=PASSWORD)
-    token = ahead.tokens.add("t", "viewer", 1, by="ann").key
-    session = ahead.sessions.sign_in("ann", PASSWORD, address="a").key
-    assert ahead.token_caller(token, "a") is not None
+    accounts_ahead = open_account_service(database, RULES, clock, Seconds())
+    accounts_ahead.users.add("ann", "admin", by="test", password=PASSWORD)
+    token = accounts_ahead.tokens.add("t", "viewer", 1, by="ann").key
+    session = accounts_ahead.sessions.sign_in("ann", PASSWORD, address="a").key
+    assert accounts_ahead.token_caller(token, "a") is not None
     clock.forward(-3650 * DAY_S)
-    right = open_account_service(database, RULES, clock, Seconds())
-    assert right.token_caller(token, "a") is None
-    assert right.session_caller(session) is None
+    correct = open_account_service(database, RULES, clock, Seconds())
+    assert correct.token_caller(token, "a") is None
+    assert correct.session_caller(session) is None

@@ -19,7 +19,7 @@ LIVES = Lifetimes(timedelta(hours=1), timedelta(hours=10))
 
 
 class Seconds:
-    """A monotonic clock that advances only when a test advances it."""
+    """Monotonic clock that advances only when a test advances it."""
 
     def __init__(self) -> None:
         self.at_s = 1000.0
@@ -30,13 +30,13 @@ class Seconds:
 
 @pytest.fixture
 def seconds() -> Seconds:
-    """The clock of rate limits and caches."""
+    """Clock of rate limits and caches."""
     return Seconds()
 
 
 @pytest.fixture
 def accounts(database, clock, seconds) -> Iterator[AccountService]:
-    """With one admin, ann, and an operator, ben."""
+    """Account service with an admin, ann, and an operator, ben."""
     service = AccountService(database, clock, seconds, Passwords(1, 8, 1), LIVES)
     service.users.add("ann", "admin", by="shell", password=PASSWORD)
     service.users.add("ben", "operator", by="ann", password=PASSWORD + " ben")
@@ -68,7 +68,7 @@ def test_a_session_key_from_before_sign_in_is_invalid_after_it(accounts):
 
 
 def test_a_session_ends_when_idle_and_at_its_maximum_age(accounts, clock, seconds):
-    """After one hour without a request, or after ten hours in any case."""
+    """A session ends after one hour without a request, and after ten hours in any case."""
     idle, busy = sign_in(accounts).key, sign_in(accounts).key
     for _ in range(18):
         clock.forward(1900)
@@ -100,9 +100,9 @@ def test_requesting_the_session_lifetime_does_not_extend_it(accounts, clock, sec
     assert accounts.session_caller(opened.key, touch=False) is None
 
 
-def test_a_full_disk_blocks_no_user_and_an_unreadable_database_not_at_once(accounts, database, clock, seconds):
-    """ABORT must work: a user authenticated ten minutes ago stays authenticated while the database is unreadable; an
-    unknown caller does not.
+def test_users_stay_authenticated_with_a_full_disk_or_an_unreadable_database(accounts, database, clock, seconds):
+    """With a full disk, sessions are valid. While the database is unreadable, a session stays valid for ten minutes, so
+    that ABORT works. Unknown callers are rejected.
     """
     opened = sign_in(accounts)
     clock.forward(120)
@@ -123,7 +123,7 @@ def test_a_full_disk_blocks_no_user_and_an_unreadable_database_not_at_once(accou
 
 
 class Unreadable:
-    """A database whose disk has failed."""
+    """Database whose disk has failed."""
 
     def unit_of_work(self):
         raise StoreDown("the database cannot be used")
@@ -145,8 +145,8 @@ def test_a_new_password_ends_all_sessions_of_that_user(accounts):
     assert sign_in(accounts, password="another good password").caller.name == "ann"
 
 
-def test_disabling_a_user_ends_everything_at_once(accounts):
-    """The session, further sign-ins and the user's running work."""
+def test_disabling_a_user_takes_effect_immediately(accounts):
+    """When a user is disabled, the session ends, and sign-in and running work are rejected."""
     opened = sign_in(accounts, "ben", PASSWORD + " ben")
     accounts.require("ben", "command.imager")
     accounts.users.change(opened.caller.user_id, enabled=False)
@@ -168,7 +168,7 @@ def test_the_last_admin_cannot_be_lost(accounts):
 
 
 def test_another_role_applies_from_the_next_request_on(accounts):
-    """No new sign-in is needed for fewer or more permissions."""
+    """A changed role applies to an open session from the next request on, without a new sign-in."""
     opened = sign_in(accounts, "ben", PASSWORD + " ben")
     assert accounts.session_caller(opened.key).may("command.link")
     accounts.users.change(opened.caller.user_id, role="viewer")
@@ -176,7 +176,7 @@ def test_another_role_applies_from_the_next_request_on(accounts):
 
 
 def test_a_lookup_that_overlaps_a_change_is_not_cached(accounts, monkeypatch):
-    """Its result was read before the change and is valid for that one request only."""
+    """The result of a lookup that was read before a concurrent change is used for that request only."""
     key, ben = sign_in(accounts, "ben", PASSWORD + " ben").key, accounts.users.named("ben")
     read = accounts.sessions.caller_of
 
@@ -214,8 +214,8 @@ def test_an_unknown_name_costs_the_same_hashing_as_a_known_one(accounts):
     assert answers[0][0] == 1
 
 
-def test_guessing_gets_slower_and_slower(accounts, seconds):
-    """Ten thousand guesses from one address take days: after five failures the delay doubles up to its limit."""
+def test_guessing_becomes_slower_with_each_failure(accounts, seconds):
+    """The delay doubles after five failures up to its limit, so 60 guesses take more than 20 minutes."""
     tries, began_s = 0, seconds.at_s
     while tries < 60:
         try:
@@ -227,8 +227,8 @@ def test_guessing_gets_slower_and_slower(accounts, seconds):
     assert seconds.at_s - began_s > 40 * 30
 
 
-def test_guessers_from_everywhere_do_not_lock_the_admin_out(accounts, seconds):
-    """Thousands of failures under ann's name elsewhere do not delay her in a browser in which she signed in before."""
+def test_guesses_from_many_addresses_do_not_lock_the_admin_out(accounts, seconds):
+    """Failures with ann's name at 200 addresses do not delay her in a browser in which she signed in before."""
     device = sign_in(accounts, address="desk").device
     for number in range(200):
         with pytest.raises((NotSignedIn, RateLimited)):
@@ -240,21 +240,21 @@ def test_guessers_from_everywhere_do_not_lock_the_admin_out(accounts, seconds):
     assert sign_in(accounts, address="an address she never used").caller.name == "ann"
 
 
-def test_a_name_used_at_an_address_answers_as_an_unknown_one(accounts):
-    """Without ann's device cookie the same attempts get the same answers and waits for her name and for one that does not
-    exist, also at the address where she signed in, and also with the cookie of another user."""
+def test_responses_do_not_reveal_names_used_at_an_address(accounts):
+    """Without ann's device cookie, attempts with her name and with an unknown name get the same responses and delays, also
+    at the address where she signed in and with the cookie of another user."""
     sign_in(accounts, address="desk")
     bens = sign_in(accounts, "ben", PASSWORD + " ben", address="desk").device
 
     def answers(name: str, device: str) -> list[str]:
         accounts.attempts._failures.clear()
-        found = []
+        errors = []
         for attempt in range(25):
             try:
                 sign_in(accounts, name if attempt % 3 else f"other {attempt}", "wrong", address="desk", device=device)
             except (NotSignedIn, RateLimited) as error:
-                found.append(repr((type(error), str(error), getattr(error, "retry_after_s", None))))
-        return found
+                errors.append(repr((type(error), str(error), getattr(error, "retry_after_s", None))))
+        return errors
 
     assert len(answers("ann", "")) == 25
     assert answers("ann", "") == answers("no such user", "")
@@ -262,7 +262,7 @@ def test_a_name_used_at_an_address_answers_as_an_unknown_one(accounts):
 
 
 def test_a_device_cookie_has_a_limit_of_guesses(accounts):
-    """A stolen device cookie does not bypass the limit."""
+    """Guesses with a valid device cookie are limited, so a stolen one does not bypass the limit."""
     device = sign_in(accounts).device
     for _ in range(BY_NAME.free):
         with pytest.raises(NotSignedIn):
@@ -285,7 +285,7 @@ def test_ones_own_sign_in_does_not_reset_the_limit_for_other_accounts(accounts):
 
 
 def test_concurrent_attempts_count_before_they_fail(accounts):
-    """The rate limit counts attempts when they start, so that a hundred simultaneous guesses are limited too."""
+    """The rate limit counts attempts when they start, so that simultaneous guesses are limited too."""
     keys = [("name ann", BY_NAME)]
     for _ in range(BY_NAME.free):
         accounts.attempts.begin(keys)
@@ -314,7 +314,8 @@ def test_concurrent_attempts_count_before_they_fail(accounts):
     ],
 )
 def test_common_passwords_are_rejected_without_repeating_them(password):
-    """Too short, too long, common, or equal to the name; the message never contains the password."""
+    """Passwords that are too short, too long, common or similar to the name are rejected. The message does not contain the
+    password."""
     with pytest.raises(BadInput) as caught:
         Passwords.check_new(password, "benedict99")
     assert not password or password not in str(caught.value)
@@ -324,7 +325,7 @@ def test_common_passwords_are_rejected_without_repeating_them(password):
     "password", ["a fine new password", "vega over the hills", "Jt7#kqZw2m", "admin of the moon", "ééèüöäßñçå"]
 )
 def test_other_passwords_are_accepted(password):
-    """A common word may be part of a longer password."""
+    """Other passwords are accepted, also if a common word is part of them."""
     Passwords.check_new(password, "benedict99")
 
 
@@ -357,7 +358,7 @@ def test_there_is_no_default_account(database, clock, seconds):
 
 
 def test_the_setup_link_works_once_and_creates_the_first_admin(database, clock, seconds):
-    """A newer link replaces it, it expires, guesses fail, and it is invalid after the first user exists."""
+    """The setup link creates the first admin once. A newer link replaces it, guesses fail, and it is stored as a hash."""
     users = AccountService(database, clock, seconds, Passwords(1, 8, 1)).users
     old, link = users.set_up_link(), users.set_up_link()
     for key in (old.key, "guess", "", link.key + "x"):
@@ -374,7 +375,7 @@ def test_the_setup_link_works_once_and_creates_the_first_admin(database, clock, 
 
 
 def test_links_expire(database, clock, seconds, accounts):
-    """A password link after a day; a setup link after an hour."""
+    """A password link expires after a day, works once, and is not created for a disabled user."""
     ben = accounts.users.named("ben")
     link = accounts.users.password_link(ben.id, by="test")
     clock.forward(24 * 3600)
@@ -407,14 +408,14 @@ def test_links_expire(database, clock, seconds, accounts):
     ],
 )
 def test_a_name_is_printable_and_not_reserved(accounts, name):
-    """No user has a name that looks like another user's name or the server's."""
+    """A name with invisible characters or double spaces, or a reserved one, is rejected."""
     with pytest.raises(BadInput):
         accounts.users.add(name, "viewer", by="ann")
 
 
 @pytest.mark.parametrize("name", ["\u0430nn", "b\u0435n", "o\u03c1erator"])
 def test_a_name_has_letters_of_one_script(accounts, name):
-    """A Cyrillic or Greek letter among Latin ones cannot be seen."""
+    """A name with a Cyrillic or Greek letter among Latin ones is rejected, because it cannot be distinguished."""
     with pytest.raises(BadInput, match="mixes scripts"):
         accounts.users.add(name, "viewer", by="ann")
 
@@ -424,7 +425,7 @@ def test_a_name_has_letters_of_one_script(accounts, name):
     [("\u0441\u0430\u0440\u0430", "capa"), ("paul", "pau1"), ("lan", "Ian"), ("emie", "ernie"), ("zoe", "z0e")],
 )
 def test_a_name_that_looks_like_another_is_rejected(accounts, first, second):
-    """In whichever order they are created; a name that differs visibly is accepted."""
+    """A name that looks like an existing one is rejected. A name that differs visibly is accepted."""
     accounts.users.add(first, "viewer", by="ann")
     with pytest.raises(Conflict, match="looks like"):
         accounts.users.add(second, "viewer", by="ann")
@@ -432,9 +433,9 @@ def test_a_name_that_looks_like_another_is_rejected(accounts, first, second):
 
 
 def test_a_name_is_unique_in_any_case(accounts):
-    """The comparison includes letters beyond ASCII and compatible forms of the same letters."""
-    made = accounts.users.add("\uff25\u0301va Ünal", "viewer", by="ann")
-    assert made.name == "Éva Ünal"
+    """Names that differ only in case or in compatible forms of the same letters are rejected, also beyond ASCII."""
+    user = accounts.users.add("\uff25\u0301va Ünal", "viewer", by="ann")
+    assert user.name == "Éva Ünal"
     for name in ("éva ünal", "ÉVA ÜNAL", "E\u0301va U\u0308nal", "\uff21nn"):
         with pytest.raises(Conflict):
             accounts.users.add(name, "viewer", by="ann")

@@ -1,4 +1,4 @@
-"""What a revoked token, or a demoted or disabled admin, has created: links become invalid, users are disabled."""
+"""Links and users created by a token or admin that is revoked, demoted or disabled become invalid and are disabled."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ PASSWORD = "correct horse battery"
 
 @pytest.fixture
 def accounts(database, clock) -> AccountService:
-    """With two admins, ann and eve."""
+    """Account service with two admins, ann and eve."""
     service = AccountService(database, clock, lambda: clock.at.timestamp(), Passwords(1, 8, 1))
     service.users.add("ann", "admin", by="shell:root", password=PASSWORD)
     service.users.add("eve", "admin", by="shell:root", password=PASSWORD)
     return service
 
 
-def refused(accounts: AccountService, key: str) -> bool:
+def is_rejected(accounts: AccountService, key: str) -> bool:
     """True if the password link is invalid."""
     try:
         accounts.users.set_password_by_link(key, "another good password")
@@ -29,8 +29,9 @@ def refused(accounts: AccountService, key: str) -> bool:
     return False
 
 
-def test_a_revoked_token_takes_its_links_and_users_with_it(accounts, clock):
-    """Also what those users created; not what others created, nor what a later token of that name does."""
+def test_revoking_a_token_disables_its_users_and_links(accounts, clock):
+    """When a token is revoked, its links and the users that it created, directly or indirectly, are disabled. Links and
+    users of others and of a later token with this name are not."""
     ann = accounts.users.named("ann")
     token = accounts.tokens.add("setup", "admin", 9, by="ann", owner_id=ann.id)
     clock.forward(60)
@@ -43,8 +44,8 @@ def test_a_revoked_token_takes_its_links_and_users_with_it(accounts, clock):
     revoked = accounts.tokens.revoke(token.row.id)
     assert (revoked.voided.users, revoked.voided.links) == (("mallory", "backdoor"), 1)
     assert str(revoked.voided) == "also disabled: mallory, backdoor; links invalidated: 1"
-    assert refused(accounts, link.key)
-    assert not refused(accounts, other.key)
+    assert is_rejected(accounts, link.key)
+    assert not is_rejected(accounts, other.key)
     assert accounts.session_caller(opened.key) is None
     for name in ("mallory", "backdoor"):
         with pytest.raises(NotSignedIn):
@@ -59,28 +60,29 @@ def test_a_revoked_token_takes_its_links_and_users_with_it(accounts, clock):
 
 
 @pytest.mark.parametrize("change", [{"role": "viewer"}, {"enabled": False}])
-def test_an_admin_who_is_none_any_more_takes_links_and_users_along(accounts, change):
-    """Those made in a session and those made with a token of that admin; the caller stays, and an admin can enable each again."""
+def test_demoting_an_admin_disables_created_users_and_links(accounts, change):
+    """When an admin is demoted or disabled, links and users created in a session or with a token are disabled, except the
+    caller. An admin can enable each again."""
     eve, ann = accounts.users.named("eve"), accounts.users.named("ann")
     accounts.tokens.add("hers", "admin", 9, by="eve", owner_id=eve.id)
-    by_hand = accounts.users.add("by hand", "viewer", by="eve")
+    by_session = accounts.users.add("by hand", "viewer", by="eve")
     accounts.users.add("by token", "viewer", by="token:hers")
     caller = accounts.users.add("caller", "admin", by="eve")
-    link = accounts.users.password_link(by_hand.id, by="eve")
+    link = accounts.users.password_link(by_session.id, by="eve")
     anns = accounts.users.password_link(ann.id, by="token:hers")
     changed = accounts.users.change(eve.id, **change, caller_id=caller.id)
     assert changed.voided.users == ("by hand", "by token")
-    assert refused(accounts, link.key)
-    assert refused(accounts, anns.key)
+    assert is_rejected(accounts, link.key)
+    assert is_rejected(accounts, anns.key)
     reason = "is no longer an admin" if "role" in change else "was disabled"
     assert accounts.users.named("by token").disabled_reason == f"created by eve, who {reason}"
     assert accounts.users.named("caller").enabled
-    again = accounts.users.change(by_hand.id, enabled=True).user
-    assert (again.enabled, again.disabled_reason) == (True, "")
+    enabled_again = accounts.users.change(by_session.id, enabled=True).user
+    assert (enabled_again.enabled, enabled_again.disabled_reason) == (True, "")
 
 
 def test_created_users_can_be_kept_and_the_last_admin_stays(accounts):
-    """An admin who leaves in good standing; and no change may leave the server without an admin."""
+    """Users created by a disabled admin can be kept. The last admin cannot be disabled."""
     eve, ann = accounts.users.named("eve"), accounts.users.named("ann")
     kept = accounts.users.add("kept", "operator", by="eve")
     accounts.users.change(eve.id, enabled=False, keep_created=True)

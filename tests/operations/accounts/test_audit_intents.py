@@ -1,4 +1,4 @@
-"""Intents of changes that a killed process left behind become audit rows."""
+"""Intents of changes that a killed process left open become audit rows."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ def intent(action: str) -> Intent:
     return Intent("ann", "admin", action, "POST /x", "10.0.0.1", AT)
 
 
-def test_a_killed_process_leaves_its_open_intents_to_the_next(database, clock, tmp_path):
-    """Of three changes the first has its row, the second does not, the third was not written completely."""
+def test_open_intents_of_a_killed_process_are_recovered(database, clock, tmp_path):
+    """Of three intents, one ended, one is open and one was written incompletely. The open one becomes an audit row with
+    an unknown result."""
     folder, audit = tmp_path / "intents", AuditService(database, clock, AnchorFile(tmp_path / "anchors"))
     child = os.fork()
     if child == 0:
@@ -44,8 +45,8 @@ def test_a_killed_process_leaves_its_open_intents_to_the_next(database, clock, t
     assert list(folder.iterdir()) == []
 
 
-def test_the_intents_of_a_running_process_are_left_alone(database, clock, tmp_path):
-    """An API worker that is still running; after it closed, nothing is left."""
+def test_the_intents_of_a_running_process_are_not_recovered(database, clock, tmp_path):
+    """Open intents of a running API worker are not recovered. Closing it removes its file."""
     folder, audit = tmp_path / "intents", AuditService(database, clock, AnchorFile(tmp_path / "anchors"))
     running, other = AuditIntents(folder, audit), AuditIntents(folder, audit)
     number = running.begin(intent("a.b"))

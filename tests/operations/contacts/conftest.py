@@ -1,4 +1,4 @@
-"""A ground station in this process with a sensor in memory. Only the clock is simulated: it is the sensor's."""
+"""A ground station in this process with a sensor in memory, which both use the sensor's simulated clock."""
 
 from __future__ import annotations
 
@@ -74,11 +74,11 @@ class Station:
         self.link.start()
 
     def now(self) -> datetime:
-        """Time of the sensor's clock."""
+        """Return the time of the sensor's clock."""
         return DAWN + timedelta(seconds=self.sensor.now_s)
 
     def read(self, *args: Any) -> bytes:
-        """Received bytes, modified by ``spoil``."""
+        """Return received bytes, modified by ``spoil``."""
         return self.spoil(self._read(*args))
 
     def open(self) -> int:
@@ -122,7 +122,7 @@ class Station:
 
 @pytest.fixture
 def make_station(sensor_in_memory, database, tmp_path) -> Iterator[Callable[..., Station]]:
-    """Factory of stations; each closes its link at the end."""
+    """Factory of stations. Each closes its link at the end."""
     made: list[Station] = []
 
     def make(retention: Retention | None = None) -> Station:

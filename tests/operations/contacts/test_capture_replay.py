@@ -1,4 +1,4 @@
-"""Replaying a capture through the decoder gives the data of the live link at any speed and changes nothing stored."""
+"""A replay of a capture through the decoder gives the data of the live link at any speed and changes no stored data."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ def items_of(station, contact_id) -> tuple[list, CaptureDecoder]:
 
 
 def test_replayed_packets_equal_the_stored_ones(contact):
-    """Names, device times, request ids, all values and lists, in order; events, commands and damaged data too."""
+    """The replay has the names, device times, request ids, values and lists of all stored packets in order, and the same
+    events, commands and counts of damaged data."""
     station, contact_id = contact
     items, decoder = items_of(station, contact_id)
     packets = [r.item for r in items if isinstance(r.item, Telemetry)]
@@ -77,24 +78,24 @@ def test_replayed_packets_equal_the_stored_ones(contact):
     assert decoder.foreign == 0
 
 
-def test_torn_and_invalid_ends_of_files_are_skipped(contact):
-    """A truncated record, a record of impossible length and an empty file lose only themselves."""
+def test_truncated_and_invalid_ends_of_files_are_skipped(contact):
+    """A truncated record, a record with an impossible length and an empty file are skipped, and all others are read."""
     station, contact_id = contact
     files = capture_files(station.folder, contact_id)
     assert len(files) >= 3
-    whole = list(read_captures(files))
-    torn = files[0].read_bytes()
-    files[0].write_bytes(torn[:-1])
+    all_records = list(read_captures(files))
+    file_bytes = files[0].read_bytes()
+    files[0].write_bytes(file_bytes[:-1])
     files[-1].write_bytes(files[-1].read_bytes() + RECORD.pack(1e9, RECEIVED, 0xFFFFFFFF) + b"x" * 50)
-    assert len(list(read_captures(files))) == len(whole) - 1
-    assert capture_span(files) == (whole[0][0], whole[-1][0])
+    assert len(list(read_captures(files))) == len(all_records) - 1
+    assert capture_span(files) == (all_records[0][0], all_records[-1][0])
     files[1].write_bytes(b"")
     items, _ = items_of(station, contact_id)
     assert any(isinstance(r.item, Telemetry) for r in items)
 
 
-class Sleeper:
-    """A clock that ``sleep`` advances."""
+class SleepingClock:
+    """Clock that ``sleep`` advances."""
 
     def __init__(self) -> None:
         self.now_s, self.slept = 0.0, 0.0
@@ -108,28 +109,28 @@ class Sleeper:
 
 
 def test_a_replay_takes_the_contacts_duration_divided_by_its_speed(contact):
-    """From the first to the last item, to the millisecond of the clock."""
+    """A replay takes the time from the first to the last item, divided by its speed, or no time without a speed."""
     station, contact_id = contact
     items, _ = items_of(station, contact_id)
     for speed in (0.1, 1.0, 7.0, 1000.0):
-        clock = Sleeper()
+        clock = SleepingClock()
         assert list(paced(iter(items), speed, clock, clock.sleep)) == items
         assert clock.slept == pytest.approx((items[-1].at_s - items[0].at_s) / speed, rel=1e-6)
-    clock = Sleeper()
+    clock = SleepingClock()
     assert list(paced(iter(items), None, clock, clock.sleep)) == items
     assert clock.slept == 0
 
 
 @pytest.fixture
 def view(contact):
-    """(station, contact id, replay)."""
+    """Station, contact id and replay."""
     station, contact_id = contact
     replay = CaptureReplay(station.dictionary, station.folder, station.telemetry.limits, station.bus, monotonic_s)
     yield station, contact_id, replay
     replay.stop()
 
 
-def ends(replay) -> None:
+def wait_for_end(replay) -> None:
     """Wait until the replay has ended."""
     limit_s = time.monotonic() + 30
     while replay.state.state in ("running", "paused"):
@@ -138,15 +139,13 @@ def ends(replay) -> None:
 
 
 def test_the_replay_publishes_on_separate_topics_and_stores_nothing(view):
-    """Topics replay, replay.telemetry, replay.command, replay.event; no new rows; the final status board equals the
-    live one.
-    """
+    """A replay publishes only on the topics of replays and stores no rows. Its final status board equals the live one."""
     station, contact_id, replay = view
     live = {(v.packet, v.name): v.value for v in station.telemetry.values()}
     before = len(station.telemetry.archive.packets(None, None, None, 100_000, None)), len(station.bus.after(0, 10_000))
     listener = station.bus.subscribe(lambda: None)
     replay.start(contact_id, None)
-    ends(replay)
+    wait_for_end(replay)
     messages, _ = listener.take()
     assert {m.topic for m in messages} == {"replay", "replay.telemetry", "replay.command", "replay.event"}
     assert all(m.seq is None for m in messages)
@@ -159,27 +158,26 @@ def test_the_replay_publishes_on_separate_topics_and_stores_nothing(view):
 
 
 def test_a_replay_is_paused_moved_and_stopped(view):
-    """A paused replay stays at its position, seeking works in both directions, a stopped one ends; an impossible replay
-    is rejected with the reason.
-    """
+    """A paused replay stays at its position, seeking works in both directions, and a stopped one ends. An invalid request
+    is rejected with the reason."""
     station, contact_id, replay = view
     first_s, last_s = capture_span(capture_files(station.folder, contact_id))
     replay.start(contact_id, 0.1)
     replay.change(paused=True)
-    held, limit_s = -1.0, time.monotonic() + 30
-    while replay.state.at_s != held:  # a step in progress may still end
+    position_s, limit_s = -1.0, time.monotonic() + 30
+    while replay.state.at_s != position_s:  # a step in progress may still complete
         assert time.monotonic() < limit_s
-        held = replay.state.at_s
+        position_s = replay.state.at_s
         time.sleep(0.3)
     middle_s = (first_s + last_s) / 2
-    for wanted_s in (middle_s, first_s + 1, last_s - 1):
-        replay.change(paused=False, at_s=wanted_s)
+    for target_s in (middle_s, first_s + 1, last_s - 1):
+        replay.change(paused=False, at_s=target_s)
         limit_s = time.monotonic() + 10
-        while abs((replay.state.at_s or 0) - wanted_s) > 0.5:
+        while abs((replay.state.at_s or 0) - target_s) > 0.5:
             assert time.monotonic() < limit_s, replay.state
             time.sleep(0.005)
     replay.change(as_fast_as_possible=True)
-    ends(replay)
+    wait_for_end(replay)
     assert replay.state.speed is None
     with pytest.raises(Conflict, match="no replay is running"):
         replay.change(paused=True)

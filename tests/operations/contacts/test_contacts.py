@@ -1,4 +1,4 @@
-"""Contacts from opening to closing: counters, gaps with their cause, notes, capture files."""
+"""Contacts from opening to closing: counters, gaps with their causes, notes and capture files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gss.store.models import Command, TelemetryPacket
 
 
 def test_a_contact_has_times_counters_packets_and_captures(station):
-    """Bytes of this contact alone; the next contact counts from zero."""
+    """A contact has its times, counters, packets and captures. The counters of the next contact start at zero."""
     first = station.open()
     station.command("GET_STATUS")
     station.listen(12)
@@ -40,15 +40,15 @@ def test_a_contact_has_times_counters_packets_and_captures(station):
     second = station.open()
     station.listen(3)
     station.close()
-    again = station.contacts.detail(second)
-    assert again.row.rx_bytes < detail.row.rx_bytes
+    second_detail = station.contacts.detail(second)
+    assert second_detail.row.rx_bytes < detail.row.rx_bytes
     assert [c.id for c, *_ in station.contacts.newest(10)] == [second, first]
     assert [c.id for c, *_ in station.contacts.newest(10, 1)] == [first]
     assert station.contacts.total() == 2
 
 
 def test_a_note_is_stored_with_its_author(station):
-    """A note on an unknown contact is rejected."""
+    """A note is stored and recorded with its author. A note on an unknown contact is rejected."""
     contact_id = station.open()
     assert station.contacts.note(contact_id, "first light", user="ann").row.note == "first light"
     assert any(e.text == f"ann noted on contact {contact_id}: first light" for e in station.bus.after(0, 1000))
@@ -59,7 +59,7 @@ def test_a_note_is_stored_with_its_author(station):
 
 
 def test_a_silence_is_a_span_with_a_cause(station):
-    """Six seconds without data give one silence, attributed to the line by the sequence counts."""
+    """Six seconds without data are one silence. Because of the sequence counts its cause is the line."""
     contact_id = station.open()
     station.listen(5)
     station.spoil = lambda data: b""
@@ -76,7 +76,7 @@ def test_a_silence_is_a_span_with_a_cause(station):
 
 
 def test_packets_received_on_a_full_disk_are_missing_because_of_the_disk(station):
-    """The check of the record names the server as the cause, not the line."""
+    """The cause of packets that were not stored on a full disk is the server, not the line."""
     contact_id = station.open()
     station.listen(5)
     station.room = False
@@ -90,16 +90,16 @@ def test_packets_received_on_a_full_disk_are_missing_because_of_the_disk(station
 
 
 def test_a_line_that_paused_and_then_delivered_everything_has_lost_nothing(station):
-    """Data that arrive seven seconds late give a silence with a stated cause and a record without a gap."""
+    """If data arrive seven seconds late, there is a silence with its cause and no gap."""
     contact_id = station.open()
     station.listen(4)
-    held: list[bytes] = []
-    station.spoil = lambda data: (held.append(data), b"")[1]
+    delayed: list[bytes] = []
+    station.spoil = lambda data: (delayed.append(data), b"")[1]
     station.listen(7)
 
     def release(data: bytes) -> bytes:
         station.spoil = lambda data: data
-        return b"".join(held) + data
+        return b"".join(delayed) + data
 
     station.spoil = release
     station.listen(4)
@@ -111,9 +111,8 @@ def test_a_line_that_paused_and_then_delivered_everything_has_lost_nothing(stati
 
 
 def test_every_gap_of_a_noisy_line_is_explained(station):
-    """With bit errors for a minute packets are missing, each gap has a cause, and stored plus missing packets equal
-    those sent.
-    """
+    """After a minute with bit errors, packets are missing, each gap has the line as its cause, and the number of expected
+    packets is correct."""
     contact_id = station.open()
     faults = LineFaults(FaultRates(bit_error_rate=2e-4), 1)
     station.spoil = faults.apply
@@ -130,7 +129,7 @@ def test_every_gap_of_a_noisy_line_is_explained(station):
 
 
 def test_a_restart_of_the_device_leaves_nothing_unexplained(station):
-    """RESET: the clock and the sequence counts restart, and no gap is attributed to the line."""
+    """A reset restarts clock and sequence counts. It is the cause of all gaps, and none is unexplained."""
     contact_id = station.open()
     station.listen(5)
     station.commands.send("RESET", {}, confirm="RESET", user="ann", source="form")
@@ -143,7 +142,7 @@ def test_a_restart_of_the_device_leaves_nothing_unexplained(station):
 
 
 def test_a_device_that_stops_sending_leaves_an_unexplained_gap(station):
-    """Nothing was lost on the line, so the gap has no known cause."""
+    """If the device sends no housekeeping and nothing was lost on the line, the gap has no known cause."""
     contact_id = station.open()
     station.listen(4)
     device, advance = station.sensor.device, station.sensor.device._send_housekeeping
@@ -157,7 +156,7 @@ def test_a_device_that_stops_sending_leaves_an_unexplained_gap(station):
 
 
 def test_closing_the_line_does_not_explain_an_earlier_silence(station):
-    """The device had stopped sending before the operator closed the line."""
+    """If the device stopped sending before the operator closed the line, the gap remains unexplained."""
     contact_id = station.open()
     station.listen(4)
     station.sensor.device._send_housekeeping = lambda request_id: None
@@ -168,7 +167,7 @@ def test_closing_the_line_does_not_explain_an_earlier_silence(station):
 
 
 def test_a_lost_line_ends_the_contact_and_is_the_cause(station):
-    """A disconnected cable ends the contact, the next contact is another one, and nothing is unexplained."""
+    """A disconnected cable ends the contact, and no gap is unexplained."""
     first = station.open()
     station.listen(3)
     station.sensor.cut = True
@@ -177,8 +176,8 @@ def test_a_lost_line_ends_the_contact_and_is_the_cause(station):
     assert station.contacts.detail(first).row.ended is not None
 
 
-def test_a_third_read_of_a_whole_contact_waits():
-    """Two requests read at the same time, another gets Busy after its wait, and can read when one of them has ended."""
+def test_a_third_concurrent_read_of_a_contact_waits():
+    """Two requests can read at the same time. A third gets Busy after its wait, and can read when one of them has ended."""
     limit = ReadLimit(2, wait_s=0.05)
     with limit.reading():
         with limit.reading(), pytest.raises(Busy, match="Too many requests read contacts"), limit.reading():
@@ -188,24 +187,24 @@ def test_a_third_read_of_a_whole_contact_waits():
 
 
 def test_capture_rotates_without_losing_a_byte(make_station):
-    """With small files there are several; they contain every byte of both directions in order and are all listed."""
+    """Several small capture files contain every byte of both directions in order, and all are listed."""
     station = make_station(Retention(file_bytes=1500, keep_bytes=1 << 30))
-    seen: list[bytes] = []
-    station.spoil = lambda data: (seen.append(data), data)[1]
+    received: list[bytes] = []
+    station.spoil = lambda data: (received.append(data), data)[1]
     contact_id = station.open()
     station.listen(20)
     station.close()
     files = capture_files(station.folder, contact_id)
     assert len(files) >= 3
     records = list(read_captures(files))
-    assert b"".join(d for _, way, d in records if way == 0) == b"".join(seen)
+    assert b"".join(d for _, way, d in records if way == 0) == b"".join(received)
     assert b"".join(d for _, way, d in records if way == 1) == b"".join(station.sensor.written)
     assert [at for at, _, _ in records] == sorted(at for at, _, _ in records)
     assert [c.file for c in station.contacts.detail(contact_id).captures] == [p.name for p in files]
 
 
 def test_deleted_captures_are_listed_as_deleted(make_station):
-    """Files that retention deleted are listed and marked as missing."""
+    """Capture files that retention deleted are listed and marked as missing."""
     station = make_station(Retention(file_bytes=1000, keep_bytes=3000))
     contact_id = station.open()
     station.listen(20)
@@ -217,7 +216,7 @@ def test_deleted_captures_are_listed_as_deleted(make_station):
 
 
 def test_the_report_counts_iterations_and_plots_their_series(station):
-    """A minute of the cycle: every iteration is counted, with quality and series over the contact."""
+    """The report of a contact counts every iteration and has the quality and series of the contact."""
     contact_id = station.open()
     station.command("START_CYCLE")
     station.listen(15)
@@ -263,7 +262,7 @@ def test_the_report_summarises_the_attitude_of_a_foreign_sensor(station, name):
 
 
 def test_a_contact_with_many_commands_lists_the_newest(station):
-    """The response stays bounded, and the totals are those of the whole contact."""
+    """Only the newest commands are listed, and the total is that of the complete contact."""
     contact_id = station.open()
     station.listen(2)
     row = {

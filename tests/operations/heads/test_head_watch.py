@@ -1,4 +1,4 @@
-"""Heads of a spacecraft followed from their attitudes: agreement, misalignment, alarms, history, and what is unknown."""
+"""Comparison of the heads of a spacecraft: agreement, misalignment, alarms, history, and unknown states."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def watch(book, database, alarms, clock) -> HeadWatch:
 
 
 class Body:
-    """A body that turns, with two heads that report in turn. ``misalignment_rad``: of head B, in body axes."""
+    """Rotating body with two heads that report alternately. ``misalignment_rad``: of head B, in body axes."""
 
     def __init__(self, watch: HeadWatch, clock: Any) -> None:
         self.watch, self.clock = watch, clock
@@ -81,8 +81,8 @@ class Body:
         noise = self._rng.normal(size=3) * np.array([cross, cross, roll]) * ARCSEC_RAD
         x, y, z, w = turned(quaternion_product(quaternion_inverse(mounting), body), noise)
         at = datetime.fromtimestamp(time_s, UTC)
-        made = {"source": "on board", "sigma_cross_arcsec": cross, "sigma_roll_arcsec": roll, "utc_sigma_s": 0.0}
-        return AttitudeSample(quaternion=(x, y, z, w), utc=at, **(made | values))
+        defaults = {"source": "on board", "sigma_cross_arcsec": cross, "sigma_roll_arcsec": roll, "utc_sigma_s": 0.0}
+        return AttitudeSample(quaternion=(x, y, z, w), utc=at, **(defaults | values))
 
     def run(self, seconds: int, units: str = "AB") -> None:
         for _ in range(seconds):
@@ -103,7 +103,7 @@ def open_heads(alarms: AlarmService) -> list[tuple[str, str, str]]:
 
 
 def test_heads_that_agree_are_fused(book, watch, body) -> None:
-    """Attitudes taken at different times of a turning body agree; fused, all three angles are known to a few arcseconds."""
+    """Attitudes of a rotating body at different times agree, and fusion gives all three angles within a few arcseconds."""
     book.create(request(), user="kim")
     body.run(40)
     (state,) = watch.states()
@@ -116,7 +116,8 @@ def test_heads_that_agree_are_fused(book, watch, body) -> None:
 
 
 def test_misalignment_raises_the_alarm_until_the_mounting_is_corrected(book, watch, body, alarms) -> None:
-    """60″ are found within their sigma and raise the alarms of agreement and of the limit; a corrected mounting agrees again."""
+    """A misalignment of 60″ is measured within its uncertainty and raises the alarms of agreement and limit. With a
+    corrected mounting the heads agree again."""
     setup = book.create(request(misalignment_limit_arcsec=30.0), user="kim")
     body.misalignment_rad = np.array([60.0, 0, 0]) * ARCSEC_RAD
     body.run(60)
@@ -139,7 +140,8 @@ def test_misalignment_raises_the_alarm_until_the_mounting_is_corrected(book, wat
 
 
 def test_one_head_alone_is_unknown(book, watch, body, alarms, clock) -> None:
-    """Nothing is known of the agreement when the other head is silent, and no alarm changes; with none there is no attitude."""
+    """If the other head is silent, the agreement is unknown and no alarm changes. If both are silent, there is no
+    attitude."""
     book.create(request(stale_s=5.0), user="kim")
     watch.step()
     assert watch.states()[0].verdict.state is None
@@ -158,7 +160,7 @@ def test_one_head_alone_is_unknown(book, watch, body, alarms, clock) -> None:
     assert open_heads(alarms) == []
 
 
-def test_an_attitude_without_sigma_is_refused_with_its_reason(book, watch, body, clock) -> None:
+def test_an_attitude_without_sigma_is_rejected_with_the_reason(book, watch, body, clock) -> None:
     """A head whose sensor reports no standard deviations is used only if the spacecraft states them."""
     book.create(request(), user="kim")
     watch.step()
@@ -188,7 +190,7 @@ def test_an_attitude_without_sigma_is_refused_with_its_reason(book, watch, body,
 def test_impossible_sigmas_of_a_faulty_sensor_do_not_stop_the_comparison(
     book, watch, body, clock, sigmas: tuple[float, float]
 ) -> None:
-    """Matrices of them cannot be inverted. The other head is followed, and the sentence names the faulty one."""
+    """A head with invalid standard deviations is excluded and named in the text. The other head is used."""
     book.create(request(), user="kim")
     watch.step()
     faulty = {"sigma_cross_arcsec": sigmas[0], "sigma_roll_arcsec": sigmas[1]}
@@ -207,15 +209,15 @@ def test_impossible_sigmas_of_a_faulty_sensor_do_not_stop_the_comparison(
 @pytest.mark.parametrize(
     "values", [{"name": " \t "}, {"name": "SAT\x1b[2J"}, {"heads": [HEAD_A | {"unit": "A\u202e"}]}]
 )
-def test_names_that_cannot_be_shown_are_refused(book, values: dict[str, Any]) -> None:
-    """Control characters would reach the terminals of others."""
+def test_unprintable_names_are_rejected(book, values: dict[str, Any]) -> None:
+    """Names with control characters, which would reach terminals of other users, are rejected."""
     with pytest.raises(GssError, match="name contains unprintable"):
         book.create(request(**values), user="kim")
 
 
-def test_why_attitudes_cannot_be_compared(book, watch, body, clock) -> None:
-    """The sentence names what each head lacks: standard deviations, a rate, or an attitude near that of the other head. A reference
-    head that cannot be used does not keep the others from being used."""
+def test_the_text_states_why_attitudes_cannot_be_compared(book, watch, body, clock) -> None:
+    """The text states what each head lacks: standard deviations, a rate, or an attitude near that of the other head. An
+    unusable reference head does not exclude the others."""
     setup = book.create(request(stale_s=60.0), user="kim")
     watch.step()
 
@@ -225,8 +227,8 @@ def test_why_attitudes_cannot_be_compared(book, watch, body, clock) -> None:
         clock.forward(100)
         watch.step()
         now_s = clock().timestamp()
-        for unit, at_s, more in samples:
-            watch.take(unit, [body.sample(unit, now_s + at_s, **more)])
+        for unit, at_s, sample_values in samples:
+            watch.take(unit, [body.sample(unit, now_s + at_s, **sample_values)])
         clock.forward(9)
         watch.step()
         return watch.states()[0].verdict.text
@@ -243,28 +245,28 @@ def test_why_attitudes_cannot_be_compared(book, watch, body, clock) -> None:
 
 
 def test_history_is_stored_and_continued(book, watch, body, database, alarms, clock) -> None:
-    """Comparisons are stored every ten seconds; after a restart the estimate continues from the newest one. Deleting the
-    spacecraft deletes them and clears its alarms."""
+    """Comparisons are stored every ten seconds. After a restart the estimate continues from the newest one. When the
+    spacecraft is removed, its alarms are cleared."""
     setup = book.create(request(), user="kim")
     body.misalignment_rad = np.array([90.0, 0, 0]) * ARCSEC_RAD
     begun = clock()
     body.run(60)
     with database.unit_of_work() as session:
         rows = store.pairs_between(session, setup.id, begun, clock(), 100)
-        few = store.pairs_between(session, setup.id, begun, clock(), 3)
+        limited = store.pairs_between(session, setup.id, begun, clock(), 3)
         fused = session.scalar(select(func.count()).select_from(FusedRow))
-    assert (fused, len(rows), len(few)) == (6, 5, 2)  # at the first time the rate of head B was not known
+    assert (fused, len(rows), len(limited)) == (6, 5, 2)  # at the first time the rate of head B was unknown
     assert np.allclose(np.diag(estimate_of(rows[-1]).covariance), np.array(rows[-1].covariance)[[0, 6, 11, 15, 18, 20]])
-    again = HeadWatch(book, database, alarms, clock)
-    body.watch = again
+    restarted = HeadWatch(book, database, alarms, clock)
+    body.watch = restarted
     body.run(8)
-    (pair,) = again.states()[0].result.pairs
+    (pair,) = restarted.states()[0].result.pairs
     assert pair.misalignment.samples > rows[-1].samples
     assert open_heads(alarms)
     book.remove(setup.id, user="kim")
-    again.refresh()
-    again.step()
-    assert again.states() == []
+    restarted.refresh()
+    restarted.step()
+    assert restarted.states() == []
     assert {alarm[1:] for alarm in open_heads(alarms)} == {("ok", "cleared")}
 
 
@@ -280,14 +282,15 @@ def test_history_is_stored_and_continued(book, watch, body, database, alarms, cl
         ({"tolerance_s": 0.0}, "tolerance_s"),
     ],
 )
-def test_wrong_values_are_named(values: dict[str, Any], words: str) -> None:
-    """The message names the value and what is expected."""
+def test_invalid_values_are_rejected_with_their_names(values: dict[str, Any], words: str) -> None:
+    """A request with an invalid value is rejected with its name and the expected value."""
     with pytest.raises(GssError, match=words):
         request(**values)
 
 
 def test_names_and_units_are_used_once(book) -> None:
-    """A unit is on one spacecraft only; an unknown spacecraft is an error. A quaternion is the same mounting as its angles."""
+    """A name and a unit can be used by one spacecraft only. An unknown spacecraft is rejected. A mounting quaternion is
+    equal to its angles."""
     first = book.create(request(), user="kim")
     with pytest.raises(Conflict, match="name exists"):
         book.create(request(name="sat", heads=[HEAD_A | {"unit": "C"}]), user="kim")

@@ -33,7 +33,7 @@ MB = 1 << 20
 
 @dataclass
 class UpkeepStore:
-    """Services on one folder, and a disk whose free space the test sets."""
+    """Services with one folder and a disk whose free space the test sets."""
 
     folder: Path
     database: Database
@@ -111,14 +111,14 @@ class UpkeepStore:
             self.add_frame(bytes([k]) * 500, age_days=10 - k)
 
     def blob_path(self, content: bytes) -> Path:
-        """Return the path of those bytes."""
+        """Return the path of a blob with this content."""
         key = hashlib.sha256(content).hexdigest()
         return self.folder / "blobs" / key[:2] / key[2:]
 
 
 @pytest.fixture
 def store(database, bus, clock, tmp_path) -> Iterator[UpkeepStore]:
-    """An empty store."""
+    """Empty store."""
     blobs, jobs = BlobStore(str(tmp_path / "blobs")), JobService(database, bus, clock, lambda _: None)
     link = LinkService(
         load_dictionary(),

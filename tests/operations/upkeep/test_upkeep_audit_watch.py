@@ -14,7 +14,7 @@ from gss.operations.upkeep.audit_watch import AuditWatch
 
 @pytest.fixture
 def audit(store) -> AuditService:
-    """A log with three rows."""
+    """Audit log with three rows."""
     service = AuditService(store.database, store.clock, AnchorFile(store.folder / ANCHORS))
     service.begin_anchors()
     for number in range(3):
@@ -24,14 +24,14 @@ def audit(store) -> AuditService:
 
 @pytest.fixture
 def alarms(store, bus) -> AlarmService:
-    """The alarms of a server on that store."""
+    """Alarm service of a server with this store."""
     dictionary = store.link.dictionary
     telemetry = TelemetryService(dictionary, store.database, bus, store.clock, lambda: None, lambda: True)
     return AlarmService(dictionary, telemetry, store.link, store.database, bus, store.clock)
 
 
-def cut(store, seq: int) -> None:
-    """Remove the newest rows, and put the triggers back so that only the anchors show it."""
+def truncate_log(store, seq: int) -> None:
+    """Remove the newest rows and restore the trigger, so that only the anchors reveal it."""
     removal = f"DELETE FROM audit WHERE seq >= {seq}"  # noqa: S608 - a number of this test
     with store.database.engine.begin() as connection:
         trigger = connection.execute(text("SELECT sql FROM sqlite_master WHERE name = 'audit_no_delete'")).scalar_one()
@@ -52,8 +52,8 @@ def raised(alarms: AlarmService) -> list[tuple[str, str, bool]]:
 
 
 def test_a_log_truncated_while_the_server_was_stopped_raises_an_alarm_at_start(store, audit, alarms):
-    """Also after rows of the next start took the numbers of the removed ones; the alarm ends when the log is accepted."""
-    cut(store, 2)
+    """The alarm is raised also if new rows have the numbers of the removed ones, and is cleared when the log is accepted."""
+    truncate_log(store, 2)
     for number in range(4):
         audit.record("eve", "x.y", str(number), "done")
     watch = AuditWatch(audit, alarms)
@@ -69,12 +69,12 @@ def test_a_log_truncated_while_the_server_was_stopped_raises_an_alarm_at_start(s
 
 
 def test_a_log_truncated_while_the_server_runs_raises_an_alarm(store, audit, alarms):
-    """The comparison with the newest anchor is enough."""
+    """The comparison with the newest anchor detects the truncation and raises the alarm."""
     watch = AuditWatch(audit, alarms)
     watch.verify()
     watch.compare()
     assert (watch.problem, raised(alarms)) == ("", [])
-    cut(store, 3)
+    truncate_log(store, 3)
     watch.compare()
     assert raised(alarms) == [("Audit log", "critical", True)]
     assert "row 3" in watch.problem

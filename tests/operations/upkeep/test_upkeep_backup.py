@@ -1,4 +1,4 @@
-"""Backups: complete or absent, verified before anything is restored, and usable by a server afterwards."""
+"""Backups are complete or absent, verified before a restore, and usable by a server afterwards."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ def flip(path: Path) -> None:
     path.write_bytes(data)
 
 
-def opened(folder: Path) -> Database:
+def open_database(folder: Path) -> Database:
     return Database(open_engine(f"sqlite:///{folder / 'gss.db'}"))
 
 
 def test_a_backup_is_restored_completely(store, clock, tmp_path):
-    """Rows, bytes and captures are the same; the restored store passes its own check."""
+    """A restored store has the same rows, blobs and captures as the original, and passes the check of the store."""
     store.fill()
     made = store.backups.make()
     done = restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
-    database = opened(tmp_path / "new")
+    database = open_database(tmp_path / "new")
     assert rows(database) == rows(store.database)
     blobs = BlobStore(str(tmp_path / "new" / "blobs"))
     audit = AuditService(database, clock, AnchorFile(tmp_path / "new" / ANCHORS))
@@ -57,20 +57,19 @@ def test_a_backup_is_restored_completely(store, clock, tmp_path):
     database.close()
 
 
-def test_command_ids_restart_after_all_that_may_have_been_sent(store, clock, tmp_path):
-    """The record lacks commands sent after the backup; the device would answer an id that it still stores with an old
-    result.
-    """
+def test_command_ids_after_a_restore_are_above_all_used_ones(store, clock, tmp_path):
+    """After a restore, command ids start at a higher number, because the backup lacks commands that were sent later and
+    the device would return their stored results."""
     made = store.backups.make()
     restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
-    database = opened(tmp_path / "new")
+    database = open_database(tmp_path / "new")
     with database.unit_of_work() as session:
         assert commands.last_request_id(session) == NEW_IDS
     database.close()
 
 
 def test_the_second_backup_copies_only_new_bytes_and_old_ones_are_deleted(store, clock, tmp_path):
-    """Bytes are stored once for all backups; they are deleted with the last backup that needs them."""
+    """Blobs are stored once for all backups, and are deleted with the last backup that needs them."""
     store.fill()
     first = store.backups.make()
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "backups" / "blobs").rglob("*") if p.is_file()}
@@ -87,7 +86,7 @@ def test_the_second_backup_copies_only_new_bytes_and_old_ones_are_deleted(store,
 
 
 def test_a_damaged_file_in_the_backups_is_copied_again(store, clock, tmp_path):
-    """The next backup reads the bytes of earlier ones; a changed bit of the same size is detected and recorded."""
+    """The next backup detects a damaged blob of earlier backups, copies it again and records an event."""
     store.fill()
     store.backups.make()
     key = hashlib.sha256(bytes([1]) * 500).hexdigest()
@@ -103,7 +102,7 @@ def test_a_damaged_file_in_the_backups_is_copied_again(store, clock, tmp_path):
 
 
 def test_all_content_of_a_backup_is_on_disk_before_it_is_renamed(store, tmp_path, monkeypatch):
-    """Files and folders of the pool are synchronised, and only then the backup is renamed."""
+    """All files and folders of the blobs are synchronised before the backup is renamed."""
     store.fill()
     synced, really = [], backup._sync_one
 
@@ -114,12 +113,15 @@ def test_all_content_of_a_backup_is_on_disk_before_it_is_renamed(store, tmp_path
     monkeypatch.setattr(backup, "_sync_one", sync)
     made = store.backups.make()
     pool = tmp_path / "backups" / "blobs"
-    wanted = {pool / key[:2] / key[2:] for key in made.blobs}
-    assert wanted | {path.parent for path in wanted} | {pool} <= {path for path, named in synced if not named}
+    expected_paths = {pool / key[:2] / key[2:] for key in made.blobs}
+    assert expected_paths | {path.parent for path in expected_paths} | {pool} <= {
+        path for path, named in synced if not named
+    }
 
 
 def test_no_credential_of_the_backup_is_valid_after_a_restore(store, clock, tmp_path):
-    """What was revoked after the backup must stay revoked: sessions are ended, links void, tokens revoked; users stay."""
+    """After a restore all sessions are ended, links are invalid and tokens revoked, because they may have been revoked
+    after the backup. Users are kept."""
     at, later = clock(), clock() + timedelta(days=9)
     with store.database.unit_of_work() as session:
         user = User(name="ann", role="admin", enabled=True, password_hash="x", created=at, created_by="t")
@@ -133,7 +135,7 @@ def test_no_credential_of_the_backup_is_valid_after_a_restore(store, clock, tmp_
     made = store.backups.make()
     clock.forward(60)
     restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
-    database = opened(tmp_path / "new")
+    database = open_database(tmp_path / "new")
     with database.unit_of_work() as session:
         (sign_in,), (link,), (token,) = (
             session.scalars(select(made)).all() for made in (SignIn, OneTimeLink, ApiToken)
@@ -146,14 +148,14 @@ def test_no_credential_of_the_backup_is_valid_after_a_restore(store, clock, tmp_
 
 
 def test_the_tar_file_can_be_restored_like_the_folder(store, clock, tmp_path):
-    """The backup that the page downloads can be restored."""
+    """The tar file of a backup can be restored. A truncated one is rejected."""
     store.fill()
     made = store.backups.make()
     file = tmp_path / "elsewhere" / "backup.tar"
     file.parent.mkdir()
     file.write_bytes(b"".join(store.backups.archive(made.name)))
     restore(file, tmp_path / "new", clock)
-    database = opened(tmp_path / "new")
+    database = open_database(tmp_path / "new")
     assert rows(database) == rows(store.database)
     database.close()
     cut = tmp_path / "elsewhere" / "cut.tar"
@@ -165,12 +167,13 @@ def test_the_tar_file_can_be_restored_like_the_folder(store, clock, tmp_path):
 
 @pytest.mark.parametrize("what", ["database", "blob", "manifest", "gone", "newer", "not a backup", "full folder"])
 def test_an_incomplete_backup_is_rejected_and_nothing_is_restored(store, clock, tmp_path, what):
-    """One wrong bit anywhere, a missing file, a newer version, a target folder that is not empty."""
+    """A backup with a wrong bit, a missing file or a newer version is rejected, and so is a target folder that is not
+    empty."""
     store.fill()
     made = store.backups.make()
     folder = tmp_path / "backups" / made.name
     blob = next(p for p in (tmp_path / "backups" / "blobs").rglob("*") if p.is_file())
-    wanted: type[GssError] = CorruptData
+    error: type[GssError] = CorruptData
     if what == "database":
         flip(folder / "gss.db")
     elif what == "blob":
@@ -179,29 +182,29 @@ def test_an_incomplete_backup_is_rejected_and_nothing_is_restored(store, clock, 
         flip(folder / "manifest.json")
     elif what == "gone":
         blob.unlink()
-        wanted = NotFound
+        error = NotFound
     elif what == "newer":
         record = json.loads((folder / "manifest.json").read_bytes()) | {"schema": "9999"}
         data = json.dumps(record).encode()
         (folder / "manifest.json").write_bytes(data)
         (folder / "manifest.sha256").write_text(hashlib.sha256(data).hexdigest() + "  manifest.json\n")
-        wanted = BadInput
+        error = BadInput
     elif what == "not a backup":
         (folder / "manifest.json").unlink()
-        wanted = NotFound
+        error = NotFound
     else:
         (tmp_path / "new").mkdir()
         (tmp_path / "new" / "gss.db").write_bytes(b"of another program")
-        wanted = Conflict
-    with pytest.raises(wanted):
+        error = Conflict
+    with pytest.raises(error):
         restore(folder, tmp_path / "new", clock)
-    left = [p.name for p in (tmp_path / "new").rglob("*")] if (tmp_path / "new").exists() else []
-    assert left == (["gss.db"] if what == "full folder" else [])
+    files_left = [p.name for p in (tmp_path / "new").rglob("*")] if (tmp_path / "new").exists() else []
+    assert files_left == (["gss.db"] if what == "full folder" else [])
     assert not list(tmp_path.glob(".new*"))
 
 
 def test_a_manifest_or_tar_with_paths_is_rejected(store, clock, tmp_path):
-    """No name in a backup can write outside the new folder."""
+    """Names with paths in a tar file or manifest are rejected, so that no file outside the new folder is written."""
     evil = tmp_path / "evil.tar"
     for name in ("../evil", "/etc/evil", "2026-01-01T000000Z/../../evil", "blobs/ab/../../evil"):
         with tarfile.open(evil, "w") as tar:
@@ -220,17 +223,17 @@ def test_a_manifest_or_tar_with_paths_is_rejected(store, clock, tmp_path):
 
 
 def test_any_invalid_seal_or_manifest_is_rejected_with_a_message(store, clock, tmp_path):
-    """Empty, no text, no JSON, too deep, or values of another kind: errors of GSS, never one of Python's."""
+    """An invalid seal or manifest raises an error of GSS with a message, and nothing is restored."""
     store.fill()
     made = store.backups.make()
     folder = tmp_path / "backups" / made.name
     manifest, seal = folder / "manifest.json", folder / "manifest.sha256"
-    whole, sealed = manifest.read_bytes(), seal.read_bytes()
-    for damaged in (b"", b"   \n", b"\xff\xfe", sealed[:10]):
+    valid_manifest, valid_seal = manifest.read_bytes(), seal.read_bytes()
+    for damaged in (b"", b"   \n", b"\xff\xfe", valid_seal[:10]):
         seal.write_bytes(damaged)
         with pytest.raises(CorruptData):
             restore(folder, tmp_path / "new", clock)
-    record = json.loads(whole)
+    record = json.loads(valid_manifest)
     fields = ("name", "created", "version", "schema", "kind", "database_bytes", "database_sha256", "blobs", "captures")
     other = [{name: value} for name in fields for value in (None, [], {"a": 1}, "\n", -1, ["x"])]
     bytes_of = [json.dumps(record | change).encode() for change in other if change != {"version": "\n"}]
@@ -245,7 +248,7 @@ def test_any_invalid_seal_or_manifest_is_rejected_with_a_message(store, clock, t
 
 
 def test_a_backup_is_not_restored_among_the_backups(store, clock, tmp_path):
-    """Not into itself, a folder in it, or beside it: a search for backups there would find a data folder."""
+    """A restore into the folder of backups or below it is rejected, because it would be listed as a backup."""
     store.fill()
     made = store.backups.make()
     backups = tmp_path / "backups"
@@ -257,12 +260,12 @@ def test_a_backup_is_not_restored_among_the_backups(store, clock, tmp_path):
 
 @pytest.mark.parametrize("when", ["Copying", "0 of", "3 of", "Writing"])
 def test_a_backup_killed_while_it_is_made_is_absent_and_the_next_one_cleans_up(store, clock, tmp_path, when):
-    """It gets its name only when it is complete."""
+    """A backup gets its name only when it is complete, so that a partial one is not listed. The next backup removes it."""
     store.fill()
 
     def until(_done, _total, text):
         if when in text:
-            # kill -9 leaves everything as it is at this time; the next server finds a copy of it
+            # The next server gets a copy of the folder at this time, as after kill -9.
             shutil.copytree(tmp_path / "backups", tmp_path / "left")
             raise Cancelled
 
@@ -277,9 +280,9 @@ def test_a_backup_killed_while_it_is_made_is_absent_and_the_next_one_cleans_up(s
 
 
 def test_an_unavailable_store_ends_the_backup(store, monkeypatch):
-    """A backup without the store's bytes must not count as one, and older ones must not be deleted for it."""
+    """If the store does not respond, no backup is created, and older ones are kept."""
     store.fill()
-    whole = store.backups.make()
+    first_backup = store.backups.make()
     store.add_frame(b"n" * 77, age_days=0)
 
     def silent(key):
@@ -288,11 +291,11 @@ def test_an_unavailable_store_ends_the_backup(store, monkeypatch):
     monkeypatch.setattr(store.blobs, "get", silent)
     with pytest.raises(StoreDown, match="does not respond"):
         store.backups.make()
-    assert [made.name for made in store.backups.every()] == [whole.name]
+    assert [made.name for made in store.backups.every()] == [first_backup.name]
 
 
 def test_two_simultaneous_backups_are_rejected_and_a_full_disk_makes_none(store, tmp_path):
-    """One at a time; none if it would leave too little free space."""
+    """A second simultaneous backup is rejected, and so is a backup that would leave too little free space."""
     store.fill()
 
     def again(_done, _total, text):
@@ -308,7 +311,8 @@ def test_two_simultaneous_backups_are_rejected_and_a_full_disk_makes_none(store,
 
 
 def test_the_check_of_the_store_reports_each_kind_of_damage(store, tmp_path):
-    """Missing and damaged bytes, wrong sizes, left-overs, torn and short captures, broken references, a damaged page."""
+    """The check of the store reports missing, damaged and unused files, wrong sizes, truncated and short captures, and
+    broken references."""
     store.fill()
     captures, audit = tmp_path / "captures", AuditService(store.database, store.clock, AnchorFile(tmp_path / ANCHORS))
     assert check_store(store.database, store.blobs, captures, audit).whole
@@ -321,8 +325,8 @@ def test_the_check_of_the_store_reports_each_kind_of_damage(store, tmp_path):
         connection.exec_driver_sql("PRAGMA foreign_keys=OFF")
         connection.exec_driver_sql("UPDATE frames SET contact_id = 99, columns = 400 WHERE id = 4")
         connection.commit()
-    found = {f.name: f for f in check_store(store.database, store.blobs, captures, audit).findings}
-    states = {name: f.state for name, f in found.items()}
+    findings = {f.name: f for f in check_store(store.database, store.blobs, captures, audit).findings}
+    states = {name: f.state for name, f in findings.items()}
     assert states == {
         "database": "ok",
         "schema": "ok",
@@ -336,4 +340,4 @@ def test_the_check_of_the_store_reports_each_kind_of_damage(store, tmp_path):
         "short captures": "error",
         "audit": "ok",
     }
-    assert found["missing files"].examples[0].startswith("frame 2")
+    assert findings["missing files"].examples[0].startswith("frame 2")

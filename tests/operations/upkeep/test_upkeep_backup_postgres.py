@@ -1,4 +1,4 @@
-"""A backup of a PostgreSQL database is its own dump, and is restored completely into an empty database."""
+"""A backup of a PostgreSQL database is a dump, which is restored completely into an empty database."""
 
 from __future__ import annotations
 
@@ -33,8 +33,11 @@ def urls(postgres_url: str) -> Iterator[tuple[str, str]]:
         for name in names:
             connection.execute(text(f"DROP DATABASE IF EXISTS {name} WITH (FORCE)"))
             connection.execute(text(f"CREATE DATABASE {name}"))
-        made = [make_url(postgres_url).set(database=name, password=PASSWORD) for name in names]
-        yield made[0].render_as_string(hide_password=False), made[1].render_as_string(hide_password=False)
+        database_urls = [make_url(postgres_url).set(database=name, password=PASSWORD) for name in names]
+        yield (
+            database_urls[0].render_as_string(hide_password=False),
+            database_urls[1].render_as_string(hide_password=False),
+        )
         for name in names:
             connection.execute(text(f"DROP DATABASE {name} WITH (FORCE)"))
     engine.dispose()
@@ -42,7 +45,7 @@ def urls(postgres_url: str) -> Iterator[tuple[str, str]]:
 
 @pytest.fixture
 def database(urls: tuple[str, str]) -> Iterator[Database]:
-    """The first of them, at the newest schema."""
+    """First of the two databases, with the newest schema."""
     migrate(urls[0])
     database = Database(open_engine(urls[0]))
     yield database
@@ -51,7 +54,7 @@ def database(urls: tuple[str, str]) -> Iterator[Database]:
 
 @pytest.fixture
 def filled(store: Any, urls: tuple[str, str], clock: Any, tmp_path: Path) -> Any:
-    """The store of the other backup tests on that database, with an audit entry and an active session."""
+    """Store of the backup tests with this database, with an audit entry and an active session."""
     store.backups._url = urls[0]
     store.fill()
     store.add_packets("housekeeping", 5, age_days=1, every_s=1.0, request_id=0xFFFF_FFFE)
@@ -68,21 +71,22 @@ def filled(store: Any, urls: tuple[str, str], clock: Any, tmp_path: Path) -> Any
 
 
 def content(database: Database) -> dict[str, list[Any]]:
-    """Return every row of every table except those that a restore changes on purpose."""
+    """Return every row of every table except those that a restore changes intentionally."""
     changed = {"choices", "commands", "sign_ins", "one_time_links", "api_tokens"}
-    found = {}
+    rows = {}
     with database.unit_of_work() as session:
         tables = "SELECT tablename FROM pg_tables WHERE schemaname = 'public' ORDER BY 1"
         for (name,) in session.execute(text(tables)).all():
             if name not in changed:
-                found[name] = sorted(str(tuple(row)) for row in session.execute(text(f"SELECT * FROM {name}")))  # noqa: S608
-    return found
+                rows[name] = sorted(str(tuple(row)) for row in session.execute(text(f"SELECT * FROM {name}")))  # noqa: S608
+    return rows
 
 
 def test_a_postgresql_database_is_restored_completely(
     filled: Any, urls: tuple[str, str], clock: Any, tmp_path: Path
 ) -> None:
-    """Rows, bytes, captures, counters and the audit log's triggers; sessions are ended, and command ids restart."""
+    """Rows, blobs, captures, counters and the audit log's triggers are restored. Sessions are ended, and command ids
+    restart at a higher number."""
     made = filled.backups.make()
     folder = tmp_path / "backups" / made.name
     assert (made.kind, made.database) == ("postgresql", "gss.sql")
@@ -110,10 +114,10 @@ def test_a_postgresql_database_is_restored_completely(
     with database.unit_of_work() as session:
         old = session.get(Frame, newest)
         columns = {c.name: getattr(old, c.name) for c in Frame.__table__.columns if c.name != "id"}
-        again = Frame(**columns)
-        session.add(again)
+        copied = Frame(**columns)
+        session.add(copied)
         session.flush()
-        assert again.id == newest + 1
+        assert copied.id == newest + 1
     database.close()
     with pytest.raises(Conflict, match="not empty"):
         restore(folder, tmp_path / "other", clock, database_url=urls[1])
@@ -121,7 +125,7 @@ def test_a_postgresql_database_is_restored_completely(
 
 
 def test_an_unreachable_server_leaves_no_backup_and_no_password(filled: Any, tmp_path: Path) -> None:
-    """The server's message is reported, and the partial backup is removed."""
+    """If the server is unreachable, its message is reported without the password, and the partial backup is removed."""
     url = make_url(filled.backups._url).set(port=1)
     filled.backups._url = url.render_as_string(hide_password=False)
     with pytest.raises(StoreDown, match="pg_dump failed") as refused:
@@ -133,9 +137,7 @@ def test_an_unreachable_server_leaves_no_backup_and_no_password(filled: Any, tmp
 def test_a_socket_and_encryption_in_the_url_apply_to_the_dump_too(
     filled: Any,
 ) -> None:
-    """The address may be in the query, as for a Unix socket; a host that requires encryption is not contacted
-    unencrypted.
-    """
+    """A dump uses the address in the URL's query, as for a Unix socket, and its setting for encryption."""
     url = make_url(filled.backups._url)
     port = str(url.port)
     by_query = url.set(host=None, port=None).update_query_dict({"host": str(url.host), "port": port})

@@ -1,4 +1,4 @@
-"""Jumps of the server's and the device's clock: no false alarm, no hidden silence, no false gap, no wrong time."""
+"""Clock jumps of server and device cause no false alarms or gaps, hide no silence, and give no wrong times."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ JUMPS = pytest.mark.parametrize("jump_s", [DAY_S, -HOUR_S], ids=["a day forward"
 
 
 class ClockHarness:
-    """Everything that stores times, on an open link, with a wall clock that can be set and a monotonic one."""
+    """All services that store times, with an open link, a wall clock that can be set and a monotonic clock."""
 
     def __init__(self, database, bus, clock, folder) -> None:
         self.clock, self.database, self.bus, self.mono_s, self.device_s = clock, database, bus, 50.0, 1000.0
@@ -93,7 +93,7 @@ def harness(database, bus, clock, tmp_path):
 
 @JUMPS
 def test_a_clock_jump_is_reported_without_alarms_or_stale_values(harness, jump_s):
-    """While packets arrive each second the only effect of the jump is an event."""
+    """If packets arrive each second, the only effect of a clock jump is an event."""
     harness.live(10)
     harness.clock.forward(jump_s)
     harness.tick()
@@ -107,7 +107,7 @@ def test_a_clock_jump_is_reported_without_alarms_or_stale_values(harness, jump_s
 
 @JUMPS
 def test_silence_is_detected_as_fast_as_without_the_jump(harness, jump_s):
-    """A clock set back by an hour must not hide an hour of silence."""
+    """Loss of signal is detected as fast as without a clock jump."""
     harness.live(10)
     harness.clock.forward(jump_s)
     harness.live(int(SIGNAL_LOST_AFTER_S), received=False)
@@ -122,7 +122,8 @@ def test_silence_is_detected_as_fast_as_without_the_jump(harness, jump_s):
 
 @JUMPS
 def test_the_correlation_of_the_clocks_restarts_after_a_jump(harness, jump_s):
-    """No command is planned with times of two clocks; three packets later the correlation is valid again."""
+    """After a clock jump the correlation is invalid, so that no command is planned with it, and is valid again after four
+    packets."""
     harness.live(30)
     before = harness.schedule.clock()
     assert before.utc_of(harness.device_s) == pytest.approx(harness.clock().timestamp(), abs=0.2)
@@ -134,7 +135,7 @@ def test_the_correlation_of_the_clocks_restarts_after_a_jump(harness, jump_s):
 
 
 def test_a_jump_of_the_devices_clock_restarts_the_correlation_too(harness):
-    """Forward by a day and back by an hour on board, without a report from the device."""
+    """After a jump of the device's clock without a report, the correlation follows the new time."""
     for jump_s in (DAY_S, -HOUR_S):
         harness.live(10)
         harness.device_s += jump_s
@@ -145,9 +146,8 @@ def test_a_jump_of_the_devices_clock_restarts_the_correlation_too(harness):
 
 @JUMPS
 def test_the_record_of_a_contact_over_a_jump_is_complete(harness, jump_s):
-    """The device's clock shows that nothing is missing; packets really missing after the jump are still detected; no
-    contact ends before it began.
-    """
+    """A clock jump causes no gap in the record of a contact, packets missing after it are detected, and the contact does
+    not end before its start."""
     harness.live(20)
     harness.clock.forward(jump_s)
     harness.live(20)
@@ -167,19 +167,19 @@ def test_the_record_of_a_contact_over_a_jump_is_complete(harness, jump_s):
 
 @JUMPS
 def test_plots_over_a_jump_have_every_value_in_order(harness, jump_s):
-    """The archive returns ascending times, each value once."""
+    """A plot over a clock jump has ascending times and each value once."""
     harness.live(20)
     harness.clock.forward(jump_s)
     harness.live(20)
     span = timedelta(days=3)
-    found = harness.telemetry.archive.history(["uptime_s"], harness.clock() - span, harness.clock() + span, 500)
-    times = list(found[0].t)
+    series = harness.telemetry.archive.history(["uptime_s"], harness.clock() - span, harness.clock() + span, 500)
+    times = list(series[0].t)
     assert times == sorted(times)
     assert len(times) == 40
 
 
 def test_gaps_caused_by_retention_have_their_cause(harness):
-    """Thinned packets do not count as lost on the link."""
+    """A gap of packets that retention may have removed has retention as its cause."""
     harness.live(5)
     harness.live(9, received=False)
     harness.live(5)
@@ -190,7 +190,7 @@ def test_gaps_caused_by_retention_have_their_cause(harness):
 
 
 def test_small_clock_corrections_are_not_jumps(harness):
-    """Regular corrections by a time service are not reported."""
+    """Corrections of 0.4 s, as by a time service, are not reported as jumps."""
     for _ in range(20):
         harness.live(1)
         harness.clock.forward(0.4)

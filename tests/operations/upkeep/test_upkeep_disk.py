@@ -44,7 +44,7 @@ SIZE = 2 << 20
 
 
 class SmallDisk:
-    """A folder of limited size: a tmpfs if this process may mount one; otherwise the size of each file is limited."""
+    """Folder of limited size: a tmpfs if this process may mount one, otherwise with a limit on the size of each file."""
 
     def __init__(self, folder: Path, mounted: bool) -> None:
         self.folder, self._mounted = folder, mounted
@@ -74,8 +74,8 @@ class SmallDisk:
 
 
 def free_bytes(folder: Path) -> int:
-    found = os.statvfs(folder)
-    return found.f_bavail * found.f_frsize
+    status = os.statvfs(folder)
+    return status.f_bavail * status.f_frsize
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def small_disk(tmp_path) -> Iterator[SmallDisk]:
 
 
 def test_a_capture_on_a_full_disk_has_complete_records_and_continues(small_disk):
-    """A record that does not fit leaves no part of itself; the next one that fits is written."""
+    """A record that does not fit leaves no partial record, and the next one that fits is written."""
     capture = RawCapture(small_disk.folder, 1, Retention(1 << 20, 1 << 20))
     capture.write(1.0, RECEIVED, b"before" * 10)
     with small_disk.full():
@@ -105,7 +105,7 @@ def test_a_capture_on_a_full_disk_has_complete_records_and_continues(small_disk)
 
 
 def test_a_contact_survives_a_full_disk_and_the_loss_is_reported(small_disk, sensor_in_memory, database, bus, clock):
-    """The link continues without its capture; the missing bytes are counted, announced and raise an alarm."""
+    """On a full disk the link continues without its capture. Missing bytes are counted, reported and raise an alarm."""
     sensor = sensor_in_memory()
     events = LineEventQueue(clock, sensor.monotonic_s)
     link = LinkService(
@@ -160,9 +160,9 @@ def housekeeping(k: int) -> tuple[Telemetry]:
 
 
 def test_a_database_on_a_full_disk_loses_no_row_and_values_continue(small_disk, clock, tmp_path):
-    """Telemetry is judged and shown without a store; packets not stored are counted; the file stays intact."""
+    """On a full disk telemetry is displayed, packets that are not stored are counted, and the database file is intact."""
     url = f"sqlite:///{small_disk.folder / 'gss.db'}"
-    # First the pages that the file needs for its schema; then the disk is full.
+    # The schema is created before the disk is full.
     migrate(url)
     database = Database(open_engine(url))
     bus = EventBus(database, clock)
@@ -188,17 +188,17 @@ def test_a_database_on_a_full_disk_loses_no_row_and_values_continue(small_disk, 
 
 
 def test_bytes_on_a_full_disk_are_rejected_and_leave_no_partial_file(small_disk):
-    """A frame that does not fit is absent; the others are stored."""
+    """A blob that does not fit is rejected and leaves no partial file. Others are stored."""
     blobs = BlobStore(str(small_disk.folder / "blobs"))
-    kept = blobs.put(b"kept" * 1000)
+    stored_key = blobs.put(b"kept" * 1000)
     with small_disk.full(), pytest.raises(StoreDown, match="read or written"):
         blobs.put(bytes(range(256)) * 2000)
-    assert blobs.get(kept) == b"kept" * 1000
-    assert list(blobs.keys()) == [kept]
+    assert blobs.get(stored_key) == b"kept" * 1000
+    assert list(blobs.keys()) == [stored_key]
 
 
 def test_large_jobs_stop_before_the_disk_is_full_and_retention_does_not(database, bus, clock, tmp_path):
-    """Jobs, imports and downloads are rejected while there is still room for messages; retention may always run."""
+    """Jobs and imports are rejected while there is still room for rows. Retention can always run."""
     room = [10_000]
     guard = DiskGuard(tmp_path, 5000, 1000, lambda _: (room[0], 20_000))
     jobs = JobService(database, bus, clock, guard.check)
@@ -233,7 +233,7 @@ def damage(path: Path, table: str) -> None:
 
 
 def test_a_damaged_page_prevents_the_start_and_the_message_states_what_to_do(database, bus, tmp_path, capsys):
-    """A damaged record is not served: the message names the check, the restore, and the location of the data."""
+    """A server with a damaged database does not start. The message names the check, the restore and the raw captures."""
     from gss.cli import main
 
     for k in range(300):
@@ -250,7 +250,7 @@ def test_a_damaged_page_prevents_the_start_and_the_message_states_what_to_do(dat
 
 
 def test_a_page_damaged_while_the_server_runs_is_reported(database, bus, tmp_path):
-    """The operation that reads it fails with a message, and the health page shows the damage from then on."""
+    """The operation that reads a damaged page fails with a message, and the damage is reported from then on."""
     for k in range(300):
         bus.record("x", "ok", f"line {k} " + "." * 200)
     database.close()
@@ -261,7 +261,7 @@ def test_a_page_damaged_while_the_server_runs_is_reported(database, bus, tmp_pat
 
 
 def test_pages_of_a_large_file_are_checked_in_the_background(database, bus, tmp_path, monkeypatch):
-    """Above the size at which the start skips the check; damage is shown on the health page and recorded."""
+    """A file too large for the check at the start is checked in the background. Damage is reported and recorded."""
     monkeypatch.setattr(engine, "QUICK_CHECK_BYTES", 1 << 30)
     small = PageCheck(database, bus)
     small.start()
@@ -269,10 +269,10 @@ def test_pages_of_a_large_file_are_checked_in_the_background(database, bus, tmp_
     monkeypatch.setattr(engine, "QUICK_CHECK_BYTES", 0)
     for k in range(300):
         bus.record("x", "ok", f"line {k} " + "." * 200)
-    whole = PageCheck(database, bus)
-    whole.start()
-    whole.wait()
-    assert (whole.state, database.damage) == ("its pages were checked after the start", "")
+    large = PageCheck(database, bus)
+    large.start()
+    large.wait()
+    assert (large.state, database.damage) == ("its pages were checked after the start", "")
     database.close()
     damage(tmp_path / "gss.db", "telemetry_packets")
     migrate(f"sqlite:///{tmp_path / 'gss.db'}")

@@ -14,7 +14,7 @@ from gss.operations.upkeep.restore import restore
 
 @pytest.mark.parametrize("kind", ["sparse", "gzip"])
 def test_a_tar_that_unpacks_to_far_more_than_its_size_is_rejected(kind: str, clock: Any, tmp_path: Path) -> None:
-    """A sparse member and a compressed gigabyte of zeros are rejected before they are written."""
+    """A tar with a sparse member or a compressed gigabyte of zeros is rejected before it is written."""
     evil, member = tmp_path / "evil.tar", tarfile.TarInfo("2026-01-01T000000Z/gss.db")
     if kind == "gzip":
         member.size = 1 << 30

@@ -1,4 +1,4 @@
-"""Retention deletes only what it may, reports what it deleted, and survives a crash at any point."""
+"""Retention deletes only permitted content, reports it, and continues after a crash at any point."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def count(database, model) -> int:
 
 
 def test_nothing_is_deleted_by_default(store):
-    """Every age and size is unlimited at first."""
+    """By default all ages and sizes are unlimited, and nothing is deleted."""
     store.fill()
     store.add_packets("housekeeping", 50, 400, 1)
     result = store.end(store.retention.run(user="ann")).result["removed"]
@@ -46,7 +46,8 @@ def test_nothing_is_deleted_by_default(store):
 
 
 def test_old_pixels_are_deleted_and_rows_solutions_and_favourites_stay(store):
-    """By age: except favourites, frames of a calibration, the newest, and bytes that another frame shares."""
+    """Old pixels are deleted, except those of favourites, of a calibration, of the newest frames, and shared blobs. Rows
+    and solutions are kept."""
     old = [store.add_frame(bytes([k]) * 100, age_days=40) for k in range(6)]
     with store.database.unit_of_work() as session:
         upkeep.set_favourite(session, old[1], True)
@@ -63,7 +64,7 @@ def test_old_pixels_are_deleted_and_rows_solutions_and_favourites_stay(store):
 
 
 def test_the_oldest_pixels_are_deleted_while_the_total_is_too_large(store):
-    """By size: oldest first, no more than needed."""
+    """While the total size is too large, the oldest pixels are deleted, and no more than necessary."""
     ids = [store.add_frame(bytes([k]) * 1000, age_days=k + 1) for k in range(5)]
     store.retention.choose(RetentionPolicy(frames_gb=3.2e-6, keep_frames=1), user="ann")
     store.end(store.retention.run(user="ann"))
@@ -72,7 +73,8 @@ def test_the_oldest_pixels_are_deleted_while_the_total_is_too_large(store):
 
 @pytest.mark.parametrize("batch", [7, 2000])
 def test_packets_are_thinned_to_one_a_minute_and_then_deleted(store, batch, monkeypatch):
-    """Answers to requests survive thinning; the first packet of each minute stays; beyond the last age none does."""
+    """Thinning keeps the first packet of each minute and all responses to requests. Packets above the maximum age are
+    deleted."""
     monkeypatch.setattr(upkeep.thin_packets, "__defaults__", (batch,))
     monkeypatch.setattr(upkeep.remove_packets, "__defaults__", (batch,))
     store.clock.at = store.clock.at.replace(second=0)
@@ -94,7 +96,7 @@ def test_packets_are_thinned_to_one_a_minute_and_then_deleted(store, batch, monk
 def test_after_a_kill_between_any_two_steps_the_next_server_completes_them(
     store, clock, tmp_path, monkeypatch, kept_times
 ):
-    """After a crash no row refers to missing bytes, and in the end exactly the same content is deleted."""
+    """After a kill between any two steps, the next server completes the removal, and exactly the same content is deleted."""
     monkeypatch.setattr(room, "FRAMES_AT_ONCE", 2)
     ids = [store.add_frame(bytes([k]) * 100, age_days=40) for k in range(6)]
     store.add_packets("housekeeping", 10, 40, 1)
@@ -150,7 +152,8 @@ def test_after_a_kill_between_any_two_steps_the_next_server_completes_them(
 
 
 def test_the_forecast_states_when_the_disk_is_full_and_what_is_deleted_next(store):
-    """A week's growth into the free space; under a policy that limits the store it is never full."""
+    """The forecast extrapolates a week's growth into the free space. With a policy that limits the store it is never
+    full."""
     for k in range(7):
         store.add_frame(bytes([k]) * 1_000_000, age_days=k + 0.5)
     store.room[0] = store.disk.stop_bytes + 10_000_000
@@ -165,7 +168,7 @@ def test_the_forecast_states_when_the_disk_is_full_and_what_is_deleted_next(stor
 
 
 def test_a_young_store_is_forecast_from_its_age_and_a_new_one_not_at_all(store, bus, clock):
-    """Half a day's growth is half a day's; in the first hour there is no forecast. Backups are kept, too."""
+    """The forecast of a young store uses its age. In the first hour there is no forecast. Backups are included."""
     bus.record("server", "ok", "started")
     store.add_frame(random.Random(5).randbytes(1_000_000), age_days=0)
     clock.forward(840)
@@ -181,8 +184,9 @@ def test_a_young_store_is_forecast_from_its_age_and_a_new_one_not_at_all(store, 
     assert later.bytes_now == later.database_bytes + later.frames_bytes + later.captures_bytes + later.backups_bytes
 
 
-def test_it_runs_once_a_day_and_not_while_the_clock_is_untrusted(store, bus, clock):
-    """A clock that jumps a year ahead must not make everything old: removal waits for an hour of steady running."""
+def test_retention_runs_daily_and_not_while_the_clock_is_untrusted(store, bus, clock):
+    """Retention runs once a day. After a clock jump it waits until the clock was steady for an hour, so that a jump ahead
+    deletes nothing."""
     ids = [store.add_frame(bytes([k]) * 100, age_days=1) for k in range(3)]
     store.retention.choose(RetentionPolicy(frames_days=30, keep_frames=0), user="ann")
     mono = [0.0]
@@ -218,14 +222,14 @@ def test_it_runs_once_a_day_and_not_while_the_clock_is_untrusted(store, bus, clo
 
 
 def test_an_impossible_policy_is_rejected():
-    """Negative ages, and packets that would be deleted before they are thinned."""
+    """A policy with negative ages, or that deletes packets before they are thinned, is rejected."""
     for wrong in ({"frames_days": -1}, {"telemetry_days": 5, "telemetry_thin_days": 5}, {"frames_gb": float("nan")}):
         with pytest.raises((BadInput, ValidationError)):
             RetentionPolicy(**wrong)
 
 
 def test_a_restarted_removal_or_backup_follows_the_current_policy(store):
-    """A withdrawn strict policy deletes nothing through an old job; the new job belongs to the user who requested it."""
+    """A job started again uses the current policy instead of that of the old job, and belongs to the requesting user."""
     for _ in range(3):
         store.add_frame(b"x" * 10, age_days=9)
     store.retention.choose(RetentionPolicy(backups_keep=1), user="ann")
@@ -244,7 +248,7 @@ def test_a_restarted_removal_or_backup_follows_the_current_policy(store):
 
 
 def test_a_restarted_removal_needs_a_new_confirmation(store, clock, monkeypatch):
-    """The confirmation of an ended removal applies to that removal only; one that continues after a crash keeps it."""
+    """A removal that is started again needs a new confirmation. One that continues after a crash does not."""
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 0))
     store.retention.choose(RetentionPolicy(frames_days=1, keep_frames=0), user="ann")
     for k in range(3):
@@ -254,9 +258,9 @@ def test_a_restarted_removal_needs_a_new_confirmation(store, clock, monkeypatch)
     assert (first.state, first.result["removed"]["frames"]) == ("done", 3)
     for k in range(3):
         store.add_frame(bytes([9 + k]) * 10, age_days=9)
-    again = store.end(store.jobs.again(first.id, user="bob"))
-    assert (again.state, len(pixels_left(store.database))) == ("failed", 3)
-    assert "needs confirmation" in again.text
+    restarted = store.end(store.jobs.again(first.id, user="bob"))
+    assert (restarted.state, len(pixels_left(store.database))) == ("failed", 3)
+    assert "needs confirmation" in restarted.text
     row = Job(kind="retention", title="t", state="running", text="", created=clock(), result={}, done=0, total=0)
     row.attempts, row.request = 0, first.request
     with store.database.unit_of_work() as session:
@@ -266,7 +270,7 @@ def test_a_restarted_removal_needs_a_new_confirmation(store, clock, monkeypatch)
 
 
 def test_a_removal_resumed_after_a_crash_follows_the_current_policy(store, clock, tmp_path):
-    """A policy withdrawn while the server was down deletes nothing through the job that it left."""
+    """A removal that is resumed after a crash uses the current policy, also if the old one was withdrawn meanwhile."""
     for _ in range(3):
         store.add_frame(b"x" * 10, age_days=9)
     begun = RetentionPolicy(frames_days=1, keep_frames=0)
@@ -279,6 +283,6 @@ def test_a_removal_resumed_after_a_crash_follows_the_current_policy(store, clock
         session.add(row)
     store.retention.choose(RetentionPolicy(), user="ann")
     store.jobs.start()
-    ended = store.end(row)
-    assert (ended.state, ended.result["removed"]["frames"]) == ("done", 0)
+    resumed = store.end(row)
+    assert (resumed.state, resumed.result["removed"]["frames"]) == ("done", 0)
     assert len(pixels_left(store.database)) == 3

@@ -26,7 +26,7 @@ STALLED_AFTER_S = 5.0
 
 
 class HangingStream:
-    """A port whose driver does not return from a read until the port is closed."""
+    """Port whose driver does not return from a read until the port is closed."""
 
     url = "memory://hangs"
 
@@ -39,7 +39,7 @@ class HangingStream:
         raise LinkDown("closed under the read")
 
     def write(self, data: bytes) -> None:
-        """Accept no bytes."""
+        """Ignore the bytes."""
 
     def close(self) -> None:
         self.closed.set()
@@ -54,7 +54,7 @@ def wait_for(what):
 
 @pytest.fixture
 def line(database, bus, clock, tmp_path, monkeypatch):
-    """A link whose ports hang, with the test's clock."""
+    """Link whose ports hang, with the ports and the clock of the test."""
     opened: list[HangingStream] = []
 
     def open_hanging(url: str, baud: int) -> HangingStream:
@@ -87,8 +87,8 @@ def line(database, bus, clock, tmp_path, monkeypatch):
     dispatcher.stop()
 
 
-def test_a_hanging_reader_loses_its_port_and_the_link_is_reopened(line, bus):
-    """After the maximum time of a call the port is closed, which ends the call; the contact ends, a new one begins."""
+def test_the_port_of_a_hanging_reader_is_closed_and_reopened(line, bus):
+    """If a read exceeds its maximum time, the port is closed, which ends the read and the contact, and opened again."""
     link, opened, now_s = line
     link.open_later("memory://hangs")
     wait_for(lambda: opened and opened[0].reading.is_set())
@@ -104,7 +104,7 @@ def test_a_hanging_reader_loses_its_port_and_the_link_is_reopened(line, bus):
 
 
 class FaultyDriver(HostSession):
-    """A driver with a defect: what it does with received bytes is given."""
+    """Driver with a defect: calls ``fault`` for received bytes."""
 
     def __init__(self, fault: Callable[[], object]) -> None:
         super().__init__(load_dictionary())
@@ -116,7 +116,7 @@ class FaultyDriver(HostSession):
 
 
 class TalkingStream(HangingStream):
-    """A port on which bytes arrive."""
+    """Port on which bytes arrive."""
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
         self.reading.set()
@@ -127,7 +127,7 @@ class TalkingStream(HangingStream):
 
 @pytest.fixture
 def faulty_line(database, bus, clock, tmp_path):
-    """Function that starts a link with a faulty driver, and returns it with its ports and its clock."""
+    """Function that starts a link with a faulty driver and returns the link, its ports and its clock."""
     started = []
 
     def start(fault: Callable[[], object]):
@@ -161,7 +161,8 @@ def faulty_line(database, bus, clock, tmp_path):
 
 
 def test_a_driver_that_raises_ends_the_contact_with_the_reason(faulty_line, bus):
-    """The bytes are in the capture, the port is closed and opened again, and the thread continues."""
+    """If a driver raises an exception, the contact ends with the reason, the received bytes are in the capture, and the
+    port is opened again."""
 
     def fault() -> None:
         raise ValueError("no such field")
@@ -175,8 +176,8 @@ def test_a_driver_that_raises_ends_the_contact_with_the_reason(faulty_line, bus)
     assert b"garbage" in captured
 
 
-def test_a_driver_that_hangs_is_named(faulty_line, bus):
-    """Closing the port does not end its call; the next report names the driver and what to do."""
+def test_a_driver_that_hangs_is_reported(faulty_line, bus):
+    """If closing the port does not end a call of the driver, the next report names the driver and the action."""
     hanging, released = threading.Event(), threading.Event()
     link, opened, now_s = faulty_line(lambda: hanging.set() or released.wait(30))
     wait_for(hanging.is_set)
@@ -190,11 +191,11 @@ def test_a_driver_that_hangs_is_named(faulty_line, bus):
 
 
 def test_a_reader_that_died_is_restarted_and_reported(line, bus, monkeypatch):
-    """Whatever exception ended its thread, the link is read again."""
+    """A reader thread that ended with any exception is restarted, with an event."""
     link, opened, _ = line
 
     class Fatal(BaseException):
-        """An exception that no handler catches."""
+        """Exception that no handler catches."""
 
     monkeypatch.setattr(threading, "excepthook", lambda _: None)
     monkeypatch.setattr(link, "_once", lambda: (_ for _ in ()).throw(Fatal()))
@@ -208,7 +209,7 @@ def test_a_reader_that_died_is_restarted_and_reported(line, bus, monkeypatch):
 
 
 def test_frames_that_arrive_faster_than_they_are_solved_are_skipped_and_reported(bus, monkeypatch):
-    """The queue is bounded: the oldest waiting frames are not solved automatically, but counted and announced once."""
+    """The queue of frames to solve is bounded. The oldest waiting frames are skipped, counted and reported."""
     monkeypatch.setattr(room, "MAX_WAITING", 3)
     go, solved = threading.Event(), []
 

@@ -1,4 +1,4 @@
-"""A wrong clock deletes nothing that is stored: retention and unusually large removals wait for a confirmation."""
+"""A wrong clock causes no deletion: retention and unusually large removals wait for a confirmation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ POLICY = RetentionPolicy(
 
 
 class RestartedServer:
-    """The effects of a server start on the stored mission: clocks, daily removal, alarms."""
+    """Clocks, daily removal and alarms of a server that was started with the stored mission."""
 
     def __init__(self, store: Any, bus: Any) -> None:
         self.store, self.clock, self.mono_s = store, store.clock, 0.0
@@ -61,8 +61,8 @@ class RestartedServer:
         return [job for job in self.store.jobs.newest(50) if job.kind == "retention"]
 
 
-def held(store: Any) -> dict[str, Any]:
-    """Return the complete mission: rows, bytes, captures, backups."""
+def stored_content(store: Any) -> dict[str, Any]:
+    """Return the complete stored content: numbers of rows, blob keys, captures and backups."""
     with store.database.unit_of_work() as session:
         tables = [t for t in Base.metadata.sorted_tables if t.name not in ("choices", "events", "alarms", "jobs")]
         rows = {t.name: session.scalar(select(func.count()).select_from(t)) for t in tables}
@@ -73,7 +73,7 @@ def held(store: Any) -> dict[str, Any]:
 
 @pytest.fixture
 def mission(store, bus):
-    """A stored mission of ten days with a policy of thirty, a backup, and a server that ran until now."""
+    """Store with a mission of ten days, a policy of thirty days and a backup, whose server ran until now."""
     bus.record("server", "ok", "an event of the mission")
     store.fill()
     store.add_packets("housekeeping", 200, 3, 60)
@@ -89,10 +89,9 @@ def mission(store, bus):
 @pytest.mark.parametrize("start_s", [YEARS_S, 31 * DAY_S, -99 * DAY_S], ids=["ten years", "a month", "99 days back"])
 @pytest.mark.parametrize("step_s", [HOUR_S, DAY_S], ids=["hours", "days"])
 def test_a_start_with_a_wrong_clock_deletes_nothing(mission, bus, clock, start_s, step_s):
-    """Hours and days later, and after another start, every row, pixel, capture and backup exists, and an alarm states
-    the reason.
-    """
-    before = held(mission)
+    """After a start with a wrong clock, retention is paused with an alarm, and all content exists, also after days and
+    another start."""
+    before = stored_content(mission)
     clock.forward(start_s)
     for _ in range(2):
         server = RestartedServer(mission, bus)
@@ -101,29 +100,27 @@ def test_a_start_with_a_wrong_clock_deletes_nothing(mission, bus, clock, start_s
         with pytest.raises(Conflict, match="clock is in doubt"):
             mission.retention.run(user="ann")
         assert mission.backups.prune(1, "none") == []
-    assert held(mission) == before
+    assert stored_content(mission) == before
     text = next(e.text for e in bus.after(0, 1000) if e.kind == "alarm")
     assert "retention is paused" in text
     assert "--confirm-clock" in text
 
 
 def test_a_jump_while_the_server_runs_counts_too(mission, bus, clock):
-    """Ten years forward without a restart, steady for days: nothing is deleted; after the correction the daily removal
-    continues without confirmation.
-    """
-    server, before, runs = RestartedServer(mission, bus), held(mission), 2
+    """After a jump of ten years while the server runs, nothing is deleted. When the clock is corrected, the daily removal
+    continues without a confirmation."""
+    server, before, runs = RestartedServer(mission, bus), stored_content(mission), 2
     clock.forward(YEARS_S)
     server.live(HOUR_S, 60)
-    assert (held(mission), server.titles(), len(server.runs())) == (before, ["Server clock"], runs)
+    assert (stored_content(mission), server.titles(), len(server.runs())) == (before, ["Server clock"], runs)
     clock.forward(-YEARS_S)
     server.live(HOUR_S, 3)
     assert (server.titles(), len(server.runs())) == ([], runs + 1)
 
 
 def test_an_operator_confirms_the_clock_and_then_the_removal(mission, bus, clock, monkeypatch):
-    """After years without the server the confirmed clock is trusted; the large removal still needs one confirmation and
-    deletes what was shown.
-    """
+    """An operator can confirm a clock that is years ahead. The large removal needs another confirmation and deletes the
+    previewed content."""
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 2))
     clock.forward(YEARS_S)
     server = RestartedServer(mission, bus)
@@ -137,12 +134,12 @@ def test_an_operator_confirms_the_clock_and_then_the_removal(mission, bus, clock
     assert "3 of 4 frames" in mission.retention.waiting()
     with pytest.raises(Conflict, match="unusually large"):
         mission.retention.run(user="ann")
-    seen = mission.retention.preview(POLICY)
-    assert seen.unusual
-    less = confirmation(mission.retention.preview(RetentionPolicy(**vars(POLICY) | {"frames_days": 0}), seen.at))
+    preview = mission.retention.preview(POLICY)
+    assert preview.unusual
+    less = confirmation(mission.retention.preview(RetentionPolicy(**vars(POLICY) | {"frames_days": 0}), preview.at))
     with pytest.raises(Conflict, match="more data would be removed"):
         mission.retention.run(user="ann", confirmed=less)
-    job = mission.end(mission.retention.run(user="ann", confirmed=confirmation(seen)))
+    job = mission.end(mission.retention.run(user="ann", confirmed=confirmation(preview)))
     assert (job.state, job.result["removed"]["frames"], job.result["removed"]["packets"]) == ("done", 3, 200)
     server.live(1, 1)
     assert (server.titles(), mission.retention.waiting()) == ([], "")
@@ -150,25 +147,25 @@ def test_an_operator_confirms_the_clock_and_then_the_removal(mission, bus, clock
 
 
 def test_an_old_confirmation_is_invalid(mission, clock, monkeypatch):
-    """A preview of two hours ago, or of another clock, is rejected."""
+    """The confirmation of a preview that is two hours old, or of another clock, is rejected."""
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 0))
     clock.forward(25 * DAY_S)
     mission.trust.confirm(clock(), user="ann")
-    seen = mission.retention.preview(POLICY)
+    preview = mission.retention.preview(POLICY)
     for seconds in (2 * HOUR_S, -3 * HOUR_S):
         clock.forward(seconds)
         with pytest.raises(Conflict, match=r"out of date|in doubt"):
-            mission.retention.run(user="ann", confirmed=confirmation(seen))
+            mission.retention.run(user="ann", confirmed=confirmation(preview))
 
 
 def test_a_jump_of_a_plausible_pause_still_needs_confirmation_of_a_large_removal(mission, bus, clock, monkeypatch):
-    """29 days ahead is a plausible pause; the rest of the store would be deleted, so a confirmation is needed."""
+    """A jump of 29 days ahead is plausible, but the large removal that it would cause needs a confirmation."""
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 2))
-    before = held(mission)
+    before = stored_content(mission)
     clock.forward(29 * DAY_S)
     server = RestartedServer(mission, bus)
     server.live(HOUR_S, 30)
-    assert (server.titles(), held(mission)) == (["Retention"], before)
+    assert (server.titles(), stored_content(mission)) == (["Retention"], before)
     mission.retention.choose(RetentionPolicy(frames_days=3000), user="ann")
     server.live(DAY_S, 2)
     assert (server.titles(), server.runs()[0].state) == ([], "done")
@@ -179,9 +176,8 @@ def test_a_jump_of_a_plausible_pause_still_needs_confirmation_of_a_large_removal
     [RetentionPolicy(telemetry_days=3), RetentionPolicy(telemetry_days=0.5), RetentionPolicy(telemetry_thin_days=2)],
 )
 def test_daily_retention_continues_when_a_day_is_a_large_share(store, bus, clock, policy, monkeypatch):
-    """A store that keeps only a few days deletes a day's packets each day without confirmation, however large their
-    share.
-    """
+    """A store that keeps only a few days deletes a day's packets daily without a confirmation, although their share is
+    large."""
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 5))
     server = RestartedServer(store, bus)
     store.retention.choose(policy, user="ann")
@@ -191,12 +187,12 @@ def test_daily_retention_continues_when_a_day_is_a_large_share(store, bus, clock
     assert {job.state for job in server.runs()} == {"done"}
     assert server.titles() == []
     with store.database.unit_of_work() as session:
-        left = session.scalar(select(func.count()).select_from(Base.metadata.tables["telemetry_packets"]))
-    assert left <= (12 if policy.telemetry_thin_days else 5) * 48
+        packets_left = session.scalar(select(func.count()).select_from(Base.metadata.tables["telemetry_packets"]))
+    assert packets_left <= (12 if policy.telemetry_thin_days else 5) * 48
 
 
 def test_a_removal_after_weeks_without_retention_needs_confirmation(store, bus, monkeypatch):
-    """Everything stored has arrived since the last removal weeks ago; this does not make a large removal usual."""
+    """A large removal needs a confirmation, also if all content was stored since the last removal weeks earlier."""
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 5))
     server = RestartedServer(store, bus)
     store.retention.choose(RetentionPolicy(telemetry_days=300), user="ann")
@@ -214,20 +210,20 @@ def test_a_removal_after_weeks_without_retention_needs_confirmation(store, bus, 
 
 
 def test_without_a_trusted_time_nothing_is_deleted(mission, clock):
-    """An unknown time permits no deletion; a start uses the newest stored row, not the clock."""
+    """Without a trusted time nothing is deleted. The next start derives it from the newest stored row, not from the clock."""
     with mission.database.unit_of_work() as session:
         choices.forget(session, choices.TRUSTED_TIME)
     assert mission.trust.state().doubt == "no trusted time is stored"
     with pytest.raises(Conflict):
         mission.retention.run(user="ann")
     clock.forward(YEARS_S)
-    again = ClockTrust(mission.database, None, clock, timedelta(days=30))
-    again.start()
-    assert "days ahead" in again.state().doubt
+    restarted = ClockTrust(mission.database, None, clock, timedelta(days=30))
+    restarted.start()
+    assert "days ahead" in restarted.state().doubt
 
 
-def test_backups_with_a_wrong_date_displace_no_others(store, clock):
-    """Backups dated in the future are neither deleted nor counted, and the one just made always stays."""
+def test_backups_with_a_wrong_date_replace_no_others(store, clock):
+    """Backups dated in the future are neither deleted nor counted. The newest created backup is always kept."""
     old = store.backups.make()
     clock.forward(YEARS_S)
     future = store.backups.make()
