@@ -1,4 +1,4 @@
-"""The application in this process, without a device."""
+"""Fixtures of API tests: the application runs in the test process, without a device."""
 
 from __future__ import annotations
 
@@ -66,8 +66,8 @@ def app(app_of: Callable[..., FastAPI]) -> FastAPI:
 @pytest.fixture(scope="module")
 def clients(app: FastAPI, signed_in: Callable[..., dict[str, str]]) -> dict[str, TestClient]:
     """One browser for each role on that server; the browser with the key "" is not signed in."""
-    made = {role: signed_in(app.state.services, role, f"the {role}") for role in ROLES} | {"": {"X-GSS": "1"}}
+    headers_of = {role: signed_in(app.state.services, role, f"the {role}") for role in ROLES} | {"": {"X-GSS": "1"}}
     return {
         role: TestClient(app, base_url="http://localhost", headers=headers, raise_server_exceptions=False)
-        for role, headers in made.items()
+        for role, headers in headers_of.items()
     }

@@ -18,16 +18,16 @@ from gss.operations.clock import utc_now
 from gss.store.models import ApiToken
 
 
-async def posted(app: FastAPI, path: str, headers: dict[str, str]) -> tuple[int, asyncio.Task[None]]:
+async def post_until_response(app: FastAPI, path: str, headers: dict[str, str]) -> tuple[int, asyncio.Task[None]]:
     """Return the status of a POST when its response is complete, and the task that still writes its audit entry."""
-    found: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+    final_status: asyncio.Future[int] = asyncio.get_running_loop().create_future()
     status = 0
 
     async def send(message: Any) -> None:
         nonlocal status
         status = message.get("status", status)
-        if message["type"] == "http.response.body" and not message.get("more_body") and not found.done():
-            found.set_result(status)
+        if message["type"] == "http.response.body" and not message.get("more_body") and not final_status.done():
+            final_status.set_result(status)
 
     async def receive() -> Any:
         return {"type": "http.request", "body": b"", "more_body": False}
@@ -36,11 +36,11 @@ async def posted(app: FastAPI, path: str, headers: dict[str, str]) -> tuple[int,
     scope = {"type": "http", "http_version": "1.1", "method": "POST", "path": path, "raw_path": path.encode()}
     scope |= {"query_string": b"", "headers": encoded, "client": ("127.0.0.1", 1), "server": ("localhost", 80)}
     task = asyncio.create_task(app({**scope, "scheme": "http", "root_path": ""}, receive, send))
-    return await found, task
+    return await final_status, task
 
 
 def test_abort_waits_for_no_other_thread(app: FastAPI, signed_in: Callable[..., dict[str, str]]) -> None:
-    """Every request thread is in use and more requests wait: ABORT is answered, also for a user not yet in the cache."""
+    """The server answers ABORT while every request thread is in use, also for a user who is not in the cache."""
     headers = signed_in(app.state.services, "viewer", "vera")
 
     async def run() -> int:
@@ -51,30 +51,33 @@ def test_abort_waits_for_no_other_thread(app: FastAPI, signed_in: Callable[..., 
             for _ in range(6):
                 others.create_task(anyio.to_thread.run_sync(release.wait))
             try:
-                status, rest = await posted(app, "/api/commands/abort", headers)
+                status, audit_task = await post_until_response(app, "/api/commands/abort", headers)
             finally:
                 release.set()
-            await rest
+            await audit_task
         return status
 
     assert asyncio.run(run()) == 409  # the link is down
 
 
 def test_abort_of_a_token_waits_for_no_write(app: FastAPI) -> None:
-    """The token was last used two minutes ago and another connection holds the database's write lock: the response does
-    not wait for the lock (SQLite gives up after 5 s).
+    """ABORT with a token does not wait for the write lock that another connection holds.
+
+    The token was last used two minutes ago, so its use must be stored. SQLite waits 5 s for the lock.
     """
     services = app.state.services
-    made = services.accounts.accounts.tokens.add("night run", "operator", 1, by="test")
+    token = services.accounts.accounts.tokens.add("night run", "operator", 1, by="test")
     with services.base.database.unit_of_work() as session:
-        used = session.get_one(ApiToken, made.row.id).last_used = utc_now() - timedelta(minutes=2)
+        last_used = session.get_one(ApiToken, token.row.id).last_used = utc_now() - timedelta(minutes=2)
 
     async def run(release: Callable[[], None]) -> tuple[int, float]:
-        begun_s = time.monotonic()
-        status, rest = await posted(app, "/api/commands/abort", {"Authorization": f"Bearer {made.key}"})
-        took_s = time.monotonic() - begun_s
+        start_s = time.monotonic()
+        status, audit_task = await post_until_response(
+            app, "/api/commands/abort", {"Authorization": f"Bearer {token.key}"}
+        )
+        took_s = time.monotonic() - start_s
         release()
-        await rest
+        await audit_task
         return status, took_s
 
     with closing(sqlite3.connect(services.base.settings.data / "gss.db", isolation_level=None)) as other:
@@ -83,4 +86,4 @@ def test_abort_of_a_token_waits_for_no_write(app: FastAPI) -> None:
     assert status == 409  # the link is down
     assert took_s < 3
     with services.base.database.unit_of_work() as session:
-        assert session.get_one(ApiToken, made.row.id).last_used == used
+        assert session.get_one(ApiToken, token.row.id).last_used == last_used

@@ -1,6 +1,4 @@
-"""Laboratory calibrations over HTTP: typed bodies in, versions with a report out, and their use in a calibration from
-stars.
-"""
+"""Laboratory calibrations over HTTP: requests, stored versions with reports, and use as prior of a star calibration."""
 
 from __future__ import annotations
 
@@ -14,8 +12,8 @@ ANGLE = np.arange(24) * 2 * np.pi / 24
 DOTS = np.column_stack([541.5 + 9 * np.cos(ANGLE), 243.25 + 9 * np.sin(ANGLE)])
 
 
-def calibration(client: TestClient, body: dict[str, Any]) -> dict[str, Any]:
-    """Return the version that a request creates."""
+def create_calibration(client: TestClient, body: dict[str, Any]) -> dict[str, Any]:
+    """Request a calibration, wait for its job, and return the created version."""
     reply = client.post("/api/calibrations", json=body)
     assert reply.status_code == 202, reply.text
     job, end = reply.json(), time.monotonic() + 30
@@ -27,34 +25,36 @@ def calibration(client: TestClient, body: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_a_measured_spot_becomes_a_version_with_a_report(client: TestClient) -> None:
-    """The centre with its circle; no sensor table, because the centre is only one part of a camera."""
-    made = calibration(client, {"kind": "bench-centre", "profile": "cubestar", "dots_px": DOTS.tolist()})
-    assert made["kind"] == "bench-centre"
-    assert abs(made["result"]["centre"]["col_px"] - 541.5) < 1e-3
-    assert not made["sendable"]
-    assert made["report"]["sections"][0]["drawings"][0]["kind"] == "plot"
+    """Measured dots give a version with the centre. It cannot become a sensor table, because it is only part of a
+    camera.
+    """
+    version = create_calibration(client, {"kind": "bench-centre", "profile": "cubestar", "dots_px": DOTS.tolist()})
+    assert version["kind"] == "bench-centre"
+    assert abs(version["result"]["centre"]["col_px"] - 541.5) < 1e-3
+    assert not version["sendable"]
+    assert version["report"]["sections"][0]["drawings"][0]["kind"] == "plot"
     for kind in ("json", "html", "pdf"):
-        assert client.get(f"/api/calibrations/{made['id']}/export?kind={kind}").status_code == 200
+        assert client.get(f"/api/calibrations/{version['id']}/export?kind={kind}").status_code == 200
     for action in ("use", "table"):
-        refused = client.post(f"/api/calibrations/{made['id']}/{action}")
-        assert refused.status_code == 400
-        assert "prior" in refused.json()["hint"]
-    other = calibration(client, {"kind": "bench-centre", "profile": "cubestar", "dots_px": (DOTS + 1).tolist()})
-    reply = client.get(f"/api/calibrations/diff?older={made['id']}&newer={other['id']}")
+        rejected = client.post(f"/api/calibrations/{version['id']}/{action}")
+        assert rejected.status_code == 400
+        assert "prior" in rejected.json()["hint"]
+    other = create_calibration(client, {"kind": "bench-centre", "profile": "cubestar", "dots_px": (DOTS + 1).tolist()})
+    reply = client.get(f"/api/calibrations/diff?older={version['id']}&newer={other['id']}")
     assert reply.status_code == 400
     assert "part of a camera" in reply.json()["message"]
 
 
 def test_laboratory_tables_are_typed(client: TestClient) -> None:
-    """Dark-current law and focus widths are accepted; rows of another length, unknown cameras and empty requests are
+    """Dark-current laws and focus widths are accepted. Rows of a wrong length, unknown cameras and empty requests are
     rejected.
     """
-    law = calibration(
+    law = create_calibration(
         client,
         {"kind": "bench-dark-law", "profile": "cubestar", "points": [[0, 10], [10, 24], [20, 57], [30, 130]]},
     )
     assert 6 < law["result"]["dark_law"]["doubling_k"] < 11
-    run = calibration(
+    run = create_calibration(
         client,
         {"kind": "bench-focus", "profile": "cubestar", "widths": [[0, 1.5], [1, 0.9], [2, 0.6], [3, 0.9], [4, 1.5]]},
     )
@@ -72,10 +72,10 @@ def test_laboratory_tables_are_typed(client: TestClient) -> None:
 
 def test_only_matching_measurements_are_used_as_prior(client: TestClient) -> None:
     """A dark-current law does not constrain the geometry, and another camera's centre does not constrain this one."""
-    law = calibration(
+    law = create_calibration(
         client, {"kind": "bench-dark-law", "profile": "cubestar", "points": [[0, 10], [10, 24], [20, 57]]}
     )
-    far = calibration(client, {"kind": "bench-centre", "profile": "sunsat", "dots_px": DOTS.tolist()})
+    other_camera = create_calibration(client, {"kind": "bench-centre", "profile": "sunsat", "dots_px": DOTS.tolist()})
     pixels = np.zeros((512, 1024), np.uint8)
     import io
 
@@ -85,7 +85,7 @@ def test_only_matching_measurements_are_used_as_prior(client: TestClient) -> Non
     Image.fromarray(pixels).save(buffer, format="PNG")
     files = {"file": ("dark.png", buffer.getvalue(), "image/png")}
     frame = client.post("/api/frames/import", files=files, data={"profile": "cubestar"}).json()["id"]
-    for prior, words in ((law["id"], "cannot be used as a prior"), (far["id"], "another camera")):
+    for prior, words in ((law["id"], "cannot be used as a prior"), (other_camera["id"], "another camera")):
         body = {"kind": "stars", "profile": "cubestar", "frame_ids": [frame], "prior_ids": [prior]}
         reply = client.post("/api/calibrations", json=body)
         assert reply.status_code == 400

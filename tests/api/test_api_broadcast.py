@@ -1,4 +1,4 @@
-"""The event stream's internals: bytes encoded once, bounded queues, numbers that reveal every loss."""
+"""Internals of the event stream: messages are encoded once, queues are bounded, and event numbers reveal every loss."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def bus(tmp_path) -> EventBus:
 class Connection:
     """An ASGI connection that collects sent messages and disconnects on demand."""
 
-    def __init__(self, *, deaf: bool = False) -> None:
+    def __init__(self, *, blocked: bool = False) -> None:
         self.sent: list[bytes] = []
         self.gone, self.accepts = asyncio.Event(), asyncio.Event()
-        if not deaf:
+        if not blocked:
             self.accepts.set()
 
     async def receive(self) -> dict[str, Any]:
@@ -48,16 +48,16 @@ class Connection:
 
     def messages(self) -> list[tuple[str, Any, str]]:
         """Return (topic, payload, id) of each message."""
-        found = []
+        messages = []
         for block in b"".join(self.sent).decode().split("\n\n"):
             fields = dict(line.split(": ", 1) for line in block.splitlines() if not line.startswith(":"))
             if fields:
-                found.append((fields["event"], json.loads(fields["data"]), fields.get("id", "")))
-        return found
+                messages.append((fields["event"], json.loads(fields["data"]), fields.get("id", "")))
+        return messages
 
 
 @asynccontextmanager
-async def presenting(bus: EventBus, broadcaster: Broadcaster) -> AsyncIterator[None]:
+async def running_presenter(bus: EventBus, broadcaster: Broadcaster) -> AsyncIterator[None]:
     stopping = threading.Event()
     presenter = Presenter(bus, broadcaster, stopping)
     presenter.start(asyncio.get_running_loop())
@@ -66,9 +66,9 @@ async def presenting(bus: EventBus, broadcaster: Broadcaster) -> AsyncIterator[N
     await asyncio.to_thread(presenter.stop)
 
 
-async def until(true: Callable[[], bool]) -> None:
+async def wait_until(condition: Callable[[], bool]) -> None:
     async with asyncio.timeout(20):
-        while not true():
+        while not condition():
             await asyncio.sleep(0.005)
 
 
@@ -76,25 +76,25 @@ def services(bus: EventBus) -> Any:
     return SimpleNamespace(base=SimpleNamespace(bus=bus))
 
 
-def follow(bus: EventBus, broadcaster: Broadcaster, connection: Connection, **given: Any) -> Awaitable[None]:
+def start_stream(bus: EventBus, broadcaster: Broadcaster, connection: Connection, **options: Any) -> Awaitable[None]:
     broadcaster.newest = broadcaster.newest or wire("link", {"n": 0}, "0.0")
-    answer = EventStream(services(bus), broadcaster, **given)
-    return asyncio.create_task(answer({"type": "http"}, connection.receive, connection.send))
+    event_stream = EventStream(services(bus), broadcaster, **options)
+    return asyncio.create_task(event_stream({"type": "http"}, connection.receive, connection.send))
 
 
 def test_all_subscribers_share_the_bytes_of_a_message(bus):
-    """A message is encoded once; three queues contain the same object."""
+    """A message is encoded once, and the queues of three subscribers contain the same object."""
 
     async def run() -> None:
         broadcaster = Broadcaster(StreamCounts())
         listeners = [broadcaster.join() for _ in range(3)]
-        async with presenting(bus, broadcaster):
+        async with running_presenter(bus, broadcaster):
             bus.publish("limits", {"set": "flight", "key": None})
-            await until(lambda: listeners[0].ready.is_set())
-            held = [listener.take()[0] for listener in listeners]
-        assert [len(messages) for messages in held] == [1, 1, 1]
-        assert held[0][0] is held[1][0] is held[2][0]
-        assert held[0][0].data == b'event: limits\ndata: {"set":"flight","key":null}\nid: 0.1\n\n'
+            await wait_until(lambda: listeners[0].ready.is_set())
+            queues = [listener.take()[0] for listener in listeners]
+        assert [len(messages) for messages in queues] == [1, 1, 1]
+        assert queues[0][0] is queues[1][0] is queues[2][0]
+        assert queues[0][0].data == b'event: limits\ndata: {"set":"flight","key":null}\nid: 0.1\n\n'
 
     asyncio.run(run())
 
@@ -118,13 +118,13 @@ def test_a_dropped_message_is_announced_on_its_connection(bus):
     """A subscriber that lost messages receives their number before the next message."""
 
     async def run() -> None:
-        broadcaster, connection = Broadcaster(StreamCounts()), Connection(deaf=True)
-        task = follow(bus, broadcaster, connection)
-        await until(lambda: len(broadcaster) == 1)
+        broadcaster, connection = Broadcaster(StreamCounts()), Connection(blocked=True)
+        task = start_stream(bus, broadcaster, connection)
+        await wait_until(lambda: len(broadcaster) == 1)
         for k in range(MAX_QUEUED + 7):
             broadcaster.spread([wire("limits", k, f"0.{k}")])
         connection.accepts.set()
-        await until(lambda: len(connection.messages()) > MAX_QUEUED)
+        await wait_until(lambda: len(connection.messages()) > MAX_QUEUED)
         connection.gone.set()
         await task
         received = connection.messages()
@@ -141,7 +141,7 @@ def test_events_of_many_threads_are_sent_in_the_order_of_their_numbers(bus):
     async def run() -> None:
         broadcaster = Broadcaster(StreamCounts())
         listener = broadcaster.join()
-        async with presenting(bus, broadcaster):
+        async with running_presenter(bus, broadcaster):
             threads = [
                 threading.Thread(target=lambda: [bus.record("k", "ok", "text") for _ in range(10)]) for _ in range(4)
             ]
@@ -151,7 +151,7 @@ def test_events_of_many_threads_are_sent_in_the_order_of_their_numbers(bus):
                 await asyncio.to_thread(thread.join)
             seen: list[int | None] = []
             while len(seen) < 40:
-                await until(listener.ready.is_set)
+                await wait_until(listener.ready.is_set)
                 seen += [message.seq for message in listener.take()[0]]
         assert seen == list(range(1, 41))
 
@@ -159,19 +159,19 @@ def test_events_of_many_threads_are_sent_in_the_order_of_their_numbers(bus):
 
 
 def test_a_returning_subscriber_gets_every_recorded_event_once(bus, monkeypatch):
-    """Pages of past events, then new ones: none twice, none missing, including events recorded meanwhile."""
+    """The subscriber receives past, meanwhile recorded and new events without repetition or loss."""
     monkeypatch.setattr(stream, "PAGE", 3)
     for k in range(8):
         bus.record("k", "ok", f"{k + 1}")
 
     async def run() -> None:
         broadcaster, connection = Broadcaster(StreamCounts()), Connection()
-        async with presenting(bus, broadcaster):
-            task = follow(bus, broadcaster, connection, after=resumed_after("2.99"))
+        async with running_presenter(bus, broadcaster):
+            task = start_stream(bus, broadcaster, connection, after=resumed_after("2.99"))
             bus.record("k", "ok", "9")
-            await until(lambda: any(topic == "link" for topic, _, _ in connection.messages()))
+            await wait_until(lambda: any(topic == "link" for topic, _, _ in connection.messages()))
             bus.record("k", "ok", "10")
-            await until(lambda: connection.messages()[-1][2] == "10")
+            await wait_until(lambda: connection.messages()[-1][2] == "10")
             connection.gone.set()
             await task
         assert [payload["seq"] for topic, payload, _ in connection.messages() if topic == "event"] == [*range(3, 11)]
@@ -180,7 +180,7 @@ def test_a_returning_subscriber_gets_every_recorded_event_once(bus, monkeypatch)
 
 
 def test_an_absence_longer_than_the_back_fill_is_reported(bus, monkeypatch):
-    """The number of events that are not resent is announced."""
+    """The stream announces how many older events it does not send again."""
     monkeypatch.setattr(stream, "PAGE", 2)
     monkeypatch.setattr(stream, "PAGES", 2)
     for _ in range(9):
@@ -188,8 +188,8 @@ def test_an_absence_longer_than_the_back_fill_is_reported(bus, monkeypatch):
 
     async def run() -> None:
         broadcaster, connection = Broadcaster(StreamCounts()), Connection()
-        task = follow(bus, broadcaster, connection, after=1)
-        await until(lambda: len(connection.messages()) == 6)
+        task = start_stream(bus, broadcaster, connection, after=1)
+        await wait_until(lambda: len(connection.messages()) == 6)
         connection.gone.set()
         await task
         assert [m[2] for m in connection.messages()[:4]] == ["2", "3", "4", "5"]
@@ -199,11 +199,11 @@ def test_an_absence_longer_than_the_back_fill_is_reported(bus, monkeypatch):
 
 
 def test_a_stream_ends_when_its_session_does(bus):
-    """The session is checked while the stream is open; its end is announced and is the last message."""
+    """The server checks the session while the stream is open and announces its end in the last message."""
 
     async def run() -> None:
         broadcaster, connection = Broadcaster(StreamCounts()), Connection()
-        await follow(bus, broadcaster, connection, valid=lambda: "signed out")
+        await start_stream(bus, broadcaster, connection, valid=lambda: "signed out")
         assert connection.messages()[-1][:2] == ("session", {"ended": "signed out"})
         assert len(broadcaster) == 0
 
@@ -211,21 +211,21 @@ def test_a_stream_ends_when_its_session_does(bus):
 
 
 def test_a_stopping_server_ends_every_stream(bus):
-    """Connections end automatically, and later ones end at once."""
+    """When the broadcaster closes, open connections end, and new ones end at once."""
 
     async def run() -> None:
         broadcaster, connection, late = Broadcaster(StreamCounts()), Connection(), Connection()
-        task = follow(bus, broadcaster, connection)
-        await until(lambda: len(broadcaster) == 1)
+        task = start_stream(bus, broadcaster, connection)
+        await wait_until(lambda: len(broadcaster) == 1)
         broadcaster.close()
         await asyncio.wait_for(task, 10)
-        await asyncio.wait_for(follow(bus, broadcaster, late), 10)
+        await asyncio.wait_for(start_stream(bus, broadcaster, late), 10)
 
     asyncio.run(run())
 
 
 def test_event_numbers_are_read_in_both_forms_only():
-    """``12`` and ``12.345`` continue after event 12; any other text is ignored."""
+    """The numbers ``12`` and ``12.345`` continue after event 12. Any other text is ignored."""
     assert [resumed_after(text) for text in ("12", "12.345", "", "x", "-1", "1e3", "²", "9" * 40)] == [12, 12] + [
         None
     ] * 6

@@ -38,26 +38,26 @@ FRAMES = 12
 def services(tmp_path_factory: pytest.TempPathFactory) -> Services:
     """Services whose store holds twelve rendered frames with their truth."""
     services = build(Settings(data=tmp_path_factory.mktemp("campaigns")))
-    known, stars, rng = shipped_camera("cubestar"), propagate(load_stars(6.0), 2026.5), np.random.default_rng(7)
+    profile, stars, rng = shipped_camera("cubestar"), propagate(load_stars(6.0), 2026.5), np.random.default_rng(7)
     for k in range(FRAMES):
-        pose = cam_from_icrs(rng.uniform(0, 6.28), np.arcsin(rng.uniform(-1, 1)), rng.uniform(0, 6.28))
-        drawn = render(stars, known.camera, known.sensor, pose, 0.25, rng)
+        attitude = cam_from_icrs(rng.uniform(0, 6.28), np.arcsin(rng.uniform(-1, 1)), rng.uniform(0, 6.28))
+        rendered = render(stars, profile.camera, profile.sensor, attitude, 0.25, rng)
         services.frames.frames._add(
-            drawn.pixels,
+            rendered.pixels,
             source="import",
             name=f"rendered {k}",
             taken=services.frames.frames._now(),
             bits=8,
             exposure_s=0.25,
             profile="cubestar",
-            truth=[float(v) for v in drawn.truth.quaternion],
+            truth=[float(v) for v in rendered.truth.quaternion],
         )
     return services
 
 
 @pytest.fixture(scope="module")
 def client(services: Services, client_of: Callable[..., TestClient]) -> Iterator[TestClient]:
-    """A client on them."""
+    """Client of an admin on these services."""
     with client_of(services) as client:
         yield client
 
@@ -73,7 +73,7 @@ def finished(client: TestClient, job: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_reprocessing_keeps_one_result_per_frame_and_resumes(client: TestClient) -> None:
-    """A job over all frames solves them, a second start finds none left, and "again" repeats them."""
+    """A job solves all frames. A second start is rejected because no frame is left; ``again`` repeats the solutions."""
     answer = client.post("/api/campaigns/reprocess", json={"chain": "cubestar"})
     assert answer.status_code == 201, answer.text
     job = finished(client, answer.json())
@@ -85,15 +85,17 @@ def test_reprocessing_keeps_one_result_per_frame_and_resumes(client: TestClient)
     low, high = row["solved_interval"]
     assert 0 < low < row["solved"] / FRAMES <= high <= 1
     assert (row["judged"] > 0, row["wrong_most"] < 1) == (True, True)
-    left = client.post("/api/campaigns/reprocess", json={"chain": "cubestar"})
-    assert left.status_code == 400
-    assert "No frame to run" in left.json()["message"]
+    second_start = client.post("/api/campaigns/reprocess", json={"chain": "cubestar"})
+    assert second_start.status_code == 400
+    assert "No frame to run" in second_start.json()["message"]
     again = client.post("/api/campaigns/reprocess", json={"chain": "cubestar", "frame_ids": [1, 2], "again": True})
     assert finished(client, again.json())["done"] == 2
 
 
 def test_reprocessing_with_changed_constants_is_compared_separately(client: TestClient) -> None:
-    """Results with changed constants do not count as those of the chain, and have a separate row in the comparison."""
+    """Results with changed constants do not count as results of the chain. The comparison shows them in a separate
+    row.
+    """
     body = {"chain": "oersted", "frame_ids": [1, 2], "profile": "cubestar", "options": {"min_area_px": "3"}}
     job = finished(client, client.post("/api/campaigns/reprocess", json=body).json())
     assert (job["state"], job["done"]) == ("done", 2), job
@@ -106,15 +108,17 @@ def test_reprocessing_with_changed_constants_is_compared_separately(client: Test
 
 
 def test_the_report_of_a_chain_explains_its_failures_against_another(client: TestClient) -> None:
-    """Counts, plots and reasons follow from the stored results; every failure names its frame; a chain that never ran is 404."""
+    """Counts, plots and reasons agree with the stored results. Every failure names its frame. A chain without results
+    is a 404.
+    """
     finished(client, client.post("/api/campaigns/reprocess", json={"chain": "aim", "profile": "cubestar"}).json())
     rows = {r["chain"]: r for r in client.get("/api/campaigns/chains").json() if not r["options"]}
     pair = {"chain": "aim", "version": rows["aim"]["version"]}
-    made = client.get("/api/campaigns/chains/report", params=pair).json()
-    assert made["failed"] >= FRAMES - rows["aim"]["solved"]
-    assert {f["kind"] for f in made["failures"]} <= {"no solution", "wrong", "differs"}
-    assert all(f["reason"] and 1 <= f["frame_id"] <= FRAMES for f in made["failures"])
-    sections = {s["title"]: s for s in made["report"]["sections"]}
+    answer = client.get("/api/campaigns/chains/report", params=pair).json()
+    assert answer["failed"] >= FRAMES - rows["aim"]["solved"]
+    assert {f["kind"] for f in answer["failures"]} <= {"no solution", "wrong", "differs"}
+    assert all(f["reason"] and 1 <= f["frame_id"] <= FRAMES for f in answer["failures"])
+    sections = {s["title"]: s for s in answer["report"]["sections"]}
     table = sections["Against the other result"]["tables"][0]
     assert sum(int(c) for row in table["rows"] for c in row[1:] if c != "–") == FRAMES
     over_time, on_sky = sections["When and where"]["drawings"]
@@ -131,59 +135,61 @@ def test_the_report_of_a_chain_explains_its_failures_against_another(client: Tes
 
 
 def test_a_cancelled_job_keeps_complete_results_only(services: Services) -> None:
-    """Cancelling at the first reported result leaves the results of the first batch, and the others for the next start."""
-    wanted = ReprocessRequest(chain="reference")
-    tasks = services.studies.reprocessing.tasks(wanted)
+    """A job that is cancelled at its first result keeps the results of the first batch. The next start runs the other
+    frames.
+    """
+    request = ReprocessRequest(chain="reference")
+    tasks = services.studies.reprocessing.tasks(request)
 
     def cancel(done: int, _total: int, _text: str) -> None:
         if done:
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        services.studies.reprocessing.work(wanted, tasks, cancel)
-    left = services.studies.reprocessing.tasks(wanted)
-    assert 0 < len(left) < len(tasks)
+        services.studies.reprocessing.work(request, tasks, cancel)
+    remaining = services.studies.reprocessing.tasks(request)
+    assert 0 < len(remaining) < len(tasks)
 
 
 def test_a_killed_worker_costs_only_its_batch(services: Services, monkeypatch: pytest.MonkeyPatch) -> None:
-    """If all workers die, only their batches in progress are rerun, once. Repeated deaths end the job."""
+    """If all workers are killed, only their batches in progress are rerun, once. Repeated crashes end the job."""
     monkeypatch.setattr("gss.operations.studies.reprocess.BATCH", 1)
-    wanted = ReprocessRequest(chain="far_mst", profile="cubestar")
-    tasks = services.studies.reprocessing.tasks(wanted)
+    request = ReprocessRequest(chain="far_mst", profile="cubestar")
+    tasks = services.studies.reprocessing.tasks(request)
 
-    killed: list[int] = []
+    killed_pids: list[int] = []
 
     def kill_once(_done: int, _total: int, _text: str) -> None:
-        for child in [] if killed else multiprocessing.active_children():
-            killed.append(child.pid or 0)
+        for child in [] if killed_pids else multiprocessing.active_children():
+            killed_pids.append(child.pid or 0)
             os.kill(child.pid or 0, signal.SIGKILL)
 
-    assert services.studies.reprocessing.work(wanted, tasks, kill_once)["frames"] == len(tasks)
-    assert killed
-    assert services.studies.reprocessing.tasks(wanted) == []
+    assert services.studies.reprocessing.work(request, tasks, kill_once)["frames"] == len(tasks)
+    assert killed_pids
+    assert services.studies.reprocessing.tasks(request) == []
     for task in tasks:
         assert [s.chain for s in services.frames.frames.detail(task.frame_id).solutions].count("far_mst") == 1
 
     with (
         pytest.raises(GssError, match="crashed repeatedly"),
-        closing(services.studies.executor.in_order(end_the_worker, [9])) as results,
+        closing(services.studies.executor.in_order(exit_worker, [9])) as results,
     ):
         list(results)
 
 
-def end_the_worker(status: int, _arguments: object) -> None:
-    """Work that kills its process."""
+def exit_worker(status: int, _arguments: object) -> None:
+    """Work function that ends its worker process."""
     os._exit(status)
 
 
 def test_workers_and_server_give_the_same_result(client: TestClient, services: Services) -> None:
-    """The chain run on the page equals the job's result to the last bit."""
-    by_hand = client.post("/api/frames/3/solve", json={"chain": "cubestar"}).json()
+    """A chain that the server runs on request gives bit-identical results to a job in a worker."""
+    server_result = client.post("/api/frames/3/solve", json={"chain": "cubestar"}).json()
     detail = client.get("/api/frames/3").json()
-    same = [s for s in detail["solutions"] if s["chain"] == "cubestar"]
-    assert len(same) >= 2
-    assert len({str(s["attitude"]) for s in same}) == 1
-    assert by_hand["attitude"] == same[0]["attitude"]
+    solutions = [s for s in detail["solutions"] if s["chain"] == "cubestar"]
+    assert len(solutions) >= 2
+    assert len({str(s["attitude"]) for s in solutions}) == 1
+    assert server_result["attitude"] == solutions[0]["attitude"]
 
 
 @pytest.mark.parametrize(
@@ -191,15 +197,15 @@ def test_workers_and_server_give_the_same_result(client: TestClient, services: S
     [{"chain": "no-such"}, {"chain": "cubestar", "frame_ids": [99999]}, {"chain": ""}, {"chain": "cubestar", "x": 1}],
 )
 def test_invalid_requests_are_rejected(client: TestClient, body: dict[str, Any]) -> None:
-    """Unknown chain, unknown frame, missing name, unknown key: no job."""
+    """Requests with an unknown chain, frame or key, or without a name, are rejected and queue no job."""
     before = len(client.get("/api/jobs").json())
     assert client.post("/api/campaigns/reprocess", json=body).status_code in (400, 404, 422)
     assert len(client.get("/api/jobs").json()) == before
 
 
 def test_experiments_run_as_a_job(client: TestClient) -> None:
-    """The list names them, a run returns tables with the paper's figures, and an unknown one is rejected before
-    anything runs.
+    """The list names the experiments, and a job returns tables with the paper's figures. Unknown experiments are
+    rejected before anything runs.
     """
     names = [e["name"] for e in client.get("/api/campaigns/experiments").json()]
     assert {"jacobs-5-1", "erlank-3-6"} <= set(names)
@@ -213,7 +219,7 @@ def test_experiments_run_as_a_job(client: TestClient) -> None:
 
 
 def test_without_the_package_the_hint_names_it(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
-    """List and run answer 409 with the command that installs the experiments; no job is queued."""
+    """List and run return 409 with the package that contains the experiments. No job is queued."""
     for module in ("validation", "validation.entries", "validation.run"):
         monkeypatch.setitem(sys.modules, module, None)
     before = len(client.get("/api/jobs").json())
@@ -228,16 +234,16 @@ def test_without_the_package_the_hint_names_it(client: TestClient, monkeypatch: 
 
 
 def test_results_are_exported_as_csv_and_parquet(client: TestClient, services: Services, tmp_path: Path) -> None:
-    """Both formats have the same rows, equal to the page's figures; an unknown format is rejected."""
+    """Both formats have the same rows, and their values agree with the page. An unknown format is rejected."""
     assert client.post("/api/frames/5/solve", json={"chain": "cubestar"}).status_code == 201
     parquet = pq.read_table(io.BytesIO(client.get("/api/campaigns/solutions?format=parquet&chain=cubestar").content))
-    text = list(csv.DictReader(client.get("/api/campaigns/solutions?chain=cubestar").text.splitlines()))
+    csv_rows = list(csv.DictReader(client.get("/api/campaigns/solutions?chain=cubestar").text.splitlines()))
     rows = parquet.to_pylist()
-    assert len(rows) == len(text) >= 1
-    assert [r["solution_id"] for r in rows] == [int(r["solution_id"]) for r in text]
-    shown = client.get(f"/api/frames/{rows[0]['frame_id']}").json()
-    mine = next(s for s in shown["solutions"] if s["id"] == rows[0]["solution_id"])
-    assert rows[0]["ra_deg"] == pytest.approx(mine["attitude"]["ra_deg"], abs=1e-9)
+    assert len(rows) == len(csv_rows) >= 1
+    assert [r["solution_id"] for r in rows] == [int(r["solution_id"]) for r in csv_rows]
+    detail = client.get(f"/api/frames/{rows[0]['frame_id']}").json()
+    solution = next(s for s in detail["solutions"] if s["id"] == rows[0]["solution_id"])
+    assert rows[0]["ra_deg"] == pytest.approx(solution["attitude"]["ra_deg"], abs=1e-9)
     assert client.get("/api/campaigns/solutions?format=xlsx").status_code == 422
     out = tmp_path / "all.parquet"
     assert main(["export", "solutions", "--out", str(out), "--data", str(services.base.settings.data)]) == 0
@@ -245,14 +251,14 @@ def test_results_are_exported_as_csv_and_parquet(client: TestClient, services: S
 
 
 def test_frames_with_missing_pixels_have_a_result(client: TestClient, services: Services) -> None:
-    """A frame without stored pixels gives "none" with the reason, the others are solved, and its page still opens."""
+    """A frame without stored pixels has the result ``none`` with the reason, and its page opens. The job completes."""
     row = services.frames.frames.get(1)
     tasks = services.studies.reprocessing.tasks(ReprocessRequest(chain="cubestar", frame_ids=[1, 2], again=True))
-    broken = [type(t)(**{**vars(t), "sha256": "0" * 64}) if t.frame_id == row.id else t for t in tasks]
-    out = services.studies.reprocessing.work(
-        ReprocessRequest(chain="cubestar", frame_ids=[1, 2]), broken, lambda *_: None
+    tasks_without_pixels = [type(t)(**{**vars(t), "sha256": "0" * 64}) if t.frame_id == row.id else t for t in tasks]
+    result = services.studies.reprocessing.work(
+        ReprocessRequest(chain="cubestar", frame_ids=[1, 2]), tasks_without_pixels, lambda *_: None
     )
-    assert out["frames"] == 2
+    assert result["frames"] == 2
     newest = services.frames.frames.detail(1).solutions[0]
     assert newest.outcome == "none"
     assert "missing" in newest.reason

@@ -1,4 +1,4 @@
-"""Catalogues over HTTP: invalid input is a 4xx with a message; differences, exports, reports, lists and banks by date."""
+"""Catalogues over HTTP: rejected input, differences, exports, reports, star lists and the timeline of banks."""
 
 from __future__ import annotations
 
@@ -27,32 +27,34 @@ STILL = {"pointing": "inertial", "roll_deg": [0.0, 0.0], "pitch_deg": [0.0, 0.0]
 
 
 def decayed() -> str:
-    """Return the elements of the ISS with a mean motion of no possible orbit and valid checksums."""
+    """Return the elements of the ISS with an impossible mean motion and valid checksums."""
     first, second = TLE.splitlines()
     second = second[:52] + "17.90103472" + second[63:68]
     total = sum(int(c) if c.isdigit() else c == "-" for c in second) % 10
     return f"{first}\n{second}{total}\n"
 
 
-def built(client: TestClient, **request: Any) -> dict[str, Any]:
+def build_catalogue(client: TestClient, **request: Any) -> dict[str, Any]:
     reply = client.post("/api/catalogues", json=request)
     assert reply.status_code == 202, reply.text
     for _ in range(400):
         job = client.get(f"/api/jobs/{reply.json()['id']}").json()
         if job["state"] in ("done", "failed"):
             assert job["state"] == "done", job["text"]
-            found: dict[str, Any] = client.get(f"/api/catalogues/{job['result']['catalogue_id']}").json()
-            return found
+            catalogue: dict[str, Any] = client.get(f"/api/catalogues/{job['result']['catalogue_id']}").json()
+            return catalogue
         time.sleep(0.05)
     pytest.fail("the catalogue was not built")
 
 
 @pytest.fixture(scope="module")
 def pair(client: TestClient) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Two weeks and the next two weeks."""
+    """Two catalogues: one for two weeks and one for the following two weeks."""
     later = ORBIT | {"raan_deg": [149.0, 165.0]}
-    first = built(client, name="first", faint_mag=4.0, **ORBIT)
-    return first, built(client, name="second", faint_mag=4.0, corrections={"annual_aberration": True}, **later)
+    first = build_catalogue(client, name="first", faint_mag=4.0, **ORBIT)
+    return first, build_catalogue(
+        client, name="second", faint_mag=4.0, corrections={"annual_aberration": True}, **later
+    )
 
 
 @pytest.mark.parametrize(
@@ -80,7 +82,7 @@ def pair(client: TestClient) -> tuple[dict[str, Any], dict[str, Any]]:
     ],
 )
 def test_each_impossible_request_is_rejected_at_once(client: TestClient, request_: Any, words: str) -> None:
-    """400 with the expected and received values or an instruction; no job, nothing stored."""
+    """The response is a 400 with the expected and received values or an instruction. No job is queued."""
     before = len(client.get("/api/jobs").json())
     reply = client.post("/api/catalogues", json=request_)
     assert reply.status_code == 400, reply.text
@@ -91,7 +93,7 @@ def test_each_impossible_request_is_rejected_at_once(client: TestClient, request
 
 
 def test_a_decayed_orbit_is_reported(client: TestClient) -> None:
-    """SGP4's error as a message."""
+    """The preview reports the error of SGP4 as a message."""
     body = {"orbit": "tle", "tle": decayed(), "start": "2019-12-10"}
     problem = client.post("/api/catalogues/preview", json=body).json()
     assert problem["got"] == "the orbit has decayed"
@@ -99,7 +101,7 @@ def test_a_decayed_orbit_is_reported(client: TestClient) -> None:
 
 @pytest.mark.parametrize("pointing", ["sunsat", "zenith", "nadir", "target", "inertial", "anti_sun", "sun_pointing"])
 def test_every_law_can_be_previewed(client: TestClient, pointing: str) -> None:
-    """Stars, funnel and a map for each law, with its own inputs."""
+    """The preview of each pointing law has stars, a funnel and a map."""
     body = ORBIT | {"pointing": pointing, "profile": "sunsat", "format": "sunsat", "faint_mag": 5.0, "days": 3.0}
     quick = client.post("/api/catalogues/preview", json=body).json()
     assert 5 < quick["stars"] < 1600
@@ -109,20 +111,20 @@ def test_every_law_can_be_previewed(client: TestClient, pointing: str) -> None:
 
 
 def test_a_star_list_is_read_reported_and_built_from(client: TestClient) -> None:
-    """An upload reports dropped rows with reasons; the build uses the others and names the list in its manifest."""
+    """An upload reports dropped rows with reasons. The build uses the other rows and names the list in its manifest."""
     lines = write_star_list(load_stars(4.0), "csv").decode().splitlines()
     head = next(k for k, line in enumerate(lines) if line and not line.startswith("#"))
-    spoiled = lines[head + 3].split(",")
-    at = next(k for k, name in enumerate(lines[head].split(",")) if name.lower().startswith("ra"))
-    spoiled[at] = "nan"
-    lines[head + 3] = ",".join(spoiled)
-    made = client.post("/api/catalogues/sources", files={"file": ("mine.csv", "\n".join(lines).encode())})
-    assert made.status_code == 201, made.text
-    row = made.json()
+    invalid_row = lines[head + 3].split(",")
+    ra_column = next(k for k, name in enumerate(lines[head].split(",")) if name.lower().startswith("ra"))
+    invalid_row[ra_column] = "nan"
+    lines[head + 3] = ",".join(invalid_row)
+    reply = client.post("/api/catalogues/sources", files={"file": ("mine.csv", "\n".join(lines).encode())})
+    assert reply.status_code == 201, reply.text
+    row = reply.json()
     assert (row["stars"], row["dropped"]) == (len(load_stars(4.0)) - 1, 1)
     assert row["report"]["dropped"][0]["reason"]
     assert client.get("/api/catalogues/sources").json()[0]["id"] == row["id"]
-    detail = built(client, name="of mine", source="list", star_list=row["id"], faint_mag=3.5)
+    detail = build_catalogue(client, name="of mine", source="list", star_list=row["id"], faint_mag=3.5)
     assert detail["manifest"]["source_facts"]["name"] == "list"
     assert detail["funnel"][0] == {"label": "mine.csv", "stars": row["stars"], "kind": "keep"}
 
@@ -152,7 +154,7 @@ def test_a_star_list_is_read_reported_and_built_from(client: TestClient) -> None
 def test_each_invalid_list_is_rejected_with_a_message(
     client: TestClient, name: str, text: str, form: dict[str, str], words: str
 ) -> None:
-    """Disallowed NaN rows, duplicate numbers, a wrong epoch, an unknown kind: 4xx, and nothing is stored."""
+    """Lists with NaN, duplicate numbers, a wrong epoch or an unknown kind are rejected, and nothing is stored."""
     before = len(client.get("/api/catalogues/sources").json())
     reply = client.post("/api/catalogues/sources", files={"file": (name, text.encode())}, data=form)
     assert reply.status_code in (400, 404), reply.text
@@ -175,7 +177,9 @@ def test_each_invalid_list_is_rejected_with_a_message(
     ],
 )
 def test_each_invalid_mapping_is_rejected_with_a_message(client: TestClient, mapping: str) -> None:
-    """Another shape or type, a column used twice, endless nesting: 400 with the expected form, and nothing is stored."""
+    """A mapping of another type, with a column used twice or with deep nesting is a 400 that states the expected
+    form.
+    """
     before = len(client.get("/api/catalogues/sources").json())
     rows = "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n"
     reply = client.post("/api/catalogues/sources", files={"file": ("a.csv", rows.encode())}, data={"mapping": mapping})
@@ -185,7 +189,7 @@ def test_each_invalid_mapping_is_rejected_with_a_message(client: TestClient, map
 
 
 def test_a_name_with_a_line_break_is_rejected(client: TestClient) -> None:
-    """Control characters in a catalogue's name are rejected, letters of any alphabet are accepted."""
+    """Control characters in the name of a catalogue are rejected. Letters of any alphabet are accepted."""
     reply = client.post("/api/catalogues", json={"name": "a\nb"})
     assert reply.status_code in (400, 422)
     assert "author of the catalogue contains control characters" in reply.json()["message"]
@@ -193,24 +197,24 @@ def test_a_name_with_a_line_break_is_rejected(client: TestClient) -> None:
 
 
 def test_a_list_for_another_camera_is_rejected(client: TestClient) -> None:
-    """A list imported for one camera cannot be used for another."""
+    """A star list that was imported for one camera cannot be used for another camera."""
     data = write_star_list(load_stars(3.0), "csv")
     row = client.post("/api/catalogues/sources", files={"file": ("s.csv", data)}, data={"profile": "sunsat"}).json()
     reply = client.post("/api/catalogues/preview", json={"source": "list", "star_list": row["id"], "faint_mag": 2.5})
     assert (reply.status_code, reply.json()["message"]) == (400, "This star list is for another camera.")
     assert (reply.json()["expected"], reply.json()["got"]) == ("sunsat", "cubestar")
-    stating = {"file": ("s.csv", b"# camera = sunsat\n" + data)}
-    refused = client.post("/api/catalogues/sources", files=stating, data={"profile": "cubestar"})
-    assert (refused.status_code, refused.json()["message"]) == (400, "This star list is for another camera.")
-    row = client.post("/api/catalogues/sources", files=stating).json()
+    file_with_camera = {"file": ("s.csv", b"# camera = sunsat\n" + data)}
+    rejected = client.post("/api/catalogues/sources", files=file_with_camera, data={"profile": "cubestar"})
+    assert (rejected.status_code, rejected.json()["message"]) == (400, "This star list is for another camera.")
+    row = client.post("/api/catalogues/sources", files=file_with_camera).json()
     assert row["profile"] == "sunsat"
     reply = client.post("/api/catalogues", json={"source": "list", "star_list": row["id"], "faint_mag": 2.5})
     assert (reply.status_code, reply.json()["message"]) == (400, "This star list is for another camera.")
 
 
 def test_the_selection_of_stars_is_configurable_and_reported(client: TestClient) -> None:
-    """Screening list, reduced catalogue, thinning and mounting by three rotations: in preview, detail, report and
-    manifest.
+    """Preview, detail, report and manifest show screening list, reduced catalogue, thinning and the mounting by three
+    rotations. Two mountings in one request are rejected.
     """
     requested: dict[str, Any] = {
         "faint_mag": 4.5,
@@ -222,33 +226,33 @@ def test_the_selection_of_stars_is_configurable_and_reported(client: TestClient)
         "reduced": {"width_deg": 36, "height_deg": 36, "step_deg": 4},
     }
     quick = client.post("/api/catalogues/preview", json=requested).json()
-    detail = built(client, name="chosen", **requested)
+    detail = build_catalogue(client, name="chosen", **requested)
     assert [f["label"] for f in quick["funnel"]] == [f["label"] for f in detail["funnel"]]
-    gone = next(f["stars"] for f in detail["funnel"] if f["label"] == "on the screening list")
-    assert gone > 0
-    assert detail["screening"]["counts"]["any"] >= gone
+    dropped_stars = next(f["stars"] for f in detail["funnel"] if f["label"] == "on the screening list")
+    assert dropped_stars > 0
+    assert detail["screening"]["counts"]["any"] >= dropped_stars
     assert detail["screening"]["stars"][0]["reasons"]
     assert 0 < detail["reduced_stars"] <= detail["stars"]
     assert detail["manifest"]["parameters"]["rules"]["thinning"] == "frames"
     assert detail["request"]["mounting_deg"] == [-10, 0, 90]
     assert "Screening list" in client.get(f"/api/catalogues/{detail['id']}/report.html").text
-    both = requested | {"body_from_cam": [1, 0, 0, 0, 1, 0, 0, 0, 1]}
-    reply = client.post("/api/catalogues/preview", json=both)
+    two_mountings = requested | {"body_from_cam": [1, 0, 0, 0, 1, 0, 0, 0, 1]}
+    reply = client.post("/api/catalogues/preview", json=two_mountings)
     assert (reply.status_code, reply.json()["message"]) == (400, "Two mountings were given.")
 
 
 def test_difference_of_two_stored_catalogues(client: TestClient, pair: Any) -> None:
-    """Counts, stars with names, positions and amounts, and the sky regions that lose stars."""
+    """The difference has consistent counts, moved and added stars, and the coverage of both catalogues."""
     old, new = pair
-    d = client.get("/api/catalogues/diff", params={"old": old["id"], "new": new["id"]}).json()
-    assert d["added_count"] - d["dropped_count"] == new["stars"] - old["stars"]
-    assert d["same_count"] + d["moved_count"] + d["dropped_count"] == old["stars"]
+    difference = client.get("/api/catalogues/diff", params={"old": old["id"], "new": new["id"]}).json()
+    assert difference["added_count"] - difference["dropped_count"] == new["stars"] - old["stars"]
+    assert difference["same_count"] + difference["moved_count"] + difference["dropped_count"] == old["stars"]
     # Aberration shifts every star of the second catalogue except near the direction of motion.
-    assert d["moved_count"] > 0.8 * (d["same_count"] + d["moved_count"])
-    assert max(s["moved_arcsec"] for s in d["moved"]) < 21.0
-    assert sum(d["coverage"]["new"]) != sum(d["coverage"]["old"])
-    assert len(d["coverage"]["new"]) == 12 * d["coverage"]["nside"] ** 2
-    assert d["added"][0]["v_mag"] <= d["added"][-1]["v_mag"]
+    assert difference["moved_count"] > 0.8 * (difference["same_count"] + difference["moved_count"])
+    assert max(s["moved_arcsec"] for s in difference["moved"]) < 21.0
+    assert sum(difference["coverage"]["new"]) != sum(difference["coverage"]["old"])
+    assert len(difference["coverage"]["new"]) == 12 * difference["coverage"]["nside"] ** 2
+    assert difference["added"][0]["v_mag"] <= difference["added"][-1]["v_mag"]
     same = client.get("/api/catalogues/diff", params={"old": old["id"], "new": old["id"]}).json()
     assert same["nothing"]
     assert client.get("/api/catalogues/diff", params={"old": old["id"], "new": 999_999}).status_code == 404
@@ -256,7 +260,7 @@ def test_difference_of_two_stored_catalogues(client: TestClient, pair: Any) -> N
 
 @pytest.mark.parametrize("kind", TYPES)
 def test_each_export_contains_the_catalogue(client: TestClient, pair: Any, kind: str) -> None:
-    """Images and tables return identical bytes; the others list each star."""
+    """Exported images and tables contain the bytes of the stored image. The other formats list each star."""
     detail = pair[0]
     reply = client.get(f"/api/catalogues/{detail['id']}/export", params={"kind": kind})
     assert reply.status_code == 200, reply.text
@@ -278,7 +282,7 @@ def test_each_export_contains_the_catalogue(client: TestClient, pair: Any, kind:
 
 
 def test_the_report_is_one_self_contained_page(client: TestClient, pair: Any) -> None:
-    """No script, no external resource, and the figures of the catalogue."""
+    """The report contains the figures of the catalogue, no script and no external resource."""
     detail = pair[1]
     page = client.get(f"/api/catalogues/{detail['id']}/report.html")
     assert page.headers["content-type"].startswith("text/html")
@@ -290,7 +294,9 @@ def test_the_report_is_one_self_contained_page(client: TestClient, pair: Any) ->
 
 
 def test_the_detail_lists_corrections_sizes_and_the_sun(client: TestClient, pair: Any) -> None:
-    """The manifest lists the applied corrections with their size; parts add up to the image; the Sun's path is drawn."""
+    """The manifest lists applied corrections with their size. The sizes of the parts add up to the image. The Sun is
+    drawn.
+    """
     detail = pair[1]
     applied = {c["name"]: c for c in detail["manifest"]["corrections"]["applied"]}
     assert set(applied) == {"proper_motion", "annual_aberration"}
@@ -301,8 +307,8 @@ def test_the_detail_lists_corrections_sizes_and_the_sun(client: TestClient, pair
 
 
 def test_banks_by_date(client: TestClient, pair: Any) -> None:
-    """A device's reports are served as a timeline with validity and coverage; without a record the response is a 404
-    with a message.
+    """The server returns a device's bank reports as a timeline with validity and coverage. Without reports the
+    response is a 404 with a message.
     """
     empty = client.get("/api/catalogues/timeline")
     assert (empty.status_code, empty.json()["message"]) == (404, "No banks recorded.")

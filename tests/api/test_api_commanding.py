@@ -21,7 +21,7 @@ ENDED = ("completed", "rejected", "failed", "unknown", "withdrawn")
 
 
 class ConsoleClient:
-    """A console client of a server with a sensor; ``user`` in every request, an admin unless created otherwise before."""
+    """Console client of a server with a sensor. Requests name a ``user``, who is created as an admin if unknown."""
 
     def __init__(
         self, client: TestClient, services: Any, sensor: Any, signed_in: Callable[..., dict[str, str]]
@@ -36,12 +36,12 @@ class ConsoleClient:
         assert reply.status_code == status, reply.text
         return reply.json() if reply.content else None
 
-    def wait(self, look: Callable[[], Any]) -> Any:
+    def wait(self, condition: Callable[[], Any]) -> Any:
         limit_s = time.monotonic() + 30
-        while not (found := look()):
+        while not (result := condition()):
             assert time.monotonic() < limit_s, self.request("GET", "/events")[-3:]
             time.sleep(0.01)
-        return found
+        return result
 
     def send(self, name: str, status: int = 201, user: str = "ann", confirm: str = "", **arguments: Any) -> Any:
         body = {"name": name, "arguments": arguments, "confirm": confirm}
@@ -55,7 +55,7 @@ class ConsoleClient:
 
 @pytest.fixture
 def make_console(tmp_path, sensor_in_memory, signed_in, client_of) -> Iterator[Callable[..., ConsoleClient]]:
-    """Factory of servers on sensors; each console's link is open and its sensor has identified itself."""
+    """Factory of consoles on simulated sensors. The link is open and the sensor has identified itself."""
     clients: list[TestClient] = []
 
     def make(**identity: Any) -> ConsoleClient:
@@ -85,15 +85,15 @@ def console(make_console) -> ConsoleClient:
 
 
 def test_authority_is_taken_released_and_broken(console):
-    """The holder is in every response, in the header and in the rejection; breaking needs a reason."""
+    """Responses, header and rejected commands name the holder of the authority. Breaking it needs a reason."""
     free = console.request("GET", "/authority")
     assert (free["holder"], free["mine"], free["history"]) == (None, False, [])
     taken = console.request("POST", "/authority/take")
     assert (taken["holder"], taken["mine"]) == ("ann", True)
     assert console.request("GET", "/authority", user="bob")["mine"] is False
     assert console.request("GET", "/link")["authority"] == "ann"
-    refused = console.send("GET_STATUS", 409, user="bob")
-    assert (refused["message"], refused["got"]) == ("Command authority is held by ann.", "")
+    rejected = console.send("GET_STATUS", 409, user="bob")
+    assert (rejected["message"], rejected["got"]) == ("Command authority is held by ann.", "")
     console.request("POST", "/authority/release", 409, user="bob")
     console.request("POST", "/authority/break", 422, user="bob", json={"reason": ""})
     console.request("POST", "/authority/break", 400, user="bob", json={"reason": "   "})
@@ -109,7 +109,7 @@ def test_authority_is_taken_released_and_broken(console):
 
 
 def test_authority_is_handed_over_by_both_sides(console, signed_in):
-    """A request or an offer waits for one answer; no other user can give it, and the note is kept in the history."""
+    """Only the other side answers a request or an offer, one at a time. The history records the notes."""
     signed_in(console.services, "viewer", "eve")
 
     def post(action: str, status: int = 200, user: str = "ann", to: str = "", note: str = "") -> Any:
@@ -142,7 +142,7 @@ def test_authority_is_handed_over_by_both_sides(console, signed_in):
 
 
 def test_a_command_is_checked_sent_and_stored(console):
-    """Dry run with hazard, role and authority; sending; the row with the fields that the console shows."""
+    """A check reports hazard, role and authority. The stored command has the fields that the console shows."""
     check = console.request("POST", "/commands/check", json={"name": "POWER", "arguments": {"state": "off"}})
     assert (check["hazard"], check["confirm_name"], check["role"]) == ("warning", "POWER", "operator")
     assert (check["allowed"], check["problems"], check["authority"]) == (True, [], None)
@@ -156,7 +156,7 @@ def test_a_command_is_checked_sent_and_stored(console):
 
 
 def test_an_unknown_command_is_resolved_by_retry_or_statement(console):
-    """The row contains the fields that the pages need for both actions."""
+    """The stored command has the fields that the pages need to offer a retry or a statement."""
     console.sensor.deaf = True
     row = console.end(console.send("TAKE_IMAGE"))
     assert (row["result"], row["needs_operator"], row["can_retry"], row["idempotent"]) == ("unknown", True, True, False)
@@ -169,14 +169,14 @@ def test_an_unknown_command_is_resolved_by_retry_or_statement(console):
 
 
 def test_simulator_commands_are_hidden_from_a_real_unit(make_console):
-    """The list of a real unit lacks them, and a request is rejected."""
+    """The dictionary of a real unit lists no simulator command, and a request for one is rejected."""
     console = make_console(simulated=False, serial="FM-1")
     assert not [c for c in console.request("GET", "/dictionary")["commands"] if c["simulator_only"]]
     assert "for simulators only" in console.send("SIM_INJECT", 409)["message"]
 
 
 def test_history_pages_filters_and_exports(console):
-    """The same filter for the list and both files."""
+    """The list and both exported files apply the same filter."""
     for exposure_ms in (11, 22, 33):
         console.end(console.send("SET_EXPOSURE", exposure_ms=exposure_ms))
     query = {"name": ["SET_EXPOSURE"], "user": "ann", "result": ["completed"]}
@@ -195,14 +195,16 @@ def test_history_pages_filters_and_exports(console):
     assert table.headers["content-disposition"] == "attachment; filename=commands.csv"
     assert [int(r["id"]) for r in csv.DictReader(io.StringIO(table.text))] == [r["id"] for r in exported]
     assert "SET_EXPOSURE" in console.request("GET", "/commands/facets")["names"]
-    moment = rows[0]["created"]
+    created = rows[0]["created"]
     for path in ("/commands", "/commands.csv", "/commands.json"):
-        assert "span is empty" in console.request("GET", path, 400, params={"start": moment, "end": moment})["message"]
+        assert (
+            "span is empty" in console.request("GET", path, 400, params={"start": created, "end": created})["message"]
+        )
     console.request("GET", "/commands", 422, params={"start": "yesterday"})
 
 
 def test_a_stack_is_stored_tried_run_and_followed(console):
-    """From the form to the record of its run, with the typed names."""
+    """A stack is stored, checked, run after its hazardous commands were confirmed, recorded, exported and imported."""
     wait = {"field": "cycle_running", "op": "eq", "value": False, "wait_s": 10}
     steps = [
         {"command": "GET_STATUS", "condition": wait},
@@ -246,7 +248,7 @@ def test_a_stack_is_stored_tried_run_and_followed(console):
 
 
 def test_a_command_is_scheduled_listed_and_cancelled(console):
-    """The time in UTC with its uncertainty; the device's schedule as text."""
+    """The schedule shows times in UTC with the clock's uncertainty and describes each entry in text."""
     clock = console.wait(lambda: console.request("GET", "/schedule")["clock"])
     assert clock["uncertainty_s"] < 1
     at = (console.services.line.link._now() + timedelta(seconds=300)).isoformat()
@@ -260,9 +262,13 @@ def test_a_command_is_scheduled_listed_and_cancelled(console):
     def entry() -> Any:
         return next((e for e in console.request("GET", "/schedule")["entries"] if e["schedule_id"] == number), None)
 
-    found = console.wait(entry)
-    assert (found["command"], found["text"], found["state"]) == ("SET_EXPOSURE", "exposure 44", "waiting")
-    assert found["at"][:16] == check["at"][:16]
+    waiting_entry = console.wait(entry)
+    assert (waiting_entry["command"], waiting_entry["text"], waiting_entry["state"]) == (
+        "SET_EXPOSURE",
+        "exposure 44",
+        "waiting",
+    )
+    assert waiting_entry["at"][:16] == check["at"][:16]
     console.end(console.request("POST", f"/schedule/{number}/cancel", 201))
     console.wait(lambda: entry()["state"] == "cancelled")
     console.request("POST", f"/schedule/{number}/cancel", 409)

@@ -8,30 +8,34 @@ SUPPLY = {"name": "double_v", "expression": "2 * housekeeping.supply_3v3_v", "un
 
 
 def test_an_operator_defines_changes_and_deletes_a_parameter(client: TestClient) -> None:
-    """The parameter is among the fields and limits at once; each change is in the audit log with what changed."""
-    tried = client.post("/api/telemetry/derived/check", json={"expression": SUPPLY["expression"]})
-    assert tried.json() == {
+    """The parameter appears among fields and limits at once. The audit log records the old and the new expression."""
+    check = client.post("/api/telemetry/derived/check", json={"expression": SUPPLY["expression"]})
+    assert check.json() == {
         "kind": "number",
         "references": ["housekeeping.supply_3v3_v"],
         "value": None,
         "reason": "housekeeping.supply_3v3_v has no current value",
     }
     assert client.post("/api/telemetry/derived", json=SUPPLY).status_code == 201
-    [found] = client.get("/api/telemetry/derived").json()
-    assert (found["key"], found["warning"], found["problem"]) == ("derived_double_v.double_v", [None, 7.0], "")
+    [parameter] = client.get("/api/telemetry/derived").json()
+    assert (parameter["key"], parameter["warning"], parameter["problem"]) == (
+        "derived_double_v.double_v",
+        [None, 7.0],
+        "",
+    )
     assert [v["unit"] for v in client.get("/api/telemetry/latest").json()["values"] if v["page"] == "derived"] == ["V"]
-    assert found["key"] in [f["key"] for f in client.get("/api/telemetry/limits").json()["fields"]]
+    assert parameter["key"] in [f["key"] for f in client.get("/api/telemetry/limits").json()["fields"]]
     changed = SUPPLY | {"expression": "3 * housekeeping.supply_3v3_v"}
     assert client.put("/api/telemetry/derived/double_v", json=changed).json()["expression"] == changed["expression"]
     span = {"start": "2026-11-01T00:00:00Z", "end": "2026-11-02T00:00:00Z"}
     assert client.post("/api/telemetry/derived/double_v/recompute", json=span).status_code == 202
     assert client.delete("/api/telemetry/derived/double_v").status_code == 204
-    recorded = client.get("/api/audit").text
-    assert "double_v from 2 * housekeeping.supply_3v3_v to 3 * housekeeping.supply_3v3_v" in recorded
+    audit_log = client.get("/api/audit").text
+    assert "double_v from 2 * housekeeping.supply_3v3_v to 3 * housekeeping.supply_3v3_v" in audit_log
 
 
 def test_an_invalid_expression_is_refused_with_its_position(client: TestClient) -> None:
-    """The page shows message, expectation and what was found."""
+    """The response states the position of the error, or why the result cannot be used."""
     reply = client.post("/api/telemetry/derived", json=SUPPLY | {"expression": "2 * housekeeping.supply_3v3_v )"})
     assert reply.status_code == 400
     assert reply.json()["message"] == "The expression has an error at position 31."

@@ -10,8 +10,8 @@ from fastapi.testclient import TestClient
 
 
 def test_cameras_are_listed_with_limits_sources_and_rows(client: TestClient) -> None:
-    """Initial values of the form: all cameras with their numbers, the range of each field, and their rows of the
-    table.
+    """The response has the initial values of the form: all cameras with their numbers, the range of each field, and the
+    rows of the table.
     """
     answer = client.get("/api/design/cameras").json()
     assert [c["name"] for c in answer["cameras"]] == [
@@ -30,7 +30,7 @@ def test_cameras_are_listed_with_limits_sources_and_rows(client: TestClient) -> 
 
 
 def test_a_quick_study_follows_the_edit(client: TestClient) -> None:
-    """Changed fields are named, the field of view follows the focal length, and nothing is NaN."""
+    """The result names the changed fields, and its field of view follows the focal length."""
     answer = client.post("/api/design", json={"profile": "sunsat", "focal_mm": 50, "mag_limit": 6.0}).json()
     assert answer["changed"] == ["focal_mm", "mag_limit"]
     assert not answer["full"]
@@ -40,7 +40,7 @@ def test_a_quick_study_follows_the_edit(client: TestClient) -> None:
 
 
 @pytest.mark.parametrize(
-    ("body", "status", "said"),
+    ("body", "status", "words"),
     [
         ({"profile": "hubble"}, 404, "Unknown instrument"),
         ({"focal_mm": 0}, 400, "focal_mm is out of range"),
@@ -52,16 +52,16 @@ def test_a_quick_study_follows_the_edit(client: TestClient) -> None:
 )
 @pytest.mark.parametrize("path", ["/api/design", "/api/design/run"])
 def test_impossible_cameras_are_rejected_at_once(
-    client: TestClient, path: str, body: dict[str, Any], status: int, said: str
+    client: TestClient, path: str, body: dict[str, Any], status: int, words: str
 ) -> None:
     """Both routes reject the same input before anything is queued."""
     answer = client.post(path, json=body)
     assert answer.status_code == status
-    assert said in answer.json()["message"]
+    assert words in answer.json()["message"]
 
 
 def test_the_full_count_is_a_job_that_can_be_cancelled(client: TestClient) -> None:
-    """It reports its progress and ends when it is cancelled."""
+    """The full count runs as a job, which ends when it is cancelled."""
     job = client.post("/api/design/run", json={"profile": "sunsat"}).json()
     assert job["kind"] == "design"
     client.post(f"/api/jobs/{job['id']}/cancel")
@@ -74,7 +74,7 @@ def test_the_full_count_is_a_job_that_can_be_cancelled(client: TestClient) -> No
 
 
 def test_the_page_starts_with_the_camera_of_the_configured_instrument(client):
-    """The server names it; the page has no built-in default."""
-    found = client.get("/api/design/cameras").json()
-    assert found["unit"] == "cubestar"
-    assert found["unit"] in [camera["name"] for camera in found["cameras"]]
+    """The server names the camera of the configured instrument; the page has no built-in default."""
+    answer = client.get("/api/design/cameras").json()
+    assert answer["unit"] == "cubestar"
+    assert answer["unit"] in [camera["name"] for camera in answer["cameras"]]

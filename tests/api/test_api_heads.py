@@ -1,4 +1,4 @@
-"""Spacecraft with several heads over HTTP and in the shell: stored, shown, changed, deleted; bad input and missing permissions."""
+"""Spacecraft with several heads over HTTP and in the shell: storage, display, changes, deletion and invalid input."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def client(tmp_path: Path, client_of: Callable[..., TestClient]) -> Iterator[Tes
 
 
 def test_a_spacecraft_is_stored_and_its_unknown_state_is_shown(client: TestClient, tmp_path: Path, capsys: Any) -> None:
-    """Without attitudes nothing is claimed. The shell shows and changes the same spacecraft."""
+    """Without attitudes the state is ``unknown``. The shell shows and changes the same spacecraft."""
     assert client.get(PATH).json() == []
-    made = client.post(PATH, json=SAT)
-    assert made.status_code == 201, made.text
+    reply = client.post(PATH, json=SAT)
+    assert reply.status_code == 201, reply.text
     (shown,) = client.get(PATH).json()
     assert (shown["state"], shown["fused"], shown["pairs"], shown["alarms"]) == ("unknown", None, [], [])
     assert shown["heads"][1]["boresight"] == pytest.approx([0, -1, 0], abs=1e-9)
@@ -56,8 +56,8 @@ def test_a_spacecraft_is_stored_and_its_unknown_state_is_shown(client: TestClien
 
 
 def test_wrong_spacecraft_are_refused(client: TestClient) -> None:
-    """Each mistake is named; nothing is stored."""
-    made = client.post(PATH, json=SAT).json()
+    """Each invalid spacecraft is rejected, and a correction without a misalignment estimate is a conflict."""
+    spacecraft = client.post(PATH, json=SAT).json()
     for body in (
         SAT,
         SAT | {"name": "Other"},
@@ -68,12 +68,12 @@ def test_wrong_spacecraft_are_refused(client: TestClient) -> None:
         SAT | {"more": 1},
     ):
         assert client.post(PATH, json=body).status_code in (409, 422), body
-    assert client.put(f"{PATH}/{made['id'] + 1}", json=SAT).status_code == 404
-    answer = client.post(f"{PATH}/{made['id']}/correct", json={"unit": "B"})
+    assert client.put(f"{PATH}/{spacecraft['id'] + 1}", json=SAT).status_code == 404
+    answer = client.post(f"{PATH}/{spacecraft['id']}/correct", json={"unit": "B"})
     assert answer.status_code == 409
     assert "misalignment estimate of this head" in answer.json()["message"]
-    assert client.get(f"{PATH}/{made['id']}/history?hours=0").status_code == 422
+    assert client.get(f"{PATH}/{spacecraft['id']}/history?hours=0").status_code == 422
     assert client.get(f"{PATH}/99/history").status_code == 404
-    assert client.put(f"{PATH}/{made['id']}", json=SAT | {"stale_s": 60.0}).json()["stale_s"] == 60
-    assert client.delete(f"{PATH}/{made['id']}").status_code == 204
+    assert client.put(f"{PATH}/{spacecraft['id']}", json=SAT | {"stale_s": 60.0}).json()["stale_s"] == 60
+    assert client.delete(f"{PATH}/{spacecraft['id']}").status_code == 204
     assert len(client.get(PATH).json()) == 0

@@ -1,4 +1,4 @@
-"""Uploads that try to block the server or to fill its memory get one clear response, and ABORT works meanwhile."""
+"""Uploads that could block the server or fill its memory are rejected, and ABORT works meanwhile."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ LISTS = [
     "nested-line.ecsv",
 ]
 FRAMES = ["planes.fits"]
-"""Other files of these formats are read by the same child processes in tests/cli."""
-STATED = '{"epoch_jyear": 2000, "frame": "icrs"}'
+"""Hostile frames. tests/cli reads more files of these formats in the same child processes."""
+MAPPING = '{"epoch_jyear": 2000, "frame": "icrs"}'
 BOUND_S = ParseLimits().wall_s + 5
 
 
@@ -42,26 +42,28 @@ def admin(clients: dict[str, TestClient]) -> TestClient:
 
 
 def send(client: TestClient, name: str, data: bytes) -> Any:
-    """Upload a file; a star list states its epoch unless the file is about that."""
+    """Upload a frame or star list. The mapping states the epoch, except for the file that tests epochs."""
     if name in FRAMES or name.endswith(".png"):
         return client.post("/api/frames/import", files={"file": (name, data)})
-    form = {} if name == "epoch.csv" else {"mapping": STATED}
+    form = {} if name == "epoch.csv" else {"mapping": MAPPING}
     return client.post("/api/catalogues/sources", files={"file": (name, data)}, data=form)
 
 
 @pytest.mark.parametrize("name", [*LISTS, *FRAMES])
 def test_a_hostile_file_is_rejected_while_abort_works(admin: TestClient, hostile: ModuleType, name: str) -> None:
-    """4xx with the expected form, within the limits, while ABORT and the health request are answered."""
+    """The server rejects the file with the expected form within the time limit and answers ABORT and health
+    meanwhile.
+    """
     data, replies, began_s = hostile.content(name), [], time.monotonic()
     upload = threading.Thread(target=lambda: replies.append(send(admin, name, data)))
     upload.start()
     while True:
-        under_way = upload.is_alive()
+        uploading = upload.is_alive()
         requested_s = time.monotonic()
         assert admin.post("/api/commands/abort").status_code == 409  # the link is down
         assert admin.get("/api/health").status_code in (200, 503)
         assert time.monotonic() - requested_s < 10
-        if not under_way:
+        if not uploading:
             break
         upload.join(0.05)
     assert time.monotonic() - began_s < BOUND_S
@@ -70,13 +72,13 @@ def test_a_hostile_file_is_rejected_while_abort_works(admin: TestClient, hostile
 
 
 def test_a_comment_of_blanks_is_read(admin: TestClient, hostile: ModuleType) -> None:
-    """40 000 blanks in a comment cost no time; the list below them is read."""
+    """A comment with 40 000 blanks does not delay parsing; the list below it is read."""
     reply = send(admin, "blanks.csv", hostile.content("blanks.csv"))
     assert (reply.status_code, reply.json()["stars"]) == (201, 24)
 
 
 def test_uploads_beyond_the_limit_are_rejected(app: FastAPI, admin: TestClient) -> None:
-    """With every parser in use, an upload gets 503 with the time to retry, and ABORT works."""
+    """While every parser is in use, an upload is a 503 with the time to retry, and ABORT works."""
     places = app.state.services.base.parsing._places
     count = ParsingQueue().at_once + ParsingQueue().waiting
     taken = [places.acquire(blocking=False) for _ in range(count)]
@@ -92,7 +94,7 @@ def test_uploads_beyond_the_limit_are_rejected(app: FastAPI, admin: TestClient) 
 
 
 def test_a_frame_is_unchanged_by_the_child_process(app: FastAPI, admin: TestClient) -> None:
-    """Pixels of an imported picture are those of the file."""
+    """The stored pixels of an imported picture equal those of the file."""
     pixels = np.arange(64 * 48, dtype=np.uint16).reshape(48, 64)
     file = io.BytesIO()
     Image.fromarray(pixels).save(file, "PNG")
@@ -105,7 +107,7 @@ def test_a_frame_is_unchanged_by_the_child_process(app: FastAPI, admin: TestClie
 def test_stopping_the_server_ends_the_reading(
     app_of: Callable[..., FastAPI], signed_in: Callable[..., dict[str, str]], hostile: ModuleType
 ) -> None:
-    """A stopping server does not wait for a file that is being read."""
+    """A stopping server rejects a file instead of reading it."""
     app = app_of({})
     headers = signed_in(app.state.services, "admin", "ann")
     client = TestClient(app, base_url="http://localhost", headers=headers, raise_server_exceptions=False)

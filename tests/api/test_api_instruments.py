@@ -1,4 +1,4 @@
-"""Instrument packages over HTTP: list, details, check, install, export and compare, with their permissions and audit rows."""
+"""Instrument packages over HTTP: list, details, check, installation, export, comparison, permissions and audit rows."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CUBESTAR = read_package_files(SHIPPED / "cubestar")
 
 
 def package(name: str, *changes: tuple[str, str, str]) -> bytes:
-    """A zipped copy of the cubestar package under another name with texts replaced: (file, old, new)."""
+    """Return a zipped copy of the cubestar package under another name. ``changes``: (file, old text, new text)."""
     files = dict(CUBESTAR)
     for file, old, new in (("instrument.yaml", "id: cubestar", f"id: {name}"), *changes):
         text = files[file].decode()
@@ -32,7 +32,7 @@ def package(name: str, *changes: tuple[str, str, str]) -> bytes:
 
 
 def upload(client: TestClient, path: str, data: bytes) -> Any:
-    """Send a package as a form does."""
+    """Upload a package as the form of the page does."""
     return client.post(path, files={"file": ("package.zip", data, "application/zip")})
 
 
@@ -47,7 +47,9 @@ def server(tmp_path_factory: pytest.TempPathFactory, client_of: Callable[..., Te
 
 
 def test_a_viewer_reads_every_number_with_its_unit_and_source(server: dict[str, Any]) -> None:
-    """The list has the shipped instruments; details give each camera number a unit and either a source or a reason."""
+    """The list has the shipped instruments. Details give each camera number either a source or the reason of its
+    choice.
+    """
     listed = server["viewer"].get("/api/instruments").json()
     assert listed["unit"] == "cubestar"
     assert {i["name"] for i in listed["instruments"]} >= {"cubestar", "sunsat", "far_mst", "oersted", "aim"}
@@ -62,7 +64,7 @@ def test_a_viewer_reads_every_number_with_its_unit_and_source(server: dict[str, 
 
 
 def test_a_package_with_mistakes_is_refused_with_file_line_and_field(server: dict[str, Any]) -> None:
-    """The check and the installation name every mistake; nothing is installed."""
+    """Check and installation name file, line and field of the mistake. Nothing is installed."""
     broken = package("mine", ("camera.yaml", "value: 6.28, unit: mm", "value: 6.28, unit: cm"))
     report = upload(server["manager"], "/api/instruments/check", broken).json()
     assert not report["valid"]
@@ -78,7 +80,9 @@ def test_a_package_with_mistakes_is_refused_with_file_line_and_field(server: dic
 
 
 def test_a_new_version_is_checked_compared_installed_and_exported(server: dict[str, Any]) -> None:
-    """The second version replaces the first, which stays available for comparison; the export installs again."""
+    """The second version replaces the first, which stays available for comparison. The export equals the uploaded
+    package.
+    """
     first, second = package("ours"), package("ours", ("camera.yaml", "value: 6.28", "value: 6.31"))
     assert upload(server["manager"], "/api/instruments", first).status_code == 201
     report = upload(server["manager"], "/api/instruments/check", second).json()
@@ -99,20 +103,20 @@ def test_a_new_version_is_checked_compared_installed_and_exported(server: dict[s
 
 
 def test_a_shipped_name_and_a_viewer_are_refused(server: dict[str, Any]) -> None:
-    """A shipped instrument cannot be replaced; installing needs the permission, and every attempt is in the audit log."""
+    """A shipped instrument cannot be replaced. Installation needs the permission. Every attempt is in the audit log."""
     assert upload(server["viewer"], "/api/instruments", package("theirs")).status_code == 403
     shipped = write_zip("cubestar", CUBESTAR)
     assert upload(server["manager"], "/api/instruments", shipped).status_code == 409
     assert not upload(server["manager"], "/api/instruments/check", shipped).json()["valid"]
     rows = server["admin"].get("/api/audit").json()
     rows = rows["rows"] if isinstance(rows, dict) else rows
-    made = [(r["who"], r["result"]) for r in rows if "instruments" in f"{r['action']} {r['target']}"]
-    assert ("vera", "denied") in made
-    assert ("carl", "failed") in made
+    results = [(r["who"], r["result"]) for r in rows if "instruments" in f"{r['action']} {r['target']}"]
+    assert ("vera", "denied") in results
+    assert ("carl", "failed") in results
 
 
 def test_an_archive_without_a_package_is_rejected(server: dict[str, Any]) -> None:
-    """Random bytes, a foreign file and a zip bomb give a reason, not a failure of the server."""
+    """Random bytes, an archive with a path outside the folder and a zip bomb are rejected with a reason."""
     bomb = io.BytesIO()
     with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("instrument.yaml", b"0" * (64 << 20))
@@ -125,17 +129,17 @@ def test_an_archive_without_a_package_is_rejected(server: dict[str, Any]) -> Non
 
 
 def test_use_is_counted_by_version(server: dict[str, Any], tmp_path: Path) -> None:
-    """Frames, contacts and catalogues count for the version they name; rows without one count as unknown."""
+    """Frames, contacts and catalogues count for the version that they name. Rows without a version count separately."""
     now, version = utc_now(), server["viewer"].get("/api/instruments/aim").json()["version"]
     frame = {"source": "import", "name": "f", "taken": now, "received": now, "columns": 8, "rows": 8, "bits": 8}
     frame |= {"dtype": "|u1", "sha256": "0" * 64, "rows_held": [], "parameters": {}}
-    made = {"name": "c", "format": "aim", "created": now, "author": "a", "stars": 1, "pairs": 1, "size": 1}
-    made |= {"sha256": "1" * 64, "request": {}, "manifest": {}, "report": {}}
+    catalogue = {"name": "c", "format": "aim", "created": now, "author": "a", "stars": 1, "pairs": 1, "size": 1}
+    catalogue |= {"sha256": "1" * 64, "request": {}, "manifest": {}, "report": {}}
     with server["services"].base.database.unit_of_work() as session:
         session.add(Frame(**frame, profile="aim", instrument_version=version))
         session.add(Frame(**frame, profile="aim"))
         session.add(Contact(url="x", started=now, ended=now, instrument="aim", instrument_version=version))
-        session.add(Catalogue(**made, profile="aim", instrument_version=version))
+        session.add(Catalogue(**catalogue, profile="aim", instrument_version=version))
     shown = server["viewer"].get("/api/instruments/aim").json()
     assert shown["use"] == {"version": None, "frames": 2, "contacts": 1, "catalogues": 1}
     assert {"version": None, "frames": 1, "contacts": 0, "catalogues": 0} in shown["uses"]

@@ -23,12 +23,12 @@ OPTICS = CAMERAS[0]
 
 
 def scenes() -> list[CentroidList]:
-    """Lists of CubeStar's camera without distortion, not drawn by the project's own code."""
+    """Return star lists of CubeStar's camera without distortion, generated independently of the product code."""
     return star_lists(visible_stars(OPTICS), OPTICS, 3, 3, 0.2, 31)
 
 
 def lists_npz(scenes: list[CentroidList]) -> bytes:
-    """The file of these lists and of an empty one."""
+    """Return an NPZ file with these lists and an empty list."""
     pixels = np.concatenate([s.offset_px for s in scenes]) + np.array([OPTICS.columns - 1, OPTICS.rows - 1]) / 2
     first = np.concatenate([[0], np.cumsum([len(s.offset_px) for s in scenes])])
     flux = 10 ** (-0.4 * np.concatenate([s.magnitude for s in scenes]))
@@ -38,8 +38,9 @@ def lists_npz(scenes: list[CentroidList]) -> bytes:
 
 
 def test_lists_are_solved_as_a_job(client: TestClient) -> None:
-    """The job counts the lists; their results are paged, in the order of the file, with attitude, matches, bound and time; an
-    empty list has a reason; JSON and CSV hold the same."""
+    """The job counts the lists. Results are paged in the order of the file and have attitude, matches, false-match
+    probability and time. An empty list has a reason. JSON and CSV contain the same values.
+    """
     truth = scenes()
     fields = {"camera": "cubestar", "no_distortion": "true"}
     started = client.post("/api/lists", files={"file": ("night.npz", lists_npz(truth))}, data=fields)
@@ -75,7 +76,7 @@ def test_lists_are_solved_as_a_job(client: TestClient) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "fields", "status", "said"),
+    ("content", "fields", "status", "words"),
     [
         (b"list,col_px,row_px,flux\n0,1,2,3\n0,1,x,3\n", {}, 400, "Line 3 of lists.csv does not have four numbers"),
         (b"list,col_px,row_px,flux\n0,1,2,-3\n", {}, 400, "flux in line 2 of lists.csv is invalid"),
@@ -85,19 +86,19 @@ def test_lists_are_solved_as_a_job(client: TestClient) -> None:
     ],
 )
 def test_bad_input_is_refused(
-    client: TestClient, content: bytes, fields: dict[str, str], status: int, said: str
+    client: TestClient, content: bytes, fields: dict[str, str], status: int, words: str
 ) -> None:
-    """The answer names the file, the line and the reason; no job is started."""
+    """The response states the reason, for invalid files with file and line. No job is started."""
     before = len(client.get("/api/jobs").json())
     files = {"file": ("lists.csv", content)}
     answer = client.post("/api/lists", files=files, data={"camera": "cubestar"} | fields)
     assert answer.status_code == status, answer.text
-    assert said in answer.json()["message"]
+    assert words in answer.json()["message"]
     assert len(client.get("/api/jobs").json()) == before
 
 
 def test_a_run_is_deleted_with_its_blobs(tmp_path: Path, client_of: Callable[..., TestClient]) -> None:
-    """Content that another run has stays. A viewer may not delete. No file and no result is left."""
+    """Deletion keeps content that another run uses and otherwise leaves no file. A viewer may not delete."""
     services = build(Settings(data=tmp_path))
     runs, spec = services.studies.list_runs, ListRunRequest(camera="cubestar")
     data = b"list,col_px,row_px,flux\n0,1,2,3\n"
@@ -117,7 +118,7 @@ def test_a_run_is_deleted_with_its_blobs(tmp_path: Path, client_of: Callable[...
 
 
 def test_a_full_disk_refuses_lists_before_they_are_stored(tmp_path: Path) -> None:
-    """No blob and no row is left behind."""
+    """On a full disk the run is rejected before a blob or a row is stored."""
     services = build(Settings(data=tmp_path, disk_stop_mb=10**9))
     with pytest.raises(StoreDown, match="no room"):
         services.studies.list_runs.start(

@@ -1,4 +1,4 @@
-"""The connection of a live recording."""
+"""Connections of live recordings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.api.routers.rerun import Pieces
 
 
 def test_a_client_that_left_before_the_first_block_frees_its_place() -> None:
-    """The recording is closed although no data were requested."""
+    """The server closes the recording although the client disconnected before it received data."""
     closed: list[bool] = []
 
     async def pieces() -> AsyncIterator[bytes]:

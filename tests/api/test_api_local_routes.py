@@ -1,4 +1,4 @@
-"""An API worker answers itself exactly the routes in the table."""
+"""API workers answer exactly the routes in the table; they forward all others."""
 
 from __future__ import annotations
 
@@ -8,17 +8,19 @@ from gss.api.workers.local_routes import LOCAL, is_local
 
 
 def test_the_table_alone_decides_which_routes_are_local(client):
-    """Each entry is a route of the application; every other data route is forwarded, whatever its parameters."""
+    """Each entry of the table is a route of the application. Every other data route is forwarded, with any
+    parameters.
+    """
     paths = client.get("/api/openapi.json").json()["paths"]
     routes = {(method.upper(), path) for path, methods in paths.items() for method in methods}
-    named = {(method, path) for method, templates in LOCAL.items() for path in templates}
-    assert named - routes <= {
+    local_routes = {(method, path) for method, templates in LOCAL.items() for path in templates}
+    assert local_routes - routes <= {
         ("GET", "/api/openapi.json"),
         ("GET", "/api/rerun/re_viewer.js"),
         ("GET", "/api/rerun/re_viewer_bg.wasm"),
         ("GET", "/api/rerun/favicon.ico"),
     }
-    for method, template in sorted(routes - named):
+    for method, template in sorted(routes - local_routes):
         for word in ("7", "abc"):
             path = re.sub(r"\{\w+\}", word, template)
             assert not is_local(method, path), (method, path)

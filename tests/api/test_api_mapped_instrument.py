@@ -1,4 +1,6 @@
-"""An instrument with its own names, and without some operations: services use its names and refuse what it lacks."""
+"""Instruments with their own names and without some operations: services use these names and reject missing
+operations.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,7 @@ MAPPED = {
 
 
 def replaced(text: str, pairs: dict[str, str]) -> bytes:
-    """Return the text with every pair replaced; each must occur."""
+    """Return the text with every old text replaced by its new text. Each old text must occur."""
     for old, new in pairs.items():
         assert old in text, old
         text = text.replace(old, new)
@@ -52,11 +54,11 @@ def replaced(text: str, pairs: dict[str, str]) -> bytes:
 
 @pytest.fixture(scope="module")
 def services(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Services]:
-    """A server whose unit is of a type with its own dictionary and its own operations.yaml."""
+    """Services whose instrument has its own dictionary and its own operations.yaml."""
     data = tmp_path_factory.mktemp("mapped")
     files = dict(read_package_files(SHIPPED / "cubestar"))
-    about = files["instrument.yaml"].decode()
-    files["instrument.yaml"] = replaced(about, {"id: cubestar": "id: other", "dictionary: gss-common\n": ""})
+    manifest = files["instrument.yaml"].decode()
+    files["instrument.yaml"] = replaced(manifest, {"id: cubestar": "id: other", "dictionary: gss-common\n": ""})
     files["dictionary.yaml"] = replaced((SHARED / "gss-common.yaml").read_text(), RENAMED)
     files["operations.yaml"] = replaced((SHARED / "gss-common.operations.yaml").read_text(), MAPPED)
     write_folder(data / "instruments" / "other", files)
@@ -65,13 +67,13 @@ def services(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Services]:
     services.stop()
 
 
-def report(packet: str, values: dict[str, Value]) -> LineBatch:
+def batch_of(packet: str, values: dict[str, Value]) -> LineBatch:
     """Return a batch with one telemetry packet."""
     return LineBatch((Telemetry(packet, 1000.0, 0, {}, values),), NOW, 0.0)
 
 
 def test_a_schedule_uses_the_instrument_s_command_and_arguments(services: Services) -> None:
-    """The plan has the mapped argument names, and its risk that of the carried command under its own name."""
+    """The plan has the mapped argument names and the risk of the scheduled command."""
     plan = services.commanding.schedule.plan("RESTART", {}, at=None, at_device_s=2000.0)
     assert plan.problems == ()
     assert set(plan.order) == {"due_s", "command_code", "length", "content"}
@@ -83,9 +85,9 @@ def test_a_schedule_uses_the_instrument_s_command_and_arguments(services: Servic
 
 
 def test_a_report_is_read_by_its_mapped_fields(services: Services) -> None:
-    """Schedule entries and bank reports of the instrument's own packets reach the services."""
+    """Services read schedule entries and bank reports from the packets of the instrument."""
     values: dict[str, Value] = {"entry": 7, "due_s": 2000.0, "command_code": 3, "length": 0, "content": bytes(64)}
-    services.commanding.schedule.handle(report("schedule_entry", values | {"state": "waiting", "reason": "none"}))
+    services.commanding.schedule.handle(batch_of("schedule_entry", values | {"state": "waiting", "reason": "none"}))
     (entry,) = services.commanding.schedule.state().entries
     assert (entry.schedule_id, entry.at_device_s, entry.command) == (7, 2000.0, "RESTART")
     bank: dict[str, Value] = {
@@ -96,12 +98,12 @@ def test_a_report_is_read_by_its_mapped_fields(services: Services) -> None:
         "stars": 0,
         "pairs": 0,
     }
-    services.dispatcher._dispatch(report("store_report", bank))
+    services.dispatcher._dispatch(batch_of("store_report", bank))
     assert [view.bank for view in services.transfers.banks.views()] == ["B"]
 
 
 def test_an_operation_that_is_absent_is_refused_with_its_sentence(services: Services) -> None:
-    """Downloads of images and ABORT, which the instrument does not have, are refused before anything is sent."""
+    """Downloads of images and ABORT, which the instrument lacks, are rejected before anything is sent."""
     for kind in ("frame", "thumbnail"):
         with pytest.raises(Conflict) as caught:
             services.frames.downloads.start(kind, slot=0)
@@ -114,7 +116,9 @@ def test_an_operation_that_is_absent_is_refused_with_its_sentence(services: Serv
 
 
 def test_the_dictionary_lists_what_the_sensor_has(services: Services, client_of: Callable[..., TestClient]) -> None:
-    """Pages learn the operations, their commands, the absent ones with a sentence, and the quantities."""
+    """The dictionary lists the operations with their commands, the missing operations with a sentence, and the
+    quantities.
+    """
     with client_of(services) as client:
         roles = client.get("/api/dictionary").json()["roles"]
     assert roles["operations"]["schedule"] == "RUN_LATER"

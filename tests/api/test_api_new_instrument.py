@@ -1,4 +1,4 @@
-"""An instrument from photographs over HTTP: the job, the numbers with their uncertainty, and what is refused."""
+"""Instruments from photographs over HTTP: the job, the numbers with their uncertainty, and rejected requests."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Server:
     empty: list[int]
     other: int
 
-    def ended(self, body: dict[str, Any]) -> dict[str, Any]:
+    def run_job(self, body: dict[str, Any]) -> dict[str, Any]:
         """Start a job and return it after its end."""
         started = self.client.post(PATH, json=body)
         assert started.status_code == 202, started.text
@@ -70,7 +70,7 @@ def server(tmp_path_factory: pytest.TempPathFactory, client_of: Callable[..., Te
     stars = propagate(services.base.stars.brighter_than(8.0), epoch_at(utc_now()))
     rng = np.random.default_rng(11)
 
-    def keep(pixels: np.ndarray, exposure_s: float = 0.5) -> int:
+    def store_frame(pixels: np.ndarray, exposure_s: float = 0.5) -> int:
         facts = {"bits": 12, "exposure_s": exposure_s, "profile": None, "parameters": {"file": FACTS}}
         frame, _ = services.frames.frames._add(pixels, source="import", name="roof.fits", taken=utc_now(), **facts)
         return frame.id
@@ -79,18 +79,19 @@ def server(tmp_path_factory: pytest.TempPathFactory, client_of: Callable[..., Te
         attitude = cam_from_icrs(rng.uniform(0, 6.28), np.arcsin(rng.uniform(-1, 1)), rng.uniform(0, 6.28))
         return np.asarray(render(stars, TRUE, sensor, attitude, exposure_s, rng).pixels)
 
-    sky = [keep(photograph(t), t) for t in EXPOSURES_S]
-    empty = [keep(rng.normal(200, 5, (360, 480)).astype(np.uint16)) for _ in range(3)]
-    other = keep(rng.normal(200, 5, (300, 480)).astype(np.uint16))
+    sky = [store_frame(photograph(t), t) for t in EXPOSURES_S]
+    empty = [store_frame(rng.normal(200, 5, (360, 480)).astype(np.uint16)) for _ in range(3)]
+    other = store_frame(rng.normal(200, 5, (300, 480)).astype(np.uint16))
     with client_of(services) as admin:
         yield Server(services, admin, client_of(services, name="vera", role="viewer"), sky, empty, other)
 
 
 def test_an_instrument_is_made_from_photographs(server: Server) -> None:
-    """The true numbers lie within four of the stated standard deviations, each says from how many frames it is; the package is
-    installed and solves the photographs; other images have a reason; the name cannot be taken again."""
+    """The true numbers lie within four of the stated standard deviations, and each number states its frames. The
+    installed package solves the photographs. Other images are skipped with a reason. The name cannot be used again.
+    """
     body = {"name": "roof", "frame_ids": [*server.sky, server.empty[0], server.other], "atmosphere": False}
-    job = server.ended(body | {"fov_min_deg": 24.0, "fov_max_deg": 30.0})
+    job = server.run_job(body | {"fov_min_deg": 24.0, "fov_max_deg": 30.0})
     assert job["state"] == "done", job
     result = job["result"]
     rows = {int(r["name"].split()[-1].strip(")")): r for r in result["photographs"]}
@@ -123,9 +124,9 @@ def test_an_instrument_is_made_from_photographs(server: Server) -> None:
     assert "An instrument of this name exists" in again.text
 
 
-def test_what_no_camera_follows_from_is_refused_with_reasons(server: Server) -> None:
+def test_unusable_photographs_are_rejected_with_reasons(server: Server) -> None:
     """With fewer than three usable photographs the job fails, names the reason of each, and installs nothing."""
-    job = server.ended({"name": "nothing", "frame_ids": [*server.empty, server.other]})
+    job = server.run_job({"name": "nothing", "frame_ids": [*server.empty, server.other]})
     assert job["state"] == "failed"
     assert "at least 3 photographs of one camera" in job["text"]
     assert job["text"].count("not the night sky") == 3
@@ -134,7 +135,7 @@ def test_what_no_camera_follows_from_is_refused_with_reasons(server: Server) -> 
 
 
 @pytest.mark.parametrize(
-    ("change", "status", "said"),
+    ("change", "status", "words"),
     [
         ({"name": "cubestar"}, 409, "exists"),
         ({"name": "No Name"}, 422, "name"),
@@ -149,15 +150,15 @@ def test_what_no_camera_follows_from_is_refused_with_reasons(server: Server) -> 
     ],
 )
 def test_bad_requests_are_rejected_before_anything_is_queued(
-    server: Server, change: dict[str, Any], status: int, said: str
+    server: Server, change: dict[str, Any], status: int, words: str
 ) -> None:
-    """Each mistake has its answer, and no job is created."""
+    """Each invalid request is rejected with its reason, and no job is created."""
     jobs = len(server.client.get("/api/jobs").json())
     answer = server.client.post(PATH, json={"name": "roof2", "frame_ids": server.empty} | change)
-    assert (answer.status_code, said in answer.text) == (status, True), answer.text
+    assert (answer.status_code, words in answer.text) == (status, True), answer.text
     assert len(server.client.get("/api/jobs").json()) == jobs
 
 
 def test_a_viewer_cannot_make_an_instrument(server: Server) -> None:
-    """The permission is that of uploading a package."""
+    """A viewer lacks the permission, as for the upload of a package."""
     assert server.viewer.post(PATH, json={"name": "mine", "frame_ids": server.empty}).status_code == 403

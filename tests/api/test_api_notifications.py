@@ -1,4 +1,4 @@
-"""Notifications over the API: targets without secrets, rules in words, a test message; an invalid file prevents the start."""
+"""Notifications over HTTP: targets without secrets, rules as text, test messages, and invalid files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ rules:
 
 
 def test_an_admin_sees_targets_and_rules_and_sends_a_test(client_of, tmp_path, monkeypatch):
-    """The secret is not returned; the message is queued; other roles see nothing."""
+    """The response does not contain the secret. The test message is queued. Other roles are rejected."""
     monkeypatch.setenv("HOOK_SECRET", "do not show")
     (tmp_path / "rules.yaml").write_text(FILE)
     services = build(Settings(data=tmp_path, notifications=str(tmp_path / "rules.yaml")))
@@ -34,7 +34,7 @@ def test_an_admin_sees_targets_and_rules_and_sends_a_test(client_of, tmp_path, m
 
 
 def test_a_server_does_not_start_with_an_invalid_file(tmp_path):
-    """A missing secret would silence the notifications."""
+    """A missing secret prevents the start, because it would silence the notifications."""
     (tmp_path / "rules.yaml").write_text(FILE)
     with pytest.raises(BadInput, match="HOOK_SECRET is not set"):
         build(Settings(data=tmp_path, notifications=str(tmp_path / "rules.yaml")))

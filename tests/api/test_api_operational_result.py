@@ -1,5 +1,5 @@
-"""The operational ground result of a frame comes from the configured chain and the frame's camera, whatever else is
-run.
+"""The operational ground result of a frame is that of the configured chain and the frame's camera, independent of other
+runs.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from gss.wiring.services import Services
 
 CHAIN = "oersted"
 PHOTOGRAPH = 4
-"""The last frame is imported without a camera."""
+"""Id of the last frame, which is imported without a camera."""
 
 
 def rendered(seed: int) -> bytes:
     """Return a PNG of stars as the cubestar camera images them."""
-    known, rng = shipped_camera("cubestar"), np.random.default_rng(seed)
-    stars = propagate(load_stars(known.sensor.faint_limit_mag + 0.5), 2026.5)
-    pose = cam_from_icrs(rng.uniform(0, 6.28), np.arcsin(rng.uniform(-1, 1)), rng.uniform(0, 6.28))
+    profile, rng = shipped_camera("cubestar"), np.random.default_rng(seed)
+    stars = propagate(load_stars(profile.sensor.faint_limit_mag + 0.5), 2026.5)
+    attitude = cam_from_icrs(rng.uniform(0, 6.28), np.arcsin(rng.uniform(-1, 1)), rng.uniform(0, 6.28))
     out = io.BytesIO()
-    Image.fromarray(render(stars, known.camera, known.sensor, pose, 0.25, rng).pixels).save(out, "PNG")
+    Image.fromarray(render(stars, profile.camera, profile.sensor, attitude, 0.25, rng).pixels).save(out, "PNG")
     return out.getvalue()
 
 
-def until(ready: Callable[[], bool]) -> None:
+def wait_until(ready: Callable[[], bool]) -> None:
     """Wait until ``ready()`` is true."""
     for _ in range(1200):
         if ready():
@@ -54,17 +54,17 @@ def services(tmp_path_factory: pytest.TempPathFactory) -> Services:
 
 @pytest.fixture(scope="module")
 def client(services: Services, client_of: Callable[..., TestClient]) -> Iterator[TestClient]:
-    """Its store holds three frames of a known camera and one of an unknown camera, all solved at import."""
+    """Client of a server that has solved three frames of a known camera and one frame of an unknown camera."""
     with client_of(services) as client:
         for k in range(1, PHOTOGRAPH + 1):
             data = {} if k == PHOTOGRAPH else {"profile": "cubestar"}
             answer = client.post("/api/frames/import", files={"file": (f"{k}.png", rendered(20 + k))}, data=data)
             assert answer.status_code == 201, answer.text
-        until(lambda: all(f["outcome"] for f in client.get("/api/frames").json()["frames"]))
+        wait_until(lambda: all(f["outcome"] for f in client.get("/api/frames").json()["frames"]))
         yield client
 
 
-def ground(client: TestClient) -> dict[int, dict[str, Any]]:
+def ground_results(client: TestClient) -> dict[int, dict[str, Any]]:
     """Return the ground result of each frame in the list, the frame's page and its FITS file."""
     shown = {}
     for row in client.get("/api/frames").json()["frames"]:
@@ -80,39 +80,39 @@ def ground(client: TestClient) -> dict[int, dict[str, Any]]:
     return shown
 
 
-def ran(client: TestClient, job: Any) -> None:
-    """Check that the job completed."""
+def wait_for_job(client: TestClient, job: Any) -> None:
+    """Wait for the job and check that it completed."""
     assert job.status_code == 201, job.text
     path = f"/api/jobs/{job.json()['id']}"
-    until(lambda: client.get(path).json()["finished"] is not None)
+    wait_until(lambda: client.get(path).json()["finished"] is not None)
     assert client.get(path).json()["state"] == "done", client.get(path).json()
 
 
 def test_a_campaign_with_another_chain_keeps_the_ground_result(client: TestClient) -> None:
-    """Every frame keeps the result of the configured chain in list, detail, filters and export; the campaign's is
-    stored beside it.
+    """List, detail, filters and export keep the result of the configured chain. The campaign's result is stored
+    separately.
     """
-    before = ground(client)
+    before = ground_results(client)
     assert {v["list"]["outcome"] for v in before.values()} == {"solved"}
-    ran(client, client.post("/api/campaigns/reprocess", json={"chain": CHAIN}))
-    assert ground(client) == before
+    wait_for_job(client, client.post("/api/campaigns/reprocess", json={"chain": CHAIN}))
+    assert ground_results(client) == before
     assert client.get("/api/frames?outcome=solved").json()["total"] == PHOTOGRAPH
     for frame_id in before:
-        beside = [s for s in client.get(f"/api/frames/{frame_id}").json()["solutions"] if s["chain"] == CHAIN]
-        assert [s["operational"] for s in beside] == [False]
+        campaign_results = [s for s in client.get(f"/api/frames/{frame_id}").json()["solutions"] if s["chain"] == CHAIN]
+        assert [s["operational"] for s in campaign_results] == [False]
 
 
 def test_a_manual_run_keeps_the_ground_result(client: TestClient) -> None:
-    """Another chain, another camera, and even the configured chain again are stored beside the operational result."""
-    before = ground(client)
+    """Results of another chain, another camera or a repeated run do not replace the operational result."""
+    before = ground_results(client)
     for body in ({"chain": "cubestar"}, {"fov_deg": 30.0}, {"blind": True}, {}):
         assert client.post("/api/frames/1/solve", json=body).status_code == 201
-    ran(client, client.post("/api/campaigns/reprocess", json={"chain": "reference", "again": True}))
-    assert ground(client) == before
+    wait_for_job(client, client.post("/api/campaigns/reprocess", json={"chain": "reference", "again": True}))
+    assert ground_results(client) == before
 
 
 def test_the_ground_result_names_chain_and_camera(client: TestClient) -> None:
-    """A frame of an unknown camera is marked as solved blind."""
+    """The list names chain and camera of each result and marks a frame of an unknown camera as solved blind."""
     shown = {row["id"]: (row["chain"], row["camera_name"]) for row in client.get("/api/frames").json()["frames"]}
     assert shown == dict.fromkeys(range(1, PHOTOGRAPH), ("reference", "cubestar")) | {
         PHOTOGRAPH: ("reference", "blind")
@@ -121,43 +121,47 @@ def test_the_ground_result_names_chain_and_camera(client: TestClient) -> None:
 
 
 def test_an_engineer_selects_another_result(client: TestClient, services: Services, client_of: Any) -> None:
-    """The selection changes the result of one frame, is audited, can be undone, and is not permitted to operators."""
-    before = ground(client)
+    """A selection changes the result of one frame, is audited and can be undone. Operators may not select."""
+    before = ground_results(client)
     detail = client.get("/api/frames/2").json()
     other = next(s for s in detail["solutions"] if s["chain"] == CHAIN)
     path, body = "/api/frames/2/operational", {"solution_id": other["id"]}
     assert client_of(services, "olga", "operator").put(path, json=body).status_code == 403
-    assert ground(client) == before
+    assert ground_results(client) == before
     assert client_of(services, "emil", "engineer").put(path, json=body).json()["chain"] == CHAIN
-    after = ground(client)
+    after = ground_results(client)
     assert {k for k in after if after[k] != before[k]} == {2}
     assert [s["id"] for s in client.get("/api/frames/2").json()["solutions"] if s["operational"]] == [other["id"]]
     rows = client.get("/api/audit?limit=20").json()
     assert any(row["who"] == "emil" and str(other["id"]) in row["detail"] for row in rows), rows
     first = before[2]["ground"]["id"]
     assert client.put(path, json={"solution_id": first}).status_code == 200
-    assert ground(client) == before
+    assert ground_results(client) == before
 
 
 def test_an_invalid_selection_is_rejected(client: TestClient) -> None:
-    """A result of another frame, and one that does not exist."""
+    """Results of another frame and results that do not exist are rejected."""
     other = client.get("/api/frames/3").json()["ground"]["id"]
-    wrong = client.put("/api/frames/2/operational", json={"solution_id": other})
-    assert (wrong.status_code, "frame 3" in wrong.json()["got"]) == (400, True), wrong.text
+    reply = client.put("/api/frames/2/operational", json={"solution_id": other})
+    assert (reply.status_code, "frame 3" in reply.json()["got"]) == (400, True), reply.text
     assert client.put("/api/frames/2/operational", json={"solution_id": 999999}).status_code == 404
 
 
 def test_a_frame_without_a_result_gets_it_from_a_campaign(client: TestClient, services: Services) -> None:
-    """The configured chain with the frame's camera fills an empty place; another chain or another camera does not."""
+    """A run of the configured chain with the frame's camera sets a missing ground result. Other runs do not."""
     row = services.frames.frames.get(1)
     skipped = {"source": "import", "name": "skipped", "profile": "cubestar"}
-    known = {name: getattr(row, name) for name in ("bits", "exposure_s", "taken")}
-    frame, _ = services.frames.frames._add(services.frames.frames.pixels(row), **skipped, **known)
-    ran(client, client.post("/api/campaigns/reprocess", json={"chain": CHAIN, "frame_ids": [frame.id]}))
+    facts = {name: getattr(row, name) for name in ("bits", "exposure_s", "taken")}
+    frame, _ = services.frames.frames._add(services.frames.frames.pixels(row), **skipped, **facts)
+    wait_for_job(client, client.post("/api/campaigns/reprocess", json={"chain": CHAIN, "frame_ids": [frame.id]}))
     assert client.post(f"/api/frames/{frame.id}/solve", json={"blind": True}).status_code == 201
     assert client.get(f"/api/frames/{frame.id}").json()["ground"] is None
     assert client.get("/api/frames?outcome=unsolved").json()["total"] == 1
     again = {"chain": "reference", "frame_ids": [frame.id], "again": True}
-    ran(client, client.post("/api/campaigns/reprocess", json=again))
-    found = client.get(f"/api/frames/{frame.id}").json()["ground"]
-    assert (found["chain"], found["camera_name"], found["outcome"]) == ("reference", "cubestar", "solved")
+    wait_for_job(client, client.post("/api/campaigns/reprocess", json=again))
+    ground_result = client.get(f"/api/frames/{frame.id}").json()["ground"]
+    assert (ground_result["chain"], ground_result["camera_name"], ground_result["outcome"]) == (
+        "reference",
+        "cubestar",
+        "solved",
+    )

@@ -31,7 +31,9 @@ def pages(folder: Path) -> TestClient:
 
 
 def test_hashed_files_are_immutable_and_compressed_on_request(pages):
-    """A name with a hash never changes; each form has its own ETag, and a known one is not sent again."""
+    """Files with a hash in their name are cached as immutable. Each encoding has a separate ETag, and a cached one
+    gives a 304.
+    """
     packed = pages.get("/assets/app-1a2b.js", headers={"Accept-Encoding": "gzip"})
     plain = pages.get("/assets/app-1a2b.js", headers={"Accept-Encoding": "identity"})
     assert packed.headers["content-encoding"] == "gzip"
@@ -49,7 +51,7 @@ def test_hashed_files_are_immutable_and_compressed_on_request(pages):
 
 
 def test_only_addresses_of_the_console_return_the_page(pages):
-    """The script's routes get the page, revalidated each time; missing files, data and changes do not."""
+    """Routes of the console return the page, which is revalidated each time. Missing files and data are a 404."""
     for address in ("/", "/live", "/frames/12"):
         reply = pages.get(address)
         assert (reply.status_code, reply.headers["cache-control"]) == (200, "no-cache")
@@ -76,7 +78,7 @@ def test_rebuilt_pages_are_served_at_once(pages, folder):
 
 
 def test_only_long_complete_responses_without_a_secret_are_compressed():
-    """A long JSON is; a short one, a picture, a stream and the session's own response are not."""
+    """A long JSON response is compressed. Short responses, pictures, streams and the session response are not."""
 
     async def app(scope, receive, send):
         kind, size, pieces = scope["query_string"].decode().split(",")

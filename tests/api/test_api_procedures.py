@@ -1,4 +1,4 @@
-"""Procedures over HTTP: store, check, run by hand without a device, and export the record."""
+"""Procedures over HTTP: check, storage, a manual run without a device, and export of the record."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TEXT = (
 
 
 def test_an_operator_stores_runs_and_exports_a_procedure(client: TestClient) -> None:
-    """A command that cannot be sent is refused and on the record; the exported bytes have the hash of the run."""
+    """A command that cannot be sent is rejected and recorded. The exported record has the hash of the run."""
     checked = client.post("/api/procedures/check", json={"text": TEXT.replace("GET_STATUS", "NOTHING")}).json()
     assert [(m["line"], m["text"].split(";")[0]) for m in checked["mistakes"]] == [(10, "unknown command")]
     stored = client.post("/api/procedures", json={"text": TEXT})
@@ -22,17 +22,17 @@ def test_an_operator_stores_runs_and_exports_a_procedure(client: TestClient) -> 
     assert [p["name"] for p in listed["stored"]] == ["Sign"]
     assert listed["package"]
     run = client.post(f"/api/procedures/{stored.json()['id']}/start", json={}).json()
-    place = f"/api/procedure-runs/{run['id']}"
+    path = f"/api/procedure-runs/{run['id']}"
     assert (run["current"], [s["kind"] for s in run["steps"]]) == ("read", ["text", "command", "sign"])
-    assert client.post(f"{place}/step", json={"step": "status"}).status_code == 409
-    assert client.post(f"{place}/step", json={"step": "read"}).json()["current"] == "status"
-    refused = client.post(f"{place}/step", json={"step": "status"})
-    assert (refused.status_code, refused.json()["message"]) == (409, "The line is down.")
-    assert client.post(f"{place}/skip", json={"step": "status", "reason": "no line"}).json()["current"] == "done"
-    ended = client.post(f"{place}/step", json={"step": "done", "note": "fine"}).json()
+    assert client.post(f"{path}/step", json={"step": "status"}).status_code == 409
+    assert client.post(f"{path}/step", json={"step": "read"}).json()["current"] == "status"
+    rejected = client.post(f"{path}/step", json={"step": "status"})
+    assert (rejected.status_code, rejected.json()["message"]) == (409, "The line is down.")
+    assert client.post(f"{path}/skip", json={"step": "status", "reason": "no line"}).json()["current"] == "done"
+    ended = client.post(f"{path}/step", json={"step": "done", "note": "fine"}).json()
     assert (ended["state"], ended["intact"]) == ("completed", True)
     assert [e["state"] for e in ended["entries"]] == ["done", "failed", "skipped", "done"]
-    record = client.get(f"{place}/record.json").content
+    record = client.get(f"{path}/record.json").content
     assert hashlib.sha256(record).hexdigest() == ended["sha256"]
     assert client.delete(f"/api/procedures/{stored.json()['id']}").status_code == 204
     assert [r["id"] for r in client.get("/api/procedure-runs").json()] == [run["id"]]

@@ -18,14 +18,14 @@ from gss.pipeline.render import render
 
 
 def png_of(pixels) -> bytes:
-    """A PNG file."""
+    """Return the pixels as a PNG file."""
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, format="PNG")
     return buffer.getvalue()
 
 
 def fits_of(array) -> bytes:
-    """A FITS file."""
+    """Return the array as a FITS file."""
     buffer = io.BytesIO()
     fits.PrimaryHDU(array).writeto(buffer)
     return buffer.getvalue()
@@ -34,31 +34,35 @@ def fits_of(array) -> bytes:
 @pytest.fixture(scope="module")
 def orion() -> bytes:
     """A rendered CubeStar frame of Orion."""
-    p = shipped_camera("cubestar")
+    profile = shipped_camera("cubestar")
     attitude = cam_from_icrs(*np.radians([84.0, 0.0, 313.0]))
-    return png_of(render(load_stars(6.5), p.camera, p.sensor, attitude, 0.25, np.random.default_rng(1)).pixels)
+    return png_of(
+        render(load_stars(6.5), profile.camera, profile.sensor, attitude, 0.25, np.random.default_rng(1)).pixels
+    )
 
 
-def imported(client, data: bytes, name: str, profile_name: str = ""):
-    """Return the response to an import."""
+def import_frame(client, data: bytes, name: str, profile_name: str = ""):
+    """Import a file and return the response."""
     return client.post("/api/frames/import", files={"file": (name, data)}, data={"profile": profile_name})
 
 
-def solved(client, frame_id: int):
-    """Return the frame when its first solution is stored."""
+def wait_for_solution(client, frame_id: int):
+    """Wait for the first solution of the frame and return the frame."""
     for _ in range(600):
         detail = client.get(f"/api/frames/{frame_id}").json()
         if detail["solutions"]:
             return detail
         time.sleep(0.05)
-    pytest.fail("no solution came")
+    pytest.fail("no solution was stored")
 
 
 def test_an_imported_frame_is_solved_stored_and_exported(client, orion):
-    """PNG in; attitude, overlays, pixels, FITS with WCS and a recording out."""
-    reply = imported(client, orion, "orion.png", "cubestar")
+    """An imported PNG is solved. The server returns attitude, overlays, pixels, pictures with ETags, and FITS with
+    WCS.
+    """
+    reply = import_frame(client, orion, "orion.png", "cubestar")
     assert reply.status_code == 201, reply.text
-    frame = solved(client, reply.json()["id"])
+    frame = wait_for_solution(client, reply.json()["id"])
     ground = frame["ground"]
     assert (ground["outcome"], ground["chain"]) == ("solved", "reference")
     assert ground["attitude"]["ra_deg"] == pytest.approx(84.0, abs=0.01)
@@ -94,8 +98,8 @@ def test_an_imported_frame_is_solved_stored_and_exported(client, orion):
 
 
 def test_every_chain_runs_on_a_stored_frame_and_unknown_ones_are_rejected(client, orion):
-    """The page's "Run a chain"."""
-    frame_id = solved(client, imported(client, orion, "again.png", "cubestar").json()["id"])["id"]
+    """Each chain returns a result for a stored frame, as for "Run a chain" on the page. An unknown chain is a 404."""
+    frame_id = wait_for_solution(client, import_frame(client, orion, "again.png", "cubestar").json()["id"])["id"]
     for chain in ("cubestar", "reference"):
         reply = client.post(f"/api/frames/{frame_id}/solve", json={"chain": chain})
         assert reply.status_code == 201, reply.text
@@ -107,8 +111,8 @@ def test_every_chain_runs_on_a_stored_frame_and_unknown_ones_are_rejected(client
 
 
 def test_a_rerun_with_changed_constants_names_them_and_a_preview_stores_nothing(client, orion):
-    """The options are stored with the solution; a preview has number 0; wrong names and values are rejected."""
-    frame_id = solved(client, imported(client, orion, "options.png", "cubestar").json()["id"])["id"]
+    """The solution stores its options. A preview has id 0 and is not stored. Wrong names and values are rejected."""
+    frame_id = wait_for_solution(client, import_frame(client, orion, "options.png", "cubestar").json()["id"])["id"]
     options = {o["name"]: o for o in client.get("/api/chains/cubestar/options", params={"profile": "cubestar"}).json()}
     assert (options["min_area_px"]["kind"], options["min_area_px"]["value"]) == ("integer", "6")
     assert "Erlank 2013" in options["min_area_px"]["source"]
@@ -144,9 +148,9 @@ BAD_FILES = {
 
 @pytest.mark.parametrize("name", BAD_FILES)
 def test_an_invalid_file_is_rejected_with_a_message_and_nothing_is_stored(client, name):
-    """Wrong type, truncated, NaN, empty: 400 with the expected and the received content, and no new frame."""
+    """Truncated, empty and other invalid files are a 400 with a message, and no frame is stored."""
     before = client.get("/api/frames").json()["total"]
-    reply = imported(client, *BAD_FILES[name])
+    reply = import_frame(client, *BAD_FILES[name])
     assert reply.status_code == 400, reply.text
     problem = reply.json()
     assert problem["id"]
@@ -155,20 +159,20 @@ def test_an_invalid_file_is_rejected_with_a_message_and_nothing_is_stored(client
 
 
 def test_a_frame_of_another_camera_is_stored_with_the_reason_for_no_solution(client):
-    """16 × 16 pixels are not CubeStar's; the frame is stored, the reason is recorded."""
-    reply = imported(client, png_of(np.zeros((16, 16), np.uint8)), "small.png", "cubestar")
+    """A frame of 16 × 16 px does not fit CubeStar. It is stored, and a solve request states the expected size."""
+    reply = import_frame(client, png_of(np.zeros((16, 16), np.uint8)), "small.png", "cubestar")
     assert reply.status_code == 201
     frame_id = reply.json()["id"]
     reply = client.post(f"/api/frames/{frame_id}/solve", json={"chain": "cubestar"})
     assert (reply.status_code, reply.json()["expected"]) == (400, "512 rows x 1024 columns")
-    assert imported(client, png_of(np.zeros((16, 16), np.uint8)), "small.png", "hubble").status_code == 404
+    assert import_frame(client, png_of(np.zeros((16, 16), np.uint8)), "small.png", "hubble").status_code == 404
     assert client.get(f"/api/frames/{frame_id}").json()["sha256"]
 
 
 def test_a_blank_frame_has_no_solution_and_a_reason(client):
-    """No stars is a result, not an error."""
-    frame = solved(
-        client, imported(client, png_of(np.full((512, 1024), 9, np.uint8)), "blank.png", "cubestar").json()["id"]
+    """A frame without stars has the outcome ``none`` and a reason."""
+    frame = wait_for_solution(
+        client, import_frame(client, png_of(np.full((512, 1024), 9, np.uint8)), "blank.png", "cubestar").json()["id"]
     )
     assert frame["ground"]["outcome"] == "none"
     assert frame["ground"]["reason"]
@@ -188,7 +192,7 @@ def test_a_blank_frame_has_no_solution_and_a_reason(client):
     ],
 )
 def test_an_impossible_catalogue_is_rejected_with_a_message(client, change, words):
-    """The page's preview or the job states the problem; nothing is stored."""
+    """The response or the failed job states the problem, and nothing is stored."""
     before = len(client.get("/api/catalogues").json())
     reply = client.post("/api/catalogues", json=change)
     if reply.status_code == 202:
@@ -207,7 +211,7 @@ def test_an_impossible_catalogue_is_rejected_with_a_message(client, change, word
 
 
 def test_a_built_catalogue_keeps_request_manifest_and_quality(client):
-    """The values that the builder's page opens again."""
+    """A stored catalogue has its request, manifest, quality and image. Its upload without a device is a conflict."""
     job = client.post("/api/catalogues", json={"name": "t", "faint_mag": 3.5}).json()
     for _ in range(200):
         job = client.get(f"/api/jobs/{job['id']}").json()
@@ -227,7 +231,9 @@ def test_a_built_catalogue_keeps_request_manifest_and_quality(client):
 
 
 def test_commands_are_checked_without_a_link(client):
-    """A dry run works offline; sending does not, with the reason; unknown names and values are rejected."""
+    """A check works without a link and reports values out of range. Sending is rejected, and unknown names are
+    errors.
+    """
     check = client.post("/api/commands/check", json={"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 2001}}).json()
     assert any("1 – 2000" in p and "2001" in p for p in check["problems"]), check["problems"]
     good = client.post("/api/commands/check", json={"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 1000}}).json()
@@ -241,24 +247,24 @@ def test_commands_are_checked_without_a_link(client):
 
 @pytest.mark.parametrize("url", ["/dev/ttyNOWHERE", "nonsense://x", "socket://127.0.0.1:1", ""])
 def test_a_port_that_cannot_be_opened_is_reported_at_once(client, url):
-    """Closed port, unknown scheme, no such file."""
+    """A closed port, an unknown scheme and a missing file are reported with a message."""
     reply = client.post("/api/link/open", json={"url": url})
     assert reply.status_code in (400, 404, 503), reply.text
     assert reply.json()["message"]
 
 
 def test_only_an_admin_opens_a_link_to_another_machine(clients):
-    """An operator does not get the error text of a connection, which would reveal open ports of other machines."""
-    refused = clients["operator"].post("/api/link/open", json={"url": "socket://192.0.2.1:22"})
-    tried = clients["operator"].post("/api/link/open", json={"url": "socket://127.0.0.1:9"})
-    assert (refused.status_code, "Only an admin" in refused.json()["message"]) == (403, True)
-    assert tried.status_code == 503
+    """An operator may not open a link to another host, because the error text would reveal its open ports."""
+    rejected = clients["operator"].post("/api/link/open", json={"url": "socket://192.0.2.1:22"})
+    local = clients["operator"].post("/api/link/open", json={"url": "socket://127.0.0.1:9"})
+    assert (rejected.status_code, "Only an admin" in rejected.json()["message"]) == (403, True)
+    assert local.status_code == 503
     assert clients["admin"].post("/api/link/open", json={"url": "socket://127.0.0.2:9"}).status_code == 503
 
 
-def test_the_stream_begins_with_the_state_and_resumes_after_a_number(client):
-    """Server-sent events: the header first; recorded events after Last-Event-ID are sent again."""
-    imported(client, png_of(np.zeros((8, 8), np.uint8)), "event.png")
+def test_events_are_ordered_and_resume_after_a_number(client):
+    """The list of events is ordered by number and can be continued after a number."""
+    import_frame(client, png_of(np.zeros((8, 8), np.uint8)), "event.png")
     events = client.get("/api/events").json()
     assert [e["seq"] for e in events] == sorted(e["seq"] for e in events)
     assert client.get("/api/events", params={"after": events[-1]["seq"]}).json() == []
@@ -266,7 +272,7 @@ def test_the_stream_begins_with_the_state_and_resumes_after_a_number(client):
 
 @pytest.mark.parametrize("row", ["0", "-1", "2147483648", "9223372036854775808", "1180591620717411303424", "x"])
 def test_ids_out_of_range_are_rejected(client, row):
-    """No id beyond the database's range reaches it."""
+    """Ids outside the range of the database are rejected before a query."""
     for path in (
         f"/api/frames/{row}",
         f"/api/commands/{row}",
@@ -278,7 +284,7 @@ def test_ids_out_of_range_are_rejected(client, row):
 
 @pytest.mark.parametrize("text", ["\\ud800", "\\u0000", "a\\udfffb"])
 def test_invalid_characters_are_rejected_with_a_message(client, text):
-    """Lone surrogates and NUL can be neither stored nor displayed."""
+    """Lone surrogates and NUL are rejected, because they can be neither stored nor displayed."""
     for path, field in (
         ("/api/commands/check", "name"),
         ("/api/link/open", "url"),
@@ -304,7 +310,7 @@ def test_invalid_characters_are_rejected_with_a_message(client, text):
     ],
 )
 def test_only_link_addresses_are_opened(client, url):
-    """No scheme that writes files or loads code, and no option inside an address."""
+    """Schemes that write files or load code and addresses with options are rejected."""
     reply = client.post("/api/link/open", json={"url": url.encode().decode("unicode_escape")})
     assert (reply.status_code, reply.json()["message"]) == (400, "Invalid line address.")
 
@@ -314,25 +320,25 @@ def test_only_link_addresses_are_opened(client, url):
     [({"EXPTIME": 1e308}, "exposure_s"), ({"DATE-OBS": "9999-12-31T23:59:59"}, "taken"), ({}, "exposure_s")],
 )
 def test_implausible_headers_do_not_damage_a_frame(client, cards, key):
-    """Extreme exposures, dates and values: the frame is stored, and every view of it works."""
+    """A frame with extreme exposures, dates or values is stored, and every view of it works."""
     hdu = fits.PrimaryHDU(np.full((40, 40), 1e29, np.float32))
     hdu.header.update(cards)
     buffer = io.BytesIO()
     hdu.writeto(buffer)
-    reply = imported(client, buffer.getvalue(), "wild.fits")
+    reply = import_frame(client, buffer.getvalue(), "wild.fits")
     assert reply.status_code == 201, reply.text
-    frame = solved(client, reply.json()["id"])
+    frame = wait_for_solution(client, reply.json()["id"])
     assert frame[key] is None or frame[key] < "2200"
     for view in ("image.png", "thumbnail.png", "histogram", "raw", "file.fits", "recording.rrd"):
         assert client.get(f"/api/frames/{frame['id']}/{view}").status_code == 200, view
 
 
 def test_parallel_imports_of_one_file_store_it_once(client, tmp_path):
-    """Parallel imports of equal pixels do not race for their name on disk."""
+    """Parallel imports of the same file all succeed and refer to the same stored content."""
     from concurrent.futures import ThreadPoolExecutor
 
     data = png_of(np.random.default_rng(9).integers(0, 50, (64, 64), dtype=np.uint8))
     with ThreadPoolExecutor(8) as pool:
-        replies = list(pool.map(lambda k: imported(client, data, f"{k}.png"), range(16)))
+        replies = list(pool.map(lambda k: import_frame(client, data, f"{k}.png"), range(16)))
     assert {r.status_code for r in replies} == {201}
     assert len({r.json()["sha256"] for r in replies}) == 1

@@ -1,4 +1,6 @@
-"""Limits of open event streams per user and in total; a rejected stream gets the reason, and existing ones continue."""
+"""Limits of open event streams per user and in total. A rejected stream gets the reason, and existing streams
+continue.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from gss.operations.metrics import StreamCounts
 
 
 def test_each_user_and_all_together_have_a_limit():
-    """A closed stream frees its place; anonymous streams, as a worker's, do not count against a user."""
+    """A closed stream frees its place. Anonymous streams, such as those of workers, do not count against a user."""
     broadcaster = Broadcaster(StreamCounts(), each=2, most=3)
     first, _ = broadcaster.join("ann"), broadcaster.join("ann")
     with pytest.raises(RateLimited, match="at most 2 for one user"):
@@ -32,7 +34,7 @@ def test_each_user_and_all_together_have_a_limit():
 
 
 def test_one_stream_too_many_gets_429_with_a_retry_time():
-    """The response is a problem document like every other, and no part of a stream was sent."""
+    """The response is a problem document with a retry time, and no part of the stream is sent."""
 
     async def run() -> list[Any]:
         broadcaster, sent = Broadcaster(StreamCounts(), each=1), []
@@ -58,7 +60,7 @@ def test_one_stream_too_many_gets_429_with_a_retry_time():
 
 
 def test_a_client_that_left_before_the_first_byte_does_not_count():
-    """Otherwise a few broken connections would block a user permanently."""
+    """A disconnected client frees its place. Otherwise a few broken connections would block a user permanently."""
 
     async def run() -> int:
         broadcaster = Broadcaster(StreamCounts(), each=1)
@@ -76,7 +78,7 @@ def test_a_client_that_left_before_the_first_byte_does_not_count():
 
 
 def test_rejected_streams_are_counted_and_logged_once_a_minute(client):
-    """A page that retries in a loop fills neither the audit log nor the log of denials; the count is recorded."""
+    """Repeated rejections add one row to the audit log, and the metrics count every rejection."""
     broadcaster = client.app.state.broadcaster
     listeners = [broadcaster.join("ann") for _ in range(20)]
     try:
@@ -94,9 +96,8 @@ def test_rejected_streams_are_counted_and_logged_once_a_minute(client):
 
 
 @pytest.mark.parametrize("path", ["/api/frames/", "/api/link/", "/api/session/", "/help/"])
-def test_a_double_slash_does_not_redirect(client, path):
-    """A redirect would reveal the address behind the proxy; the response is 404, or the page for routes of the
-    console."""
+def test_a_trailing_slash_does_not_redirect(client, path):
+    """The response is a 404 or the console page, because a redirect would reveal the address behind the proxy."""
     reply = client.get(path, headers={"Host": "localhost"}, follow_redirects=False)
     assert reply.status_code in (200, 404)
     assert "location" not in reply.headers

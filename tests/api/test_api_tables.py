@@ -1,4 +1,4 @@
-"""Tables for the sensor, without a device."""
+"""Tables for the sensor over HTTP, without a device."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.catalogue_tools.formats.triplet_table import decode_triplets
 from gss.device.tables import decode_table
 
 
-def catalogue(client: TestClient, **request: Any) -> int:
+def build_catalogue(client: TestClient, **request: Any) -> int:
     job = client.post("/api/catalogues", json={"profile": "oersted", "format": "cubestar", **request}).json()
     for _ in range(400):
         row = next(j for j in client.get("/api/jobs").json() if j["id"] == job["id"])
@@ -26,47 +26,49 @@ def catalogue(client: TestClient, **request: Any) -> int:
 @pytest.mark.parametrize("kind", ["calibration", "parameters"])
 @pytest.mark.parametrize("profile", ["cubestar", "sunsat", "far_mst", "oersted", "aim"])
 def test_every_camera_s_values_survive_the_table_format(client: TestClient, kind: str, profile: str) -> None:
-    """Defaults to bytes and back."""
+    """The default values of each camera are encoded to bytes and decoded without a change."""
     defaults = client.get("/api/tables/defaults", params={"kind": kind, "profile": profile}).json()["content"]
-    made = client.post("/api/tables", json={"kind": kind, "name": "own", "profile": profile})
-    assert made.status_code == 201, made.text
-    data = client.get(f"/api/tables/{made.json()['id']}/file.bin").content
+    reply = client.post("/api/tables", json={"kind": kind, "name": "own", "profile": profile})
+    assert reply.status_code == 201, reply.text
+    data = client.get(f"/api/tables/{reply.json()['id']}/file.bin").content
     name, values = decode_table(kind, data)
     assert name == profile
-    assert values == defaults == made.json()["content"]
-    assert made.json()["size"] == len(data)
+    assert values == defaults == reply.json()["content"]
+    assert reply.json()["size"] == len(data)
 
 
 def test_triplets_are_built_of_a_stored_catalogue(client: TestClient) -> None:
-    """The table belongs to that bank image's rows; another camera's catalogue is rejected."""
-    number = catalogue(client, faint_mag=5.5, pair_max_deg=5.0)
+    """A triplet table refers to the stars of its catalogue. Catalogues of other cameras and invalid content are
+    rejected.
+    """
+    catalogue_id = build_catalogue(client, faint_mag=5.5, pair_max_deg=5.0)
     body = {
         "kind": "triplets",
         "name": "t",
         "profile": "oersted",
-        "content": {"catalogue_id": number, "limit_mag": 4.5},
+        "content": {"catalogue_id": catalogue_id, "limit_mag": 4.5},
     }
-    made = client.post("/api/tables", json=body)
-    assert made.status_code == 201, made.text
-    table = decode_triplets(client.get(f"/api/tables/{made.json()['id']}/file.bin").content)
-    assert made.json()["content"]["references"] == len(table) > 100
+    reply = client.post("/api/tables", json=body)
+    assert reply.status_code == 201, reply.text
+    table = decode_triplets(client.get(f"/api/tables/{reply.json()['id']}/file.bin").content)
+    assert reply.json()["content"]["references"] == len(table) > 100
     assert table.limit_mag == pytest.approx(4.5)
-    assert table.stars == client.get(f"/api/catalogues/{number}").json()["stars"]
-    refused = client.post("/api/tables", json=body | {"profile": "sunsat"})
-    assert (refused.status_code, refused.json()["got"]) == (400, "oersted")
-    for content in ({"catalogue_id": number, "limit_mag": 99}, {"catalogue_id": number, "colour": 1}, {}):
+    assert table.stars == client.get(f"/api/catalogues/{catalogue_id}").json()["stars"]
+    rejected = client.post("/api/tables", json=body | {"profile": "sunsat"})
+    assert (rejected.status_code, rejected.json()["got"]) == (400, "oersted")
+    for content in ({"catalogue_id": catalogue_id, "limit_mag": 99}, {"catalogue_id": catalogue_id, "colour": 1}, {}):
         assert client.post("/api/tables", json=body | {"content": content}).status_code == 400
     assert client.post("/api/tables", json=body | {"content": {"catalogue_id": 9999}}).status_code == 404
 
 
 def test_without_a_device_sending_is_rejected_with_the_reason(client: TestClient) -> None:
-    """Uploads and downloads need a link."""
-    made = client.post("/api/tables", json={"kind": "calibration", "profile": "cubestar"}).json()
-    assert made["name"] == "cubestar calibration"
+    """Uploads and downloads without a link are a conflict. Unknown tables and transfers are a 404."""
+    stored = client.post("/api/tables", json={"kind": "calibration", "profile": "cubestar"}).json()
+    assert stored["name"] == "cubestar calibration"
     assert client.get("/api/tables/on-board").json() == []
-    assert client.get("/api/tables", params={"kind": "calibration", "limit": 1}).json()[0]["id"] == made["id"]
+    assert client.get("/api/tables", params={"kind": "calibration", "limit": 1}).json()[0]["id"] == stored["id"]
     for path, body in (
-        (f"/api/tables/{made['id']}/upload", {"bank": "A"}),
+        (f"/api/tables/{stored['id']}/upload", {"bank": "A"}),
         ("/api/transfers/download", {"kind": "frame", "slot": 0}),
         ("/api/transfers/download", {"kind": "parameters", "bank": "factory"}),
     ):

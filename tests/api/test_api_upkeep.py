@@ -1,4 +1,4 @@
-"""Health, figures, retention and backups over HTTP."""
+"""Health, metrics, retention, backups and the check of the store over HTTP."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 
-def ended(client, reply):
-    """Return the job of a response after its end."""
+def wait_for_job(client, reply):
+    """Wait for the end of the job that a response started and return the job."""
     assert reply.status_code == 202, reply.text
     for _ in range(1000):
         job = client.get(f"/api/jobs/{reply.json()['id']}").json()
@@ -22,10 +22,10 @@ def ended(client, reply):
 
 
 def test_health_lists_every_part_with_its_state(client):
-    """A server without a link and without a backup reports both."""
+    """Health lists every check with its state. A server without a backup is in the state ``watch``."""
     health = client.get("/api/admin/health").json()
     states = {check["name"]: check["state"] for check in health["checks"]}
-    wanted = [
+    expected = [
         "database",
         "audit log",
         "disk",
@@ -39,14 +39,14 @@ def test_health_lists_every_part_with_its_state(client):
         "memory",
         "version",
     ]
-    assert [name for name in wanted if name not in states] == []
+    assert [name for name in expected if name not in states] == []
     assert (states["database"], states["disk"], states["backup"]) == ("ok", "ok", "watch")
     assert health["state"] == "watch"
 
 
 def test_metrics_are_readable_by_prometheus_parser(client):
-    """Every family has its type and help; request counters increase, and no address invented by a client becomes a
-    label.
+    """Every metric has a type and a help text. Request counters increase, and unknown addresses do not become
+    labels.
     """
     for path in ("/api/frames", "/api/frames", "/api/dictionary", "/api/made-up", "/api/made-up-2"):
         client.get(path)
@@ -69,7 +69,9 @@ def test_metrics_are_readable_by_prometheus_parser(client):
 
 
 def test_retention_is_configured_and_forecast(client):
-    """By default everything is kept; impossible values are rejected with a message."""
+    """The default policy keeps all data. A changed policy is stored and run. Impossible values are rejected with a
+    message.
+    """
     first = client.get("/api/admin/retention").json()
     assert (first["frames_days"], first["telemetry_days"], first["last_run"]) == (0, 0, None)
     assert first["forecast"]["free_bytes"] > 0
@@ -77,16 +79,16 @@ def test_retention_is_configured_and_forecast(client):
     assert client.put("/api/admin/retention", json=body).json()["frames_days"] == 30
     wrong = client.put("/api/admin/retention", json=body | {"telemetry_days": 5.0})
     assert (wrong.status_code, "thinned" in wrong.json()["message"]) == (400, True)
-    assert ended(client, client.post("/api/admin/retention/run"))["state"] == "done"
+    assert wait_for_job(client, client.post("/api/admin/retention/run"))["state"] == "done"
     assert client.get("/api/admin/retention").json()["last_run"]
 
 
 def test_a_backup_is_made_listed_and_downloaded(client):
-    """The file is a tar of the manifest, its seal, the database, and the bytes by their hashes."""
-    job = ended(client, client.post("/api/admin/backups"))
-    (made,) = client.get("/api/admin/backups").json()
-    assert (job["state"], job["result"]["name"], made["kind"]) == ("done", made["name"], "sqlite")
-    reply = client.get(f"/api/admin/backups/{made['name']}/file")
+    """The downloaded file is a tar archive with manifest, checksum and database. Unknown names are rejected."""
+    job = wait_for_job(client, client.post("/api/admin/backups"))
+    (backup,) = client.get("/api/admin/backups").json()
+    assert (job["state"], job["result"]["name"], backup["kind"]) == ("done", backup["name"], "sqlite")
+    reply = client.get(f"/api/admin/backups/{backup['name']}/file")
     with tarfile.open(fileobj=io.BytesIO(reply.content)) as tar:
         names = tar.getnames()
     assert {n.split("/")[-1] for n in names[:3]} == {"manifest.json", "manifest.sha256", "gss.db"}
@@ -97,8 +99,8 @@ def test_a_backup_is_made_listed_and_downloaded(client):
 
 
 def test_the_store_is_checked_as_a_job(client):
-    """The report is the job's result, and the job can be started again."""
-    job = ended(client, client.post("/api/admin/check-store"))
+    """The result of the job is the report of the check, and the job can be started again."""
+    job = wait_for_job(client, client.post("/api/admin/check-store"))
     assert (job["state"], job["result"]["whole"], job["can_start_again"]) == ("done", True, True)
-    again = ended(client, client.post(f"/api/jobs/{job['id']}/again"))
+    again = wait_for_job(client, client.post(f"/api/jobs/{job['id']}/again"))
     assert (again["state"], again["id"] > job["id"]) == ("done", True)

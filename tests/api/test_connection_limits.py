@@ -1,4 +1,4 @@
-"""Which connections stay open over real sockets when there are too many, and what is logged."""
+"""Limits of connections over real sockets: which connections the server closes, and what it logs."""
 
 from __future__ import annotations
 
@@ -35,8 +35,10 @@ SLOW = b"POST /slow HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n "
 
 
 async def application(scope: Any, receive: Any, send: Any) -> None:
-    """/user authenticates its connection; /user/stream does not end and /user/held ends when ``RELEASED`` is set. Everything else
-    answers when its body is complete."""
+    """Answer a request when its body is complete.
+
+    Paths below /user authenticate the connection. /user/stream does not end; /user/held ends when ``RELEASED`` is set.
+    """
     if scope["path"].startswith("/user"):
         scope["state"]["connection"].mark_authenticated()
     while (await receive())["more_body"]:
@@ -52,31 +54,31 @@ async def application(scope: Any, receive: Any, send: Any) -> None:
 
 
 def with_server(visit: Callable[[Connect, Connections], Awaitable[None]], **settings: str) -> None:
-    """Let ``visit`` connect to a server with few places, from any address of loopback."""
+    """Run ``visit`` with a server of few places; it can connect from any loopback address."""
 
     async def run() -> None:
         connections = Connections(LIMITS)
         options = uvicorn_options(Settings(**settings), connections)
         config = uvicorn.Config(application, lifespan="off", log_config=None, **options)
         config.load()
-        plain = socket.create_server(("127.0.0.1", 0))
-        port, state = plain.getsockname()[1], ServerState()
+        listener = socket.create_server(("127.0.0.1", 0))
+        port, state = listener.getsockname()[1], ServerState()
         server = await asyncio.get_running_loop().create_server(
             lambda: config.http_protocol_class(config=config, server_state=state, app_state={}),
-            sock=LimitedListener(connections, plain.detach()),
+            sock=LimitedListener(connections, listener.detach()),
             ssl=config.ssl,
         )
-        made: list[Peer] = []
+        peers: list[Peer] = []
 
         async def connect(begin: bytes = b"", address: str = "127.0.0.1") -> Peer:
-            made.append(await asyncio.open_connection("127.0.0.1", port, local_addr=(address, 0)))
-            made[-1][1].write(begin)
+            peers.append(await asyncio.open_connection("127.0.0.1", port, local_addr=(address, 0)))
+            peers[-1][1].write(begin)
             await asyncio.sleep(0.05)
-            return made[-1]
+            return peers[-1]
 
         async with asyncio.timeout(30):
             await visit(connect, connections)
-        for _, writer in made:
+        for _, writer in peers:
             writer.transport.abort()
         server.close()
         for protocol in list(state.connections):
@@ -87,7 +89,7 @@ def with_server(visit: Callable[[Connect, Connections], Awaitable[None]], **sett
 
 
 async def is_open(peer: Peer) -> bool:
-    """True if the server has not closed it."""
+    """True if the server has not closed the connection."""
     with contextlib.suppress(ConnectionError):
         try:
             async with asyncio.timeout(0.1):
@@ -103,7 +105,9 @@ def request(path: str) -> bytes:
 
 
 def test_the_oldest_unauthenticated_connection_of_an_address_is_dropped() -> None:
-    """Idle or during a request; another address keeps its connection, and the new one is answered."""
+    """The server drops the oldest connection, idle or in use, and answers the new one. Other addresses are not
+    affected.
+    """
 
     async def visit(connect: Connect, connections: Connections) -> None:
         other = await connect(b"", "127.0.0.9")
@@ -118,7 +122,7 @@ def test_the_oldest_unauthenticated_connection_of_an_address_is_dropped() -> Non
 
 
 def test_over_the_total_the_address_with_the_most_connections_loses_its_oldest() -> None:
-    """An attacker with many connections displaces its own."""
+    """Over the total limit, the server drops the oldest connection of the address with the most connections."""
 
     async def visit(connect: Connect, _connections: Connections) -> None:
         calm = await connect(SLOW, "127.0.0.9")
@@ -130,7 +134,7 @@ def test_over_the_total_the_address_with_the_most_connections_loses_its_oldest()
 
 
 def test_an_authenticated_connection_is_not_dropped_for_others() -> None:
-    """Neither an open stream nor an idle connection, however many unknown clients connect."""
+    """Neither an open stream nor an idle connection of a user is dropped when many unknown clients connect."""
 
     async def visit(connect: Connect, connections: Connections) -> None:
         stream, idle = await connect(request("/user/stream")), await connect(request("/user"))
@@ -146,7 +150,7 @@ def test_an_authenticated_connection_is_not_dropped_for_others() -> None:
 
 
 def test_users_over_their_limit_lose_idle_connections_only() -> None:
-    """A connection with a response in progress stays."""
+    """Over the limit of users, an idle connection is dropped; one with a response in progress stays."""
 
     async def visit(connect: Connect, _connections: Connections) -> None:
         stream, idle = await connect(request("/user/stream")), await connect(request("/user"))
@@ -161,7 +165,9 @@ def test_users_over_their_limit_lose_idle_connections_only() -> None:
 
 
 def test_unauthenticated_connections_drop_no_user_over_the_limit() -> None:
-    """Three users are one more than the limit, since none was idle when the third signed in. Idle later, they stay."""
+    """Three users exceed the limit, because none was idle when the third connected. They stay when they are idle
+    later.
+    """
 
     async def visit(connect: Connect, _connections: Connections) -> None:
         users = [await connect(request("/user/held")) for _ in range(3)]
@@ -181,7 +187,7 @@ def test_unauthenticated_connections_drop_no_user_over_the_limit() -> None:
 
 
 def test_a_user_over_the_limit_displaces_an_idle_connection_of_the_same_address_first() -> None:
-    """The idle connection of another address is older and stays; without one of the same address it makes room."""
+    """An older idle connection of another address is dropped only if the same address has no idle connection."""
 
     async def visit(connect: Connect, _connections: Connections) -> None:
         other, same = await connect(request("/user"), "127.0.0.9"), await connect(request("/user"))
@@ -197,7 +203,7 @@ def test_a_user_over_the_limit_displaces_an_idle_connection_of_the_same_address_
 
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Settings of a server with TLS."""
+    """TLS settings with a self-signed certificate."""
     folder: Path = tmp_path_factory.mktemp("tls")
     key, chain = str(folder / "key.pem"), str(folder / "chain.pem")
     command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost"]
@@ -206,7 +212,7 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 
 def test_an_incomplete_handshake_is_dropped_too(certificate: dict[str, str]) -> None:
-    """Before TLS there is no request, but a descriptor."""
+    """A connection without a complete TLS handshake counts, because it uses a descriptor."""
 
     async def visit(connect: Connect, connections: Connections) -> None:
         first, second, third = await connect(), await connect(), await connect()
@@ -217,23 +223,25 @@ def test_an_incomplete_handshake_is_dropped_too(certificate: dict[str, str]) -> 
 
 
 def test_a_failed_handshake_frees_its_place(certificate: dict[str, str], caplog: pytest.LogCaptureFixture) -> None:
-    """Connections that the server closed do not count: no other is dropped for the next one."""
+    """Connections that the server closed do not count, so no other connection is dropped for the next one."""
 
     async def visit(connect: Connect, connections: Connections) -> None:
         for address in ("127.0.0.7", "127.0.0.8", "127.0.0.9"):
             peer = await connect(b"no TLS record, closed by the server\r\n\r\n", address)
             assert not await is_open(peer)
             assert not await is_open(peer)
-        waits = await connect()
+        waiting = await connect()
         assert connections.unauthenticated == 1
-        assert await is_open(waits)
+        assert await is_open(waiting)
 
     with_server(visit, **certificate)
     assert not [text for text in caplog.messages if "Connection limit" in text]
 
 
 def test_without_descriptors_an_unauthenticated_connection_is_dropped(caplog: pytest.LogCaptureFixture) -> None:
-    """The new client is answered; without one to drop the error reaches the event loop at limited rate."""
+    """Without free descriptors, the server drops an unauthenticated connection, answers the new client and logs the
+    error.
+    """
 
     async def visit(connect: Connect, connections: Connections) -> None:
         slow = await connect(SLOW)
@@ -262,7 +270,7 @@ def test_without_descriptors_an_unauthenticated_connection_is_dropped(caplog: py
 
 
 def test_limits_follow_the_setting_and_the_limit_of_open_files() -> None:
-    """Half of the descriptors at most; behind a proxy all clients have one address."""
+    """Connections use at most half of the descriptors. Behind a proxy, one address may have all connections."""
     assert ConnectionLimits.within(800, 20_000, behind_proxy=False) == ConnectionLimits(400, 400, 200)
     assert ConnectionLimits.within(800, 256, behind_proxy=False) == ConnectionLimits(64, 64, 32)
     assert ConnectionLimits.within(800, 20_000, behind_proxy=True).per_address == 400
@@ -295,11 +303,11 @@ print(len(used), stream.read(1, 5.0).decode())
 
 
 def test_a_link_opens_with_nearly_all_descriptors_in_use() -> None:
-    """pyserial watches its port with select(), which accepts descriptors below 1024 only."""
-    run = [sys.executable, "-c", WITH_ALL_DESCRIPTORS]
-    ended = subprocess.run(run, capture_output=True, text=True, timeout=60)
-    assert ended.stdout.endswith(" x\n"), ended.stderr
-    assert 900 < int(ended.stdout.split()[0]) < 1024
+    """A link opens while other descriptors are in use: pyserial uses select(), which needs a descriptor below 1024."""
+    command = [sys.executable, "-c", WITH_ALL_DESCRIPTORS]
+    completed = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert completed.stdout.endswith(" x\n"), completed.stderr
+    assert 900 < int(completed.stdout.split()[0]) < 1024
 
 
 @pytest.mark.parametrize(
@@ -313,20 +321,20 @@ def test_a_link_opens_with_nearly_all_descriptors_in_use() -> None:
     ],
 )
 def test_an_ipv6_network_counts_as_one_client(address: str, origin: str) -> None:
-    """A single client has all of its addresses."""
+    """All addresses of an IPv6 network count as one client, because one client can use all of them."""
     assert origin_of(address) == origin
 
 
 @pytest.fixture
 def throttled() -> Iterator[tuple[logging.Logger, list[str], list[float]]]:
-    """A logger with the throttle, its lines, and a clock to set."""
+    """Logger with the throttle, its logged lines, and a clock that the test sets."""
     clock, lines, log = [0.0], [], logging.getLogger("tests.throttled")
 
-    class Keep(logging.Handler):
+    class ListHandler(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             lines.append(record.getMessage())
 
-    throttle, handler = LogThrottle(lambda: clock[0]), Keep()
+    throttle, handler = LogThrottle(lambda: clock[0]), ListHandler()
     log.addFilter(throttle)
     log.addHandler(handler)
     yield log, lines, clock
@@ -335,7 +343,9 @@ def throttled() -> Iterator[tuple[logging.Logger, list[str], list[float]]]:
 
 
 def test_similar_messages_are_counted_and_not_logged(throttled: tuple[logging.Logger, list[str], list[float]]) -> None:
-    """A few per minute, then the number of the others; another message is logged meanwhile."""
+    """A few similar messages per minute are logged, then the number of omitted ones. Other messages are still
+    logged.
+    """
     log, lines, clock = throttled
     for number in range(1000):
         log.warning("dropped %s", number)
@@ -347,7 +357,7 @@ def test_similar_messages_are_counted_and_not_logged(throttled: tuple[logging.Lo
 
 
 def test_failed_unauthenticated_requests_do_not_fill_the_audit_log(client: TestClient) -> None:
-    """A hundred unauthenticated requests leave one row, not a hundred."""
+    """A hundred invalid sign-in requests add one audit row."""
     stranger = TestClient(client.app, base_url="http://localhost", headers={"X-GSS": "1"})
     before = client.get("/api/audit").json()
     assert {stranger.post("/api/session", json={"wrong": number}).status_code for number in range(100)} == {422}

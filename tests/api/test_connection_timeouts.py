@@ -1,4 +1,4 @@
-"""Incomplete requests over a real socket: an idle client loses its connection, a listening one keeps it."""
+"""Timeouts of incomplete requests over real sockets; streams and authenticated bodies have no time limit."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from gss.api.serving import uvicorn_options
 from gss.settings import Settings
 
 TIMEOUTS = HttpTimeouts(head_s=0.3, open_body_s=0.6, body_pause_s=0.5, check_every_s=0.05)
-"""Tenths of a second instead of tens."""
+"""Short timeouts for the tests: tenths of a second instead of tens of seconds."""
 Reader, Writer = asyncio.StreamReader, asyncio.StreamWriter
 
 
 async def application(scope: Any, receive: Any, send: Any) -> None:
-    """Read the body, then answer; /stream sends for longer than every time limit, /signed-in authenticates the
-    connection.
+    """Read the body, then answer. /stream sends for longer than every time limit, /signed-in authenticates the
+    connection, and /begun starts its response before the body is read.
     """
     if scope["path"] == "/signed-in":
         scope["state"]["connection"].mark_authenticated()
@@ -44,7 +44,7 @@ async def application(scope: Any, receive: Any, send: Any) -> None:
 
 
 def with_server(visit: Callable[[Callable[[], Awaitable[tuple[Reader, Writer]]]], Awaitable[None]]) -> None:
-    """Let ``visit`` connect to a server with these timeouts."""
+    """Run ``visit`` with a function that connects to a server with these timeouts."""
 
     async def run() -> None:
         options = uvicorn_options(Settings(), Connections(ConnectionLimits(9, 9, 9)), TIMEOUTS)
@@ -71,20 +71,20 @@ def with_server(visit: Callable[[Callable[[], Awaitable[tuple[Reader, Writer]]]]
     ],
 )
 def test_an_incomplete_request_loses_its_connection(begin: bytes) -> None:
-    """No byte, half a head, the beginning of a body, half a head after an answered request."""
+    """The server closes a connection without a request, with an incomplete head, or with an incomplete body."""
 
     async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
         reader, writer = await connect()
         writer.write(begin)
-        with_answer = b"".join([piece async for piece in pieces(reader)])
-        assert with_answer.count(b"200 OK") == begin.count(b"\r\n\r\nGET")
+        received = b"".join([piece async for piece in pieces(reader)])
+        assert received.count(b"200 OK") == begin.count(b"\r\n\r\nGET")
         writer.close()
 
     with_server(visit)
 
 
 def test_a_head_must_be_complete_in_time_despite_single_bytes() -> None:
-    """Occasional bytes do not keep a connection open."""
+    """The server closes a connection whose head is incomplete after the time limit, although bytes still arrive."""
 
     async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
         reader, writer = await connect()
@@ -100,7 +100,7 @@ def test_a_head_must_be_complete_in_time_despite_single_bytes() -> None:
 
 
 def test_streams_and_slow_authenticated_bodies_have_no_time_limit() -> None:
-    """A response longer than every limit is completed; so is a signed-in user's body that keeps arriving."""
+    """A response that takes longer than every limit is completed, and so is a slow body of an authenticated user."""
 
     async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
         reader, writer = await connect()
@@ -118,9 +118,7 @@ def test_streams_and_slow_authenticated_bodies_have_no_time_limit() -> None:
 
 @pytest.mark.parametrize("path", ["/signed-in", "/api/session"])
 def test_an_unauthenticated_body_has_a_total_time(path: str) -> None:
-    """A body that keeps arriving holds the connection of a signed-in user only, except on a route that needs no
-    sign-in.
-    """
+    """A slow body keeps an authenticated connection open, but not on a route without sign-in."""
 
     async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
         reader, writer = await connect()
@@ -139,7 +137,7 @@ def test_an_unauthenticated_body_has_a_total_time(path: str) -> None:
 
 
 async def pieces(reader: Reader) -> Any:
-    """Yield received data until the peer has closed, regularly or not."""
+    """Yield received data until the peer closes or resets the connection."""
     try:
         while piece := await reader.read(4096):
             yield piece
@@ -151,20 +149,20 @@ async def pieces(reader: Reader) -> Any:
 def test_invalid_bytes_in_a_body_end_the_connection_without_a_traceback(
     caplog: pytest.LogCaptureFixture, path: str
 ) -> None:
-    """Before and after the response has begun."""
-    answered: list[bytes] = []
+    """Invalid bytes end the connection without a traceback, before the response has begun with a 400."""
+    responses: list[bytes] = []
 
     async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
         reader, writer = await connect()
         head = f"POST {path} HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n"
         writer.write(head.encode() + b"1\r\na\r\n")
         if path == "/begun":
-            answered.append(await reader.readuntil(b"\r\n\r\n"))
+            responses.append(await reader.readuntil(b"\r\n\r\n"))
         writer.write(b"-1\r\n")
-        answered.append(await reader.read())
+        responses.append(await reader.read())
         writer.close()
 
     with_server(visit)
-    assert b"".join(answered).count(b"HTTP/1.1 ") == 1
-    assert (b"400 Bad Request" in answered[0]) == (path == "/body")
+    assert b"".join(responses).count(b"HTTP/1.1 ") == 1
+    assert (b"400 Bad Request" in responses[0]) == (path == "/body")
     assert "Traceback" not in caplog.text

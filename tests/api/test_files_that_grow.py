@@ -1,4 +1,4 @@
-"""Downloads of a file that is being written: the length stated is the length sent."""
+"""Downloads of a file that is being written: the stated length equals the sent length."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.api.files.cached import BLOCK_BYTES, file_download
 
 
 def test_a_file_that_grows_while_it_is_sent_has_its_length_at_the_start(tmp_path: Path) -> None:
-    """Bytes appended after the response began are not sent, over several blocks."""
+    """Bytes that are appended after the start of the response are not sent. The file has several blocks."""
     path = tmp_path / "contact-000001-000.raw"
     content = bytes(range(256)) * (BLOCK_BYTES // 128)
     path.write_bytes(content)

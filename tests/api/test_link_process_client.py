@@ -1,4 +1,4 @@
-"""The client of a link process, against a server on a Unix socket."""
+"""Client of a link process, with a server on a Unix socket."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ App = Callable[[Any, Any, Any], Awaitable[None]]
 
 
 class Caller:
-    """A client of the worker, as ASGI shows it. ``pieces``: of the body; each may be awaited."""
+    """ASGI request of a client to the worker. ``pieces`` of the body may be awaitable."""
 
     def __init__(
         self, method: str, target: str, headers: dict[str, str], pieces: list[bytes | Awaitable[bytes]]
@@ -55,7 +55,7 @@ class Caller:
 
 @asynccontextmanager
 async def link_process(app: App) -> AsyncIterator[LinkProcessClient]:
-    """Serve ``app`` on a Unix socket; yields the client."""
+    """Serve ``app`` on a Unix socket and yield a client of it."""
     with tempfile.TemporaryDirectory(prefix="gss-") as folder:
         path = Path(folder) / "fm1"
         server = uvicorn.Server(uvicorn.Config(app, uds=str(path), lifespan="off", log_level="critical"))
@@ -69,36 +69,40 @@ async def link_process(app: App) -> AsyncIterator[LinkProcessClient]:
             await task
 
 
-async def answer(send: Any, body: bytes, headers: list[tuple[bytes, bytes]], status: int = 200) -> None:
+async def send_response(send: Any, body: bytes, headers: list[tuple[bytes, bytes]], status: int = 200) -> None:
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})
 
 
 def test_a_request_and_its_response_pass_unchanged():
-    """Target, headers, compressed body and status; the client's address arrives, and one that the client invents does not."""
-    packed, seen = gzip.compress(b"pixels" * 100), {}
+    """Target, headers, compressed body and status are forwarded unchanged. The real client address replaces a forged
+    one.
+    """
+    compressed, received = gzip.compress(b"pixels" * 100), {}
 
     async def app(scope: Any, _receive: Any, send: Any) -> None:
-        seen.update(peer_of(scope))
-        await answer(send, packed, [(b"content-encoding", b"gzip"), (b"content-length", b"%d" % len(packed))], 206)
+        received.update(peer_of(scope))
+        await send_response(
+            send, compressed, [(b"content-encoding", b"gzip"), (b"content-length", b"%d" % len(compressed))], 206
+        )
 
     async def run() -> Caller:
-        sent = {"host": "gss.example", "accept": "x/y", "te": "trailers", "x-gss-peer": "10.9.8.7 1 http"}
-        caller = Caller("GET", "/api/a%2Fb%20c?x=%20+1&y=[2]", sent, [b""])
+        headers = {"host": "gss.example", "accept": "x/y", "te": "trailers", "x-gss-peer": "10.9.8.7 1 http"}
+        caller = Caller("GET", "/api/a%2Fb%20c?x=%20+1&y=[2]", headers, [b""])
         async with link_process(app) as link:
             await link.forward(caller.scope, caller.receive, caller.send)
         return caller
 
     caller = asyncio.run(run())
-    assert (seen["raw_path"], seen["query_string"]) == (b"/api/a%2Fb%20c", b"x=%20+1&y=[2]")
-    assert (seen["client"], seen["scheme"]) == (("192.0.2.7", 4711), "https")
-    assert set(seen["headers"]) == {(b"host", b"gss.example"), (b"accept", b"x/y"), (b"connection", b"close")}
-    assert (caller.sent[0]["status"], caller.body) == (206, packed)
+    assert (received["raw_path"], received["query_string"]) == (b"/api/a%2Fb%20c", b"x=%20+1&y=[2]")
+    assert (received["client"], received["scheme"]) == (("192.0.2.7", 4711), "https")
+    assert set(received["headers"]) == {(b"host", b"gss.example"), (b"accept", b"x/y"), (b"connection", b"close")}
+    assert (caller.sent[0]["status"], caller.body) == (206, compressed)
     assert dict(caller.sent[0]["headers"])[b"content-encoding"] == b"gzip"
 
 
 def test_a_large_body_is_streamed_and_a_small_one_is_read_first():
-    """The second piece of an upload follows when the first has arrived; a small body arrives only when it is complete."""
+    """A large body is forwarded in pieces as they arrive. A small body is forwarded when it is complete."""
     arrived: list[bytes] = []
 
     async def run() -> None:
@@ -111,7 +115,7 @@ def test_a_large_body_is_streamed_and_a_small_one_is_read_first():
                 arrived.append(message.get("body", b""))
                 more = message.get("more_body", False)
                 first.set()
-            await answer(send, b"%d" % sum(map(len, arrived)), [])
+            await send_response(send, b"%d" % sum(map(len, arrived)), [])
 
         async def second(size: int) -> bytes:
             await released.wait()
@@ -141,7 +145,7 @@ def test_a_large_body_is_streamed_and_a_small_one_is_read_first():
 
 
 def test_the_link_process_sees_that_the_client_has_gone():
-    """While a response is awaited the disconnect is passed on at once; an incomplete small body is not forwarded."""
+    """A disconnect before the response is forwarded at once. An incomplete small body is not forwarded."""
 
     async def run() -> None:
         waiting, ended = asyncio.Event(), asyncio.Event()
@@ -172,8 +176,8 @@ def test_the_link_process_sees_that_the_client_has_gone():
 
 @pytest.mark.parametrize(("method", "hint"), [("GET", "again"), ("POST", "Check before you repeat")])
 def test_a_missing_response_is_an_error_with_instructions(method: str, hint: str):
-    """A broken connection before the response is a 503 with the name of the process; after a change the request may
-    have been carried out. Without a listening socket nothing was sent.
+    """A connection that breaks before the response is a 503 with the name of the process; after a change, the message
+    asks the user to check first. Without a listening socket, the message asks the user to repeat the request.
     """
 
     async def cut(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -198,8 +202,8 @@ def test_a_missing_response_is_an_error_with_instructions(method: str, hint: str
 
 
 def test_the_event_stream_arrives_as_it_was_sent():
-    """Bytes, topics and numbers of each message; a report of dropped messages has no number, and comments are left out."""
-    sent = [
+    """Messages of the event stream keep their bytes, topics and numbers. Comments are removed."""
+    messages = [
         wire("link", {"text": "ä\u2028\n"}, None),
         wire("event", {"seq": 12}, "12", 12),
         wire("dropped", {"dropped": 3}, None),
@@ -207,7 +211,7 @@ def test_the_event_stream_arrives_as_it_was_sent():
     ]
 
     async def app(_scope: Any, _receive: Any, send: Any) -> None:
-        data = b": comment\n\n".join(message.data for message in sent)
+        data = b": comment\n\n".join(message.data for message in messages)
         await send({"type": "http.response.start", "status": 200, "headers": [(b"content-type", b"text/event-stream")]})
         for k in range(0, len(data), 100_001):
             await send({"type": "http.response.body", "body": data[k : k + 100_001], "more_body": True})
@@ -222,4 +226,4 @@ def test_the_event_stream_arrives_as_it_was_sent():
 
     with pytest.raises(httpx2.TransportError):
         asyncio.run(run())
-    assert received == sent
+    assert received == messages

@@ -38,10 +38,10 @@ FILES = [
 
 
 @pytest.mark.parametrize("name", TRAVERSALS)
-@pytest.mark.parametrize("where", FILES)
-def test_no_name_in_an_address_leaves_its_folder(client: TestClient, where: str, name: str) -> None:
-    """Captures, viewer files, backups, documents, pages: no request returns another file of the machine."""
-    for address in (where.format(name), where.format(quote(name, safe=""))):
+@pytest.mark.parametrize("template", FILES)
+def test_no_name_in_an_address_leaves_its_folder(client: TestClient, template: str, name: str) -> None:
+    """No address of captures, viewer files, backups, documents or pages returns another file of the host."""
+    for address in (template.format(name), template.format(quote(name, safe=""))):
         reply = client.get(address)
         assert b"root:" not in reply.content
         assert not reply.content.startswith(b"SQLite format")
@@ -51,7 +51,7 @@ def test_no_name_in_an_address_leaves_its_folder(client: TestClient, where: str,
 
 @pytest.mark.parametrize("name", [*TRAVERSALS[:5], SCRIPT, "a\r\nX-Evil: 1", "\u202egnp.exe", "x" * 5000])
 def test_the_name_of_an_uploaded_file_is_only_text(client: TestClient, name: str) -> None:
-    """It is stored and shown, shortened and without control characters; the name on disk is a hash."""
+    """The name of an uploaded file creates no file and no header. The names of stored files are hashes."""
     folder: Path = client.app.state.services.base.settings.data  # type: ignore[attr-defined]
     before = {path.name for path in folder.parent.iterdir()}
     reply = client.post("/api/frames/import", files={"file": (name, b"not an image", "image/png")})
@@ -67,24 +67,24 @@ def test_the_name_of_an_uploaded_file_is_only_text(client: TestClient, name: str
 
 
 def test_a_script_in_a_note_stays_text(client: TestClient) -> None:
-    """Stack names and notes, alarm and limit notes: stored unchanged, returned as JSON that no browser interprets as a
-    page, under a policy that runs no inline script.
+    """Names and notes of stacks are stored unchanged and returned as JSON, which browsers do not interpret as a page,
+    with a policy that forbids inline scripts.
     """
     steps = [{"command": "GET_STATUS", "note": SCRIPT}]
-    made = client.post("/api/stacks", json={"name": SCRIPT[:60], "note": SCRIPT, "steps": steps})
-    assert made.status_code == 201, made.text
-    read = client.get("/api/stacks")
-    assert read.json()[0]["note"] == SCRIPT
-    assert read.headers["content-type"] == "application/json"
-    assert read.headers["x-content-type-options"] == "nosniff"
-    policy = read.headers["content-security-policy"]
+    stored = client.post("/api/stacks", json={"name": SCRIPT[:60], "note": SCRIPT, "steps": steps})
+    assert stored.status_code == 201, stored.text
+    reply = client.get("/api/stacks")
+    assert reply.json()[0]["note"] == SCRIPT
+    assert reply.headers["content-type"] == "application/json"
+    assert reply.headers["x-content-type-options"] == "nosniff"
+    policy = reply.headers["content-security-policy"]
     scripts = next(part for part in policy.split(";") if part.strip().startswith("script-src"))
     assert "'unsafe-inline'" not in scripts
-    assert client.get(f"/api/stacks/{made.json()['id']}/stack.json").json()["note"] == SCRIPT
+    assert client.get(f"/api/stacks/{stored.json()['id']}/stack.json").json()["note"] == SCRIPT
 
 
 def test_a_script_in_the_log_stays_text(client: TestClient) -> None:
-    """A typed reason is stored unchanged in the events, and no page contains it as markup."""
+    """The text of an event is stored unchanged and returned as JSON."""
     services = client.app.state.services  # type: ignore[attr-defined]
     services.base.bus.record("device", "watch", SCRIPT)
     reply = client.get("/api/events", params={"limit": 1000})
@@ -93,7 +93,7 @@ def test_a_script_in_the_log_stays_text(client: TestClient) -> None:
 
 
 def test_no_page_of_ours_writes_markup_from_data(root: Path) -> None:
-    """{@html} and innerHTML are the framework's two ways to insert markup: the pages' source uses neither for data."""
+    """The source of the pages does not use {@html}, innerHTML and similar ways to insert markup."""
     for path in (root / "web" / "src").rglob("*"):
         if path.suffix in (".ts", ".svelte"):
             text = path.read_text()
@@ -118,7 +118,7 @@ def test_no_page_of_ours_writes_markup_from_data(root: Path) -> None:
     ],
 )
 def test_a_filter_is_a_value_and_never_sql(client: TestClient, path: str, query: dict[str, str]) -> None:
-    """No rows, or an error message; no row of another table, and all tables still exist."""
+    """SQL in a filter gives no rows of another table, and all tables still exist."""
     reply = client.get(path, params=query)
     assert reply.status_code in (200, 400, 404, 422), reply.text
     assert "argon2" not in reply.text
@@ -126,7 +126,7 @@ def test_a_filter_is_a_value_and_never_sql(client: TestClient, path: str, query:
 
 
 def test_exported_text_is_not_a_spreadsheet_formula(client: TestClient) -> None:
-    """The audit log, which unauthenticated clients can write to."""
+    """No cell of the exported audit log, which unauthenticated clients can write to, starts a formula."""
     headers = {"X-GSS": "1", "Cookie": ""}
     client.post("/api/session", json={"name": "=cmd|' /C calc'!A0", "password": "x"}, headers=headers)
     text = client.get("/api/audit/export", params={"format": "csv"}).text
@@ -134,7 +134,9 @@ def test_exported_text_is_not_a_spreadsheet_formula(client: TestClient) -> None:
 
 
 def test_no_code_runs_text_as_a_program(root: Path) -> None:
-    """No eval, exec, pickle, marshal, shelve, shell=True, os.system; YAML with a loader for plain values only."""
+    """The code uses no eval, exec, pickle, marshal, shelve, shell=True or os.system, and YAML only with a stated
+    loader.
+    """
     words = r"\b(eval|exec|__import__|pickle|marshal|shelve|dill|cloudpickle|shell|yaml|system|popen)\b"
     for path in (root / "gss").rglob("*.py"):
         if re.search(words, text := path.read_text()):
@@ -150,7 +152,9 @@ def _runs_text(node: ast.AST) -> bool:
         return False
     name = ast.unparse(node.func)
     if name == "yaml.load":
-        return not any("Loader" in ast.unparse(given) for given in [*node.args[1:], *(k.value for k in node.keywords)])
+        return not any(
+            "Loader" in ast.unparse(argument) for argument in [*node.args[1:], *(k.value for k in node.keywords)]
+        )
     shell = any(k.arg == "shell" and ast.unparse(k.value) != "False" for k in node.keywords)
     return shell or name in (
         "eval",

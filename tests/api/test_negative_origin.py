@@ -1,4 +1,4 @@
-"""Origins of requests: foreign pages, rebound names, untrusted proxies, and the event stream."""
+"""Origins of requests: other sites, DNS rebinding, untrusted proxies, redirects, and the event stream."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ PROXY = {"behind_proxy": True, "public_names": "gss.example.org", "trusted_proxi
 
 @pytest.fixture(scope="module")
 def proxied(tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
-    """A server behind a proxy; it is not started, because these tests need none of its threads."""
+    """Server behind a proxy. It is not started, because these tests need none of its threads."""
     folder: Path = tmp_path_factory.mktemp("proxied")
     return create_app(build(Settings(data=folder, **PROXY)))
 
 
 @pytest.fixture(scope="module")
 def headers(app: FastAPI, signed_in: Callable[..., dict[str, str]]) -> dict[str, str]:
-    """Headers of an admin's browser."""
+    """Request headers of a signed-in admin."""
     return signed_in(app.state.services)
 
 
 def browser(app: FastAPI, host: str = "http://localhost", peer: str = "127.0.0.1") -> TestClient:
-    """Return a client at an address."""
+    """Return a client at a network address."""
     return TestClient(app, base_url=host, raise_server_exceptions=False, client=(peer, 4000))
 
 
@@ -69,8 +69,8 @@ def browser(app: FastAPI, host: str = "http://localhost", peer: str = "127.0.0.1
 def test_a_foreign_page_gets_nothing_even_with_a_cookie(
     app: FastAPI, headers: dict[str, str], foreign: dict[str, str], path: str
 ) -> None:
-    """Other sites, other ports of this machine, sandboxed frames, rebound names: rejected before any lookup, the stream
-    before it starts.
+    """Requests of other sites, other ports of the host, sandboxed frames and rebound names are rejected on every
+    route.
     """
     reply = browser(app).get(path, headers=headers | foreign)
     assert reply.status_code == 403, reply.text
@@ -84,7 +84,7 @@ def test_a_foreign_page_gets_nothing_even_with_a_cookie(
 def test_a_foreign_page_changes_nothing_even_with_cookie_and_token(
     app: FastAPI, headers: dict[str, str], foreign: dict[str, str]
 ) -> None:
-    """It also signs no user in (login CSRF)."""
+    """A page of another origin cannot change data and cannot sign a user in (login CSRF)."""
     assert browser(app).post("/api/authority/take", headers=headers | foreign).status_code == 403
     reply = browser(app).post("/api/session", json={"name": "x", "password": "y"}, headers={"X-GSS": "1"} | foreign)
     assert reply.status_code == 403
@@ -92,7 +92,7 @@ def test_a_foreign_page_changes_nothing_even_with_cookie_and_token(
 
 
 def test_a_plain_form_of_another_site_is_rejected(app: FastAPI, headers: dict[str, str]) -> None:
-    """A form cannot send our header without a preflight, so it changes nothing, and no preflight is answered."""
+    """A form cannot send the CSRF header without a preflight, and the server accepts no preflight."""
     cookie = {"Cookie": headers["Cookie"]}
     form = {"Content-Type": "text/plain"}
     assert browser(app).post("/api/authority/take", headers=cookie | form, content=b"{}").status_code == 403
@@ -104,17 +104,17 @@ def test_a_plain_form_of_another_site_is_rejected(app: FastAPI, headers: dict[st
 
 
 def test_our_own_page_is_accepted_and_a_foreign_link_opens_the_page_only(app: FastAPI, headers: dict[str, str]) -> None:
-    """Same origin for data; the page itself, which contains no data, may be opened from anywhere."""
-    own = {"Origin": "http://localhost", "Sec-Fetch-Site": "same-origin"}
-    assert browser(app).post("/api/authority/take", headers=headers | own).status_code == 200
-    assert browser(app).post("/api/authority/release", headers=headers | own).status_code == 200
+    """Changes need the same origin. Links of other sites may open the page, which contains no data."""
+    same_origin = {"Origin": "http://localhost", "Sec-Fetch-Site": "same-origin"}
+    assert browser(app).post("/api/authority/take", headers=headers | same_origin).status_code == 200
+    assert browser(app).post("/api/authority/release", headers=headers | same_origin).status_code == 200
     assert browser(app).get("/", headers={"Sec-Fetch-Site": "cross-site"}).status_code == 200
     assert browser(app).post("/", headers=headers).status_code == 405
 
 
 @pytest.mark.parametrize("header", ["X-Forwarded-For", "Forwarded", "X-Real-IP", "X-Client-IP"])
 def test_a_client_cannot_write_another_address_into_the_record(app: FastAPI, header: str) -> None:
-    """Without a proxy these headers have no effect, neither on the audit log nor on the rate limits."""
+    """Without a proxy, forwarding headers affect neither the audit log nor the rate limits."""
     client = browser(app, peer="203.0.113.9")
     codes = []
     for k in range(20):
@@ -129,22 +129,22 @@ def test_a_client_cannot_write_another_address_into_the_record(app: FastAPI, hea
 
 
 def test_behind_a_proxy_only_the_proxy_is_accepted(proxied: FastAPI) -> None:
-    """Requests past it, over plain HTTP, or under another name are rejected. Health is open for monitoring."""
-    good = {"X-Forwarded-Proto": "https", "X-Forwarded-For": "203.0.113.5", "Host": "gss.example.org"}
-    through = browser(proxied, peer="192.0.2.7")
-    assert through.get("/api/session", headers=good).status_code == 200
-    assert browser(proxied, peer="203.0.113.5").get("/api/session", headers=good).status_code == 403
-    assert through.get("/api/session", headers=good | {"X-Forwarded-Proto": "http"}).status_code == 403
-    assert through.get("/api/session", headers={"Host": "gss.example.org"}).status_code == 403
-    assert through.get("/api/session", headers=good | {"Host": "evil.example"}).status_code == 403
-    assert through.get("/api/session", headers=good | {"X-Forwarded-Host": "evil.example"}).status_code == 403
-    assert through.get("/api/session", headers=good | {"Origin": "https://gss.example.org"}).status_code == 200
-    assert through.get("/api/session", headers=good | {"Origin": "http://gss.example.org"}).status_code == 403
+    """Requests that bypass the proxy, use plain HTTP or another name are rejected. Health is open for monitoring."""
+    valid = {"X-Forwarded-Proto": "https", "X-Forwarded-For": "203.0.113.5", "Host": "gss.example.org"}
+    proxy = browser(proxied, peer="192.0.2.7")
+    assert proxy.get("/api/session", headers=valid).status_code == 200
+    assert browser(proxied, peer="203.0.113.5").get("/api/session", headers=valid).status_code == 403
+    assert proxy.get("/api/session", headers=valid | {"X-Forwarded-Proto": "http"}).status_code == 403
+    assert proxy.get("/api/session", headers={"Host": "gss.example.org"}).status_code == 403
+    assert proxy.get("/api/session", headers=valid | {"Host": "evil.example"}).status_code == 403
+    assert proxy.get("/api/session", headers=valid | {"X-Forwarded-Host": "evil.example"}).status_code == 403
+    assert proxy.get("/api/session", headers=valid | {"Origin": "https://gss.example.org"}).status_code == 200
+    assert proxy.get("/api/session", headers=valid | {"Origin": "http://gss.example.org"}).status_code == 403
     assert browser(proxied, peer="127.0.0.1").get("/api/health").json() == {"status": "ok"}
 
 
 def test_behind_a_proxy_the_last_untrusted_address_of_the_list_is_the_caller(proxied: FastAPI) -> None:
-    """Entries before the proxy's own may be forged."""
+    """The audit log has the last address that is not a trusted proxy, because earlier entries may be forged."""
     head = {"X-Forwarded-Proto": "https", "Host": "gss.example.org", "X-GSS": "1"}
     for forwarded, address in (
         ("203.0.113.5", "203.0.113.5"),
@@ -161,7 +161,7 @@ def test_behind_a_proxy_the_last_untrusted_address_of_the_list_is_the_caller(pro
 
 
 def test_of_several_forwarded_lines_the_last_one_counts() -> None:
-    """A proxy that adds a separate header line leaves the browser's before it, which is ignored."""
+    """If a proxy adds a separate header line, earlier lines of the client are ignored."""
     perimeter = Perimeter(Settings(**PROXY))
     lines = [
         ("x-forwarded-proto", "https"),
@@ -175,7 +175,7 @@ def test_of_several_forwarded_lines_the_last_one_counts() -> None:
 
 
 def test_with_tls_cookies_are_secure_and_browsers_stay_with_it(proxied: FastAPI) -> None:
-    """Secure cookie and HSTS behind a proxy (and with TLS files: the same switch), not on plain loopback."""
+    """Behind a proxy the server sets a secure cookie and sends HSTS."""
     users = proxied.state.services.accounts.accounts.users
     link = users.password_link(users.add("ann", "admin", by="test").id, by="test")
     head = {"X-Forwarded-Proto": "https", "Host": "gss.example.org", "X-GSS": "1"}
@@ -187,12 +187,12 @@ def test_with_tls_cookies_are_secure_and_browsers_stay_with_it(proxied: FastAPI)
 
 
 def test_the_plain_server_sends_no_hsts(app: FastAPI) -> None:
-    """HSTS would lock browsers out of localhost."""
+    """A server without TLS sends no HSTS, which would lock browsers out of localhost."""
     assert "strict-transport-security" not in browser(app).get("/api/session").headers
 
 
 def test_the_start_prints_one_address() -> None:
-    """With a setup link while there is no user; with the host name that browsers use."""
+    """The greeting has the address that browsers use, with a setup link while there is no user."""
     link = Link("KEY", utc_now())
     assert greeting(Settings(), 8181, None) == "GSS is at http://127.0.0.1:8181"
     assert greeting(Settings(), 8181, link).endswith("http://127.0.0.1:8181/setup#KEY")
@@ -212,29 +212,29 @@ def test_the_start_prints_one_address() -> None:
 
 @pytest.mark.parametrize("path", ["//evil.example", "/\\evil.example", "/%2F%2Fevil.example", "/https://evil.example/"])
 def test_no_response_redirects_to_another_host(app: FastAPI, path: str) -> None:
-    """No response has a Location on another host."""
+    """No response redirects to another host."""
     reply = browser(app).get(f"http://localhost{path}", follow_redirects=False)
     target = reply.headers.get("location", "")
     assert not target.startswith(("//", "/\\", "http")) or target.startswith("http://localhost/")
 
 
 def test_there_is_no_websocket(app: FastAPI, headers: dict[str, str]) -> None:
-    """Cross-site or not."""
+    """The server rejects WebSocket connections."""
     from starlette.websockets import WebSocketDisconnect
 
     with pytest.raises(WebSocketDisconnect), browser(app).websocket_connect("/api/stream", headers=headers):
         pass
 
 
-class Listener:
-    """An EventSource as an ASGI server passes it."""
+class StreamListener:
+    """ASGI request of a subscriber to the event stream."""
 
     def __init__(self, app: FastAPI, headers: dict[str, str]) -> None:
         self.app, self.body, self.status, self.gone = app, b"", 0, asyncio.Event()
         self.headers = [(b"host", b"localhost"), *((k.lower().encode(), v.encode()) for k, v in headers.items())]
 
     async def listen(self) -> None:
-        """Run until the server ends it."""
+        """Receive events until the server ends the stream."""
         scope = {
             "type": "http",
             "asgi": {"version": "3.0"},
@@ -260,35 +260,35 @@ class Listener:
         self.body += message.get("body", b"")
 
 
-@pytest.mark.parametrize("how", ["ended", "switched off", "password", "token"])
+@pytest.mark.parametrize("cause", ["ended", "switched off", "password", "token"])
 def test_a_stream_ends_with_the_session_that_opened_it(
-    app: FastAPI, signed_in: Any, monkeypatch: pytest.MonkeyPatch, how: str
+    app: FastAPI, signed_in: Any, monkeypatch: pytest.MonkeyPatch, cause: str
 ) -> None:
-    """An open page is disconnected when its session ends, its user is disabled, the password changes, or its token is
+    """The server ends a stream when its session ends, its user is disabled, the password changes or its token is
     revoked.
     """
     monkeypatch.setattr(stream, "RECHECK_S", 0.02)
     accounts = app.state.services.accounts.accounts
-    name = f"listener {how}"
+    name = f"listener {cause}"
     headers = signed_in(app.state.services, "operator", name)
     token = accounts.tokens.add(name, "viewer", 1, by="test")
-    if how == "token":
+    if cause == "token":
         headers = {"Authorization": f"Bearer {token.key}"}
     user = accounts.users.named(name)
 
     def end() -> None:
-        if how == "ended":
-            mine = next(row for row, owner in accounts.sessions.active() if owner.name == name)
-            accounts.sessions.end(mine.id, by="test")
-        elif how == "switched off":
+        if cause == "ended":
+            session = next(row for row, owner in accounts.sessions.active() if owner.name == name)
+            accounts.sessions.end(session.id, by="test")
+        elif cause == "switched off":
             accounts.users.change(user.id, enabled=False)
-        elif how == "password":
+        elif cause == "password":
             accounts.users.set_password(user.id, "orion over the sea")
         else:
             accounts.tokens.revoke(token.row.id)
 
-    async def run() -> Listener:
-        listener = Listener(app, headers)
+    async def run() -> StreamListener:
+        listener = StreamListener(app, headers)
         task = asyncio.create_task(listener.listen())
         for _ in range(1000):
             await asyncio.sleep(0.01)

@@ -26,26 +26,26 @@ NO_FILES = (
     "/api/stream",
     "/api/rerun/live",
 )
-"""Images displayed by the pages: not audited as exports."""
+"""Parts of addresses that return images or streams for the pages, which are not audited as exports."""
 
 
 def routes(app: FastAPI) -> list[tuple[str, str, APIRoute]]:
     """Return (method, path, route) of all declared routes except page files and documents."""
-    found = []
+    declared = []
     for context in iter_route_contexts(app.routes):
         route, path = context.original_route, context.path or ""
         if isinstance(route, APIRoute) and path.startswith(("/api", "/metrics")):
-            found += [(method, path, route) for method in sorted(route.methods)]
-    return found
+            declared += [(method, path, route) for method in sorted(route.methods)]
+    return declared
 
 
 def with_ids(path: str) -> str:
-    """Return the address with ids that do not exist."""
+    """Return the path with ids that do not exist."""
     return re.sub(r"\{\w+\}", "999999", path)
 
 
 def test_every_changing_route_declares_exactly_one_known_permission(app: FastAPI) -> None:
-    """Only sign-in, setup and using a link need no authentication."""
+    """Each changing route declares one known permission. Only the routes of ``OPEN`` need no authentication."""
     changing = [(m, p, r) for m, p, r in routes(app) if m not in SAFE_METHODS]
     assert len(changing) > 60
     for method, path, route in changing:
@@ -56,13 +56,13 @@ def test_every_changing_route_declares_exactly_one_known_permission(app: FastAPI
 
 
 def test_routes_without_authentication_are_known(app: FastAPI) -> None:
-    """Pages, their files, and the documents: nothing else answers outside /api and /metrics."""
+    """Only pages, their files and the documents have routes outside /api and /metrics."""
     outside = {c.path for c in iter_route_contexts(app.routes) if not (c.path or "/").startswith(("/api", "/metrics"))}
     assert all(path is None or path == "/" or path.startswith("/help") for path in outside), outside
 
 
 def test_every_permission_is_used(app: FastAPI) -> None:
-    """Each is required by a route."""
+    """Each permission is required by a route, except for ``view`` and the permissions of commands."""
     needed = {one for _, _, route in routes(app) for need in needs_of(route) for one in need.permission.split("|")}
     assert ALL - {"view"} - set(COMMANDS) <= needed
 
@@ -78,10 +78,10 @@ def test_every_downloaded_file_is_audited(app: FastAPI) -> None:
 def test_every_changing_route_rejects_every_role_without_permission(
     app: FastAPI, clients: dict[str, TestClient]
 ) -> None:
-    """Route by route and role by role: 401 without a session, 403 with the permission's name without it; with it the
-    request is processed (and an empty body rejected).
+    """A changing route is a 401 without a session and a 403 that names the permission for every role that lacks it. An
+    admin has every permission.
     """
-    tried = 0
+    rejections = 0
     for method, path, route in routes(app):
         if method in SAFE_METHODS or (method, path) in OPEN or path in ("/api/session", "/api/session/password"):
             continue
@@ -95,13 +95,15 @@ def test_every_changing_route_rejects_every_role_without_permission(
                 role,
                 path,
             )
-            tried += 1
+            rejections += 1
         assert permitted(ROLES["admin"], need.permission), path
-    assert tried > 120
+    assert rejections > 120
 
 
 def test_nothing_is_read_without_signing_in(app: FastAPI, clients: dict[str, TestClient]) -> None:
-    """Recordings, captures, rerun files, frames, metrics, the stream, the API's own description."""
+    """Without a session, every GET is a 401, also of recordings, captures, metrics, the stream and the API
+    description.
+    """
     paths = [path for method, path, _ in routes(app) if method == "GET" and (method, path) not in OPEN]
     assert {"/api/stream", "/api/rerun/{name}", "/metrics", "/api/contacts/{contact_id}/captures/{file}"} <= set(paths)
     for path in [*paths, "/api/openapi.json", "/api/nothing-here", "/api", "/metrics/"]:
@@ -110,7 +112,7 @@ def test_nothing_is_read_without_signing_in(app: FastAPI, clients: dict[str, Tes
 
 
 def test_admin_data_are_hidden_from_other_roles(app: FastAPI, clients: dict[str, TestClient]) -> None:
-    """GETs that need more than view."""
+    """A GET with a separate permission is a 403 for every role that lacks it."""
     special = [(path, needs_of(route)[0]) for m, path, route in routes(app) if m == "GET" and needs_of(route)]
     special = [(path, need) for path, need in special if need.permission not in (NO_SIGN_IN, "view")]
     assert {"/api/users", "/api/sessions", "/api/tokens", "/api/audit", "/api/audit/export"} <= {p for p, _ in special}
@@ -121,27 +123,27 @@ def test_admin_data_are_hidden_from_other_roles(app: FastAPI, clients: dict[str,
 
 
 def test_a_viewer_may_read_everything_else(app: FastAPI, clients: dict[str, TestClient]) -> None:
-    """No GET without a separate permission rejects the lowest role."""
+    """A viewer may use every GET without a separate permission."""
     for method, path, route in routes(app):
         if method == "GET" and not needs_of(route) and path not in ENDLESS:
             assert clients["viewer"].get(with_ids(path)).status_code not in (401, 403), path
 
 
-def test_no_user_raises_his_own_permissions(app: FastAPI, clients: dict[str, TestClient]) -> None:
-    """Not by his own row, a new user, a token, or an unexpected field."""
+def test_no_user_raises_their_own_permissions(app: FastAPI, clients: dict[str, TestClient]) -> None:
+    """Users cannot raise their permissions with their own user record, a new user, a token or a link."""
     users = app.state.services.accounts.accounts.users
     for role in ROLES:
         if role == "admin":
             continue
-        own = users.named(f"the {role}")
-        tries = [
-            clients[role].put(f"/api/users/{own.id}", json={"role": "admin"}),
+        user = users.named(f"the {role}")
+        replies = [
+            clients[role].put(f"/api/users/{user.id}", json={"role": "admin"}),
             clients[role].post("/api/users", json={"name": "eve", "role": "admin"}),
             clients[role].post("/api/tokens", json={"name": "eve", "role": "admin", "days": 1}),
-            clients[role].post(f"/api/users/{own.id}/link"),
+            clients[role].post(f"/api/users/{user.id}/link"),
             clients[role].delete("/api/sessions/1"),
         ]
-        assert [reply.status_code for reply in tries] == [403] * len(tries)
+        assert [reply.status_code for reply in replies] == [403] * len(replies)
         assert users.named(f"the {role}").role == role
     assert users.named("eve") is None
     reply = clients["admin"].put(f"/api/users/{users.named('the viewer').id}", json={"role": "root"})
@@ -149,10 +151,10 @@ def test_no_user_raises_his_own_permissions(app: FastAPI, clients: dict[str, Tes
 
 
 def test_the_last_admin_stays(app: FastAPI, clients: dict[str, TestClient]) -> None:
-    """The last admin can be removed neither by mistake nor on purpose."""
-    own = app.state.services.accounts.accounts.users.named("the admin")
+    """The last admin cannot be disabled or lose the role."""
+    admin = app.state.services.accounts.accounts.users.named("the admin")
     for change in ({"role": "viewer"}, {"enabled": False}):
-        reply = clients["admin"].put(f"/api/users/{own.id}", json=change)
+        reply = clients["admin"].put(f"/api/users/{admin.id}", json=change)
         assert (reply.status_code, "last admin" in reply.json()["message"]) == (409, True)
 
 
@@ -170,7 +172,7 @@ def send(client: TestClient, name: str, **arguments: Any) -> Any:
 
 @pytest.mark.parametrize("role", [role for role in ROLES if role != "viewer"])
 def test_a_command_needs_the_permission_of_its_group(clients: dict[str, TestClient], role: str) -> None:
-    """With the group's permission the rejection is about the link (which is closed), otherwise about the permission."""
+    """A command without the permission of its group is a 403; otherwise it fails only because the link is closed."""
     for name, group in GROUP_OF.items():
         allowed = f"command.{group}" in ROLES[role]
         reply = send(clients[role], name)
@@ -181,7 +183,7 @@ def test_a_command_needs_the_permission_of_its_group(clients: dict[str, TestClie
 
 
 def test_a_viewer_sends_nothing_but_abort(clients: dict[str, TestClient]) -> None:
-    """Every role may send ABORT, which fails only because the link is closed."""
+    """A viewer may use the routes that stop something, but may send no command."""
     assert all(send(clients["viewer"], name).status_code == 403 for name in GROUP_OF)
     assert send(clients["viewer"], "ABORT").status_code == 403
     assert clients["viewer"].post("/api/commands/abort").status_code == 409
@@ -191,7 +193,7 @@ def test_a_viewer_sends_nothing_but_abort(clients: dict[str, TestClient]) -> Non
 
 
 def test_a_dry_run_lists_missing_permissions(clients: dict[str, TestClient]) -> None:
-    """Before anything is sent."""
+    """The check of a command lists the missing permission."""
     reply = (
         clients["engineer"].post("/api/commands/check", json={"name": "POWER", "arguments": {"state": "off"}}).json()
     )
@@ -199,7 +201,7 @@ def test_a_dry_run_lists_missing_permissions(clients: dict[str, TestClient]) -> 
 
 
 def test_an_inner_command_needs_its_permission(app: FastAPI, clients: dict[str, TestClient], signed_in: Any) -> None:
-    """SCHEDULE needs the permission of its inner command, and every group's if that cannot be read."""
+    """SCHEDULE needs the permission of its inner command, and of every group if the inner command is unknown."""
     services = app.state.services
     scopes = ["view", "schedule", "command.processor", "command.imager"]
     token = services.accounts.accounts.tokens.add("narrow", "operator", 1, by="test", scopes=scopes)
@@ -217,7 +219,7 @@ def test_an_inner_command_needs_its_permission(app: FastAPI, clients: dict[str, 
 def test_a_stack_with_one_forbidden_command_is_rejected_completely(
     app: FastAPI, clients: dict[str, TestClient]
 ) -> None:
-    """Before its first step; the dry run names the step."""
+    """The stack is rejected before its first step. The check names the step with the missing permission."""
     services = app.state.services
     steps = [{"command": "GET_STATUS"}, {"command": "LIST_BANKS"}]
     row = clients["operator"].post("/api/stacks", json={"name": "mixed", "note": "", "steps": steps}).json()
@@ -232,7 +234,7 @@ def test_a_stack_with_one_forbidden_command_is_rejected_completely(
 
 
 def test_solving_on_board_needs_the_permission_of_its_commands(clients: dict[str, TestClient]) -> None:
-    """An engineer may upload a frame, but not send the server's commands that follow."""
+    """An engineer may upload a frame, but not with the commands that solve it on board."""
     options = {"slot": 1, "solve": True}
     reply = clients["engineer"].post("/api/frames/999999/upload", json=options)
     assert (reply.status_code, "command.attitude" in reply.json()["message"]) == (403, True)

@@ -24,20 +24,20 @@ PASSWORD = "orion over the sea"
 
 @pytest.fixture(scope="module")
 def app(app_of: Callable[..., FastAPI]) -> FastAPI:
-    """A server with ann, an admin, and vic, a viewer, who have passwords."""
+    """Server with the users ann, an admin, and vic, a viewer."""
     return app_of({"ann": ("admin", PASSWORD), "vic": ("viewer", PASSWORD + " vic")})
 
 
 @pytest.fixture
 def services(app: FastAPI) -> Services:
-    """Its services."""
+    """Services of the server."""
     services: Services = app.state.services
     return services
 
 
 @pytest.fixture
 def anonymous(app: FastAPI, services: Services, address: str) -> TestClient:
-    """A browser without a session at an address that no other test uses."""
+    """Client without a session at an address that no other test uses."""
     services.accounts.accounts.attempts._failures.clear()
     return TestClient(
         app,
@@ -48,13 +48,13 @@ def anonymous(app: FastAPI, services: Services, address: str) -> TestClient:
     )
 
 
-NUMBERS = itertools.count(1)
+HOST_NUMBERS = itertools.count(1)
 
 
 @pytest.fixture
 def address() -> str:
-    """Address of the anonymous browser."""
-    return f"10.0.0.{next(NUMBERS)}"
+    """Network address of the anonymous client."""
+    return f"10.0.0.{next(HOST_NUMBERS)}"
 
 
 def sign_in(client: TestClient, name: str = "ann", password: str = PASSWORD) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def sign_in(client: TestClient, name: str = "ann", password: str = PASSWORD) -> 
     return body
 
 
-def newest(services: Services, action: str) -> Any:
+def newest_row(services: Services, action: str) -> Any:
     """Return the newest audit row of an action."""
     from gss.store.audit import AuditFilter
 
@@ -74,7 +74,9 @@ def newest(services: Services, action: str) -> Any:
 
 
 def test_the_cookie_is_inaccessible_to_scripts_and_other_sites(anonymous: TestClient) -> None:
-    """HttpOnly, SameSite=Strict, no domain; no response contains the key or may be cached."""
+    """The cookie is HttpOnly, SameSite=Strict and without a domain. The response does not contain the key and is not
+    cached.
+    """
     reply = anonymous.post("/api/session", json={"name": "ann", "password": PASSWORD})
     morsel = reply.headers["set-cookie"]
     assert all(word in morsel for word in ("gss_session=", "HttpOnly", "SameSite=strict", "Path=/"))
@@ -91,7 +93,7 @@ def test_the_cookie_is_inaccessible_to_scripts_and_other_sites(anonymous: TestCl
 
 
 def test_no_response_log_or_row_contains_a_password(services: Services, anonymous: TestClient, caplog: Any) -> None:
-    """Right, wrong, too short, typed into the wrong field: it is stored nowhere."""
+    """No right, wrong, too short or misplaced password is stored in a response, a log or the audit log."""
     secrets = [PASSWORD, "a wrong secret", "tiny", "typed as a name!", "a new good secret"]
     with caplog.at_level(logging.DEBUG):
         answers = [
@@ -110,12 +112,14 @@ def test_no_response_log_or_row_contains_a_password(services: Services, anonymou
     assert [a.status_code for a in answers] == [401, 401, 422, 422, 403, 400, 200, 200]
     everything = caplog.text + "".join(a.text for a in answers) + "".join(services.accounts.audit.export("jsonl"))
     assert not [secret for secret in secrets if secret in everything]
-    assert newest(services, "session.sign_in").who == "ann"
+    assert newest_row(services, "session.sign_in").who == "ann"
     assert "$argon2" not in everything
 
 
 def test_an_unknown_name_is_answered_like_a_wrong_password(services: Services, anonymous: TestClient) -> None:
-    """Same status, same text, one hash computed: the response does not reveal which accounts exist."""
+    """Status, text and the number of computed hashes are equal, so the response does not reveal which accounts
+    exist.
+    """
     answers = []
     for name in ("ann", "another user"):
         before = services.accounts.accounts.passwords.verified
@@ -127,7 +131,7 @@ def test_an_unknown_name_is_answered_like_a_wrong_password(services: Services, a
 
 
 def test_brute_force_is_rate_limited(anonymous: TestClient) -> None:
-    """After some failures 429 with Retry-After, for the right password too; it is audited as denied."""
+    """After some failures every attempt is a 429 with Retry-After, also with the right password."""
     codes = [
         anonymous.post("/api/session", json={"name": "ann", "password": f"guess number {k}"}).status_code
         for k in range(8)
@@ -140,7 +144,9 @@ def test_brute_force_is_rate_limited(anonymous: TestClient) -> None:
 
 
 def test_a_planted_session_is_invalid(services: Services, anonymous: TestClient) -> None:
-    """Session fixation: a key from outside is not accepted, and a valid one ends when another sign-in uses its browser."""
+    """The server does not accept a planted key (session fixation). Another sign-in in the same browser ends the
+    session.
+    """
     anonymous.cookies.set("gss_session", "planted-key", domain="localhost.local")
     sign_in(anonymous)
     first = anonymous.cookies.get("gss_session", domain="localhost.local")
@@ -152,7 +158,7 @@ def test_a_planted_session_is_invalid(services: Services, anonymous: TestClient)
 
 
 def test_signing_out_ends_the_session_permanently(services: Services, anonymous: TestClient) -> None:
-    """A copied cookie is invalid afterwards."""
+    """After signing out, a copied cookie is invalid."""
     sign_in(anonymous)
     key = anonymous.cookies["gss_session"]
     assert anonymous.delete("/api/session").status_code == 204
@@ -163,7 +169,7 @@ def test_signing_out_ends_the_session_permanently(services: Services, anonymous:
 
 @pytest.mark.parametrize("mark", [None, "", "1", "0" * 64])
 def test_a_change_without_the_sessions_csrf_token_is_rejected(anonymous: TestClient, mark: str | None) -> None:
-    """None, empty, the old constant, a guess."""
+    """A change with a missing, empty, constant or guessed CSRF token is rejected."""
     sign_in(anonymous)
     del anonymous.headers["X-GSS"]
     reply = anonymous.post("/api/authority/take", headers={} if mark is None else {"X-GSS": mark})
@@ -171,7 +177,7 @@ def test_a_change_without_the_sessions_csrf_token_is_rejected(anonymous: TestCli
 
 
 def test_the_csrf_token_of_another_session_is_rejected(services: Services, anonymous: TestClient) -> None:
-    """It is bound to the session, not to the server."""
+    """The CSRF token is bound to its session."""
     ann = sign_in(anonymous)
     anonymous.headers["X-GSS"] = "1"
     sign_in(anonymous, "vic", PASSWORD + " vic")
@@ -182,7 +188,7 @@ def test_the_csrf_token_of_another_session_is_rejected(services: Services, anony
 def test_a_password_change_ends_every_other_session_and_renews_ones_own(
     services: Services, anonymous: TestClient
 ) -> None:
-    """New cookie, new CSRF token; the old ones and unused links are invalid everywhere."""
+    """After a password change the user has a new cookie and CSRF token. Old sessions and unused links are invalid."""
     user = services.accounts.accounts.users.add("pat", "operator", by="test", password=PASSWORD)
     elsewhere = services.accounts.accounts.sessions.begin(user.id, address="other desk")
     link = services.accounts.accounts.users.password_link(user.id, by="test")
@@ -199,7 +205,7 @@ def test_a_password_change_ends_every_other_session_and_renews_ones_own(
 
 
 def test_a_disabled_user_is_signed_out_at_once(services: Services, anonymous: TestClient) -> None:
-    """During a session, and at the next sign-in."""
+    """The requests and the sign-in of a disabled user are rejected."""
     user = services.accounts.accounts.users.add("off", "operator", by="test", password=PASSWORD)
     sign_in(anonymous, "off")
     assert anonymous.get("/api/link").status_code == 200
@@ -209,27 +215,27 @@ def test_a_disabled_user_is_signed_out_at_once(services: Services, anonymous: Te
 
 
 def test_links_are_used_once_and_not_guessed(services: Services, anonymous: TestClient) -> None:
-    """A user's first password is set with a link; the second use, a guess and a setup link after the first user are
-    rejected alike.
+    """A link sets the first password of a user. A second use, a guess and the use as a setup link have the same
+    rejection.
     """
     user = services.accounts.accounts.users.add("new", "viewer", by="test")
     assert anonymous.post("/api/session", json={"name": "new", "password": ""}).status_code == 422
     link = services.accounts.accounts.users.password_link(user.id, by="test")
     body = {"token": link.key, "password": "cassiopeia upside down"}
-    refused = [
+    rejected = [
         anonymous.post("/api/password-links", json=body | {"token": "guess"}),
         anonymous.post("/api/setup", json={"token": link.key, "name": "eve", "password": PASSWORD}),
     ]
     assert anonymous.post("/api/password-links", json=body).json()["name"] == "new"
-    refused.append(anonymous.post("/api/password-links", json=body))
-    assert [(r.status_code, r.json()["message"]) for r in refused] == [
+    rejected.append(anonymous.post("/api/password-links", json=body))
+    assert [(r.status_code, r.json()["message"]) for r in rejected] == [
         (403, "This link is invalid, expired or already used.")
     ] * 3
 
 
 def test_the_first_admin_is_created_with_the_printed_link_only(tmp_path: Path) -> None:
-    """An empty server: nothing is open, no password is valid, guesses of the link are rate-limited, the link works
-    once.
+    """On a server without users no data are readable and no password is valid. Guesses of the setup link are
+    rate-limited, and the link works once.
     """
     services = build(Settings(data=tmp_path / "data", password_memory_kib=8, password_passes=1))
     with TestClient(create_app(services), base_url="http://localhost", headers={"X-GSS": "1"}) as client:
@@ -243,42 +249,42 @@ def test_the_first_admin_is_created_with_the_printed_link_only(tmp_path: Path) -
         codes = {client.post("/api/setup", json=body | {"token": f"guess {k}"}).status_code for k in range(20)}
         assert codes == {403, 429}
         services.accounts.accounts.attempts.forget("link testclient")
-        made = client.post("/api/setup", json=body | {"token": link.key}).json()
-        assert (made["name"], made["role"]) == ("ann", "admin")
+        user = client.post("/api/setup", json=body | {"token": link.key}).json()
+        assert (user["name"], user["role"]) == ("ann", "admin")
         assert client.post("/api/setup", json=body | {"token": link.key, "name": "eve"}).status_code == 403
         assert [user.name for user in services.accounts.accounts.users.every()] == ["ann"]
 
 
 @pytest.mark.parametrize("key", ["", "gss_", "gss_guess", "x" * 5000, "gss_\x7f"])
 def test_an_invalid_token_is_rejected(anonymous: TestClient, key: str) -> None:
-    """Empty, guessed, huge."""
+    """Empty, guessed, very long and malformed tokens are rejected."""
     reply = anonymous.get("/api/link", headers={"Authorization": f"Bearer {key}"})
     assert reply.status_code in (401, 429)
 
 
 def test_a_token_needs_no_csrf_token_and_has_its_role_only(services: Services, anonymous: TestClient) -> None:
-    """A program makes changes with its token; scopes apply; a revoked token is invalid at once; it cannot set passwords
-    or raise its permissions.
+    """A client makes changes with its token and without a CSRF token. It cannot change passwords or raise its
+    permissions. A revoked token is invalid at once.
     """
-    made = services.accounts.accounts.tokens.add("night run", "engineer", 1, by="test")
-    headers = {"Authorization": f"Bearer {made.key}"}
+    token = services.accounts.accounts.tokens.add("night run", "engineer", 1, by="test")
+    headers = {"Authorization": f"Bearer {token.key}"}
     del anonymous.headers["X-GSS"]
     assert anonymous.post("/api/authority/take", headers=headers).json()["holder"] == "token:night run"
     assert anonymous.post("/api/authority/release", headers=headers).status_code == 200
     assert anonymous.post("/api/link/close", headers=headers).status_code == 403
     change = {"old": PASSWORD, "new": "a new good secret"}
     assert anonymous.put("/api/session/password", headers=headers, json=change).status_code == 409
-    narrow = services.accounts.accounts.tokens.add("narrow", "admin", 1, by="test", scopes=["admin.tokens"])
-    tight = {"Authorization": f"Bearer {narrow.key}"}
-    assert anonymous.get("/api/link", headers=tight).status_code == 403
-    wider = anonymous.post("/api/tokens", headers=tight, json={"name": "wider", "role": "admin", "days": 1})
+    limited = services.accounts.accounts.tokens.add("narrow", "admin", 1, by="test", scopes=["admin.tokens"])
+    limited_headers = {"Authorization": f"Bearer {limited.key}"}
+    assert anonymous.get("/api/link", headers=limited_headers).status_code == 403
+    wider = anonymous.post("/api/tokens", headers=limited_headers, json={"name": "wider", "role": "admin", "days": 1})
     assert wider.status_code == 403
-    services.accounts.accounts.tokens.revoke(made.row.id)
+    services.accounts.accounts.tokens.revoke(token.row.id)
     assert anonymous.get("/api/link", headers=headers).status_code == 401
 
 
 def test_a_token_is_shown_once(services: Services, anonymous: TestClient) -> None:
-    """In the response that creates it, and nowhere afterwards."""
+    """The key of a token is only in the response that creates it."""
     sign_in(anonymous)
     key = anonymous.post("/api/tokens", json={"name": "once", "role": "viewer", "days": 1}).json()["key"]
     after = anonymous.get("/api/tokens").text + anonymous.get("/api/audit?limit=50").text
@@ -287,99 +293,106 @@ def test_a_token_is_shown_once(services: Services, anonymous: TestClient) -> Non
 
 
 def test_the_audit_log_records_actions_without_secrets(services: Services, anonymous: TestClient) -> None:
-    """Which command with which arguments, whose role, which token, which policy; a failed action states the attempt and
-    the reason.
+    """The audit log records commands with arguments, roles, tokens and policies. A failed action has the attempt and
+    the reason. One-time links are not recorded.
     """
     sign_in(anonymous)
     anonymous.post("/api/commands", json={"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 150}})
-    failed = newest(services, "commands.send_command")
+    failed = newest_row(services, "commands.send_command")
     assert failed.detail.startswith("SET_EXPOSURE exposure_ms=150: ")
-    made = anonymous.post("/api/users", json={"name": "dee", "role": "viewer"}).json()
-    assert newest(services, "users.add_user").detail == "dee as viewer"
-    anonymous.put(f"/api/users/{made['user']['id']}", json={"role": "engineer", "enabled": False})
-    assert newest(services, "users.change_user").detail == "dee from viewer to engineer deactivated"
+    added = anonymous.post("/api/users", json={"name": "dee", "role": "viewer"}).json()
+    assert newest_row(services, "users.add_user").detail == "dee as viewer"
+    anonymous.put(f"/api/users/{added['user']['id']}", json={"role": "engineer", "enabled": False})
+    assert newest_row(services, "users.change_user").detail == "dee from viewer to engineer deactivated"
     anonymous.post("/api/tokens", json={"name": "prom", "role": "viewer", "days": 1, "scopes": ["metrics"]})
-    assert newest(services, "tokens.add_token").detail == "prom as viewer for 1 days, only metrics"
+    assert newest_row(services, "tokens.add_token").detail == "prom as viewer for 1 days, only metrics"
     anonymous.put("/api/admin/retention", json={"frames_days": 30})
-    assert newest(services, "upkeep.choose_retention").detail == "frames_days from 0 to 30"
+    assert newest_row(services, "upkeep.choose_retention").detail == "frames_days from 0 to 30"
     anonymous.post("/api/authority/break", json={"reason": "pass begins"})
-    assert newest(services, "authority.break_authority").detail.startswith("of no user, pass begins: ")
-    assert made["link"].split("#")[1] not in "".join(services.accounts.audit.export("jsonl"))
+    assert newest_row(services, "authority.break_authority").detail.startswith("of no user, pass begins: ")
+    assert added["link"].split("#")[1] not in "".join(services.accounts.audit.export("jsonl"))
 
 
 def test_the_audit_log_records_old_and_new_values(services: Services, anonymous: TestClient) -> None:
-    """Limits, alarms, tables and the link: old value, new value, and the given reason."""
+    """Changes of limits, alarms, tables, stacks, schedule and link are recorded with old value, new value and
+    reason.
+    """
     sign_in(anonymous)
-    own = {"watch": [None, 30], "warning": [None, 40], "critical": [None, 50], "persistence": 2, "note": "hot night"}
-    anonymous.put("/api/telemetry/limits/housekeeping.sensor_temperature_c", json=own)
-    said = newest(services, "limits.override").detail
-    assert said.startswith("housekeeping.sensor_temperature_c from watch ")
-    assert said.endswith(" to watch … 30, warning … 40, critical … 50, 2 samples hot night")
+    limits = {"watch": [None, 30], "warning": [None, 40], "critical": [None, 50], "persistence": 2, "note": "hot night"}
+    anonymous.put("/api/telemetry/limits/housekeeping.sensor_temperature_c", json=limits)
+    detail = newest_row(services, "limits.override").detail
+    assert detail.startswith("housekeeping.sensor_temperature_c from watch ")
+    assert detail.endswith(" to watch … 30, warning … 40, critical … 50, 2 samples hot night")
     anonymous.delete("/api/telemetry/limits/housekeeping.sensor_temperature_c")
-    said = newest(services, "limits.restore").detail
-    assert said.startswith(
+    detail = newest_row(services, "limits.restore").detail
+    assert detail.startswith(
         "housekeeping.sensor_temperature_c from watch … 30, warning … 40, critical … 50, 2 samples to "
     )
     before, other = services.telemetry.telemetry.limits.chosen, services.telemetry.telemetry.limits.sets[-1][0]
     anonymous.put("/api/telemetry/limits/set", json={"name": other, "note": "bench"})
-    assert newest(services, "limits.choose_set").detail == f"from {before} to {other} bench"
+    assert newest_row(services, "limits.choose_set").detail == f"from {before} to {other} bench"
     services.telemetry.alarms.watch(("link", "test"), State.WARNING, 1.0, "a test", "")
     (alarm,) = services.telemetry.alarms.opened()
     anonymous.post(f"/api/alarms/{alarm.row.id}/shelve", json={"minutes": 10, "note": "known"})
-    assert newest(services, "alarms.shelve").detail.endswith("raised; for 10 min known")
+    assert newest_row(services, "alarms.shelve").detail.endswith("raised; for 10 min known")
     anonymous.post(f"/api/alarms/{alarm.row.id}/unshelve", json={"note": "again"})
-    assert newest(services, "alarms.unshelve").detail.endswith("shelved; again")
+    assert newest_row(services, "alarms.unshelve").detail.endswith("shelved; again")
     table = {"kind": "parameters", "name": "dark", "profile": "cubestar", "content": {"threshold_dn": 30}}
-    made = anonymous.post("/api/tables", json=table).json()
-    assert newest(services, "tables.create_table").detail == "parameters dark of cubestar: threshold_dn"
-    anonymous.post(f"/api/tables/{made['id']}/upload", json={"bank": "2"})
-    assert newest(services, "tables.upload_table").detail.startswith("parameters dark to bank 2")
+    stored = anonymous.post("/api/tables", json=table).json()
+    assert newest_row(services, "tables.create_table").detail == "parameters dark of cubestar: threshold_dn"
+    anonymous.post(f"/api/tables/{stored['id']}/upload", json={"bank": "2"})
+    assert newest_row(services, "tables.upload_table").detail.startswith("parameters dark to bank 2")
     steps = [{"command": "GET_STATUS"}, {"command": "POWER", "arguments": {"state": "off"}}]
     stack = anonymous.post("/api/stacks", json={"name": "evening", "steps": steps}).json()
     anonymous.put(f"/api/stacks/{stack['id']}", json={"name": "night", "steps": steps[:1]})
-    assert newest(services, "stacks.change_stack").detail == "from evening (GET_STATUS, POWER) to night (GET_STATUS)"
+    assert (
+        newest_row(services, "stacks.change_stack").detail == "from evening (GET_STATUS, POWER) to night (GET_STATUS)"
+    )
     anonymous.post(f"/api/stacks/{stack['id']}/run", json={"confirm": []})
-    assert newest(services, "stacks.run_stack").detail.startswith("night (GET_STATUS): ")
+    assert newest_row(services, "stacks.run_stack").detail.startswith("night (GET_STATUS): ")
     order = {"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 300}, "at": "2100-01-01T00:00:00Z"}
     anonymous.post("/api/schedule", json=order)
-    said = newest(services, "schedule.schedule_command").detail
-    assert said.startswith("SET_EXPOSURE exposure_ms=300 at 2100-01-01T00:00:00")
+    detail = newest_row(services, "schedule.schedule_command").detail
+    assert detail.startswith("SET_EXPOSURE exposure_ms=300 at 2100-01-01T00:00:00")
     anonymous.post("/api/calibrations/documented", json={"profile": "cubestar"})
-    said = newest(services, "calibrations.use_documented").detail
-    assert said.startswith("cubestar from documented to documented: no calibration is active")
+    detail = newest_row(services, "calibrations.use_documented").detail
+    assert detail.startswith("cubestar from documented to documented: no calibration is active")
     anonymous.post("/api/link/open", json={"url": "carrier-pigeon://coop"})
-    assert newest(services, "link.open_link").detail.startswith("from closed to carrier-pigeon://coop: ")
+    assert newest_row(services, "link.open_link").detail.startswith("from closed to carrier-pigeon://coop: ")
     anonymous.post("/api/link/close")
-    assert newest(services, "link.close_link").detail.startswith("closed")
+    assert newest_row(services, "link.close_link").detail.startswith("closed")
 
 
 def test_every_change_denial_and_export_is_audited(services: Services, anonymous: TestClient, address: str) -> None:
-    """User, action, address and result; reads are not; unauthenticated requests are counted instead of written each
-    time.
+    """Changes, denials and exports are recorded with user, action, address and result. Reads are not recorded, and
+    repeated unauthenticated requests share a row.
     """
     rows_before = services.accounts.audit.verify().rows
     for _ in range(30):
         anonymous.get("/api/link")
     assert services.accounts.audit.verify().rows == rows_before + 1
     sign_in(anonymous, "vic", PASSWORD + " vic")
-    row = newest(services, "session.sign_in")
+    row = newest_row(services, "session.sign_in")
     assert (row.who, row.result, row.address) == ("vic", "done", address)
     rows = services.accounts.audit.verify().rows
     assert anonymous.get("/api/link").status_code == 200
     assert services.accounts.audit.verify().rows == rows
     assert anonymous.post("/api/link/close").status_code == 403
-    denied = newest(services, "link.close_link")
+    denied = newest_row(services, "link.close_link")
     assert (denied.who, denied.role, denied.result) == ("vic", "viewer", "denied")
     assert "link.open" in denied.detail
     assert anonymous.get("/api/commands.csv").status_code == 200
-    assert newest(services, "commands.export_commands").result == "done"
+    assert newest_row(services, "commands.export_commands").result == "done"
     assert anonymous.post("/api/commands/abort").status_code == 409
-    assert (newest(services, "commands.abort").result, newest(services, "commands.abort").who) == ("failed", "vic")
+    assert (newest_row(services, "commands.abort").result, newest_row(services, "commands.abort").who) == (
+        "failed",
+        "vic",
+    )
     assert services.accounts.audit.verify().problem == ""
 
 
 def test_the_record_cannot_be_changed_over_the_network(anonymous: TestClient) -> None:
-    """No role has a route for it, not even admin."""
+    """No route changes the audit log, not even for an admin."""
     sign_in(anonymous)
     for method, path in (
         ("DELETE", "/api/audit"),
@@ -404,7 +417,7 @@ def test_the_record_cannot_be_changed_over_the_network(anonymous: TestClient) ->
 def test_filters_of_the_audit_log_are_values_never_sql(
     services: Services, anonymous: TestClient, query: dict[str, str]
 ) -> None:
-    """No rows, or a 422; the log stays complete."""
+    """SQL in a filter gives no rows or a 422, and the audit log stays complete."""
     sign_in(anonymous)
     reply = anonymous.get("/api/audit", params=query)
     assert reply.status_code in (200, 422)
@@ -415,7 +428,7 @@ def test_filters_of_the_audit_log_are_values_never_sql(
 
 
 def test_no_page_stores_a_secret_accessible_to_scripts(root: Path) -> None:
-    """Neither localStorage nor sessionStorage nor a cookie written by a script, in the pages' source."""
+    """The source of the pages stores no secret in localStorage or sessionStorage and writes no cookie."""
     for path in (root / "web" / "src").rglob("*"):
         if path.suffix in (".ts", ".svelte") and not path.name.endswith(".test.ts"):
             text = path.read_text()
@@ -428,20 +441,20 @@ def test_no_page_stores_a_secret_accessible_to_scripts(root: Path) -> None:
 
 
 def test_json_of_the_session_has_the_fields_that_pages_read(anonymous: TestClient) -> None:
-    """The contract's fields, signed in or not."""
+    """The response has the same fields with and without a session."""
     fields = {"signed_in", "name", "role", "permissions", "csrf", "expires", "set_up_needed", "several_units"}
     assert set(anonymous.get("/api/session").json()) == fields
     assert set(json.loads(json.dumps(sign_in(anonymous)))) == fields
 
 
 def test_the_audit_log_names_what_a_revocation_withdrew(services: Services, anonymous: TestClient) -> None:
-    """The users that were disabled and the number of links; the list of users shows the reason."""
+    """The audit log names the disabled users and counts the invalidated links. The list of users shows the reason."""
     ann = services.accounts.accounts.users.named("ann")
-    made = services.accounts.accounts.tokens.add("robot", "admin", 1, by="ann", owner_id=ann.id)
-    robot = {"Authorization": f"Bearer {made.key}"}
+    token = services.accounts.accounts.tokens.add("robot", "admin", 1, by="ann", owner_id=ann.id)
+    robot = {"Authorization": f"Bearer {token.key}"}
     assert anonymous.post("/api/users", headers=robot, json={"name": "made", "role": "viewer"}).status_code == 201
     sign_in(anonymous)
-    assert anonymous.delete(f"/api/tokens/{made.row.id}").status_code == 204
-    assert newest(services, "tokens.revoke_token").detail == "robot also disabled: made; links invalidated: 1"
-    shown = next(user for user in anonymous.get("/api/users").json() if user["name"] == "made")
-    assert (shown["enabled"], shown["disabled_reason"]) == (False, "created by token:robot, which was revoked")
+    assert anonymous.delete(f"/api/tokens/{token.row.id}").status_code == 204
+    assert newest_row(services, "tokens.revoke_token").detail == "robot also disabled: made; links invalidated: 1"
+    user = next(user for user in anonymous.get("/api/users").json() if user["name"] == "made")
+    assert (user["enabled"], user["disabled_reason"]) == (False, "created by token:robot, which was revoked")

@@ -1,4 +1,4 @@
-"""Nothing crosses from one unit to another: requests of any form below a unit's address reach its own process or none."""
+"""Separation of units: a request below the address of a unit reaches only the process of this unit, or no process."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NAMES = ("A", "B", "FM-1")
 
 @dataclass
 class UnitProcess:
-    """Stands for a unit's process on its own socket: it stores the bodies that it receives and answers with all of them."""
+    """Substitute for the process of a unit: stores the received bodies and returns all of them."""
 
     name: str
     bodies: list[str] = field(default_factory=list)
@@ -46,7 +46,7 @@ class UnitProcess:
 
 @pytest.fixture(scope="module")
 def processes() -> Iterator[tuple[dict[str, UnitProcess], Fleet]]:
-    """One process per unit on a real Unix socket, and the fleet that reaches them."""
+    """One application per unit on a Unix socket, and the fleet that forwards to them."""
     with tempfile.TemporaryDirectory() as folder:
         apps = {name: UnitProcess(name) for name in NAMES}
         paths = {name: Path(folder) / f"{name}.socket" for name in NAMES}
@@ -67,14 +67,14 @@ def processes() -> Iterator[tuple[dict[str, UnitProcess], Fleet]]:
             thread.join(10)
 
 
-async def front(scope: Scope, receive: Receive, send: Send) -> None:
-    """The front process: accounts and pages."""
+async def front_process(scope: Scope, receive: Receive, send: Send) -> None:
+    """Substitute for the front process with accounts and pages."""
     await send({"type": "http.response.start", "status": 404, "headers": []})
     await send({"type": "http.response.body", "body": b'["front", []]'})
 
 
-async def ask(gateway: UnitGateway, path: str, body: str) -> Any:
-    """Send a request as its client wrote it, without any correction of the path; return the answer."""
+async def send_request(gateway: UnitGateway, path: str, body: str) -> Any:
+    """Send a request with its path unchanged and return status and body of the response."""
     sent: list[Message] = []
     raw = path.encode("utf-8", "surrogatepass")
     scope: Scope = {"type": "http", "method": "POST", "path": path, "raw_path": raw, "query_string": b"", "state": {}}
@@ -95,37 +95,38 @@ async def ask(gateway: UnitGateway, path: str, body: str) -> Any:
     return sent[0]["status"], b"".join(m.get("body", b"") for m in sent)
 
 
-inner = st.sampled_from(["api/commands", "api/telemetry", "api", "live", "", "api//commands", "api/session"])
-tricks = st.sampled_from(
+inner_paths = st.sampled_from(["api/commands", "api/telemetry", "api", "live", "", "api//commands", "api/session"])
+suffixes = st.sampled_from(
     ["", "../B/api/x", "%2e%2e/B/api/x", "..%2fB/api/x", "/units/B/api/x", "units/B/api/x", "\\..\\B", "?unit=B"]
 )
 names = st.sampled_from([*NAMES, "a", "", "..", "A%2fB", "B/../A", "C"])
-requests = st.lists(st.tuples(names, inner, tricks), min_size=1, max_size=8)
+requests = st.lists(st.tuples(names, inner_paths, suffixes), min_size=1, max_size=8)
 
 
 @settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(requests)
 def test_a_request_reaches_its_own_unit_or_none(
-    processes: tuple[dict[str, UnitProcess], Fleet], wanted: list[tuple[str, str, str]]
+    processes: tuple[dict[str, UnitProcess], Fleet], targets: list[tuple[str, str, str]]
 ) -> None:
-    """However its path is written, and while requests to the other units are under way."""
+    """A request with any path reaches its own unit or none, also during requests to other units."""
     apps, fleet = processes
-    wanted = [*wanted, *((name, "api/commands", "") for name in NAMES)]
-    gateway = UnitGateway(front, fleet)
+    targets = [*targets, *((name, "api/commands", "") for name in NAMES)]
+    gateway = UnitGateway(front_process, fleet)
     for app in apps.values():
         app.bodies.clear()
 
     async def all_at_once() -> list[Any]:
         calls = [
-            ask(gateway, f"/units/{name}/{path}/{trick}", f"{name} {k}") for k, (name, path, trick) in enumerate(wanted)
+            send_request(gateway, f"/units/{name}/{path}/{trick}", f"{name} {k}")
+            for k, (name, path, trick) in enumerate(targets)
         ]
         return await asyncio.gather(*calls)
 
-    for (name, _, _), (status, content) in zip(wanted, asyncio.run(all_at_once()), strict=True):
+    for (name, _, _), (status, content) in zip(targets, asyncio.run(all_at_once()), strict=True):
         if status == 200:
             first_part = name.split("/")[0]
-            answered, bodies = json.loads(content)
-            assert answered == first_part
+            unit, bodies = json.loads(content)
+            assert unit == first_part
             assert all(body.split("/")[0].split(" ")[0] == first_part for body in bodies)
     for app in apps.values():
         assert app.bodies

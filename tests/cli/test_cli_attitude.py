@@ -1,4 +1,4 @@
-"""``gss attitude``: attitudes of stored frames leave as a CCSDS message and are compared with those of another system."""
+"""``gss attitude``: export of the attitudes of stored frames as CCSDS messages, and comparison with another system."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OURS = np.array([quaternion_from_matrix(cam_from_icrs(*np.radians([80.0 + k, -30
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A data folder with six solved frames, ten seconds apart; two have the same time, and one more is not solved."""
+    """Data folder with six solved frames ten seconds apart, of which two have the same time, and one unsolved frame."""
     url = Settings(data=tmp_path).database_url
     migrate(url)
     database = Database(open_engine(url))
@@ -69,12 +69,14 @@ SPAN = ["--from", "2026-12-01T18:00:00Z", "--to", "2026-12-01T19:00:00Z"]
 
 
 def test_attitudes_of_frames_are_exported_as_aem_and_acm(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One attitude for each time, with the unit's name; variances where they are known; an empty span is refused."""
+    """The export has one attitude for each time, with the name of the unit, and known variances. An empty span is an
+    error.
+    """
     out = folder / "night.aem"
     assert main(["attitude", "export", *SPAN, "--out", str(out), "--data", str(folder)]) == 0
-    read = read_attitude(out.read_text())
-    assert read.object_name == "cubestar"
-    assert np.allclose(read.quaternions, OURS[:5], atol=1e-9)
+    exported = read_attitude(out.read_text())
+    assert exported.object_name == "cubestar"
+    assert np.allclose(exported.quaternions, OURS[:5], atol=1e-9)
     assert main(["attitude", "export", *SPAN, "--format", "acm", "--data", str(folder)]) == 0
     text = capsys.readouterr().out
     assert len(text.split("COV_TYPE = ANGLE\n")[1].splitlines()) == 4 + 1
@@ -86,8 +88,10 @@ def test_attitudes_of_frames_are_exported_as_aem_and_acm(folder: Path, capsys: p
 def test_the_mounting_and_errors_against_the_attitude_control_are_found(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A body attitude that is off by 1e-3 rad about x in one of five frames: the mean rotation is the mounting, and the residuals
-    are those of a mean of five."""
+    """The comparison gives the mounting and the residuals of each frame.
+
+    Of four body attitudes, one is rotated by 1e-3 rad about x. The mean rotation is the mounting.
+    """
     body = quaternion_product(BODY_FROM_CAM, OURS[:4])
     body[3] = quaternion_product(BODY_FROM_CAM, turned(OURS[3], np.array([1e-3, 0, 0])))
     times_s = T0.timestamp() + 10.0 * np.arange(4)
@@ -97,8 +101,8 @@ def test_the_mounting_and_errors_against_the_attitude_control_are_found(
     assert main(["attitude", "compare", str(file), "--json", "--data", str(folder)]) == 0
     result = json.loads(capsys.readouterr().out)
     assert (result["object_name"], result["frame"], result["frames"]) == ("ZA-1", "SC_BODY_1", 4)
-    off = np.degrees([one["residual_arcsec"] for one in result["compared"]]) * np.pi / 180 / 206265
-    assert off[:, 0] == pytest.approx([2.5e-4, 2.5e-4, 2.5e-4, -7.5e-4], rel=1e-3)
+    residuals_rad = np.degrees([frame["residual_arcsec"] for frame in result["compared"]]) * np.pi / 180 / 206265
+    assert residuals_rad[:, 0] == pytest.approx([2.5e-4, 2.5e-4, 2.5e-4, -7.5e-4], rel=1e-3)
     mean = np.array(result["cam_from_frame"])
     assert abs(mean @ quaternion_inverse(BODY_FROM_CAM)) > 1 - 1e-7
     assert main(["attitude", "compare", str(file), "--data", str(folder)]) == 0

@@ -1,4 +1,4 @@
-"""``gss bench`` on the command line: tables and pictures in, camera parameters out, messages for invalid input."""
+"""``gss bench`` on the command line: camera parameters from tables and pictures, and messages for invalid input."""
 
 from __future__ import annotations
 
@@ -21,41 +21,43 @@ from gss.pipeline.render import render
 SUNSAT = shipped_camera("sunsat")
 
 
-def measured(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    """The JSON that the command prints."""
+def run_bench(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    """Run ``gss bench`` and return the JSON that it prints."""
     assert main(["bench", *arguments, "--json"]) == 0
     return dict(json.loads(capsys.readouterr().out))
 
 
-def turned(direction: tuple[float, float], turns: int = 36) -> np.ndarray:
-    """Places of a dot while the Sunsat camera turns about its axis."""
+def dot_positions(direction: tuple[float, float], turns: int = 36) -> np.ndarray:
+    """Return the pixel positions of a dot while the Sunsat camera rotates about its axis."""
     x, y = direction
     c, s = np.cos(angle := np.arange(turns) * 2 * np.pi / turns), np.sin(angle)
     rays = np.column_stack([c * x - s * y, s * x + c * y, np.ones(turns)])
     return SUNSAT.camera.project(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
-def table(path: Path, heading: str, rows: np.ndarray) -> str:
+def write_table(path: Path, heading: str, rows: np.ndarray) -> str:
     path.write_text(heading + "\n" + "\n".join(",".join(f"{v:.4f}" for v in row) for row in rows))
     return str(path)
 
 
-def stars(path: Path, psf_sigma_px: float, seed: int, ra_rad: float = 1.4) -> str:
-    """A picture of stars by CubeStar's camera."""
-    known = shipped_camera("cubestar")
-    sensor = replace(known.sensor, psf_sigma_px=psf_sigma_px, zero_point_e_s=4 * known.sensor.zero_point_e_s)
-    table_of = SolverCache().stars(2026.5).brighter_than(6.0)
-    image = render(table_of, known.camera, sensor, cam_from_icrs(ra_rad, 0.1, 0.4), 0.25, np.random.default_rng(seed))
+def write_star_picture(path: Path, psf_sigma_px: float, seed: int, ra_rad: float = 1.4) -> str:
+    """Write a rendered CubeStar picture of stars and return its path."""
+    profile = shipped_camera("cubestar")
+    sensor = replace(profile.sensor, psf_sigma_px=psf_sigma_px, zero_point_e_s=4 * profile.sensor.zero_point_e_s)
+    catalogue = SolverCache().stars(2026.5).brighter_than(6.0)
+    image = render(
+        catalogue, profile.camera, sensor, cam_from_icrs(ra_rad, 0.1, 0.4), 0.25, np.random.default_rng(seed)
+    )
     Image.fromarray(image.pixels).save(path)
     return str(path)
 
 
 def test_dots_give_the_optical_centre_and_the_tilt(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The profile's centre to a tenth of a pixel, its tilt to a hundredth of a degree, from tables with a heading."""
-    dots = turned((0.005, 0.001))
-    found = measured(["dots", table(tmp_path / "dots.csv", "col,row", dots)], capsys)
-    centre = found["result"]["centre"]
-    assert found["kind"] == "bench-centre"
+    """Tables with a heading give the centre of the profile within 0.3 px and its tilt within 0.02°."""
+    dots = dot_positions((0.005, 0.001))
+    report = run_bench(["dots", write_table(tmp_path / "dots.csv", "col,row", dots)], capsys)
+    centre = report["result"]["centre"]
+    assert report["kind"] == "bench-centre"
     assert centre["circle"]
     # The detector leans: the circle is met a little off the axis.
     assert centre["col_px"] == pytest.approx(SUNSAT.camera.centre_col_px, abs=0.3)
@@ -66,43 +68,50 @@ def test_dots_give_the_optical_centre_and_the_tilt(tmp_path: Path, capsys: pytes
     outer = np.column_stack([0.06 * np.cos(angle), 0.06 * np.sin(angle), np.ones(36)])
     inner = np.column_stack([0.0 * angle, 0.0 * angle, np.ones(36)])
     places = [straight.camera.project(r / np.linalg.norm(r, axis=1, keepdims=True)) for r in (inner, outer)]
-    name = table(tmp_path / "pairs.csv", "a,b,c,d", np.hstack(places))
-    tilt = measured(["tilt", name, "--camera", "sunsat"], capsys)["result"]["tilt"]
+    name = write_table(tmp_path / "pairs.csv", "a,b,c,d", np.hstack(places))
+    tilt = run_bench(["tilt", name, "--camera", "sunsat"], capsys)["result"]["tilt"]
     assert np.degrees(tilt["tilt_max_rad"]) == pytest.approx(np.degrees(flat.tilt_max_rad), abs=0.02)
 
 
 def test_dark_current_and_focus_come_from_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Twice the current every eight degrees; the focus in the middle of a parabola; reports are written."""
-    at = np.array([-10.0, 0.0, 10.0, 20.0, 30.0])
-    name = table(tmp_path / "dark.csv", "celsius,electrons", np.column_stack([at, 40 * 2 ** ((at - 20) / 8)]))
-    law = measured(["dark-law", name], capsys)["result"]["dark_law"]
+    """Tables give the doubling temperature of the dark current and the best focus position, and reports are written."""
+    celsius = np.array([-10.0, 0.0, 10.0, 20.0, 30.0])
+    name = write_table(
+        tmp_path / "dark.csv", "celsius,electrons", np.column_stack([celsius, 40 * 2 ** ((celsius - 20) / 8)])
+    )
+    law = run_bench(["dark-law", name], capsys)["result"]["dark_law"]
     assert law["doubling_k"] == pytest.approx(8.0, abs=0.5)
     x = np.linspace(-3, 3, 7)
-    name = table(tmp_path / "focus.csv", "turn,sigma", np.column_stack([x, np.sqrt(0.16 + 0.2 * (x - 0.5) ** 2)]))
+    name = write_table(tmp_path / "focus.csv", "turn,sigma", np.column_stack([x, np.sqrt(0.16 + 0.2 * (x - 0.5) ** 2)]))
     sheet = tmp_path / "focus.pdf"
-    found = measured(["focus", "--widths", name, "--camera", "cubestar", "--out", str(sheet)], capsys)
-    assert found["result"]["focus_run"]["position"] == pytest.approx(0.5, abs=0.01)
+    report = run_bench(["focus", "--widths", name, "--camera", "cubestar", "--out", str(sheet)], capsys)
+    assert report["result"]["focus_run"]["position"] == pytest.approx(0.5, abs=0.01)
     assert sheet.read_bytes().startswith(b"%PDF")
     assert main(["bench", "dark-law", str(tmp_path / "dark.csv")]) == 0
     assert "doubles every" in capsys.readouterr().out
 
 
 def test_frames_of_stars_give_focal_length_and_focus(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The documented focal length within half a percent from pairs; the sharpest of five settings."""
-    frames = [stars(tmp_path / f"sky-{k}.png", 1.2, k, 1.4 + 0.5 * k) for k in range(4)]
-    focal = measured(["focal-pairs", *frames, "--camera", "cubestar", "--radius", "200"], capsys)["result"]["focal"]
+    """Pairs of stars give the focal length within one percent. A focus run gives the sharpest setting."""
+    frames = [write_star_picture(tmp_path / f"sky-{k}.png", 1.2, k, 1.4 + 0.5 * k) for k in range(4)]
+    focal = run_bench(["focal-pairs", *frames, "--camera", "cubestar", "--radius", "200"], capsys)["result"]["focal"]
     assert focal["focal_px"] == pytest.approx(focal["documented_px"], rel=0.01)
-    radial = measured(["radial", *frames, "--camera", "cubestar", "--order", "2"], capsys)["result"]["radial"]
+    radial = run_bench(["radial", *frames, "--camera", "cubestar", "--order", "2"], capsys)["result"]["radial"]
     assert len(radial["coefficients"]) == 2
-    places = [-2.0, -1.0, 0.0, 1.0, 2.0]
-    run = [stars(tmp_path / f"run-{k}.png", float(np.hypot(0.9, 0.5 * (p - 0.4))), 10) for k, p in enumerate(places)]
-    found = measured(["focus", *run, "--at=-2,-1,0,1,2", "--camera", "cubestar"], capsys)["result"]["focus_run"]
-    assert found["position"] == pytest.approx(0.4, abs=0.15)
+    settings = [-2.0, -1.0, 0.0, 1.0, 2.0]
+    focus_frames = [
+        write_star_picture(tmp_path / f"run-{k}.png", float(np.hypot(0.9, 0.5 * (p - 0.4))), 10)
+        for k, p in enumerate(settings)
+    ]
+    focus = run_bench(["focus", *focus_frames, "--at=-2,-1,0,1,2", "--camera", "cubestar"], capsys)["result"][
+        "focus_run"
+    ]
+    assert focus["position"] == pytest.approx(0.4, abs=0.15)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("cv2") is None, reason="no OpenCV here")
 def test_pictures_without_a_board_are_rejected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Grey pictures without a checkerboard: exit code 2 and a hint."""
+    """Grey pictures without a checkerboard give exit code 2 and a message."""
     names = []
     for k in range(3):
         Image.fromarray(np.full((240, 320), 90 + k, np.uint8)).save(tmp_path / f"{k}.png")
@@ -112,13 +121,13 @@ def test_pictures_without_a_board_are_rejected(tmp_path: Path, capsys: pytest.Ca
 
 
 def test_invalid_bench_input_is_rejected_with_a_message(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Bad tables, missing cameras and settings: exit code 2 and a sentence."""
+    """Invalid tables, cameras and settings give exit code 2 and a message."""
     short, words = tmp_path / "short.csv", tmp_path / "words.csv"
     short.write_text("col,row\n1,2\n3\n")
     words.write_text("1,two\n")
     image = tmp_path / "grey.png"
     Image.fromarray(np.zeros((512, 1024), np.uint8)).save(image)
-    wrong = (
+    cases = (
         (["dots", str(tmp_path / "none.csv")], "cannot be read"),
         (["dots", str(short)], "dots_px, item 2"),
         (["dots", str(words)], "line 1"),
@@ -128,6 +137,6 @@ def test_invalid_bench_input_is_rejected_with_a_message(tmp_path: Path, capsys: 
         (["radial", str(image), "--camera", "cubestar", "--order", "7"], "Order is out of range"),
         (["checkerboard", str(image), "--corners", "many", "--square-mm", "1"], "corners"),
     )
-    for arguments, expected in wrong:
+    for arguments, expected in cases:
         assert main(["bench", *arguments]) == 2, arguments
         assert expected.lower() in capsys.readouterr().err.lower(), arguments

@@ -1,4 +1,4 @@
-"""gss catalogue build, from arguments to what it prints and writes."""
+"""``gss catalogue`` build, show, diff and export: output, files and messages."""
 
 import argparse
 import hashlib
@@ -31,20 +31,20 @@ def parse(*arguments, command="build"):
     return parser.parse_args(["catalogue", command, *arguments])
 
 
-def do(command, *arguments):
+def run_command(command, *arguments):
     parsed = parse(*arguments, command=command)
     return parsed.run(parsed)
 
 
-def run(*arguments):
+def build(*arguments):
     return run_build(parse(*arguments), now=lambda: datetime(2026, 12, 1, 15, 30, tzinfo=UTC))
 
 
 def test_sunsat_two_weeks_as_json(capsys):
     """The JSON output has the documented fields, also for negative ranges."""
-    assert run(*SUNSAT, "--json") == 0
+    assert build(*SUNSAT, "--json") == 0
     facts = json.loads(capsys.readouterr().out)
-    promised = [
+    documented_keys = [
         "stars",
         "pairs",
         "valid_from",
@@ -55,7 +55,7 @@ def test_sunsat_two_weeks_as_json(capsys):
         "sha256",
         "elapsed_s",
     ]
-    assert set(promised) <= set(facts)
+    assert set(documented_keys) <= set(facts)
     assert facts["stars"] == 144
     assert facts["bytes"] == 64 + 12 * 144 + 8 * facts["pairs"]
     assert (facts["valid_from"], facts["valid_to"]) == ("2026-12-01T00:00:00+00:00", "2026-12-15T00:00:00+00:00")
@@ -64,9 +64,9 @@ def test_sunsat_two_weeks_as_json(capsys):
 
 
 def test_written_image_and_manifest_belong_together(tmp_path, capsys):
-    """--out writes the image and, beside it, the manifest that proves it."""
+    """The option --out writes the image and its manifest."""
     path = tmp_path / "sunsat.bin"
-    assert run(*SUNSAT, "--out", str(path), "--name", "wk 49", "--author", "cm", "--json") == 0
+    assert build(*SUNSAT, "--out", str(path), "--name", "wk 49", "--author", "cm", "--json") == 0
     facts = json.loads(capsys.readouterr().out)
     image = path.read_bytes()
     manifest = read_manifest((tmp_path / "sunsat.bin.json").read_text("utf-8"))
@@ -78,16 +78,16 @@ def test_written_image_and_manifest_belong_together(tmp_path, capsys):
 
 def test_whole_sky_without_an_orbit(capsys):
     """Without an orbit CubeStar's catalogue covers the whole sky and does not expire."""
-    assert run("--json") == 0
+    assert build("--json") == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["profile"], facts["stars"], facts["valid_to"]) == ("cubestar", 411, None)
 
 
 def test_a_tle_defines_the_orbit(tmp_path, capsys):
-    """A TLE with a first day and a number of days."""
+    """A TLE, a start date and a number of days define the orbit and the validity."""
     path = tmp_path / "iss.tle"
     path.write_text(TLE)
-    assert run("--tle", str(path), "--from", "2019-12-10", "--days", "3", "--mag-limit", "4", "--json") == 0
+    assert build("--tle", str(path), "--from", "2019-12-10", "--days", "3", "--mag-limit", "4", "--json") == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["valid_to"] == "2019-12-13T00:00:00+00:00"
     assert 50 < facts["stars"] < 519
@@ -95,17 +95,17 @@ def test_a_tle_defines_the_orbit(tmp_path, capsys):
 
 
 def test_readable_output_names_every_number(capsys):
-    """Without --json: one line per fact."""
-    assert run(*SUNSAT) == 0
+    """Without --json the output has one line per value."""
+    assert build(*SUNSAT) == 0
     lines = capsys.readouterr().out.splitlines()
     assert any(line.split() == ["stars", "144"] for line in lines)
     assert any(line.startswith("inside the envelope") for line in lines)
 
 
 def test_camera_held_still(capsys):
-    """Inertial pointing needs no orbit; a negative declination is a number, not an option."""
+    """Inertial pointing needs no orbit. A negative declination is read as a number, not as an option."""
     still = "--pointing inertial --ra-deg 83.8 --dec-deg -5.4 --roll-deg 0 --pitch-deg 0 --yaw-deg -180:180"
-    assert run(*still.split(), "--mag-limit", "5", "--json") == 0
+    assert build(*still.split(), "--mag-limit", "5", "--json") == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["worst_field_stars"] > 20
     assert facts["worst_field_dec_deg"] == pytest.approx(-5.4, abs=0.01)
@@ -127,14 +127,14 @@ def test_camera_held_still(capsys):
     ],
 )
 def test_bad_input_has_a_clear_message(arguments, error, words):
-    """Each mistake raises the error that ends in exit code 2 and one sentence."""
+    """Each invalid argument raises an error with a message, which gives exit code 2."""
     with pytest.raises(error, match=words):
-        run(*arguments.split())
+        build(*arguments.split())
 
 
 @pytest.mark.parametrize("text", ["ten", "1:2:3", ":", "5:"])
 def test_an_invalid_range_is_rejected(text, capsys):
-    """A range is MIN:MAX or a number; anything else ends with exit code 2 and says so."""
+    """A range that is neither MIN:MAX nor a number gives exit code 2 and a message."""
     with pytest.raises(SystemExit, match="2"):
         parse("--roll-deg", text)
     assert "expected MIN:MAX or one number in degrees" in capsys.readouterr().err
@@ -142,18 +142,18 @@ def test_an_invalid_range_is_rejected(text, capsys):
 
 @pytest.fixture
 def two_weeks(tmp_path, capsys):
-    """Two catalogues: from Ω 133° and, two weeks later, from Ω 149°."""
+    """Two catalogues of consecutive two-week periods, from Ω 133° and from Ω 149°."""
     paths = [tmp_path / "a.bin", tmp_path / "b.bin"]
     for path, raan in zip(paths, ("133:149", "149:165"), strict=True):
         arguments = [raan if a == "133:149" else a for a in SUNSAT]
-        assert run(*arguments, "--epoch", "2026.95", "--out", str(path)) == 0
+        assert build(*arguments, "--epoch", "2026.95", "--out", str(path)) == 0
     capsys.readouterr()
     return paths
 
 
-def test_show_checks_and_says_what_is_inside(two_weeks, capsys):
-    """``show`` reads image and manifest, and rejects one changed byte."""
-    assert do("show", str(two_weeks[0]), "--json") == 0
+def test_show_checks_the_image_and_prints_its_content(two_weeks, capsys):
+    """``show`` prints the content of image and manifest, and rejects an image with a changed byte."""
+    assert run_command("show", str(two_weeks[0]), "--json") == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["stars"], facts["profile"], facts["frame"]) == (144, "sunsat", "ICRS")
     assert facts["bytes"] == two_weeks[0].stat().st_size
@@ -161,24 +161,24 @@ def test_show_checks_and_says_what_is_inside(two_weeks, capsys):
     image[500] ^= 1
     two_weeks[0].write_bytes(image)
     with pytest.raises(CorruptData, match="does not belong to the manifest"):
-        do("show", str(two_weeks[0]))
+        run_command("show", str(two_weeks[0]))
 
 
 def test_diff_lists_added_and_removed_stars(two_weeks, capsys):
-    """After two weeks some stars are added and some removed; the others have not moved."""
-    assert do("diff", *map(str, two_weeks), "--json") == 0
-    d = json.loads(capsys.readouterr().out)
-    assert len(d["dropped"]) + d["same"] == 144
-    assert d["added"]
-    assert d["dropped"]
-    assert (d["moved"], d["magnitude_changed"]) == ([], [])
+    """``diff`` lists stars that were added and removed after two weeks, and no moved stars."""
+    assert run_command("diff", *map(str, two_weeks), "--json") == 0
+    difference = json.loads(capsys.readouterr().out)
+    assert len(difference["dropped"]) + difference["same"] == 144
+    assert difference["added"]
+    assert difference["dropped"]
+    assert (difference["moved"], difference["magnitude_changed"]) == ([], [])
 
 
 @pytest.mark.parametrize("kind", ["csv", "ecsv", "fits"])
 def test_exports_hold_the_stars(two_weeks, kind, tmp_path):
-    """Each kind reads back with astropy to the image's stars."""
+    """astropy reads the stars of the image from each kind of export."""
     out = tmp_path / f"stars.{kind}"
-    assert do("export", str(two_weeks[0]), "--kind", kind, "--out", str(out)) == 0
+    assert run_command("export", str(two_weeks[0]), "--kind", kind, "--out", str(out)) == 0
     formats = {"csv": {"format": "ascii.csv"}, "ecsv": {"format": "ascii.ecsv"}, "fits": {"format": "fits", "hdu": 1}}
     table = Table.read(out, **formats[kind])
     manifest = read_manifest((two_weeks[0].parent / "a.bin.json").read_text("utf-8"))
@@ -189,8 +189,8 @@ def test_exports_hold_the_stars(two_weeks, kind, tmp_path):
 
 
 def test_missing_files_and_unknown_kinds_are_named(two_weeks, tmp_path):
-    """No file, and no such kind of export, are bad input."""
+    """Missing files and unknown kinds of export are rejected with a message."""
     with pytest.raises(BadInput, match="cannot be read"):
-        do("show", str(tmp_path / "none.bin"))
+        run_command("show", str(tmp_path / "none.bin"))
     with pytest.raises(BadInput, match=r"csv \| ecsv \| fits"):
-        do("export", str(two_weeks[0]), "--kind", "papyrus", "--out", str(tmp_path / "x"))
+        run_command("export", str(two_weeks[0]), "--kind", "papyrus", "--out", str(tmp_path / "x"))

@@ -1,4 +1,4 @@
-"""gss catalogue: sources, corrections, occultation, reports, differences and tables that read back."""
+"""``gss catalogue``: sources, corrections, occultation, reports, differences and import of exported tables."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TLE = (
 )
 
 
-def do(command, *arguments):
+def run_command(command, *arguments):
     parser = argparse.ArgumentParser(prog="gss")
     register(parser.add_subparsers(dest="command", required=True))
     parsed = parser.parse_args(["catalogue", command, *map(str, arguments)])
@@ -32,71 +32,78 @@ def do(command, *arguments):
     )
 
 
-def facts(capsys):
+def printed_json(capsys):
     return json.loads(capsys.readouterr().out)
 
 
 def test_a_build_with_all_options_reports_them(tmp_path, capsys):
-    """Corrections, baffles and the Earth are in the figures and the manifest; the report is one page; a table comes back."""
+    """Output and manifest contain corrections and occultation. The report is a page, and an exported table can be
+    imported.
+    """
     image, page = tmp_path / "a.bin", tmp_path / "a.html"
     more = "--altitude-km 800 --earth --sun-deg --moon-deg 20 --correct annual_aberration --correct orbital_aberration"
     assert (
-        do("build", *BAND.split(), *more.split(), "--doubles", "drop", "--out", image, "--report", page, "--json") == 0
+        run_command(
+            "build", *BAND.split(), *more.split(), "--doubles", "drop", "--out", image, "--report", page, "--json"
+        )
+        == 0
     )
-    found = facts(capsys)
-    assert found["corrections"] == ["proper_motion", "doubles", "annual_aberration", "orbital_aberration"]
-    assert 0 < found["blinded_share"] < 0.5
-    assert found["lifetime_days"] > 0
+    result = printed_json(capsys)
+    assert result["corrections"] == ["proper_motion", "doubles", "annual_aberration", "orbital_aberration"]
+    assert 0 < result["blinded_share"] < 0.5
+    assert result["lifetime_days"] > 0
     assert "<svg" in page.read_text("utf-8")
     manifest = json.loads((tmp_path / "a.bin.json").read_text("utf-8"))
     assert manifest["occultation"]["sun_rad"] == pytest.approx(0.4904, abs=1e-3)
     tables = tmp_path / "a.tables.fits"
-    assert do("export", image, "--kind", "tables-fits", "--out", tables) == 0
-    assert do("import", tables, "--out", tmp_path / "b.bin") == 0
+    assert run_command("export", image, "--kind", "tables-fits", "--out", tables) == 0
+    assert run_command("import", tables, "--out", tmp_path / "b.bin") == 0
     assert (tmp_path / "b.bin").read_bytes() == image.read_bytes()
     capsys.readouterr()
-    assert do("report", image, "--json") == 0
-    assert facts(capsys)["report"]["quality"]["worst_stars"] == found["worst_field_stars"]
-    assert do("diff", image, image, "--json") == 0
-    same = facts(capsys)
-    assert (same["same"], same["added"], same["circles_poorer"]) == (found["stars"], [], 0)
+    assert run_command("report", image, "--json") == 0
+    assert printed_json(capsys)["report"]["quality"]["worst_stars"] == result["worst_field_stars"]
+    assert run_command("diff", image, image, "--json") == 0
+    same = printed_json(capsys)
+    assert (same["same"], same["added"], same["circles_poorer"]) == (result["stars"], [], 0)
 
 
 def test_a_users_star_list_is_a_source(tmp_path, capsys):
-    """A CSV list becomes a catalogue whose manifest names it."""
+    """A catalogue can be built from a CSV star list of the user."""
     path = tmp_path / "mine.csv"
     path.write_bytes(write_star_list(load_stars(3.0), "csv"))
-    assert do("build", "--list", path, "--mag-limit", "2.5", "--json") == 0
-    found = facts(capsys)
-    assert (found["source"], found["stars"]) == ("list", len(load_stars(2.5)))
+    assert run_command("build", "--list", path, "--mag-limit", "2.5", "--json") == 0
+    result = printed_json(capsys)
+    assert (result["source"], result["stars"]) == ("list", len(load_stars(2.5)))
 
 
 def test_a_list_for_another_camera_is_rejected_by_the_command(tmp_path, capsys):
-    """A file that names a camera is accepted for that camera only; a file without a name is accepted for any."""
+    """A star list that names a known camera is accepted only for this camera. Another text is accepted for any
+    camera.
+    """
     path = tmp_path / "mine.csv"
     data = write_star_list(load_stars(3.0), "csv")
     path.write_bytes(b"# camera = sunsat\n" + data)
     with pytest.raises(BadInput, match="star list is for another camera") as caught:
-        do("build", "--list", path, "--mag-limit", "2.5")
+        run_command("build", "--list", path, "--mag-limit", "2.5")
     assert (caught.value.expected, caught.value.got) == ("sunsat", "cubestar")
-    assert do("build", "--list", path, "--mag-limit", "2.5", "--profile", "sunsat", "--json") == 0
+    assert run_command("build", "--list", path, "--mag-limit", "2.5", "--profile", "sunsat", "--json") == 0
     path.write_bytes(b"# camera = Box Brownie\n" + data)
-    assert do("build", "--list", path, "--mag-limit", "2.5", "--json") == 0
+    assert run_command("build", "--list", path, "--mag-limit", "2.5", "--json") == 0
     capsys.readouterr()
 
 
-def test_a_choice_of_stars_by_options(tmp_path, capsys):
-    """Screening, reduced catalogue, thinning and mounting come from options into the figures and the manifest."""
+def test_options_select_the_stars(tmp_path, capsys):
+    """Output and manifest contain the options for screening, reduced catalogue, thinning and mounting."""
     options = "--screen drop --screen-marks doubles,variables --screen-companions 9 --screen-ring-deg 8:0.05"
     more = "--reduced-frame 36x36,8,4 --thinning frames --brightest-per-field 6 --mounting-deg -10,0,90"
     law = "--pointing inertial --roll-deg -9:9 --pitch-deg -9:9 --yaw-deg 0:0"
     out = tmp_path / "image"
     arguments = f"--mag-limit 5 {options} {more} {law} --json --out {out}".split()
-    assert do("build", *arguments) == 0
-    found = facts(capsys)
-    assert set(found["screened"]) == {"double", "variable", "companions", "any"}
-    assert 0 < found["reduced_stars"] <= found["stars"]
-    assert "beyond 6 per upright frame" in found["funnel"]
+    assert run_command("build", *arguments) == 0
+    result = printed_json(capsys)
+    assert set(result["screened"]) == {"double", "variable", "companions", "any"}
+    assert 0 < result["reduced_stars"] <= result["stars"]
+    assert "beyond 6 per upright frame" in result["funnel"]
     parameters = read_manifest(out.with_name("image.json").read_text()).parameters
     mounting = np.reshape(parameters["attitude"]["body_from_cam"], (3, 3))
     assert Rotation.from_matrix(mounting).as_euler("XYZ", degrees=True) == pytest.approx([-10, 0, 90])
@@ -127,10 +134,10 @@ def test_a_choice_of_stars_by_options(tmp_path, capsys):
         ("--list no-such.csv", "cannot be read"),
     ],
 )
-def test_each_bad_input_is_a_sentence(arguments, words):
-    """Each ends with exit code 2 and says what was expected."""
+def test_each_invalid_option_gives_a_message(arguments, words):
+    """Each invalid option raises an error with a message."""
     with pytest.raises(GssError, match=words):
-        do("build", *arguments.split())
+        run_command("build", *arguments.split())
 
 
 @pytest.mark.parametrize(
@@ -146,32 +153,32 @@ def test_bad_tles_are_named(tmp_path, text, date, words):
     path = tmp_path / "a.tle"
     path.write_text(text)
     with pytest.raises(BadInput, match=words):
-        do("build", "--tle", path, "--from", date)
+        run_command("build", "--tle", path, "--from", date)
 
 
 @pytest.mark.parametrize(
     ("rows", "words"), [("1,10,10,3\n1,20,20,3\n", "twice"), ("1,nan,10,3\n2,20,20,3\n", "row 1, column ra_deg")]
 )
 def test_invalid_rows_of_a_list_end_the_build_on_request(tmp_path, rows, words):
-    """Duplicate numbers and invalid numbers, with --refuse-bad-rows."""
+    """With --refuse-bad-rows, duplicate numbers and invalid values end the build."""
     path = tmp_path / "a.csv"
     path.write_text("id,ra_deg,dec_deg,v_mag\n" + rows)
     with pytest.raises(BadInput, match=words):
-        do("build", "--list", path, "--list-epoch", "2000", "--list-frame", "icrs", "--refuse-bad-rows")
+        run_command("build", "--list", path, "--list-epoch", "2000", "--list-frame", "icrs", "--refuse-bad-rows")
 
 
 @pytest.mark.parametrize("days", ["nan", "inf", "1e300", "-1"])
 def test_a_timeline_needs_valid_days(days):
     """Days outside the calendar are rejected with the valid range, before any store is opened."""
     with pytest.raises(BadInput, match="0 to 36525"):
-        do("timeline", f"--days={days}")
+        run_command("timeline", f"--days={days}")
 
 
 @pytest.mark.parametrize("name", ["a\nb", "a\x1b[31m", "a\x00"])
 def test_a_name_is_on_one_line(name):
     """Control characters in the name of a catalogue are rejected."""
     with pytest.raises(BadInput, match=r"control characters|NUL"):
-        do("build", "--name", name, "--mag-limit", "2")
+        run_command("build", "--name", name, "--mag-limit", "2")
 
 
 def test_a_deeply_nested_manifest_is_rejected(tmp_path):
@@ -179,4 +186,4 @@ def test_a_deeply_nested_manifest_is_rejected(tmp_path):
     (tmp_path / "a.bin").write_bytes(b"x")
     (tmp_path / "a.bin.json").write_text("[" * 100_000)
     with pytest.raises(CorruptData, match="not a catalogue manifest"):
-        do("show", tmp_path / "a.bin")
+        run_command("show", tmp_path / "a.bin")

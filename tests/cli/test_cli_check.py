@@ -1,4 +1,4 @@
-"""Output and exit code of ``gss check device`` for every kind of finding."""
+"""Output of ``gss check device`` for every kind of finding."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ DEVICE: dict[str, object] = {"serial": "X-1", "device_model": "m", "profile": "c
 
 
 def test_a_failed_clause_is_shown_with_its_number_sentence_and_trial(capsys: pytest.CaptureFixture[str]) -> None:
-    """Passed clauses take one line; failed or skipped ones are listed below their clause."""
+    """A passed clause has one line. Failed and skipped test cases are listed below their clause."""
     findings = Findings(not_restored=["mode is tracking, was standby"], damaged=3)
     findings.check("4.5", "code 255", True)
     findings.check("4.6", "SET_EXPOSURE with 1 B", False, "accepted, completed")
@@ -22,8 +22,8 @@ def test_a_failed_clause_is_shown_with_its_number_sentence_and_trial(capsys: pyt
     assert (
         "pass        4.5   A command code that the dictionary does not define is rejected (`unknown_command`)." in lines
     )
-    at = lines.index("fail        4.6   Arguments of the wrong length are rejected (`bad_length`).")
-    assert lines[at + 1].strip() == "FAILED: SET_EXPOSURE with 1 B: accepted, completed"
+    failed_line = lines.index("fail        4.6   Arguments of the wrong length are rejected (`bad_length`).")
+    assert lines[failed_line + 1].strip() == "FAILED: SET_EXPOSURE with 1 B: accepted, completed"
     assert "skipped: RESET: hazardous" in [line.strip() for line in lines]
     assert "NOT RESTORED: mode is tracking, was standby" in lines
     assert lines[-2].startswith("3 packets were damaged")

@@ -11,7 +11,7 @@ from gss.cli import main
 
 
 def test_figures_are_printed_with_units_sources_and_the_papers(capsys: pytest.CaptureFixture[str]) -> None:
-    """The page of figures names the changed field, the paper's limit, and every camera."""
+    """The output names the changed fields, the limit of the paper, sources, units and cameras."""
     assert main(["design", "--profile", "sunsat", "--quick", "--focal-mm", "35", "--f-number", "2"]) == 0
     out = capsys.readouterr().out
     assert "focal_mm 35, f_number 2" in out
@@ -21,7 +21,7 @@ def test_figures_are_printed_with_units_sources_and_the_papers(capsys: pytest.Ca
 
 
 def test_json_and_page_come_from_one_run(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    """One JSON object; the page is written beside it; an orbit narrows the sky."""
+    """One run prints a JSON object and writes the page. An inclination limits the sky to the orbit."""
     page = tmp_path / "design.html"
     command = ["design", "--profile", "far_mst", "--quick", "--json", "--html", str(page), "--inclination-deg", "97"]
     assert main(command) == 0
@@ -32,7 +32,7 @@ def test_json_and_page_come_from_one_run(capsys: pytest.CaptureFixture[str], tmp
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "words"),
     [
         (["--focal-mm", "0"], "focal_mm is out of range. Expected 1 to 2000 mm; got 0 mm"),
         (["--profile", "hubble"], "Unknown instrument"),
@@ -41,8 +41,8 @@ def test_json_and_page_come_from_one_run(capsys: pytest.CaptureFixture[str], tmp
     ],
 )
 def test_impossible_cameras_end_with_a_sentence(
-    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Exit code 2, and what was expected, on the error stream."""
+    """An impossible camera gives exit code 2 and a message on standard error."""
     assert main(["design", "--quick", *arguments]) == 2
-    assert said.lower() in capsys.readouterr().err.lower()
+    assert words.lower() in capsys.readouterr().err.lower()

@@ -1,4 +1,4 @@
-"""``gss export commands``: the history on the terminal and in files."""
+"""``gss export commands``: command history on the terminal and in files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 
 @pytest.fixture
 def folder(tmp_path):
-    """A data folder with three commands, a minute apart."""
+    """Data folder with three commands, one minute apart."""
     url = Settings(data=tmp_path).database_url
     migrate(url)
     database = Database(open_engine(url))
@@ -37,7 +37,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def exported(capsys, folder, *options: str) -> str:
+def export(capsys, folder, *options: str) -> str:
     assert main(["export", "commands", "--data", str(folder), *options]) == 0
     return capsys.readouterr().out
 
@@ -55,18 +55,18 @@ def exported(capsys, folder, *options: str) -> str:
         (("--contact", "9"), []),
     ],
 )
-def test_both_formats_hold_what_fits(capsys, folder, options, ids):
-    """Each condition counts, and quotes and line breaks survive the table."""
-    table = list(csv.DictReader(io.StringIO(exported(capsys, folder, *options))))
-    rows = json.loads(exported(capsys, folder, "--format", "json", *options))
+def test_both_formats_contain_the_matching_commands(capsys, folder, options, ids):
+    """CSV and JSON contain the commands that meet all conditions. Quotes and line breaks are preserved."""
+    table = list(csv.DictReader(io.StringIO(export(capsys, folder, *options))))
+    rows = json.loads(export(capsys, folder, "--format", "json", *options))
     assert [int(line["id"]) for line in table] == [row["id"] for row in rows] == ids
     assert [line["detail"] for line in table] == [row["detail"] for row in rows]
 
 
 def test_a_file_is_written_as_the_terminal_shows_it(capsys, folder):
-    """--out instead of standard output."""
-    shown = exported(capsys, folder)
-    assert exported(capsys, folder, "--out", str(folder / "c.csv")) == ""
+    """The file written with --out has the same content as standard output."""
+    shown = export(capsys, folder)
+    assert export(capsys, folder, "--out", str(folder / "c.csv")) == ""
     with (folder / "c.csv").open(newline="") as file:
         assert list(csv.reader(file)) == list(csv.reader(io.StringIO(shown)))
 
@@ -75,6 +75,6 @@ def test_a_file_is_written_as_the_terminal_shows_it(capsys, folder):
     "options", [("--from", "yesterday"), ("--from", "2026-12-02T00:00:00Z", "--to", "2026-12-01T00:00:00Z")]
 )
 def test_invalid_spans_are_rejected(capsys, folder, options):
-    """No traceback: the expected and the received value."""
+    """An invalid or empty span is rejected with a message."""
     assert main(["export", "commands", "--data", str(folder), *options]) != 0
     assert "not a valid time" in (words := capsys.readouterr().err) or "span is empty" in words

@@ -1,4 +1,4 @@
-"""``gss moving`` on rendered files: a satellite is found, named and written as TDM."""
+"""``gss moving`` on rendered files: a satellite is detected, named and written as TDM."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ FRAMES = 5
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Frames of a scene with a bright satellite, its elements and the orbit of the camera."""
+    """Folder with frames of a scene with a bright satellite, its elements and the orbit of the camera."""
     folder = tmp_path_factory.mktemp("sequence")
-    profile, of = shipped_camera("sunsat"), population(60, np.random.default_rng(1))
-    made = scene(profile, SolverCache().stars(2026.25), of, (3.0, 3.5), np.random.default_rng(2))
+    profile, objects = shipped_camera("sunsat"), population(60, np.random.default_rng(1))
+    rendered = scene(profile, SolverCache().stars(2026.25), objects, (3.0, 3.5), np.random.default_rng(2))
     for k in range(FRAMES):
-        hdu = fits.PrimaryHDU(made.images[k])
-        hdu.header["DATE-OBS"] = datetime.fromtimestamp(made.times_s[k], UTC).isoformat()[:-6]
+        hdu = fits.PrimaryHDU(rendered.images[k])
+        hdu.header["DATE-OBS"] = datetime.fromtimestamp(rendered.times_s[k], UTC).isoformat()[:-6]
         hdu.header["EXPTIME"] = profile.sensor.exposure_s
         hdu.writeto(folder / f"{k}.fits")
-    (folder / "objects.tle").write_text(of.text)
-    (folder / "orbit.tle").write_text(f"CARRIER\n{of.observer}\n")
-    (folder / "truth").write_text(f"SIM {made.tracks[0].row}")
+    (folder / "objects.tle").write_text(objects.text)
+    (folder / "orbit.tle").write_text(f"CARRIER\n{objects.observer}\n")
+    (folder / "truth").write_text(f"SIM {rendered.tracks[0].row}")
     return folder
 
 
 def test_a_satellite_is_found_and_named(sequence: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The track has the name of the rendered object; the TDM holds one direction per frame."""
+    """A track has the name of the rendered satellite. The TDM contains one direction per observation of a track."""
     files = [str(sequence / f"{k}.fits") for k in range(FRAMES)]
-    known = ["--objects", str(sequence / "objects.tle"), "--orbit", str(sequence / "orbit.tle")]
+    orbit_files = ["--objects", str(sequence / "objects.tle"), "--orbit", str(sequence / "orbit.tle")]
     out = sequence / "tracks.tdm"
-    command = ["moving", *files, "--camera", "sunsat", "--keep-aberration", *known]
+    command = ["moving", *files, "--camera", "sunsat", "--keep-aberration", *orbit_files]
     assert main([*command, "--json", "--out", str(out)]) == 0
     record = json.loads(capsys.readouterr().out)
     tracks = [t for t in record["tracks"] if not t["streak"]]

@@ -1,4 +1,4 @@
-"""``gss instrument new --from-frames``: a package from a folder of photographs, and folders that give none."""
+"""``gss instrument new --from-frames``: packages from photographs, and folders without usable photographs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gss.operations.frames.solve import Solver, SolveRequest
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Files of which none shows the sky: noise, a copy of it, another size, a text, and a hidden file."""
+    """Folder of files without stars: noise, a copy, an image of another size, a text and a hidden file."""
     rng, folder = np.random.default_rng(3), tmp_path / "night"
     folder.mkdir()
     for name, shape in (("a.png", (200, 300)), ("c.png", (200, 300)), ("d.png", (150, 300))):
@@ -32,21 +32,21 @@ def folder(tmp_path: Path) -> Path:
 def test_a_folder_without_the_sky_gives_a_reason_for_each_file(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Exit code 2, one reason per file, and nothing is written."""
+    """The command gives exit code 2 and a reason for each file, and writes nothing."""
     out = tmp_path / "out"
     assert main(["instrument", "new", "mine", "--from-frames", str(folder), "--into", str(out)]) == 2
-    said = capsys.readouterr().err
+    errors = capsys.readouterr().err
     for reason in (
         "notes.txt: notes.txt is not a supported image file",
         "b.png: the same pixels as a.png",
         "d.png: 300 x 150 px; 2 others are 300 x 200 px: cropped, resized, or of another camera",
     ):
-        assert reason in said
+        assert reason in errors
     assert not out.exists()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "words"),
     [
         (["new", "mine"], "--from INSTRUMENT or --from-frames FOLDER"),
         (["new", "nos3", "--from-frames", "{folder}"], "an instrument of this name exists"),
@@ -58,20 +58,21 @@ def test_a_folder_without_the_sky_gives_a_reason_for_each_file(
     ],
 )
 def test_wrong_arguments_are_refused(
-    folder: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+    folder: Path, arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Each mistake ends the command before any photograph is read."""
-    places = {"folder": str(folder), "parent": str(folder.parent)}
-    assert main(["instrument", *(a.format(**places) for a in arguments)]) != 0
-    assert said.lower() in capsys.readouterr().err.lower()
+    """Each invalid argument ends the command with a message."""
+    folders = {"folder": str(folder), "parent": str(folder.parent)}
+    assert main(["instrument", *(a.format(**folders) for a in arguments)]) != 0
+    assert words.lower() in capsys.readouterr().err.lower()
 
 
 @pytest.mark.photographs
 def test_real_photographs_give_a_package_that_solves_them(
     photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Three photographs of one camera: the package passes the check, has the scale of the independent reference within its
-    uncertainty, and as a known camera solves every photograph where the reference has it."""
+    """The package from three photographs passes the check and has the plate scale of the independent reference within
+    three standard deviations. With it, every photograph is solved in agreement with the reference.
+    """
     images = json.loads((photographs / "truth.json").read_text())["images"]
     names = sorted(n for n in images if n.startswith("esa_tetra3"))
     files = [str(photographs / name) for name in names]
@@ -90,6 +91,6 @@ def test_real_photographs_give_a_package_that_solves_them(
         pixels = read_frame((photographs / name).read_bytes(), name).pixels
         solved = Solver(lambda _: instrument.profile).solve(pixels, SolveRequest(profile="bench", epoch_jyear=2019.5))
         assert solved.attitude is not None, solved.reason
-        middle = solved.camera.unproject(np.array([[511.5, 383.5]]))[0] @ solved.attitude.cam_from_icrs
-        away = np.degrees(np.linalg.norm(middle - np.array(image["R_icrs_to_cam"])[2])) * 3600
-        assert away < image["suggested_tolerance_arcsec"]
+        boresight = solved.camera.unproject(np.array([[511.5, 383.5]]))[0] @ solved.attitude.cam_from_icrs
+        error_arcsec = np.degrees(np.linalg.norm(boresight - np.array(image["R_icrs_to_cam"])[2])) * 3600
+        assert error_arcsec < image["suggested_tolerance_arcsec"]

@@ -1,4 +1,4 @@
-"""``gss calibrate`` and ``gss analyse`` on the command line: files in, figures out, messages for invalid input."""
+"""``gss calibrate``, ``gss analyse`` and ``gss sheet`` on the command line, and export of frames as FITS."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from gss.pipeline.render import render
 from gss.settings import Settings
 from gss.wiring.build import build
 
-KNOWN = shipped_camera("cubestar")
+PROFILE = shipped_camera("cubestar")
 TRUE = replace(
-    KNOWN.camera, focal_col_px=KNOWN.camera.focal_col_px * 1.001, focal_row_px=KNOWN.camera.focal_row_px * 1.001
+    PROFILE.camera, focal_col_px=PROFILE.camera.focal_col_px * 1.001, focal_row_px=PROFILE.camera.focal_row_px * 1.001
 )
 
 
 @pytest.fixture(scope="module")
 def night(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """Eight frames of a camera on the ground, three minutes apart."""
+    """Paths of eight frames of a camera on the ground, three minutes apart."""
     folder = tmp_path_factory.mktemp("night")
     stars, rng = SolverCache().stars(2026.5).brighter_than(6.5), np.random.default_rng(3)
     names = []
     for k in range(8):
         at_s = 180.0 * k
         attitude = cam_from_icrs(1.4 + SIDEREAL_RAD_S * at_s, 0.2, 0.5)
-        image = render(stars, TRUE, KNOWN.sensor, attitude, 0.25, rng)
+        image = render(stars, TRUE, PROFILE.sensor, attitude, 0.25, rng)
         hdu = fits.PrimaryHDU(image.pixels)
         hdu.header["DATE-OBS"] = f"2026-07-01T00:{3 * k:02d}:00"
         hdu.header["EXPTIME"] = 0.25
@@ -50,7 +50,7 @@ def night(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 def test_a_camera_is_calibrated_from_files(
     night: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The focal length of the camera that took them comes out; the report is written."""
+    """The calibration gives the true focal length of the camera, and the report is written."""
     sheet = tmp_path / "camera.pdf"
     assert main(["calibrate", *night, "--camera", "cubestar", "--model", "brown-4", "--json", "--out", str(sheet)]) == 0
     content = json.loads(capsys.readouterr().out)
@@ -59,7 +59,7 @@ def test_a_camera_is_calibrated_from_files(
 
 
 def test_a_night_is_analysed_from_files(night: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The sidereal turn comes out as JSON and in words."""
+    """The analysis gives the sidereal rate as JSON, a text and a report."""
     assert main(["analyse", "earth-fixed", *night, "--camera", "cubestar", "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)["figures"]
     assert np.linalg.norm(figures["rate_icrs_rad_s"]) == pytest.approx(SIDEREAL_RAD_S, rel=0.01)
@@ -72,8 +72,8 @@ def test_a_night_is_analysed_from_files(night: list[str], tmp_path: Path, capsys
 def test_invalid_input_is_rejected_with_a_message(
     night: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Unknown kinds, cameras, files and report formats, and missing rates: exit code 2 and a message."""
-    wrong = (
+    """Unknown kinds, cameras, files and report formats and missing rates give exit code 2 and a message."""
+    cases = (
         (["analyse", "earth-fixed", "nothing.fits", "--camera", "cubestar"], "cannot be read"),
         (["analyse", "tides", night[0], "--camera", "cubestar"], "unknown analysis"),
         (["analyse", "slew", night[0], "--camera", "cubestar"], "commanded rate"),
@@ -83,7 +83,7 @@ def test_invalid_input_is_rejected_with_a_message(
         (["calibrate", night[0], "--darks"], "No camera given"),
         (["calibrate", night[0], "--camera", "cubestar", "--darks", "--flats", night[0]], "in pairs"),
     )
-    for arguments, words in wrong:
+    for arguments, words in cases:
         assert main(arguments) == 2, arguments
         assert words.lower() in capsys.readouterr().err.lower()
     with pytest.raises(SystemExit):
@@ -94,14 +94,15 @@ def test_invalid_input_is_rejected_with_a_message(
 def test_stored_frames_are_exported_as_fits_with_the_corrections_of_their_sky(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A simulated frame is exported as FITS; when it is read again, aberration is not corrected in a sky that was
-    rendered without it."""
+    """A simulated frame is exported as FITS. When it is solved, aberration is not corrected, because the sky was
+    rendered without it.
+    """
     services = build(Settings(data=tmp_path / "store"))
     attitude = cam_from_icrs(1.4, 0.2, 0.5)
     image = render(
         SolverCache().stars(2026.5).brighter_than(6.0),
-        KNOWN.camera,
-        KNOWN.sensor,
+        PROFILE.camera,
+        PROFILE.sensor,
         attitude,
         0.25,
         np.random.default_rng(1),
@@ -141,19 +142,19 @@ def test_stored_frames_are_exported_as_fits_with_the_corrections_of_their_sky(
 def test_a_sheet_is_made_from_files_and_follows_its_schema(
     night: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The JSON document has the fields of the schema that the command prints; a PDF is written beside it."""
+    """The JSON document has the fields of the printed schema, and the report is written as PDF."""
     assert main(["sheet", "--schema"]) == 0
     schema = json.loads(capsys.readouterr().out)
-    paper = tmp_path / "sheet.pdf"
-    assert main(["sheet", *night, "--camera", "cubestar", "--json", "--out", str(paper)]) == 0
+    pdf = tmp_path / "sheet.pdf"
+    assert main(["sheet", *night, "--camera", "cubestar", "--json", "--out", str(pdf)]) == 0
     document = json.loads(capsys.readouterr().out)
     assert TypeAdapter(SheetValues).validate_python(document)["rows"][0]["key"] == "bias"
     assert set(document) == set(schema["required"])
-    assert paper.read_bytes().startswith(b"%PDF")
+    assert pdf.read_bytes().startswith(b"%PDF")
 
 
 def test_a_sheet_needs_a_camera_and_frames(capsys: pytest.CaptureFixture[str]) -> None:
-    """The error says what is missing."""
+    """Without a camera or frames the error states what is missing."""
     assert main(["sheet"]) == 2
     assert "--camera" in capsys.readouterr().err
     assert main(["sheet", "--camera", "cubestar"]) == 2

@@ -1,4 +1,4 @@
-"""``gss passes``: orbit, stations, passes and calendar on the terminal, against the same data as the server."""
+"""``gss passes``: orbit, stations, passes and calendar on the terminal, with the data of the server."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ TLE = """ISS (ZARYA)
 
 
 def ephemeris() -> str:
-    """The orbit of the element set, moved to begin now: positions, not physics."""
+    """Return an OEM of the orbit with its times shifted to begin now; the positions are not physically valid then."""
     start, now = datetime(2019, 12, 10, tzinfo=UTC), datetime.now(UTC)
     lines = oem_of("ZA-1", read_orbit(TLE).orbit, start, start.replace(day=12), 60.0, start)
-    words = []
+    texts = []
     for line in lines:
-        head, _, rest = line.partition(" ")
+        head, _, values = line.partition(" ")
         if head.startswith("2019-12-1"):
             moved = now + (datetime.fromisoformat(head).replace(tzinfo=UTC) - start)
-            words.append(f"{moved:%Y-%m-%dT%H:%M:%S.%f} {rest}")
+            texts.append(f"{moved:%Y-%m-%dT%H:%M:%S.%f} {values}")
         else:
-            words.append(line)
-    return "".join(words)
+            texts.append(line)
+    return "".join(texts)
 
 
 def test_orbit_station_and_passes_without_a_browser(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """From an empty folder to a list of passes; every change is in the audit log."""
+    """Orbit, station, list of passes and calendar work in a new folder. The audit log records every change."""
     data = ["--data", str(tmp_path)]
     assert main(["passes", "list", *data]) == 1
     assert "No orbit was imported" in capsys.readouterr().err
@@ -82,7 +82,7 @@ def test_orbit_station_and_passes_without_a_browser(tmp_path: Path, capsys: pyte
 def test_bad_input_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str], reason: str
 ) -> None:
-    """Exit code 2 and the reason."""
+    """Invalid input gives exit code 2 and the reason."""
     (tmp_path / "old.tle").write_text(TLE)
     (tmp_path / "wrong.tle").write_text(TLE.replace("9991", "9992"))
     monkeypatch.chdir(tmp_path)

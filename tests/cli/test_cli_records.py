@@ -1,4 +1,4 @@
-"""gss export telemetry and contact-report, gss check record, gss replay: on a store and a capture made here."""
+"""``gss export telemetry``, ``gss export contact-report``, ``gss check record`` and ``gss replay``."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
-    """A data folder: contact 1 with ten seconds of housekeeping of which one packet is missing without a cause."""
+    """Data folder with contact 1: ten seconds of housekeeping, of which one packet is missing without a cause."""
     url = Settings(data=tmp_path).database_url
     migrate(url)
     database = Database(open_engine(url))
@@ -52,7 +52,7 @@ def data(tmp_path: Path) -> Path:
 
 
 def test_telemetry_of_a_contact_and_of_a_span(data, capsys, tmp_path):
-    """The same rows by contact and by times; into a file; what is wrong ends with code 2."""
+    """Telemetry is exported by contact or by times into a file. Invalid selections give exit code 2."""
     arguments = ["export", "telemetry", "--data", str(data), "--fields", "mode, latchups"]
     out = tmp_path / "t.csv"
     assert main([*arguments, "--contact", "1", "--out", str(out)]) == 0
@@ -67,7 +67,7 @@ def test_telemetry_of_a_contact_and_of_a_span(data, capsys, tmp_path):
 
 
 def test_the_record_check_reports_the_gap_and_its_exit_code(data, capsys):
-    """One packet missing, no cause: code 1, as text and as JSON; an unknown contact is code 2."""
+    """A missing packet without a cause gives exit code 1, as text and as JSON. An unknown contact gives exit code 2."""
     assert main(["check", "record", "--data", str(data), "--json"]) == 1
     facts = json.loads(capsys.readouterr().out)
     assert (facts["expected"], facts["held"], facts["unexplained"]) == (10, 9, 1)
@@ -79,7 +79,7 @@ def test_the_record_check_reports_the_gap_and_its_exit_code(data, capsys):
 
 
 def test_the_pass_report_is_a_page_or_figures(data, capsys, tmp_path):
-    """HTML or PDF into a file, JSON on the terminal."""
+    """The report of a contact is written as HTML or PDF, or printed as JSON."""
     out = tmp_path / "report.html"
     arguments = ["export", "contact-report", "--data", str(data), "--contact", "1"]
     assert main([*arguments, "--out", str(out)]) == 0
@@ -91,7 +91,7 @@ def test_the_pass_report_is_a_page_or_figures(data, capsys, tmp_path):
 
 
 def test_a_capture_is_printed_decoded(capsys, tmp_path):
-    """An event, a command and noise: two messages, the noise counted; a missing file is code 2, an empty one 3."""
+    """The capture gives a command and an event, and noise is counted. A missing file is exit code 2, an empty one 3."""
     dictionary = load_dictionary()
     device = LineSender(to_device=False, prefix=dictionary.prefix)
     ground = LineSender(to_device=True, prefix=dictionary.prefix)
@@ -106,12 +106,12 @@ def test_a_capture_is_printed_decoded(capsys, tmp_path):
     (file,) = (tmp_path / "captures").iterdir()
     assert main(["replay", str(file), "--json"]) == 0
     captured = capsys.readouterr()
-    said = [json.loads(line) for line in captured.out.splitlines()]
-    assert [(s["kind"], s["name"], s["at"]) for s in said] == [
+    messages = [json.loads(line) for line in captured.out.splitlines()]
+    assert [(s["kind"], s["name"], s["at"]) for s in messages] == [
         ("command", "GET_STATUS", "2026-12-01T18:00:00.000Z"),
         ("event", "LATCHUP", "2026-12-01T18:00:02.000Z"),
     ]
-    assert (said[0]["request_id"], said[1]["text"], said[1]["severity"]) == (7, "rail fpga", "critical")
+    assert (messages[0]["request_id"], messages[1]["text"], messages[1]["severity"]) == (7, "rail fpga", "critical")
     assert "1 good packets, 1 damaged" in captured.err
     assert main(["replay", str(file)]) == 0
     assert "LATCHUP" in capsys.readouterr().out
@@ -120,10 +120,10 @@ def test_a_capture_is_printed_decoded(capsys, tmp_path):
     empty = tmp_path / "contact-000002-000.raw"
     empty.touch()
     assert main(["replay", str(empty)]) == 3
-    plain = tmp_path / "received.bin"
-    plain.write_bytes(b"\0" + event)
+    received_bytes = tmp_path / "received.bin"
+    received_bytes.write_bytes(b"\0" + event)
     capsys.readouterr()
-    assert main(["replay", str(plain)]) == 2
+    assert main(["replay", str(received_bytes)]) == 2
     assert "is not a capture" in capsys.readouterr().err
-    assert main(["replay", str(plain), "--received", "--json"]) == 0
+    assert main(["replay", str(received_bytes), "--received", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["name"] == "LATCHUP"

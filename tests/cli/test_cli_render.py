@@ -17,11 +17,11 @@ from gss.instruments.registry import shipped_registry
 def test_a_rendered_image_is_solved_at_its_pointing(
     camera: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With noise and false stars; the truth file makes ``gss solve`` fail on a wrong answer."""
+    """An image with noise and false stars is solved at its pointing. ``gss solve`` compares it with the truth file."""
     out, truth = tmp_path / "orion.png", tmp_path / "truth.json"
-    where = ["--camera", camera, "--at", "84.0,-2.0,30.0"]
-    made = ["render", *where, "--out", str(out), "--truth", str(truth), "--false-stars", "3", "--epoch", "2026"]
-    assert main(made) == 0
+    pointing = ["--camera", camera, "--at", "84.0,-2.0,30.0"]
+    command = ["render", *pointing, "--out", str(out), "--truth", str(truth), "--false-stars", "3", "--epoch", "2026"]
+    assert main(command) == 0
     assert "3 false stars" in capsys.readouterr().out
     shape = shipped_registry().camera(camera).camera
     assert np.asarray(Image.open(out)).shape == (shape.rows, shape.columns)
@@ -30,7 +30,7 @@ def test_a_rendered_image_is_solved_at_its_pointing(
 
 
 def test_the_same_seed_gives_the_same_image(tmp_path: Path) -> None:
-    """Another seed has other noise; without noise the seed has no effect."""
+    """Equal seeds give equal images and different seeds different noise. Without noise the seed has no effect."""
 
     def image(name: str, *more: str) -> bytes:
         out = tmp_path / name
@@ -63,7 +63,7 @@ def test_impossible_images_are_refused(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Exit code 2, the reason, and no file."""
+    """Impossible options give exit code 2 and the reason, and no file is written."""
     monkeypatch.chdir(tmp_path)
     assert main(["render", "--camera", "cubestar", *options]) == 2
     assert message.lower() in capsys.readouterr().err.lower()

@@ -1,4 +1,4 @@
-"""``gss solve`` on the command line: output, exit codes, messages."""
+"""``gss solve`` on the command line: output, exit codes and messages."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from gss.pipeline.render import render
 
 @pytest.fixture(scope="module")
 def sky_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A rendered CubeStar frame at RA 80.2°, Dec 0°, roll 57.3°, dated 2025."""
-    p = shipped_camera("cubestar")
+    """Path of a rendered CubeStar frame at RA 80.2°, Dec 0°, roll 57.3°, dated 2025."""
+    profile = shipped_camera("cubestar")
     stars = SolverCache().stars(2025.0).brighter_than(4.5)
     rotation = cam_from_icrs(np.radians(80.2), 0.0, 1.0)
-    frame = render(stars, p.camera, p.sensor, rotation, p.sensor.exposure_s, np.random.default_rng(1))
+    frame = render(stars, profile.camera, profile.sensor, rotation, profile.sensor.exposure_s, np.random.default_rng(1))
     path = tmp_path_factory.mktemp("sky") / "frame.fits"
     hdu = fits.PrimaryHDU(frame.pixels)
     hdu.header["DATE-OBS"] = "2025-01-01T12:00:00"
@@ -41,7 +41,7 @@ def sky_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def gss(*arguments: str) -> int:
+def run_solve(*arguments: str) -> int:
     parser = argparse.ArgumentParser()
     register(parser.add_subparsers(required=True))
     parsed = parser.parse_args(["solve", *arguments])
@@ -49,8 +49,8 @@ def gss(*arguments: str) -> int:
 
 
 def test_json_has_the_attitude_and_its_errors(sky_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One JSON object with all documented keys, the correct attitude, the epoch of the image, exit code 0."""
-    assert gss(str(sky_file), "--camera", "cubestar", "--json") == 0
+    """The JSON object has all documented keys, the correct attitude and the epoch of the image."""
+    assert run_solve(str(sky_file), "--camera", "cubestar", "--json") == 0
     out = json.loads(capsys.readouterr().out)
     assert {
         "outcome", "ra_deg", "dec_deg", "roll_deg", "quaternion", "sigma_arcsec", "matched", "centroids",
@@ -69,8 +69,8 @@ def test_json_has_the_attitude_and_its_errors(sky_file: Path, capsys: pytest.Cap
 
 
 def test_text_is_short_and_readable(sky_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Without --json a few lines with right ascension, declination, roll and the false-match probability."""
-    assert gss(str(sky_file), "--fov-deg", "50") == 0
+    """Without --json the output is a few lines with right ascension and false-match probability."""
+    assert run_solve(str(sky_file), "--fov-deg", "50") == 0
     out = capsys.readouterr().out
     assert "RA 80.1" in out or "RA 80.2" in out
     assert "false-match probability" in out
@@ -78,25 +78,25 @@ def test_text_is_short_and_readable(sky_file: Path, capsys: pytest.CaptureFixtur
 
 
 def test_cubestar_chain(sky_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """--chain cubestar runs the sensor's own chain."""
-    assert gss(str(sky_file), "--camera", "cubestar", "--chain", "cubestar", "--json") == 0
+    """The option --chain cubestar runs the chain of the sensor."""
+    assert run_solve(str(sky_file), "--camera", "cubestar", "--chain", "cubestar", "--json") == 0
     out = json.loads(capsys.readouterr().out)
     assert out["chain"] == "cubestar"
     assert abs(out["ra_deg"] - 80.2) < 0.05
 
 
 def test_no_solution_is_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A starless image: exit code 3, a reason, nulls in the JSON, nothing on stderr."""
+    """An image without stars gives exit code 3, a reason, nulls in the JSON and no text on standard error."""
     path = tmp_path / "empty.png"
     Image.fromarray(np.random.default_rng(2).normal(40, 4, (300, 400)).astype(np.uint8)).save(path)
-    assert gss(str(path), "--blind", "--json") == 3
+    assert run_solve(str(path), "--blind", "--json") == 3
     captured = capsys.readouterr()
     out = json.loads(captured.out)
     assert out["outcome"] == "none"
     assert out["reason"]
     assert out["ra_deg"] is None
     assert captured.err == ""
-    assert gss(str(path), "--blind") == 3
+    assert run_solve(str(path), "--blind") == 3
     assert "no solution" in capsys.readouterr().out
 
 
@@ -104,14 +104,14 @@ def test_no_solution_is_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixtur
     ("content", "words"),
     [(None, "does not exist"), (b"", "is empty"), (b"hello world, this is text", "is not a supported image file")],
 )
-def test_bad_input_is_exit_code_2_and_one_sentence(
+def test_bad_input_is_exit_code_2_and_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, words: str
 ) -> None:
-    """A missing, empty or foreign file: exit code 2 and one line on stderr that says so."""
+    """A missing, empty or unsupported file gives exit code 2 and one line on standard error."""
     path = tmp_path / "file.png"
     if content is not None:
         path.write_bytes(content)
-    assert gss(str(path), "--blind") == 2
+    assert run_solve(str(path), "--blind") == 2
     captured = capsys.readouterr()
     assert words.lower() in captured.err.lower()
     assert len(captured.err.splitlines()) == 1
@@ -121,28 +121,30 @@ def test_bad_input_is_exit_code_2_and_one_sentence(
 def test_unknown_names_and_sizes_are_exit_code_2(
     sky_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Unknown profile or chain, a directory, and a frame of another size."""
-    assert gss(str(sky_file), "--camera", "hubble") == 2
-    assert gss(str(sky_file), "--camera", "cubestar", "--chain", "magic") == 2
-    assert gss(str(sky_file), "--camera", "sunsat") == 2
-    assert gss(str(tmp_path), "--blind") == 2
-    assert gss(str(sky_file), "--fov-deg", "500") == 2
+    """An unknown profile or chain, a folder, a frame of another size and an impossible field of view give exit code
+    2.
+    """
+    assert run_solve(str(sky_file), "--camera", "hubble") == 2
+    assert run_solve(str(sky_file), "--camera", "cubestar", "--chain", "magic") == 2
+    assert run_solve(str(sky_file), "--camera", "sunsat") == 2
+    assert run_solve(str(tmp_path), "--blind") == 2
+    assert run_solve(str(sky_file), "--fov-deg", "500") == 2
     assert len(capsys.readouterr().err.splitlines()) == 5
 
 
 def test_several_files_continue_after_an_invalid_one(
     sky_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """An invalid file does not prevent the solution of the valid one; the exit code reports the invalid one."""
-    assert gss(str(tmp_path / "nothing"), str(sky_file), "--camera", "cubestar", "--json") == 2
+    """A valid file after an invalid one is solved. The exit code reports the invalid file."""
+    assert run_solve(str(tmp_path / "nothing"), str(sky_file), "--camera", "cubestar", "--json") == 2
     assert json.loads(capsys.readouterr().out)["outcome"] == "solved"
 
 
 def test_exactly_one_camera_option_is_required(sky_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """No camera option or two of them are refused by the parser."""
+    """The parser rejects a missing, an invalid and a second camera option."""
     for options in ([], ["--blind", "--camera", "cubestar"], ["--fov-deg", "wide"]):
         with pytest.raises(SystemExit) as stop:
-            gss(str(sky_file), *options)
+            run_solve(str(sky_file), *options)
         assert stop.value.code == 2
     capsys.readouterr()
 
@@ -154,7 +156,7 @@ def test_julian_year() -> None:
 
 
 def test_as_a_process(sky_file: Path) -> None:
-    """Run as a program it prints JSON to a pipe and ends with code 0."""
+    """As a process, the command prints JSON to a pipe and ends with exit code 0."""
     code = (
         "import argparse, sys; from gss.cli.solve import register; p = argparse.ArgumentParser(); "
         "register(p.add_subparsers(required=True)); a = p.parse_args(sys.argv[1:]); sys.exit(a.run(a))"
@@ -168,15 +170,15 @@ def test_as_a_process(sky_file: Path) -> None:
 
 
 def test_a_sequence_is_tracked_and_reports_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Three images of a camera that rotates by 0.1° a second about its y axis: hints are used and the rate is measured."""
-    stars, known, rng = propagate(load_stars(6.0), 2026.0), shipped_camera("cubestar"), np.random.default_rng(2)
+    """The rate of a camera that rotates by 0.1°/s about its y axis is measured in a sequence of three images."""
+    stars, profile, rng = propagate(load_stars(6.0), 2026.0), shipped_camera("cubestar"), np.random.default_rng(2)
     start, names, truths = cam_from_icrs(1.4, 0.1, 0.5), [], {}
     for k in range(3):
-        turned = rotation_from_vector(np.array([0.0, -math.radians(0.1) * k, 0.0])) @ start
-        drawn = render(stars, known.camera, known.sensor, turned, 0.25, rng)
+        attitude = rotation_from_vector(np.array([0.0, -math.radians(0.1) * k, 0.0])) @ start
+        rendered = render(stars, profile.camera, profile.sensor, attitude, 0.25, rng)
         names.append(str(tmp_path / f"{k}.png"))
-        Image.fromarray(drawn.pixels).save(names[-1])
-        truths[f"{k}.png"] = [math.degrees(a) for a in ra_dec_roll_rad(turned)]
+        Image.fromarray(rendered.pixels).save(names[-1])
+        truths[f"{k}.png"] = [math.degrees(a) for a in ra_dec_roll_rad(attitude)]
     (tmp_path / "truth.json").write_text(json.dumps(truths))
     options = ["--camera", "cubestar", "--sequence", "--interval", "1", "--epoch", "2026", "--json"]
     assert main(["solve", *names, *options, "--truth", str(tmp_path / "truth.json")]) == 0
@@ -190,20 +192,20 @@ def test_a_sequence_is_tracked_and_reports_the_rate(tmp_path: Path, capsys: pyte
 
 @pytest.mark.parametrize("chain", CHAINS)
 def test_every_chain_takes_a_hint(chain: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With its own camera and a hint within a degree each chain answers with the truth or with nothing."""
-    known = shipped_camera(chain) if chain in shipped_registry().cameras() else shipped_camera("cubestar")
+    """With its camera and a hint within a degree, each chain finds the true attitude or no solution."""
+    profile = shipped_camera(chain) if chain in shipped_registry().cameras() else shipped_camera("cubestar")
     stars = propagate(load_stars(7.5), 2026.0)
-    drawn = render(
+    rendered = render(
         stars,
-        known.camera,
-        known.sensor,
+        profile.camera,
+        profile.sensor,
         cam_from_icrs(1.45, 0.05, 0.3),
-        known.sensor.exposure_s,
+        profile.sensor.exposure_s,
         np.random.default_rng(4),
     )
     file = tmp_path / "one.png"
-    Image.fromarray(drawn.pixels).save(file)
-    options = ["--camera", known.name, "--chain", chain, "--epoch", "2026", "--json"]
+    Image.fromarray(rendered.pixels).save(file)
+    options = ["--camera", profile.name, "--chain", chain, "--epoch", "2026", "--json"]
     hint = f"{math.degrees(1.45) + 0.4},{math.degrees(0.05)},{math.degrees(0.3)},1"
     code = main(
         [
@@ -228,7 +230,7 @@ def test_every_chain_takes_a_hint(chain: str, tmp_path: Path, capsys: pytest.Cap
 def test_invalid_hints_and_truths_are_rejected(
     options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Exit code 2 and a message."""
+    """Invalid hints, truths and intervals give exit code 2 and a message."""
     assert main(["solve", str(tmp_path / "x.png"), "--camera", "cubestar", *options]) == 2
     assert "Expected" in capsys.readouterr().err
 
@@ -247,8 +249,8 @@ def test_invalid_hints_and_truths_are_rejected(
 def test_impossible_exposures_and_times_are_rejected(
     sky_file: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], words: str
 ) -> None:
-    """Impossible exposures and times and a missing element set: one message, exit code 2."""
-    assert gss(str(sky_file), "--camera", "cubestar", *more) == 2
+    """Impossible exposures and times and missing element sets give exit code 2 and one message."""
+    assert run_solve(str(sky_file), "--camera", "cubestar", *more) == 2
     errors = capsys.readouterr().err
     assert words in errors
     assert len(errors.splitlines()) == 1

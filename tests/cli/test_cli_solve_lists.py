@@ -1,4 +1,4 @@
-"""``gss solve-lists`` on the command line: formats, output, exit codes, messages."""
+"""``gss solve-lists`` on the command line: formats, output, exit codes and messages."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from gss.instruments.registry import SHIPPED
 from tools.bench_scenes import CAMERAS, EPOCH_JYEAR, CentroidList, star_lists, visible_stars
 
 OPTICS = CAMERAS[0]
-FLAT = ["--camera", "cubestar", "--no-distortion", "--epoch", str(EPOCH_JYEAR)]
+CAMERA_OPTIONS = ["--camera", "cubestar", "--no-distortion", "--epoch", str(EPOCH_JYEAR)]
 
 
 def scenes(count: int = 6, false_stars: int = 3) -> list[CentroidList]:
-    """Lists of CubeStar's camera without distortion, not drawn by the project's own code."""
+    """Return star lists of CubeStar's camera without distortion, generated independently of the product code."""
     return star_lists(visible_stars(OPTICS), OPTICS, count, false_stars, 0.2, 31)
 
 
 def arrays(lists: list[CentroidList]) -> dict[str, np.ndarray]:
-    """The arrays of the file."""
+    """Return the arrays of an NPZ file with these lists."""
     pixels = np.concatenate([s.offset_px for s in lists]) + np.array([OPTICS.columns - 1, OPTICS.rows - 1]) / 2
     first = np.concatenate([[0], np.cumsum([len(s.offset_px) for s in lists])])
     flux = 10 ** (-0.4 * np.concatenate([s.magnitude for s in lists]))
@@ -38,26 +38,26 @@ def write_csv(path: Path, content: dict[str, np.ndarray]) -> None:
     path.write_text("\n".join(["list,col_px,row_px,flux", *lines]) + "\n")
 
 
-def solved(arguments: list[str], capsys: pytest.CaptureFixture[str], code: int = 0) -> dict[str, list]:
-    """The JSON of a run with that exit code."""
+def run_json(arguments: list[str], capsys: pytest.CaptureFixture[str], code: int = 0) -> dict[str, list]:
+    """Run the command, check its exit code, and return the printed JSON."""
     assert main(["solve-lists", *arguments, "--json"]) == code
     return dict(json.loads(capsys.readouterr().out))
 
 
-def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """The one sentence of a command that ends with exit code 2."""
+def error_of(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Run a command that ends with exit code 2 and return its error message of one line."""
     assert main(["solve-lists", *arguments]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     return line
 
 
 def test_every_list_gets_its_attitude(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The quaternions are cam_from_icrs, scalar last, within a tenth of a degree of the truth; an empty list has no solution."""
+    """Quaternions are cam_from_icrs, scalar last, within 0.1° of the truth. An empty list has no solution."""
     truth = scenes()
     content = arrays(truth)
     content["first"] = np.append(content["first"], content["first"][-1])
     np.savez(tmp_path / "lists.npz", **content)
-    results = solved([str(tmp_path / "lists.npz"), *FLAT], capsys, code=3)["results"]
+    results = run_json([str(tmp_path / "lists.npz"), *CAMERA_OPTIONS], capsys, code=3)["results"]
     assert len(results) == len(truth) + 1
     for scene, result in zip(truth, results, strict=False):
         assert result["outcome"] == "solved"
@@ -71,30 +71,30 @@ def test_every_list_gets_its_attitude(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_csv_and_camera_file_give_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A CSV file of the same lists, and the camera by its file, give the same attitudes."""
+    """The same lists as CSV with the camera given as a file give the same attitudes."""
     content = arrays(scenes(3))
     np.savez(tmp_path / "lists.npz", **content)
     write_csv(tmp_path / "lists.csv", content)
     file = str(SHIPPED / "cubestar" / "camera.yaml")
     answers = [
-        solved([str(tmp_path / "lists.npz"), *FLAT], capsys)["results"],
-        solved([str(tmp_path / "lists.csv"), "--camera", file, *FLAT[2:]], capsys)["results"],
+        run_json([str(tmp_path / "lists.npz"), *CAMERA_OPTIONS], capsys)["results"],
+        run_json([str(tmp_path / "lists.csv"), "--camera", file, *CAMERA_OPTIONS[2:]], capsys)["results"],
     ]
     quaternions = [[r["quaternion"] for r in results] for results in answers]
     assert np.allclose(quaternions[0], quaternions[1], atol=1e-12)
 
 
 def test_text_names_each_list(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Without --json there is a line per list and a summary."""
+    """Without --json the output has a line for each list and a summary."""
     np.savez(tmp_path / "lists.npz", **arrays(scenes(2)))
-    assert main(["solve-lists", str(tmp_path / "lists.npz"), *FLAT]) == 0
+    assert main(["solve-lists", str(tmp_path / "lists.npz"), *CAMERA_OPTIONS]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line[:5] for line in lines[:2]] == ["0: RA", "1: RA"]
     assert lines[-1].startswith("2 of 2 lists solved, median ")
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "words"),
     [
         ({"first": np.array([0, 5])}, "does not divide the stars"),
         ({"first": np.array([0, 9, 4, 10])}, "does not divide the stars"),
@@ -109,18 +109,18 @@ def test_text_names_each_list(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ],
 )
 def test_bad_arrays_are_refused(
-    change: dict[str, np.ndarray], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    change: dict[str, np.ndarray], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The sentence names the array and what was expected."""
+    """Invalid arrays are rejected with a message that states what was expected."""
     good = {"col_px": np.arange(10.0), "row_px": np.arange(10.0), "flux": np.ones(10), "first": np.array([0, 10])}
     np.savez(tmp_path / "lists.npz", **(good | change))
-    sentence = refused([str(tmp_path / "lists.npz"), *FLAT], capsys)
-    assert said in sentence
-    assert "Expected" in sentence
+    message = error_of([str(tmp_path / "lists.npz"), *CAMERA_OPTIONS], capsys)
+    assert words in message
+    assert "Expected" in message
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "words"),
     [
         (b"", "is empty"),
         (b"PK\x03\x04 not an archive", "cannot be read"),
@@ -135,24 +135,24 @@ def test_bad_arrays_are_refused(
         (b"list,col_px,row_px,flux\n", "has no list"),
     ],
 )
-def test_bad_files_are_refused(content: bytes, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The sentence names the file and what was expected."""
+def test_bad_files_are_refused(content: bytes, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Invalid files are rejected with a message that states what was expected."""
     path = tmp_path / "lists.any"
     path.write_bytes(content)
-    sentence = refused([str(path), *FLAT], capsys)
-    assert said in sentence
-    assert "Expected" in sentence
+    message = error_of([str(path), *CAMERA_OPTIONS], capsys)
+    assert words in message
+    assert "Expected" in message
 
 
 def test_an_archive_bomb_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A small archive of a huge array is measured before it is unpacked."""
+    """A small archive of a huge array is rejected before it is unpacked."""
     with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("col_px.npy", bytes(300 << 20))
-    assert "too large when it is unpacked" in refused([str(tmp_path / "bomb.npz"), *FLAT], capsys)
+    assert "too large when it is unpacked" in error_of([str(tmp_path / "bomb.npz"), *CAMERA_OPTIONS], capsys)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "words"),
     [
         (["--camera", "nosuch"], "Unknown instrument"),
         (["--camera", "nosuch.yaml"], "does not exist"),
@@ -161,8 +161,8 @@ def test_an_archive_bomb_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
     ],
 )
 def test_bad_arguments_are_refused(
-    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Camera, error and epoch are checked before anything is solved."""
+    """Unknown cameras and values out of range are rejected with a message."""
     np.savez(tmp_path / "lists.npz", **arrays(scenes(1)))
-    assert said in refused([str(tmp_path / "lists.npz"), *arguments], capsys)
+    assert words in error_of([str(tmp_path / "lists.npz"), *arguments], capsys)

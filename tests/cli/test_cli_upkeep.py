@@ -1,4 +1,4 @@
-"""Backup, restore, check and retention from the terminal."""
+"""Backup, restore, check of the store and retention on the command line."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gss.store.models import Frame
 
 @pytest.fixture
 def folder(tmp_path):
-    """A data folder with one frame."""
+    """Data folder with one frame."""
     from datetime import UTC, datetime
 
     folder, at = tmp_path / "data", datetime(2026, 1, 2, tzinfo=UTC)
@@ -36,21 +36,24 @@ def folder(tmp_path):
 
 
 def test_a_backup_is_restored_and_checked_from_the_shell(folder, tmp_path, capsys):
-    """The procedure of docs/upkeep.md; a backup with --keep 1 removes those before, but not while the clock, months after the last
-    row, is unconfirmed; a full folder is refused."""
+    """Backup, restore and check work as docs/upkeep.md describes.
+
+    A backup with --keep 1 removes earlier backups, but not while the clock, which is months after the last row, is
+    unconfirmed. A restore into a folder that is not empty is rejected. The check reports a missing file.
+    """
     backup = ["backup", "--data", str(folder), "--to", str(tmp_path / "safe"), "--keep", "1", "--json"]
     for _ in range(2):
         assert main(backup) == 0
-    said = capsys.readouterr()
-    assert json.loads(said.out.splitlines()[-1])["removed"] == []
-    assert "Old backups were not removed: the server's clock is" in said.err
+    output = capsys.readouterr()
+    assert json.loads(output.out.splitlines()[-1])["removed"] == []
+    assert "Old backups were not removed: the server's clock is" in output.err
     assert main(["retention", "--data", str(folder), "--confirm-clock"]) == 0
     capsys.readouterr()
     assert main(backup) == 0
-    made = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert (made["files"], len(made["removed"])) == (1, 2)
-    assert main(["restore", made["folder"], "--into", str(tmp_path / "new")]) == 0
-    assert main(["restore", made["folder"], "--into", str(tmp_path / "new")]) == 2
+    backup_result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (backup_result["files"], len(backup_result["removed"])) == (1, 2)
+    assert main(["restore", backup_result["folder"], "--into", str(tmp_path / "new")]) == 0
+    assert main(["restore", backup_result["folder"], "--into", str(tmp_path / "new")]) == 2
     assert "target folder is not empty" in capsys.readouterr().err
     assert main(["check", "store", "--data", str(tmp_path / "new"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
@@ -63,7 +66,7 @@ def test_a_backup_is_restored_and_checked_from_the_shell(folder, tmp_path, capsy
 
 @contextlib.contextmanager
 def without_permissions():
-    """Give up the permissions of root, which may write everywhere."""
+    """Run the block without the permissions of root, which may write everywhere."""
     root = os.geteuid() == 0
     if root:
         os.seteuid(65534)
@@ -75,13 +78,13 @@ def without_permissions():
 
 
 def test_a_read_only_copy_is_checked(folder, capsys):
-    """As a user without write permission; a copy with a write-ahead log is rejected with what to do."""
+    """A user without write permission can check a copy. A copy with a write-ahead log is rejected with a message."""
     assert main(["check", "store", "--data", str(folder)]) == 0
-    with tempfile.TemporaryDirectory() as held:
-        copy = Path(held) / "copy"
+    with tempfile.TemporaryDirectory() as folder_name:
+        copy = Path(folder_name) / "copy"
         shutil.copytree(folder, copy)
         log = copy / "gss.db-wal"
-        for path in (Path(held), copy, *copy.rglob("*")):
+        for path in (Path(folder_name), copy, *copy.rglob("*")):
             path.chmod(0o555 if path.is_dir() else 0o444)
         with without_permissions():
             assert main(["check", "store", "--data", str(copy)]) == 0
@@ -91,13 +94,13 @@ def test_a_read_only_copy_is_checked(folder, capsys):
         with without_permissions():
             assert main(["check", "store", "--data", str(copy)]) == 2
         assert "write-ahead log" in capsys.readouterr().err
-        for path in (Path(held), copy, *copy.rglob("*")):
+        for path in (Path(folder_name), copy, *copy.rglob("*")):
             path.chmod(0o755)
 
 
 def test_retention_reports_its_effect_and_rejects_a_wrong_folder(folder, tmp_path, capsys):
-    """Without --run nothing is deleted, nor while the clock is untrusted; after confirmation only what the policy
-    permits.
+    """The command prints policy and forecast. A run is rejected while the clock is in doubt, and works after
+    confirmation. Folders that do not exist are rejected.
     """
     assert main(["retention", "--data", str(folder), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
@@ -118,11 +121,11 @@ def test_retention_reports_its_effect_and_rejects_a_wrong_folder(folder, tmp_pat
 
 
 def test_invalid_input_gives_one_line_without_a_traceback(folder, tmp_path, capsys, monkeypatch):
-    """An empty seal, a file in place of a folder, an invalid setting: exit code 2 if the input is the cause."""
+    """A damaged backup, a file in place of a folder and an invalid setting give one line without a traceback."""
     assert main(["backup", "--data", str(folder), "--to", str(tmp_path / "safe"), "--json"]) == 0
-    made = json.loads(capsys.readouterr().out)
-    (tmp_path / "safe" / made["name"] / "manifest.sha256").write_text("")
-    assert main(["restore", made["folder"], "--into", str(tmp_path / "new")]) == 2
+    backup = json.loads(capsys.readouterr().out)
+    (tmp_path / "safe" / backup["name"] / "manifest.sha256").write_text("")
+    assert main(["restore", backup["folder"], "--into", str(tmp_path / "new")]) == 2
     (tmp_path / "file").write_text("x")
     assert main(["audit", "export", "--data", str(folder), "--out", str(tmp_path)]) == 1
     assert main(["backup", "--data", str(tmp_path / "file")]) != 0

@@ -28,7 +28,7 @@ class Contact:
         self.events: list[SessionEvent] = []
 
     def until(self, done: Callable[[], bool], seconds: float = 30.0) -> None:
-        """Move bytes until something holds. The time is only the limit after which a broken thing is given up."""
+        """Exchange data with the device until ``done()`` is true; fail after the timeout."""
         limit_s = time.monotonic() + seconds
         while not done():
             assert time.monotonic() < limit_s, self.events[-5:]
@@ -60,7 +60,7 @@ class Contact:
 
 
 class Simulator:
-    """A child process that has said READY."""
+    """Simulator process that has printed READY."""
 
     def __init__(self, *options: str) -> None:
         command = [
@@ -79,12 +79,12 @@ class Simulator:
         self.url = first[1]
 
     def stop(self) -> int:
-        """SIGTERM, and its exit code."""
+        """Stop the process with SIGTERM and return its exit code."""
         self.process.terminate()
         return self.process.wait(20)
 
     def clean_up(self) -> None:
-        """Leave nothing behind."""
+        """Kill the process and close its pipes."""
         self.process.kill()
         self.process.wait(20)
         for pipe in (self.process.stdin, self.process.stdout):
@@ -94,7 +94,7 @@ class Simulator:
 
 @pytest.fixture
 def simulator(tmp_path: Path) -> Iterator[Callable[..., Simulator]]:
-    """Starts simulators; ends them after the test."""
+    """Factory of simulators, which end after the test."""
     started: list[Simulator] = []
 
     def start(*options: str) -> Simulator:
@@ -108,7 +108,7 @@ def simulator(tmp_path: Path) -> Iterator[Callable[..., Simulator]]:
 
 @pytest.fixture
 def contact() -> Iterator[Callable[[str], Contact]]:
-    """Opens contacts; closes them after the test."""
+    """Factory of contacts, which are closed after the test."""
     opened: list[Contact] = []
 
     def open_contact(url: str) -> Contact:

@@ -30,7 +30,7 @@ def client(simulator: Callable[..., Simulator], root: Path) -> Iterator[CleanRoo
 
 
 def test_the_client_imports_nothing_of_gss(root: Path) -> None:
-    """Otherwise it would not be a test of the document."""
+    """The client imports nothing of gss, because it tests the document."""
     tree = ast.parse((root / "tests" / "contract" / "clean_room_client.py").read_text())
     names = {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
     names |= {str(n.module) for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}

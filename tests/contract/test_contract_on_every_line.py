@@ -65,7 +65,7 @@ class MemoryLine:
         self.device.feed(data, self.now_s)
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing; the line holds no resource."""
 
 
 @pytest.fixture
@@ -92,7 +92,7 @@ def probe_at(simulator: Start, tmp_path: Path) -> Iterator[Place]:
 
 @pytest.mark.parametrize("where", LINES)
 def test_every_clause_that_can_be_tried_holds(probe_at: Place, where: str) -> None:
-    """``gss check device`` is green, whatever carries the bytes."""
+    """The device passes every clause that can be checked, on every line."""
     findings = check_device(probe_at(where), write=where in SIMULATED)
     assert [(c.number, [x for x in findings.cases[c.number] if x.passed is False]) for c in findings.failed] == []
     assert findings.not_restored == []
@@ -103,14 +103,16 @@ def test_every_clause_that_can_be_tried_holds(probe_at: Place, where: str) -> No
 
 @pytest.mark.parametrize("camera", ["sunsat", "oersted", "far_mst", "aim"])
 def test_the_other_cameras_keep_the_contract_too(probe_at: Callable[..., Probe], camera: str) -> None:
-    """Another chain, another format, other frame sizes, the same promises."""
+    """Devices with other cameras, chains and formats also pass every clause."""
     findings = check_device(probe_at("memory", camera), write=True)
     assert [(c.number, [x for x in findings.cases[c.number] if x.passed is False]) for c in findings.failed] == []
     assert findings.not_restored == []
 
 
 def test_the_instructor_spoils_the_line_of_a_running_simulator(probe_at: Place) -> None:
-    """Bit errors reach the real line: a command is lost or carried out, never misunderstood; taken back, all come through."""
+    """Bit errors reach the real line: a command is lost or carried out, never misunderstood; taken back, all come
+    through.
+    """
     probe = probe_at("tcp")
     assert probe.order("SIM_SET_LINE", {"direction": "up", "bit_error_rate": 0.002}).is_("completed")
     answers = []

@@ -93,7 +93,7 @@ def test_a_killed_simulator_is_a_lost_line_and_the_upload_resumes(
 
 
 def test_the_process_ends_with_its_input_and_removes_its_name(simulator: Start, tmp_path: Path) -> None:
-    """A simulator without an owner ends."""
+    """The simulator ends and removes its link when its standard input is closed."""
     link = tmp_path / "port"
     unit = simulator("--symlink", str(link))
     assert link.is_symlink()
@@ -117,7 +117,7 @@ def test_a_port_is_owned_by_one_process(simulator: Start) -> None:
 
 
 def test_lines_that_cannot_be_opened_give_the_reason(simulator: Start, tmp_path: Path) -> None:
-    """No port, no device, no listener, no address."""
+    """Missing ports, plain files, closed listeners and invalid addresses give an error with the reason."""
     plain = tmp_path / "file"
     plain.write_text("")
     with pytest.raises(NotFound):
@@ -137,11 +137,11 @@ def test_lines_that_cannot_be_opened_give_the_reason(simulator: Start, tmp_path:
 
 @pytest.mark.parametrize("options", [["--attitude", "1,2"], ["--attitude", "1,95,0"], ["--speed", "0"]])
 def test_bad_options_end_with_code_2(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """The message goes to standard error, READY is never printed."""
+    """Invalid options give exit code 2 and a message on standard error, and READY is not printed."""
     assert main(["--instrument", "cubestar", *options]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert "Expected" in said.err
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert "Expected" in output.err
 
 
 def test_gss_simulate_is_the_same_process(tmp_path: Path) -> None:

@@ -71,8 +71,9 @@ def _close() -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, None, None]:
-    """Close the browser before tests of another folder, because a synchronous browser leaves an event loop running in this
-    thread."""
+    """Close the browser before tests of another folder, because a synchronous browser leaves an event loop running in
+    this thread.
+    """
     del item
     yield
     if nextitem is None or HERE not in nextitem.path.parents:
@@ -104,7 +105,7 @@ class Served:
             if found := done(self.ask("GET", path)):
                 return found
             time.sleep(0.2)
-        raise AssertionError(f"{path} never said so within {seconds} s")
+        raise AssertionError(f"{path} did not return the expected result within {seconds} s")
 
 
 @contextmanager
@@ -134,7 +135,7 @@ def _chromium() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory, signed_in: Callable[..., dict[str, str]]) -> Iterator[Served]:
-    """The server of this file."""
+    """Server of this test file."""
     with _server(tmp_path_factory, signed_in) as own:
         yield own
 
@@ -159,7 +160,7 @@ def address(served: Served) -> str:
 
 @pytest.fixture(scope="module")
 def browser() -> Browser:
-    """Debian's chromium, headless."""
+    """Headless Chromium, which all test files share."""
     if not _browsers:
         _browsers.append(_open.enter_context(_chromium()))
     return _browsers[0]
@@ -216,7 +217,7 @@ def cookie(headers: dict[str, str]) -> str | None:
 
 @pytest.fixture
 def page(browser: Browser, address: str, cookie: str | None) -> Iterator[Page]:
-    """A page on which an admin is signed in, that fails its test on a console error or on any request that leaves the origin."""
+    """Page of a signed-in admin. The test fails on a console error or on a request to another origin."""
     with _watched(browser, address, cookie) as watched:
         yield watched.page
     watched.look()
@@ -224,20 +225,20 @@ def page(browser: Browser, address: str, cookie: str | None) -> Iterator[Page]:
 
 @pytest.fixture(scope="module")
 def lasting(browser: Browser, address: str, headers: dict[str, str]) -> Iterator[Watched]:
-    """One page for all tests of a file, at the smallest desk's size."""
+    """One page for all tests of a file, in the smallest supported desktop size."""
     with _watched(browser, address, headers["Cookie"].split("=", 1)[1], width=1280, height=800) as watched:
         yield watched
 
 
 @pytest.fixture(scope="session")
 def painted() -> Callable[[Page], None]:
-    """Waits until the page has painted what the last event changed."""
+    """Function that waits until the page has painted the last change."""
     return lambda page: page.evaluate(PAINTED)
 
 
 @pytest.fixture(scope="session")
 def at_rest() -> Callable[[Page], None]:
-    """Waits until the page has sent no request for 0.2 s and has been painted."""
+    """Function that waits until the page has sent no request for 0.2 s and has been painted."""
 
     def wait(page: Page) -> None:
         page.wait_for_function(AT_REST)
@@ -248,7 +249,9 @@ def at_rest() -> Callable[[Page], None]:
 
 @pytest.fixture
 def new_frame(served: Served) -> Callable[[Page], int]:
-    """Takes an image on the Live page and waits until it and its ground result are shown; its number."""
+    """Function that takes an image on the Live page, waits for its ground result there, and returns the number of the
+    frame.
+    """
 
     def take(page: Page) -> int:
         newest = served.ask("GET", "/frames?limit=1&source=device")["frames"]
@@ -281,13 +284,13 @@ def _shown(docs: Path) -> frozenset[str]:
 
 @pytest.fixture(scope="session")
 def pictures() -> bool:
-    """True if pictures are taken."""
+    """True if pictures are enabled."""
     return bool(os.environ.get("GSS_DOCS_PICTURES"))
 
 
 @pytest.fixture
 def snap(root: Path, tmp_path: Path, pictures: bool) -> Callable[[Page, str], None]:
-    """Takes a picture of a page, where pictures are taken."""
+    """Function that takes a picture of a page if pictures are enabled."""
 
     def take(page: Page, name: str) -> None:
         if not pictures:
@@ -309,5 +312,5 @@ def snap(root: Path, tmp_path: Path, pictures: bool) -> Callable[[Page, str], No
 
 @pytest.fixture
 def picture(page: Page, snap: Callable[[Page, str], None]) -> Callable[[str], None]:
-    """Takes a picture of the page, where pictures are taken."""
+    """Function that takes a picture of the page if pictures are enabled."""
     return partial(snap, page)

@@ -1,4 +1,4 @@
-"""The admin's page, and how other roles see forbidden functions."""
+"""The Admin page, and controls that other roles may not use."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from playwright.sync_api import expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(180)]
 PASSWORD = "rigel above the roof"
-ASK = """async ([method, path, body]) => {
+SEND_REQUEST = """async ([method, path, body]) => {
     const who = await (await fetch('/api/session')).json();
     const answer = await fetch('/api' + path, { method, headers: { 'X-GSS': who.csrf, 'Content-Type': 'application/json' },
         body: body === null ? null : JSON.stringify(body) });
     return [answer.status, await answer.text()];
 }"""
-# For each role: a page, the control that is held there, and the request behind it.
-HELD = [
+# For each role: a page, a control that the role may not use there, the permitted roles, and the request of the control.
+FORBIDDEN = [
     (
         "viewer",
         "/live",
@@ -77,14 +77,14 @@ def as_user(page, browser, address):
         link = open_link.links[name] = make_user(page, name, role)
         context = browser.new_context(base_url=address, viewport={"width": 1280, "height": 800})
         contexts.append(context)
-        theirs = context.new_page()
-        theirs.goto(link)
-        theirs.get_by_test_id("new-password").fill(PASSWORD)
-        theirs.get_by_test_id("new-password-again").fill(PASSWORD)
-        theirs.keyboard.press("Enter")
-        expect(theirs.get_by_test_id("user-cell")).to_contain_text(name)
-        theirs.goto(start)
-        return theirs
+        user_page = context.new_page()
+        user_page.goto(link)
+        user_page.get_by_test_id("new-password").fill(PASSWORD)
+        user_page.get_by_test_id("new-password-again").fill(PASSWORD)
+        user_page.keyboard.press("Enter")
+        expect(user_page.get_by_test_id("user-cell")).to_contain_text(name)
+        user_page.goto(start)
+        return user_page
 
     open_link.links = {}
     yield open_link
@@ -93,71 +93,74 @@ def as_user(page, browser, address):
 
 
 def test_a_new_user_signs_in_with_a_one_time_link(page, as_user, picture):
-    """Created with a role, link opened in another browser, password chosen; the table and the sessions list the user."""
-    theirs = as_user("vera", "viewer")
-    expect(theirs.get_by_test_id("nav-admin")).to_have_count(0)
-    theirs.goto("/admin")
-    expect(theirs.get_by_test_id("admin-refused")).to_contain_text("needs the admin's role, you are a viewer")
+    """A new user chooses a password with a link and is listed with the session. The link works once."""
+    user_page = as_user("vera", "viewer")
+    expect(user_page.get_by_test_id("nav-admin")).to_have_count(0)
+    user_page.goto("/admin")
+    expect(user_page.get_by_test_id("admin-refused")).to_contain_text("needs the admin's role, you are a viewer")
     page.reload()
     expect(page.locator("[data-testid=user-row][data-user=vera]")).to_contain_text("active")
     expect(page.locator("[data-testid=session-row][data-user=vera]")).to_have_count(1)
     picture("admin-people")
-    theirs.goto("about:blank")
-    theirs.goto(as_user.links["vera"])
-    expect(theirs.get_by_test_id("link-over")).to_contain_text("invalid, expired or already used")
+    user_page.goto("about:blank")
+    user_page.goto(as_user.links["vera"])
+    expect(user_page.get_by_test_id("link-over")).to_contain_text("invalid, expired or already used")
 
 
 @pytest.mark.parametrize("role", ["viewer", "engineer", "catalogue manager", "operator"])
 def test_forbidden_controls_are_dashed_with_a_reason(as_user, role):
-    """A forbidden control can be reached by keyboard and states the reason; pressing it does nothing, and the server
-    rejects the request."""
-    theirs = as_user(role.replace(" ", "-"), role)
-    for _, path, control, whose, request in [row for row in HELD if row[0] == role]:
-        theirs.goto(path)
-        held = theirs.get_by_test_id(control)
-        expect(held).to_have_attribute(
-            "data-disabled-reason", re.compile(re.escape(f"needs the {whose} role, you are"))
+    """A forbidden control can be reached by keyboard, states the reason and does nothing. The server rejects the
+    request.
+    """
+    user_page = as_user(role.replace(" ", "-"), role)
+    for _, path, control, permitted_roles, request in [row for row in FORBIDDEN if row[0] == role]:
+        user_page.goto(path)
+        element = user_page.get_by_test_id(control)
+        expect(element).to_have_attribute(
+            "data-disabled-reason", re.compile(re.escape(f"needs the {permitted_roles} role, you are"))
         )
-        held.focus()
-        expect(held).to_be_focused()
-        expect(theirs.locator("#disabled-reason")).to_contain_text(whose)
-        assert held.evaluate("e => getComputedStyle(e).borderTopStyle") == "dashed"
-        theirs.keyboard.press("Enter")
-        status, text = theirs.evaluate(ASK, list(request))
+        element.focus()
+        expect(element).to_be_focused()
+        expect(user_page.locator("#disabled-reason")).to_contain_text(permitted_roles)
+        assert element.evaluate("e => getComputedStyle(e).borderTopStyle") == "dashed"
+        user_page.keyboard.press("Enter")
+        status, text = user_page.evaluate(SEND_REQUEST, list(request))
         assert status == 403, (path, status, text)
         assert "role" in text
-    expect(theirs.get_by_test_id("toasts")).to_have_text("")
+    expect(user_page.get_by_test_id("toasts")).to_have_text("")
 
 
 def test_an_operator_can_use_the_controls_of_the_page(as_user):
     """For an operator no control of the page is disabled, and a command is sent."""
-    theirs = as_user("olga", "operator")
-    expect(theirs.get_by_test_id("link-state")).to_contain_text("up")
-    expect(theirs.get_by_test_id("cmd-TAKE_IMAGE")).not_to_have_attribute("data-disabled-reason", re.compile(".+"))
-    theirs.get_by_test_id("cmd-TAKE_IMAGE").click()
-    expect(theirs.get_by_test_id("cmd-TAKE_IMAGE")).to_have_attribute("data-result", "completed")
-    theirs.get_by_test_id("authority-open").click()
-    theirs.get_by_test_id("authority-release").click()
+    user_page = as_user("olga", "operator")
+    expect(user_page.get_by_test_id("link-state")).to_contain_text("up")
+    expect(user_page.get_by_test_id("cmd-TAKE_IMAGE")).not_to_have_attribute("data-disabled-reason", re.compile(".+"))
+    user_page.get_by_test_id("cmd-TAKE_IMAGE").click()
+    expect(user_page.get_by_test_id("cmd-TAKE_IMAGE")).to_have_attribute("data-result", "completed")
+    user_page.get_by_test_id("authority-open").click()
+    user_page.get_by_test_id("authority-release").click()
 
 
 def test_role_changes_and_disabling_apply_at_once(page, as_user):
-    """A changed role permits its pages; a disabled user gets the sign-in page within seconds."""
-    theirs = as_user("ines", "viewer", "/frames")
+    """A changed role applies at once. A disabled user sees the sign-in form within seconds."""
+    user_page = as_user("ines", "viewer", "/frames")
     row = page.locator("[data-testid=user-row][data-user=ines]")
     with page.expect_response(lambda r: "/api/users/" in r.url and r.request.method == "PUT") as changed:
         row.get_by_test_id("user-role").select_option("engineer")
     assert changed.value.ok
-    theirs.reload()
-    expect(theirs.get_by_test_id("import")).not_to_have_attribute("data-disabled-reason", re.compile(".+"))
+    user_page.reload()
+    expect(user_page.get_by_test_id("import")).not_to_have_attribute("data-disabled-reason", re.compile(".+"))
     row.get_by_test_id("user-off").click()
     expect(row).to_contain_text("sessions end immediately")
     row.get_by_test_id("user-off-now").click()
     expect(row).to_contain_text("deactivated")
-    expect(theirs.get_by_test_id("session-ended")).to_be_visible()
+    expect(user_page.get_by_test_id("session-ended")).to_be_visible()
 
 
 def test_a_token_is_shown_once_works_and_can_be_revoked(page, browser, address, picture):
-    """A program reads with the token; limited to the metrics it reads nothing else; after revocation it is rejected."""
+    """The key is shown once. A client may read with the token, may not close the link, and is rejected after
+    revocation.
+    """
     page.goto("/admin?show=tokens")
     page.get_by_test_id("new-token-name").fill("watchdog")
     page.get_by_test_id("new-token-days").fill("30")
@@ -179,7 +182,7 @@ def test_a_token_is_shown_once_works_and_can_be_revoked(page, browser, address, 
 
 
 def test_the_audit_log_is_filtered_verified_and_exported(page, picture):
-    """Users, actions and denials are listed; the chain of hashes is intact; CSV has the same rows."""
+    """The page lists audit rows, states that the log is intact, filters rows, and exports CSV."""
     page.goto("/admin?show=audit")
     rows = page.get_by_test_id("audit-row")
     expect(rows.first).to_be_visible()
@@ -195,7 +198,7 @@ def test_the_audit_log_is_filtered_verified_and_exported(page, picture):
 
 
 def test_health_describes_each_check(page, picture):
-    """Each check has a lamp, a word and a sentence; every stored file can be checked as a job."""
+    """The page lists the health checks and runs the check of the store as a job."""
     page.goto("/admin?show=health")
     expect(page.get_by_test_id("health-row").first).to_be_visible()
     assert page.get_by_test_id("health-row").count() >= 8
@@ -205,7 +208,7 @@ def test_health_describes_each_check(page, picture):
 
 
 def test_retention_previews_a_removal(page, picture):
-    """A number out of range is reported; a changed policy shows its effect beside the active one; after saving it can run."""
+    """Numbers out of range are rejected. A changed policy shows its effect, and after saving it can be run."""
     page.goto("/admin?show=storage")
     expect(page.get_by_test_id("storage-kind").first).to_be_visible()
     field = page.get_by_test_id("retention-telemetry_days")
@@ -225,8 +228,7 @@ def test_retention_previews_a_removal(page, picture):
 
 
 def test_a_clock_in_doubt_is_confirmed_on_the_page(page, data_folder, picture):
-    """Ten years after the last trusted time nothing can be deleted; the page states the reason, and deletion is possible
-    after confirmation."""
+    """While the clock is in doubt, the page states the reason and disables deletion until the clock is confirmed."""
     with closing(sqlite3.connect(data_folder / "gss.db", timeout=30)) as database, database:
         value = json.dumps({"at": "2016-11-22T12:00:00+00:00"})
         changed = database.execute("UPDATE choices SET value = ? WHERE name = 'upkeep.trusted-time'", (value,))
@@ -242,7 +244,7 @@ def test_a_clock_in_doubt_is_confirmed_on_the_page(page, data_folder, picture):
 
 
 def test_an_unusual_removal_shows_its_counts_first(page, served, data_folder, picture):
-    """With thousands of old events the first press shows the counts, the second deletes."""
+    """A removal of thousands of events shows its counts first and deletes after confirmation."""
     rows = [(-k, "2020-01-01 00:00:00.000000", "test", "ok", "old", "{}") for k in range(1, 2201)]
     with closing(sqlite3.connect(data_folder / "gss.db", timeout=30)) as database, database:
         database.executemany("INSERT INTO events (seq, at, kind, severity, text, data) VALUES (?, ?, ?, ?, ?, ?)", rows)
@@ -264,7 +266,7 @@ def test_an_unusual_removal_shows_its_counts_first(page, served, data_folder, pi
 
 
 def test_a_backup_is_made_and_downloaded(page, picture):
-    """One press starts the job; afterwards the table has a row with size and a file to download."""
+    """The button starts a backup job. Afterwards the table lists the backup with a file to download."""
     page.goto("/admin?show=backup")
     expect(page.get_by_test_id("backup-now")).to_be_enabled()
     page.get_by_test_id("backup-now").click()

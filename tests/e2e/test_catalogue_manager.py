@@ -23,7 +23,7 @@ def build(page, name: str, first: str, last: str) -> None:
 
 
 def test_manager_compares_exports_and_reports(page, picture):
-    """Two builds compared by star and on the map; lifetime, similar stars, export and report."""
+    """A manager builds two catalogues, compares them, exports the stars and opens the report."""
     build(page, "zen-old", "20", "34")
     build(page, "zen-new", "34", "48")
     expect(page.get_by_test_id("quality")).to_contain_text("Drift out of the field")
@@ -46,7 +46,7 @@ def test_manager_compares_exports_and_reports(page, picture):
 
 
 def test_every_law_updates_the_preview(page, at_rest):
-    """The preview follows the law with its own inputs; impossible values give a message at once."""
+    """The preview follows the selected pointing law. Impossible values give a message at once."""
     page.goto("/catalogues/new")
     page.get_by_test_id("step-2").click()
     expect(page.get_by_text("preview in")).to_be_visible()
@@ -66,16 +66,14 @@ def test_every_law_updates_the_preview(page, at_rest):
 
 
 def test_recorded_banks_are_shown(page):
-    """The device's reported banks are drawn with a sentence about coverage."""
+    """The page shows the banks that the device reported, with a sentence about coverage."""
     page.goto("/catalogues")
     expect(page.get_by_test_id("banks")).to_contain_text("golden")
     expect(page.get_by_test_id("banks")).to_contain_text("active bank does not expire")
 
 
 def test_the_selection_of_stars_and_the_mounting_change_the_preview(page):
-    """Screening, thinning, a reduced catalogue and a mounting by rotations or numbers; an invalid mounting gives a
-    message.
-    """
+    """The preview follows screening, thinning, reduced catalogue and mounting. An invalid mounting gives a message."""
     page.goto("/catalogues/new")
     page.get_by_test_id("step-4").wait_for()  # open from the start
     page.get_by_role("group", name="Screening list").get_by_role("button", name="exclude").click()

@@ -11,13 +11,13 @@ pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 
 
 def test_a_camera_is_edited_shared_by_link_counted_and_reset(page, picture):
-    """From the catalogues to the design page: a longer lens is marked, is part of the address, and changes the figures;
-    the full count adds the lens trade; impossible numbers are rejected; reset restores the document's camera.
+    """A changed focal length is marked, is part of the address and changes the figures. The full count adds a table.
+    Impossible numbers are rejected, and reset restores the documented camera.
     """
     page.goto("/catalogues")
     page.get_by_test_id("open-design").click()
-    desk = page.get_by_test_id("design")
-    expect(desk).to_have_attribute("data-ready", "true")
+    design = page.get_by_test_id("design")
+    expect(design).to_have_attribute("data-ready", "true")
     page.get_by_test_id("design-profile").select_option("sunsat")
     tile = page.get_by_test_id("tile-fov_circle_deg")
     expect(tile).to_contain_text("10.9")
@@ -39,14 +39,14 @@ def test_a_camera_is_edited_shared_by_link_counted_and_reset(page, picture):
     page.get_by_test_id("design-pointings").fill("5000")
     expect(page).to_have_url(re.compile(r"pointings=5000"))
     page.get_by_test_id("design-run").click()
-    expect(desk).to_have_attribute("data-full", "true", timeout=180_000)
+    expect(design).to_have_attribute("data-full", "true", timeout=180_000)
     expect(page.get_by_test_id("design-table")).to_have_count(2)
     page.get_by_test_id("design-f_number").fill("0")
     expect(page.locator("[data-testid=design-field][data-key=f_number]")).to_contain_text("0.4 – 32")
     page.get_by_test_id("design-reset").click()
     expect(page.get_by_test_id("design-focal_mm")).to_have_value("25")
     expect(tile).to_contain_text("10.9")
-    size = page.evaluate(
+    fits = page.evaluate(
         "[document.documentElement.scrollWidth <= innerWidth, document.documentElement.scrollHeight <= innerHeight]"
     )
-    assert size == [True, True]
+    assert fits == [True, True]

@@ -1,7 +1,6 @@
-"""Every page in both themes: pictures, no scroll of the document, no serious finding of axe, no console error; on tablets and
-phones no text that is cut off.
+"""Layout and accessibility of every page in both themes and several sizes, with pictures.
 
-One seeding and one page serve all of it.
+All tests share the stored data and one browser page.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ PAGES = [
 
 
 @pytest.fixture(scope="module")
-def seeded(served: Any, tle_of: Any) -> dict[str, int]:
+def stored_data(served: Any, tle_of: Any) -> dict[str, int]:
     """Store a solved frame, a catalogue with a sweep and an experiment for the pages to show."""
     served.until("/link", lambda link: link["connected"] and link["dictionary_match"])
     before = max((f["id"] for f in served.ask("GET", "/frames?limit=1&source=device")["frames"]), default=0)
@@ -64,14 +63,14 @@ def seeded(served: Any, tle_of: Any) -> dict[str, int]:
     return {"frame": solved[0], "catalogue": catalogue[0], "job": job["id"]}
 
 
-@pytest.mark.parametrize(("path", "name", "there"), PAGES, ids=[name for _, name, _ in PAGES])
-def test_a_page_fits_and_is_accessible(lasting, seeded, root: Path, at_rest, snap, path, name, there):
-    """In both themes and sizes: the document does not scroll, axe finds nothing serious, the browser console has no error."""
+@pytest.mark.parametrize(("path", "name", "content"), PAGES, ids=[name for _, name, _ in PAGES])
+def test_a_page_fits_and_is_accessible(lasting, stored_data, root: Path, at_rest, snap, path, name, content):
+    """The document does not scroll, no text is cut off, axe finds nothing serious, and the browser logs no error."""
     page = lasting.page
     lasting.errors.clear()
     page.set_viewport_size(SMALL)
-    page.goto(path.format(**seeded))
-    expect(page.get_by_test_id(there).first).to_be_visible()
+    page.goto(path.format(**stored_data))
+    expect(page.get_by_test_id(content).first).to_be_visible()
     page.evaluate((root / AXE).read_text())
     for theme in ("dark", "light"):
         if page.locator("html").get_attribute("data-theme") != theme:

@@ -51,7 +51,7 @@ def address(data_folder: Path, headers: dict[str, str]) -> Iterator[str]:
 
 
 def test_a_unit_is_opened_from_the_fleet_and_left_for_another_one(page: Page) -> None:
-    """Every address, link and button of a unit's pages names the unit; the fleet shows the state of each."""
+    """The Fleet page lists the units with their state. Addresses, links and ABORT of a unit's pages name the unit."""
     page.goto("/")
     rows = page.get_by_test_id("fleet-unit")
     expect(rows).to_have_count(2)

@@ -1,4 +1,4 @@
-"""Markup in every text that users, files and unknown callers can store is shown as text on every page."""
+"""Markup in texts that users, files and unauthenticated clients can store is shown as text on every page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MARKUP = '"><img src=x class=injected onerror="window.injected=1">'
 PROCEDURE = f"# {MARKUP}\n\n{MARKUP}\n\n## first: {MARKUP}\n\n```hold\n{MARKUP}\n```\n"
 TLE = """1 25544U 98067A   26329.51782528 -.00002182  00000-0 -11606-4 0  2929
 2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537"""
-FOUND = "() => [window.injected ?? 0, document.querySelectorAll('.injected').length]"
+INJECTED = "() => [window.injected ?? 0, document.querySelectorAll('.injected').length]"
 SHOWN = """() => document.body.innerText.includes('class=injected')
   || [...document.querySelectorAll('[title], [value]')].some((e) => (e.title + (e.value ?? '')).includes('class=injected'))"""
 PAGES = [
@@ -40,8 +40,8 @@ def picture() -> bytes:
 
 
 @pytest.fixture(scope="module")
-def stored(served: Any) -> int:
-    """Store the markup wherever the API takes text; return the number of an imported frame."""
+def frame_with_markup(served: Any) -> int:
+    """Store the markup in every text that the API accepts and return the id of an imported frame."""
     served.until("/link", lambda link: link["connected"] and link["dictionary_match"])
     steps = [{"command": "GET_STATUS", "note": MARKUP}]
     answers: dict[str, int] = {}
@@ -77,21 +77,21 @@ def stored(served: Any) -> int:
     return int(sent.json()["id"])
 
 
-def test_stored_markup_is_text_on_every_page(page: Any, stored: int, at_rest: Any) -> None:
-    """No element is made from it and no script runs; most pages of users and records show it."""
-    shown = []
+def test_stored_markup_is_text_on_every_page(page: Any, frame_with_markup: int, at_rest: Any) -> None:
+    """Stored markup creates no element and runs no script on any page. At least eight pages show it as text."""
+    pages_with_text = []
     for path in PAGES:
-        page.goto(path.format(frame=stored))
+        page.goto(path.format(frame=frame_with_markup))
         at_rest(page)
-        assert page.evaluate(FOUND) == [0, 0], path
-        shown += [path] if page.evaluate(SHOWN) else []
-    assert len(shown) >= 8, shown
+        assert page.evaluate(INJECTED) == [0, 0], path
+        pages_with_text += [path] if page.evaluate(SHOWN) else []
+    assert len(pages_with_text) >= 8, pages_with_text
 
 
 def test_markup_in_an_address_is_text(page: Any, served: Any, at_rest: Any) -> None:
-    """An external link with markup is shown as text."""
+    """Markup in the address of a page creates no element and runs no script."""
     served.until("/link", lambda link: link["connected"])
     for path in QUERIES:
         page.goto(path + MARKUP.replace('"', "%22").replace("<", "%3C").replace(">", "%3E").replace(" ", "%20"))
         at_rest(page)
-        assert page.evaluate(FOUND) == [0, 0], path
+        assert page.evaluate(INJECTED) == [0, 0], path

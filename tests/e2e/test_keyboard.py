@@ -12,7 +12,7 @@ from playwright.sync_api import Page, expect
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 PASSWORD = "antares low in the south"
 SMALL = [(1024, 768), (720, 450)]
-"""A tablet, and 1440 pixels at 200 % zoom."""
+"""Sizes of a tablet and of 1440 pixels at 200 % zoom."""
 
 
 def focused(page: Page, attribute: str = "data-testid") -> str:
@@ -21,7 +21,7 @@ def focused(page: Page, attribute: str = "data-testid") -> str:
 
 
 def tab_to(page: Page, testid: str, most: int = 80) -> None:
-    """Press Tab until the control has the focus, as a user without a mouse does."""
+    """Press Tab until the control has the focus."""
     for _ in range(most):
         if focused(page) == testid:
             return
@@ -30,7 +30,7 @@ def tab_to(page: Page, testid: str, most: int = 80) -> None:
 
 
 def test_from_the_sign_in_to_an_attitude_without_a_mouse(page, data_folder):
-    """Name, Tab, password, Enter; Ctrl K finds a page, Tab reaches the chain's steps, Enter presses them."""
+    """With the keyboard, an operator signs in, opens Live with the palette, and runs the steps of the chain."""
     command = [sys.executable, "-m", "gss", "user", "add", "kim", "--role", "operator", "--password-stdin"]
     subprocess.run([*command, "--data", str(data_folder)], input=f"{PASSWORD}\n", text=True, check=True)
     page.context.clear_cookies()
@@ -67,7 +67,9 @@ def test_from_the_sign_in_to_an_attitude_without_a_mouse(page, data_folder):
 
 
 def test_a_command_is_written_completed_checked_and_sent_in_one_line(page):
-    """A colon opens the line, Tab completes, errors are shown before Enter, the arrow key recalls the history."""
+    """A colon opens the command line and Tab completes. Errors are shown before sending, and an arrow key recalls
+    commands.
+    """
     page.goto("/live")
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
     page.keyboard.press(":")
@@ -94,7 +96,7 @@ def test_a_command_is_written_completed_checked_and_sent_in_one_line(page):
 
 
 def test_a_hazardous_line_leads_to_its_confirmation(page):
-    """Enter on a critical command sends nothing: the form opens with its hazard block and asks for the name."""
+    """Enter on a critical command sends nothing, but opens the form with its confirmation."""
     page.goto("/live")
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
     page.keyboard.press(":")
@@ -109,7 +111,7 @@ def test_a_hazardous_line_leads_to_its_confirmation(page):
 
 
 def test_a_table_is_one_stop_with_arrows_inside(page):
-    """Of all buttons of the telemetry table one takes Tab; Down goes to the next row, End to the last."""
+    """Tab reaches one button of the telemetry table. Arrow keys move between rows, and End moves to the last row."""
     page.goto("/telemetry")
     table = page.get_by_test_id("telemetry").locator("table").first
     expect(table.locator("button").nth(5)).to_be_visible()
@@ -128,7 +130,7 @@ def test_a_table_is_one_stop_with_arrows_inside(page):
 
 
 def test_keys_lead_to_pages_and_do_nothing_while_typing(page):
-    """Numbers and g with a letter; in a field the same keys are text; the question mark lists them all."""
+    """Numbers, and g with a letter, open pages. In a field these keys are text. The question mark lists the keys."""
     page.goto("/live")
     expect(page.get_by_test_id("nav-commands")).to_be_visible()
     page.keyboard.press("3")
@@ -150,7 +152,7 @@ def test_keys_lead_to_pages_and_do_nothing_while_typing(page):
 
 @pytest.mark.parametrize("path", ["/live", "/commands", "/telemetry", "/catalogues/new"])
 def test_every_control_is_reachable_on_a_small_screen(page, at_rest, path):
-    """A tablet, or 1440 pixels at 200 % zoom: the header folds and keeps every cell inside; what does not fit scrolls."""
+    """On a small screen every cell of the header is visible, and every control can be scrolled into view."""
     page.goto(path)
     for size in SMALL:
         page.set_viewport_size({"width": size[0], "height": size[1]})
@@ -160,11 +162,11 @@ def test_every_control_is_reachable_on_a_small_screen(page, at_rest, path):
             assert box is not None, cell
             assert box["x"] >= 0, f"{size}: {cell}"
             assert box["x"] + box["width"] <= size[0] + 1, f"{size}: {cell} ends at {box['x'] + box['width']}"
-        reached = page.evaluate(
+        unreachable = page.evaluate(
             """() => [...document.querySelectorAll('main button, main a, main input, main select')].filter((e) => {
               e.scrollIntoView({block: 'center', inline: 'center'});
               const b = e.getBoundingClientRect();
               return b.width > 0 && (b.left < -1 || b.right > innerWidth + 1 || b.top < -1 || b.bottom > innerHeight + 1);
             }).map((e) => e.outerHTML.slice(0, 120))"""
         )
-        assert reached == [], size
+        assert unreachable == [], size

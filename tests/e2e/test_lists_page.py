@@ -1,4 +1,4 @@
-"""The page of star lists, in a browser: a file in, a table of attitudes and an export out, and a bad file rejected."""
+"""Page of star lists: upload, results, export and rejected files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ OPTICS = CAMERAS[0]
 
 
 def test_a_file_of_lists_is_solved(page: Page, tmp_path: Path) -> None:
-    """A file with a bad line is rejected with its line; the right file gives a row per list, downloadable as JSON."""
+    """A file with an invalid line is rejected with the line number. A valid file gives a row per list and a JSON
+    download.
+    """
     scenes = star_lists(visible_stars(OPTICS), OPTICS, 2, 3, 0.2, 31)
     rows = ["list,col_px,row_px,flux"]
     for number, scene in enumerate(scenes):

@@ -1,4 +1,4 @@
-"""What an operator sees at 1 Hz: overlays, outlines at a high zoom, freeze, tabs on a tablet, and latency of the picture."""
+"""Live page: overlays, outlines, freeze, layout, latency of the picture, and filters of the frame list."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WATCH_LONG_TASKS = """() => {
   new PerformanceObserver(took).observe({ type: 'longtask' });
 }"""
 WIDE_BOUND_MS = 5000
-"""A functional bound: the figure is printed, and belongs to a quiet machine."""
+"""Wide functional limit of the latency. The measured value is printed; it is meaningful only on an idle machine."""
 
 
 def image(page: Page):
@@ -33,7 +33,7 @@ def picture_bytes(page: Page) -> str:
     return str(page.eval_on_selector("[data-testid=sky-image] canvas", "c => c.toDataURL()"))
 
 
-def toggled(page: Page, painted, name: str) -> str:
+def toggle_overlay(page: Page, painted, name: str) -> str:
     """Return the content of the canvas after an overlay was hidden or shown."""
     page.get_by_test_id(f"overlay-{name}").click()
     painted(page)
@@ -41,13 +41,13 @@ def toggled(page: Page, painted, name: str) -> str:
 
 
 def freeze(page: Page) -> None:
-    """Press Space, whatever has the focus."""
+    """Press Space, which freezes the picture or continues."""
     page.keyboard.press("Space")
 
 
 @pytest.fixture(scope="module")
 def solved_frame(served) -> int:
-    """A frame of the sensor at rest, with its ground result."""
+    """Id of a new frame that has a ground result."""
     served.until("/link", lambda link: link["connected"] and link["dictionary_match"])
     newest = "/frames?limit=1&source=device"
     before = max((f["id"] for f in served.ask("GET", newest)["frames"]), default=0)
@@ -57,8 +57,8 @@ def solved_frame(served) -> int:
 
 
 @pytest.fixture
-def frame_on_show(page: Page, solved_frame) -> Page:
-    """The live page with a frame and its ground result."""
+def live_page(page: Page, solved_frame) -> Page:
+    """The Live page with a frame and its ground result."""
     assert solved_frame
     page.goto("/live")
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
@@ -67,23 +67,23 @@ def frame_on_show(page: Page, solved_frame) -> Page:
     return page
 
 
-def test_each_overlay_can_be_hidden_and_shown(frame_on_show, painted):
-    """Every toggle changes the picture, and brings it back as it was."""
-    page = frame_on_show
+def test_each_overlay_can_be_hidden_and_shown(live_page, painted):
+    """Hiding an overlay changes the picture, and showing it again restores the picture."""
+    page = live_page
     freeze(page)
     picture_bytes(page)  # a canvas that was read is drawn by the processor from then on, with other edges of letters
     for _ in range(2):
-        toggled(page, painted, "grid")
+        toggle_overlay(page, painted, "grid")
     for name in ("regions", "centroids", "matched", "predicted", "grid"):
         before = picture_bytes(page)
-        assert toggled(page, painted, name) != before, name
+        assert toggle_overlay(page, painted, name) != before, name
         expect(page.get_by_test_id(f"overlay-{name}")).to_have_attribute("aria-pressed", "false")
-        assert toggled(page, painted, name) == before, name
+        assert toggle_overlay(page, painted, name) == before, name
 
 
-def test_regions_are_outlined_by_their_pixels_from_four_to_one(frame_on_show):
-    """At the whole picture they are boxes; at 4:1 those in view are drawn by their own pixels; hidden they are not."""
-    page = frame_on_show
+def test_regions_are_outlined_by_their_pixels_from_four_to_one(live_page):
+    """Regions are outlined by their pixels at 4:1, but not in the whole picture or when they are hidden."""
+    page = live_page
     expect(image(page)).to_have_attribute("data-outlined", "0")
     page.get_by_role("button", name="4:1").click()
     expect(image(page)).to_have_attribute("data-outlined", re.compile(r"^[1-9]\d*$"))
@@ -92,17 +92,21 @@ def test_regions_are_outlined_by_their_pixels_from_four_to_one(frame_on_show):
     page.get_by_test_id("overlay-regions").click()
 
 
-def test_sun_moon_limb_and_rate_are_shown_beside_the_sky(frame_on_show):
-    """Angles with their minimum; the Earth only with a commanded orbit; the rate is unknown after a single attitude."""
-    page = frame_on_show
+def test_sun_moon_limb_and_rate_are_shown_beside_the_sky(live_page):
+    """The page shows the Sun angle with its minimum, no Earth limb without an orbit, and no rate after a single
+    attitude.
+    """
+    page = live_page
     expect(page.get_by_test_id("tile-sun")).to_have_text(re.compile(r"\d+\.\d°.*min 40°"))
     expect(page.get_by_test_id("tile-rate")).to_contain_text("–")
     expect(page.get_by_test_id("tile-earth-limb")).to_contain_text("no orbit set")
 
 
-def test_cycling_shows_each_new_frame_soon_and_freezes_on_request(frame_on_show, served, painted):
-    """While the sensor cycles the picture follows; the page blocks only briefly; Space freezes one frame."""
-    page = frame_on_show
+def test_cycling_shows_each_new_frame_soon_and_freezes_on_request(live_page, served, painted):
+    """The picture follows the cycle of the sensor with a limited latency. Space freezes a frame until it is pressed
+    again.
+    """
+    page = live_page
     page.evaluate(WATCH_LONG_TASKS)
     first = shown_frame(page)
     page.get_by_test_id("cmd-cycle").click()
@@ -120,14 +124,14 @@ def test_cycling_shows_each_new_frame_soon_and_freezes_on_request(frame_on_show,
     freeze(page)
     expect(page.get_by_text("frozen", exact=True)).to_be_visible()
     painted(page)
-    held = shown_frame(page)
+    frozen_frame = shown_frame(page)
     for _ in range(300):
         page.wait_for_timeout(100)
-        if served.ask("GET", "/frames?limit=1&source=device")["frames"][0]["id"] >= held + 3:
+        if served.ask("GET", "/frames?limit=1&source=device")["frames"][0]["id"] >= frozen_frame + 3:
             break
-    assert shown_frame(page) == held
+    assert shown_frame(page) == frozen_frame
     freeze(page)
-    expect(image(page)).not_to_have_attribute("data-frame", str(held))
+    expect(image(page)).not_to_have_attribute("data-frame", str(frozen_frame))
     page.get_by_test_id("cmd-cycle").click()
     expect(page.get_by_test_id("cmd-cycle")).to_have_text("Start cycle")
     assert len(latencies) >= 3
@@ -138,9 +142,9 @@ def test_cycling_shows_each_new_frame_soon_and_freezes_on_request(frame_on_show,
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (1024, 768)])
-def test_the_page_does_not_scroll(frame_on_show, painted, width, height):
-    """At the smallest desk and on a tablet everything is on the screen; the tablet's right column is a row of tabs."""
-    page = frame_on_show
+def test_the_page_does_not_scroll(live_page, painted, width, height):
+    """Everything fits on the smallest desktop and on a tablet, which shows the right column as tabs."""
+    page = live_page
     page.set_viewport_size({"width": width, "height": height})
     painted(page)
     over = (
@@ -153,9 +157,9 @@ def test_the_page_does_not_scroll(frame_on_show, painted, width, height):
             expect(page.get_by_test_id(inside)).to_be_visible()
 
 
-def test_filters_of_the_frame_list_are_addresses(frame_on_show):
-    """Selected filters are part of the address; opening the address restores them."""
-    page = frame_on_show
+def test_filters_of_the_frame_list_are_addresses(live_page):
+    """Selected filters are part of the address, and opening the address restores them."""
+    page = live_page
     page.goto("/frames")
     page.get_by_test_id("filter-source").select_option("device")
     expect(page).to_have_url(re.compile("source=device"))
@@ -179,15 +183,15 @@ def test_filters_of_the_frame_list_are_addresses(frame_on_show):
     expect(link).to_have_attribute("href", re.compile(r"/rerun\?frames=\d+"))
 
 
-def test_a_frame_without_stars_keeps_the_last_attitude_with_its_age(frame_on_show, served, solved_frame):
-    """The page shows the attitude of telemetry and states that the newest frame, with its number, has no solution."""
-    page = frame_on_show
+def test_a_frame_without_stars_keeps_the_last_attitude_with_its_age(live_page, served, solved_frame):
+    """The page keeps the last attitudes and states that the newest frame has no ground solution."""
+    page = live_page
     expect(page.get_by_test_id("reported-ra")).to_have_text(re.compile(r"RA \d"))
-    held = page.get_by_test_id("ground-ra").inner_text()
+    ground_ra = page.get_by_test_id("ground-ra").inner_text()
     served.ask("POST", "/commands", {"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 1}})
     served.ask("POST", "/commands", {"name": "TAKE_IMAGE", "arguments": {}})
     expect(page.get_by_test_id("kept-attitude")).to_contain_text("Last ground result: frame")
     expect(page.get_by_test_id("no-solution").first).to_contain_text("No ground solution")
     assert shown_frame(page) > solved_frame
-    expect(page.get_by_test_id("ground-ra")).to_have_text(held)
+    expect(page.get_by_test_id("ground-ra")).to_have_text(ground_ra)
     served.ask("POST", "/commands", {"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 200}})

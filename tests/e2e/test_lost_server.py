@@ -1,4 +1,4 @@
-"""The console without server or line: ABORT is never lost silently, and no lamp stays green."""
+"""The console without a server or a line: the state of ABORT and of lamps that report a present state."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Page, expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 CURRENT = "[data-lamp=ok], [data-lamp=watch], [data-lamp=warning], [data-lamp=critical], [data-lamp=progress]"
-"""Lamps that claim a present state."""
+"""Selector of lamps that report a present state."""
 
 
 class Server:
@@ -40,14 +40,14 @@ class Server:
         self.address = line[line.index("http://") :].strip()
 
     def signal(self, number: signal.Signals) -> None:
-        """Send the process a signal; after SIGKILL wait until it is gone."""
+        """Send a signal to the process. After SIGKILL, wait for its end."""
         assert self._process is not None
         self._process.send_signal(number)
         if number == signal.SIGKILL:
             self._process.wait()
 
     def stop(self) -> None:
-        """Stop it, whatever state it is in."""
+        """Stop the server in any state."""
         assert self._process is not None
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGCONT)
@@ -64,23 +64,25 @@ class Server:
         httpx2.post(f"{self.address}/api{path}", headers=self.headers, timeout=30).raise_for_status()
 
     def aborts(self) -> list[dict[str, object]]:
-        """ABORT commands in the history."""
+        """Return the ABORT commands of the history."""
         reply = httpx2.get(f"{self.address}/api/commands?name=ABORT", headers=self.headers, timeout=30)
-        found: list[dict[str, object]] = reply.raise_for_status().json()
-        return found
+        rows: list[dict[str, object]] = reply.raise_for_status().json()
+        return rows
 
 
 @pytest.fixture
 def server(tmp_path: Path, signed_in: Callable[..., dict[str, str]]) -> Iterator[Server]:
-    """A server for one test, because the tests kill it."""
-    own = Server(tmp_path, signed_in(tmp_path))
-    yield own
-    own.stop()
+    """Server of one test, because the tests kill it."""
+    server_of_test = Server(tmp_path, signed_in(tmp_path))
+    yield server_of_test
+    server_of_test.stop()
 
 
 @pytest.fixture
 def page(browser: Browser, server: Server) -> Iterator[Page]:
-    """The Live page of an admin. A browser logs every request that a dead server does not answer: the log is not checked."""
+    """The Live page of an admin. A browser logs every request that a dead server does not answer: the log is not
+    checked.
+    """
     context = browser.new_context(base_url=server.address, viewport={"width": 1440, "height": 900})
     key = server.headers["Cookie"].split("=", 1)[1]
     context.add_cookies([{"name": "gss_session", "value": key, "url": server.address}])
@@ -93,8 +95,8 @@ def page(browser: Browser, server: Server) -> Iterator[Page]:
     context.close()
 
 
-def strip(page: Page):
-    """The strip with the state of ABORT."""
+def abort_strip(page: Page):
+    """Return the strip with the state of ABORT."""
     return page.get_by_test_id("abort-strip")
 
 
@@ -105,26 +107,28 @@ def start_cycle(page: Page) -> None:
 
 
 def test_abort_without_a_server_ends_as_not_sent_and_stays_until_acknowledged(page, server):
-    """The strip is on every page, survives a reload, and offers ABORT again; nothing is sent without another press."""
+    """The strip with the unsent ABORT stays on every page and after a reload. ABORT is sent only when it is pressed
+    again.
+    """
     server.signal(signal.SIGKILL)
     expect(page.get_by_test_id("offline")).to_contain_text("commands are disabled")
     page.keyboard.press("Shift+Escape")
-    expect(strip(page)).to_contain_text("ABORT NOT SENT")
-    expect(strip(page)).to_have_attribute("role", "alert")
-    expect(strip(page)).to_contain_text("could not be reached")
-    expect(strip(page)).to_contain_text("waiting for the server")
+    expect(abort_strip(page)).to_contain_text("ABORT NOT SENT")
+    expect(abort_strip(page)).to_have_attribute("role", "alert")
+    expect(abort_strip(page)).to_contain_text("could not be reached")
+    expect(abort_strip(page)).to_contain_text("waiting for the server")
     expect(page.get_by_test_id("abort-again")).to_have_count(0)
     page.keyboard.press("3")
     expect(page).to_have_url(re.compile(r"/telemetry"))
-    expect(strip(page)).to_contain_text("ABORT NOT SENT")
+    expect(abort_strip(page)).to_contain_text("ABORT NOT SENT")
 
     server.start()
     expect(page.get_by_test_id("offline")).to_have_count(0)
     expect(page.get_by_test_id("abort-again")).to_be_visible()
-    expect(strip(page)).not_to_contain_text("command history has no such ABORT")  # a record may be stored late
-    expect(strip(page)).to_contain_text("command history has no such ABORT", timeout=90_000)
+    expect(abort_strip(page)).not_to_contain_text("command history has no such ABORT")  # a record may be stored late
+    expect(abort_strip(page)).to_contain_text("command history has no such ABORT", timeout=90_000)
     page.reload()
-    expect(strip(page)).to_contain_text("ABORT NOT SENT")
+    expect(abort_strip(page)).to_contain_text("ABORT NOT SENT")
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
     assert server.aborts() == []
 
@@ -133,42 +137,44 @@ def test_abort_without_a_server_ends_as_not_sent_and_stays_until_acknowledged(pa
     expect(page.get_by_test_id("abort-earlier")).to_contain_text("NOT SENT")
     assert [c["result"] for c in server.aborts()] == ["completed"]
     page.get_by_test_id("abort-acknowledge").click()
-    expect(strip(page)).to_have_count(0)
+    expect(abort_strip(page)).to_have_count(0)
 
 
 def test_abort_that_left_without_an_answer_is_unknown(page, server):
-    """The server accepts the connection and dies before it responds: the console shows the result as unknown."""
+    """If the server ends after it accepted the connection, the console shows the result of ABORT as unknown."""
     server.signal(signal.SIGSTOP)
     page.keyboard.press("Shift+Escape")
     expect(page.get_by_test_id("abort-sent")).to_have_attribute("data-point", "now")
     server.signal(signal.SIGKILL)
-    expect(strip(page)).to_contain_text("ABORT UNKNOWN")
-    expect(strip(page)).to_contain_text("may or may not have reached the sensor")
+    expect(abort_strip(page)).to_contain_text("ABORT UNKNOWN")
+    expect(abort_strip(page)).to_contain_text("may or may not have reached the sensor")
     expect(page.get_by_test_id("abort-sent")).to_have_attribute("data-point", "unknown")
 
 
 def test_abort_on_a_closed_line_is_not_sent_with_the_servers_reason(page, server):
-    """The server answers 409: the reason is in the strip, and ABORT is offered when the line is open again."""
+    """On a closed line the strip states that ABORT was not sent, with the reason from the server."""
     server.post("/link/close")
     expect(page.get_by_test_id("link-state")).to_contain_text("down")
     page.keyboard.press("Shift+Escape")
-    expect(strip(page)).to_contain_text("ABORT NOT SENT")
-    expect(strip(page)).to_contain_text("the line is down")
-    expect(strip(page)).to_contain_text("waiting for the line")
+    expect(abort_strip(page)).to_contain_text("ABORT NOT SENT")
+    expect(abort_strip(page)).to_contain_text("the line is down")
+    expect(abort_strip(page)).to_contain_text("waiting for the line")
 
 
 def test_abort_shows_its_stages_and_no_stale_toast(page):
-    """Pressed, sent, accepted, completed, each with its time; nothing says "queued" afterwards."""
+    """ABORT shows its stages pressed, sent, accepted and completed with their times, and no message about queueing."""
     page.keyboard.press("Shift+Escape")
     for stage in ("pressed", "sent", "accepted", "completed"):
         expect(page.get_by_test_id(f"abort-{stage}")).to_have_attribute("data-point", "done")
         expect(page.get_by_test_id(f"abort-{stage}")).to_contain_text(re.compile(r"\d\d:\d\d:\d\d\.\dZ"))
-    expect(strip(page)).to_contain_text("ABORT completed")
+    expect(abort_strip(page)).to_contain_text("ABORT completed")
     expect(page.get_by_text("ABORT queued")).to_have_count(0)
 
 
 def test_no_lamp_claims_a_present_state_without_the_server(page, server):
-    """After the server died the header, the cycle and the telemetry are grey and hatched, with the time of the last report."""
+    """Without the server no lamp reports a present state. Link, mode and cycle are unknown, with their last reported
+    state.
+    """
     start_cycle(page)
     server.signal(signal.SIGKILL)
     expect(page.get_by_test_id("offline")).to_be_visible()
@@ -185,12 +191,12 @@ def test_no_lamp_claims_a_present_state_without_the_server(page, server):
 
 
 def test_the_cycle_is_shown_as_unknown_after_the_line_was_lost(page, server):
-    """The sensor continues its cycle without a line: the console shows the last report with its time."""
+    """After the line was lost, the console shows the cycle as unknown, with the last report and its time."""
     start_cycle(page)
     server.post("/link/close")
     expect(page.get_by_test_id("link-state")).to_contain_text("down")
-    said = re.compile(r"unknown, last reported running \d\d:\d\d:\d\dZ")
-    expect(page.get_by_test_id("cycle-state")).to_contain_text(said)
+    last_report = re.compile(r"unknown, last reported running \d\d:\d\d:\d\dZ")
+    expect(page.get_by_test_id("cycle-state")).to_contain_text(last_report)
     expect(page.get_by_test_id("cycle")).to_contain_text(re.compile(r"Last reported running \d\d:\d\d:\d\dZ"))
     for part in ("mode", "bank", "dictionary", "key-telemetry", "cycle-state"):
         expect(page.get_by_test_id(part).locator(CURRENT)).to_have_count(0)
@@ -198,7 +204,7 @@ def test_the_cycle_is_shown_as_unknown_after_the_line_was_lost(page, server):
 
 
 def test_space_never_presses_a_button_that_sends(page, server):
-    """On Live it freezes and follows whatever has the focus; on Commands it does nothing on Send; Enter presses both."""
+    """Space freezes the picture on Live and does not press a button that sends. Enter presses the button."""
     sent = "/commands?name=TAKE_IMAGE"
 
     def images() -> int:

@@ -1,4 +1,4 @@
-"""The engineer's night on the roof, in a browser: frames become a calibration that reruns use and the sensor gets, and a report."""
+"""Calibration and analyses on the page, from frames of a night and from bench measurements."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
 
 pytestmark = pytest.mark.browser
-KNOWN = shipped_camera("cubestar")
-UNIT = replace(
-    KNOWN.camera, focal_col_px=KNOWN.camera.focal_col_px * 1.001, focal_row_px=KNOWN.camera.focal_row_px * 1.001
+PROFILE = shipped_camera("cubestar")
+TRUE_CAMERA = replace(
+    PROFILE.camera, focal_col_px=PROFILE.camera.focal_col_px * 1.001, focal_row_px=PROFILE.camera.focal_row_px * 1.001
 )
 FRAMES = 8
 
 
-def files() -> list[dict[str, str | bytes]]:
+def frame_files() -> list[dict[str, str | bytes]]:
     """Return eight frames of a fixed camera, four minutes apart."""
     stars, rng = SolverCache().stars(2026.5).brighter_than(6.0), np.random.default_rng(11)
-    out: list[dict[str, str | bytes]] = []
+    uploads: list[dict[str, str | bytes]] = []
     for k in range(FRAMES):
         attitude = cam_from_icrs(1.4 + SIDEREAL_RAD_S * 240 * k, 0.2, 0.5)
-        hdu = fits.PrimaryHDU(render(stars, UNIT, KNOWN.sensor, attitude, 0.25, rng).pixels)
+        hdu = fits.PrimaryHDU(render(stars, TRUE_CAMERA, PROFILE.sensor, attitude, 0.25, rng).pixels)
         hdu.header["DATE-OBS"], hdu.header["EXPTIME"] = f"2026-07-01T00:{4 * k:02d}:00", 0.25
         data = BytesIO()
         hdu.writeto(data)
-        out.append({"name": f"roof-{k}.fits", "mimeType": "application/fits", "buffer": data.getvalue()})
-    return out
+        uploads.append({"name": f"roof-{k}.fits", "mimeType": "application/fits", "buffer": data.getvalue()})
+    return uploads
 
 
 @pytest.fixture(scope="module")
 def imported(address: str, browser, headers: dict[str, str]) -> str:  # type: ignore[no-untyped-def]
-    """The frames are in the store and solved; their numbers as the page writes them."""
+    """Range of the ids of imported frames, as the page expects it."""
     context = browser.new_context(base_url=address)
     ids = []
-    for file in files():
+    for file in frame_files():
         answer = context.request.post(
             "/api/frames/import", headers=headers, multipart={"file": file, "profile": "cubestar"}
         )
@@ -58,7 +58,9 @@ def imported(address: str, browser, headers: dict[str, str]) -> str:  # type: ig
 def test_a_camera_is_calibrated_used_and_made_into_a_table(
     page: Page, imported: str, picture: Callable[[str], None]
 ) -> None:
-    """Frames in, residuals before and after on the page, reruns with the new camera, a table for the sensor, a report on paper."""
+    """Frames give a calibration with residuals, which can be used for reruns, sent as a table, and downloaded as a
+    report.
+    """
     page.goto("/calibration")
     form = page.get_by_test_id("calibrate-form")
     form.get_by_test_id("calibrate-frames").fill("12-")
@@ -84,8 +86,8 @@ def test_a_camera_is_calibrated_used_and_made_into_a_table(
 
 
 def test_a_night_becomes_a_report(page: Page, imported: str, picture: Callable[[str], None]) -> None:
-    """The Earth-fixed test states the sidereal rate; a slew without its rate cannot be requested; too few frames are
-    rejected.
+    """The Earth-fixed analysis states the sidereal rate. A slew without its rate cannot be requested, and an analysis
+    of too few frames fails with the reason.
     """
     page.goto("/calibration?tab=analyses")
     form = page.get_by_test_id("analyse-form")
@@ -104,7 +106,7 @@ def test_a_night_becomes_a_report(page: Page, imported: str, picture: Callable[[
 
 
 def test_moving_objects_are_searched_for_and_offered_as_tdm(page: Page, imported: str) -> None:
-    """A site that is not three numbers cannot be sent; a night without satellites gives a report without objects."""
+    """A site must have three numbers. The search for moving objects gives a report and a TDM."""
     page.goto("/calibration?tab=analyses")
     form = page.get_by_test_id("analyse-form")
     form.get_by_test_id("analyse-kind").select_option("moving")
@@ -117,8 +119,10 @@ def test_moving_objects_are_searched_for_and_offered_as_tdm(page: Page, imported
     expect(page.get_by_test_id("study-tdm")).to_have_attribute("href", re.compile("kind=tdm"))
 
 
-def test_a_dot_of_the_bench_is_pasted_and_given_beforehand(page: Page, imported: str) -> None:
-    """A table from a spreadsheet: a wrong row is named, a right one becomes a version that a calibration from stars can take."""
+def test_a_pasted_bench_measurement_is_used_as_prior(page: Page, imported: str) -> None:
+    """A pasted table with an invalid row is rejected. A valid one gives a version that a star calibration can use as
+    prior.
+    """
     page.goto("/calibration")
     form = page.get_by_test_id("calibrate-form")
     form.get_by_role("button", name="Bench").click()

@@ -8,19 +8,19 @@ from playwright.sync_api import expect
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 
 
-def test_a_campaign_changes_no_ground_result_and_a_person_can(page, served, new_frame, at_rest, picture):
-    """After a campaign with another chain Live and Frames show what they showed; the frame's page offers its result by a button."""
+def test_a_campaign_changes_no_ground_result_but_a_user_can(page, served, new_frame, at_rest, picture):
+    """A campaign with another chain does not change the ground result. A user can select another result of a frame."""
     frame = new_frame(page)
     ra = page.get_by_test_id("ground-ra")
     expect(ra).not_to_have_text("–")
-    before, made = ra.inner_text(), page.get_by_test_id("ground-made-with")
-    expect(made).to_have_attribute("title", "reference chain, camera cubestar")
+    before, chain_label = ra.inner_text(), page.get_by_test_id("ground-made-with")
+    expect(chain_label).to_have_attribute("title", "reference chain, camera cubestar")
     job = served.ask("POST", "/campaigns/reprocess", {"chain": "oersted"})
     served.until(f"/jobs/{job['id']}", lambda j: j["state"] == "done")
     page.reload()
     at_rest(page)
     assert ra.inner_text() == before
-    expect(made).to_have_text("Ground, reference")
+    expect(chain_label).to_have_text("Ground, reference")
     picture("operational-live")
     page.goto("/campaigns")
     page.get_by_test_id("chain-row").filter(has_text="oersted").click()

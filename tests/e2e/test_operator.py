@@ -13,7 +13,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 
 
 def test_operator_commands_the_sensor_to_an_attitude(page, new_frame, picture, pictures):
-    """Identity, image, centroids, match, attitude; on board beside ground, in arcseconds; then the 1 Hz cycle."""
+    """An operator commands the steps to an attitude, compares on-board and ground results, and runs the 1 Hz cycle."""
     new_frame(page)
     expect(page.get_by_test_id("identity")).to_have_text("SIMULATED")
     expect(page.get_by_test_id("dictionary")).to_contain_text("match")
@@ -43,7 +43,9 @@ def test_operator_commands_the_sensor_to_an_attitude(page, new_frame, picture, p
 
 
 def test_commands_have_forms_dry_runs_hazards_and_a_history(page, picture):
-    """A value out of range never leaves the page; a critical command wants its name typed; the history shows stages."""
+    """A value out of range cannot be sent. A critical command must be confirmed with its name. The history shows
+    results.
+    """
     page.goto("/commands")
     page.get_by_test_id("command-search").fill("exposure")
     page.get_by_test_id("dictionary-list").locator("[data-command=SET_EXPOSURE]").click()
@@ -69,7 +71,9 @@ def test_commands_have_forms_dry_runs_hazards_and_a_history(page, picture):
 
 
 def test_manager_builds_uploads_and_activates_a_catalogue(page, picture):
-    """Five steps with a live map; build; upload to an inactive bank; activate with its name; confirm; the header follows."""
+    """A manager builds a catalogue, uploads it to an inactive bank, activates and confirms it. The header shows the
+    bank.
+    """
     page.goto("/catalogues")
     page.get_by_test_id("new-catalogue").click()
     page.get_by_test_id("build-name").fill("zen-e2e")
@@ -101,7 +105,7 @@ def test_manager_builds_uploads_and_activates_a_catalogue(page, picture):
 
 
 def test_engineer_inspects_a_frame(page, new_frame, picture):
-    """List, detail, stars, another chain; test_rerun tests the viewer."""
+    """An engineer opens a frame, previews changed constants of a chain, and stores the result."""
     number = new_frame(page)
     page.goto("/frames")
     expect(page.get_by_test_id("frame-row").first).to_contain_text("correct")
@@ -132,7 +136,7 @@ def test_engineer_inspects_a_frame(page, new_frame, picture):
 
 
 def test_engineer_imports_a_photograph_and_gets_the_reason_for_a_rejected_one(page, tmp_path):
-    """A text file named .png is rejected with a message and adds nothing to the list."""
+    """A text file named .png is rejected with a message that names the file."""
     bad = tmp_path / "notes.png"
     bad.write_text("not a picture")
     page.goto("/frames")
@@ -141,7 +145,7 @@ def test_engineer_imports_a_photograph_and_gets_the_reason_for_a_rejected_one(pa
 
 
 def test_engineer_imports_many_files_and_sees_each_that_was_rejected(page, tmp_path):
-    """The queue sends every file; the others are stored although one is rejected."""
+    """Valid files are stored although another file is rejected. Files of other types are skipped."""
     names = ["one.png", "two.png", "broken.png", "notes.txt"]
     for k, name in enumerate(names):
         (tmp_path / name).write_text("not a picture")
@@ -155,7 +159,7 @@ def test_engineer_imports_many_files_and_sees_each_that_was_rejected(page, tmp_p
 
 
 def test_telemetry_and_contacts_show_received_data(page, picture):
-    """Values with states and limits; the contact under way."""
+    """Telemetry shows values and plots, and Contacts lists the current contact."""
     page.goto("/telemetry")
     page.get_by_test_id("page-power").click()
     expect(page.get_by_test_id("telemetry")).to_contain_text("3.3 V rail")
@@ -167,7 +171,7 @@ def test_telemetry_and_contacts_show_received_data(page, picture):
 
 
 def test_abort_answers_its_key_on_every_page(page):
-    """⇧Esc, no dialog."""
+    """Shift+Escape sends ABORT without a dialog."""
     page.goto("/frames")
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
     page.keyboard.press("Shift+Escape")
@@ -176,7 +180,7 @@ def test_abort_answers_its_key_on_every_page(page):
 
 
 def test_the_live_page_at_rest_sends_few_requests(page, at_rest):
-    """The page is updated by the stream: fewer than twelve requests in three seconds without events, none of them in a loop."""
+    """The Live page sends fewer than twelve requests in three seconds, because the event stream updates it."""
     page.goto("/live")
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
     at_rest(page)

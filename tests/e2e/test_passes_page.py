@@ -1,4 +1,4 @@
-"""The page Passes: from an empty installation to the path of a pass in the sky, and what it says about bad input."""
+"""Passes page: import of an orbit, stations, passes, plans and invalid input."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 
 
 def test_a_pass_is_shown_after_importing_orbit_and_station(page, tle_of, picture):
-    """Import an orbit, add a station with a mask, select a pass; each empty state names the next step."""
+    """After an orbit was imported and a station added, the page shows passes. Invalid elements and positions are
+    rejected.
+    """
     page.goto("/passes")
     expect(page.get_by_test_id("passes-problem")).to_contain_text("No orbit was imported")
     page.get_by_role("link", name="Import an orbit").click()
@@ -49,16 +51,17 @@ def test_a_pass_is_shown_after_importing_orbit_and_station(page, tle_of, picture
 
 
 def test_an_armed_plan_is_on_every_page_until_it_is_stopped(page, served, tle_of, picture):
-    """A plan is made from a pass and a download, and armed; another page shows it, marks it as old while it cannot be read,
-    and stops it."""
+    """An armed plan is shown on other pages, marked as last reported while it cannot be read, and can be stopped
+    there.
+    """
     served.ask("PUT", "/spacecraft", {"text": tle_of(1)})
     place = {"latitude_deg": 50.0, "longitude_deg": 8.0, "name": "Frankfurt"}
     if all(s["name"] != "Frankfurt" for s in served.ask("GET", "/stations")):
         served.ask("POST", "/stations", place)
-    coming = [p for p in served.ask("GET", "/passes?days=3")["passes"] if p["station"] == "Frankfurt"]
-    later = coming[2]
+    passes = [p for p in served.ask("GET", "/passes?days=3")["passes"] if p["station"] == "Frankfurt"]
+    third_pass = passes[2]
     page.goto("/passes?show=plans")
-    page.get_by_test_id("plan-pass").select_option(f"{later['station_id']} {later['culmination']}")
+    page.get_by_test_id("plan-pass").select_option(f"{third_pass['station_id']} {third_pass['culmination']}")
     page.get_by_test_id("plan-name").fill("Evening image")
     page.get_by_test_id("plan-add-download").click()
     page.get_by_test_id("plan-save").click()

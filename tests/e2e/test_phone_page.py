@@ -1,4 +1,4 @@
-"""A phone: alarms, acknowledgement, ABORT, attitude, link and next pass without scrolling sideways."""
+"""Live page on a phone: alarms, acknowledgement, ABORT, attitude, link and next pass."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PHONE = {"width": 390, "height": 844}
 
 
 def test_an_operator_on_call_sees_and_acts(page, served, tle_of):
-    """The summary shows an alarm, which is acknowledged there, the attitude and the next pass; ABORT is one touch away."""
+    """The summary shows alarm, attitude and next pass. The operator acknowledges the alarm and sends ABORT there."""
     served.until("/link", lambda link: link["connected"] and link["dictionary_match"])
     served.ask("PUT", "/spacecraft", {"text": tle_of(1), "source": "test"})
     served.ask("POST", "/stations", STATION)

@@ -1,4 +1,6 @@
-"""An operator writes a procedure and a derived parameter in a real browser, and runs the procedure on the simulated sensor."""
+"""An operator writes a procedure and a derived parameter in a real browser, and runs the procedure on the simulated
+sensor.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,7 @@ The warm start is complete.
 
 
 def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[str], None]) -> None:
-    """A mistake is shown with its line; each step is run and recorded; the record has its hash at the end."""
+    """The page shows a mistake with its line, runs and records each step, and shows the hash of the record."""
     page.goto("/procedures")
     page.get_by_test_id("procedure-new").click()
     page.get_by_test_id("procedure-text").fill(TEXT.replace("GET_STATUS", "GET_STATE"))
@@ -69,7 +71,9 @@ def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[
 
 
 def test_an_operator_defines_a_derived_parameter(page: Page) -> None:
-    """The expression is tried while it is written; the value appears in the table and on the telemetry page."""
+    """The page checks the expression during input. The value of the parameter is shown there and on the telemetry
+    page.
+    """
     page.goto("/telemetry/derived")
     page.get_by_test_id("derived-name").fill("supply_twice_v")
     page.get_by_test_id("derived-expression").fill("2 * housekeeping.supply_3v3_v +")

@@ -1,4 +1,6 @@
-"""The embedded viewer, in a small window because it is drawn by the processor here: on a frame with its neighbours, and live."""
+"""The embedded viewer of a frame and of live data, in a small window, because it is drawn without a graphics
+processor.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,8 @@ def viewer(page: Page):
 
 
 def test_the_viewer_opens_on_the_frame_reports_its_selection_and_grows_live(page, new_frame, picture):
-    """The viewer shows the page's frame; a clicked entity is named on the page; ABORT overrides the viewer's keys; a
-    live recording gets a block per event.
+    """The viewer shows the frame of the page and reports a clicked entity. The ABORT key works in the viewer, and a
+    live recording receives new data.
     """
     older, newest = new_frame(page), new_frame(page)
     page.set_viewport_size(SMALL)
@@ -32,7 +34,7 @@ def test_the_viewer_opens_on_the_frame_reports_its_selection_and_grows_live(page
     expect(viewer(page)).to_have_attribute("data-frame", str(newest), timeout=SLOW_MS)
     box = viewer(page).locator("canvas").bounding_box()
     assert box is not None
-    # Somewhere there is the picture. The viewer reads the pointer once per drawing, which takes seconds on a busy machine.
+    # The picture is at one of these positions. The viewer reads the pointer once per drawing, which may take seconds.
     for wait_ms, across in product((500, 2000, 6000), (0.8, 0.72, 0.88)):
         page.mouse.move(box["x"] + box["width"] * across, box["y"] + box["height"] * 0.25)
         page.wait_for_timeout(wait_ms)

@@ -1,4 +1,4 @@
-"""The page of performance sheets, in a browser: frames in, figures with intervals out, and what the missing rows need."""
+"""Page of performance sheets: figures from frames, and the requirements of missing rows."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from gss.pipeline.render import render
 from gss.pipeline.sheet.unit import scan
 
 pytestmark = pytest.mark.browser
-KNOWN = shipped_camera("cubestar")
+PROFILE = shipped_camera("cubestar")
 FRAMES = 10
 
 
 @pytest.fixture(scope="module")
 def imported(address: str, browser, headers: dict[str, str]) -> str:  # type: ignore[no-untyped-def]
-    """Frames of ten pointings are in the store; their numbers as the page writes them."""
+    """Range of the ids of imported frames of ten pointings, as the page expects it."""
     stars, rng = SolverCache().stars(2026.5).brighter_than(6.0), np.random.default_rng(12)
     context = browser.new_context(base_url=address)
     ids = []
     for k, moment in enumerate(scan(FRAMES, rng)):
-        hdu = fits.PrimaryHDU(render(stars, KNOWN.camera, KNOWN.sensor, moment.cam_from_icrs, 0.25, rng).pixels)
+        hdu = fits.PrimaryHDU(render(stars, PROFILE.camera, PROFILE.sensor, moment.cam_from_icrs, 0.25, rng).pixels)
         hdu.header["DATE-OBS"], hdu.header["EXPTIME"] = f"2026-07-01T00:{k:02d}:00", 0.25
         data = BytesIO()
         hdu.writeto(data)
@@ -42,7 +42,9 @@ def imported(address: str, browser, headers: dict[str, str]) -> str:  # type: ig
 
 
 def test_a_sheet_is_made_from_frames(page: Page, imported: str, picture: Callable[[str], None]) -> None:
-    """The spatial errors of ten pointings have intervals; the bias says that it needs a second head; the PDF is there."""
+    """The sheet shows the errors of ten pointings, states that the bias needs a second head, and can be downloaded as
+    PDF.
+    """
     page.goto("/sheet")
     page.get_by_test_id("sheet-camera").select_option("cubestar")
     page.get_by_test_id("sheet-frames").fill(imported)
@@ -52,7 +54,7 @@ def test_a_sheet_is_made_from_frames(page: Page, imported: str, picture: Callabl
     expect(page.get_by_test_id("sheet-bias")).to_contain_text("second head")
     expect(page.get_by_test_id("sheet-acquisition")).to_contain_text("100 %")
     expect(page.get_by_test_id("sheet-panel")).to_contain_text("after ECSS-E-ST-60-20C")
-    with page.expect_download() as paper:
+    with page.expect_download() as download:
         page.get_by_test_id("sheet-pdf").click()
-    assert paper.value.path().read_bytes().startswith(b"%PDF")
+    assert download.value.path().read_bytes().startswith(b"%PDF")
     picture("page-sheet-made")

@@ -1,4 +1,4 @@
-"""From the printed set-up link to the first attitude; signing in, signing out, and resuming after sign-in."""
+"""Setup with the printed link, sign-in, sign-out, the tour, and continuing after the end of a session."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ CHEAP = {"GSS_PASSWORD_MEMORY_KIB": "64", "GSS_PASSWORD_PASSES": "1"}
 
 
 @pytest.fixture(scope="module")
-def printed(tmp_path_factory):
-    """The set-up link of ``gss serve`` with nothing in its folder and a simulated CubeStar."""
+def setup_link(tmp_path_factory):
+    """Setup link that ``gss serve`` prints with an empty folder and a simulated CubeStar."""
     folder = tmp_path_factory.mktemp("fresh") / "data"
     command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), "--simulator", "cubestar"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, **CHEAP})
@@ -31,14 +31,14 @@ def printed(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def address(printed):
-    """Overrides the shared server: here no user is signed in."""
-    return printed.split("/setup#")[0]
+def address(setup_link):
+    """Address of the server without users, instead of the shared server."""
+    return setup_link.split("/setup#")[0]
 
 
 @pytest.fixture
 def cookie():
-    """Replace the shared sign-in: these tests sign in themselves."""
+    """No session, because these tests sign in."""
     return
 
 
@@ -49,9 +49,9 @@ def sign_in(page, name=NAME, password=PASSWORD):
     page.keyboard.press("Enter")
 
 
-def test_the_printed_link_leads_to_live_by_the_keyboard_alone(page, printed, picture):
-    """A name, a password twice with what is missing in words, and Live opens with the tour; the link is then used up."""
-    page.goto(printed)
+def test_the_printed_link_leads_to_live_by_the_keyboard_alone(page, setup_link, picture):
+    """With the keyboard, a user chooses a name and a password, and Live opens. A second use of the link is rejected."""
+    page.goto(setup_link)
     expect(page.get_by_test_id("set-up-name")).to_be_focused()
     page.keyboard.type(NAME)
     page.keyboard.press("Tab")
@@ -72,14 +72,14 @@ def test_the_printed_link_leads_to_live_by_the_keyboard_alone(page, printed, pic
 
     page.context.clear_cookies()
     page.goto("about:blank")
-    page.goto(printed)
+    page.goto(setup_link)
     expect(page.get_by_test_id("link-over")).to_contain_text("invalid, expired or already used")
     expect(page.get_by_test_id("link-over")).to_contain_text("Ask an admin for a new link")
     expect(page.get_by_test_id("set-up")).to_have_count(0)
 
 
 def test_a_failed_sign_in_gives_the_reason_and_a_successful_one_opens_the_requested_page(page, picture):
-    """A wrong password is rejected without revealing which part was wrong; the right one opens the deep link."""
+    """A wrong password gives a message that does not reveal the wrong part. Sign-in opens the requested page."""
     page.goto("/telemetry")
     expect(page.get_by_test_id("sign-in-name")).to_be_focused()
     sign_in(page, password="not the password")
@@ -93,9 +93,9 @@ def test_a_failed_sign_in_gives_the_reason_and_a_successful_one_opens_the_reques
 
 
 def test_a_tour_leads_an_empty_store_to_the_first_attitude(page, picture):
-    """Five steps, each advanced by a report of the sensor; at the end on-board and ground results are shown together.
+    """The tour advances with each report of the sensor and ends with the comparison of on-board and ground results.
 
-    Closed, the tour can be reopened with a link.
+    After it was closed, a link opens it again.
     """
     page.goto("/live")
     sign_in(page)
@@ -123,18 +123,19 @@ def test_a_tour_leads_an_empty_store_to_the_first_attitude(page, picture):
 
 
 def test_the_page_is_unchanged_after_a_session_ended(page, picture):
-    """After the session was ended elsewhere, sign-in opens in place, the half-filled form is kept, and the rejected request
-    is not resent."""
+    """After the session was ended elsewhere, sign-in opens in place, the half-filled form is kept, and the rejected
+    request is not resent.
+    """
     page.goto("/commands")
     sign_in(page)
     page.get_by_test_id("command-search").fill("exposure")
     page.get_by_test_id("dictionary-list").locator("[data-command=SET_EXPOSURE]").click()
     page.get_by_test_id("arg-exposure_ms").fill("321")
-    late = []
-    page.route("**/api/commands?*text=exposure", lambda route: late.append(route))
+    held_requests = []
+    page.route("**/api/commands?*text=exposure", lambda route: held_requests.append(route))
     with page.expect_request("**/api/commands?*text=exposure"):
         page.get_by_test_id("history-text").fill("exposure")
-    own = page.evaluate(
+    deletion_status = page.evaluate(
         """async () => {
             const who = await (await fetch('/api/session')).json();
             const mine = (await (await fetch('/api/sessions')).json()).find((s) => s.own);
@@ -142,9 +143,9 @@ def test_the_page_is_unchanged_after_a_session_ended(page, picture):
             return gone.status;
         }"""
     )
-    assert own == 204
-    refusals = [route.fetch() for route in late]  # requested by the old session, rejected after its end
-    assert [refusal.status for refusal in refusals] == [401] * len(late) != []
+    assert deletion_status == 204
+    rejections = [route.fetch() for route in held_requests]  # requested by the old session, rejected after its end
+    assert [rejection.status for rejection in rejections] == [401] * len(held_requests) != []
     expect(page.get_by_test_id("session-ended")).to_contain_text("Your session ended")
     expect(page.get_by_test_id("sign-in-name")).to_have_value(NAME)
     expect(page.get_by_test_id("sign-in-password")).to_be_focused()
@@ -153,17 +154,17 @@ def test_the_page_is_unchanged_after_a_session_ended(page, picture):
     page.keyboard.press("Enter")
     expect(page.get_by_test_id("arg-exposure_ms")).to_have_value("321")
     expect(page.get_by_test_id("console-state")).to_contain_text("console connected")
-    for route, refusal in zip(
-        late, refusals, strict=False
+    for route, rejection in zip(
+        held_requests, rejections, strict=False
     ):  # answers that are older than the new session do not end it
-        route.fulfill(response=refusal)
+        route.fulfill(response=rejection)
     page.unroute("**/api/commands?*text=exposure")
     page.get_by_test_id("command-send").click()
     expect(page.get_by_test_id("history-row").filter(has_text="exposure 321")).to_contain_text("completed")
 
 
-def test_a_user_changes_his_password_and_signs_out(page, picture):
-    """The old password is required; the session continues; after signing out only the new one works."""
+def test_a_user_changes_the_password_and_signs_out(page, picture):
+    """A password change needs the old password and keeps the session. After signing out only the new password works."""
     page.goto("/contacts")
     sign_in(page)
     page.get_by_test_id("user-open").click()

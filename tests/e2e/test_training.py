@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
 PATIENCE_MS = 120_000
-"""For what the simulated sensor does in its own time, on a busy machine."""
+"""Timeout for activities of the simulated sensor on a busy machine."""
 SAME_COUNT = """() => {
   const [list, header] = ['open-alarms', 'alarm'].map((id) => document.querySelector(`[data-testid=${id}]`)?.textContent);
   return list && header && header.includes(`${parseInt(list)} open`);
@@ -18,21 +18,23 @@ SAME_COUNT = """() => {
 
 
 def choose(page, kind: str, fault: str, value: str) -> None:
-    """Set the instructor's form and inject."""
+    """Fill in the training form and inject the fault."""
     page.get_by_test_id("training-fault").select_option(fault)
     page.get_by_test_id("training-SIM_INJECT-value").fill(value)
     page.get_by_test_id(f"training-{kind}").click()
 
 
 def remove_faults(page) -> None:
-    """Open the training panel without a fault, also after a test that ended in the middle."""
+    """Open the training panel and remove all faults, which a failed test may have left."""
     page.goto("/commands?side=training")
     page.get_by_test_id("training-calm").click()
     expect(page.get_by_test_id("training")).to_contain_text("no active fault")
 
 
 def test_an_alarm_latches_until_cleared_and_acknowledged(page, at_rest, picture):
-    """Overheating raises an alarm in header and monitor; acknowledged it stays while hot; cool again it closes."""
+    """Overheating raises an alarm, which can be acknowledged and shelved and closes after cooling and
+    acknowledgement.
+    """
     remove_faults(page)
     choose(page, "SIM_INJECT", "overheat", "60")
     expect(page.get_by_test_id("training")).to_contain_text("1 training fault active")
@@ -73,7 +75,9 @@ def test_an_alarm_latches_until_cleared_and_acknowledged(page, at_rest, picture)
 def test_another_operator_holds_authority_and_it_is_broken_with_a_reason(
     page, picture, address, headers, data_folder, signed_in
 ):
-    """Controls say who holds it; after breaking it commands go out again; ABORT was never blocked."""
+    """The page names the holder of the authority. ABORT works meanwhile, and commands after the authority was
+    broken.
+    """
     httpx2.post(f"{address}/api/authority/release", headers=headers)
     other = signed_in(data_folder, "operator", "operator-2")
     taken = httpx2.post(f"{address}/api/authority/take", headers=other)
@@ -97,7 +101,7 @@ def test_another_operator_holds_authority_and_it_is_broken_with_a_reason(
 
 
 def test_a_stack_runs_step_by_step_and_a_schedule_waits_on_board(page, picture):
-    """Two steps complete; a hazardous stack needs typed names; a scheduled command is listed by the device and cancelled."""
+    """A stack of two steps completes. A scheduled command is listed and can be cancelled."""
     page.goto("/commands")
     page.get_by_test_id("stack-new").click()
     page.get_by_test_id("stack-name").fill("evening start")
@@ -124,7 +128,7 @@ def test_a_stack_runs_step_by_step_and_a_schedule_waits_on_board(page, picture):
 
 
 def test_a_calibration_is_written_sent_activated_and_confirmed(page, picture):
-    """From the profile's values to an active table, with verify by read-back and a typed name."""
+    """A table with the values of the profile is stored, sent, activated with its typed name, and confirmed."""
     page.goto("/catalogues")
     page.get_by_test_id("table-new").click()
     page.get_by_test_id("table-name").fill("after bench test")
@@ -141,7 +145,7 @@ def test_a_calibration_is_written_sent_activated_and_confirmed(page, picture):
 
 
 def test_a_stored_frame_is_uploaded_and_solved_on_board(page, new_frame):
-    """A frame is taken, stored, uploaded into another image memory, and identified by the sensor."""
+    """A stored frame is uploaded into another image memory, and the sensor solves it. The replay is equal."""
     remove_faults(page)
     page.goto(f"/frames/{new_frame(page)}")
     page.get_by_test_id("open-send").click()
@@ -153,7 +157,7 @@ def test_a_stored_frame_is_uploaded_and_solved_on_board(page, new_frame):
 
 
 def test_a_contact_is_read_back_replayed_and_reported(page, picture):
-    """Counters and gaps; the capture goes through the decoder again; the pass report prints."""
+    """The page shows the counters of a contact, replays its capture, and links to a report without scripts."""
     page.goto("/contacts")
     page.get_by_test_id("contact-row").first.click()
     expect(page.get_by_test_id("contact-detail")).to_contain_text("Counters")
@@ -168,7 +172,7 @@ def test_a_contact_is_read_back_replayed_and_reported(page, picture):
 
 
 def test_an_experiment_shows_the_papers_figures_beside_ours(page, picture):
-    """A small run of Erlank's Table 3.6, as a job, as a table."""
+    """A small run of Erlank's Table 3.6 shows the figures of the paper in a table."""
     page.goto("/campaigns")
     page.get_by_test_id("trials").fill("500")
     page.get_by_test_id("run-erlank-3-6").click()

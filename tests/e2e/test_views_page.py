@@ -13,14 +13,16 @@ SLOW = 30_000
 
 
 def test_a_view_is_stored_and_its_link_opens_the_same_page(page: Page, served) -> None:
-    """The filters of Frames are stored and opened again; a telemetry page is stored on the server, not in the browser."""
+    """A view stores the filters of Frames and restores them. A telemetry page is stored on the server, not in the
+    browser.
+    """
     page.goto("/views?save=/frames?outcome%3Dsolved%26stars%3D5")
     page.get_by_test_id("view-name").fill("Good frames")
     page.get_by_test_id("view-save").click()
     row = page.locator("[data-view='Good frames']")
     expect(row).to_contain_text("version 1", timeout=SLOW)
-    made = next(view for view in served.ask("GET", "/views") if view["name"] == "Good frames")
-    page.goto(f"/views/{made['id']}")
+    frames_view = next(view for view in served.ask("GET", "/views") if view["name"] == "Good frames")
+    page.goto(f"/views/{frames_view['id']}")
     expect(page).to_have_url(re.compile(r"/frames\?outcome=solved&stars=5$"), timeout=SLOW)
 
     page.goto("/telemetry?plot=housekeeping.mode")

@@ -23,7 +23,7 @@ _nurseries: list[Any] = []
 
 
 def hatch(what: str, arguments: list[str], environment: dict[str, str], stderr: int) -> Any:
-    """A real process, forked from one that has its imports behind it."""
+    """Start a process that is forked from a preloaded one."""
     if not _nurseries:
         _nurseries.append(nursery.Nursery())
     return _nurseries[0].hatch(what, arguments, {**os.environ, **environment}, stderr)
@@ -44,13 +44,13 @@ class Console:
         self.http = httpx2.Client(base_url=f"{address}/api", headers=headers, timeout=30)
 
     def get(self, path: str, **query: Any) -> Any:
-        """JSON of a page that must exist."""
+        """Return the JSON of a GET that must succeed."""
         reply = self.http.get(path, params=query)
         assert reply.status_code == 200, reply.text
         return reply.json()
 
     def post(self, path: str, body: Any = None, status: int = 201) -> Any:
-        """JSON of a change that must succeed."""
+        """Return the JSON of a POST that must succeed."""
         reply = self.http.post(path, json=body)
         assert reply.status_code == status, reply.text
         return reply.json()
@@ -76,7 +76,7 @@ class Console:
 
 
 class Server:
-    """``gss serve`` as a child process on a free port. ``headers``: those of a signed-in user's requests."""
+    """``gss serve`` as a child process on a free port. ``headers``: request headers of a signed-in user."""
 
     def __init__(self, folder: Path, headers: dict[str, str], *arguments: str, **environment: str) -> None:
         self.folder = folder
@@ -114,7 +114,7 @@ class Server:
 
 @pytest.fixture
 def serve(tmp_path: Path, signed_in: Callable[..., dict[str, str]]) -> Iterator[Callable[..., Server]]:
-    """Starts servers on one data folder, with an admin signed in, and ends those that are left."""
+    """Factory of servers on one data folder with a signed-in admin. Running servers are stopped after the test."""
     started: list[Server] = []
 
     def start(*arguments: str, **environment: str) -> Server:
@@ -152,7 +152,7 @@ class Sensor:
         self.process.stdout.close()
 
     def stop(self) -> None:
-        """As its supervisor would."""
+        """Stop the simulator with SIGTERM, as its supervisor does."""
         if self.process.poll() is None:
             self.process.terminate()
             self.process.wait(timeout=60)
@@ -161,15 +161,15 @@ class Sensor:
 
 @pytest.fixture
 def sensor(tmp_path: Path) -> Iterator[Sensor]:
-    """A sensor of the test's own."""
-    made = Sensor(tmp_path / "sensor")
-    yield made
-    made.stop()
+    """Sensor of one test."""
+    simulator = Sensor(tmp_path / "sensor")
+    yield simulator
+    simulator.stop()
 
 
 @pytest.fixture
 def simulator(tmp_path: Path) -> Iterator[str]:
-    """A simulated sensor on a TCP port, independent of any server; its address."""
-    made = Sensor(tmp_path / "sensor")
-    yield made.url
-    made.stop()
+    """Address of a simulated sensor on a TCP port, independent of any server."""
+    sensor = Sensor(tmp_path / "sensor")
+    yield sensor.url
+    sensor.stop()

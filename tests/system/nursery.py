@@ -24,7 +24,7 @@ ENOUGH = 1 << 16
 
 
 class Hatched:
-    """A forked process, as subprocess.Popen would show it."""
+    """A forked process, with the interface of subprocess.Popen."""
 
     def __init__(self, pid: int, stdout: io.TextIOWrapper) -> None:
         self.pid, self.stdout, self.returncode = pid, stdout, None
@@ -107,7 +107,7 @@ class Nursery:
 
 
 def load() -> None:
-    """Everything that a server or a simulator imports and reads at its start."""
+    """Import and read everything that a server or a simulator needs at its start."""
     import uvicorn  # noqa: F401
 
     import gss.api.app
@@ -164,7 +164,7 @@ def _report_ended(channel: socket.socket) -> None:
 
 
 def _live(order: dict[str, Any], descriptors: list[int]) -> None:
-    """The child: its own streams, environment and signals, then what the command line would do."""
+    """Set streams, environment and signals of the child process, run its command, and exit."""
     code = 1
     try:
         for number in (signal.SIGCHLD, signal.SIGTERM):

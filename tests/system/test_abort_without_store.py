@@ -1,4 +1,4 @@
-"""ABORT and the line while the store is locked: the line never waits for it, and nothing is lost afterwards."""
+"""ABORT and the line while the store is locked: the line does not wait for the store, and nothing is lost."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 
 LOCK_WAIT_S = 5.0
-"""SQLite's own wait for a lock; anything that waited for the store takes longer."""
+"""Time that SQLite waits for a lock. An action that waits for the store takes longer."""
 
 
 @contextmanager
 def locked(database: Path) -> Iterator[None]:
-    """Another process holds the write lock."""
+    """Hold the write lock of the database from another connection."""
     connection = sqlite3.connect(database, isolation_level=None, timeout=30)
     connection.execute("BEGIN IMMEDIATE")
     try:
@@ -28,7 +28,7 @@ def locked(database: Path) -> Iterator[None]:
 
 
 def test_abort_leaves_while_the_database_is_locked(serve, sensor):
-    """The cycle stops while the lock is held; the answer says that the record is still open; after the lock it is complete."""
+    """ABORT stops the cycle while the lock is held. Its record is stored after the lock was released."""
     server = serve("--device", sensor.url)
     console = server.console
     console.wait("the sensor", lambda: console.get("/link")["dictionary_match"])
@@ -54,7 +54,7 @@ def test_abort_leaves_while_the_database_is_locked(serve, sensor):
 
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL], ids=["SIGTERM", "SIGKILL"])
 def test_abort_is_on_record_after_a_server_that_ended_while_the_database_was_locked(serve, sensor, end):
-    """The next server has its row, as unknown, and gives its request id to no other command."""
+    """The next server has ABORT as a command with an unknown result and does not use its request id again."""
     server = serve("--device", sensor.url)
     console = server.console
     console.wait("the sensor", lambda: console.get("/link")["dictionary_match"])
@@ -72,7 +72,9 @@ def test_abort_is_on_record_after_a_server_that_ended_while_the_database_was_loc
 
 
 def test_a_line_that_opens_while_the_database_is_locked_gets_its_contact_later(serve, sensor):
-    """Bytes flow and ABORT leaves without a contact's row; the row and its capture are complete once the lock is gone."""
+    """Data and ABORT are transferred without a stored contact. Contact and capture are stored after the lock was
+    released.
+    """
     server = serve()
     console = server.console
     with locked(server.folder / "gss.db"):

@@ -49,7 +49,7 @@ LOCAL = (
 
 
 class OperatorConsole:
-    """An admin's program at a server."""
+    """HTTP client of an admin."""
 
     def __init__(self, server: Served) -> None:
         self.server, self.address, self.headers = server, server.address, server.headers
@@ -82,13 +82,13 @@ class OperatorConsole:
 
 @pytest.fixture(scope="module")
 def private_folder(tmp_path_factory):
-    """Where the server of these tests makes its private socket."""
+    """Folder in which the server creates its private socket."""
     return tmp_path_factory.mktemp("t")
 
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory, private_folder):
-    """A server with two API workers and a simulated sensor that has been met."""
+    """Client of a server with two API workers and a simulated sensor that has reported its banks."""
     folder = tmp_path_factory.mktemp("server") / "data"
     options = {"TMPDIR": str(private_folder), "GSS_SIMULATOR_BAUD": "0"}
     with served(folder, "--simulator", "cubestar", "--workers", "2", **options) as server:
@@ -99,9 +99,10 @@ def desk(tmp_path_factory, private_folder):
         desk.http.close()
 
 
-def alike(one: httpx2.Response, other: httpx2.Response) -> bool:
-    """True if two responses are equal; numbers may differ in the last digit, because two processes may add the same numbers in
-    another order."""
+def responses_equal(one: httpx2.Response, other: httpx2.Response) -> bool:
+    """True if two responses are equal; numbers may differ in the last digit, because two processes may add the
+    same numbers in another order.
+    """
     if "json" not in one.headers["content-type"] or "json" not in other.headers["content-type"]:
         return one.content == other.content
 
@@ -118,13 +119,13 @@ def alike(one: httpx2.Response, other: httpx2.Response) -> bool:
 
 
 def workers_of(server: Served) -> dict[str, int]:
-    """Process ids of the workers that live."""
+    """Return the process ids of the running workers by name."""
     return {name: pid for name, pid in server.processes().items() if name != "link"}
 
 
 def test_the_main_job_through_workers_gives_the_responses_of_the_link_process(desk, private_folder):
-    """Command to attitude through two workers; a worker's local responses equal the link process's; only the owner can
-    open the private socket, and a request to it without a session is rejected again.
+    """The main job works through two workers, whose local responses equal those of the link process. Only the owner can
+    open the private socket, and a request to it without a session is rejected.
     """
     console = desk
     assert len(workers_of(desk.server)) == 2
@@ -156,7 +157,7 @@ def test_the_main_job_through_workers_gives_the_responses_of_the_link_process(de
             from_link = link.get(path, headers=console.headers)
             assert from_worker.status_code == 200, (path, from_worker.text)
             if path not in ("/contacts", "/events"):  # these change between two requests
-                assert alike(from_worker, from_link), path
+                assert responses_equal(from_worker, from_link), path
         assert link.get("/link").status_code == 401
         assert link.get("/frames").status_code == 401
     assert console.http.get("/frames/999999").status_code == 404
@@ -195,23 +196,22 @@ def test_a_session_is_shared_by_all_workers(desk):
 
 
 def test_a_killed_worker_loses_nothing(desk):
-    """kill -9 of both during commands and streams: acknowledged commands are stored once, the streams resume without
-    missing a recorded event, new workers start, and an event records it. Meanwhile ABORT works. Without the link
-    process no worker stays.
+    """After both workers are killed, acknowledged commands are stored once, streams resume without a missing
+    event, and new workers start. ABORT works without workers. Workers end with the link process.
     """
     console = desk
     host, port = console.address.removeprefix("http://").split(":")
     logs = [StreamLog() for _ in range(8)]
-    before, until_s, enough = workers_of(desk.server), time.monotonic() + 150, threading.Event()
+    before, until_s, finished = workers_of(desk.server), time.monotonic() + 150, threading.Event()
 
-    async def everybody() -> None:
+    async def follow_streams() -> None:
         listening = [asyncio.create_task(listen(host, int(port), console.headers, h, until_s)) for h in logs]
-        await asyncio.to_thread(enough.wait)
+        await asyncio.to_thread(finished.wait)
         for task in listening:
             task.cancel()
         await asyncio.gather(*listening, return_exceptions=True)
 
-    listeners = threading.Thread(target=lambda: asyncio.run(everybody()))
+    listeners = threading.Thread(target=lambda: asyncio.run(follow_streams()))
     listeners.start()
     acknowledged, broken, killed = [], 0, 0
     while len(acknowledged) < 30 and time.monotonic() < until_s - 60:
@@ -227,7 +227,7 @@ def test_a_killed_worker_loses_nothing(desk):
             broken += 1
         time.sleep(0.05)
 
-    def new_crew() -> bool:
+    def new_workers() -> bool:
         now = set(workers_of(desk.server).values())
         return len(now) == 2 and not now & set(before.values())
 
@@ -235,10 +235,10 @@ def test_a_killed_worker_loses_nothing(desk):
         return int(console.get("/events", limit=1000)[-1]["seq"])
 
     try:
-        console.wait("another worker", new_crew, 30)
+        console.wait("another worker", new_workers, 30)
         console.wait("every stream to have every event", lambda: {h.seq for h in logs} == {newest()})
     finally:
-        enough.set()
+        finished.set()
         listeners.join()
     rows = console.get("/commands", limit=1000, name="GET_STATUS")
     stored = [row["id"] for row in rows if row["user"] != "gss"]
@@ -250,17 +250,19 @@ def test_a_killed_worker_loses_nothing(desk):
     assert {(h.jumps, h.dropped) for h in logs} == {(0, 0)}
     assert any("API worker" in e["text"] and "signal 9" in e["text"] for e in console.get("/events", limit=1000))
 
-    left = abort_gets_through_while_no_worker_is_alive(console)
+    replacements = abort_gets_through_while_no_worker_is_alive(console)
     desk.server.process.kill()
     deadline = time.monotonic() + 60
-    while any(_alive(pid) for pid in left) and time.monotonic() < deadline:
+    while any(_alive(pid) for pid in replacements) and time.monotonic() < deadline:
         time.sleep(0.1)
-    assert not [pid for pid in left if _alive(pid)]
+    assert not [pid for pid in replacements if _alive(pid)]
 
 
 def abort_gets_through_while_no_worker_is_alive(console: OperatorConsole) -> set[int]:
-    """Both are killed and the next two held still before they have loaded: the link process answers at the public door itself, with
-    the same guard. The two that come next."""
+    """Kill both workers and suspend their replacements; the link process must then answer on the public port.
+
+    Returns the process ids of the replacements.
+    """
     before = set(workers_of(console.server).values())
     for pid in before:
         os.kill(pid, signal.SIGKILL)
@@ -269,18 +271,18 @@ def abort_gets_through_while_no_worker_is_alive(console: OperatorConsole) -> set
         now = set(workers_of(console.server).values()) - before
         return now if len(now) == 2 else set()
 
-    held: set[int] = console.wait("their replacements", next_two, 60)
-    for pid in held:
+    suspended: set[int] = console.wait("their replacements", next_two, 60)
+    for pid in suspended:
         os.kill(pid, signal.SIGSTOP)
     try:
         abort = httpx2.post(f"{console.address}/api/commands/abort", headers=console.headers, timeout=60)
-        stranger = httpx2.get(f"{console.address}/api/link", timeout=60)
-        assert (abort.status_code, stranger.status_code) == (201, 401)
+        anonymous = httpx2.get(f"{console.address}/api/link", timeout=60)
+        assert (abort.status_code, anonymous.status_code) == (201, 401)
         assert console.server.listeners() == 2
     finally:
-        for pid in held:
+        for pid in suspended:
             os.kill(pid, signal.SIGCONT)
-    return held
+    return suspended
 
 
 def _alive(pid: int) -> bool:

@@ -20,7 +20,7 @@ HOST = b"Host: localhost\r\n"
 PLAIN = HOST + b"Connection: close\r\n\r\n"
 STATUS = re.compile(rb"HTTP/1\.[01] (\d{3}) ")
 SECRETS = (b"root:", b"SQLite format", b"[project]", b"PRIVATE KEY")
-"""Starts of files outside of what the server publishes."""
+"""First bytes of files that the server must not publish."""
 MAX_ANSWER_BYTES = 1 << 20
 QUIET_S = 20.0
 
@@ -141,7 +141,7 @@ REQUESTS = (
 
 @pytest.fixture(scope="module", params=[(), ("--workers", "1")], ids=["one process", "a worker"])
 def server(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    """A server for all requests."""
+    """Server that receives all requests of this file."""
     with served(tmp_path_factory.mktemp("attacked") / "data", *request.param) as server:
         yield server
 
@@ -160,7 +160,9 @@ def answers(server: Served, request: bytes) -> bytes:
 
 @pytest.mark.parametrize("name", REQUESTS)
 def test_a_hostile_request_is_rejected_or_harmless(server: Served, name: str) -> None:
-    """No file of the machine, no header from the request, no second request, no internal error, no other protocol."""
+    """The response contains no file of the host and no injected header. No second request and no other protocol
+    is served.
+    """
     received = answers(server, REQUESTS[name])
     statuses = [int(code) for code in STATUS.findall(received)]
     assert not [code for code in statuses if code >= 500], received[:500]
@@ -176,7 +178,7 @@ def test_a_hostile_request_is_rejected_or_harmless(server: Served, name: str) ->
 
 
 def test_the_server_still_works_afterwards(server: Served) -> None:
-    """An admin reads, ABORT is answered, and the log has no traceback."""
+    """After all requests the server answers an admin and ABORT, and its log has no traceback."""
     with httpx2.Client(base_url=f"{server.address}/api", headers=server.headers, timeout=30) as client:
         assert client.get("/link").status_code == 200
         assert client.post("/commands/abort").status_code == 409

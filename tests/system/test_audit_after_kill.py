@@ -9,8 +9,8 @@ import httpx2
 
 
 def test_no_acknowledged_change_lacks_its_audit_row(serve):
-    """The server is killed while two threads make changes, three times; each acknowledged change is in the log of the next."""
-    made: list[int] = []
+    """After the server was killed during changes, three times, every acknowledged change is in the audit log."""
+    acknowledged_ids: list[int] = []
     for round_number in range(3):
         server = serve()
         stop = threading.Event()
@@ -23,8 +23,8 @@ def test_no_acknowledged_change_lacks_its_audit_row(serve):
                 try:
                     reply = console.http.post("/tokens", json=body)
                     if reply.status_code == 201:
-                        made.append(reply.json()["token"]["id"])
-                        console.http.delete(f"/tokens/{made[-1]}")
+                        acknowledged_ids.append(reply.json()["token"]["id"])
+                        console.http.delete(f"/tokens/{acknowledged_ids[-1]}")
                 except (httpx2.HTTPError, OSError):
                     return
 
@@ -44,5 +44,5 @@ def test_no_acknowledged_change_lacks_its_audit_row(serve):
     stored = {row["name"] for row in console.get("/tokens")}
     named = {row["detail"].split(" as ")[0] for row in created if row["result"] == "done"}
     unknown = sum(row["result"] == "unknown" for row in created)
-    assert len(made) > 10
+    assert len(acknowledged_ids) > 10
     assert len(stored - named) <= unknown

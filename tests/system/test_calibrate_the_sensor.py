@@ -10,15 +10,15 @@ LENS_OFF_PERCENT = 0.5
 FRAMES = 8
 
 
-def look(console, attitudes) -> list[int]:
-    """Frames of as many places of the sky, worked on by the sensor itself, with everything about them at hand."""
-    made = []
+def take_frames(console, attitudes) -> list[int]:
+    """Run an iteration at each attitude and return the ids of the downlinked frames."""
+    frame_ids = []
     for ra_deg, dec_deg, roll_deg in attitudes:
         console.command("SIM_SET_SKY", motion="inertial", ra_deg=ra_deg, dec_deg=dec_deg, roll_deg=roll_deg)
         console.command("SET_MODE", mode="lost_in_space")
         console.command("RUN_ITERATION")
 
-        def arrived(known=tuple(made)):
+        def arrived(known=tuple(frame_ids)):
             rows = [
                 f
                 for f in console.get("/frames", limit=500)["frames"]
@@ -26,12 +26,12 @@ def look(console, attitudes) -> list[int]:
             ]
             return rows[0]["id"] if rows else None
 
-        made.append(console.wait("the frame", arrived, 40))
-    return made
+        frame_ids.append(console.wait("the frame", arrived, 40))
+    return frame_ids
 
 
-def judged(console, ids: list[int]) -> tuple[int, list[int]]:
-    """(frames solved on board, stars matched in each); every replay on the ground must be equal."""
+def on_board_results(console, ids: list[int]) -> tuple[int, list[int]]:
+    """Return (number of frames solved on board, stars matched in each). Every ground replay must be equal."""
     solved, matched = 0, []
     for frame_id in ids:
         frame = console.wait(
@@ -41,14 +41,16 @@ def judged(console, ids: list[int]) -> tuple[int, list[int]]:
             ),
             40,
         )
-        said = frame["on_board"]
-        assert said["replay"] == "equal", (frame_id, said["replay"])
-        solved += said["outcome"] == "solved"
-        matched.append(sum(s.get("hip") is not None for s in said["stars"]) if said["outcome"] == "solved" else 0)
+        on_board = frame["on_board"]
+        assert on_board["replay"] == "equal", (frame_id, on_board["replay"])
+        solved += on_board["outcome"] == "solved"
+        matched.append(
+            sum(s.get("hip") is not None for s in on_board["stars"]) if on_board["outcome"] == "solved" else 0
+        )
     return solved, matched
 
 
-def places(count: int, seed: int) -> list[tuple[float, float, float]]:
+def random_attitudes(count: int, seed: int) -> list[tuple[float, float, float]]:
     rng = np.random.default_rng(seed)
     ra, dec, roll = (
         rng.uniform(0, 360, count),
@@ -59,14 +61,16 @@ def places(count: int, seed: int) -> list[tuple[float, float, float]]:
 
 
 def test_a_sensor_matches_better_after_its_own_frames_calibrated_it(serve):
-    """From frames to an active, confirmed table: more attitudes and more stars on board, and replays equal before and after."""
+    """A calibration from the sensor's frames, activated as a table, gives more attitudes and stars. Replays stay
+    equal.
+    """
     options = {"GSS_SIMULATOR_OPTIONS": f"--lens-off {LENS_OFF_PERCENT}"}
     console = serve("--simulator", "cubestar", **options).console
     console.wait("the sensor", lambda: (console.get("/link")["active_bank"] or {}).get("catalogue_id"), 60)
     console.wait("the tables on board", lambda: console.get("/tables/on-board"))
 
-    first = look(console, places(FRAMES, 1))
-    before, stars_before = judged(console, first)
+    first = take_frames(console, random_attitudes(FRAMES, 1))
+    before, stars_before = on_board_results(console, first)
     body = {"kind": "stars", "profile": "cubestar", "frame_ids": first, "models": ["brown-4"], "psf": False}
     job = console.post("/calibrations", body, status=202)
 
@@ -75,11 +79,13 @@ def test_a_sensor_matches_better_after_its_own_frames_calibrated_it(serve):
         assert row["state"] not in ("failed", "cancelled"), row["text"]
         return row if row["state"] == "done" else None
 
-    made = console.get(f"/calibrations/{console.wait('the calibration', done, 120)['result']['calibration_id']}")
-    plain = console.get("/tables/defaults", kind="calibration", profile="cubestar")["content"]
-    assert made["values"]["focal_col_px"] / plain["focal_col_px"] == pytest.approx(1 + LENS_OFF_PERCENT / 100, abs=4e-4)
+    calibration = console.get(f"/calibrations/{console.wait('the calibration', done, 120)['result']['calibration_id']}")
+    defaults = console.get("/tables/defaults", kind="calibration", profile="cubestar")["content"]
+    assert calibration["values"]["focal_col_px"] / defaults["focal_col_px"] == pytest.approx(
+        1 + LENS_OFF_PERCENT / 100, abs=4e-4
+    )
 
-    table = console.post(f"/calibrations/{made['id']}/table")
+    table = console.post(f"/calibrations/{calibration['id']}/table")
     transfer = console.post(f"/tables/{table['id']}/upload", {"bank": "A"})
 
     def committed():
@@ -93,9 +99,9 @@ def test_a_sensor_matches_better_after_its_own_frames_calibrated_it(serve):
         assert ended["result"] == "completed", (name, ended["detail"])
     console.wait(
         "the calibration to be on the sensor",
-        lambda: any("active" in p for p in console.get(f"/calibrations/{made['id']}")["places"]),
+        lambda: any("active" in p for p in console.get(f"/calibrations/{calibration['id']}")["places"]),
     )
 
-    after, stars_after = judged(console, look(console, places(FRAMES, 1)))
+    after, stars_after = on_board_results(console, take_frames(console, random_attitudes(FRAMES, 1)))
     assert after >= before + 3
     assert np.mean(stars_after) > 2 * np.mean(stars_before)

@@ -19,7 +19,7 @@ def check(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_simulator_keeps_the_interface_document(simulator: str) -> None:
-    """All that can be tried holds, flash included, and the bank that was written is empty again."""
+    """The simulator passes every clause that can be checked, also with writes to flash, and is restored afterwards."""
     done = check("--device", simulator, "--write", "--json")
     assert done.stderr == ""
     facts = json.loads(done.stdout)
@@ -35,7 +35,7 @@ def test_the_simulator_keeps_the_interface_document(simulator: str) -> None:
 
 
 def test_a_missing_port_is_reported_in_one_line() -> None:
-    """No device, no check: exit 1 or 2 with a hint, and nothing on standard output."""
+    """Without a device the command gives exit code 2, a message, and nothing on standard output."""
     done = check("--device", "/dev/no-such-port")
     assert done.returncode == 2
     assert done.stdout == ""

@@ -1,4 +1,4 @@
-"""What docs/client.md and docs/morning.ipynb print works as printed, against a real server that restarts in between."""
+"""The code in docs/client.md and docs/morning.ipynb works unchanged with a server that restarts meanwhile."""
 
 from __future__ import annotations
 
@@ -53,8 +53,9 @@ def run(code: list[ast.stmt], names: dict[str, Any]) -> None:
 
 
 def test_the_guides_scripts_run_while_the_server_restarts(serve, monkeypatch, capsys) -> None:
-    """The ten lines continue after the server was ended in the middle; then the notebook solves and calibrates; procedures run, and
-    stop where they need a person."""
+    """The script of the guide continues after a restart of the server, and the notebook solves and calibrates.
+    Procedures run and stop at steps that need a person.
+    """
     server = serve("--simulator", "cubestar")
     port = server.console.address.rsplit(":", 1)[1].strip("/")
     key = server.console.post("/tokens", {"name": "guide", "role": "admin", "days": 1})["key"]

@@ -36,7 +36,7 @@ class Ran(NamedTuple):
 
 @pytest.fixture
 def shell(capsys, monkeypatch) -> Callable[..., Ran]:
-    """Runs ``gss`` as the shell would; in this process, which is not the server's."""
+    """Function that runs ``gss`` in this process, separate from the server, and returns its result."""
     for name, value in CHEAP.items():
         monkeypatch.setenv(name, value)
 
@@ -51,7 +51,7 @@ def shell(capsys, monkeypatch) -> Callable[..., Ran]:
 
 @pytest.fixture
 def start() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
-    """Factory of servers without a signed-in user; each with its printed address."""
+    """Factory of servers without a signed-in user; returns the process and its printed address."""
     running: list[subprocess.Popen[str]] = []
 
     def run(folder: Path, *arguments: str, **environment: str) -> tuple[subprocess.Popen[str], str]:
@@ -71,8 +71,8 @@ def start() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
 
 
 def test_each_start_without_users_prints_a_new_setup_link(start, shell, tmp_path):
-    """A new start makes the old link void, with a user there is no link; only the owner can read the files, and the
-    audit log records it.
+    """A new start invalidates the earlier link. Only the owner can read the files. The audit log records the
+    setup without the password.
     """
     folder = tmp_path / "data"
     first, old = start(folder)
@@ -99,8 +99,8 @@ def test_each_start_without_users_prints_a_new_setup_link(start, shell, tmp_path
 
 
 def test_the_shell_creates_users_and_tokens_for_a_running_server(start, shell, tmp_path):
-    """Before the first start, beside a running server, and against it: a user disabled in the shell is signed out at
-    once.
+    """The shell adds users and tokens before the start and while the server runs. Revoked tokens and sessions
+    with an old password end. A missing audit anchor is an error until it is accepted.
     """
     folder = tmp_path / "data"
     data = ["--data", str(folder)]
@@ -116,7 +116,7 @@ def test_the_shell_creates_users_and_tokens_for_a_running_server(start, shell, t
         assert client.get("/link", headers=bearer).status_code == 200
         assert client.post("/link/close", headers=bearer).status_code == 403
         shell("token", "revoke", "night", *data)
-        time.sleep(REMEMBERED_S)  # so long the server takes an identity as it last read it
+        time.sleep(REMEMBERED_S)  # the server caches an identity for this time
         assert client.get("/link", headers=bearer).status_code == 401
         signed = client.post("/session", json={"name": "ann", "password": PASSWORD}, headers={"X-GSS": "1"})
         assert signed.status_code == 200
@@ -137,7 +137,7 @@ def test_the_shell_creates_users_and_tokens_for_a_running_server(start, shell, t
 
 
 def test_with_tls_files_the_server_speaks_https_and_sets_secure_cookies(start, tmp_path):
-    """A self-signed certificate is verified by the client; plain HTTP gets no response."""
+    """The server speaks HTTPS with the certificate and sets secure cookies. Plain HTTP gets no response."""
     key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
     made = [
         "openssl",

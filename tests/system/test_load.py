@@ -1,4 +1,4 @@
-"""A minute of the load that the product must stand for hours: fifty packets a second, ten listeners and a browser."""
+"""A minute of the required permanent load: fifty packets per second, ten subscribers and a browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The system's main job, end to end, on processes and over HTTP."""
+"""The main job of the system with real processes over HTTP."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ def console(serve):
 
 
 def test_operator_takes_an_image_and_the_ground_agrees_with_the_sensor(console):
-    """Command by command to an attitude; the frame comes down, is stored, solved, compared, replayed bit for bit."""
+    """Commands lead to an attitude. The frame is downlinked, stored, solved, compared and replayed with equal
+    results.
+    """
     link = console.get("/link")
     assert (link["simulated"], link["profile"], link["dictionary_match"]) == (True, "cubestar", True)
     assert [a for a in link["alarms"] if a["level"] in ("warning", "critical")] == []
@@ -56,7 +58,9 @@ def test_operator_takes_an_image_and_the_ground_agrees_with_the_sensor(console):
 
 
 def test_manager_builds_a_catalogue_and_the_sensor_matches_with_it(console):
-    """Build, upload, verify by read-back, activate with its name typed, confirm; then the sensor solves from the new bank."""
+    """A catalogue is built, uploaded, verified, activated with its typed name and confirmed. The sensor solves
+    with it.
+    """
     hint = console.command("TAKE_IMAGE")
     assert hint["result"] == "completed"
     request = {"name": "all-sky-36", "faint_mag": 3.6, "profile": "cubestar", "format": "cubestar"}
@@ -99,7 +103,7 @@ def test_manager_builds_a_catalogue_and_the_sensor_matches_with_it(console):
 
 
 def test_cycle_runs_and_telemetry_is_stored(console):
-    """The sensor reports automatically at 1 Hz; history and cycle timing can be read back."""
+    """The sensor sends telemetry during its cycle, and the server returns history and cycle timing."""
     started = console.command("START_CYCLE")
     assert started["result"] == "completed"
     console.wait("three iterations", lambda: len(console.get("/telemetry/cycles", limit=5)) >= 3)

@@ -1,4 +1,4 @@
-"""The server ends within seconds of a signal, whatever is under way, and the next one continues the work."""
+"""The server ends within seconds of a signal during calculations, and the next one continues the jobs."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import pytest
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
 def test_the_server_stops_in_time_while_it_computes(serve, end):
-    """An experiment of a million trials and the tables of the first solution are under way; the next server takes the job up
-    without counting a crash."""
+    """An experiment of a million trials and the tables of the first solution are under way; the next server takes
+    the job up without counting a crash.
+    """
     server = serve("--simulator", "cubestar")
     body = {"names": ["jacobs-5-1"], "trials": 1_000_000}
     job = server.console.post("/campaigns/experiments", body)

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.timeout(240)
 
 
 def read_stream(console: Any, seen: dict[str, list], last_event_id: str, enough: threading.Event) -> None:
-    """Collect events by kind until three commands and a frame came, as an EventSource would."""
+    """Collect messages by topic, as an EventSource does, until every expected topic was received."""
     import httpx2
 
     headers = console.headers | ({"Last-Event-ID": last_event_id} if last_event_id else {})
@@ -31,7 +31,7 @@ def read_stream(console: Any, seen: dict[str, list], last_event_id: str, enough:
 
 
 def test_stream_reports_every_event_and_resumes(serve):
-    """Header first; then commands, transfers, frames, solutions; recorded events since a number are sent again."""
+    """The stream resumes after an event number and reports commands, transfers, frames and solutions."""
     console = serve("--simulator", "cubestar").console
     console.wait("the sensor", lambda: (console.get("/link")["active_bank"] or {}).get("catalogue_id"), 60)
     seen: dict[str, list] = {}
@@ -55,7 +55,9 @@ def gss(*arguments: str) -> subprocess.CompletedProcess:
 
 
 def test_shell_builds_a_catalogue_and_gives_it_to_the_device(simulator, tmp_path):
-    """Build to a file, upload it straight to the port, verified by read-back, activated and confirmed."""
+    """The shell builds a catalogue and uploads and activates it on the port. An upload to the active bank is
+    rejected.
+    """
     image = tmp_path / "bank.img"
     built = gss("catalogue", "build", "--profile", "cubestar", "--mag-limit", "3.5", "--out", str(image), "--json")
     assert built.returncode == 0, built.stderr

@@ -16,7 +16,7 @@ def online(console):
 
 
 def test_a_killed_server_loses_nothing_acknowledged(serve, simulator):
-    """After kill -9 frames, commands and catalogues are stored; the link reopens automatically; ids continue."""
+    """After kill -9 frames and commands are stored, the link reopens automatically, and request ids continue."""
     first = serve("--device", simulator)
     online(first.console)
     taken = first.console.command("TAKE_IMAGE")
@@ -26,8 +26,8 @@ def test_a_killed_server_loses_nothing_acknowledged(serve, simulator):
     second = serve("--device", simulator)
     online(second.console)
     assert second.console.get(f"/frames/{frame['id']}")["sha256"] == frame["sha256"]
-    kept = second.console.get(f"/commands/{taken['id']}")
-    assert (kept["result"], kept["request_id"]) == ("completed", taken["request_id"])
+    stored = second.console.get(f"/commands/{taken['id']}")
+    assert (stored["result"], stored["request_id"]) == ("completed", taken["request_id"])
     again = second.console.command("TAKE_IMAGE")
     assert again["result"] == "completed"
     assert again["request_id"] > taken["request_id"]
@@ -35,7 +35,7 @@ def test_a_killed_server_loses_nothing_acknowledged(serve, simulator):
 
 
 def test_command_in_flight_at_a_crash_comes_back_unknown_and_is_not_sent_again(serve, simulator):
-    """The operator decides about it: the software repeats no command that is not idempotent."""
+    """A command in progress at a crash is not repeated. Its result is unknown or follows from a late report."""
     first = serve("--device", simulator)
     online(first.console)
     before = first.console.get("/commands", limit=1)[0]["id"]
@@ -56,7 +56,7 @@ def test_command_in_flight_at_a_crash_comes_back_unknown_and_is_not_sent_again(s
 
 
 def test_a_second_server_on_one_sensor_port_is_rejected(serve, tmp_path):
-    """A port has one owner; the other server gets the owner's name and keeps running."""
+    """A second process cannot open the port, and a failed change of the line keeps the existing one."""
     first = serve("--simulator", "cubestar")
     url = first.console.wait("the port", lambda: first.console.get("/link")["url"])
     online(first.console)
@@ -72,7 +72,7 @@ def test_a_second_server_on_one_sensor_port_is_rejected(serve, tmp_path):
 
 
 def test_line_that_vanishes_and_returns_is_opened_again(serve, simulator):
-    """Closing and opening the line ends and begins a contact; the sensor answers again."""
+    """Closing the line ends a contact, opening it begins another, and the sensor answers again."""
     server = serve("--device", simulator)
     online(server.console)
     server.console.post("/link/close", status=200)
@@ -89,7 +89,7 @@ def test_line_that_vanishes_and_returns_is_opened_again(serve, simulator):
 
 
 def test_server_refuses_to_listen_beyond_this_machine():
-    """Without TLS there is no other address than loopback."""
+    """Without TLS the server listens only on loopback addresses."""
     command = [sys.executable, "-m", "gss", "serve", "--host", "192.0.2.1", "--port", "0"]
     other = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert other.returncode == 2
@@ -107,7 +107,7 @@ def test_one_data_folder_has_one_server(serve, tmp_path):
 
 
 def test_stopping_with_an_open_stream_is_quick_and_quiet(serve):
-    """Ctrl-C with a page open ends without a traceback."""
+    """With an open stream, SIGINT ends the server with exit code 0 and without a traceback."""
     import threading
     from pathlib import Path
 

@@ -12,8 +12,8 @@ def online(console):
     return console.wait("the sensor", lambda: (console.get("/link")["active_bank"] or {}).get("catalogue_id"), 60)
 
 
-def ended(console, transfer, *states: str):
-    """The transfer in one of these states."""
+def wait_for_state(console, transfer, *states: str):
+    """Wait until the transfer has one of these states and return it."""
 
     def look():
         row = console.get(f"/transfers/{transfer['id']}")
@@ -23,8 +23,8 @@ def ended(console, transfer, *states: str):
     return console.wait(f"{transfer['subject']} to be {states[0]}", look, 60)
 
 
-def down(console, **what):
-    return ended(console, console.post("/transfers/download", what), "verified")
+def download(console, **what):
+    return wait_for_state(console, console.post("/transfers/download", what), "verified")
 
 
 def pixels(console, frame_id: int):
@@ -38,28 +38,31 @@ def received_bytes(console) -> int:
 
 
 def test_a_stored_image_does_not_cross_the_line_again(serve):
-    """Ordering an image that was downloaded automatically gives the same frame, without its half megabyte on the line; a new
-    image in the slot is downloaded. Without the automatic download, an image comes only on request."""
+    """Ordering an image that was downloaded automatically gives the same frame, without its half megabyte on the
+    line; a new image in the slot is downloaded. Without the automatic download, an image comes only on request.
+    """
     console = serve("--simulator", "cubestar").console
     online(console)
     console.command("TAKE_IMAGE", slot=1)
     whole = console.wait("the frame", lambda: [f for f in console.get("/frames")["frames"] if f["complete"]])[0]
     before = received_bytes(console)
-    row = down(console, kind="frame", slot=1)
+    row = download(console, kind="frame", slot=1)
     assert (row["frame_id"], row["stored_bytes"], row["size"]) == (whole["id"], row["size"], 1024 * 512)
     assert received_bytes(console) - before < 100_000
     assert console.get("/frames")["total"] == 1
 
 
 def test_without_the_automatic_download_an_image_comes_on_request(serve, monkeypatch):
-    """GSS_AUTO_DOWNLOAD=false: a new image is described only; an order downloads it, and the next image of the slot too."""
+    """GSS_AUTO_DOWNLOAD=false: a new image is described only; an order downloads it, and the next image of the
+    slot too.
+    """
     monkeypatch.setenv("GSS_AUTO_DOWNLOAD", "false")
     console = serve("--simulator", "cubestar").console
     online(console)
     frames = []
     for number in (1, 2):
         console.command("TAKE_IMAGE", slot=2)
-        row = down(console, kind="frame", slot=2)
+        row = download(console, kind="frame", slot=2)
         assert "started over" not in " ".join(row["log"])
         frames.append(row["frame_id"])
         assert console.get("/frames")["total"] == number
@@ -67,7 +70,7 @@ def test_without_the_automatic_download_an_image_comes_on_request(serve, monkeyp
 
 
 def test_parts_of_an_image_come_down_at_their_places(serve):
-    """A region and star windows are frames of the full size, zero outside, with the real rectangles named."""
+    """Regions and star windows are frames of the full size that are zero outside the received rectangles."""
     console = serve("--simulator", "cubestar").console
     online(console)
     console.command("SET_MODE", mode="lost_in_space")
@@ -76,29 +79,29 @@ def test_parts_of_an_image_come_down_at_their_places(serve):
     image = pixels(console, whole["id"])
 
     box = {"col_px": 101, "row_px": 37, "columns": 64, "rows": 50}
-    row = down(console, kind="region", slot=whole["slot"], region=box)
+    row = download(console, kind="region", slot=whole["slot"], region=box)
     frame = console.get(f"/frames/{row['frame_id']}")
     assert (row["size"], row["options"]["region"]) == (64 * 50, box)
     assert (frame["part"], frame["held"], frame["rows_held"]) == ("region", [[101, 37, 64, 50]], [[37, 86]])
     assert (frame["columns"], frame["rows"], frame["complete"]) == (image.shape[1], image.shape[0], False)
-    got = pixels(console, frame["id"])
-    assert np.array_equal(got[37:87, 101:165], image[37:87, 101:165])
-    assert got.sum(dtype=int) == image[37:87, 101:165].sum(dtype=int)
+    received = pixels(console, frame["id"])
+    assert np.array_equal(received[37:87, 101:165], image[37:87, 101:165])
+    assert received.sum(dtype=int) == image[37:87, 101:165].sum(dtype=int)
 
-    row = down(console, kind="star_windows", slot=whole["slot"], side_px=9)
+    row = download(console, kind="star_windows", slot=whole["slot"], side_px=9)
     frame = console.get(f"/frames/{row['frame_id']}")
-    got = pixels(console, frame["id"])
+    received = pixels(console, frame["id"])
     assert frame["part"] == "star_windows"
     assert len(frame["held"]) >= 4
     inside = np.zeros(image.shape, bool)
     for col, first, columns, rows in frame["held"]:
         inside[first : first + rows, col : col + columns] = True
-    assert np.array_equal(got, np.where(inside, image, 0))
+    assert np.array_equal(received, np.where(inside, image, 0))
     stars = console.get(f"/frames/{whole['id']}")["on_board"]["stars"]
     for star in stars:
         assert inside[round(star["row_px"]), round(star["col_px"])]
 
-    small = console.get(f"/frames/{down(console, kind='thumbnail', slot=whole['slot'])['frame_id']}")
+    small = console.get(f"/frames/{download(console, kind='thumbnail', slot=whole['slot'])['frame_id']}")
     assert (small["part"], small["columns"]) == ("thumbnail", image.shape[1] // 4)
 
     for wrong in (
@@ -117,7 +120,9 @@ def test_parts_of_an_image_come_down_at_their_places(serve):
 
 
 def test_a_calibration_is_made_sent_activated_rolled_back_and_read_back(serve):
-    """A camera's values with one changed: committed by read-back, active by a critical command, the same bytes down again."""
+    """A calibration table is uploaded, activated, rolled back and read back with the same bytes. Invalid tables
+    are rejected.
+    """
     console = serve("--simulator", "cubestar").console
     online(console)
     console.wait("the tables on board", lambda: console.get("/tables/on-board"))
@@ -131,7 +136,7 @@ def test_a_calibration_is_made_sent_activated_rolled_back_and_read_back(serve):
     table = console.post("/tables", body)
     assert table["content"] == plain | {"k1": plain["k1"] + 0.001}
     transfer = console.post(f"/tables/{table['id']}/upload", {"bank": "B"})
-    assert ended(console, transfer, "committed")["table_id"] == table["id"]
+    assert wait_for_state(console, transfer, "committed")["table_id"] == table["id"]
 
     def place():
         return [p for p in console.get(f"/tables/{table['id']}")["on_board"] if p["bank"] == "B"]
@@ -144,18 +149,18 @@ def test_a_calibration_is_made_sent_activated_rolled_back_and_read_back(serve):
     done = console.command("ACTIVATE_TABLE", confirm="ACTIVATE_TABLE", table="calibration", bank="B")
     assert done["result"] == "completed", done["detail"]
     console.wait("bank B to be active", lambda: place()[0]["active"])
-    assert console.wait("the upload to be active", lambda: ended(console, transfer, "active"))
+    assert console.wait("the upload to be active", lambda: wait_for_state(console, transfer, "active"))
     busy = console.http.post(f"/tables/{table['id']}/upload", json={"bank": "B"})
     assert busy.status_code == 409
     assert console.command("ROLLBACK_TABLE", confirm="yes", table="calibration")["result"] == "completed"
     console.wait("bank B to be inactive", lambda: not place()[0]["active"])
 
-    row = down(console, kind="calibration", bank="B")
+    row = download(console, kind="calibration", bank="B")
     assert (row["table_id"], row["sha256"]) == (table["id"], table["sha256"])
-    factory = console.get(f"/tables/{down(console, kind='parameters', bank='factory')['table_id']}")
+    factory = console.get(f"/tables/{download(console, kind='parameters', bank='factory')['table_id']}")
     assert factory["author"] == "read back from the device"
     assert factory["content"]["chain"] == "cubestar"
-    stars = console.get(f"/tables/{down(console, kind='star_list', bank='golden')['table_id']}")
+    stars = console.get(f"/tables/{download(console, kind='star_list', bank='golden')['table_id']}")
     assert stars["kind"] == "star_list"
     assert len(console.http.get(f"/tables/{stars['id']}/file.bin").content) == stars["size"] > 1000
 
@@ -187,7 +192,7 @@ def test_a_stored_frame_is_sent_up_and_solved_on_board(serve):
     assert solved["ground"]["outcome"] == "solved"
     frames_before = console.get("/frames")["total"]
     transfer = console.post(f"/frames/{frame['id']}/upload", {"slot": 2, "solve": True})
-    assert ended(console, transfer, "committed")["frame_id"] == frame["id"]
+    assert wait_for_state(console, transfer, "committed")["frame_id"] == frame["id"]
     detail = console.wait(
         "the sensor's solution",
         lambda: (d := console.get(f"/frames/{frame['id']}"))["on_board"] and d["on_board"]["attitude"] and d,
@@ -205,14 +210,14 @@ def test_a_stored_frame_is_sent_up_and_solved_on_board(serve):
         "MATCH_STARS",
         "CALCULATE_ATTITUDE",
     ]
-    small = down(console, kind="thumbnail", slot=0)
+    small = download(console, kind="thumbnail", slot=0)
     reply = console.http.post(f"/frames/{small['frame_id']}/upload", json={"slot": 0})
     assert (reply.status_code, "detector" in reply.json()["message"]) == (400, True)
     assert console.http.post(f"/frames/{frame['id']}/upload", json={"slot": 9}).status_code == 400
 
 
 def test_slip_carries_a_whole_session_when_both_ends_are_set_to_it(serve):
-    """GSS_FRAMING chooses the framing of the line, and of a simulator that the server starts."""
+    """GSS_FRAMING selects the framing of the line and of the simulator that the server starts."""
     console = serve("--simulator", "cubestar", GSS_FRAMING="slip").console
     online(console)
     console.command("TAKE_IMAGE")

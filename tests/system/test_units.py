@@ -1,4 +1,4 @@
-"""Several units on one server: a process each, one console, and nothing that crosses from one to another."""
+"""Several units on one server: each has a separate process and separate data."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LONG_S = 300.0
 
 
 class Units:
-    """A server with units, as a program sees it."""
+    """Client of a server with units."""
 
     def __init__(self, server: Any) -> None:
         self.server, self.console = server, server.console
@@ -33,7 +33,7 @@ class Units:
         )
 
     def connected(self, *names: str) -> dict[str, Any]:
-        """The fleet, when these units have a line and a telemetry packet."""
+        """Wait until these units have a line and telemetry; return the fleet."""
 
         def there() -> dict[str, Any] | None:
             units = self.fleet()
@@ -72,7 +72,7 @@ def test_two_units_of_different_instruments_run_in_one_console(units: Units) -> 
 
 
 def test_a_killed_unit_comes_back_and_the_others_notice_nothing(units: Units) -> None:
-    """kill -9 of one unit's process: its state becomes unknown, it is started again; the other one keeps its contact."""
+    """A killed process of a unit is started again. The other unit keeps its contact."""
     fleet = units.connected("FM1", "EM-2")
     contact = fleet["EM-2"]["link"]["contact_id"]
     pid = next(child for child in _children(units.server.process.pid) if _data_of(child).endswith("units/FM1"))
@@ -123,14 +123,14 @@ def test_a_unit_that_cannot_start_says_why_and_starts_later(serve: Callable[...,
 
 
 def _children(pid: int) -> list[int]:
-    """Child processes, whichever thread started them."""
+    """Return the child processes of all threads of a process."""
     return [
         int(word) for task in Path(f"/proc/{pid}/task").iterdir() for word in (task / "children").read_text().split()
     ]
 
 
 def _data_of(pid: int) -> str:
-    """Folder whose lock a process holds."""
+    """Return the folder whose lock the process holds."""
     for descriptor in os.listdir(f"/proc/{pid}/fd"):
         target = os.readlink(f"/proc/{pid}/fd/{descriptor}")
         if target.endswith("server.lock"):
