@@ -9,7 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gss.catalogue_tools.design.camera import LIMITS, WHOLE, DesignCamera
+from gss.catalogue_tools.design.camera import LIMITS, WHOLE_NUMBERS, DesignCamera
 from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.cli.instruments import CAMERA_HELP, camera, registry
@@ -31,7 +31,7 @@ def register(subparsers: Commands) -> None:
     parser.add_argument("--profile", metavar="INSTRUMENT", help=f"{CAMERA_HELP} (default: GSS_INSTRUMENT)")
     for name in EDITABLE:
         unit = LIMITS[name][2] if name in LIMITS else "V; default: limit from the radiometry"
-        kind = int if name in WHOLE else float
+        kind = int if name in WHOLE_NUMBERS else float
         parser.add_argument(f"--{name.replace('_', '-')}", type=kind, metavar="N", help=unit or None)
     parser.add_argument(
         "--exclusion-deg", type=float, metavar="N", help="angle from which the baffle blocks sources (default 40)"
