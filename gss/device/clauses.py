@@ -404,8 +404,8 @@ CLAUSES: tuple[Clause, ...] = (
     Clause(
         "7.12",
         "Capture files of the ground, little-endian: records of f64 Unix time in s, u8 direction (0 from the device, 1"
-        " to it), u32 length, and the bytes received or sent on the line. A file that is no "
-        "longer written is packed with Zstandard under its name with `.zst`.",
+        " to it), u32 length, and the bytes received or sent on the line. A complete "
+        "file is packed with Zstandard under its name with `.zst`.",
         "defines a file of the ground",
     ),
 )

@@ -77,7 +77,7 @@ def test_the_calendar_and_the_ephemeris_can_be_read_by_others(http: TestClient, 
     calendar = http.get("/api/passes/calendar.ics?days=2")
     assert calendar.headers["content-type"].startswith("text/calendar")
     lines = calendar.text.split("\r\n")
-    assert lines[0], lines[-2] == ("BEGIN:VCALENDAR", "END:VCALENDAR")
+    assert (lines[0], lines[-2]) == ("BEGIN:VCALENDAR", "END:VCALENDAR")
     assert all(len(line.encode()) <= 75 for line in lines)
     assert len([line for line in lines if line == "BEGIN:VEVENT"]) in (len(passes), len(passes) - 1)
     assert "LOCATION:Cape Town\\; north\\, \\\\ ä" in calendar.text
