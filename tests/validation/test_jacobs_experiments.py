@@ -70,7 +70,7 @@ def test_false_stars_have_the_documents_area() -> None:
 def test_cost_grows_with_area_through_the_documents_points() -> None:
     """As in the text on Fig.
 
-    2-7, 300 pixels take about 33 ms and 900 pixels 90 ms; a region of 900 pixels is no star.
+    2-7, 300 pixels take about 33 ms and 900 pixels 90 ms; a region of 900 pixels is not accepted as a star.
     """
     experiment = jacobs_fig_2_7(STARS, 5, 1, lambda _: None)
     cost = {row[0]: row[2] for row in experiment.rows}
