@@ -1,4 +1,4 @@
-"""Faults of the simulated line: each kind is counted, can be changed while the line is open, and works over real lines."""
+"""Faults of the simulated line: each kind counted, changeable while open, and through a real terminal."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ class EchoDevice:
         pass
 
 
-class LineUnderTest:
-    """Terminal on a line with a clock that the test advances."""
+class World:
+    """A terminal on a line with a clock that the test advances."""
 
     def __init__(self, line: DeviceLine, baud: int = 0, rates: FaultRates | None = None) -> None:
         self.now_s, self.device, self.line = 0.0, EchoDevice(), line
         self.control = LineControl(rates, 5)
         self.terminal = Terminal(line, self.device, lambda: self.now_s, baud / 10, self.control)  # type: ignore[arg-type]
 
-    def run_for(self, seconds: float) -> None:
+    def turns(self, seconds: float) -> None:
         for _ in range(max(1, round(seconds / 0.01))):
             self.now_s += 0.01
             self.terminal.turn(0.001)
@@ -82,24 +82,24 @@ def _pieces(data: bytes, apply: Callable[[bytes], bytes]) -> bytes:
         (FaultRates(duplicate_rate=0.05), "pieces_doubled"),
     ],
 )
-def test_each_fault_occurs_at_its_rate_and_is_counted(rates: FaultRates, count: str) -> None:
-    """Each fault occurs at its rate and increases only its counter. The same seed reproduces the damage."""
-    line, repeated_line = LineFaults(rates, 3), LineFaults(rates, 3)
-    damaged = _pieces(DATA, line.apply)
-    assert damaged == _pieces(DATA, repeated_line.apply) != DATA
+def test_each_fault_comes_at_its_rate_and_is_counted(rates: FaultRates, count: str) -> None:
+    """The counter of the fault has the number of affected bytes, the others stay 0, and the seed reproduces it."""
+    line, again = LineFaults(rates, 3), LineFaults(rates, 3)
+    spoiled = _pieces(DATA, line.apply)
+    assert spoiled == _pieces(DATA, again.apply) != DATA
     counted = vars(line.counts)
     assert {name for name, number in counted.items() if number} == {count}
     expected = 8 * len(DATA) * 1e-3 if count == "bits_flipped" else len(DATA) / 1000 * 16 * 0.05
     assert counted[count] == pytest.approx(expected, rel=0.3)
     if count == "pieces_dropped":
-        assert (len(DATA) - len(damaged)) / 64 == pytest.approx(counted[count], rel=0.1)
+        assert (len(DATA) - len(spoiled)) / 64 == pytest.approx(counted[count], rel=0.1)
     if count == "bits_flipped":
-        flipped_bits = np.unpackbits(np.frombuffer(damaged, np.uint8) ^ np.frombuffer(DATA, np.uint8)).sum()
-        assert 0.98 * counted[count] < flipped_bits <= counted[count]
+        wrong = np.unpackbits(np.frombuffer(spoiled, np.uint8) ^ np.frombuffer(DATA, np.uint8)).sum()
+        assert 0.98 * counted[count] < wrong <= counted[count]
 
 
 def test_a_burst_is_short_and_in_one_place() -> None:
-    """A burst changes bytes within a range of at most 16 bytes."""
+    """At most sixteen neighbouring bytes change, the length stays."""
     line = LineFaults(FaultRates(burst_rate=1.0), 8)
     for _ in range(50):
         piece = bytes(64)
@@ -109,7 +109,7 @@ def test_a_burst_is_short_and_in_one_place() -> None:
 
 
 def test_delayed_bytes_arrive_in_order_and_late() -> None:
-    """Delayed bytes arrive in order after the delay. If the delay is removed, bytes in transit are still delivered first."""
+    """Nothing before its time; when the delay is taken away, what is under way still comes first."""
     line = LineFaults(FaultRates(delay_s=0.5), 1)
     assert line.carry(b"one", 10.0) == b""
     assert line.carry(b"two", 10.2) == b""
@@ -123,7 +123,7 @@ def test_delayed_bytes_arrive_in_order_and_late() -> None:
 
 
 def test_rates_change_by_name_and_direction() -> None:
-    """Only the named rates of the named direction change. Invalid input is rejected and changes nothing."""
+    """Only the named rate of the named direction changes; invalid input changes nothing."""
     control = LineControl(FaultRates(drop_rate=0.1), 2)
     control.set("up", bit_error_rate=1e-4)
     control.set(delay_s=0.2)
@@ -141,8 +141,8 @@ def test_rates_change_by_name_and_direction() -> None:
 
 
 def test_faults_set_while_the_line_is_open_take_effect(tcp: TcpLine) -> None:
-    """On a real connection, faults set while it is open affect only their direction until they are cleared."""
-    world = LineUnderTest(tcp)
+    """Through a real connection: clean, then every block lost on the downlink only, then clean again."""
+    world = World(tcp)
     with socket.create_connection(("127.0.0.1", int(tcp.url.rsplit(":", 1)[1]))) as peer:
         peer.settimeout(2)
         world.turns(0.02)
@@ -162,29 +162,29 @@ def test_faults_set_while_the_line_is_open_take_effect(tcp: TcpLine) -> None:
 
 
 def test_delay_applies_both_ways_and_keeps_the_data_rate(tcp: TcpLine) -> None:
-    """The delay shifts the bytes of both directions and does not change the data rate."""
-    world = LineUnderTest(tcp, 9600, FaultRates(delay_s=0.3))
+    """A second of bytes takes a second, shifted by the delay."""
+    world = World(tcp, 9600, FaultRates(delay_s=0.3))
     with socket.create_connection(("127.0.0.1", int(tcp.url.rsplit(":", 1)[1]))) as peer:
         peer.setblocking(False)
         world.turns(0.02)
         world.device.to_say = [bytes(96)] * 10
         peer.send(bytes(480))
-        arrivals: list[tuple[float, int]] = []
+        came: list[tuple[float, int]] = []
         for _ in range(150):
             world.turns(0.01)
             try:
-                arrivals.append((world.now_s, len(peer.recv(4096))))
+                came.append((world.now_s, len(peer.recv(4096))))
             except BlockingIOError:
                 continue
-        assert sum(n for _, n in arrivals) == 960
-        assert arrivals[0][0] == pytest.approx(0.33, abs=0.03)
-        assert arrivals[-1][0] == pytest.approx(1.33, abs=0.06)
+        assert sum(n for _, n in came) == 960
+        assert came[0][0] == pytest.approx(0.33, abs=0.03)
+        assert came[-1][0] == pytest.approx(1.33, abs=0.06)
         assert world.device.received == bytes(480)
 
 
 def test_a_stall_blocks_the_line_and_is_counted(tcp: TcpLine) -> None:
-    """After a stall, all bytes arrive and the stall is counted."""
-    world = LineUnderTest(tcp, 0, FaultRates(stall_rate=100.0, stall_s=0.5))
+    """No byte arrives during the stall, all of them afterwards."""
+    world = World(tcp, 0, FaultRates(stall_rate=100.0, stall_s=0.5))
     with socket.create_connection(("127.0.0.1", int(tcp.url.rsplit(":", 1)[1]))) as peer:
         peer.sendall(b"later")
         world.now_s = 1.0
@@ -195,9 +195,9 @@ def test_a_stall_blocks_the_line_and_is_counted(tcp: TcpLine) -> None:
         assert world.control.up.counts.stalls >= 1
 
 
-def test_a_disconnected_tcp_line_drops_the_connection_and_is_restored(tcp: TcpLine) -> None:
-    """During a disconnection the peer reads end of file and new connections are closed. Afterwards the same port works."""
-    world = LineUnderTest(tcp)
+def test_a_cut_tcp_line_drops_the_connection_and_is_restored(tcp: TcpLine) -> None:
+    """The peer reads end of file; new connections are rejected meanwhile; afterwards the same port works."""
+    world = World(tcp)
     address = ("127.0.0.1", int(tcp.url.rsplit(":", 1)[1]))
     with socket.create_connection(address) as peer:
         peer.settimeout(2)
@@ -224,10 +224,9 @@ def test_a_disconnected_tcp_line_drops_the_connection_and_is_restored(tcp: TcpLi
         assert late.recv(100) == b"again"
 
 
-def test_a_disconnected_named_port_disappears_and_returns(pty: PtyLine, tmp_path: Path) -> None:
-    """During a disconnection the symlink is removed and the open port hangs up. Afterwards the same name is a working
-    port."""
-    world, name = LineUnderTest(pty), tmp_path / "port"
+def test_a_cut_named_port_disappears_and_returns(pty: PtyLine, tmp_path: Path) -> None:
+    """The symlink is removed and the open port hangs up; later the same name is a working port."""
+    world, name = World(pty), tmp_path / "port"
     handle = os.open(name, os.O_RDWR | os.O_NOCTTY)
     world.control.disconnect(0.5)
     world.turns(0.3)
@@ -243,9 +242,9 @@ def test_a_disconnected_named_port_disappears_and_returns(pty: PtyLine, tmp_path
 
 
 def test_a_nameless_port_only_stops_transferring() -> None:
-    """A port without a name stays open during a disconnection, because it could not be reopened, and loses the bytes."""
+    """It could not be reopened under its name, so it stays open without transferring data."""
     line = PtyLine()
-    world = LineUnderTest(line)
+    world = World(line)
     handle = os.open(line.url, os.O_RDWR | os.O_NOCTTY)
     world.control.disconnect(0.5)
     world.turns(0.3)
@@ -260,8 +259,8 @@ def test_a_nameless_port_only_stops_transferring() -> None:
 
 
 def test_bytes_wait_for_a_reader_that_pauses_for_seconds(pty: PtyLine, tmp_path: Path) -> None:
-    """If the reader pauses for four seconds, no bytes are lost. If it pauses for eight, the lost bytes are counted."""
-    world, frames = LineUnderTest(pty), [bytes([i % 251]) * 100 for i in range(400)]
+    """A full buffer for four seconds loses nothing; without a reader for longer, the lost bytes are counted."""
+    world, frames = World(pty), [bytes([i % 251]) * 100 for i in range(400)]
     handle = os.open(tmp_path / "port", os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     world.device.to_say = list(frames)
     world.turns(4.0)

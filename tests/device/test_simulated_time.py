@@ -1,4 +1,4 @@
-"""Simulated time: real, faster, or stepped on command, which is reproducible."""
+"""Simulated time: real, faster, or stepped on command and then reproducible."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from gss.domain.errors import BadInput
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 
 
-class RecordingTerminal:
-    """Stores the time of each turn of a terminal."""
+class Turns:
+    """Count the turns of a terminal and store the time of each."""
 
     def __init__(self, clock: SimulatedClock) -> None:
         self.paced, self.clock, self.times_s = True, clock, []  # type: bool, SimulatedClock, list[float]
@@ -31,7 +31,7 @@ class RecordingTerminal:
 
 
 def test_time_runs_at_its_speed_and_can_be_paused() -> None:
-    """The clock runs at its speed, does not advance while paused, and continues from there. Invalid speeds are rejected."""
+    """Ten times as fast; paused it does not advance; resumed it continues from there."""
     real = [100.0]
     clock = SimulatedClock(10.0, real=lambda: real[0])
     real[0] += 2.0
@@ -51,28 +51,29 @@ def test_time_runs_at_its_speed_and_can_be_paused() -> None:
 
 
 def test_time_commands_are_executed_or_rejected_with_a_reason() -> None:
-    """A step is divided into ticks, after received data were read. Lines may be split or joined. Invalid text returns an
-    error."""
+    """A step passes in ticks after received data were read; split and joined lines are the same; invalid text is an
+    error.
+    """
     clock = SimulatedClock(stopped=True)
-    terminal = RecordingTerminal(clock)
-    control = TimeControl(clock, terminal)
-    assert list(control.feed(b"st")) == []
-    assert list(control.feed(b"ep 0.5\ntime\n")) == ["time 0.500000", "time 0.500000"]
+    terminal = Turns(clock)
+    desk = TimeControl(clock, terminal)
+    assert list(desk.feed(b"st")) == []
+    assert list(desk.feed(b"ep 0.5\ntime\n")) == ["time 0.500000", "time 0.500000"]
     ticks = [t for t in terminal.times_s if t > 0]
     assert len(ticks) == 50
     assert ticks[-1] == pytest.approx(0.5)
     assert terminal.times_s[0] == 0.0
-    assert list(control.feed(b"run\n")) == ["running"]
+    assert list(desk.feed(b"run\n")) == ["running"]
     assert terminal.paced
-    assert next(iter(control.feed(b"step 1\n"))).startswith("error the clock is running")
-    assert next(iter(control.feed(b"pause\n"))).startswith("paused ")
+    assert next(iter(desk.feed(b"step 1\n"))).startswith("error the clock is running")
+    assert next(iter(desk.feed(b"pause\n"))).startswith("paused ")
     assert not terminal.paced
     for wrong in (b"step\n", b"step x\n", b"step -1\n", b"step nan\n", b"run 1e9\n", b"dance\n", b"\xff\xfe\n"):
-        assert next(iter(control.feed(wrong))).startswith("error ")
+        assert next(iter(desk.feed(wrong))).startswith("error ")
 
 
 class Stepped:
-    """A simulator process in stepped time with a connection."""
+    """A simulator in stepped time with a connection."""
 
     def __init__(self, *options: str) -> None:
         command = [
@@ -99,7 +100,7 @@ class Stepped:
         assert self.process.stdout is not None
         return self.process.stdout.readline().strip()
 
-    def send(self, text: str) -> str:
+    def order(self, text: str) -> str:
         assert self.process.stdin is not None
         self.process.stdin.write(text + "\n")
         self.process.stdin.flush()
@@ -149,7 +150,7 @@ def _iteration(unit: Stepped) -> tuple[str, list[object]]:
 
 
 def test_stepped_time_gives_the_same_frame_twice(units: list[Stepped]) -> None:
-    """With the same commands at the same steps, two processes send identical bytes, including the simulated sky."""
+    """The same commands at the same steps: two processes send identical bytes, including the simulated sky."""
     runs = []
     for _ in range(2):
         units.append(Stepped("--sky", "real", "--motion", "tumble", "--rate-deg-s", "0.1", "--seed", "3"))
@@ -159,7 +160,7 @@ def test_stepped_time_gives_the_same_frame_twice(units: list[Stepped]) -> None:
 
 
 def test_nothing_is_sent_while_time_is_paused(units: list[Stepped]) -> None:
-    """Housekeeping is sent during a step and not between steps."""
+    """Housekeeping is sent with the steps and not between them."""
     unit = Stepped()
     units.append(unit)
     assert unit.received() == b""
