@@ -74,7 +74,7 @@ def test_a_camera_is_calibrated_used_and_made_into_a_table(
     expect(report).to_contain_text("Residuals after")
     expect(report).to_contain_text("focal_px")
     page.get_by_test_id("use-calibration").click()
-    expect(page.get_by_text("cubestar: calibration 1 in use")).to_be_visible()
+    expect(page.get_by_text("cubestar: calibration 1 active")).to_be_visible()
     page.get_by_test_id("make-table").click()
     expect(page.get_by_test_id("table-row")).to_have_count(1)
     picture("calibration")
