@@ -7,6 +7,7 @@ import os
 from typing import TYPE_CHECKING
 
 from gss.cli.instruments import CAMERA_HELP, registry
+from gss.domain.errors import GssError
 
 if TYPE_CHECKING:
     from gss.cli import Commands
@@ -21,7 +22,9 @@ def register(subparsers: Commands) -> None:
         "installation.",
     )
     parser.add_argument(
-        "--camera", required=True, metavar="INSTRUMENT", help=f"camera of the test frames: {CAMERA_HELP}"
+        "--camera",
+        metavar="INSTRUMENT",
+        help=f"camera of the test frames: {CAMERA_HELP} (default: the first that solves them)",
     )
     parser.add_argument("--background", action="store_true", help="compute at the lowest priority")
     parser.set_defaults(run=run)
@@ -50,7 +53,15 @@ def run(arguments: argparse.Namespace) -> int:
         if are_compiled():
             print("The loops are compiled already")
             return 0
-        compile_ahead(Solver(cameras.camera, SolverCache(), stopwatch_s), cameras.camera(arguments.camera), report)
+        solver = Solver(cameras.camera, SolverCache(), stopwatch_s)
+        names = [arguments.camera] if arguments.camera else [instrument.name for instrument in cameras.all()]
+        for name in names:
+            try:
+                compile_ahead(solver, cameras.camera(name), report)
+                break
+            except GssError:  # a camera with few stars does not solve every frame
+                if name == names[-1]:
+                    raise
         for outdated in mark.parent.glob("gss-loops-*.compiled"):
             outdated.unlink()
         mark.touch()

@@ -56,5 +56,5 @@ def open_frames(base: BaseServices, line: Line, transfers: Transfers) -> Frames:
     )
     replay = ReplayService(frames, transfers.banks, transfers.tables, base.instruments, stopwatch_s)
     downloads = Downloads(line.link, transfers.transfers, frames)
-    compiler = LoopCompiler(compile_command(base.unit.name), are_compiled, base.bus)
+    compiler = LoopCompiler(compile_command(), are_compiled, base.bus)
     return Frames(book, darks, solver, epoch_jyear, frames, replay, downloads, compiler)

@@ -12,9 +12,9 @@ from gss.operations.events import EventBus
 EXIT_WITHIN_S = 2.0
 
 
-def compile_command(camera: str) -> list[str]:
-    """Return the command that compiles the loops with frames of this camera."""
-    return [sys.executable, "-m", "gss", "compile", "--camera", camera, "--background"]
+def compile_command() -> list[str]:
+    """Return the command that compiles the loops with the first installed camera that solves its test frames."""
+    return [sys.executable, "-m", "gss", "compile", "--background"]
 
 
 class LoopCompiler:
@@ -42,7 +42,12 @@ class LoopCompiler:
             self._thread.join(EXIT_WITHIN_S)
 
     def _run(self) -> None:
-        if self._are_compiled():
+        try:
+            compiled = self._are_compiled()
+        except Exception as error:  # numba raises many types where its cache cannot be written; numpy solves meanwhile
+            self.state = f"not compiled: {type(error).__name__}: {error}"
+            return
+        if compiled:
             self.state = "compiled"
             return
         with self._lock:
