@@ -11,7 +11,7 @@ SHARE, FEWEST = 0.3, 8
 
 
 class Trials:
-    """Numbers of trials and the successes that they must give. ``every``: run all trials."""
+    """Numbers of trials, and of the successes that they must give. With ``every``, all trials run."""
 
     def __init__(self, every: bool) -> None:
         self._every, self._count = every, 0

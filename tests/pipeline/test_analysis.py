@@ -26,30 +26,32 @@ POLE = np.array([0.0, 0.0, SIDEREAL_RAD_S])
 
 
 def run(
-    rate_icrs: Array, n: int = 300, step_s: float = 2.0, noise_rad: Array = NOISE_RAD, seed: int = 1, gap: float = 0.0
+    rate_icrs: Array, n: int = 300, step_s: float = 2.0, noise_rad: Array = NOISE_RAD, seed: int = 1, gap_s: float = 0.0
 ) -> AttitudeSeries:
-    """A camera that turns steadily by ``rate_icrs``, with white noise in its own axes."""
+    """Return a run of a camera that rotates at the constant rate ``rate_icrs``, with white noise about its own axes.
+    ``gap_s`` is inserted in the middle.
+    """
     rng = np.random.default_rng(seed)
-    at = np.arange(n) * step_s
-    at[n // 2 :] += gap
-    fixed = Rotation.from_quat(START)
-    # The camera turns right-handed by ω; axes fixed in ICRS, so C(t) = C₀·R(ω t)⁻¹.
-    attitude = fixed * Rotation.from_rotvec(rate_icrs * at[:, None]).inv()
+    times_s = np.arange(n) * step_s
+    times_s[n // 2 :] += gap_s
+    start = Rotation.from_quat(START)
+    # The camera rotates right-handed by ω about axes fixed in ICRS, so C(t) = C₀·R(ω t)⁻¹.
+    attitude = start * Rotation.from_rotvec(rate_icrs * times_s[:, None]).inv()
     noisy = Rotation.from_rotvec(rng.normal(size=(n, 3)) * noise_rad) * attitude
     covariance = np.broadcast_to(np.diag(noise_rad**2), (n, 3, 3)).copy()
     counts = np.full(n, 12, np.intp)
-    return AttitudeSeries(at + 1.8e9, noisy.as_quat(), covariance, counts, counts - 2, np.full(n, 0.2))
+    return AttitudeSeries(times_s + 1.8e9, noisy.as_quat(), covariance, counts, counts - 2, np.full(n, 0.2))
 
 
-def without(series: AttitudeSeries, rows: list[int]) -> AttitudeSeries:
-    """The same with some frames unsolved."""
+def with_unsolved(series: AttitudeSeries, rows: list[int]) -> AttitudeSeries:
+    """Return the run with the frames in ``rows`` unsolved."""
     quaternion = series.quaternion.copy()
     quaternion[rows] = np.nan
     return replace(series, quaternion=quaternion)
 
 
-def test_turns_are_those_of_scipy() -> None:
-    """Products, turns and their inverses agree with scipy's rotations for small and large angles."""
+def test_rotation_functions_agree_with_scipy() -> None:
+    """Quaternion products, rotation vectors and their inverses agree with scipy for small and large angles."""
     rng = np.random.default_rng(3)
     a, b = Rotation.random(50, rng=rng), Rotation.random(50, rng=rng)
     v = turn_between(a.as_quat(), b.as_quat())
@@ -59,8 +61,8 @@ def test_turns_are_those_of_scipy() -> None:
     assert np.allclose(np.abs(quaternion_product(a.as_quat(), b.as_quat())), np.abs((a * b).as_quat()))
 
 
-def test_fixed_to_the_earth_noise_and_sidereal_rate_come_out() -> None:
-    """σ per axis within its own interval, the rate the Earth's within four of its σ, no complaint."""
+def test_an_earth_fixed_run_gives_noise_and_sidereal_rate() -> None:
+    """The noise of each axis is within its interval, the rate is the Earth's within four σ, and there is no warning."""
     test = earth_fixed(run(POLE))
     for figures, true in zip(test.body, NOISE_RAD, strict=True):
         assert figures.low_rad < true < figures.high_rad
@@ -73,7 +75,9 @@ def test_fixed_to_the_earth_noise_and_sidereal_rate_come_out() -> None:
 
 
 def test_a_celestially_fixed_camera_has_no_rate() -> None:
-    """The celestial-fixed test expects no rate; the same frames fail it when the Earth turned them."""
+    """The celestial-fixed test expects no rate. A run at the sidereal rate fails it, and a run without rate fails the
+    Earth-fixed test.
+    """
     assert celestial_fixed(run(np.zeros(3))).warnings == ()
     severe = [w for w in celestial_fixed(run(POLE)).warnings if w.severe]
     assert [w.code for w in severe] == ["moved"]
@@ -81,8 +85,8 @@ def test_a_celestially_fixed_camera_has_no_rate() -> None:
 
 
 def test_missing_and_wrong_attitudes_do_not_affect_the_figures() -> None:
-    """Unsolved frames keep their places, a wrong attitude is left out and counted."""
-    series = without(run(POLE), [10, 11, 200])
+    """Unsolved frames keep their rows. A wrong attitude is excluded and counted."""
+    series = with_unsolved(run(POLE), [10, 11, 200])
     series.quaternion[50] = turned(series.quaternion[50], np.array([0.01, 0.0, 0.0]))
     test = earth_fixed(series)
     assert test.solved == 297
@@ -93,28 +97,30 @@ def test_missing_and_wrong_attitudes_do_not_affect_the_figures() -> None:
 
 
 def test_a_moved_mount_and_a_clock_jump_are_reported() -> None:
-    """A step of the attitude and a gap of time each give a warning."""
+    """A step of the attitude, a gap between frames and a step of the clock each give a warning."""
     series = run(POLE)
     moved = replace(series, quaternion=series.quaternion.copy())
     moved.quaternion[150:] = turned(moved.quaternion[150:], np.array([60 * ARCSEC_RAD, 0.0, 0.0]))
     assert "jump" in {w.code for w in earth_fixed(moved).warnings}
-    assert "gaps" in {w.code for w in check_series(run(POLE, gap=100.0))}
-    clock = replace(series, times_s=series.times_s.copy())
-    clock.times_s[150:] += 30.0
-    assert {"jump", "moved"} & {w.code for w in earth_fixed(clock).warnings}
+    assert "gaps" in {w.code for w in check_series(run(POLE, gap_s=100.0))}
+    clock_jump = replace(series, times_s=series.times_s.copy())
+    clock_jump.times_s[150:] += 30.0
+    assert {"jump", "moved"} & {w.code for w in earth_fixed(clock_jump).warnings}
 
 
-def test_too_few_attitudes_or_equal_times_are_refused() -> None:
-    """Five attitudes are needed, and times that grow."""
+def test_too_few_attitudes_or_equal_times_are_rejected() -> None:
+    """At least five attitudes with different times are required."""
     series = run(POLE, n=8)
     with pytest.raises(BadInput, match="too few"):
-        earth_fixed(without(series, [0, 1, 2, 3]))
+        earth_fixed(with_unsolved(series, [0, 1, 2, 3]))
     with pytest.raises(BadInput, match="same time"):
         earth_fixed(replace(series, times_s=np.full(8, 5.0)))
 
 
-def test_a_slew_gives_its_rate() -> None:
-    """The commanded 0.1333°/s within four σ; another rate is distinguished."""
+def test_the_rate_of_a_slew_is_measured() -> None:
+    """The commanded rate of 0.1333°/s is measured within four σ. A different command gives a warning; invalid rates are
+    rejected.
+    """
     rate = np.radians(0.1333) * np.array([0.6, 0.8, 0.0])
     test = slew_test(run(rate, n=120, step_s=1.0), float(np.radians(0.1333)))
     assert abs(test.mean_speed_rad_s - np.radians(0.1333)) < 4 * test.mean_sigma_rad_s + 1e-9
@@ -129,27 +135,29 @@ def test_a_slew_gives_its_rate() -> None:
 
 
 def test_attitudes_without_a_slew_give_severe_warnings() -> None:
-    """Random attitudes have no rate: axes, speed and scatter each give a severe warning; a true slew that differs from
-    its command only one about the rate.
+    """Random attitudes give severe warnings about the rate, the axes and the scatter. A true slew that differs from its
+    command gives only one about the rate.
     """
     series = run(POLE, n=40, step_s=1.0)
-    wild = replace(series, quaternion=Rotation.random(40, random_state=4).as_quat())
-    found = slew_test(wild, float(np.radians(0.5)))
-    assert {w.code for w in found.warnings if w.severe} >= {"rate", "axes", "scatter"}
-    true = run(np.array([0.0, np.radians(0.1333), 0.0]), n=40, step_s=1.0)
-    assert {w.code for w in slew_test(true, float(np.radians(0.2))).warnings if w.severe} == {"rate"}
-    assert not any(w.severe for w in slew_test(true, float(np.radians(0.1333))).warnings)
+    random_attitudes = replace(series, quaternion=Rotation.random(40, random_state=4).as_quat())
+    slew = slew_test(random_attitudes, float(np.radians(0.5)))
+    assert {w.code for w in slew.warnings if w.severe} >= {"rate", "axes", "scatter"}
+    true_slew = run(np.array([0.0, np.radians(0.1333), 0.0]), n=40, step_s=1.0)
+    assert {w.code for w in slew_test(true_slew, float(np.radians(0.2))).warnings if w.severe} == {"rate"}
+    assert not any(w.severe for w in slew_test(true_slew, float(np.radians(0.1333))).warnings)
 
 
 def test_the_detection_limit_is_found() -> None:
-    """A logistic camera of limit 5.2 gives 5.2 ± its σ; a bright half hidden gives a ceiling and says so."""
+    """A detection probability that falls logistically at V 5.2 gives that limit within four σ. If 30 % of the stars are
+    never detected, a warning states the ceiling. Without a limit in the data, an error is raised.
+    """
     rng = np.random.default_rng(5)
     v = rng.uniform(2, 7, 4000)
     p = 1 / (1 + np.exp((v - 5.2) / 0.15))
-    found = detection_limit(v, rng.random(4000) < p)
-    assert abs(found.mag_50 - 5.2) < 4 * found.sigma_50 < 0.2
-    assert found.mag_90 == pytest.approx(5.2 - 0.15 * np.log(9), abs=0.1)
-    assert found.stars.sum() == 4000
+    limit = detection_limit(v, rng.random(4000) < p)
+    assert abs(limit.mag_50 - 5.2) < 4 * limit.sigma_50 < 0.2
+    assert limit.mag_90 == pytest.approx(5.2 - 0.15 * np.log(9), abs=0.1)
+    assert limit.stars.sum() == 4000
     clouded = detection_limit(v, rng.random(4000) < 0.7 * p)
     assert clouded.ceiling == pytest.approx(0.7, abs=0.05)
     assert "ceiling" in {w.code for w in clouded.warnings}
@@ -157,8 +165,10 @@ def test_the_detection_limit_is_found() -> None:
         detection_limit(v, np.ones(4000, bool))
 
 
-def test_noise_falls_with_integration_time() -> None:
-    """σ ∝ 1/√t gives an exponent of −0.5; a run that is too short is named and left out."""
+def test_noise_decreases_with_integration_time() -> None:
+    """Noise proportional to 1/√t gives an exponent of −0.5. A run that is too short is excluded with a warning; one run
+    is not enough for a curve.
+    """
     runs = {
         t: run(POLE, n=200, noise_rad=NOISE_RAD / np.sqrt(t / 0.1), seed=k) for k, t in enumerate((0.1, 0.2, 0.4, 0.8))
     }
@@ -170,28 +180,32 @@ def test_noise_falls_with_integration_time() -> None:
 
 
 def test_two_cameras_give_their_mounting() -> None:
-    """The mounting within its error, the difference consistent with both covariances; a drift is reported."""
+    """The mounting is found within its error, and the difference is consistent with both covariances. A drift gives a
+    warning; runs without common times are rejected.
+    """
     first = run(POLE, seed=1)
     mounting = Rotation.from_rotvec([0.3, -1.1, 0.4])
     second = run(POLE, seed=2)
     second = replace(second, quaternion=(mounting * Rotation.from_quat(second.quaternion)).as_quat())
-    found = two_cameras(first, second)
-    off = (Rotation.from_quat(found.second_from_first) * mounting.inv()).magnitude()
-    assert off < 4 * np.sqrt(2) * np.linalg.norm(NOISE_RAD) / np.sqrt(300)
-    assert found.pairs == 300
-    assert found.chi == pytest.approx(1, abs=0.15)
-    assert found.warnings == ()
-    at = second.times_s - second.times_s[0]
-    bent = replace(second, quaternion=turned(second.quaternion, np.outer(at, [0.5 * ARCSEC_RAD, 0, 0])))
-    assert "drift" in {w.code for w in two_cameras(first, bent).warnings}
+    result = two_cameras(first, second)
+    error_rad = (Rotation.from_quat(result.second_from_first) * mounting.inv()).magnitude()
+    assert error_rad < 4 * np.sqrt(2) * np.linalg.norm(NOISE_RAD) / np.sqrt(300)
+    assert result.pairs == 300
+    assert result.chi == pytest.approx(1, abs=0.15)
+    assert result.warnings == ()
+    elapsed_s = second.times_s - second.times_s[0]
+    drifting = replace(second, quaternion=turned(second.quaternion, np.outer(elapsed_s, [0.5 * ARCSEC_RAD, 0, 0])))
+    assert "drift" in {w.code for w in two_cameras(first, drifting).warnings}
     with pytest.raises(BadInput, match="together"):
         two_cameras(first, replace(second, times_s=second.times_s + 1.0))
 
 
 def test_noise_is_measured_on_a_moving_satellite() -> None:
-    """From attitudes alone, at any steady turn, σ per axis within 15 %, availability and outages counted."""
+    """From the attitudes of a steadily rotating camera, the noise of each axis is measured within 15 %. Availability
+    and outages are counted.
+    """
     moving = run(np.array([1e-3, 2e-3, -5e-4]), n=600, step_s=1.0)
-    figures = telemetry_statistics(without(moving, list(range(100, 130))))
+    figures = telemetry_statistics(with_unsolved(moving, list(range(100, 130))))
     assert np.allclose(figures.noise_rad, NOISE_RAD, rtol=0.15)
     assert np.median(figures.rate_rad_s) == pytest.approx(float(np.linalg.norm([1e-3, 2e-3, -5e-4])), rel=0.02)
     assert figures.availability == pytest.approx(570 / 600)

@@ -1,4 +1,4 @@
-"""The compiled search of pairs against the one in numpy, and floors of the success rate."""
+"""The compiled pair search gives the same results as the numpy one, and the success rate has a lower limit."""
 
 from __future__ import annotations
 
@@ -24,45 +24,53 @@ CAMERAS = {
 
 @pytest.fixture(scope="module")
 def skies() -> dict[str, KnownSky]:
+    """Return the prepared sky of each camera."""
     sky = SkyCatalogue(TABLE.hip, TABLE.icrs, TABLE.v_mag)
     return {name: known_sky(sky, camera, limit) for name, (camera, limit) in CAMERAS.items()}
 
 
-def drawn(name: str, sky: SkyCatalogue, false: int, seed: int) -> tuple[Centroids, np.ndarray, int]:
-    """A list of a random attitude with 0.2 px and 0.15 mag noise and false stars, its attitude and its number of stars."""
+def random_list(name: str, sky: SkyCatalogue, false_count: int, seed: int) -> tuple[Centroids, np.ndarray, int]:
+    """Return centroids at a random attitude with noise of 0.2 px and 0.15 mag and with false stars, the attitude, and
+    the number of stars.
+    """
     camera, limit = CAMERAS[name]
     rng = np.random.default_rng(seed)
-    turn = Rotation.random(rng=rng).as_matrix()
-    unit = sky.icrs @ turn.T
-    front = np.flatnonzero(unit[:, 2] > 0.2)
-    pixels = camera.project(unit[front])
-    on = camera.contains(pixels)
+    attitude = Rotation.random(rng=rng).as_matrix()
+    unit = sky.icrs @ attitude.T
+    in_front = np.flatnonzero(unit[:, 2] > 0.2)
+    pixels = camera.project(unit[in_front])
+    inside = camera.contains(pixels)
     size = np.array([camera.columns, camera.rows])
-    places = np.concatenate([pixels[on] + rng.normal(0, 0.2, (on.sum(), 2)), rng.uniform(0, size, (false, 2))])
-    mags = [sky.v_mag[front[on]] + rng.normal(0, 0.15, on.sum()), rng.uniform(limit - 3, limit, false)]
+    positions = np.concatenate(
+        [pixels[inside] + rng.normal(0, 0.2, (inside.sum(), 2)), rng.uniform(0, size, (false_count, 2))]
+    )
+    mags = [sky.v_mag[in_front[inside]] + rng.normal(0, 0.15, inside.sum()), rng.uniform(limit - 3, limit, false_count)]
     order = np.argsort(np.concatenate(mags))
     flux = 10 ** (-0.4 * np.concatenate(mags)[order])
-    return Centroids.from_pixels(places[order], flux, 0.2), turn, int(on.sum())
+    return Centroids.from_pixels(positions[order], flux, 0.2), attitude, int(inside.sum())
 
 
-def facts(match: PyramidMatch) -> tuple[object, ...]:
-    found = match.evidence
-    if found is None:
+def summary(match: PyramidMatch) -> tuple[object, ...]:
+    """Return the properties of a match that both searches must have in common."""
+    evidence = match.evidence
+    if evidence is None:
         return match.hypotheses, match.reason
-    return match.hypotheses, found.rows.tolist(), found.stars.tolist(), found.false_match_probability
+    return match.hypotheses, evidence.rows.tolist(), evidence.stars.tolist(), evidence.false_match_probability
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-@pytest.mark.parametrize("false", [0, 10, 30])
-def test_both_searches_give_the_same_answers(name: str, false: int, skies: dict[str, KnownSky]) -> None:
-    """The same stars, probability, number of hypotheses and reason, list by list."""
+@pytest.mark.parametrize("false_count", [0, 10, 30])
+def test_both_searches_give_the_same_matches(name: str, false_count: int, skies: dict[str, KnownSky]) -> None:
+    """Both searches give the same stars, probability, number of hypotheses and reason for every list."""
     camera, _ = CAMERAS[name]
-    known = skies[name]
+    prepared_sky = skies[name]
     for seed in range(12):
-        view = field_of(drawn(name, known.sky, false, seed)[0], camera)
-        plain, quick = (identify_lost(view, known.sky, known.pairs, camera, fast=fast) for fast in (False, True))
-        assert facts(plain)[:3] == facts(quick)[:3]
-        assert facts(quick)[3:] == pytest.approx(facts(plain)[3:], rel=1e-8)
+        view = field_of(random_list(name, prepared_sky.sky, false_count, seed)[0], camera)
+        with_numpy, compiled = (
+            identify_lost(view, prepared_sky.sky, prepared_sky.pairs, camera, fast=fast) for fast in (False, True)
+        )
+        assert summary(with_numpy)[:3] == summary(compiled)[:3]
+        assert summary(compiled)[3:] == pytest.approx(summary(with_numpy)[3:], rel=1e-8)
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -71,23 +79,25 @@ def test_both_searches_give_the_same_answers(name: str, false: int, skies: dict[
 def test_compiled_loops_solve_a_list_like_numpy(
     name: str, velocity_c: np.ndarray | None, is_near: bool, skies: dict[str, KnownSky]
 ) -> None:
-    """The same names, attitude and covariance, from the whole sky or near a known attitude, with and without aberration."""
+    """Both give the same stars, attitude and covariance, lost in space or near a known attitude, with and without
+    aberration.
+    """
     camera, _ = CAMERAS[name]
-    known = skies[name]
+    prepared_sky = skies[name]
     for seed in range(8):
-        centroids, turn, _ = drawn(name, known.deep, 10, 40 + seed)
-        hint = BoundedPrior(turn, 0.01) if is_near else None
-        plain, quick = (
-            solve_centroids(centroids, camera, known, hint=hint, velocity_c=velocity_c, fast=fast)
+        centroids, attitude, _ = random_list(name, prepared_sky.deep, 10, 40 + seed)
+        hint = BoundedPrior(attitude, 0.01) if is_near else None
+        with_numpy, compiled = (
+            solve_centroids(centroids, camera, prepared_sky, hint=hint, velocity_c=velocity_c, fast=fast)
             for fast in (False, True)
         )
-        assert (plain.outcome, plain.reason) == (quick.outcome, quick.reason)
-        if plain.attitude is not None and quick.attitude is not None:
-            assert plain.matches.hip.tolist() == quick.matches.hip.tolist()
-            covariance = plain.attitude.covariance_rad2
-            np.testing.assert_allclose(quick.attitude.quaternion, plain.attitude.quaternion, rtol=0, atol=1e-8)
+        assert (with_numpy.outcome, with_numpy.reason) == (compiled.outcome, compiled.reason)
+        if with_numpy.attitude is not None and compiled.attitude is not None:
+            assert with_numpy.matches.hip.tolist() == compiled.matches.hip.tolist()
+            covariance = with_numpy.attitude.covariance_rad2
+            np.testing.assert_allclose(compiled.attitude.quaternion, with_numpy.attitude.quaternion, rtol=0, atol=1e-8)
             np.testing.assert_allclose(
-                quick.attitude.covariance_rad2, covariance, rtol=1e-3, atol=1e-3 * covariance[1, 1]
+                compiled.attitude.covariance_rad2, covariance, rtol=1e-3, atol=1e-3 * covariance[1, 1]
             )
 
 
@@ -95,33 +105,36 @@ def test_compiled_loops_solve_a_list_like_numpy(
 def test_both_searches_have_the_same_budget(
     limits: dict[str, int], skies: dict[str, KnownSky], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Dots without a sky end after the same number of hypotheses with the same reason; the store of pairs grows as needed."""
+    """For random dots, both searches stop after the same number of hypotheses with the same reason. The buffer of pairs
+    grows as needed.
+    """
     for name, value in limits.items():
         monkeypatch.setattr(pair_search, name, value)
     camera, _ = CAMERAS["sunsat"]
-    known = skies["sunsat"]
+    prepared_sky = skies["sunsat"]
     for seed in range(3):
         rng = np.random.default_rng(seed)
         view = field_of(Centroids.from_pixels(rng.uniform(0, 580, (40, 2)), 10 ** rng.uniform(0, 2, 40)), camera)
-        plain, quick = (
-            identify_lost(view, known.sky, known.pairs, camera, accept=1e-30, fast=fast) for fast in (False, True)
+        with_numpy, compiled = (
+            identify_lost(view, prepared_sky.sky, prepared_sky.pairs, camera, accept=1e-30, fast=fast)
+            for fast in (False, True)
         )
-        assert facts(plain) == facts(quick)
+        assert summary(with_numpy) == summary(compiled)
 
 
 FLOORS = {("cubestar", 0): 59, ("cubestar", 10): 59, ("sunsat", 0): 58, ("sunsat", 10): 57}
 
 
-@pytest.mark.parametrize(("name", "false"), FLOORS)
-def test_success_does_not_fall(name: str, false: int, skies: dict[str, KnownSky]) -> None:
-    """Of 60 fixed lists at least as many are solved as when this test was written, and none wrongly."""
+@pytest.mark.parametrize(("name", "false_count"), FLOORS)
+def test_success_rate_does_not_decrease(name: str, false_count: int, skies: dict[str, KnownSky]) -> None:
+    """Of 60 fixed lists, at least as many are solved as when this test was written, and none wrongly."""
     camera, _ = CAMERAS[name]
-    right = 0
+    solved = 0
     for seed in range(1000, 1060):
-        centroids, turn, _ = drawn(name, skies[name].sky, false, seed)
+        centroids, attitude, _ = random_list(name, skies[name].sky, false_count, seed)
         result = solve_centroids(centroids, camera, skies[name])
         if result.attitude is None:
             continue
-        assert result.attitude.cam_from_icrs[2] @ turn[2] > np.cos(5 * camera.pixel_rad)
-        right += 1
-    assert right >= FLOORS[name, false]
+        assert result.attitude.cam_from_icrs[2] @ attitude[2] > np.cos(5 * camera.pixel_rad)
+        solved += 1
+    assert solved >= FLOORS[name, false_count]

@@ -172,7 +172,7 @@ def test_pure_noise_lists_are_never_solved(trials: Any) -> None:
             assert result.reason
 
 
-def test_the_documents_own_acceptance_can_be_chosen() -> None:
+def test_the_document_acceptance_rule_can_be_selected() -> None:
     """Without the false-match bound noise is identified: the document's rule accepts the result of the least-distance fit."""
     rng = np.random.default_rng(67)
     solved = 0
@@ -205,7 +205,7 @@ def _frame(rotation: Array, seed: int = 8) -> tuple[np.ndarray, Truth]:
     return got.pixels, got.truth
 
 
-def test_hopeless_frames_give_none_with_a_reason() -> None:
+def test_frames_without_usable_stars_give_none_with_a_reason() -> None:
     """Blank, saturated, all-noise, striped, Moon-lit and mirrored frames end as none with a reason."""
     rng = np.random.default_rng(12)
     shape = (OWN.camera.rows, OWN.camera.columns)
@@ -234,7 +234,7 @@ def test_hopeless_frames_give_none_with_a_reason() -> None:
 @pytest.mark.parametrize(
     ("ra_deg", "dec_deg"), [(0, 90), (123, -90), (0, 0), (359.99, 20), (0.01, 89.9), (180, -89.99)]
 )
-def test_poles_and_the_origin_of_right_ascension_are_nothing_special(ra_deg: float, dec_deg: float) -> None:
+def test_poles_and_zero_right_ascension_are_not_special_cases(ra_deg: float, dec_deg: float) -> None:
     """Frames there are solved correctly or not at all, and in tracking always."""
     rotation = cam_from_icrs(np.radians(ra_deg), np.radians(dec_deg), 1.0)
     pixels, truth = _frame(rotation, 5)
@@ -276,7 +276,7 @@ def test_rotating_the_sky_rotates_the_attitude() -> None:
     assert rotation_angle_rad(after.attitude.cam_from_icrs @ turn, before.attitude.cam_from_icrs) < 1e-9
 
 
-def test_the_order_of_centroids_does_not_matter() -> None:
+def test_the_order_of_centroids_has_no_effect() -> None:
     """Any order of the same centroids gives the same stars and, to rounding, the same attitude."""
     centroids, _ = _list(np.random.default_rng(6), ORION, 2, "own")
     before = _solve_list(centroids, _work("own"))
@@ -304,7 +304,7 @@ def test_given_triplets_serve_as_well_as_derived_ones() -> None:
         prepare(_bank(5.0), OWN, derived.triplets)
 
 
-def test_a_turning_camera_is_predicted() -> None:
+def test_attitude_of_a_rotating_camera_is_predicted() -> None:
     """At 0.9° between frames the last attitude alone is too far away, with the one before it the frame is tracked."""
     step = rotation_from_vector(np.radians(0.9) * np.array([0.6, 0.8, 0.0]))
     pixels, truth = _frame(step @ step @ ORION)
@@ -336,7 +336,7 @@ def test_averaged_estimates_come_closer() -> None:
     assert np.sqrt(np.mean(np.square(smooth))) < 0.9 * np.sqrt(np.mean(np.square(single)))
 
 
-def test_hints_are_demanded_and_wrong_ones_refused() -> None:
+def test_hints_are_required_and_wrong_hints_give_none() -> None:
     """Assisted and tracking need a hint; one 40° or 2° off ends as none."""
     centroids, _ = _list(np.random.default_rng(9), ORION, 0, "own")
     for mode, hint in ((Mode.ASSISTED, None), (Mode.TRACKING, None), (Mode.TRACKING, AttitudePrior(ORION[2]))):
@@ -357,7 +357,7 @@ def test_few_stars_are_reported(n: int) -> None:
     assert result.reason == "no star found in the frame" if n == 0 else str(n) in result.reason
 
 
-def test_a_bank_without_magnitudes_still_works() -> None:
+def test_a_bank_without_magnitudes_is_supported() -> None:
     """Where the format has no magnitudes all its stars count as certain and the profile's limit is used."""
     stars = _stars(4.5)
     bank = decode(encode(stars, distance_table(stars, 0.0, OWN.camera.diagonal_rad), "cubestar", "oersted"), stars.hip)

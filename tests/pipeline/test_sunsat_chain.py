@@ -217,7 +217,7 @@ def test_an_error_of_half_a_magnitude_gives_no_wrong_answer() -> None:
     assert solved >= 30
 
 
-def test_hopeless_frames_give_none_with_a_reason() -> None:
+def test_frames_without_usable_stars_give_none_with_a_reason() -> None:
     """Blank, saturated, noisy, striped and Moon-lit frames have no solution and a reason, in every mode."""
     rng = np.random.default_rng(12)
     dark = np.full((582, 752), 12, np.uint8)

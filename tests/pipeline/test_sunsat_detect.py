@@ -46,7 +46,7 @@ def test_every_constant_has_a_source() -> None:
     "change",
     [{"threshold_dn": 0.0}, {"min_area_px": 400}, {"matcher": "luck"}, {"acceptance": "hope"}, {"min_group": 2}],
 )
-def test_impossible_parameters_are_refused(change: dict[str, float]) -> None:
+def test_invalid_parameters_are_rejected(change: dict[str, float]) -> None:
     """Thresholds, areas and names that make no sense are bad input."""
     with pytest.raises(BadInput):
         replace(PARAMETERS, **change)

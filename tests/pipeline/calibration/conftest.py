@@ -1,4 +1,6 @@
-"""Frames of one night for every camera: rendered, measured by the detector and identified from the truth."""
+"""Star frames of every camera, with identified stars: true positions with noise, or rendered images measured with the
+star fit.
+"""
 
 from __future__ import annotations
 
@@ -28,12 +30,12 @@ def sky() -> StarTable:
     return load_stars(8.0)
 
 
-def attitudes(camera: Camera, count: int, fewest: int, limit_mag: float, seed: int) -> list[Array]:
+def attitudes(camera: Camera, count: int, min_stars: int, limit_mag: float, seed: int) -> list[Array]:
     """Return random attitudes with at least ``fewest`` visible stars each."""
     rng, stars, accepted = np.random.default_rng(seed), sky().brighter_than(limit_mag), []
     while len(accepted) < count:
         attitude = matrix_from_quaternion(random_quaternion(rng))
-        if len(truth_of(stars_near(stars, camera, attitude), camera, attitude).hip) >= fewest:
+        if len(truth_of(stars_near(stars, camera, attitude), camera, attitude).hip) >= min_stars:
             accepted.append(attitude)
     return accepted
 
@@ -44,16 +46,18 @@ def seen_frames(
     frames: int = 30,
     sigma_px: float = 0.1,
     limit_mag: float = 5.0,
-    fewest: int = 5,
-    most: int = 60,
+    min_stars: int = 5,
+    max_stars: int = 60,
     seed: int = 1,
 ) -> list[FrameStars]:
-    """Return stars at their true positions plus normal errors. No image is rendered, so that the noise is exact."""
+    """Return frames with stars at their true positions plus normally distributed errors. No image is rendered, so the
+    noise is exact.
+    """
     rng, stars = np.random.default_rng([seed, 9]), sky().brighter_than(limit_mag)
     star_lists = []
-    for k, attitude in enumerate(attitudes(camera, frames, fewest, limit_mag, seed)):
+    for k, attitude in enumerate(attitudes(camera, frames, min_stars, limit_mag, seed)):
         truth = truth_of(stars_near(stars, camera, attitude), camera, attitude)
-        n = min(len(truth.hip), most)
+        n = min(len(truth.hip), max_stars)
         rows = np.array([stars.row_of_hip[int(h)] for h in truth.hip[:n]])
         nan = np.full(n, np.nan)
         star_lists.append(
@@ -80,8 +84,8 @@ def seen_frames(
 def rendered_frames(
     name: str, count: int = 30, exposure: float = 2.0, seed: int = 1
 ) -> tuple[tuple[FrameStars, ...], tuple[Array, ...]]:
-    """Return rendered frames of a profile with noise, measured by the detector, and the true error of each star, (n, 2)
-    px.
+    """Return rendered frames of a profile with noise, measured with the star fit, and the true error of each star, (n,
+    2) px.
     """
     profile = shipped_camera(name)
     rng, exposure_s = (
@@ -100,7 +104,7 @@ def rendered_frames(
 
 
 def measure(picture: Rendered, profile: CameraProfile) -> tuple[Centroids, Array, Array]:
-    """Return the fit at bright, complete and isolated stars: centroids, Hipparcos numbers, true positions."""
+    """Fit the bright, complete and isolated stars. Returns centroids, Hipparcos numbers and true positions."""
     sensor, truth = profile.sensor, picture.truth
     half = int(np.ceil(3 * sensor.psf_sigma_px)) + 1
     gap = np.hypot(*(truth.pixels[:, None] - truth.pixels[None]).transpose(2, 0, 1))
@@ -109,19 +113,21 @@ def measure(picture: Rendered, profile: CameraProfile) -> tuple[Centroids, Array
     isolated = ~((gap < 3 * half) & (light[None] > 0.03 * light[:, None])).any(axis=1)
     inside = profile.camera.contains(truth.pixels, half + 1.0)
     selected = np.flatnonzero(isolated & inside & (truth.v_mag < sensor.faint_limit_mag + 1.0))[:60]
-    place = np.rint(truth.pixels[selected]).astype(np.intp)
+    nearest_px = np.rint(truth.pixels[selected]).astype(np.intp)
     level = float(np.median(picture.pixels))
     spread = max(1.4826 * float(np.median(np.abs(picture.pixels - level))), 0.5)
     stamps = cut_stamps(
-        picture.pixels, place[:, 0], place[:, 1], np.full(len(selected), level), half, sensor.saturation_dn
+        picture.pixels, nearest_px[:, 0], nearest_px[:, 1], np.full(len(selected), level), half, sensor.saturation_dn
     )
     shape = (sensor.psf_sigma_px**2 + 1 / 12) * np.eye(2)
-    fit = fit_stars(stamps, place[:, 0], place[:, 1], shape, np.full(len(selected), spread), sensor.gain_e_per_dn)
+    fit = fit_stars(
+        stamps, nearest_px[:, 0], nearest_px[:, 1], shape, np.full(len(selected), spread), sensor.gain_e_per_dn
+    )
     good = (
         fit.good
         & stamps.use.all(axis=1)
         & (fit.sigma_px < 0.3)
-        & (np.hypot(fit.col - place[:, 0], fit.row - place[:, 1]) < 1.2)
+        & (np.hypot(fit.col - nearest_px[:, 0], fit.row - nearest_px[:, 1]) < 1.2)
     )
     peak = stamps.value.max(axis=1)
     centroids = Centroids(fit.col, fit.row, fit.flux, peak + level, np.full(len(selected), 9, np.int32), fit.sigma_px)
@@ -129,7 +135,9 @@ def measure(picture: Rendered, profile: CameraProfile) -> tuple[Centroids, Array
 
 
 def rough(camera: Camera) -> Camera:
-    """Return an initial camera: focal length wrong by 0.5 %, no distortion, centre of the detector."""
+    """Return an inaccurate initial camera: focal length 0.5 % too long, no distortion, optical centre in the middle of
+    the detector.
+    """
     middle = {"centre_col_px": (camera.columns - 1) / 2, "centre_row_px": (camera.rows - 1) / 2}
     ideal = Camera.from_fov(camera.columns, camera.rows, 1.0)
     undistorted = replace(camera, distortion=ideal.distortion, **middle)
@@ -137,7 +145,7 @@ def rough(camera: Camera) -> Camera:
 
 
 @pytest.fixture(scope="session")
-def night() -> Callable[..., list[FrameStars]]:
+def star_frames() -> Callable[..., list[FrameStars]]:
     """The function ``seen_frames``."""
     return seen_frames
 
@@ -155,6 +163,6 @@ def rough_camera() -> Callable[[Camera], Camera]:
 
 
 @pytest.fixture(scope="session")
-def known() -> Callable[[str], CameraProfile]:
+def profile_of() -> Callable[[str], CameraProfile]:
     """Function that returns a shipped profile by name."""
     return shipped_camera

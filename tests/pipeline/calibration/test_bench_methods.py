@@ -1,4 +1,4 @@
-"""Calibration from dots, star pairs, polynomials and checkerboards, compared with the cameras that saw them."""
+"""Calibration from dots, star pairs, polynomials and checkerboards, compared with the cameras that produced the data."""
 
 from __future__ import annotations
 
@@ -23,18 +23,19 @@ from gss.pipeline.calibration.plain_values import as_record
 from gss.pipeline.calibration.radial import radial_polynomial
 from gss.pipeline.calibration.sightings import FrameStars
 
-Known = Callable[[str], CameraProfile]
-Night = Callable[..., list[FrameStars]]
+ProfileOf = Callable[[str], CameraProfile]
+StarFrames = Callable[..., list[FrameStars]]
 needs_opencv = pytest.mark.skipif(
-    importlib.util.find_spec("cv2") is None, reason='no OpenCV here: pip install "gss-startracker[checkerboard]"'
+    importlib.util.find_spec("cv2") is None,
+    reason='OpenCV is not installed: pip install "gss-startracker[checkerboard]"',
 )
 
 
 def _positions_of_rotated_dot(
     camera: Camera, direction: tuple[float, float], turns: int, play_px: float, seed: int
 ) -> np.ndarray:
-    """Return positions of a dot in a direction (tangents) while the camera rotates about its axis; ``play_px`` is the
-    clamp's play.
+    """Return the image positions of a dot while the camera rotates about its axis. ``direction`` holds the tangents of
+    the dot's direction; ``play_px`` is the standard deviation of the clamp's play.
     """
     rng = np.random.default_rng(seed)
     x, y = direction
@@ -44,9 +45,9 @@ def _positions_of_rotated_dot(
     return camera.project(unit / np.linalg.norm(unit, axis=1, keepdims=True)) + play_px * rng.normal(size=(turns, 2))
 
 
-def test_centre_is_the_centre_of_the_circle_of_a_dot(known: Known) -> None:
+def test_optical_centre_is_the_centre_of_the_circle_of_a_dot(profile_of: ProfileOf) -> None:
     """A circle of 15 px with 0.2 px of play gives the true centre within five σ, and σ is below 0.1 px."""
-    camera = known("cubestar").camera
+    camera = profile_of("cubestar").camera
     shifted = replace(camera, centre_col_px=540.3, centre_row_px=240.8)
     centre = optical_centre(_positions_of_rotated_dot(shifted, (0.013, 0.004), 36, 0.2, 1))
     assert centre.circle
@@ -56,27 +57,28 @@ def test_centre_is_the_centre_of_the_circle_of_a_dot(known: Known) -> None:
     assert centre.warnings == ()
 
 
-def test_centre_of_a_dot_that_jumps_is_the_middle_of_its_box(known: Known) -> None:
-    """If the play exceeds the circle, as in Jacobs' Fig.
-
-    F-2, the centre is the middle of the dot's box, within 3 px.
+def test_centre_of_a_jumping_dot_is_the_middle_of_its_box(profile_of: ProfileOf) -> None:
+    """If the play exceeds the circle, as in Jacobs' Fig. F-2, the centre is the middle of the dot's bounding box,
+    within 3 px. A quarter of a circle and widely scattered dots give warnings; three positions are rejected.
     """
-    camera = known("sunsat").camera
+    camera = profile_of("sunsat").camera
     centre = optical_centre(_positions_of_rotated_dot(camera, (0.0002, 0.0), 36, 2.5, 2))
     assert not centre.circle
     assert max(centre.box_px) < 16
     assert abs(centre.col_px - camera.centre_col_px) < 3
     assert abs(centre.row_px - camera.centre_row_px) < 3
-    half = _positions_of_rotated_dot(camera, (0.003, 0.0), 36, 0.1, 2)[:9]
-    assert "one-part" in {w.code for w in optical_centre(half).warnings}
+    quarter = _positions_of_rotated_dot(camera, (0.003, 0.0), 36, 0.1, 2)[:9]
+    assert "one-part" in {w.code for w in optical_centre(quarter).warnings}
     assert "far-dot" in {w.code for w in optical_centre(np.random.default_rng(1).normal(0, 20, (36, 2))).warnings}
     with pytest.raises(BadInput, match="positions of a dot"):
         optical_centre(np.zeros((3, 2)))
 
 
-def test_tilt_is_fitted_to_pairs_of_spots(known: Known) -> None:
-    """36 pairs with an error of 0.02 px give Jacobs' tilt of 0.733° and its direction within 3.5 σ."""
-    profile = known("sunsat")
+def test_tilt_is_fitted_to_pairs_of_spots(profile_of: ProfileOf) -> None:
+    """36 pairs with an error of 0.02 px give Jacobs' tilt of 0.733° and its direction within 3.5 σ. A detector without
+    tilt gives a warning.
+    """
+    profile = profile_of("sunsat")
     lens = profile.camera.distortion
     assert isinstance(lens, RadialTilt)
     camera = replace(profile.camera, distortion=RadialTilt(25.0, lens.tilt_max_rad, lens.tilt_direction_rad))
@@ -91,11 +93,11 @@ def test_tilt_is_fitted_to_pairs_of_spots(known: Known) -> None:
     assert abs(direction_error) < 3.5 * tilt.sigma_rad[1]
     assert tilt.radius_mm == pytest.approx(1.5, abs=0.01)
     assert tilt.rms_mm == pytest.approx(0.02 * np.sqrt(2) * 0.0064, rel=0.4)
-    upright = replace(profile.camera, distortion=RadialTilt(25.0))
+    untilted = replace(profile.camera, distortion=RadialTilt(25.0))
     without_tilt = detector_tilt(
-        _positions_of_rotated_dot(upright, (0, 0), 36, 0.3, 5),
-        _positions_of_rotated_dot(upright, (0.06, 0), 36, 0.3, 6),
-        upright,
+        _positions_of_rotated_dot(untilted, (0, 0), 36, 0.3, 5),
+        _positions_of_rotated_dot(untilted, (0.06, 0), 36, 0.3, 6),
+        untilted,
         25.0,
     )
     assert {w.code for w in without_tilt.warnings} == {"no-tilt"}
@@ -104,23 +106,21 @@ def test_tilt_is_fitted_to_pairs_of_spots(known: Known) -> None:
 
 
 def test_focal_length_of_one_pair_is_exact() -> None:
-    """The solution of eq.
-
-    6.4 is the focal length of the camera that saw the pair, however close the two stars are. It is NaN if no camera
-    can have seen the pair.
+    """The solution of eq. 6.4 is the focal length of the camera that saw the pair, however close the two stars are. It
+    is NaN if no camera can have seen the pair.
     """
     rng = np.random.default_rng(4)
-    for reach in (0.3, 0.01, 0.0003):
+    for max_tangent in (0.3, 0.01, 0.0003):
         for _ in range(20):
-            a, b = rng.uniform(-reach, reach, (2, 2)) * 25.0
+            a, b = rng.uniform(-max_tangent, max_tangent, (2, 2)) * 25.0
             va, vb = (np.append(p, 25.0) / np.linalg.norm(np.append(p, 25.0)) for p in (a, b))
             angle = 2 * np.arcsin(np.linalg.norm(va - vb) / 2)
             assert focal_from_pair(a, b, float(angle)) == pytest.approx(25.0, rel=1e-6)
     assert np.isnan(focal_from_pair(np.zeros(2), np.zeros(2), 0.1))
 
 
-def test_documents_coefficients_have_the_same_root() -> None:
-    """The function agrees with the root of eq. 6.4–6.6 with the printed coefficients a, b and c."""
+def test_focal_length_is_the_root_of_the_printed_equation() -> None:
+    """The focal length is the root of eq. 6.4–6.6 with the printed coefficients a, b and c."""
     (u1, v1), (u2, v2), theta = (1.1, -0.4), (-0.7, 0.9), 0.0886
     sec2 = 1 / np.cos(theta) ** 2
     a = sec2 - 1
@@ -130,31 +130,30 @@ def test_documents_coefficients_have_the_same_root() -> None:
     assert focal_from_pair(np.array([u1, v1]), np.array([u2, v2]), theta) == pytest.approx(f, rel=1e-9)
 
 
-def test_focal_length_comes_from_pairs_of_a_night(night: Night, known: Known) -> None:
-    """FAR-MST's focal length is found within 0.05 % and 4 σ.
-
-    Erlank's small-angle form agrees within 2 %, and distortion is reported.
+def test_focal_length_is_found_from_star_pairs_of_many_frames(star_frames: StarFrames, profile_of: ProfileOf) -> None:
+    """FAR-MST's focal length is found within 0.05 % and 4 σ. Erlank's small-angle form agrees within 2 %. Distortion
+    gives a warning, and too few pairs are rejected.
     """
-    camera = known("far_mst").camera
-    estimate = focal_from_pairs(night(camera, limit_mag=5.5), camera.with_focal_scaled(1.03))
+    camera = profile_of("far_mst").camera
+    estimate = focal_from_pairs(star_frames(camera, limit_mag=5.5), camera.with_focal_scaled(1.03))
     focal = camera.focal_col_px
     assert estimate.focal_px == pytest.approx(focal, rel=5e-4)
     assert abs(estimate.focal_px - focal) < 4 * estimate.sigma_px
     assert estimate.erlank_px == pytest.approx(focal, rel=0.02)
     distorted = replace(camera, distortion=Brown(-0.3))
-    assert {w.code for w in focal_from_pairs(night(distorted, limit_mag=5.5), camera, radius_px=800).warnings} == {
-        "distortion"
-    }
+    assert {
+        w.code for w in focal_from_pairs(star_frames(distorted, limit_mag=5.5), camera, radius_px=800).warnings
+    } == {"distortion"}
     with pytest.raises(BadInput, match="too few pairs"):
-        focal_from_pairs(night(camera, frames=2), camera, radius_px=5.0)
+        focal_from_pairs(star_frames(camera, frames=2), camera, radius_px=5.0)
 
 
-def test_polynomial_in_millimetres_is_recovered(night: Night, known: Known) -> None:
+def test_polynomial_in_millimetres_is_recovered(star_frames: StarFrames, profile_of: ProfileOf) -> None:
     """With known tilt and centre, Jacobs' Δr (F.9) is recovered to 1.2 µm over the whole detector."""
-    profile = known("sunsat")
+    profile = profile_of("sunsat")
     lens = profile.camera.distortion
     assert isinstance(lens, RadialTilt)
-    frames = night(profile.camera, frames=60, limit_mag=8.0, sigma_px=0.05, most=200)
+    frames = star_frames(profile.camera, frames=60, limit_mag=8.0, sigma_px=0.05, max_stars=200)
     start = replace(profile.camera, distortion=replace(lens, radial=()))
     polynomial = radial_polynomial(frames, start, 25.0)
     r = np.linspace(0.2, 2.8, 20)
@@ -170,34 +169,35 @@ def test_polynomial_in_millimetres_is_recovered(night: Night, known: Known) -> N
         radial_polynomial(frames[:1], start, 25.0, near_mm=0.001)
 
 
-def _rays(camera: Camera, fine: int) -> np.ndarray:
-    """Return (n, 3) directions through ``fine`` x ``fine`` points of every pixel."""
-    step = (np.arange(fine) - (fine - 1) / 2) / fine
+def _rays(camera: Camera, subpixels: int) -> np.ndarray:
+    """Return (n, 3) directions through ``subpixels`` x ``subpixels`` points of every pixel."""
+    step = (np.arange(subpixels) - (subpixels - 1) / 2) / subpixels
     col = (np.arange(camera.columns)[:, None] + step).ravel()
     row = (np.arange(camera.rows)[:, None] + step).ravel()
     c, r = np.meshgrid(col, row)
     return camera.unproject(np.column_stack([c.ravel(), r.ravel()]))
 
 
-def _board(rays: np.ndarray, camera: Camera, turn: Rotation, middle_mm: np.ndarray, square_mm: float) -> np.ndarray:
-    """Return an image of 9 x 7 squares with a white rim, by following each ray to the board."""
-    m = turn.as_matrix()
-    scale = (m[:, 2] @ middle_mm) / (rays @ m[:, 2])
-    on_board = (rays * scale[:, None] - middle_mm) @ m
+def _board(
+    rays: np.ndarray, camera: Camera, rotation: Rotation, board_centre_mm: np.ndarray, square_mm: float
+) -> np.ndarray:
+    """Return an image of a board of 9 x 7 squares with a white rim; each ray is followed to the board."""
+    m = rotation.as_matrix()
+    scale = (m[:, 2] @ board_centre_mm) / (rays @ m[:, 2])
+    on_board = (rays * scale[:, None] - board_centre_mm) @ m
     x, y = on_board[:, 0] / square_mm + 4.5, on_board[:, 1] / square_mm + 3.5
     inside = (x >= 0) & (y >= 0) & (x < 9) & (y < 7)
     dark = inside & ((np.floor(x) + np.floor(y)) % 2 == 0)
     rim = (x >= -1) & (y >= -1) & (x < 10) & (y < 8)
     light = np.where(dark, 25.0, np.where(rim, 220.0, 110.0))
-    fine = round(np.sqrt(len(rays) / (camera.rows * camera.columns)))
-    return light.reshape(camera.rows, fine, camera.columns, fine).mean(axis=(1, 3))
+    subpixels = round(np.sqrt(len(rays) / (camera.rows * camera.columns)))
+    return light.reshape(camera.rows, subpixels, camera.columns, subpixels).mean(axis=(1, 3))
 
 
 @needs_opencv
 def test_checkerboard_gives_the_camera_that_rendered_it() -> None:
-    """Every parameter is within four σ, the focal length within 1.5 % and corners within 0.1 px.
-
-    An image without a board is rejected.
+    """Every parameter is within four σ, the focal length within 1.5 %, and the corners fit within 0.1 px rms. An image
+    without a board is not used; too few images and unequal sizes are rejected.
     """
     camera = Camera(320, 240, 350.0, 352.0, 163.0, 117.0, Brown(-0.25, 0.08, 0.002, -0.001))
     rng, images, rays = np.random.default_rng(3), [], _rays(camera, 3)
@@ -240,9 +240,9 @@ def test_a_missing_library_is_reported_with_how_to_install_it(monkeypatch: pytes
 
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat", "aim"])
-def test_cameras_survive_storage(name: str, known: Known) -> None:
-    """A camera's record has plain values and restores the same camera; other content is rejected."""
-    camera = known(name).camera
+def test_stored_cameras_are_restored(name: str, profile_of: ProfileOf) -> None:
+    """A camera's record contains only plain values and restores the same camera. An incomplete record is rejected."""
+    camera = profile_of(name).camera
     assert camera_from(record_of(camera)) == camera
     with pytest.raises(CorruptData, match="stored camera"):
         camera_from({"columns": 3})
@@ -256,13 +256,13 @@ def test_cameras_survive_storage(name: str, known: Known) -> None:
     "pairs",
     [[[5, 5, 5, 5]] * 10, [[5, 5, 90, 90]] * 10, [[1e300, 5, -1e300, k] for k in range(10)], [[np.nan, 1, 2, 3]] * 10],
 )
-def test_dots_that_do_not_determine_a_tilt_are_rejected(pairs: list[list[float]], known: Known) -> None:
-    """Coinciding dots, dots that never move, positions outside any detector, and NaN are rejected; they do not give a
+def test_dots_that_do_not_determine_a_tilt_are_rejected(pairs: list[list[float]], profile_of: ProfileOf) -> None:
+    """Coinciding dots, dots that never move, positions outside any detector, and NaN are rejected instead of giving a
     tilt with σ 0.
     """
     rows = np.array(pairs, float)
     with pytest.raises(BadInput):
-        detector_tilt(rows[:, :2], rows[:, 2:], known("cubestar").camera, 35.0)
+        detector_tilt(rows[:, :2], rows[:, 2:], profile_of("cubestar").camera, 35.0)
 
 
 @pytest.mark.parametrize("dots", [[[5, 5]] * 10, [[1e308 * (-1) ** k, 1e300 * k] for k in range(10)]])
@@ -276,7 +276,7 @@ def test_a_dot_that_does_not_determine_a_centre_is_rejected(dots: list[list[floa
     "sigma",
     [[-1, -2, -1, -1, 5], [1, 1, 1, 1, 1], [0, 0, 0, 0, 0], [3, 1, np.nan, 1, 3], [1e300, 1, 0.5, 1, 1e300]],
 )
-def test_impossible_widths_are_rejected(sigma: list[float]) -> None:
+def test_impossible_star_widths_are_rejected(sigma: list[float]) -> None:
     """Negative, equal, zero, extreme or missing widths, and equal focus settings, are rejected."""
     with pytest.raises(BadInput):
         best_focus(np.arange(5.0), np.array(sigma, float))

@@ -24,7 +24,7 @@ from gss.pipeline.chip import Chip, make_chip
 from gss.pipeline.readout import expose
 from gss.pipeline.render import spots
 
-Known = Callable[[str], CameraProfile]
+ProfileOf = Callable[[str], CameraProfile]
 SIZE = (200, 260)
 
 
@@ -47,15 +47,15 @@ FINE_STEPS = [
     for i in shipped_registry().all()
     if i.profile.chain and i.profile.sensor.read_noise_e > i.profile.sensor.gain_e_per_dn / 4
 ]
-"""Cameras whose noise exceeds a quarter of a converter step; larger steps hide the noise."""
+"""Cameras whose noise exceeds a quarter of a converter step. Coarser steps hide the noise."""
 
 
 @pytest.mark.parametrize("name", FINE_STEPS)
-def test_photon_transfer_finds_gain_and_noise_of_every_profile(name: str, known: Known) -> None:
-    """Gain is found within 2 %, read noise within 5 %, bias within half a step, and full well where the highest level
-    reaches it.
+def test_photon_transfer_finds_gain_and_noise_of_every_profile(name: str, profile_of: ProfileOf) -> None:
+    """Gain is found within 2 %, read noise within 5 %, bias within half a step, and full well if the highest level
+    exceeds it.
     """
-    profile = known(name)
+    profile = profile_of(name)
     sensor, rng, chip = profile.sensor, np.random.default_rng(3), _chip(profile, dead_share=0.0)
     top_e = min(sensor.full_well_e, (sensor.saturation_dn - sensor.bias_dn) * sensor.gain_e_per_dn)
 
@@ -78,9 +78,11 @@ def test_photon_transfer_finds_gain_and_noise_of_every_profile(name: str, known:
     assert calibrated_sensor.zero_point_e_s == sensor.zero_point_e_s
 
 
-def test_photon_transfer_without_a_dark_pair_says_so(known: Known) -> None:
-    """Levels without a dark pair give the gain. The bias is unknown, and a warning says so."""
-    profile = known("far_mst")
+def test_photon_transfer_without_a_dark_pair_gives_a_warning(profile_of: ProfileOf) -> None:
+    """Without a dark pair, the gain is found, the bias is NaN, and a warning states the missing dark. Too few levels
+    and frames of unequal size are rejected.
+    """
+    profile = profile_of("far_mst")
     sensor, rng = profile.sensor, np.random.default_rng(5)
     pairs = [
         FlatPair(*(_expose(e, sensor, 1e-4, rng, None) for _ in range(2))) for e in (500.0, 1500.0, 3000.0, 6000.0)
@@ -98,9 +100,11 @@ def test_photon_transfer_without_a_dark_pair_says_so(known: Known) -> None:
 
 
 @pytest.mark.parametrize("name", ["cubestar", "far_mst", "sunsat"])
-def test_dark_frames_reveal_the_defects_of_the_chip(name: str, known: Known) -> None:
-    """Hot pixels, pattern and column spread are those of the chip. The level is bias plus dark current."""
-    profile = known(name)
+def test_dark_frames_reveal_the_defects_of_the_chip(name: str, profile_of: ProfileOf) -> None:
+    """The measured hot pixels, pattern and column offsets are those of the chip, and the level is bias plus dark
+    current.
+    """
+    profile = profile_of(name)
     rng, exposure_s = np.random.default_rng(8), profile.sensor.exposure_s
     chip = _chip(profile, hot_share=1e-3)
     frames = [_expose(0.0, profile.sensor, exposure_s, rng, chip) for _ in range(24)]
@@ -127,9 +131,9 @@ def test_dark_frames_reveal_the_defects_of_the_chip(name: str, known: Known) -> 
     assert dark.warnings == ()
 
 
-def test_dark_frames_with_light_or_drift_are_reported(known: Known) -> None:
-    """A light leak, a warming camera and too few frames each give a warning."""
-    profile = known("far_mst")
+def test_dark_frames_with_light_or_drift_are_reported(profile_of: ProfileOf) -> None:
+    """A light leak, a warming camera and too few frames each give a warning. Frames of unequal size are rejected."""
+    profile = profile_of("far_mst")
     rng = np.random.default_rng(1)
     frames = [_expose(0.0, profile.sensor, 0.1, rng, None) for _ in range(6)]
     leak = np.linspace(0, 40, SIZE[1]) * np.ones(SIZE)
@@ -142,9 +146,11 @@ def test_dark_frames_with_light_or_drift_are_reported(known: Known) -> None:
         calibrate_dark([frames[0], frames[1][:20], frames[2]], 0.1)
 
 
-def test_dead_pixels_and_response_come_from_flats(known: Known) -> None:
-    """Flats give exactly the chip's dead pixels, and its spread of response. An uneven lamp gives a warning."""
-    profile = known("cubestar")
+def test_dead_pixels_and_response_are_found_from_flat_fields(profile_of: ProfileOf) -> None:
+    """Flat fields give exactly the chip's dead pixels and its spread of response. An uneven lamp gives a warning;
+    frames without light are rejected.
+    """
+    profile = profile_of("cubestar")
     chip, rng = _chip(profile, dead_share=5e-4), np.random.default_rng(4)
     flats = [_expose(600.0, profile.sensor, 1e-4, rng, chip) for _ in range(40)]
     response = pixel_response(flats, profile.sensor.bias_dn + chip.offset_dn)
@@ -157,9 +163,8 @@ def test_dead_pixels_and_response_come_from_flats(known: Known) -> None:
 
 
 def test_dark_current_follows_the_diode_law() -> None:
-    """Values of eq.
-
-    H.2 give its exponent, its band gap of 1.1 V, and the document's 44-fold decrease from 60 °C to 5 °C.
+    """Values of eq. H.2 give its exponent, its band gap of 1.1 V, and the document's 44-fold decrease from 60 °C to 5
+    °C. The stated σ agrees with the scatter of noisy values.
     """
     t = np.array([278.0, 290.0, 305.0, 320.0, 333.0])
     truth = 50.0 * np.exp(EXPONENT_K * (1 / 333.0 - 1 / t))
@@ -184,7 +189,9 @@ def test_dark_current_follows_the_diode_law() -> None:
 
 
 def _starfield(sigma_of: Callable[[float, float], tuple[float, float]], rng: np.random.Generator) -> np.ndarray:
-    """Return a 400 x 300 image of stars on an irregular grid, each with its own widths (σ along col and row)."""
+    """Return a 400 x 300 image of stars on an irregular grid. ``sigma_of`` gives the widths (σ along columns and rows)
+    at a position.
+    """
     image = np.full((300, 400), 20.0)
     for col in range(25, 380, 45):
         for row in range(25, 280, 45):
@@ -195,35 +202,38 @@ def _starfield(sigma_of: Callable[[float, float], tuple[float, float]], rng: np.
 
 
 def _elliptical(x: float, y: float, wide: float, high: float, light: float) -> np.ndarray:
+    """Return a 300 x 400 image of one star with σ ``wide`` along columns and ``high`` along rows."""
     row = spots(1, 400, np.array([[x, 0.0]]), np.array([1.0]), wide)[0]
     across = row / row.sum()
     column = spots(300, 1, np.array([[0.0, y]]), np.array([1.0]), high)[:, 0]
     return light * np.outer(column / column.sum(), across)
 
 
-def test_width_of_stars_is_measured_over_the_field() -> None:
-    """Even, curved and tilted fields are distinguished. σ is that of the optics, without the pixel."""
+def test_star_width_is_measured_over_the_field() -> None:
+    """Uniform, curved and tilted focal surfaces and trails are distinguished. The stated σ is that of the optics,
+    without the pixel.
+    """
     camera, rng = Camera(400, 300, 800.0, 800.0, 199.5, 149.5), np.random.default_rng(6)
-    even = psf_over_field([_starfield(lambda x, y: (1.3, 1.3), rng)], camera, e_per_dn=1.0)
-    assert even.typical_sigma_px == pytest.approx(1.3, rel=0.02)
-    assert even.warnings == ()
-    assert np.median(even.ratio) < 1.1
-    assert np.nanmax(even.map.rms_px) == pytest.approx(1.3, rel=0.1)
+    uniform = psf_over_field([_starfield(lambda x, y: (1.3, 1.3), rng)], camera, e_per_dn=1.0)
+    assert uniform.typical_sigma_px == pytest.approx(1.3, rel=0.02)
+    assert uniform.warnings == ()
+    assert np.median(uniform.ratio) < 1.1
+    assert np.nanmax(uniform.map.rms_px) == pytest.approx(1.3, rel=0.1)
 
     def curved(x: float, y: float) -> tuple[float, float]:
-        s = float(np.sqrt(1.0 + 2.0 * ((x - 199.5) ** 2 + (y - 149.5) ** 2) / 250**2))
-        return s, s
+        sigma = float(np.sqrt(1.0 + 2.0 * ((x - 199.5) ** 2 + (y - 149.5) ** 2) / 250**2))
+        return sigma, sigma
 
-    bowl = psf_over_field([_starfield(curved, rng) for _ in range(2)], camera, e_per_dn=1.0)
-    assert bowl.centre_sigma_px == pytest.approx(1.0, rel=0.05)
-    assert bowl.corner_sigma_px == pytest.approx(np.sqrt(3.0), rel=0.07)
-    assert {w.code for w in bowl.warnings} == {"curvature"}
+    curved_field = psf_over_field([_starfield(curved, rng) for _ in range(2)], camera, e_per_dn=1.0)
+    assert curved_field.centre_sigma_px == pytest.approx(1.0, rel=0.05)
+    assert curved_field.corner_sigma_px == pytest.approx(np.sqrt(3.0), rel=0.07)
+    assert {w.code for w in curved_field.warnings} == {"curvature"}
 
-    def leaning(x: float, _: float) -> tuple[float, float]:
-        s = float(np.sqrt(1.5 + (x - 199.5) / 250))
-        return s, s
+    def tilted(x: float, _: float) -> tuple[float, float]:
+        sigma = float(np.sqrt(1.5 + (x - 199.5) / 250))
+        return sigma, sigma
 
-    assert {w.code for w in psf_over_field([_starfield(leaning, rng)], camera, e_per_dn=1.0).warnings} == {"tilt"}
+    assert {w.code for w in psf_over_field([_starfield(tilted, rng)], camera, e_per_dn=1.0).warnings} == {"tilt"}
     trailed = psf_over_field([_starfield(lambda x, y: (1.9, 1.1), rng)], camera, e_per_dn=1.0)
     assert "streaks" in {w.code for w in trailed.warnings}
     assert np.median(trailed.ratio) == pytest.approx(1.9 / 1.1, rel=0.05)
@@ -233,11 +243,12 @@ def test_width_of_stars_is_measured_over_the_field() -> None:
 
 
 def test_focus_advice_agrees_with_the_documents() -> None:
-    """Sampling errors and the range of pixel over σ agree with Moniteq.
-
-    As with Huffman, the best width decreases with noise.
+    """Sampling errors and the best ratio of pixel to σ agree with Moniteq. As in Huffman's work, the best width
+    decreases with noise.
     """
-    assert interpolation_error_px(1 / 2.35, 3) == pytest.approx(0.0107, abs=0.001)  # dossier 3.8: best rms of N = 3
+    assert interpolation_error_px(1 / 2.35, 3) == pytest.approx(
+        0.0107, abs=0.001
+    )  # dossier 3.8: the best rms with three pixels
     assert interpolation_error_px(1 / 1.96, 4) < 0.005
     assert 0.23 < interpolation_error_px(0.05, 3) < 1 / np.sqrt(12)  # a point source illuminates one pixel
     assert focus_advice(0.43).verdict == "good"
@@ -252,10 +263,8 @@ def test_focus_advice_agrees_with_the_documents() -> None:
         focus_advice(0.0)
 
 
-def test_best_focus_is_the_bottom_of_a_parabola() -> None:
-    """Star widths at several focus settings give the best setting, and the settings at which stars have the requested
-    width.
-    """
+def test_best_focus_is_the_minimum_of_a_parabola() -> None:
+    """Star widths at several focus settings give the best setting, and the two settings with the requested width."""
     rng = np.random.default_rng(2)
     x = np.linspace(-3, 4, 15)
     sigma = np.sqrt(0.36 + 0.25 * (x - 0.7) ** 2) * (1 + 0.01 * rng.normal(size=15))
@@ -268,9 +277,9 @@ def test_best_focus_is_the_bottom_of_a_parabola() -> None:
         best_focus(x, 10 - sigma)
 
 
-def test_a_perfect_chip_has_no_pattern(known: Known) -> None:
-    """A chip without defects gives no hot pixels and no pattern, although frames are noisy."""
-    profile = known("far_mst")
+def test_a_perfect_chip_has_no_pattern(profile_of: ProfileOf) -> None:
+    """A chip without defects gives no hot pixels and no pattern, although the frames are noisy."""
+    profile = profile_of("far_mst")
     rng, chip = np.random.default_rng(2), make_chip(Defects(), profile.sensor, _small(profile), 1)
     dark = calibrate_dark([_expose(0.0, profile.sensor, 0.1, rng, chip) for _ in range(20)], 0.1)
     assert len(dark.hot) == 0

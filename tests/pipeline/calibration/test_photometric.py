@@ -17,8 +17,8 @@ from gss.pipeline.calibration.photometric import ILLUMINANCE_V0_LUX, calibrate_p
 from gss.pipeline.calibration.robust import fit_linear
 from gss.pipeline.calibration.sightings import FrameStars
 
-Known = Callable[[str], CameraProfile]
-Night = Callable[..., list[FrameStars]]
+ProfileOf = Callable[[str], CameraProfile]
+StarFrames = Callable[..., list[FrameStars]]
 
 
 def _with_flux(
@@ -32,9 +32,8 @@ def _with_flux(
     power: float = 1.0,
     exposure_s: float = 0.5,
 ) -> list[FrameStars]:
-    """Return frames with fluxes by the law V = −2.5 log(flux / exposure) + zero + colour·(B−V).
-
-    Light falls as 1 − loss·ρ²; a ``power`` other than 1 is a nonlinear converter.
+    """Return frames with fluxes by the law V = −2.5 log(flux / exposure) + zero + colour·(B−V). The light decreases
+    towards the corner as 1 − loss·ρ². A ``power`` other than 1 simulates a nonlinear converter.
     """
     with_flux = []
     for frame in frames:
@@ -53,11 +52,13 @@ def _with_flux(
 
 
 @pytest.mark.parametrize("name", [i.name for i in shipped_registry().all() if i.profile.chain])
-def test_zero_point_of_every_profile_is_found_in_pixels(name: str, rendered: Callable, known: Known) -> None:
-    """From rendered frames, the electrons of V = 0 are found within 4 %, and magnitudes scatter by less than 0.12."""
-    profile = known(name)
+def test_zero_point_of_every_profile_is_found_from_rendered_frames(
+    name: str, rendered: Callable, profile_of: ProfileOf
+) -> None:
+    """The electrons per second of a star of V = 0 are found within 4 %, and magnitudes scatter by less than 0.12."""
+    profile = profile_of(name)
     frames, _ = rendered(name)
-    # Near the limit, only stars that noise makes brighter are detected.
+    # Near the limit, only stars that noise makes brighter are detected, which would bias the zero point.
     limits = profile.sensor.bright_limit_mag, profile.sensor.faint_limit_mag - 0.5
     calibration = calibrate_photometry(
         frames, profile.camera, gain_e_per_dn=profile.sensor.gain_e_per_dn, limits_mag=limits
@@ -69,14 +70,13 @@ def test_zero_point_of_every_profile_is_found_in_pixels(name: str, rendered: Cal
     assert calibrated_sensor.zero_point_e_s == pytest.approx(calibration.zero_point_e_s)
 
 
-def test_every_term_is_recovered_within_its_error(night: Night, known: Known) -> None:
-    """Zero point, colour and vignetting are recovered. k_illum is that of eq.
-
-    C.2, and the scatter is the injected one.
+def test_every_term_is_recovered_within_its_error(star_frames: StarFrames, profile_of: ProfileOf) -> None:
+    """Zero point, colour and vignetting are recovered. k_illum is that of eq. C.2, and the scatter is the simulated
+    one.
     """
-    camera = replace(known("cubestar").camera, centre_col_px=511.5, centre_row_px=255.5)
+    camera = replace(profile_of("cubestar").camera, centre_col_px=511.5, centre_row_px=255.5)
     rng = np.random.default_rng(1)
-    frames = _with_flux(night(camera, limit_mag=5.5), 12.0, rng, colour=0.25, loss=0.3, sigma_mag=0.05)
+    frames = _with_flux(star_frames(camera, limit_mag=5.5), 12.0, rng, colour=0.25, loss=0.3, sigma_mag=0.05)
     calibration = calibrate_photometry(frames, camera, gain_e_per_dn=5.0)
     assert abs(calibration.zero_point_mag - 12.0) < max(4 * calibration.zero_point_sigma_mag, 0.01)
     assert calibration.zero_point_sigma_mag < 0.02
@@ -93,14 +93,13 @@ def test_every_term_is_recovered_within_its_error(night: Night, known: Known) ->
     assert calibration.warnings == ()
 
 
-def test_area_factor_corrects_the_loss_below_a_threshold(night: Night, known: Known) -> None:
-    """If brightness is measured above a threshold that changes between frames, k_area of eq.
-
-    C.1 is found and the scatter decreases.
+def test_area_factor_corrects_the_loss_below_a_threshold(star_frames: StarFrames, profile_of: ProfileOf) -> None:
+    """If brightness is measured above a threshold that changes between frames, k_area of eq. C.1 is found, and
+    correcting for it reduces the scatter.
     """
-    camera, rng = known("cubestar").camera, np.random.default_rng(3)
+    camera, rng = profile_of("cubestar").camera, np.random.default_rng(3)
     frames, thresholds = [], []
-    for k, f in enumerate(_with_flux(night(camera, limit_mag=5.0), 12.0, rng, sigma_mag=0.02)):
+    for k, f in enumerate(_with_flux(star_frames(camera, limit_mag=5.0), 12.0, rng, sigma_mag=0.02)):
         level = float(k % 5)
         area = np.rint(np.clip(4 * np.log(f.flux_dn), 4, None)).astype(np.int32)
         frames.append(replace(f, flux_dn=f.flux_dn - 1.7 * area * level, area_px=area))
@@ -115,13 +114,12 @@ def test_area_factor_corrects_the_loss_below_a_threshold(night: Night, known: Kn
         calibrate_photometry(frames, camera, threshold_above_dark_dn=[1.0])
 
 
-def test_photometric_faults_are_reported(night: Night, known: Known) -> None:
-    """Clipped stars, a cloud and a nonlinear converter each give a warning.
-
-    The first two change the zero point by at most 0.05.
+def test_photometric_faults_are_reported(star_frames: StarFrames, profile_of: ProfileOf) -> None:
+    """Clipped stars, a cloud and a nonlinear converter each give a warning. The first two change the zero point by at
+    most 0.05 mag.
     """
-    camera, rng = known("cubestar").camera, np.random.default_rng(5)
-    frames = _with_flux(night(camera, limit_mag=5.5), 12.0, rng)
+    camera, rng = profile_of("cubestar").camera, np.random.default_rng(5)
+    frames = _with_flux(star_frames(camera, limit_mag=5.5), 12.0, rng)
     limit = 0.1 * 0.5 * 10 ** (0.4 * (12.0 - 4.0))  # peaks of V 4
     clipped = [
         replace(f, peak_dn=np.minimum(f.peak_dn, limit), flux_dn=np.minimum(f.flux_dn, 10 * limit), saturation_dn=limit)
@@ -136,16 +134,18 @@ def test_photometric_faults_are_reported(night: Night, known: Known) -> None:
     assert "clouds" in {w.code for w in calibration.warnings}
     assert calibration.frame_offset_mag[3] == pytest.approx(-1.0, abs=0.1)
     assert calibration.zero_point_mag == pytest.approx(12.0, abs=0.05)
-    nonlinear = _with_flux(night(camera, limit_mag=5.5), 12.0, rng, power=0.9)
+    nonlinear = _with_flux(star_frames(camera, limit_mag=5.5), 12.0, rng, power=0.9)
     calibration = calibrate_photometry(nonlinear, camera)
     assert "linearity" in {w.code for w in calibration.warnings}
     assert calibration.linearity == pytest.approx(0.9, abs=0.02)
     with pytest.raises(BadInput, match="too few stars"):
-        calibrate_photometry(night(camera, frames=5), camera)
+        calibrate_photometry(star_frames(camera, frames=5), camera)
 
 
 def test_outliers_do_not_shift_a_robust_line() -> None:
-    """Ten per cent of outliers are excluded. The line agrees within 3.5 σ, and σ is that of the other points."""
+    """Ten per cent of outliers are excluded. The line is recovered within 3.5 σ, and the stated σ is that of the other
+    points.
+    """
     rng = np.random.default_rng(2)
     x = np.linspace(0, 1, 300)
     y = 2 + 3 * x + 0.1 * rng.normal(size=300)

@@ -1,4 +1,6 @@
-"""Several heads on one body, by injection: attitudes with known covariances, misalignment and drift."""
+"""Several heads on one body: fusion, differences and misalignment, tested with attitudes of known covariance and
+injected errors.
+"""
 
 from __future__ import annotations
 
@@ -30,6 +32,7 @@ SIGMAS = [(5, 40), (7, 60), (4, 25)]
 
 
 def covariance(head: int) -> np.ndarray:
+    """Return the covariance of the camera attitude of a head."""
     cross, roll = SIGMAS[head]
     return head_covariance(cross * ARCSEC_RAD, roll * ARCSEC_RAD)
 
@@ -37,7 +40,9 @@ def covariance(head: int) -> np.ndarray:
 def measured(
     rng: np.random.Generator, body: np.ndarray, head: int, misalignment: np.ndarray | None = None
 ) -> BodyAttitude:
-    """Attitude by a head, with noise of its covariance; its true mounting differs from the nominal one by the misalignment."""
+    """Return the attitude measured by a head, with noise of the stated covariance. The true mounting differs from the
+    nominal one by ``misalignment``.
+    """
     mounting = MOUNTINGS[head] if misalignment is None else turned(MOUNTINGS[head], misalignment)
     camera = quaternion_product(quaternion_inverse(mounting), body)
     noisy = turned(camera, rng.normal(size=3) * np.sqrt(np.diag(covariance(head))))
@@ -45,26 +50,31 @@ def measured(
 
 
 def error(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Return the rotation vector from the estimate to the truth."""
     return turn_between(estimate[None], truth[None])[0]
 
 
-def test_fused_attitude_is_as_uncertain_as_it_states() -> None:
-    """The normalised error squared of the fused attitude has the χ² distribution of three angles, and so has the agreement."""
+def test_fused_attitude_has_the_stated_covariance() -> None:
+    """The squared normalised error of the fused attitude has the χ² distribution of three angles, and the agreement
+    probability is uniform.
+    """
     rng = np.random.default_rng(11)
     errors, agreements = [], []
     for _ in range(200):
         body = random_quaternion(rng)
         fused = fuse([measured(rng, body, head) for head in range(3)])
-        off = error(fused.quaternion, body)
-        errors.append(off @ np.linalg.solve(fused.covariance_rad2, off))
+        error_rad = error(fused.quaternion, body)
+        errors.append(error_rad @ np.linalg.solve(fused.covariance_rad2, error_rad))
         assert fused.agreement is not None
         agreements.append(fused.agreement.probability)
     assert kstest(errors, chi2(3).cdf).pvalue > 0.01
     assert kstest(agreements, "uniform").pvalue > 0.01
 
 
-def test_roll_of_one_head_is_measured_by_the_other() -> None:
-    """Two crossed heads know all three angles to a few arcseconds, although each knows its roll to 40″ and 60″."""
+def test_each_head_measures_the_roll_of_the_other() -> None:
+    """Two heads at right angles measure all three angles to a few arcseconds, although each alone measures its roll
+    only to 40″ or 60″.
+    """
     fused = fuse([measured(np.random.default_rng(1), MOUNTINGS[0], head) for head in range(2)])
     assert np.sqrt(np.diag(fused.covariance_rad2)).max() < 8 * ARCSEC_RAD
 
@@ -73,13 +83,15 @@ def test_equal_isotropic_heads_give_the_mean_rotation() -> None:
     """With equal weights the result is scipy's mean of rotations."""
     rng = np.random.default_rng(2)
     base = random_quaternion(rng)
-    several = np.stack([turned(base, rng.normal(scale=1e-4, size=3)) for _ in range(4)])
-    fused = fuse([BodyAttitude(q, np.eye(3) * 1e-10) for q in several])
-    assert np.linalg.norm(error(fused.quaternion, Rotation.from_quat(several).mean().as_quat())) < 1e-11
+    quaternions = np.stack([turned(base, rng.normal(scale=1e-4, size=3)) for _ in range(4)])
+    fused = fuse([BodyAttitude(q, np.eye(3) * 1e-10) for q in quaternions])
+    assert np.linalg.norm(error(fused.quaternion, Rotation.from_quat(quaternions).mean().as_quat())) < 1e-11
 
 
-def test_one_head_agrees_with_nothing() -> None:
-    """A single head is passed through, and there is no test of agreement; none at all is an error."""
+def test_a_single_head_is_passed_through() -> None:
+    """The attitude of a single head is returned unchanged and without a test of agreement. Without any head, an error
+    is raised.
+    """
     only = measured(np.random.default_rng(3), MOUNTINGS[1], 0)
     fused = fuse([only])
     assert fused.agreement is None
@@ -88,90 +100,97 @@ def test_one_head_agrees_with_nothing() -> None:
         fuse([])
 
 
-def test_difference_of_two_heads() -> None:
-    """A misalignment of 60″ across both boresights is seen in the angle between them, with the stated sigma; without it the
-    normalised angle between the boresights has unit variance."""
+def test_misalignment_appears_in_the_angle_between_boresights() -> None:
+    """A misalignment of 60″ about the normal of both boresights changes the angle between them, within the stated
+    sigma. Without it, the normalised change of the angle has unit variance.
+    """
     rng = np.random.default_rng(4)
     axes = boresight_of(MOUNTINGS[0]), boresight_of(MOUNTINGS[1])
     normal = np.cross(*axes)
     normal /= np.linalg.norm(normal)
     body = random_quaternion(rng)
-    off = difference(measured(rng, body, 0), measured(rng, body, 1, 60 * ARCSEC_RAD * normal), *axes)
-    assert off.agreement.probability < 1e-6
-    assert abs(off.boresight_rad) == pytest.approx(60 * ARCSEC_RAD, abs=3 * off.boresight_sigma_rad)
-    assert off.boresight_sigma_rad == pytest.approx(np.hypot(5, 7) * ARCSEC_RAD, rel=1e-6)
-    plain = [difference(measured(rng, body, 0), measured(rng, body, 1), *axes) for _ in range(300)]
-    assert kstest([d.boresight_rad / d.boresight_sigma_rad for d in plain], "norm").pvalue > 0.01
+    misaligned = difference(measured(rng, body, 0), measured(rng, body, 1, 60 * ARCSEC_RAD * normal), *axes)
+    assert misaligned.agreement.probability < 1e-6
+    assert abs(misaligned.boresight_rad) == pytest.approx(60 * ARCSEC_RAD, abs=3 * misaligned.boresight_sigma_rad)
+    assert misaligned.boresight_sigma_rad == pytest.approx(np.hypot(5, 7) * ARCSEC_RAD, rel=1e-6)
+    aligned = [difference(measured(rng, body, 0), measured(rng, body, 1), *axes) for _ in range(300)]
+    assert kstest([d.boresight_rad / d.boresight_sigma_rad for d in aligned], "norm").pvalue > 0.01
 
 
-def test_attitude_between_measurements() -> None:
-    """A turning body is interpolated between two attitudes; the error has the stated covariance, and an uncertain clock adds
-    the turn in that time. A lone attitude is used only with a stated largest rate."""
+def test_attitude_is_interpolated_between_measurements() -> None:
+    """The attitude of a rotating body is interpolated between two measurements. The error has the stated covariance,
+    and an uncertain clock adds the rotation during that time. A single attitude is used only if a maximum rate is
+    stated.
+    """
     rng, rate = np.random.default_rng(5), np.array([2e-3, -1e-3, 5e-4])
     start = random_quaternion(rng)
 
-    def at(time_s: float) -> np.ndarray:
+    def body_at(time_s: float) -> np.ndarray:
         return turned(start, -rate * time_s)
 
     errors = []
     for _ in range(200):
-        series = [MeasuredAttitude(t, 0.01, measured(rng, at(t), 0)) for t in (0.0, 1.0, 2.0)]
-        found = attitude_at(series, 1.3, 0.5, None)
-        assert found is not None
-        off = error(found.attitude.quaternion, at(1.3))
-        errors.append(off @ np.linalg.solve(found.attitude.covariance_rad2, off))
+        series = [MeasuredAttitude(t, 0.01, measured(rng, body_at(t), 0)) for t in (0.0, 1.0, 2.0)]
+        interpolated = attitude_at(series, 1.3, 0.5, None)
+        assert interpolated is not None
+        error_rad = error(interpolated.attitude.quaternion, body_at(1.3))
+        errors.append(error_rad @ np.linalg.solve(interpolated.attitude.covariance_rad2, error_rad))
     assert kstest(errors, chi2(3).cdf).pvalue > 0.01
-    assert np.sqrt(np.trace(found.timing_rad2)) == pytest.approx(0.01 * np.linalg.norm(rate), rel=0.2)
+    assert np.sqrt(np.trace(interpolated.timing_rad2)) == pytest.approx(0.01 * np.linalg.norm(rate), rel=0.2)
     assert attitude_at(series, 2.6, 0.5, None) is None
     assert attitude_at(series[:1], 0.1, 0.5, None) is None
-    lone = attitude_at(series[:1], 0.1, 0.5, np.radians(0.5))
-    assert lone is not None
-    grown = lone.with_timing.covariance_rad2 - series[0].attitude.covariance_rad2
-    assert np.sqrt(grown[0, 0]) == pytest.approx(np.radians(0.5) * np.hypot(0.1, 0.01))
+    extrapolated = attitude_at(series[:1], 0.1, 0.5, np.radians(0.5))
+    assert extrapolated is not None
+    added_covariance = extrapolated.with_timing.covariance_rad2 - series[0].attitude.covariance_rad2
+    assert np.sqrt(added_covariance[0, 0]) == pytest.approx(np.radians(0.5) * np.hypot(0.1, 0.01))
 
 
-def followed(rng: np.random.Generator, misalignment: np.ndarray, drift: np.ndarray, steps: int) -> Misalignment:
+def filtered(rng: np.random.Generator, misalignment: np.ndarray, drift: np.ndarray, steps: int) -> Misalignment:
+    """Run the misalignment filter on simulated pairs of attitudes, one every 10 s."""
     body = random_quaternion(rng)
     estimate = started(0.0, np.eye(3) * np.radians(0.5) ** 2)
     for k in range(steps):
-        now = 10.0 * k
-        pair = measured(rng, body, 0), measured(rng, body, 1, misalignment + drift * now)
-        estimate = updated(estimate, now, *pair, np.zeros((3, 3)))
+        time_s = 10.0 * k
+        pair = measured(rng, body, 0), measured(rng, body, 1, misalignment + drift * time_s)
+        estimate = updated(estimate, time_s, *pair, np.zeros((3, 3)))
     return estimate
 
 
 def test_misalignment_and_drift_are_recovered() -> None:
-    """60″ and 36″ an hour, injected, are recovered within the stated sigma, which half an hour makes small; over many runs the
-    normalised error squared of all six states is that of the covariance."""
+    """An injected misalignment of 60″ and drift of 36″ per hour are recovered within the stated sigma, which is small
+    after half an hour. Over many runs, the squared normalised error of all six states agrees with the covariance.
+    """
     rng = np.random.default_rng(6)
     misalignment, drift = np.array([60.0, 0, -20]) * ARCSEC_RAD, np.array([0, 36.0, 0]) * ARCSEC_RAD / 3600
     errors = []
     for _ in range(20):
-        estimate = followed(rng, misalignment, drift, 40)
-        off = estimate.state - np.concatenate([misalignment + drift * estimate.time_s, drift])
-        errors.append(off @ np.linalg.solve(estimate.covariance, off))
+        estimate = filtered(rng, misalignment, drift, 40)
+        state_error = estimate.state - np.concatenate([misalignment + drift * estimate.time_s, drift])
+        errors.append(state_error @ np.linalg.solve(estimate.covariance, state_error))
     assert kstest(errors, chi2(6).cdf).pvalue > 0.01
-    long = followed(rng, misalignment, drift, 180)
+    long = filtered(rng, misalignment, drift, 180)
     assert np.all(np.abs(long.vector_rad - misalignment - drift * long.time_s) < 3 * long.sigma_rad)
     assert np.all(np.abs(long.drift_rad_s - drift) < 3 * long.drift_sigma_rad_s)
     assert long.drift_sigma_rad_s.max() * 3600 < 60 * ARCSEC_RAD
     assert long.samples == 180
 
 
-def test_sudden_change_starts_the_filter_again() -> None:
-    """One false difference is not used. A lasting change of the mounting is accepted after a few differences, and counted."""
+def test_a_lasting_change_restarts_the_filter() -> None:
+    """A single wrong difference is rejected. A lasting change of the mounting restarts the filter after a few
+    differences and is counted. An older measurement is rejected.
+    """
     rng = np.random.default_rng(7)
     body = random_quaternion(rng)
-    estimate = followed(rng, np.zeros(3), np.zeros(3), 30)
+    estimate = filtered(rng, np.zeros(3), np.zeros(3), 30)
     jump = np.array([0.0, 900, 0]) * ARCSEC_RAD
 
     def step(estimate: Misalignment, at_s: float, misalignment: np.ndarray) -> Misalignment:
         pair = measured(rng, body, 0), measured(rng, body, 1, misalignment)
         return updated(estimate, at_s, *pair, np.zeros((3, 3)))
 
-    once = step(estimate, 300.0, jump)
-    assert (once.rejected, once.restarts) == (1, 0)
-    assert step(once, 310.0, np.zeros(3)).rejected == 0
+    after_one_outlier = step(estimate, 300.0, jump)
+    assert (after_one_outlier.rejected, after_one_outlier.restarts) == (1, 0)
+    assert step(after_one_outlier, 310.0, np.zeros(3)).rejected == 0
     for k in range(JUMPED_AFTER + 10):
         estimate = step(estimate, 300.0 + 10 * k, jump)
     assert estimate.restarts == 1
@@ -180,13 +199,17 @@ def test_sudden_change_starts_the_filter_again() -> None:
         step(estimate, 0.0, jump)
 
 
-def test_a_large_error_of_the_mounting_needs_no_prior() -> None:
-    """A mounting that is off by much more than stated is found after a few differences, without counting a change."""
-    rng, off = np.random.default_rng(8), np.radians([3.0, -2.0, 1.0])
+def test_a_large_mounting_error_is_found_despite_a_small_prior() -> None:
+    """A mounting error much larger than the stated prior is found after a few differences and is not counted as a
+    change.
+    """
+    rng, mounting_error = np.random.default_rng(8), np.radians([3.0, -2.0, 1.0])
     body, estimate = random_quaternion(rng), started(0.0, np.eye(3) * ARCSEC_RAD**2)
     for k in range(60):
-        estimate = updated(estimate, float(k), measured(rng, body, 0), measured(rng, body, 1, off), np.zeros((3, 3)))
+        estimate = updated(
+            estimate, float(k), measured(rng, body, 0), measured(rng, body, 1, mounting_error), np.zeros((3, 3))
+        )
     assert estimate.restarts == 0
-    assert np.linalg.norm(estimate.vector_rad - off) < 60 * ARCSEC_RAD
-    true = rotation_from_vector(off)
+    assert np.linalg.norm(estimate.vector_rad - mounting_error) < 60 * ARCSEC_RAD
+    true = rotation_from_vector(mounting_error)
     assert np.allclose(rotation_from_vector(estimate.vector_rad), true, atol=1e-3)

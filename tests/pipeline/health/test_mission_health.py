@@ -1,4 +1,4 @@
-"""A rendered mission of a small camera: jump, damaged pixels and particles are found."""
+"""Health of a rendered mission of a small camera: focal-length jump, damaged pixels and particles are found."""
 
 from __future__ import annotations
 
@@ -23,18 +23,20 @@ FRAMES = 90
 
 
 def _profile() -> CameraProfile:
-    own = shipped_camera("cubestar")
-    return replace(own, camera=Camera.from_fov(400, 300, float(np.radians(20.0))))
+    """Return CubeStar's profile with a smaller detector."""
+    shipped = shipped_camera("cubestar")
+    return replace(shipped, camera=Camera.from_fov(400, 300, float(np.radians(20.0))))
 
 
 @pytest.fixture(scope="module")
 def mission() -> tuple[CameraProfile, Year, MissionHealth]:
+    """Return the profile, the simulated year and the health figures calculated from it."""
     profile = _profile()
     stars = load_stars(7.0)
     sky = reference.known_sky(SkyCatalogue(stars.hip, stars.icrs, stars.v_mag), profile.camera, 5.5)
     sensor = replace(profile.sensor, zero_point_e_s=6 * profile.sensor.zero_point_e_s)
     profile = replace(profile, sensor=sensor)
-    made = year(
+    simulated = year(
         profile,
         stars,
         FRAMES,
@@ -42,10 +44,11 @@ def mission() -> tuple[CameraProfile, Year, MissionHealth]:
         lambda pixels: reference.solve_known(pixels, profile.camera, sensor, sky),
         lambda _: None,
     )
-    return profile, made, mission_health(made.frames, profile.camera, sensor, lambda *_: None)
+    return profile, simulated, mission_health(simulated.frames, profile.camera, sensor, lambda *_: None)
 
 
-def test_focal_length_jumps_once_on_its_day(mission: tuple[CameraProfile, Year, MissionHealth]) -> None:
+def test_jump_of_the_focal_length_is_found(mission: tuple[CameraProfile, Year, MissionHealth]) -> None:
+    """The only jump is found with its time and size, and so is the change with temperature."""
     profile, _, health = mission
     trend = health.figure("focal length").trend
     assert trend is not None
@@ -56,28 +59,33 @@ def test_focal_length_jumps_once_on_its_day(mission: tuple[CameraProfile, Year, 
     assert trend.per_k.contains(FOCAL_PER_K * profile.camera.focal_col_px)
 
 
-def test_damaged_pixels_are_dated_and_none_is_false(mission: tuple[CameraProfile, Year, MissionHealth]) -> None:
-    profile, made, health = mission
+def test_damaged_pixels_are_dated_without_false_ones(mission: tuple[CameraProfile, Year, MissionHealth]) -> None:
+    """Every pixel with an onset is truly damaged, and 90 % of the onsets are within their intervals. All others were
+    hot from the start.
+    """
+    profile, simulated, health = mission
     columns = profile.camera.columns
-    true = dict(zip(made.damage.place.tolist(), made.damage.onset_day.tolist(), strict=True))
+    true = dict(zip(simulated.damage.place.tolist(), simulated.damage.onset_day.tolist(), strict=True))
     new = [c for c in health.pixels if c.onset_s is not None]
     assert all(c.row * columns + c.col in true for c in new)
     dated = [c.onset_s.contains(START_S + true[c.row * columns + c.col] * DAY_S) for c in new if c.onset_s is not None]
     assert len(new) >= 50
     assert np.mean(dated) >= 0.9
-    factory = set(made.chip.hot.tolist()) | set(true)
+    factory = set(simulated.chip.hot.tolist()) | set(true)
     assert all(c.row * columns + c.col in factory for c in health.pixels)
 
 
-def test_particles_are_counted_where_they_fall(mission: tuple[CameraProfile, Year, MissionHealth]) -> None:
-    _, made, health = mission
-    solved = [k for k, f in enumerate(made.frames) if f.solved]
-    hits = np.array([made.true[k].hits for k in solved])
+def test_particles_are_counted_per_frame(mission: tuple[CameraProfile, Year, MissionHealth]) -> None:
+    """The number of particles per frame correlates with the simulated hits, and the total agrees."""
+    _, simulated, health = mission
+    solved = [k for k, f in enumerate(simulated.frames) if f.solved]
+    hits = np.array([simulated.true[k].hits for k in solved])
     assert np.corrcoef(hits, health.particles)[0, 1] > 0.95
     assert 0.75 * hits.sum() <= health.particles.sum() <= 1.1 * hits.sum()
 
 
 def test_dark_current_follows_the_temperature(mission: tuple[CameraProfile, Year, MissionHealth]) -> None:
+    """The dark current doubles every 8 K, as simulated. Without a temperature the factor is 1."""
     _, _, health = mission
     assert health.dark.law_known
     assert health.dark.doubling_k.value == pytest.approx(8.0, rel=0.03)
@@ -85,15 +93,17 @@ def test_dark_current_follows_the_temperature(mission: tuple[CameraProfile, Year
 
 
 def test_every_figure_has_samples(mission: tuple[CameraProfile, Year, MissionHealth]) -> None:
+    """All figures are present, and at most the light of white stars lacks a trend."""
     _, _, health = mission
     assert {f.name for f in health.figures} == set(FIGURES)
     assert [f.name for f in health.figures if f.trend is None] in ([], ["light of white stars"])
 
 
-def test_too_few_frames_are_refused(mission: tuple[CameraProfile, Year, MissionHealth]) -> None:
-    profile, made, _ = mission
+def test_too_few_frames_are_rejected(mission: tuple[CameraProfile, Year, MissionHealth]) -> None:
+    """Ten frames, and frames without solutions, are rejected."""
+    profile, simulated, _ = mission
     with pytest.raises(BadInput, match="too few frames"):
-        mission_health(made.frames[:10], profile.camera, profile.sensor, lambda *_: None)
-    unsolved = [replace(f, result=None) for f in made.frames]
+        mission_health(simulated.frames[:10], profile.camera, profile.sensor, lambda *_: None)
+    unsolved = [replace(f, result=None) for f in simulated.frames]
     with pytest.raises(BadInput, match="0 of 90"):
         mission_health(unsolved, profile.camera, profile.sensor, lambda *_: None)

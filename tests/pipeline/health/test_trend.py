@@ -1,4 +1,4 @@
-"""Trends: drift, temperature, jumps and tolerances are recovered within their intervals."""
+"""Trends: drift, temperature coefficient, jumps and tolerance exits are recovered within their intervals."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ DRIFT, PER_K, JUMP = 0.01, 0.3, 3.0
 
 
 def _mission(seed: int, jump_day: float | None) -> tuple[Array, Array, Array, Array]:
-    """A year of 300 samples with 1 % outliers: times, values, errors, temperatures."""
+    """Return a year of 300 samples with 1 % outliers: times, values, errors, temperatures."""
     rng = np.random.default_rng(seed)
     t = np.sort(rng.uniform(0, 365 * DAY_S, 300))
-    warm = 20 + 8 * np.sin(t / 5e5) + rng.normal(0, 1, 300)
+    temperature_c = 20 + 8 * np.sin(t / 5e5) + rng.normal(0, 1, 300)
     sigma = rng.uniform(0.5, 1.5, 300)
-    y = 100 + DRIFT * t / DAY_S + PER_K * (warm - 20) + rng.normal(0, sigma) * 1.5
+    y = 100 + DRIFT * t / DAY_S + PER_K * (temperature_c - 20) + rng.normal(0, sigma) * 1.5
     y += (rng.random(300) < 0.01) * rng.normal(0, 50, 300)
     if jump_day is not None:
         y += JUMP * (t >= jump_day * DAY_S)
-    return t, y, sigma, warm
+    return t, y, sigma, temperature_c
 
 
 def _fit(seed: int, jump_day: float | None) -> Trend:
@@ -30,6 +30,9 @@ def _fit(seed: int, jump_day: float | None) -> Trend:
 
 
 def test_a_mission_without_a_jump_has_none() -> None:
+    """In 40 missions without a jump, at most one false jump is found; drift and temperature coefficient are within
+    their intervals.
+    """
     fits = [_fit(seed, None) for seed in range(40)]
     assert sum(len(f.jumps) for f in fits) <= 1
     assert sum(f.per_day.contains(DRIFT) for f in fits) >= 34
@@ -37,6 +40,7 @@ def test_a_mission_without_a_jump_has_none() -> None:
 
 
 def test_a_jump_is_found_with_its_time_and_size() -> None:
+    """One jump is found in every mission, and its time, its size and the drift are within their intervals in most."""
     days = np.random.default_rng(1).uniform(40, 320, 30)
     fits = [_fit(seed, float(day)) for seed, day in enumerate(days)]
     assert all(len(f.jumps) == 1 for f in fits)
@@ -46,25 +50,28 @@ def test_a_jump_is_found_with_its_time_and_size() -> None:
 
 
 def test_two_jumps_are_found_in_order_of_time() -> None:
-    t, y, sigma, warm = _mission(5, 80.0)
-    trend = fit_trend(t, y - 5 * (t >= 250 * DAY_S), sigma, warm)
+    """Two jumps are found with their sizes and times, earlier one first."""
+    t, y, sigma, temperature_c = _mission(5, 80.0)
+    trend = fit_trend(t, y - 5 * (t >= 250 * DAY_S), sigma, temperature_c)
     assert [round(j.size.value) for j in trend.jumps] == [3, -5]
     assert trend.jumps[0].time_s.contains(80 * DAY_S)
     assert trend.jumps[1].time_s.contains(250 * DAY_S)
 
 
 def test_the_exit_from_a_tolerance_is_predicted_within_its_interval() -> None:
-    inside = 0
+    """The predicted time at which a value leaves its tolerance is within its interval in most missions."""
+    within_interval = 0
     for seed in range(30):
         trend = _fit(seed, None)
-        leaves = tolerance_exit(trend, 100.0, 10.0, 365 * DAY_S)
+        predicted = tolerance_exit(trend, 100.0, 10.0, 365 * DAY_S)
         offset = PER_K * (trend.temperature_c - 20)
-        inside += leaves.time_s.contains((10 - offset) / DRIFT * DAY_S)
-        assert not leaves.outside
-    assert inside >= 25
+        within_interval += predicted.time_s.contains((10 - offset) / DRIFT * DAY_S)
+        assert not predicted.outside
+    assert within_interval >= 25
 
 
-def test_a_steady_figure_never_leaves_and_one_beyond_has_left() -> None:
+def test_a_constant_value_never_leaves_its_tolerance() -> None:
+    """A constant value inside its tolerance never leaves it; one outside is reported as outside."""
     rng = np.random.default_rng(3)
     t = np.linspace(0, 300 * DAY_S, 60)
     steady = fit_trend(t, rng.normal(5, 1e-6, 60), np.full(60, 1e-6))
@@ -73,17 +80,20 @@ def test_a_steady_figure_never_leaves_and_one_beyond_has_left() -> None:
 
 
 def test_temperatures_that_do_not_vary_are_ignored() -> None:
+    """Constant or missing temperatures give no temperature coefficient."""
     t, y, sigma, _ = _mission(2, None)
     assert fit_trend(t, y, sigma, np.full(len(t), 20.0)).per_k is None
     assert fit_trend(t, y, sigma, np.full(len(t), np.nan)).per_k is None
 
 
 @pytest.mark.parametrize("count", [0, 5, 11])
-def test_few_samples_are_refused(count: int) -> None:
+def test_few_samples_are_rejected(count: int) -> None:
+    """Fewer than twelve samples are rejected."""
     with pytest.raises(BadInput, match="too few samples"):
         fit_trend(np.arange(count) * DAY_S, np.ones(count), np.ones(count))
 
 
-def test_samples_of_one_moment_are_refused() -> None:
+def test_samples_of_a_single_time_are_rejected() -> None:
+    """Samples with identical times are rejected."""
     with pytest.raises(BadInput, match="single time"):
         fit_trend(np.zeros(20), np.arange(20.0), np.ones(20))

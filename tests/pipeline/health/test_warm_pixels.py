@@ -1,4 +1,4 @@
-"""Warm pixels: found, dated, and their course recovered; a quiet pixel is none."""
+"""Warm pixels are found and dated, and their change over time is recovered; quiet pixels are not reported."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DRIVE_S = 0.4 * 2 ** np.sin(TIMES_S / 1e6)
 
 
 def _series(dark_e_s: np.ndarray, seed: int) -> PixelSeries:
-    """Read-out of a pixel with particles and stars."""
+    """Return the readings of a pixel with the given dark current, with particle hits and with gaps caused by stars."""
     rng = np.random.default_rng(seed)
     charge = dark_e_s * DRIVE_S
     dn = rng.normal(0, 2) + (charge + np.sqrt(charge) * rng.normal(size=FRAMES)) / GAIN
@@ -34,7 +34,7 @@ def _series(dark_e_s: np.ndarray, seed: int) -> PixelSeries:
 
 
 def _damaged(shape: str, seed: int) -> tuple[PixelCourse | None, float, float]:
-    """Fit of a damaged pixel, its onset and its half-life in seconds."""
+    """Return the fit of a damaged pixel, its onset and its half-life in seconds."""
     rng = np.random.default_rng([seed, 1])
     peak, onset_s, life_s = 100 + rng.exponential(150), rng.uniform(30, 330) * DAY_S, rng.uniform(10, 50) * DAY_S
     age_s = np.maximum(TIMES_S - onset_s, 0)
@@ -49,21 +49,26 @@ def _damaged(shape: str, seed: int) -> tuple[PixelCourse | None, float, float]:
 
 @pytest.mark.parametrize("shape", [STEADY, ANNEALING, GROWING])
 def test_onset_is_within_its_interval(shape: str) -> None:
-    made = [_damaged(shape, seed) for seed in range(25)]
-    assert all(c is not None and c.onset_s is not None for c, _, _ in made)
-    inside = sum(c is not None and c.onset_s is not None and c.onset_s.contains(onset_s) for c, onset_s, _ in made)
-    assert inside >= 23
-    assert sum(c is not None and c.shape == shape for c, _, _ in made) >= 17
+    """The onset is within its interval in at least 23 of 25 cases, and the shape is recognised in at least 17."""
+    fits = [_damaged(shape, seed) for seed in range(25)]
+    assert all(c is not None and c.onset_s is not None for c, _, _ in fits)
+    within_interval = sum(
+        c is not None and c.onset_s is not None and c.onset_s.contains(onset_s) for c, onset_s, _ in fits
+    )
+    assert within_interval >= 23
+    assert sum(c is not None and c.shape == shape for c, _, _ in fits) >= 17
 
 
 def test_half_life_is_within_its_interval() -> None:
-    made = [_damaged(ANNEALING, seed) for seed in range(40)]
-    lives = [(c.half_life_s, life_s) for c, _, life_s in made if c is not None and c.half_life_s is not None]
+    """The half-life of annealing pixels is within its interval in at least 85 % of the cases."""
+    fits = [_damaged(ANNEALING, seed) for seed in range(40)]
+    lives = [(c.half_life_s, life_s) for c, _, life_s in fits if c is not None and c.half_life_s is not None]
     assert len(lives) >= 35
     assert sum(e.contains(life_s) for e, life_s in lives) >= 0.85 * len(lives)
 
 
 def test_a_pixel_that_is_warm_from_the_start_has_no_onset() -> None:
+    """A pixel that was warm throughout is reported with its dark current and without an onset."""
     course = pixel_course(_series(np.full(FRAMES, 300.0), 1), 7, 8, WARM_E_S)
     assert course is not None
     assert course.onset_s is None
@@ -71,6 +76,7 @@ def test_a_pixel_that_is_warm_from_the_start_has_no_onset() -> None:
 
 
 def test_quiet_pixels_and_a_constant_offset_are_not_warm() -> None:
+    """None of 100 quiet pixels is reported, nor is a constant offset without dark current."""
     quiet = [pixel_course(_series(np.zeros(FRAMES), seed), 0, 0, WARM_E_S) for seed in range(100)]
     assert quiet == [None] * 100
     series = _series(np.zeros(FRAMES), 5)
@@ -78,12 +84,14 @@ def test_quiet_pixels_and_a_constant_offset_are_not_warm() -> None:
     assert pixel_course(shifted, 0, 0, WARM_E_S) is None
 
 
-def test_a_pixel_hidden_by_stars_is_not_judged() -> None:
+def test_a_pixel_without_readings_gives_no_result() -> None:
+    """A pixel without any reading gives no result."""
     series = PixelSeries(TIMES_S, np.full(FRAMES, np.nan), np.full(FRAMES, NOISE_DN), DRIVE_S, GAIN)
     assert pixel_course(series, 0, 0, WARM_E_S) is None
 
 
-def test_particles_and_stars_do_not_reach_the_trimmed_mean() -> None:
+def test_particles_and_stars_do_not_affect_the_trimmed_mean() -> None:
+    """Single outliers and missing readings do not affect the trimmed mean."""
     values = np.zeros((5, 2, 3), np.float32)
     values[1, 0, 0] = 500
     values[:, 1, 1] = np.nan
@@ -92,7 +100,8 @@ def test_particles_and_stars_do_not_reach_the_trimmed_mean() -> None:
     assert not trimmed_mean(values).any()
 
 
-def test_candidates_hold_all_pixels_that_changed_and_few_others() -> None:
+def test_candidates_include_all_changed_pixels_and_few_others() -> None:
+    """The search returns all changed pixels and fewer than 60 candidates in total."""
     rng = np.random.default_rng(2)
     pattern = rng.normal(0, 1, (100, 120)).astype(np.float32)
     changed = rng.choice(100 * 120, 20, replace=False)
@@ -103,13 +112,14 @@ def test_candidates_hold_all_pixels_that_changed_and_few_others() -> None:
         if k >= 90:
             excess.ravel()[changed] += 8
         maps.add(excess)
-    found = candidates(maps.maps)
-    assert set(changed) <= set(found)
-    assert len(found) < 60
+    candidate_pixels = candidates(maps.maps)
+    assert set(changed) <= set(candidate_pixels)
+    assert len(candidate_pixels) < 60
 
 
 @pytest.mark.parametrize("count", [1, 7, 30, 199, 5000])
-def test_blocks_hold_every_frame_once(count: int) -> None:
+def test_blocks_contain_every_frame_once(count: int) -> None:
+    """Blocks cover all frames without overlap and have at least five frames each, unless there are fewer."""
     edges = block_edges(count)
     assert (edges[0], edges[-1]) == (0, count)
     assert min(np.diff(edges)) >= min(count, 5)

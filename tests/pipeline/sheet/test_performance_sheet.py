@@ -1,4 +1,4 @@
-"""Performance sheet: every error injected alone into star lists is found in its own row, within its interval."""
+"""Performance sheet: each error, injected alone into star lists, is found in its own row and within its interval."""
 
 from __future__ import annotations
 
@@ -35,8 +35,10 @@ NOISE_PX = 0.03
 
 @dataclass
 class Unit:
-    """Errors of a synthetic unit: ``field_px`` cubic distortion left at the corner, ``wave_px`` amplitude of the
-    error within a pixel, ``fixed_px`` error of each pixel, ``noise_px`` of one star."""
+    """Errors of a synthetic star tracker. ``field_px``: cubic distortion that remains at the corner; ``wave_px``:
+    amplitude of the error periodic in a pixel; ``fixed_px``: constant error of each pixel; ``noise_px``: noise of one
+    star.
+    """
 
     field_px: float = 0.0
     wave_px: float = 0.0
@@ -49,40 +51,40 @@ class Unit:
         self.pixels = chip.normal(size=(CAMERA.rows, CAMERA.columns, 2)) * self.fixed_px
 
     def error(self, true_px: Array) -> Array:
-        """(k, 2) systematic error at the true places."""
+        """Return the (k, 2) systematic error at the true positions."""
         u = (true_px - np.array([CAMERA.columns, CAMERA.rows]) / 2) / (CAMERA.columns / 2)
-        slow = self.field_px * u * (u**2).sum(axis=1, keepdims=True) + self.field_px * np.column_stack(
+        distortion = self.field_px * u * (u**2).sum(axis=1, keepdims=True) + self.field_px * np.column_stack(
             [u[:, 1] ** 2, 0 * u[:, 0]]
         )
         wave = self.wave_px * np.sin(2 * np.pi * true_px)
-        at = np.rint(true_px).astype(int)
-        return slow + wave + self.pixels[at[:, 1], at[:, 0]]
+        nearest_px = np.rint(true_px).astype(int)
+        return distortion + wave + self.pixels[nearest_px[:, 1], nearest_px[:, 0]]
 
 
-def fields(unit: Unit, attitudes: list[Array]) -> tuple[AttitudeSeries, StarSightings]:
-    """Measure the stars of each attitude and fit the attitude to them."""
+def measure_stars(unit: Unit, attitudes: list[Array]) -> tuple[AttitudeSeries, StarSightings]:
+    """Measure the stars at each attitude and fit the attitude to them."""
     stars = load_stars(6.5)
-    frame, pixels, residual, hip, found, covariance = [], [], [], [], [], []
-    for k, c in enumerate(attitudes):
-        near = stars.icrs @ c[2] > np.cos(CAMERA.half_diagonal_rad)
-        icrs = stars.icrs[near]
-        true = CAMERA.project(icrs @ c.T)
-        on = CAMERA.contains(true, 3)
-        true, icrs = true[on], icrs[on]
-        seen = true + unit.error(true) + unit.noise_px * unit.rng.normal(size=true.shape)
-        fit = svd(CAMERA.unproject(seen), icrs)
-        frame += [k] * len(true)
-        pixels.append(seen)
-        residual.append(seen - CAMERA.project(icrs @ fit.T))
-        hip.append(stars.hip[near][on])
-        found.append(quaternion_from_matrix(fit))
+    frame, pixels, residual, hip, fitted, covariance = [], [], [], [], [], []
+    for k, attitude in enumerate(attitudes):
+        in_view = stars.icrs @ attitude[2] > np.cos(CAMERA.half_diagonal_rad)
+        icrs = stars.icrs[in_view]
+        true_px = CAMERA.project(icrs @ attitude.T)
+        inside = CAMERA.contains(true_px, 3)
+        true_px, icrs = true_px[inside], icrs[inside]
+        measured = true_px + unit.error(true_px) + unit.noise_px * unit.rng.normal(size=true_px.shape)
+        fit = svd(CAMERA.unproject(measured), icrs)
+        frame += [k] * len(true_px)
+        pixels.append(measured)
+        residual.append(measured - CAMERA.project(icrs @ fit.T))
+        hip.append(stars.hip[in_view][inside])
+        fitted.append(quaternion_from_matrix(fit))
         covariance.append(np.eye(3) * 1e-10)
     n = len(attitudes)
-    moved = np.arccos(np.clip([a[2] @ b[2] for a, b in pairwise(attitudes)], -1, 1)) / CAMERA.pixel_rad
-    block = np.r_[0, np.cumsum(np.cumsum(moved) // 5 != np.r_[0, np.cumsum(moved)[:-1] // 5])].astype(np.intp)
+    moved_px = np.arccos(np.clip([a[2] @ b[2] for a, b in pairwise(attitudes)], -1, 1)) / CAMERA.pixel_rad
+    block = np.r_[0, np.cumsum(np.cumsum(moved_px) // 5 != np.r_[0, np.cumsum(moved_px)[:-1] // 5])].astype(np.intp)
     ones = np.ones(n, np.intp)
     series = AttitudeSeries(
-        np.arange(n) * 1.0, np.array(found), np.array(covariance), ones * 9, ones * 9, np.full(n, 0.1)
+        np.arange(n) * 1.0, np.array(fitted), np.array(covariance), ones * 9, ones * 9, np.full(n, 0.1)
     )
     stars_seen = StarSightings(
         np.array(frame, np.intp),
@@ -95,27 +97,30 @@ def fields(unit: Unit, attitudes: list[Array]) -> tuple[AttitudeSeries, StarSigh
     return series, stars_seen
 
 
-def scan(count: int, seed: int = 3) -> list[Array]:
-    """Random attitudes, each taken again one and two frames later by a fiftieth of a pixel."""
+def scan_attitudes(count: int, seed: int = 3) -> list[Array]:
+    """Return random attitudes, each followed by two more in steps of a fiftieth of a pixel about both axes."""
     rng = np.random.default_rng(seed)
-    made = []
+    attitudes = []
     for _ in range(count):
-        c = matrix_from_quaternion(random_quaternion(rng))
-        made += [rotation_from_vector(CAMERA.pixel_rad * 0.02 * k * np.array([1.0, 1.0, 0.0])) @ c for k in range(3)]
-    return made
+        attitude = matrix_from_quaternion(random_quaternion(rng))
+        attitudes += [
+            rotation_from_vector(CAMERA.pixel_rad * 0.02 * k * np.array([1.0, 1.0, 0.0])) @ attitude for k in range(3)
+        ]
+    return attitudes
 
 
 def sheet_of(unit: Unit, count: int = 60) -> PerformanceSheet:
-    series, stars = fields(unit, scan(count))
+    """Return the sheet of a scan measured by the unit."""
+    series, stars = measure_stars(unit, scan_attitudes(count))
     return performance_sheet(SheetInput(CAMERA, series, stars), np.random.default_rng(1))
 
 
-def expected_rad(part: Unit, count: int = 60) -> Array:
-    """(3,) rms attitude error that one error alone causes: with and without it, without noise."""
-    attitudes = scan(count)
-    with_it, _ = fields(replace(part, noise_px=0.0), attitudes)
-    turn = turn_between(np.array([quaternion_from_matrix(c) for c in attitudes]), with_it.quaternion)
-    return np.asarray((turn - turn.mean(axis=0)).std(axis=0))
+def expected_rad(unit: Unit, count: int = 60) -> Array:
+    """Return the (3,) rms attitude error that the systematic errors of a unit cause, without noise."""
+    attitudes = scan_attitudes(count)
+    with_error, _ = measure_stars(replace(unit, noise_px=0.0), attitudes)
+    rotation_rad = turn_between(np.array([quaternion_from_matrix(c) for c in attitudes]), with_error.quaternion)
+    return np.asarray((rotation_rad - rotation_rad.mean(axis=0)).std(axis=0))
 
 
 CASES = {
@@ -128,14 +133,17 @@ CASES = {
 
 @pytest.fixture(scope="module")
 def sheets() -> dict[str, PerformanceSheet]:
+    """Return the sheet of each case."""
     return {name: sheet_of(replace(unit, rng=np.random.default_rng(5))) for name, unit in CASES.items()}
 
 
 Sheets = dict[str, PerformanceSheet]
 
 
-def test_a_field_error_is_found_in_its_row(sheets: Sheets) -> None:
-    """A lens error left by the calibration is found as the attitude error that it causes, and not within the pixel."""
+def test_a_field_error_appears_in_its_row(sheets: Sheets) -> None:
+    """Distortion that calibration did not remove appears as the attitude error that it causes, and not as an error
+    within the pixel.
+    """
     sheet, truth = sheets["field"], expected_rad(CASES["field"])
     for axis, true in zip("xyz", truth, strict=True):
         figure = sheet.row("field-of-view").figure(axis)
@@ -144,8 +152,8 @@ def test_a_field_error_is_found_in_its_row(sheets: Sheets) -> None:
     assert sheet.row("pixel").figure("one star, fixed").low == 0
 
 
-def test_an_error_periodic_in_a_pixel_is_found_in_its_row(sheets: Sheets) -> None:
-    """The error of a centroid formula within the pixel is found with its amplitude, and not over the field."""
+def test_an_error_periodic_in_a_pixel_appears_in_its_row(sheets: Sheets) -> None:
+    """The periodic error of a centroid formula appears with its amplitude, and not as an error over the field."""
     sheet, truth = sheets["wave"], expected_rad(CASES["wave"])
     for axis, true in zip("xyz", truth, strict=True):
         figure = sheet.row("pixel").figure(f"periodic {axis}")
@@ -155,8 +163,10 @@ def test_an_error_periodic_in_a_pixel_is_found_in_its_row(sheets: Sheets) -> Non
     assert star.low <= CASES["wave"].wave_px / np.sqrt(2) <= star.high
 
 
-def test_a_fixed_pattern_is_found_in_its_row(sheets: Sheets) -> None:
-    """An error of each pixel is found from stars that return to their pixels, and is neither slow nor periodic."""
+def test_a_fixed_pattern_appears_in_its_row(sheets: Sheets) -> None:
+    """A constant error of each pixel is found from stars that return to the same pixels, and appears neither as a field
+    error nor as a periodic error.
+    """
     sheet = sheets["fixed"]
     star = sheet.row("pixel").figure("one star, fixed")
     assert star.low <= CASES["fixed"].fixed_px <= star.high
@@ -164,19 +174,21 @@ def test_a_fixed_pattern_is_found_in_its_row(sheets: Sheets) -> None:
     assert sheet.row("field-of-view").figure("one star").low == 0
 
 
-def test_noise_alone_leaks_into_no_spatial_row(sheets: Sheets) -> None:
-    """Without spatial errors, all their intervals reach zero."""
+def test_noise_alone_gives_no_spatial_error(sheets: Sheets) -> None:
+    """Without spatial errors, the intervals of all spatial figures include zero."""
     for key in ("field-of-view", "pixel"):
         assert all(f.low == 0 for f in sheets["none"].row(key).figures)
 
 
 def test_temporal_noise_is_found(sheets: Sheets) -> None:
-    """The noise of one attitude is found from consecutive frames, with and without a slow error of the field."""
+    """The noise of one attitude is found from consecutive frames, with and without a field error. A row without enough
+    pointings states what it needs.
+    """
     count = 90
     attitudes = [rotation_from_vector(CAMERA.pixel_rad * 0.02 * k * np.array([1.0, 0, 0])) for k in range(count)]
     for unit in (Unit(), Unit(field_px=0.5)):
-        series, stars = fields(unit, attitudes)
-        clean, _ = fields(replace(unit, noise_px=0.0), attitudes)
+        series, stars = measure_stars(unit, attitudes)
+        clean, _ = measure_stars(replace(unit, noise_px=0.0), attitudes)
         truth = turn_between(clean.quaternion, series.quaternion).std(axis=0)
         sheet = performance_sheet(SheetInput(CAMERA, series, stars), np.random.default_rng(1))
         row = sheet.row("temporal-noise")
@@ -185,8 +197,10 @@ def test_temporal_noise_is_found(sheets: Sheets) -> None:
         assert "pointings" in sheet.row("field-of-view").needs
 
 
-def test_allan_deviation_of_white_noise_falls_with_the_root_of_time() -> None:
-    """Independent values have their σ at the shortest time, and half of it after four steps."""
+def test_allan_deviation_of_white_noise_decreases_with_the_root_of_time() -> None:
+    """For independent values, the Allan deviation is their σ at the shortest time and half of it at four times that
+    time.
+    """
     noise = np.random.default_rng(1).normal(size=(4000, 3))
     times_s, allan = allan_deviation(noise, 2.0)
     assert times_s[0] == 2.0
@@ -198,41 +212,50 @@ ERRORS = {"bias": 20 * ARCSEC_RAD, "thermal": 2 * ARCSEC_RAD, "date": 0.05, "abe
 
 
 def reference_input(injected: str) -> ReferenceInput:
-    """A camera with one error against the true attitude: over an orbit, with swinging rates and temperatures."""
+    """Return a camera with one error and its true attitudes, over an orbit with oscillating rates and temperatures."""
     rng = np.random.default_rng(8)
     n = 480
-    at = np.arange(n) * 12.0
-    rate = np.radians(0.3) * np.sin(2 * np.pi * at / 900)[:, None] * np.array([0.6, 0.8, 0.0])
+    times_s = np.arange(n) * 12.0
+    rate = np.radians(0.3) * np.sin(2 * np.pi * times_s / 900)[:, None] * np.array([0.6, 0.8, 0.0])
     attitude = [np.array([0.1, 0.2, 0.3, 0.9]) / np.linalg.norm([0.1, 0.2, 0.3, 0.9])]
     for k in range(n - 1):
         attitude.append(turned(attitude[-1], -0.5 * (rate[k] + rate[k + 1]) * 12.0))
     true = np.array(attitude)
-    warm = 20 + 8 * np.sin(2 * np.pi * at / 5700)
-    speed = 1e-4 * np.column_stack([np.cos(2 * np.pi * at / 5600), np.sin(2 * np.pi * at / 5600), 0.2 + 0 * at])
-    off = 1 * ARCSEC_RAD * rng.normal(size=(n, 3))
+    temperature_c = 20 + 8 * np.sin(2 * np.pi * times_s / 5700)
+    velocity = 1e-4 * np.column_stack(
+        [np.cos(2 * np.pi * times_s / 5600), np.sin(2 * np.pi * times_s / 5600), 0.2 + 0 * times_s]
+    )
+    error_rad = 1 * ARCSEC_RAD * rng.normal(size=(n, 3))
     axis = np.array([1.0, -1.0, 0.5])
     if injected == "bias":
-        off = off + ERRORS["bias"] * axis
+        error_rad = error_rad + ERRORS["bias"] * axis
     if injected == "thermal":
-        off = off + ERRORS["thermal"] * axis * (warm - warm.mean())[:, None]
+        error_rad = error_rad + ERRORS["thermal"] * axis * (temperature_c - temperature_c.mean())[:, None]
     if injected == "date":
-        off = off - ERRORS["date"] * rate
+        error_rad = error_rad - ERRORS["date"] * rate
     if injected == "aberration":
-        in_cam = np.einsum("nij,nj->ni", np.array([matrix_from_quaternion(q) for q in true]), speed)
-        off = off + np.cross(np.array([0.0, 0, 1.0]), in_cam)
-    ones, none = np.ones(n, np.intp), np.full((n, 3, 3), 1e-11)
+        velocity_cam = np.einsum("nij,nj->ni", np.array([matrix_from_quaternion(q) for q in true]), velocity)
+        error_rad = error_rad + np.cross(np.array([0.0, 0, 1.0]), velocity_cam)
+    ones, covariance = np.ones(n, np.intp), np.full((n, 3, 3), 1e-11)
     camera = AttitudeSeries(
-        at, np.array([turned(q, d) for q, d in zip(true, off, strict=True)]), none, ones, ones, np.ones(n)
+        times_s,
+        np.array([turned(q, d) for q, d in zip(true, error_rad, strict=True)]),
+        covariance,
+        ones,
+        ones,
+        np.ones(n),
     )
-    reference = AttitudeSeries(at, true, none, ones, ones, np.ones(n))
+    reference = AttitudeSeries(times_s, true, covariance, ones, ones, np.ones(n))
     block = np.arange(n, dtype=np.intp) // 12
-    return ReferenceInput(camera, reference, block, np.array([0, 0, 0, 1.0]), warm, speed, true_reference=True)
+    return ReferenceInput(
+        camera, reference, block, np.array([0, 0, 0, 1.0]), temperature_c, velocity, true_reference=True
+    )
 
 
 @pytest.mark.parametrize("injected", ERRORS)
 def test_errors_against_a_reference_are_separated(injected: str) -> None:
-    """Bias, thermo-elastic, date and aberration errors are each found in their own row, and in no other."""
-    found = reference_errors(reference_input(injected), np.random.default_rng(2))
+    """Bias, thermo-elastic, date and aberration errors each appear in their own row and in no other."""
+    errors = reference_errors(reference_input(injected), np.random.default_rng(2))
     axis = np.array([1.0, -1.0, 0.5])
     truth = {
         "bias": ERRORS["bias"] * axis * (injected == "bias"),
@@ -240,17 +263,17 @@ def test_errors_against_a_reference_are_separated(injected: str) -> None:
         "date": np.array([ERRORS["date"] * (injected == "date")]),
         "aberration": np.array([ERRORS["aberration"] * (injected == "aberration")]),
     }
-    fits = {"bias": found.bias, "thermal": found.thermal, "date": found.date_s, "aberration": found.aberration}
+    fits = {"bias": errors.bias, "thermal": errors.thermal, "date": errors.date_s, "aberration": errors.aberration}
     for name, true in truth.items():
         fit = fits[name]
         assert fit is not None
         width = fit.high - fit.low
-        # Eight intervals of 95 %: a few may miss narrowly.
+        # Eight intervals of 95 % are tested, so the limit is wider than half an interval.
         assert (np.abs(fit.value - true) <= 0.9 * width + 1e-12).all(), name
 
 
 def test_rows_without_data_state_what_they_need() -> None:
-    """A sheet of a single head has no bias, and says which data would give it."""
+    """Rows that need other data, such as a second head, are not measured and state the data that they need."""
     sheet = sheet_of(Unit(), 12)
     for key in ("bias", "thermo-elastic", "aberration", "date", "end-of-life", "robustness"):
         row = sheet.row(key)
@@ -259,19 +282,20 @@ def test_rows_without_data_state_what_they_need() -> None:
 
 
 def test_trials_give_shares_with_intervals() -> None:
-    """Acquisition counts correct, false and missing attitudes; no false one in twenty bounds the share, it is not
-    zero."""
-    series, stars = fields(Unit(), scan(4))
-    given = SheetInput(CAMERA, series, stars, acquisition=Trials("at rest", 20, 19, 0, np.full(19, 1e-5)))
-    row = performance_sheet(given, np.random.default_rng(1)).row("acquisition")
+    """Acquisition counts correct, false and missing attitudes. If none of twenty is false, the upper bound of their
+    share is still above zero.
+    """
+    series, stars = measure_stars(Unit(), scan_attitudes(4))
+    sheet_input = SheetInput(CAMERA, series, stars, acquisition=Trials("at rest", 20, 19, 0, np.full(19, 1e-5)))
+    row = performance_sheet(sheet_input, np.random.default_rng(1)).row("acquisition")
     assert row.figure("correct").value == 0.95
     assert row.figure("false").value == 0
     assert row.figure("false").high > 0.1
     assert row.figure("none") == share_figure("none", 1, 20)
 
 
-def test_too_few_pointings_are_refused() -> None:
-    """Stars that never move over the detector cannot show its errors."""
-    _, stars = fields(Unit(), scan(2))
+def test_too_few_pointings_are_rejected() -> None:
+    """Stars from too few pointings are rejected, because they cannot show errors that vary over the detector."""
+    _, stars = measure_stars(Unit(), scan_attitudes(2))
     with pytest.raises(BadInput, match="too few stars"):
         spatial_errors(stars, CAMERA, np.random.default_rng(1))
