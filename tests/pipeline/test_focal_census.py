@@ -14,64 +14,69 @@ RADIUS_PX = 1.0
 
 
 def _field(rng: np.random.Generator, camera: Camera, stars: int = 40) -> tuple[Array, Array]:
-    """(n, 2) measured pixels and (n, 3) directions of stars, the sky lying as the camera does."""
+    """Return the (n, 2) measured pixels and the (n, 3) directions of stars, for the identity attitude."""
     pixels = rng.uniform((0, 0), (camera.columns - 1, camera.rows - 1), (stars, 2))
     return pixels + 0.2 * rng.normal(size=pixels.shape), camera.unproject(pixels)
 
 
-def _corner(pixels: Array, many: int) -> np.ndarray:
-    return np.argsort(np.linalg.norm(pixels - [1200, 100], axis=1))[:many]
+def _corner(pixels: Array, count: int) -> np.ndarray:
+    """Return the rows of the ``count`` stars nearest to a corner."""
+    return np.argsort(np.linalg.norm(pixels - [1200, 100], axis=1))[:count]
 
 
 @pytest.mark.parametrize("scale", [0.99, 0.995, 1.005, 1.0075, 1.01])
 @pytest.mark.parametrize("seed", range(5))
-def test_another_focal_length_is_named(scale: float, seed: int) -> None:
-    """Four stars of a corner, true names, forty in the field and ten false stars: the objection says which focal length."""
+def test_a_wrong_focal_length_is_reported(scale: float, seed: int) -> None:
+    """Four correctly matched stars in a corner, forty stars in the field and ten false stars give an objection that
+    states the true focal length.
+    """
     rng = np.random.default_rng(seed)
     pixels, stars = _field(rng, CAMERA.with_focal_scaled(scale))
     pixels = np.vstack([pixels, rng.uniform((0, 0), (1279, 1023), (10, 2))])
-    met = _corner(pixels[:40], 4)
-    said = focal_objection(pixels, met, stars[met], stars, CAMERA, RADIUS_PX)
-    assert "focal length" in said
-    difference_percent = float(said.split("one of ")[1].split(" %")[0])
+    matched = _corner(pixels[:40], 4)
+    objection = focal_objection(pixels, matched, stars[matched], stars, CAMERA, RADIUS_PX)
+    assert "focal length" in objection
+    difference_percent = float(objection.split("one of ")[1].split(" %")[0])
     assert difference_percent == pytest.approx(100 * (scale - 1), abs=0.26)
 
 
-@pytest.mark.parametrize("false", [0, 10, 100])
-def test_the_right_focal_length_meets_no_objection(false: int) -> None:
-    """Few of the field's stars matched, half of them missing, false stars between: of sixty fields at most one is refused."""
-    refused = 0
+@pytest.mark.parametrize("false_count", [0, 10, 100])
+def test_the_correct_focal_length_is_accepted(false_count: int) -> None:
+    """With few matched stars, half of the stars missing and false stars, at most one of sixty fields is rejected."""
+    rejected = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
         pixels, stars = _field(rng, CAMERA)
-        shown = rng.permutation(40)[:20]
-        pixels = np.vstack([pixels[shown], rng.uniform((0, 0), (1279, 1023), (false, 2))])
-        met = _corner(pixels[:20], 4)
-        refused += focal_objection(pixels, met, stars[shown][met], stars, CAMERA, RADIUS_PX) != ""
-    assert refused <= 1
+        visible = rng.permutation(40)[:20]
+        pixels = np.vstack([pixels[visible], rng.uniform((0, 0), (1279, 1023), (false_count, 2))])
+        matched = _corner(pixels[:20], 4)
+        rejected += focal_objection(pixels, matched, stars[visible][matched], stars, CAMERA, RADIUS_PX) != ""
+    assert rejected <= 1
 
 
-def test_a_cluster_with_an_uncertain_roll_does_not_hide_a_wrong_match() -> None:
-    """Six stars within 40 px leave the roll uncertain by many pixels at the rim; the census still finds the other stars."""
+def test_a_cluster_with_an_uncertain_roll_reveals_a_wrong_focal_length() -> None:
+    """Six stars within 40 px leave the roll uncertain by many pixels at the edge of the field. The other stars still
+    reveal the wrong focal length.
+    """
     rng = np.random.default_rng(3)
     camera = CAMERA.with_focal_scaled(0.99)
     pixels, stars = _field(rng, camera)
     cluster = np.array([1200.0, 500.0]) + rng.uniform(-20, 20, (6, 2))
     pixels, stars = np.vstack([pixels, cluster]), np.vstack([stars, camera.unproject(cluster)])
     pixels[40:] += 0.2 * rng.normal(size=(6, 2))
-    met = np.arange(40, 46)
-    assert "focal length" in focal_objection(pixels, met, stars[met], stars, CAMERA, RADIUS_PX)
+    matched = np.arange(40, 46)
+    assert "focal length" in focal_objection(pixels, matched, stars[matched], stars, CAMERA, RADIUS_PX)
 
 
 def test_a_small_error_of_calibration_does_not_reject_a_solution() -> None:
-    """A quarter of a percent moves the boresight by at most two pixels and is accepted."""
+    """A focal length wrong by 0.2 % is accepted, because it moves the boresight by at most two pixels."""
     rng = np.random.default_rng(4)
     pixels, stars = _field(rng, CAMERA.with_focal_scaled(1.002))
-    met = _corner(pixels, 5)
-    assert focal_objection(pixels, met, stars[met], stars, CAMERA, RADIUS_PX) == ""
+    matched = _corner(pixels, 5)
+    assert focal_objection(pixels, matched, stars[matched], stars, CAMERA, RADIUS_PX) == ""
 
 
 def test_frames_without_unmatched_stars_are_accepted() -> None:
-    """If all centroids are matched there is no further evidence."""
+    """If all centroids are matched, there is no evidence against the focal length."""
     pixels, stars = _field(np.random.default_rng(5), CAMERA, 4)
     assert focal_objection(pixels, np.arange(4), stars, stars, CAMERA, RADIUS_PX) == ""

@@ -1,4 +1,6 @@
-"""Moving objects in rendered frames: found, measured within their errors, and distinguished from pixels, particles and stars."""
+"""Moving objects in rendered frames are found, measured within their errors, and distinguished from defective pixels,
+particles and stars.
+"""
 
 from __future__ import annotations
 
@@ -27,55 +29,57 @@ RATE = np.radians([0.03, -0.02, 0.05])
 ATTITUDE = rotation_from_vector(np.array([0.3, -1.1, 0.4]))
 TOP_RATE = float(np.radians(2.0))
 SLOW, FAST = np.array([60.0, 80.0]), np.array([11.0, 7.0])
-"""Start of a slow object and its motion per second, in the pixels of the first camera axes."""
+"""Start of a slow object and its motion per second, in pixels of the first frame."""
 
 
 @pytest.fixture(scope="module")
 def stars() -> StarTable:
-    """Stars to V 8 at 2026."""
+    """Stars to V 8 at epoch 2026."""
     return SolverCache().stars(2026.0).brighter_than(8.0)
 
 
 def attitude_at(time_s: float) -> Array:
-    """Attitude of the rotating camera."""
+    """Return the attitude of the rotating camera."""
     return np.asarray(rotation_from_vector(-RATE * time_s) @ ATTITUDE)
 
 
 def direction(start_px: Array, step_px: Array, time_s: float) -> Array:
-    """ICRS direction of an object that moves on a straight line over the first frame's pixels."""
+    """Return the ICRS direction of an object that moves along a straight line in pixels of the first frame."""
     return np.asarray(CAMERA.unproject((start_px + step_px * time_s)[None])[0] @ ATTITUDE)
 
 
-def drawn(start_px: Array, step_px: Array, time_s: float, v_mag: float) -> list[FalseStar]:
-    """Light of such an object during one exposure, as points."""
-    made = []
-    for after in (np.arange(24) + 0.5) / 24 * EXPOSURE_S - EXPOSURE_S / 2:
-        icrs = direction(start_px, step_px, time_s + after)
-        col, row = CAMERA.project((attitude_at(time_s + after) @ icrs)[None])[0]
-        made.append(FalseStar(float(col), float(row), v_mag + 2.5 * float(np.log10(24))))
-    return made
+def trail_points(start_px: Array, step_px: Array, time_s: float, v_mag: float) -> list[FalseStar]:
+    """Return the light of the object during one exposure, as points."""
+    points = []
+    for offset_s in (np.arange(24) + 0.5) / 24 * EXPOSURE_S - EXPOSURE_S / 2:
+        icrs = direction(start_px, step_px, time_s + offset_s)
+        col, row = CAMERA.project((attitude_at(time_s + offset_s) @ icrs)[None])[0]
+        points.append(FalseStar(float(col), float(row), v_mag + 2.5 * float(np.log10(24))))
+    return points
 
 
 def view_at(time_s: float) -> SolvedView:
-    """View of a frame whose attitude is known exactly."""
+    """Return the view of a frame with exactly known attitude."""
     return SolvedView(time_s, EXPOSURE_S, CAMERA, attitude_at(time_s), np.zeros((3, 3)), RATE)
 
 
 @pytest.fixture(scope="module")
-def found(stars: StarTable) -> tuple[list[FrameSpots], Linked]:
-    """Eight frames with an object, a fast object in one frame, a hot pair of pixels, a particle track and a new star."""
+def detected(stars: StarTable) -> tuple[list[FrameSpots], Linked]:
+    """Detection and linking in eight frames with an object, a fast object in one frame, hot pixels, a particle track, a
+    flash and a new star.
+    """
     rng = np.random.default_rng(4)
-    new = Lights(direction(np.array([300.0, 60.0]), np.zeros(2), 0.0)[None], np.array([4.0]))
+    new_star = Lights(direction(np.array([300.0, 60.0]), np.zeros(2), 0.0)[None], np.array([4.0]))
     hot = [HotPixel(c, r, 0.2 * SENSOR.full_well_e) for c in (150, 151) for r in (200, 201)]
     frames = []
     for k in range(FRAMES):
-        points = drawn(SLOW, FAST, float(k), 4.0)
-        extra = list(hot)
+        points = trail_points(SLOW, FAST, float(k), 4.0)
+        extra_hot = list(hot)
         if k == 3:
-            points += drawn(np.array([240.0, 150.0]) - 3 * 60.0, np.array([60.0, 60.0]), 3.0, 3.0)
+            points += trail_points(np.array([240.0, 150.0]) - 3 * 60.0, np.array([60.0, 60.0]), 3.0, 3.0)
             points.append(FalseStar(330.0, 230.0, 4.0))
         if k == 5:
-            extra += [HotPixel(200 + j, 100, 0.2 * SENSOR.full_well_e) for j in range(25)]
+            extra_hot += [HotPixel(200 + j, 100, 0.2 * SENSOR.full_well_e) for j in range(25)]
         image = render(
             stars,
             CAMERA,
@@ -84,9 +88,9 @@ def found(stars: StarTable) -> tuple[list[FrameSpots], Linked]:
             EXPOSURE_S,
             rng,
             rate_rad_s=RATE,
-            hot_pixels=extra,
+            hot_pixels=extra_hot,
             false_stars=points,
-            lights=new,
+            lights=new_star,
         )
         spots = find_spots(image.pixels, view_at(float(k)), stars, SENSOR)
         assert spots is not None
@@ -94,9 +98,9 @@ def found(stars: StarTable) -> tuple[list[FrameSpots], Linked]:
     return frames, link(frames, TOP_RATE)
 
 
-def test_an_object_is_one_track_with_positions_within_their_errors(found: tuple[list[FrameSpots], Linked]) -> None:
-    """Every frame's direction agrees with the truth under its covariance, and so do the ends of its trail."""
-    [track] = found[1].moving
+def test_an_object_gives_one_track_with_correct_positions(detected: tuple[list[FrameSpots], Linked]) -> None:
+    """The directions and the ends of the trails agree with the truth within their covariances."""
+    [track] = detected[1].moving
     assert len(track) >= FRAMES - 1
     true = np.array([direction(SLOW, FAST, t) for t in track.times_s])
     error = np.einsum("nij,nj->ni", tangent(track.icrs), true - track.icrs)
@@ -106,22 +110,24 @@ def test_an_object_is_one_track_with_positions_within_their_errors(found: tuple[
     assert track.chance < 1e-6
     for which, sign in enumerate((-1, 1)):
         ends = np.array([direction(SLOW, FAST, t + sign * EXPOSURE_S / 2) for t in track.times_s])
-        off = separation_rad(ends, track.ends_icrs[:, which])
-        assert np.nanmax(off / track.ends_sigma_rad[:, which]) < 5
+        error_rad = separation_rad(ends, track.ends_icrs[:, which])
+        assert np.nanmax(error_rad / track.ends_sigma_rad[:, which]) < 5
 
 
-def test_a_line_in_one_frame_has_both_ends(found: tuple[list[FrameSpots], Linked]) -> None:
-    """A fast object in one frame is reported with its ends in either order."""
-    [streak] = found[1].streaks
+def test_a_trail_in_one_frame_has_both_ends(detected: tuple[list[FrameSpots], Linked]) -> None:
+    """A fast object that appears in one frame is reported with both ends, in either order."""
+    [streak] = detected[1].streaks
     start, step = np.array([240.0, 150.0]) - 3 * 60.0, np.array([60.0, 60.0])
     ends = [direction(start, step, 3.0 + s * EXPOSURE_S / 2) for s in (-1, 1)]
-    off = separation_rad(streak.ends_icrs[0][:, None], np.array(ends)[None]) / CAMERA.pixel_rad
-    assert min(off[0, 0] + off[1, 1], off[0, 1] + off[1, 0]) < 3
+    error_px = separation_rad(streak.ends_icrs[0][:, None], np.array(ends)[None]) / CAMERA.pixel_rad
+    assert min(error_px[0, 0] + error_px[1, 1], error_px[0, 1] + error_px[1, 0]) < 3
 
 
-def test_everything_else_is_rejected_with_its_reason(found: tuple[list[FrameSpots], Linked]) -> None:
-    """The hot pixels, the particle, the flash and the star that the catalogue lacks."""
-    frames, linked = found
+def test_everything_else_is_rejected_with_its_reason(detected: tuple[list[FrameSpots], Linked]) -> None:
+    """Hot pixels, the particle, the flash and the star that is not in the catalogue are each rejected with their
+    reason.
+    """
+    frames, linked = detected
     reason_at = {
         (k, int(np.rint(c)), int(np.rint(r))): linked.reasons[k][row]
         for k, frame in enumerate(frames)
@@ -135,49 +141,51 @@ def test_everything_else_is_rejected_with_its_reason(found: tuple[list[FrameSpot
     assert len(linked.resting) == 1
 
 
-def test_unrelated_sources_make_no_track() -> None:
+def test_unrelated_sources_give_no_track() -> None:
     """Twenty random sources in each of ten frames are not linked."""
     rng = np.random.default_rng(8)
-    frames = [scattered(float(k), rng.uniform((0, 0), (384, 288), (20, 2))) for k in range(10)]
+    frames = [spots_at(float(k), rng.uniform((0, 0), (384, 288), (20, 2))) for k in range(10)]
     linked = link(frames, TOP_RATE)
     assert linked.moving == linked.resting == linked.streaks == []
 
 
-def scattered(time_s: float, pixels: Array) -> FrameSpots:
-    """Points of one frame with an error of a tenth of a pixel."""
+def spots_at(time_s: float, pixels: Array) -> FrameSpots:
+    """Return point sources of one frame with an error of a tenth of a pixel."""
     n = len(pixels)
     icrs = CAMERA.unproject(pixels) @ attitude_at(time_s)
     ends = np.broadcast_to(icrs[:, None, None], (n, 2, 2, 3))
     ones = np.ones(n)
     covariance = np.broadcast_to(np.eye(2) * (0.1 * CAMERA.pixel_rad) ** 2, (n, 2, 2))
-    none = np.zeros((n, 2))
+    zeros = np.zeros((n, 2))
     return FrameSpots(
-        view_at(time_s), pixels, none, ones, icrs, covariance, ends, none, ones, ones, 10 * ones, ones < 0, 7.0, 1.2
+        view_at(time_s), pixels, zeros, ones, icrs, covariance, ends, zeros, ones, ones, 10 * ones, ones < 0, 7.0, 1.2
     )
 
 
-def test_the_ends_of_a_line_scatter_as_stated() -> None:
-    """Sixty noisy lines: the errors of the ends over their standard deviations have unit scatter, and a point stays a point."""
+def test_the_ends_of_a_trail_have_the_stated_errors() -> None:
+    """For sixty noisy trails, the normalised errors of the ends have unit scatter. A single bright pixel is not fitted
+    as a wide spot.
+    """
     rng = np.random.default_rng(1)
     dy, dx = (a.ravel().astype(float) for a in np.mgrid[-12:13, -12:13])
     trail = np.array([[9.0, 5.0]])
     shape, _ = trailed_gaussian(dx[None] - 0.3, dy[None] + 0.2, trail, 1.5)
-    z = []
+    normalised = []
     for _ in range(60):
         cut = Cutout(dx, dy, 900 * shape[0] + rng.normal(0, 3.0, len(dx)), 9.0, 0.0)
         fit = fit_line(cut, np.array([700.0, 0.0, 0.0, 7.0, 6.0, 1.5]), LINE)
         assert fit is not None
         ends = fit.centre_px + np.array([[-0.5], [0.5]]) * fit.trail_px
         error = ends - (np.array([0.3, -0.2]) + np.array([[-0.5], [0.5]]) * trail)
-        z.append(error / np.sqrt(np.diagonal(fit.end_covariance(), axis1=1, axis2=2)))
-    assert 0.8 < float(np.std(z)) < 1.25
-    alone = Cutout(dx, dy, 300.0 * ((dx == 0) & (dy == 0)) + rng.normal(0, 3.0, len(dx)), 9.0, 0.0)
-    sharp = fit_line(alone, np.array([300.0, 0.0, 0.0, 0.0, 0.0, 1.5]), (*POINT, WIDTH))
+        normalised.append(error / np.sqrt(np.diagonal(fit.end_covariance(), axis1=1, axis2=2)))
+    assert 0.8 < float(np.std(normalised)) < 1.25
+    single_pixel = Cutout(dx, dy, 300.0 * ((dx == 0) & (dy == 0)) + rng.normal(0, 3.0, len(dx)), 9.0, 0.0)
+    sharp = fit_line(single_pixel, np.array([300.0, 0.0, 0.0, 0.0, 0.0, 1.5]), (*POINT, WIDTH))
     assert sharp is None or sharp.variance_px2 < 0.4
 
 
 def test_a_faint_long_trail_is_fitted_over_its_whole_length(stars: StarTable) -> None:
-    """Only parts of a trail near the threshold exceed it; the fitted length is that of the motion all the same."""
+    """Only parts of a trail near the threshold exceed it. The fitted length is nevertheless that of the motion."""
     step = np.array([80.0, 30.0])
     lengths, errors = [], []
     for k in range(4):
@@ -190,14 +198,14 @@ def test_a_faint_long_trail_is_fitted_over_its_whole_length(stars: StarTable) ->
             EXPOSURE_S,
             rng,
             rate_rad_s=RATE,
-            false_stars=drawn(np.array([190.0, 140.0]), step, 0.0, 3.5),
+            false_stars=trail_points(np.array([190.0, 140.0]), step, 0.0, 3.5),
         )
         spots = find_spots(image.pixels, view_at(0.0), stars, SENSOR)
         assert spots is not None
-        near = np.linalg.norm(spots.pixels - [190.0, 140.0], axis=1)
-        best = int(np.argmin(near))
+        distance_px = np.linalg.norm(spots.pixels - [190.0, 140.0], axis=1)
+        best = int(np.argmin(distance_px))
         lengths.append(float(np.hypot(*spots.trail_px[best])))
-        errors.append(float(near[best]))
+        errors.append(float(distance_px[best]))
     true_px = EXPOSURE_S * float(np.hypot(*step))
     assert np.median(lengths) == pytest.approx(true_px, rel=0.03)
     assert np.median(errors) < 1.5

@@ -1,4 +1,4 @@
-"""Angular velocity from two attitudes."""
+"""Angular velocity from two attitudes, compared with scipy."""
 
 from __future__ import annotations
 
@@ -17,32 +17,33 @@ ARCSEC = np.pi / 648_000
 
 
 def attitude(matrix: np.ndarray, sigma_rad: float = 1e-5) -> Attitude:
+    """Return an attitude with the same error about each axis."""
     return Attitude(quaternion_from_matrix(matrix), np.eye(3) * sigma_rad**2)
 
 
 @given(st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.integers(0, 1000), st.floats(0.05, 60))
-def test_a_known_turn_comes_back(turn: tuple[float, float, float], seed: int, interval_s: float) -> None:
-    """Against scipy's rotations: the sky turns the other way, in the camera's axes."""
+def test_a_known_rotation_gives_its_rate(turn: tuple[float, float, float], seed: int, interval_s: float) -> None:
+    """The rate is that of the rotation applied with scipy: opposite to the apparent motion of the sky, in camera axes."""
     first = Rotation.from_quat(random_quaternion(np.random.default_rng(seed))).as_matrix()
     second = Rotation.from_rotvec(-np.array(turn)).as_matrix() @ first
     rate = rate_between(attitude(first), attitude(second), interval_s)
     np.testing.assert_allclose(rate.vector_rad_s * interval_s, turn, atol=1e-9)
 
 
-def test_the_covariance_is_that_of_the_scatter() -> None:
-    """Over 4000 noisy pairs the stated sigma is met within five per cent."""
+def test_the_covariance_agrees_with_the_scatter() -> None:
+    """The scatter of 4000 noisy pairs agrees with the stated sigma within five per cent."""
     rng, sigma_rad, first = np.random.default_rng(5), 20 * ARCSEC, np.eye(3)
     second = Rotation.from_rotvec([0.0, 0.01, 0.0]).as_matrix()
-    found = []
+    rates = []
     for _ in range(4000):
         a, b = (Rotation.from_rotvec(rng.normal(0, sigma_rad, 3)).as_matrix() for _ in range(2))
         rate = rate_between(attitude(a @ first, sigma_rad), attitude(b @ second, sigma_rad), 2.0)
-        found.append(rate.vector_rad_s)
-    assert np.std(found, axis=0) == pytest.approx(rate.sigma_rad_s, rel=0.05)
+        rates.append(rate.vector_rad_s)
+    assert np.std(rates, axis=0) == pytest.approx(rate.sigma_rad_s, rel=0.05)
 
 
 def test_impossible_intervals_and_rotations_are_rejected() -> None:
-    """No time between images, or a rotation of 180°: BadInput."""
+    """Images with the same time, and rotations of almost 180°, are rejected."""
     still = attitude(np.eye(3))
     with pytest.raises(BadInput, match="same time"):
         rate_between(still, still, 0.0)

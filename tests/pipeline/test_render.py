@@ -1,4 +1,4 @@
-"""The renderer against FITS WCS, quadrature and counting."""
+"""The renderer, compared with a FITS WCS, numerical integration and sensor statistics."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gss.pipeline.render import FalseStar, FixedPattern, HotPixel, expose, rende
 
 CUBESTAR = shipped_camera("cubestar")
 CAMERA, SENSOR = CUBESTAR.camera, CUBESTAR.sensor
-QUIET = replace(SENSOR, bits=16, gain_e_per_dn=0.05, full_well_e=1e9, background_e_s=0.0, dark_current_e_s=0.0)
+NOISELESS = replace(SENSOR, bits=16, gain_e_per_dn=0.05, full_well_e=1e9, background_e_s=0.0, dark_current_e_s=0.0)
 
 
 @lru_cache
@@ -39,35 +39,39 @@ def _attitude(seed: int) -> Array:
 
 
 def _wcs(camera: Camera, ra_rad: float, dec_rad: float, roll_rad: float) -> WCS:
-    """TAN header of a pinhole: 1-based reference pixel, north ``roll`` counter-clockwise from −row."""
-    w = WCS(naxis=2)
-    w.wcs.ctype = ["RA---TAN", "DEC--TAN"]
-    w.wcs.crval = np.degrees([ra_rad, dec_rad])
-    w.wcs.crpix = [camera.centre_col_px + 1, camera.centre_row_px + 1]
+    """Return the TAN header of a pinhole camera: 1-based reference pixel, north at ``roll`` counter-clockwise from
+    −row.
+    """
+    wcs = WCS(naxis=2)
+    wcs.wcs.ctype = ["RA---TAN", "DEC--TAN"]
+    wcs.wcs.crval = np.degrees([ra_rad, dec_rad])
+    wcs.wcs.crpix = [camera.centre_col_px + 1, camera.centre_row_px + 1]
     c, s = np.cos(roll_rad), np.sin(roll_rad)
     scale = np.degrees(1 / np.array([camera.focal_col_px, camera.focal_row_px]))
-    w.wcs.cd = np.array([[-c, s], [-s, -c]]) * scale
-    return w
+    wcs.wcs.cd = np.array([[-c, s], [-s, -c]]) * scale
+    return wcs
 
 
 @pytest.mark.parametrize(
     ("ra_deg", "dec_deg", "roll_deg"), [(10, 20, 0), (200, -70, 123), (359.9, 89, 300), (77, 0, 45)]
 )
-def test_projection_is_that_of_a_fits_header(ra_deg: float, dec_deg: float, roll_deg: float) -> None:
-    """A pinhole with unequal focal lengths puts every star where astropy's TAN WCS does, to 1e-9 px."""
+def test_projection_agrees_with_a_fits_header(ra_deg: float, dec_deg: float, roll_deg: float) -> None:
+    """A pinhole camera with unequal focal lengths projects every star onto the position of astropy's TAN WCS within
+    1e-9 px.
+    """
     camera = replace(CAMERA, focal_row_px=1300.0, centre_col_px=500.25, distortion=Brown())
     ra, dec, roll = np.radians([ra_deg, dec_deg, roll_deg])
     rotation = cam_from_icrs(ra, dec, roll)
-    found = render(_sky(), camera, SENSOR, rotation, 0.1, np.random.default_rng(0), noise=False).truth
-    place = {int(h): v for h, v in zip(_sky().hip, _sky().icrs, strict=True)}
-    icrs = np.array([place[int(h)] for h in found.hip])
+    truth = render(_sky(), camera, SENSOR, rotation, 0.1, np.random.default_rng(0), noise=False).truth
+    icrs_of = {int(h): v for h, v in zip(_sky().hip, _sky().icrs, strict=True)}
+    icrs = np.array([icrs_of[int(h)] for h in truth.hip])
     world = np.degrees(np.column_stack(ra_dec_from_unit(icrs)))
-    assert len(found.hip) > 50
-    np.testing.assert_allclose(_wcs(camera, ra, dec, roll).wcs_world2pix(world, 0), found.pixels, atol=1e-9)
+    assert len(truth.hip) > 50
+    np.testing.assert_allclose(_wcs(camera, ra, dec, roll).wcs_world2pix(world, 0), truth.pixels, atol=1e-9)
 
 
-def test_distortion_is_that_of_a_sip_polynomial() -> None:
-    """Brown's coefficients written as the SIP inverse polynomial move pixels exactly as the camera does."""
+def test_distortion_agrees_with_a_sip_polynomial() -> None:
+    """Brown's coefficients, converted to the inverse SIP polynomial, move pixels exactly as the camera does."""
     d = CAMERA.distortion
     assert isinstance(d, Brown)
     f = CAMERA.focal_col_px
@@ -76,19 +80,19 @@ def test_distortion_is_that_of_a_sip_polynomial() -> None:
         a[i, j], b[j, i] = k / f ** (i + j - 1), k / f ** (i + j - 1)
     a[1, 1], a[2, 0], a[0, 2] = 2 * d.p1 / f, 3 * d.p2 / f, d.p2 / f
     b[1, 1], b[2, 0], b[0, 2] = 2 * d.p2 / f, d.p1 / f, 3 * d.p1 / f
-    w = _wcs(CAMERA, 1.0, 0.3, 2.0)
-    w.sip = Sip(np.zeros((6, 6)), np.zeros((6, 6)), a, b, w.wcs.crpix)
+    wcs = _wcs(CAMERA, 1.0, 0.3, 2.0)
+    wcs.sip = Sip(np.zeros((6, 6)), np.zeros((6, 6)), a, b, wcs.wcs.crpix)
     rng = np.random.default_rng(1)
     cam = np.column_stack([rng.uniform(-0.45, 0.45, 500), rng.uniform(-0.22, 0.22, 500), np.ones(500)])
     cam /= np.linalg.norm(cam, axis=1, keepdims=True)
     world = np.degrees(np.column_stack(ra_dec_from_unit(cam @ cam_from_icrs(1.0, 0.3, 2.0))))
-    flat = w.wcs_world2pix(world, 1)
-    bent = w.sip_foc2pix(flat - w.wcs.crpix, 1)
-    np.testing.assert_allclose(bent - 1, CAMERA.project(cam), atol=1e-9)
+    undistorted = wcs.wcs_world2pix(world, 1)
+    distorted = wcs.sip_foc2pix(undistorted - wcs.wcs.crpix, 1)
+    np.testing.assert_allclose(distorted - 1, CAMERA.project(cam), atol=1e-9)
 
 
-def test_pixel_shares_are_the_integral_of_the_gaussian() -> None:
-    """The light in a pixel is the double integral of the spot over it, and all of it adds up to the star."""
+def test_light_of_a_pixel_is_the_integral_of_the_gaussian() -> None:
+    """The light in a pixel is the double integral of the spot over it, and the sum is the light of the star."""
     image = spots(31, 41, np.array([[20.3, 15.6]]), np.array([1000.0]), 1.2)
 
     def density(y: float, x: float) -> float:
@@ -100,27 +104,29 @@ def test_pixel_shares_are_the_integral_of_the_gaussian() -> None:
     assert image.sum() == pytest.approx(1000, rel=1e-5)
 
 
-def test_spots_across_the_edge_are_cut_not_wrapped() -> None:
-    """Half a star on the edge leaves half its light, a quarter in the corner a quarter, NaN and far ones nothing."""
-    at = np.array([[-0.5, 10.0], [-0.5, -0.5], [np.nan, 5], [1e9, 5], [-30, 5]])
-    image = spots(20, 30, at, np.full(5, 100.0), 1.0)
+def test_spots_across_the_edge_are_clipped() -> None:
+    """A star on the edge gives half its light and one in the corner a quarter. NaN and distant positions give none."""
+    positions = np.array([[-0.5, 10.0], [-0.5, -0.5], [np.nan, 5], [1e9, 5], [-30, 5]])
+    image = spots(20, 30, positions, np.full(5, 100.0), 1.0)
     assert image.sum() == pytest.approx(75, rel=1e-5)
     assert image[:, 15:].sum() < 1e-9
 
 
-def test_bright_star_sits_where_truth_says() -> None:
-    """The noise-free centre of gravity of a star is its true pixel to 0.002 px."""
-    off = rotation_from_vector(np.array([0.05, -0.12, 0.3]))
-    frame = render(_one_star(3), CAMERA, QUIET, off, 0.25, np.random.default_rng(0), noise=False)
-    light = frame.pixels.astype(float) - QUIET.bias_dn
+def test_a_bright_star_is_at_its_true_position() -> None:
+    """The centre of gravity of a noiseless star is its true position within 0.002 px, and its light is that of the
+    sensor model.
+    """
+    attitude = rotation_from_vector(np.array([0.05, -0.12, 0.3]))
+    frame = render(_one_star(3), CAMERA, NOISELESS, attitude, 0.25, np.random.default_rng(0), noise=False)
+    light = frame.pixels.astype(float) - NOISELESS.bias_dn
     row, col = np.indices(light.shape)
     centre = [(light * col).sum() / light.sum(), (light * row).sum() / light.sum()]
     np.testing.assert_allclose(centre, frame.truth.pixels[0], atol=2e-3)
-    assert light.sum() * QUIET.gain_e_per_dn == pytest.approx(float(SENSOR.star_e(3, 0.25)), rel=1e-3)
+    assert light.sum() * NOISELESS.gain_e_per_dn == pytest.approx(float(SENSOR.star_e(3, 0.25)), rel=1e-3)
 
 
-def test_dark_sky_has_the_sensors_noise() -> None:
-    """An empty frame has mean and standard deviation of the sensor model."""
+def test_a_dark_sky_has_the_noise_of_the_sensor() -> None:
+    """An empty frame has the mean and the standard deviation of the sensor model."""
     sensor = replace(SENSOR, bits=12)
     frame = expose(np.zeros((400, 500)), sensor, 0.25, np.random.default_rng(3)).astype(float)
     mean_dn = sensor.bias_dn + (sensor.dark_current_e_s + sensor.background_e_s) * 0.25 / sensor.gain_e_per_dn
@@ -129,14 +135,16 @@ def test_dark_sky_has_the_sensors_noise() -> None:
 
 
 def test_starlight_has_shot_noise() -> None:
-    """Even light of 2000 e varies by √2000 e besides the dark noise."""
+    """Uniform light of 2000 e⁻ has shot noise of √2000 e⁻ in addition to the dark noise."""
     sensor = replace(SENSOR, bits=12)
     frame = expose(np.full((300, 300), 2000.0), sensor, 0.25, np.random.default_rng(4)) * sensor.gain_e_per_dn
     assert frame.std() == pytest.approx(np.hypot(np.sqrt(2000), sensor.noise_e(0.25)), rel=0.01)
 
 
-def test_values_are_clipped_to_converter_and_full_well() -> None:
-    """Eight bits end at 255, a full well ends below where the converter would, and the type follows the bits."""
+def test_values_are_clipped_at_the_converter_and_the_full_well() -> None:
+    """Eight-bit values are clipped at 255 and twelve-bit values at the full well. The data type follows the number of
+    bits.
+    """
     light = np.full((4, 4), 1e7)
     assert expose(light, SENSOR, 0.25, np.random.default_rng(0)).dtype == np.uint8
     assert (expose(light, SENSOR, 0.25, np.random.default_rng(0)) == 255).all()
@@ -146,8 +154,8 @@ def test_values_are_clipped_to_converter_and_full_well() -> None:
     assert (full == SENSOR.bias_dn + SENSOR.full_well_e / SENSOR.gain_e_per_dn).all()
 
 
-def test_a_seed_names_a_frame() -> None:
-    """The same seed gives the same pixels, another seed others, and a fixed pattern stays from frame to frame."""
+def test_the_seed_determines_the_frame() -> None:
+    """The same seed gives the same pixels, and another seed gives others. A fixed pattern is the same in every frame."""
 
     def frame(seed: int, pattern: FixedPattern | None = None) -> Array:
         rng = np.random.default_rng(seed)
@@ -156,14 +164,14 @@ def test_a_seed_names_a_frame() -> None:
     np.testing.assert_array_equal(frame(1), frame(1))
     assert (frame(1) != frame(2)).mean() > 0.3
     chip = FixedPattern(9, offset_sigma_dn=3.0)
-    a, b = frame(1, chip) - frame(1), frame(2, chip) - frame(2)
-    assert np.corrcoef(a.ravel(), b.ravel())[0, 1] > 0.9
+    first, second = frame(1, chip) - frame(1), frame(2, chip) - frame(2)
+    assert np.corrcoef(first.ravel(), second.ravel())[0, 1] > 0.9
 
 
-def test_hot_pixels_and_false_stars_are_where_they_were_put() -> None:
-    """A hot pixel is one pixel, a false star is a star-like spot, and neither is in the truth."""
-    bare = render(_sky(), CAMERA, SENSOR, _attitude(6), 0.25, np.random.default_rng(1), noise=False)
-    with_more = render(
+def test_hot_pixels_and_false_stars_have_the_requested_positions() -> None:
+    """A hot pixel affects one pixel and a false star is a spot. Neither is in the truth."""
+    plain = render(_sky(), CAMERA, SENSOR, _attitude(6), 0.25, np.random.default_rng(1), noise=False)
+    with_defects = render(
         _sky(),
         CAMERA,
         SENSOR,
@@ -174,35 +182,37 @@ def test_hot_pixels_and_false_stars_are_where_they_were_put() -> None:
         hot_pixels=[HotPixel(30, 40, 2000.0)],
         false_stars=[FalseStar(700.2, 300.7, 2.5)],
     )
-    more = with_more.pixels.astype(int) - bare.pixels
-    assert more[40, 30] == 100
-    assert np.count_nonzero(more[30:51, 20:41]) == 1
-    more[40, 30] = 0
-    assert np.unravel_index(np.argmax(more), more.shape) == (301, 700)
-    np.testing.assert_array_equal(with_more.truth.hip, bare.truth.hip)
+    difference = with_defects.pixels.astype(int) - plain.pixels
+    assert difference[40, 30] == 100
+    assert np.count_nonzero(difference[30:51, 20:41]) == 1
+    difference[40, 30] = 0
+    assert np.unravel_index(np.argmax(difference), difference.shape) == (301, 700)
+    np.testing.assert_array_equal(with_defects.truth.hip, plain.truth.hip)
 
 
-def test_smear_runs_between_the_attitudes_at_start_and_end() -> None:
-    """A turning camera draws each star as a line of the same light from where it was to where it will be."""
+def test_a_trail_connects_the_positions_at_start_and_end() -> None:
+    """With a rotating camera, the star is a line between its positions at the start and at the end of the exposure,
+    with the same light.
+    """
     rate, exposure_s = np.array([0.0, 0.03, 0.05]), 1.0
     middle = rotation_from_vector(np.array([0.1, 0.1, 0.0]))
-    still = render(_one_star(4), CAMERA, QUIET, middle, exposure_s, np.random.default_rng(0), noise=False)
-    moved = render(
-        _one_star(4), CAMERA, QUIET, middle, exposure_s, np.random.default_rng(0), noise=False, rate_rad_s=rate
+    still = render(_one_star(4), CAMERA, NOISELESS, middle, exposure_s, np.random.default_rng(0), noise=False)
+    trailed = render(
+        _one_star(4), CAMERA, NOISELESS, middle, exposure_s, np.random.default_rng(0), noise=False, rate_rad_s=rate
     )
     ends = [CAMERA.project(_one_star().icrs @ (rotation_from_vector(-rate * t) @ middle).T)[0] for t in (-0.5, 0.5)]
     length_px = float(np.linalg.norm(ends[1] - ends[0]))
-    light = moved.pixels.astype(float) - QUIET.bias_dn
+    light = trailed.pixels.astype(float) - NOISELESS.bias_dn
     assert 20 < length_px < 60
-    assert light.sum() == pytest.approx((still.pixels - QUIET.bias_dn).sum(), rel=0.05)
+    assert light.sum() == pytest.approx((still.pixels - NOISELESS.bias_dn).sum(), rel=0.05)
     row, col = np.nonzero(light > light.max() * 0.2)
-    found = np.array([[col.min(), col.max()], [row.min(), row.max()]])
+    extent = np.array([[col.min(), col.max()], [row.min(), row.max()]])
     expected = np.sort(np.array(ends).T, axis=1)
-    np.testing.assert_allclose(found, expected, atol=2.5)
+    np.testing.assert_allclose(extent, expected, atol=2.5)
 
 
-def test_truth_is_what_the_camera_sees() -> None:
-    """Truth lists exactly the stars whose projection is on the detector and in front, brightest first."""
+def test_truth_lists_the_visible_stars() -> None:
+    """The truth lists exactly the stars on the detector and in front of the camera, brightest first."""
     rotation = _attitude(8)
     truth = render(_sky(), CAMERA, SENSOR, rotation, 0.1, np.random.default_rng(0), noise=False).truth
     cam = _sky().icrs @ rotation.T
@@ -213,8 +223,8 @@ def test_truth_is_what_the_camera_sees() -> None:
     np.testing.assert_allclose(matrix_from_quaternion(truth.quaternion), rotation, atol=1e-14)
 
 
-def test_impossible_exposures_are_refused() -> None:
-    """No exposure time, a smear without end and a hot pixel off the detector raise BadInput."""
+def test_invalid_exposures_are_rejected() -> None:
+    """An exposure time of zero, a trail that is too long and a hot pixel outside the detector are rejected."""
     rng = np.random.default_rng(0)
     with pytest.raises(BadInput, match="exposure"):
         render(_sky(), CAMERA, SENSOR, np.eye(3), 0.0, rng)
@@ -224,15 +234,15 @@ def test_impossible_exposures_are_refused() -> None:
         render(_sky(), CAMERA, SENSOR, np.eye(3), 0.1, rng, hot_pixels=[HotPixel(2000, 3, 1.0)])
 
 
-def test_empty_sky_is_a_dark_frame() -> None:
-    """Without stars the frame is dark and truth is empty."""
-    none = _sky().take(np.zeros(0, np.intp))
-    frame = render(none, CAMERA, SENSOR, np.eye(3), 0.1, np.random.default_rng(0))
+def test_a_sky_without_stars_gives_a_dark_frame() -> None:
+    """Without stars the frame is rendered and the truth is empty."""
+    no_stars = _sky().take(np.zeros(0, np.intp))
+    frame = render(no_stars, CAMERA, SENSOR, np.eye(3), 0.1, np.random.default_rng(0))
     assert frame.pixels.shape == (512, 1024)
     assert len(frame.truth.hip) == 0
 
 
-def test_unit_vectors_of_the_wcs_test_are_those_of_the_sky() -> None:
-    """Guard of the outside check: the world coordinates it uses give back the catalogue's vectors."""
+def test_world_coordinates_convert_back_to_unit_vectors() -> None:
+    """The world coordinates that the WCS tests use convert back to the catalogue's vectors."""
     ra, dec = ra_dec_from_unit(_sky().icrs)
     np.testing.assert_allclose(unit_from_ra_dec(ra, dec), _sky().icrs, atol=1e-14)

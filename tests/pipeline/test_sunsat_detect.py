@@ -1,4 +1,4 @@
-"""Sunsat's region growing: dark rows, limits, edge rule, shape test, centre of gravity, magnitude."""
+"""Sunsat's detection: dark rows, area limits, edge rule, shape test, centre of gravity and magnitude."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ NO_STARS = load_stars(3.0).take(np.zeros(0, np.intp))
 
 
 def test_every_constant_has_a_source() -> None:
-    """Each field of the parameters, or the name under which the document has it, is in SOURCES."""
+    """Each field of the parameters is in SOURCES, possibly under the document's name."""
     renamed = {"uncertain_reach_mm": "uncertain_mm2", "residual_tolerances": "residual_tolerance_rad"}
     unsourced = {"focal_mm", "exposure_s", "max_small_regions"}
     names = {renamed.get(f, f) for f in SunsatParameters.__dataclass_fields__} - unsourced
@@ -47,22 +47,28 @@ def test_every_constant_has_a_source() -> None:
     [{"threshold_dn": 0.0}, {"min_area_px": 400}, {"matcher": "luck"}, {"acceptance": "hope"}, {"min_group": 2}],
 )
 def test_invalid_parameters_are_rejected(change: dict[str, float]) -> None:
-    """Thresholds, areas and names that make no sense are bad input."""
+    """Invalid thresholds, areas and names are rejected."""
     with pytest.raises(BadInput):
         replace(PARAMETERS, **change)
 
 
-def test_commands_go_into_the_parameters() -> None:
-    """Threshold, areas and, when assisted, the hint's radius are what the operator set."""
+def test_commanded_values_are_used() -> None:
+    """Commanded threshold and areas are used in every mode, and the commanded hint radius only in assisted mode."""
     commanded = Commanded(threshold_dn=9, min_area_px=4, max_area_px=50, hint_radius_rad=0.1)
-    p = SunsatChain().parameters(PROFILE, 0.25, commanded, Mode.ASSISTED)
-    assert (p.threshold_dn, p.min_area_px, p.max_area_px, p.hint_error_rad, p.exposure_s) == (9, 4, 50, 0.1, 0.25)
+    parameters = SunsatChain().parameters(PROFILE, 0.25, commanded, Mode.ASSISTED)
+    assert (
+        parameters.threshold_dn,
+        parameters.min_area_px,
+        parameters.max_area_px,
+        parameters.hint_error_rad,
+        parameters.exposure_s,
+    ) == (9, 4, 50, 0.1, 0.25)
     lost = SunsatChain().parameters(PROFILE, None, commanded, Mode.LOST_IN_SPACE)
     assert lost.hint_error_rad == PARAMETERS.hint_error_rad
 
 
 def test_dark_average_follows_each_row_and_ignores_stars() -> None:
-    """A drifting offset (§2.2.1.2) is found per row to a tenth of a level, stars or not."""
+    """A drifting offset (§2.2.1.2) is measured per row within 0.35 DN, also in rows with stars."""
     rng = np.random.default_rng(1)
     drift = np.linspace(20, 8, 582)
     frame = np.rint(drift[:, None] + rng.normal(0, 1.2, (582, 752)))
@@ -73,7 +79,9 @@ def test_dark_average_follows_each_row_and_ignores_stars() -> None:
 
 
 def test_drift_of_the_offset_does_not_hide_stars() -> None:
-    """A frame whose lower rows are ten levels darker than its upper ones shows the same stars as one without drift."""
+    """A frame whose lower rows are ten levels darker than its upper rows gives the same number of stars as one without
+    drift.
+    """
     rng = np.random.default_rng(2)
     spots = [FalseStar(100 + 60 * k, 40 + 50 * k, 4.5) for k in range(10)]
     frame = render(NO_STARS, CAMERA, SENSOR, np.eye(3), 0.5, rng, false_stars=spots).pixels
@@ -82,36 +90,36 @@ def test_drift_of_the_offset_does_not_hide_stars() -> None:
     assert len(find_in_frame(drifting, PARAMETERS).centroids) == 10
 
 
-def test_areas_edges_and_shape_are_judged() -> None:
-    """Nine pixels are noise, 301 no star, a region at the border is cut, a line is too long; each with its reason."""
+def test_regions_are_rejected_by_area_edge_and_shape() -> None:
+    """Regions that are too small, too large, too long or at the edge are rejected with their reason."""
     level = np.zeros((200, 200))
     level[20:23, 20:23] = 50  # 9
     level[30:35, 30:32] = 50  # 10
     level[60:80, 60:76] = 50  # 320
     level[0:4, 100:104] = 50  # at the edge
-    level[120, 20:40] = 50  # 20 in a line
+    level[120, 20:40] = 50  # 2 x 20
     level[121, 20:40] = 50
-    found = find_stars(level, PARAMETERS)
-    assert len(found.centroids) == 1
-    assert found.invalid == 1
-    reasons = sorted(r.rejected for r in found.regions)
+    detected = find_stars(level, PARAMETERS)
+    assert len(detected.centroids) == 1
+    assert detected.invalid == 1
+    reasons = sorted(r.rejected for r in detected.regions)
     assert [r.split()[:1] for r in reasons] == [[], ["area"], ["area"], ["elongation"], ["touches"]]
     assert reasons[3] == "elongation 18.0 px, at most 12"
 
 
-def test_only_the_first_twenty_are_taken() -> None:
-    """§2.3: the scan from the first row ends at the twentieth star and says so."""
+def test_the_search_stops_at_twenty_stars() -> None:
+    """The scan from the first row stops at the twentieth star and states it (§2.3)."""
     level = np.zeros((200, 200))
     for k in range(30):
         level[5 + 12 * (k // 6) : 9 + 12 * (k // 6), 10 + 25 * (k % 6) : 14 + 25 * (k % 6)] = 40
-    found = find_stars(level, PARAMETERS)
-    assert len(found.centroids) == 20
-    assert found.stopped == "search stopped at 20 stars"
-    assert found.centroids.row_px.max() < 9 + 12 * 3
+    detected = find_stars(level, PARAMETERS)
+    assert len(detected.centroids) == 20
+    assert detected.stopped == "search stopped at 20 stars"
+    assert detected.centroids.row_px.max() < 9 + 12 * 3
 
 
 def _ellipse(a: float, b: float, angle: float) -> Blobs:
-    """Pixels within an ellipse; the angle counts from u = −x towards v = +y."""
+    """Return the pixels within an ellipse. The angle is counted from u = −x towards v = +y."""
     row, col = np.indices((60, 80))
     u, v = -(col - 40.0), row - 30.0
     along, across = u * np.cos(angle) + v * np.sin(angle), v * np.cos(angle) - u * np.sin(angle)
@@ -120,17 +128,18 @@ def _ellipse(a: float, b: float, angle: float) -> Blobs:
 
 @pytest.mark.parametrize("angle", np.radians([-80, -45, -20, 0, 30, 60, 85]))
 def test_direction_and_lengths_of_a_long_region(angle: float) -> None:
-    """The long axis of an ellipse of half axes 12 and 4 is found to 2°, its lengths between pixel centres, which
-    are up to two pixels less, to a pixel and a half."""
+    """The direction of an ellipse with half axes 12 and 4 is measured within 2°. Its lengths between pixel centres, up
+    to two pixels shorter than the axes, are measured within 1.5 px.
+    """
     shape = shapes(_ellipse(12, 4, angle))
-    turn = (float(shape.direction_rad[0]) - angle + np.pi / 2) % np.pi - np.pi / 2
-    assert abs(np.degrees(turn)) < 2
+    error_rad = (float(shape.direction_rad[0]) - angle + np.pi / 2) % np.pi - np.pi / 2
+    assert abs(np.degrees(error_rad)) < 2
     assert float(shape.long_px[0]) == pytest.approx(23, abs=1.5)
     assert float(shape.short_px[0]) == pytest.approx(7, abs=1.5)
 
 
-def test_direction_is_the_documents_formula() -> None:
-    """Eq. 2.8 with its three cases gives the same angle as half the two-argument arctangent."""
+def test_direction_agrees_with_the_printed_formula() -> None:
+    """Eq. 2.8 with its three cases equals half the two-argument arctangent."""
     rng = np.random.default_rng(3)
     for m20, m02, m11 in zip(rng.uniform(0, 9, 200), rng.uniform(0, 9, 200), rng.uniform(-9, 9, 200), strict=True):
         n = 0 if m20 >= m02 else (1 if m11 >= 0 else -1)
@@ -139,7 +148,9 @@ def test_direction_is_the_documents_formula() -> None:
 
 
 def test_expected_streaks_are_distinguished_from_doubles() -> None:
-    """With history the elongation must be as expected within two pixels and, if long, within 30° (eq. 2.9–2.10)."""
+    """With a known motion, the elongation must be as expected within two pixels and, for long streaks, the direction
+    within 30° (eq. 2.9–2.10).
+    """
     blob = _ellipse(8, 3, 0.3)
     level = np.zeros((60, 80))
     level.ravel()[blob.index] = 50
@@ -152,53 +163,59 @@ def test_expected_streaks_are_distinguished_from_doubles() -> None:
 
 
 def test_centroid_is_the_centre_of_gravity_above_threshold() -> None:
-    """By hand: brightness 1, 2, 3 above threshold in a row weigh the columns; eq. C.1 adds twice the light below."""
+    """Brightness values of 1, 2 and 3 above the threshold are the weights of their columns. Eq. C.1 adds twice the
+    light below the threshold.
+    """
     level = np.zeros((3, 9))
     level[1, 3:6] = PARAMETERS.threshold_dn + np.array([1.0, 2.0, 3.0])
-    one = gravity_centroids(level, find_blobs(level, PARAMETERS.threshold_dn, 1), PARAMETERS)
-    assert float(one.col_px[0]) == pytest.approx((3 + 8 + 15) / 6)
-    assert float(one.row_px[0]) == 1.0
-    assert float(one.flux_dn[0]) == pytest.approx(6 + 2 * 3 * PARAMETERS.threshold_dn)
+    centroid = gravity_centroids(level, find_blobs(level, PARAMETERS.threshold_dn, 1), PARAMETERS)
+    assert float(centroid.col_px[0]) == pytest.approx((3 + 8 + 15) / 6)
+    assert float(centroid.row_px[0]) == 1.0
+    assert float(centroid.flux_dn[0]) == pytest.approx(6 + 2 * 3 * PARAMETERS.threshold_dn)
 
 
 def test_magnitude_and_brightness_are_inverse() -> None:
-    """Eqs. 2.12–2.13 and C.4 undo each other; no light has no magnitude."""
+    """Eqs. 2.12–2.13 are the inverse of eq. C.4. Without light the magnitude is NaN."""
     v_mag = np.linspace(1, 7, 13)
     np.testing.assert_allclose(magnitudes(brightness_dn(v_mag, PARAMETERS), PARAMETERS), v_mag, atol=1e-12)
     assert np.isnan(magnitudes(np.array([0.0, -1.0]), PARAMETERS)).all()
 
 
-def test_rendered_magnitudes_and_places_are_the_documents_or_better() -> None:
-    """Isolated stars of V 3 to 6 in rendered frames: 0.2 mag (§6.3) and 0.24 px (§6.2.3), and errors of the stated size."""
+def test_magnitudes_and_positions_are_more_accurate_than_in_the_document() -> None:
+    """Isolated rendered stars of V 3 to 6 have errors below 0.2 mag (§6.3) and 0.1 px (document: 0.24 px, §6.2.3), and
+    the stated σ agrees with the errors.
+    """
     rng = np.random.default_rng(4)
-    off, wrong_mag, normed = [], [], []
+    errors_px, errors_mag, normalised = [], [], []
     for _ in range(4):
-        at = [(60 + 90 * i + rng.uniform(-9, 9), 60 + 90 * j + rng.uniform(-9, 9)) for i in range(8) for j in range(5)]
-        v_mag = rng.uniform(3, 6, len(at))
-        spots = [FalseStar(c, r, v) for (c, r), v in zip(at, v_mag, strict=True)]
+        true_px = [
+            (60 + 90 * i + rng.uniform(-9, 9), 60 + 90 * j + rng.uniform(-9, 9)) for i in range(8) for j in range(5)
+        ]
+        v_mag = rng.uniform(3, 6, len(true_px))
+        spots = [FalseStar(c, r, v) for (c, r), v in zip(true_px, v_mag, strict=True)]
         frame = render(NO_STARS, CAMERA, SENSOR, np.eye(3), 0.5, rng, false_stars=spots).pixels
-        found = find_in_frame(frame, replace(PARAMETERS, max_found=100)).centroids
-        away = np.linalg.norm(found.pixels[:, None] - np.array(at)[None], axis=-1)
-        who = np.argmin(away, axis=1)
-        assert len(found) >= 39
-        assert away.min(axis=1).max() < 1
-        d = found.pixels - np.array(at)[who]
-        off.append(d.ravel())
-        normed.append((d / found.sigma_px[:, None]).ravel())
-        wrong_mag.append(magnitudes(found.flux_dn, PARAMETERS) - v_mag[who])
-    assert float(np.std(np.concatenate(off))) < 0.1
-    assert float(np.std(np.concatenate(wrong_mag))) < 0.2
-    assert abs(float(np.mean(np.concatenate(wrong_mag)))) < 0.1
-    assert 0.6 < float(np.std(np.concatenate(normed))) < 1.2
+        centroids = find_in_frame(frame, replace(PARAMETERS, max_found=100)).centroids
+        distance_px = np.linalg.norm(centroids.pixels[:, None] - np.array(true_px)[None], axis=-1)
+        nearest = np.argmin(distance_px, axis=1)
+        assert len(centroids) >= 39
+        assert distance_px.min(axis=1).max() < 1
+        error_px = centroids.pixels - np.array(true_px)[nearest]
+        errors_px.append(error_px.ravel())
+        normalised.append((error_px / centroids.sigma_px[:, None]).ravel())
+        errors_mag.append(magnitudes(centroids.flux_dn, PARAMETERS) - v_mag[nearest])
+    assert float(np.std(np.concatenate(errors_px))) < 0.1
+    assert float(np.std(np.concatenate(errors_mag))) < 0.2
+    assert abs(float(np.mean(np.concatenate(errors_mag)))) < 0.1
+    assert 0.6 < float(np.std(np.concatenate(normalised))) < 1.2
 
 
-def test_a_window_gives_the_frames_result() -> None:
-    """A star found in a cut-out has the place and brightness that it has in the whole frame."""
+def test_a_window_gives_the_same_result_as_the_frame() -> None:
+    """A star in a part of the frame has the same position and brightness as in the whole frame."""
     rng = np.random.default_rng(5)
     frame = render(NO_STARS, CAMERA, SENSOR, np.eye(3), 0.5, rng, false_stars=[FalseStar(400.3, 200.7, 4.0)]).pixels
     level = frame - dark_rows_dn(frame, PARAMETERS.dark_clip_dn)[:, None]
     whole = find_stars(level, PARAMETERS)
-    # A cut at a multiple of three keeps the scan's grid.
+    # A part that starts at a multiple of three has the same scan grid.
     part = moved(find_stars(level[180:222, 381:420], PARAMETERS), 381, 180)
     np.testing.assert_allclose(part.centroids.pixels, whole.centroids.pixels, atol=1e-9)
     np.testing.assert_allclose(part.centroids.flux_dn, whole.centroids.flux_dn)

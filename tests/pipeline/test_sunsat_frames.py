@@ -1,6 +1,5 @@
-"""Sunsat's coordinates: exact inverses, the handedness of the picture, and what the document says about its orbit.
-
-The document's path over the detector plane is written out here as printed; the chain uses the camera model instead.
+"""Sunsat's coordinates: exact inverses, handedness of the image, and the document's statements about the orbit. The
+document's path over the detector plane is implemented here as printed; the chain uses the camera model instead.
 """
 
 from __future__ import annotations
@@ -57,42 +56,45 @@ class Plate:
 
     @property
     def optical_centre_mm(self) -> tuple[float, float]:
-        """(horoptcen, vertoptcen) of eq. 1.3."""
+        """Return (horoptcen, vertoptcen) of eq. 1.3."""
         h, v = self.horvert_from_pixels(np.array([[self.centre_col_px, self.centre_row_px]]))[0]
         return float(h), float(v)
 
     def horvert_from_pixels(self, pixels: Array) -> Array:
-        """(n, 2) hor, vert in mm of (n, 2) pixels (col, row); in eq. 2.1–2.2 a pixel's centre is at column − 0.5."""
+        """Return (n, 2) hor, vert in mm for (n, 2) pixels (col, row). In eq. 2.1–2.2 a pixel's centre is at column −
+        0.5.
+        """
         p = np.asarray(pixels, float) + 0.5 + np.array([DUMMY_COLUMNS, DUMMY_ROWS])
         return np.asarray(p * np.array([self.hunit_mm, self.vunit_mm]))
 
     def pixels_from_horvert(self, horvert_mm: Array) -> Array:
-        """Inverse of :meth:`horvert_from_pixels`."""
+        """Return (n, 2) pixels; the inverse of :meth:`horvert_from_pixels`."""
         p = np.asarray(horvert_mm, float) / np.array([self.hunit_mm, self.vunit_mm])
         return np.asarray(p - 0.5 - np.array([DUMMY_COLUMNS, DUMMY_ROWS]))
 
     def uv_from_pixels(self, pixels: Array) -> Array:
-        """(n, 2) u, v in mm, as measured (eq. 1.3)."""
+        """Return (n, 2) measured u, v in mm (eq. 1.3)."""
         hor, vert = self.horvert_from_pixels(pixels).T
         hor_centre, vert_centre = self.optical_centre_mm
         return np.stack([hor_centre - hor, vert - vert_centre], axis=-1)
 
     def pixels_from_uv(self, uv_mm: Array) -> Array:
-        """Inverse of :meth:`uv_from_pixels`."""
+        """Return (n, 2) pixels; the inverse of :meth:`uv_from_pixels`."""
         u, v = np.asarray(uv_mm, float).T
         hor_centre, vert_centre = self.optical_centre_mm
         return self.pixels_from_horvert(np.stack([hor_centre - u, vert_centre + v], axis=-1))
 
 
 def corrected_uv(uv_mm: Array, camera: Camera, focal_mm: float) -> Array:
-    """(n, 2) u, v in mm corrected for tilt and lens aberration (eq. 6.13–6.20) with the camera's distortion, whose axes are −u
-    and +v in units of the focal length."""
+    """Return (n, 2) u, v in mm, corrected for tilt and lens aberration (eq. 6.13–6.20) with the camera's distortion,
+    whose axes are −u and +v in units of the focal length.
+    """
     flip = np.array([-1.0, 1.0])
     return np.asarray(camera.distortion.undistort(np.asarray(uv_mm, float) * flip / focal_mm) * focal_mm * flip)
 
 
 def ss_from_uv(uv_mm: Array, focal_mm: float) -> Array:
-    """(n, 3) star sensor unit vectors of corrected (n, 2) u, v (``uvtoss``, eq. 1.4–1.6)."""
+    """Return (n, 3) star sensor unit vectors of corrected (n, 2) u, v (``uvtoss``, eq. 1.4–1.6)."""
     u, v = np.moveaxis(np.asarray(uv_mm, float), -1, 0)
     phi = np.arctan2(u, focal_mm)
     lam = np.arctan2(v * np.cos(phi), focal_mm)
@@ -100,7 +102,9 @@ def ss_from_uv(uv_mm: Array, focal_mm: float) -> Array:
 
 
 def uv_from_ss(unit_ss: Array, focal_mm: float) -> Array:
-    """(n, 2) u, v in mm of (n, 3) star sensor vectors (``sstouv``, eq. 1.7–1.9 without their arcsine); NaN behind the lens."""
+    """Return (n, 2) u, v in mm of (n, 3) star sensor vectors (``sstouv``, eq. 1.7–1.9 without their arcsine); NaN
+    behind the lens.
+    """
     x, y, z = np.moveaxis(np.asarray(unit_ss, float), -1, 0)
     ahead = np.where(y > 0, y, np.nan)
     return np.stack([-focal_mm * x / ahead, -focal_mm * z / ahead], axis=-1)
@@ -112,35 +116,40 @@ RNG = np.random.default_rng(11)
 PIXELS = RNG.uniform((-0.5, -0.5), (751.5, 581.5), (500, 2))
 
 
-def test_plate_has_the_documents_units() -> None:
-    """Jacobs 1995 §1.1: 6.5 x 6.25 µm; the first light pixel's upper corner is at (0.169, 0.08125) mm, the middle at
-    (2.6065, 1.89375) mm."""
+def test_plate_has_the_units_of_the_document() -> None:
+    """The pixels measure 6.5 x 6.25 µm; the upper corner of the first light pixel is at (0.169, 0.08125) mm, and the
+    middle of the detector at (2.6065, 1.89375) mm (Jacobs 1995 §1.1).
+    """
     assert (PLATE.hunit_mm, PLATE.vunit_mm) == pytest.approx((0.0065, 0.00625), abs=1e-15)
     corner = PLATE.horvert_from_pixels(np.array([[0.5, 0.5]]))[0]
     np.testing.assert_allclose(corner, [0.169, 0.08125], atol=1e-12)
     middle = PLATE.horvert_from_pixels(np.array([[375.5, 290.5]]))[0]
-    # The document's own sum (25 + 376) x 0.0065 is 2.6065 and (12 + 291) x 0.00625 is 1.89375.
+    # The document calculates (25 + 376) x 0.0065 = 2.6065 and (12 + 291) x 0.00625 = 1.89375.
     np.testing.assert_allclose(middle, [2.6065, 1.89375], atol=1e-12)
 
 
-def test_every_step_to_the_sky_has_its_exact_inverse() -> None:
-    """Pixels ↔ hor, vert ↔ u, v ↔ star sensor vectors return to 1e-11 of a pixel."""
-    back = PLATE.pixels_from_horvert(PLATE.horvert_from_pixels(PIXELS))
-    np.testing.assert_allclose(back, PIXELS, atol=1e-11)
+def test_coordinate_transformations_have_exact_inverses() -> None:
+    """The transformations from pixels to hor, vert, to u, v and to star sensor vectors are reversible within 1e-11 px.
+    Vectors behind the lens give NaN.
+    """
+    restored = PLATE.pixels_from_horvert(PLATE.horvert_from_pixels(PIXELS))
+    np.testing.assert_allclose(restored, PIXELS, atol=1e-11)
     uv = PLATE.uv_from_pixels(PIXELS)
     np.testing.assert_allclose(PLATE.pixels_from_uv(uv), PIXELS, atol=1e-11)
     np.testing.assert_allclose(uv_from_ss(ss_from_uv(uv, 25.0), 25.0), uv, atol=1e-14)
     assert np.isnan(uv_from_ss(np.array([[0.0, -1.0, 0.0]]), 25.0)).all()
 
 
-def test_uv_path_is_the_cameras_own() -> None:
-    """Centroid in mm, correction of tilt and lens (eq. 6.13–6.20) and eq. 1.6 give the camera's direction to 1e-14."""
+def test_uv_path_agrees_with_the_camera_model() -> None:
+    """The centroid in mm, the correction of tilt and lens (eq. 6.13–6.20) and eq. 1.6 give the direction of the camera
+    model within 1e-14.
+    """
     uv = corrected_uv(PLATE.uv_from_pixels(PIXELS), CAMERA, 25.0)
     np.testing.assert_allclose(ss_from_uv(uv, 25.0), CAMERA.unproject(PIXELS) @ SS_FROM_CAM.T, atol=1e-14)
 
 
-def test_correction_is_equation_6_13() -> None:
-    """Written out as printed, with φ from +u to +v, on a camera whose tilt is that of the document."""
+def test_correction_agrees_with_equation_6_13() -> None:
+    """The correction agrees with the equations as printed, with φ from +u to +v, for a tilted detector."""
     # φ from +u towards +v is 180° − the camera's angle from +x towards +y, because u = −x.
     camera = Camera(
         752, 582, 25 / 0.0065, 25 / 0.00625, 380.0, 300.0, RadialTilt(25.0, 0.013, 2.1, (1e-3, -8e-5, -4e-4))
@@ -154,9 +163,10 @@ def test_correction_is_equation_6_13() -> None:
     np.testing.assert_allclose(corrected_uv(np.stack([u, v], axis=-1), camera, 25.0), expected, atol=1e-14)
 
 
-def test_the_picture_is_not_mirrored() -> None:
-    """Three stars turn the same way round in the camera, the star sensor, the body and on the sky; drawn with v upwards, as
-    the document draws its detector from the front, the same pixels are a mirror image."""
+def test_the_image_is_not_mirrored() -> None:
+    """Three stars have the same handedness in the camera, star sensor and body frames. If v points upwards, as in the
+    document's drawing of the detector from the front, the same pixels are mirrored.
+    """
     triangle = np.array([[200.0, 150.0], [500.0, 180.0], [330.0, 420.0]])
     cam = CAMERA.unproject(triangle)
     ss = ss_from_uv(corrected_uv(PLATE.uv_from_pixels(triangle), CAMERA, 25.0), 25.0)
@@ -164,22 +174,26 @@ def test_the_picture_is_not_mirrored() -> None:
     signs = [np.sign(np.linalg.det(v)) for v in (cam, ss, body)]
     assert signs == [signs[0]] * 3
     assert np.linalg.det(SS_FROM_CAM) == pytest.approx(1.0)
-    upside_down = triangle * [1, -1] + [0, 2 * PLATE.centre_row_px]
-    flipped = ss_from_uv(PLATE.uv_from_pixels(upside_down), 25.0)
+    v_upwards = triangle * [1, -1] + [0, 2 * PLATE.centre_row_px]
+    flipped = ss_from_uv(PLATE.uv_from_pixels(v_upwards), 25.0)
     assert np.sign(np.linalg.det(flipped)) == -signs[0]
 
 
-def test_mounting_and_euler_agree_with_the_ground_software() -> None:
-    """Pipeline and catalogue tools, which may not share code, hold the same mounting and the same Euler 1-2-3."""
+def test_mounting_and_euler_angles_agree_with_the_catalogue_tools() -> None:
+    """The pipeline and the catalogue tools, which may not share code, have the same mounting matrix and the same Euler
+    1-2-3 rotation.
+    """
     np.testing.assert_allclose(BODY_FROM_CAM, CATALOGUE_BODY_FROM_CAM["sunsat"], atol=1e-15)
     angles = RNG.uniform(-3, 3, (50, 3))
-    ours = np.stack([euler_123(*a) for a in angles])
-    np.testing.assert_allclose(ours, catalogue_euler_123(angles), atol=1e-14)
-    np.testing.assert_allclose(ours[0].T, Rotation.from_euler("XYZ", angles[0]).as_matrix(), atol=1e-14)
+    matrices = np.stack([euler_123(*a) for a in angles])
+    np.testing.assert_allclose(matrices, catalogue_euler_123(angles), atol=1e-14)
+    np.testing.assert_allclose(matrices[0].T, Rotation.from_euler("XYZ", angles[0]).as_matrix(), atol=1e-14)
 
 
-def test_orbit_matrix_is_that_of_the_frames() -> None:
-    """Eq. 1.18's four rotations are the orbit axes of §1.4: nadir, velocity, against the normal."""
+def test_orbit_matrix_agrees_with_the_orbit_frame() -> None:
+    """The four rotations of eq. 1.18 give the orbit axes of §1.4: nadir, velocity and the direction opposite to the
+    orbit normal. Elements that are not finite are rejected.
+    """
     for raan, i, latitude in RNG.uniform(0, 6, (50, 3)):
         expected = orbit_from_icrs(raan, i, latitude)
         np.testing.assert_allclose(orbit_from_celestial(raan, i, latitude), expected, atol=1e-14)
@@ -188,17 +202,20 @@ def test_orbit_matrix_is_that_of_the_frames() -> None:
 
 
 @pytest.mark.parametrize(("inclination", "declination"), [(0, -90), (90, 0), (97, 7)])
-def test_boresight_lies_where_the_document_says(inclination: float, declination: float) -> None:
-    """§5.2.1: with yaw 135° inclinations of 0, 90 and 97° put the boresight at Dec −90, 0 and +7° all round the orbit."""
+def test_boresight_has_the_declination_of_the_document(inclination: float, declination: float) -> None:
+    """With a yaw of 135°, inclinations of 0°, 90° and 97° give a boresight at Dec −90°, 0° and +7° at every latitude of
+    the orbit (§5.2.1).
+    """
     for latitude in np.radians([0, 77, 190, 300]):
         orbit = OrbitElements(1.0, np.radians(inclination), latitude)
         _, dec, _ = ra_dec_roll_rad(cam_from_icrs_of(orbit, 0.0, 0.0, np.radians(135)))
         assert np.degrees(dec) == pytest.approx(declination, abs=1e-6)
 
 
-def test_roll_pitch_yaw_come_back() -> None:
-    """Any attitude gives angles that give it back, beyond the ±90° of the document's arcsines too, and inside them the
-    angles are those of eqs. 4.17–4.19."""
+def test_roll_pitch_yaw_restore_the_attitude() -> None:
+    """The angles of any attitude restore it, also beyond the ±90° of the document's arcsines. Within ±90° they equal
+    those of eqs. 4.17–4.19.
+    """
     for _ in range(200):
         matrix = matrix_from_quaternion(random_quaternion(RNG))
         assert rotation_angle_rad(euler_123(*roll_pitch_yaw_rad(matrix)), matrix) < 1e-12
@@ -211,16 +228,16 @@ def test_roll_pitch_yaw_come_back() -> None:
 
 
 @pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])
-def test_gimbal_lock_still_gives_the_attitude_back(pitch: float) -> None:
-    """At a pitch of ±90° roll and yaw are one angle; yaw is zero and the matrix is the same."""
+def test_attitude_at_gimbal_lock_is_restored(pitch: float) -> None:
+    """At a pitch of ±90°, roll and yaw are the same rotation. Yaw is set to zero, and the angles restore the attitude."""
     matrix = euler_123(0.4, pitch, 0.7)
     angles = roll_pitch_yaw_rad(matrix)
     assert angles[2] == 0.0
     assert rotation_angle_rad(euler_123(*angles), matrix) < 1e-7
 
 
-def test_attitude_over_an_orbit_comes_back() -> None:
-    """Roll, pitch and yaw of a camera attitude over an orbit are those it was made from."""
+def test_angles_over_an_orbit_are_recovered() -> None:
+    """Roll, pitch and yaw of a camera attitude over an orbit are the angles from which the attitude was calculated."""
     orbit = OrbitElements(2.0, np.radians(97), 4.0)
     angles = tuple(np.radians([3.0, -2.0, 131.0]))
     assert attitude_angles_rad(cam_from_icrs_of(orbit, *angles), orbit) == pytest.approx(angles, abs=1e-12)

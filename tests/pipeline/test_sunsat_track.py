@@ -1,4 +1,4 @@
-"""Sunsat's tracking: the field on the sphere, windows, three stars, predictor, and sequences among false stars."""
+"""Sunsat's tracking: the field on the sphere, windows, three stars, predictor, and sequences with false stars."""
 
 from __future__ import annotations
 
@@ -62,9 +62,9 @@ POINTINGS = {
 
 
 @pytest.mark.parametrize("name", POINTINGS)
-def test_field_on_the_sphere_is_the_projection(name: str) -> None:
-    """Stars between the great circles of the field's edges are those in the camera's field, at poles and across RA 0,
-    and the zero crossings distinguish the cases (Fig. 4-3).
+def test_field_on_the_sphere_agrees_with_the_projection(name: str) -> None:
+    """Stars between the great circles of the field's edges are those that the camera projects into its frame, also at
+    the poles and across RA 0. The zero crossings distinguish the cases (Fig. 4-3).
     """
     ra, dec, roll, crossings, pole = POINTINGS[name]
     attitude = cam_from_icrs(ra, dec, roll)
@@ -76,26 +76,26 @@ def test_field_on_the_sphere_is_the_projection(name: str) -> None:
     ra_rad, dec_rad = ra_dec_from_unit(sky)
     inside = stars_inside(field, ra_rad, dec_rad)
     np.testing.assert_array_equal(np.sort(inside), np.flatnonzero(PINHOLE.contains(PINHOLE.project(sky @ attitude.T))))
-    reach = np.mod(ra_rad[inside] - field.first_ra_rad, 2 * np.pi)
-    assert np.all(np.diff(reach) >= 0)
+    ra_offset_rad = np.mod(ra_rad[inside] - field.first_ra_rad, 2 * np.pi)
+    assert np.all(np.diff(ra_offset_rad) >= 0)
     if not pole:
-        assert reach.max() < np.pi
+        assert ra_offset_rad.max() < np.pi
 
 
-def test_field_on_the_sphere_holds_anywhere() -> None:
-    """Three hundred random attitudes: the same stars as by projection."""
+def test_field_on_the_sphere_is_correct_at_any_attitude() -> None:
+    """At three hundred random attitudes, the same stars are selected as by projection."""
     rng = np.random.default_rng(2)
     for _ in range(300):
         attitude = matrix_from_quaternion(random_quaternion(rng))
         sky = attitude[2] + rng.normal(0, 0.08, (300, 3))
         sky /= np.linalg.norm(sky, axis=1, keepdims=True)
         inside = stars_inside(sphere_field(PINHOLE.corners() @ attitude), *ra_dec_from_unit(sky))
-        seen = np.flatnonzero(PINHOLE.contains(PINHOLE.project(sky @ attitude.T)))
-        np.testing.assert_array_equal(np.sort(inside), seen)
+        projected = np.flatnonzero(PINHOLE.contains(PINHOLE.project(sky @ attitude.T)))
+        np.testing.assert_array_equal(np.sort(inside), projected)
 
 
 def test_great_circle_passes_through_its_points() -> None:
-    """App. B: at the right ascensions of the two points and between, declinations lie in their plane."""
+    """At the right ascensions of the two points, the declinations of the great circle are those of the points (App. B)."""
     rng = np.random.default_rng(3)
     for _ in range(50):
         a, b = rng.normal(size=(2, 3))
@@ -103,8 +103,10 @@ def test_great_circle_passes_through_its_points() -> None:
         np.testing.assert_allclose(edge_dec_rad(np.cross(a, b), ra), dec, atol=1e-12)
 
 
-def test_predictor_has_the_documents_weights() -> None:
-    """Eq. 4.22 is exact for a parabola up to a constant, eq. 4.23 for a line, and one sample stays."""
+def test_predictor_has_the_weights_of_the_document() -> None:
+    """Three samples are weighted as in eq. 4.22 and two as in eq. 4.23; a single sample is returned unchanged. A line
+    is extrapolated exactly.
+    """
     assert predict(np.array([3.0, 2.0, 1.0])) == pytest.approx(2.5 * 3 - 2 * 2 + 0.5 * 1)
     assert predict(np.array([5.0, 3.0])) == pytest.approx(7.0)
     assert predict(np.array([5.0])) == pytest.approx(5.0)
@@ -113,8 +115,9 @@ def test_predictor_has_the_documents_weights() -> None:
 
 
 def test_predictor_uses_the_times_of_the_samples() -> None:
-    """A parabola sampled at unequal times: the acceleration is the change between the middles of the intervals, and is left
-    out far ahead; a line is continued exactly at any distance."""
+    """For samples at unequal times, the acceleration is calculated from the velocities in the middle of the intervals,
+    and is ignored far ahead. A line is extrapolated exactly at any distance.
+    """
     times = np.array([-0.8, -2.0, -3.5])
     assert predict(4.0 + 3.0 * times, -times) == pytest.approx(4.0)
     assert predict(4.0 + 3.0 * times[:2], -times[:2]) == pytest.approx(4.0)
@@ -128,39 +131,46 @@ def test_predictor_uses_the_times_of_the_samples() -> None:
 
 
 def test_attitude_is_predicted_at_any_pointing() -> None:
-    """A constant rate of 0.24°/s is continued to 1e-12 rad from two and from three attitudes, and a vector comes back."""
+    """A constant rate is extrapolated within 1e-12 rad from two and from three attitudes, and rotation vectors agree
+    with scipy.
+    """
     rng = np.random.default_rng(4)
     for _ in range(20):
         start, rate = matrix_from_quaternion(random_quaternion(rng)), rng.normal(0, 0.003, 3)
-        q = [quaternion_from_matrix(rotation_from_vector(-rate * k) @ start) for k in range(4)]
-        for earlier in ((q[1],), (q[1], q[0])):
-            predicted = predict_attitude(q[2], earlier)
-            assert rotation_angle_rad(predicted, matrix_from_quaternion(q[3])) < 1e-12
-        assert rotation_angle_rad(predict_attitude(q[2], ()), matrix_from_quaternion(q[2])) < 1e-12
+        quaternions = [quaternion_from_matrix(rotation_from_vector(-rate * k) @ start) for k in range(4)]
+        for earlier in ((quaternions[1],), (quaternions[1], quaternions[0])):
+            predicted = predict_attitude(quaternions[2], earlier)
+            assert rotation_angle_rad(predicted, matrix_from_quaternion(quaternions[3])) < 1e-12
+        assert rotation_angle_rad(predict_attitude(quaternions[2], ()), matrix_from_quaternion(quaternions[2])) < 1e-12
         vector = rng.normal(0, 1, 3)
         np.testing.assert_allclose(rotation_vector_rad(rotation_from_vector(vector)), vector, atol=1e-12)
         np.testing.assert_allclose(rotation_vector_rad(start), Rotation.from_matrix(start).as_rotvec(), atol=1e-9)
 
 
-def test_predictor_beats_the_last_attitude_as_the_document_says() -> None:
-    """§4.1.8: at 0.1°/s per axis the last attitude is up to ten pixels off; the prediction is below a tenth."""
+def test_predictor_is_more_accurate_than_the_last_attitude() -> None:
+    """At 0.1°/s per axis, the last attitude is wrong by about ten pixels, and the prediction by less than a tenth of a
+    pixel (§4.1.8).
+    """
     rate = np.radians([0.1, 0.1, 0.1])
-    q = [quaternion_from_matrix(rotation_from_vector(-rate * k)) for k in range(4)]
-    stars = CAMERA.unproject(np.array([[20.0, 20.0], [700.0, 500.0]])) @ matrix_from_quaternion(q[3])
-    truth = CAMERA.project(stars @ matrix_from_quaternion(q[3]).T)
-    last = np.linalg.norm(CAMERA.project(stars @ matrix_from_quaternion(q[2]).T) - truth, axis=1)
-    predicted = np.linalg.norm(CAMERA.project(stars @ predict_attitude(q[2], (q[1], q[0])).T) - truth, axis=1)
+    quaternions = [quaternion_from_matrix(rotation_from_vector(-rate * k)) for k in range(4)]
+    stars = CAMERA.unproject(np.array([[20.0, 20.0], [700.0, 500.0]])) @ matrix_from_quaternion(quaternions[3])
+    truth = CAMERA.project(stars @ matrix_from_quaternion(quaternions[3]).T)
+    last = np.linalg.norm(CAMERA.project(stars @ matrix_from_quaternion(quaternions[2]).T) - truth, axis=1)
+    predicted = np.linalg.norm(
+        CAMERA.project(stars @ predict_attitude(quaternions[2], (quaternions[1], quaternions[0])).T) - truth, axis=1
+    )
     assert 8 < last.max() < 12
     assert predicted.max() < 0.1
 
 
 def test_boxes_spread_the_stars() -> None:
-    """One star of each box before a second of any, the leftmost of a box first (§4.1.4)."""
+    """One star of each box precedes the second of any box, and the leftmost star of a box is the first (§4.1.4)."""
     pixels = np.array([[10, 10], [20, 10], [700, 10], [10, 570], [380, 290], [30, 12]], float)
     assert by_boxes(pixels, 752, 582).tolist() == [0, 2, 4, 3, 1, 5]
 
 
 def _three(columns: list[list[int]], seed: int = 0) -> ThreeStars:
+    """Return the three-star test of the candidates of each reference star."""
     rng = np.random.default_rng(seed)
     unit = np.column_stack([rng.uniform(-0.1, 0.1, (12, 2)), np.ones(12)])
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
@@ -170,13 +180,13 @@ def _three(columns: list[list[int]], seed: int = 0) -> ThreeStars:
     return test
 
 
-def test_three_stars_that_keep_their_distances_are_taken() -> None:
-    """Among several candidates per reference star the true three are found (Tables 4-1, 4-2)."""
+def test_three_stars_with_correct_distances_are_matched() -> None:
+    """Among several candidates per reference star, the true three are matched (Tables 4-1, 4-2)."""
     assert _three([[0], [8, 1], [9, 2, 10]]).result == [(0, 0), (1, 1), (2, 2)]
 
 
-def test_a_high_sigma_star_brings_in_the_fourth() -> None:
-    """§4.1.4.1: with one wrong star the two right ones are kept in mind and a fourth completes the set."""
+def test_a_wrong_star_is_replaced_by_a_fourth() -> None:
+    """If one of three stars is wrong, the two correct ones are kept and a fourth star completes the set (§4.1.4.1)."""
     test = _three([[0], [7], [2]])
     assert test.result == []
     assert test.pair == [(0, 0), (2, 2)]
@@ -184,8 +194,8 @@ def test_a_high_sigma_star_brings_in_the_fourth() -> None:
     assert test.result == [(0, 0), (2, 2), (3, 3)]
 
 
-def test_the_seventh_star_drops_the_first_four() -> None:
-    """Six wrong columns, then three right ones: the set is found from the latest, and old columns are gone."""
+def test_a_seventh_star_removes_the_first_four() -> None:
+    """After six wrong columns, a seventh removes the first four, and the next correct columns give the set."""
     test = _three([[9], [10], [11], [9], [10], [11]])
     assert len(test.columns) == 6
     test.add(Candidates(6, np.array([6], np.intp)))
@@ -199,100 +209,110 @@ def test_one_star_is_not_matched_twice() -> None:
     assert _three([[0], [0], [0]]).result == []
 
 
-def _hint(rotation: Array, off_rad: Array | float = 0.0) -> AttitudePrior:
+def _hint(rotation: Array, error_rad: Array | float = 0.0) -> AttitudePrior:
+    """Return a tracking hint with an error about each axis."""
     return AttitudePrior.from_quaternion(
-        quaternion_from_matrix(rotation_from_vector(np.asarray(off_rad) * np.ones(3)) @ rotation)
+        quaternion_from_matrix(rotation_from_vector(np.asarray(error_rad) * np.ones(3)) @ rotation)
     )
 
 
-def test_windows_are_where_stars_will_be() -> None:
-    """Expected stars lie in the frame, and their windows have the sizes of eq. 4.20–4.21: 53 pixels for another sensor's
-    attitude, two and more for our own."""
+def test_windows_cover_the_expected_stars() -> None:
+    """Expected stars are in the frame. Their windows have the sizes of eq. 4.20–4.21: 53 px for the attitude of another
+    sensor, and a few pixels for the tracker's previous attitudes.
+    """
     rotation = cam_from_icrs(1.4, 0.1, 0.0)
     first = expected_stars(CAMERA, _catalogue(), PARAMETERS, _hint(rotation))
     assert len(first) >= 10
     assert CAMERA.contains(first.pixels).all()
     assert first.radius_px.min() >= 53 + 5
     assert first.streak is None
-    turned = replace(
+    with_history = replace(
         _hint(rotation), earlier=(quaternion_from_matrix(rotation_from_vector(np.array([0, 0.002, 0])) @ rotation),)
     )
-    later = expected_stars(CAMERA, _catalogue(), PARAMETERS, turned)
+    later = expected_stars(CAMERA, _catalogue(), PARAMETERS, with_history)
     assert later.radius_px.max() < 20
     assert later.streak is not None
-    # 2 mrad across 3846 px a second, half a second of exposure: 3.8 px, which lengthens a contour by less.
+    # 2 mrad/s at a focal length of 3846 px is 3.85 px in half a second of exposure. The contour grows by less.
     lengths = np.array([s.length_px for s in later.streak])
     assert 0.5 < lengths.max() < 3.85
     assert lengths.min() >= 0
     assert all(abs(abs(s.direction_rad) - np.pi / 2) > 1.4 for s in later.streak)
-    assert uncertainty_px(CAMERA, _catalogue(), PARAMETERS, turned) == pytest.approx(2.0, abs=1.5)
+    assert uncertainty_px(CAMERA, _catalogue(), PARAMETERS, with_history) == pytest.approx(2.0, abs=1.5)
 
 
 def _sequence(
     seed: int, steps: int, start: Array, discs: int = 0, points: int = 0, rate: float = 0.0007
 ) -> Counter[str]:
-    """Verdicts of a tracking sequence that starts from an attitude 0.3° off per axis; a lost frame starts again."""
+    """Return the verdicts of a tracking sequence that starts from an attitude wrong by 0.3° per axis. It restarts after
+    an unsolved frame.
+    """
     rng = np.random.default_rng(seed)
-    turn = rng.uniform(-rate, rate, 3)
+    rotation_rad_s = rng.uniform(-rate, rate, 3)
     verdicts: Counter[str] = Counter()
-    known: list[Array] = []
+    history: list[Array] = []
     for k in range(steps):
-        rotation = rotation_from_vector(-turn * k) @ start
+        rotation = rotation_from_vector(-rotation_rad_s * k) @ start
         spots = [FalseStar(*rng.uniform((0, 0), (751, 581)), v_mag=rng.uniform(2.5, 6)) for _ in range(points)]
-        frame = render(load_stars(6.5), CAMERA, SENSOR, rotation, 0.5, rng, rate_rad_s=turn, false_stars=spots)
+        frame = render(
+            load_stars(6.5), CAMERA, SENSOR, rotation, 0.5, rng, rate_rad_s=rotation_rad_s, false_stars=spots
+        )
         pixels = _with_discs(frame.pixels, rng, discs)
-        hint = AttitudePrior.from_quaternion(known[0], tuple(known[1:3])) if known else _hint(rotation, np.radians(0.3))
+        hint = (
+            AttitudePrior.from_quaternion(history[0], tuple(history[1:3]))
+            if history
+            else _hint(rotation, np.radians(0.3))
+        )
         result = solve(CHAIN, pixels, Work(CAMERA, _catalogue(), PARAMETERS, Mode.TRACKING, hint))
         verdicts[assess(result, frame.truth, CAMERA).verdict.value] += 1
-        known = [result.attitude.quaternion, *known][:3] if result.attitude else []
+        history = [result.attitude.quaternion, *history][:3] if result.attitude else []
     return verdicts
 
 
 def _with_discs(pixels: Array, rng: np.random.Generator, count: int) -> Array:
-    """False stars of about 100 pixels each, as the document's simulation had them (§4.3)."""
-    out = pixels.astype(int)
+    """Add false stars of about 100 pixels each, as in the document's simulation (§4.3)."""
+    image = pixels.astype(int)
     row, col = np.indices((13, 13)) - 6
     disc = (row**2 + col**2 <= 5.64**2).astype(int)
     for _ in range(count):
         c, r = rng.integers(0, 752 - 13), rng.integers(0, 582 - 13)
-        out[r : r + 13, c : c + 13] += disc * int(rng.integers(4, 25))
-    return np.clip(out, 0, 255).astype(np.uint8)
+        image[r : r + 13, c : c + 13] += disc * int(rng.integers(4, 25))
+    return np.clip(image, 0, 255).astype(np.uint8)
 
 
 @pytest.mark.parametrize("kind", ["none", "discs", "points"])
-def test_tracking_survives_a_hundred_false_stars(kind: str) -> None:
-    """§4.3: with 100 false stars per frame tracking continues with occasional restarts; no attitude is wrong."""
+def test_tracking_continues_with_a_hundred_false_stars(kind: str) -> None:
+    """With 100 false stars per frame, tracking continues with occasional restarts, and no attitude is wrong (§4.3)."""
     verdicts: Counter[str] = Counter()
     for seed in range(4):
         start = matrix_from_quaternion(random_quaternion(np.random.default_rng(100 + seed)))
-        false = {"discs": (100, 0), "points": (0, 100)}.get(kind, (0, 0))
-        verdicts += _sequence(seed, 12, start, *false)
+        discs_and_points = {"discs": (100, 0), "points": (0, 100)}.get(kind, (0, 0))
+        verdicts += _sequence(seed, 12, start, *discs_and_points)
     assert verdicts["wrong"] == 0
     assert verdicts["correct"] >= 43
 
 
 @pytest.mark.parametrize(("ra", "dec"), [(0.0, 0.3), (2 * np.pi - 1e-3, -0.9), (1.0, np.pi / 2), (5.0, -np.pi / 2)])
-def test_tracking_works_at_poles_and_across_zero(ra: float, dec: float) -> None:
-    """Every frame of a sequence through a pole or across RA 0 is solved right."""
+def test_tracking_works_at_poles_and_zero_right_ascension(ra: float, dec: float) -> None:
+    """Every frame of a sequence through a pole or across RA 0 is solved correctly."""
     verdicts = _sequence(7, 8, cam_from_icrs(ra, dec, 0.4))
     assert verdicts["wrong"] == 0
     assert verdicts["correct"] + verdicts["imprecise"] == 8
 
 
 def test_tracking_needs_an_attitude() -> None:
-    """Without a hint, or with a boresight only, tracking is refused."""
+    """Tracking without a hint, or with only a boresight, is rejected."""
     frame = np.full((582, 752), 12, np.uint8)
     for hint in (None, AttitudePrior(np.array([0.0, 0.0, 1.0]))):
         with pytest.raises(BadInput, match="tracking needs a hint"):
             solve(CHAIN, frame, Work(CAMERA, _catalogue(), PARAMETERS, Mode.TRACKING, hint))
 
 
-def test_a_false_attitude_to_start_from_gives_none() -> None:
-    """Tracking from an attitude somewhere else in the sky never gives an attitude."""
+def test_a_wrong_initial_attitude_gives_none() -> None:
+    """Tracking from a random wrong attitude never gives an attitude."""
     rng = np.random.default_rng(8)
     for _ in range(25):
         frame = render(load_stars(6.5), CAMERA, SENSOR, matrix_from_quaternion(random_quaternion(rng)), 0.5, rng)
-        elsewhere = AttitudePrior.from_quaternion(random_quaternion(rng))
-        result = solve(CHAIN, frame.pixels, Work(CAMERA, _catalogue(), PARAMETERS, Mode.TRACKING, elsewhere))
+        wrong_hint = AttitudePrior.from_quaternion(random_quaternion(rng))
+        result = solve(CHAIN, frame.pixels, Work(CAMERA, _catalogue(), PARAMETERS, Mode.TRACKING, wrong_hint))
         assert result.attitude is None
         assert result.reason

@@ -1,4 +1,4 @@
-"""The vectors for the attitude control: frames, aberration and the Earth's velocity against astropy and ERFA."""
+"""Vectors for attitude control: frames, aberration and the Earth's velocity, compared with astropy and ERFA."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ DAY = 9000.5
 
 
 @pytest.mark.parametrize("year", [1996, 2010, 2026, 2040])
-def test_earth_velocity_is_astropys(year: int) -> None:
-    """Over a year, every 20 days, within 30 m/s of the barycentric ephemeris: 0.02″ of aberration."""
+def test_earth_velocity_agrees_with_astropy(year: int) -> None:
+    """Over a year, the velocity agrees with the barycentric ephemeris within 30 m/s, or 0.02″ of aberration."""
     for day in range(0, 365, 20):
         time = Time(f"{year}-01-01T00:00:00", scale="tdb") + TimeDelta(day, format="jd")
         _, velocity = get_body_barycentric_posvel("earth", time, ephemeris="builtin")
@@ -37,29 +37,31 @@ def test_earth_velocity_is_astropys(year: int) -> None:
         assert np.linalg.norm(earth_velocity_m_s(float(time.jd - 2451545.0)) - expected) < 30
 
 
-def test_aberration_is_erfas() -> None:
-    """Thirty directions at the largest velocity agree with the relativistic formula to 1 mas and turn towards the motion."""
+def test_aberration_agrees_with_erfa() -> None:
+    """Thirty directions agree with the relativistic formula within 1 mas and are displaced towards the motion."""
     rng = np.random.default_rng(1)
     unit = rng.normal(size=(30, 3))
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     velocity = np.array([25_000.0, -20_000.0, 18_000.0])
     beta = velocity / LIGHT_M_S
     expected = np.array([erfa.ab(u, beta, 1.0, np.sqrt(1 - beta @ beta)) for u in unit])
-    seen = aberrated(unit, velocity)
-    np.testing.assert_allclose(seen, expected, atol=5e-9)
-    np.testing.assert_allclose(np.linalg.norm(seen, axis=1), 1.0, atol=1e-14)
-    assert np.all((seen - unit) @ velocity >= 0)
+    apparent = aberrated(unit, velocity)
+    np.testing.assert_allclose(apparent, expected, atol=5e-9)
+    np.testing.assert_allclose(np.linalg.norm(apparent, axis=1), 1.0, atol=1e-14)
+    assert np.all((apparent - unit) @ velocity >= 0)
 
 
-def test_worst_aberration_is_the_documents() -> None:
-    """§7.5.1: 20.5″ by the Earth and 5.1″ by the satellite, across the motion."""
+def test_largest_aberration_agrees_with_the_document() -> None:
+    """Perpendicular to the motion, the aberration is 20.5″ from the Earth's motion and 5.1″ from the satellite's
+    (§7.5.1).
+    """
     for speed, arcsec in ((29785.0, 20.5), (7400.0, 5.1)):
-        turned = aberrated(np.array([[0.0, 1.0, 0.0]]), np.array([speed, 0, 0]))[0]
-        assert np.degrees(np.arctan2(turned[0], turned[1])) * 3600 == pytest.approx(arcsec, abs=0.05)
+        apparent = aberrated(np.array([[0.0, 1.0, 0.0]]), np.array([speed, 0, 0]))[0]
+        assert np.degrees(np.arctan2(apparent[0], apparent[1])) * 3600 == pytest.approx(arcsec, abs=0.05)
 
 
-def _seen(aberration: bool) -> SolveResult:
-    """A solution as the chain makes it, of stars seen from the orbit at the angles above."""
+def _solution(aberration: bool) -> SolveResult:
+    """Return a solution as the chain makes it, of stars seen from the orbit at the angles above."""
     attitude = cam_from_icrs_of(ORBIT, *ANGLES)
     rng = np.random.default_rng(2)
     icrs = CAMERA.unproject(rng.uniform((20, 20), (730, 560), (6, 2))) @ attitude
@@ -84,28 +86,29 @@ def _seen(aberration: bool) -> SolveResult:
     )
 
 
-def test_vectors_fulfil_the_attitude_equation() -> None:
-    """Eq. 1.17: with aberration in the picture, observed body vectors are body_from_orbit times the reference to 1e-9; the
-    angles of a star's distance to the satellite's axes come out of the pair."""
-    vectors = matched_vectors(_seen(True), ORBIT, ANGLES, DAY)
+def test_vectors_satisfy_the_attitude_equation() -> None:
+    """If the image contains aberration, the observed body vectors are body_from_orbit times the reference vectors
+    within 1e-9 (eq. 1.17).
+    """
+    vectors = matched_vectors(_solution(True), ORBIT, ANGLES, DAY)
     assert len(vectors) == 6
     assert vectors.hip.tolist() == [101, 102, 103, 104, 105, 106]
     np.testing.assert_allclose(vectors.observed_body, vectors.reference_orbit @ euler_123(*ANGLES).T, atol=1e-9)
     np.testing.assert_allclose(vectors.observed_orbit, vectors.reference_orbit, atol=1e-9)
 
 
-def test_without_aberration_in_the_picture_the_correction_shows() -> None:
-    """The same vectors from a sky that does not move are off by between 0 and 26″, all the same way."""
-    vectors = matched_vectors(_seen(False), ORBIT, ANGLES, DAY)
-    off = np.linalg.norm(vectors.observed_orbit - vectors.reference_orbit, axis=1)
-    assert np.degrees(off.max()) * 3600 < 26
-    assert off.max() > 1e-6
+def test_correction_of_an_image_without_aberration_is_visible() -> None:
+    """If the image does not contain aberration, the corrected vectors differ from the reference by up to 26″."""
+    vectors = matched_vectors(_solution(False), ORBIT, ANGLES, DAY)
+    error_rad = np.linalg.norm(vectors.observed_orbit - vectors.reference_orbit, axis=1)
+    assert np.degrees(error_rad.max()) * 3600 < 26
+    assert error_rad.max() > 1e-6
 
 
 def test_a_failed_frame_gives_no_vector() -> None:
-    """§4.1.7: without matches nothing follows the zero."""
-    result = _seen(True)
-    nothing = SolveResult("sunsat", Outcome.NONE, "dark", CAMERA, (), result.centroids, None, None, float("nan"))
-    vectors = matched_vectors(nothing, ORBIT, ANGLES, DAY)
+    """Without matches, the list of vectors is empty (§4.1.7)."""
+    result = _solution(True)
+    unsolved = SolveResult("sunsat", Outcome.NONE, "dark", CAMERA, (), result.centroids, None, None, float("nan"))
+    vectors = matched_vectors(unsolved, ORBIT, ANGLES, DAY)
     assert len(vectors) == 0
     assert vectors.reference_orbit.shape == (0, 3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.design import accuracy as a
+from gss.catalogue_tools.design import accuracy
 from gss.catalogue_tools.design.camera import DesignCamera
 from gss.catalogue_tools.design.in_view import bright_rows, look, pairs_in_view
 from gss.catalogue_tools.design.radiometry import limit_mag, saturation_mag
@@ -18,11 +18,13 @@ STARS = load_stars(8.0)
 
 
 def scatter_rad(camera: DesignCamera, attitude: np.ndarray, rows: int, trials: int, seed: int) -> tuple[float, float]:
-    """Return standard deviations (across, about) of QUEST over noisy pixels of the stars visible at one attitude."""
+    """Return the standard deviations (across, about the boresight) of QUEST over noisy pixels of the stars visible at
+    one attitude.
+    """
     rng = np.random.default_rng(seed)
     unit = STARS.icrs[:rows]
     visible = np.flatnonzero(camera.shape.inside(unit @ attitude.T))
-    sigma = a.star_sigma_px(camera, STARS, rows)[visible]
+    sigma = accuracy.star_sigma_px(camera, STARS, rows)[visible]
     pixels = camera.camera.project(unit[visible] @ attitude.T)
     errors = []
     for _ in range(trials):
@@ -37,66 +39,69 @@ def scatter_rad(camera: DesignCamera, attitude: np.ndarray, rows: int, trials: i
 
 
 @pytest.mark.parametrize("name", ["sunsat", "far_mst"])
-def test_expected_accuracy_is_the_scatter_of_quest(name: str) -> None:
+def test_expected_accuracy_agrees_with_the_scatter_of_quest(name: str) -> None:
     """For three attitudes the predicted σ across and about the boresight agrees with the scatter of QUEST within 12 %."""
     camera = DesignCamera.from_profile(shipped_camera(name))
     rows = bright_rows(STARS, limit_mag(camera))
     attitudes = look(camera, 3, 11)
     pairs = pairs_in_view(STARS.icrs[:rows], attitudes, camera.shape)
-    across, about = a.sigma_rad(camera, pairs, a.star_sigma_px(camera, STARS, rows))
+    across, about = accuracy.sigma_rad(camera, pairs, accuracy.star_sigma_px(camera, STARS, rows))
     for k, attitude in enumerate(attitudes):
         scatter = scatter_rad(camera, attitude, rows, 300, k)
         assert scatter == pytest.approx((across[k], about[k]), rel=0.12)
 
 
-def test_roll_is_worse_than_across_by_the_lever_arm() -> None:
-    """For stars on a ring of tangent radius t, the roll error is 1/t times the cross error within 2 % (Huffman §7.2)."""
-    c = DesignCamera.from_profile(shipped_camera("sunsat"))
-    turn = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+def test_roll_error_is_the_cross_error_over_the_lever_arm() -> None:
+    """For stars on a ring of tangent radius t, the roll error is 1/t times the cross-boresight error within 2 %
+    (Huffman §7.2).
+    """
+    camera = DesignCamera.from_profile(shipped_camera("sunsat"))
+    angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     t = 0.07
-    plane = t * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    pairs = a.StarsInFields(np.zeros(8, np.intp), np.arange(8), plane, np.array([8]))
-    square = c.edited(pitch_row_um=c.pitch_col_um)
-    across, about = a.sigma_rad(square, pairs, np.full(8, 0.1))
+    plane = t * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    pairs = accuracy.StarsInFields(np.zeros(8, np.intp), np.arange(8), plane, np.array([8]))
+    square = camera.edited(pitch_row_um=camera.pitch_col_um)
+    across, about = accuracy.sigma_rad(square, pairs, np.full(8, 0.1))
     assert about[0] / across[0] == pytest.approx(1 / t, rel=0.02)
     assert across[0] == pytest.approx(0.1 * square.camera.pixel_rad / np.sqrt(8), rel=0.02)
 
 
 def test_too_few_stars_give_no_accuracy() -> None:
-    """Two stars give no accuracy. Fields without accuracy lower the share and raise no error."""
+    """Two stars give no accuracy. Fields without accuracy reduce the stated share and raise no error."""
     camera = DesignCamera.from_profile(shipped_camera("sunsat"))
-    pairs = a.StarsInFields(np.zeros(2, np.intp), np.arange(2), np.array([[0.0, 0.05], [0.05, 0.0]]), np.array([2]))
-    assert np.isnan(a.sigma_rad(camera, pairs, np.full(2, 0.1))[0]).all()
-    without_accuracy = a.summary(np.array([np.nan]), np.array([np.nan]))
+    pairs = accuracy.StarsInFields(
+        np.zeros(2, np.intp), np.arange(2), np.array([[0.0, 0.05], [0.05, 0.0]]), np.array([2])
+    )
+    assert np.isnan(accuracy.sigma_rad(camera, pairs, np.full(2, 0.1))[0]).all()
+    without_accuracy = accuracy.summary(np.array([np.nan]), np.array([np.nan]))
     assert without_accuracy.share == 0.0
     assert without_accuracy.cross_median_rad == np.inf
     assert np.isnan(without_accuracy.cross_mean_rad)
-    half = a.summary(np.array([1.0, 2.0, np.nan, np.nan]), np.array([3.0, 4.0, np.nan, np.nan]))
+    half = accuracy.summary(np.array([1.0, 2.0, np.nan, np.nan]), np.array([3.0, 4.0, np.nan, np.nan]))
     assert (half.share, half.cross_median_rad, half.cross_mean_rad, half.cross_p95_rad) == (0.5, 2.0, 1.5, np.inf)
 
 
-def test_longer_exposures_and_fainter_stars_help() -> None:
-    """A longer exposure and a fainter limit decrease the noise-equivalent angle.
-
-    A longer exposure also deepens the limit, unless the limit is given.
+def test_longer_exposures_and_fainter_limits_increase_accuracy() -> None:
+    """A longer exposure and a fainter limit decrease the noise-equivalent angle. A longer exposure also makes the limit
+    fainter, unless the limit is given.
     """
-    c = DesignCamera.from_profile(shipped_camera("far_mst"))
-    attitudes = look(c, 60, 2)
-    pairs = pairs_in_view(STARS.icrs, attitudes, c.shape)
-    times = c.exposure_s * np.array([0.3, 1.0, 3.0])
-    cross = [x.cross_median_rad for x in a.against_exposure(c, STARS, pairs, times)]
+    camera = DesignCamera.from_profile(shipped_camera("far_mst"))
+    attitudes = look(camera, 60, 2)
+    pairs = pairs_in_view(STARS.icrs, attitudes, camera.shape)
+    times = camera.exposure_s * np.array([0.3, 1.0, 3.0])
+    cross = [x.cross_median_rad for x in accuracy.against_exposure(camera, STARS, pairs, times)]
     assert cross == sorted(cross, reverse=True)
-    by_limit = [x.cross_median_rad for x in a.against_limit(c, STARS, pairs, np.array([3.5, 4.5]))]
+    by_limit = [x.cross_median_rad for x in accuracy.against_limit(camera, STARS, pairs, np.array([3.5, 4.5]))]
     assert by_limit[1] < by_limit[0]
-    assert a.limit_at_mag(c, 3 * c.exposure_s) > limit_mag(c)
-    given = c.edited(mag_limit=4.0)
-    assert a.limit_at_mag(given, 3 * c.exposure_s) == 4.0
-    assert a.limit_at_mag(given, c.exposure_s / 3) < 4.0
+    assert accuracy.limit_at_mag(camera, 3 * camera.exposure_s) > limit_mag(camera)
+    with_given_limit = camera.edited(mag_limit=4.0)
+    assert accuracy.limit_at_mag(with_given_limit, 3 * camera.exposure_s) == 4.0
+    assert accuracy.limit_at_mag(with_given_limit, camera.exposure_s / 3) < 4.0
 
 
-def test_a_saturated_star_counts_no_better_than_the_brightest_that_does_not() -> None:
+def test_a_saturated_star_has_the_error_of_a_star_at_the_limit() -> None:
     """In Sunsat's camera, Sirius has the centroid error of a star at the saturation limit."""
     camera = DesignCamera.from_profile(shipped_camera("sunsat"))
-    sigma = a.star_sigma_px(camera, STARS, 200)
+    sigma = accuracy.star_sigma_px(camera, STARS, 200)
     at_limit = int(np.searchsorted(STARS.v_mag, saturation_mag(camera)))
     assert sigma[0] == pytest.approx(sigma[at_limit], rel=0.02)
