@@ -1,4 +1,4 @@
-"""From request to verified image: funnel, quality, manifest, cancellation and invalid requests."""
+"""Builds from the request to the verified image: funnel, quality, manifest, cancellation and invalid requests."""
 
 import json
 from dataclasses import replace
@@ -87,9 +87,8 @@ def test_close_doubles_are_removed_unless_the_neighbour_is_faint(sunsat, stars):
 
 
 def test_thinning_keeps_the_brightest_of_every_field(stars):
-    """With 6 stars per field, 20 % to 80 % of the stars remain, with the brightest 20.
-
-    Random fields that had 6 keep at least 3.
+    """With 6 stars per field, 20 % to 80 % of the stars remain, including the brightest 20. Fields that had at least 6
+    stars keep at least 3.
     """
     request = replace(WHOLE_SKY, rules=SelectionRules(4.5, brightest_per_field=6), pair_max_rad=None)
     thinned, full = (
@@ -106,16 +105,16 @@ def test_thinning_keeps_the_brightest_of_every_field(stars):
     assert after.mean() < 0.7 * before.mean()
 
 
-def test_counts_per_field_are_the_cameras(stars):
+def test_counts_per_field_agree_with_projection(stars):
     """The fast count equals projecting every star onto the detector."""
     camera = shipped_camera("sunsat").camera
     bright = load_stars(6.0)
     attitudes = preview(SUNSAT, stars).plan.envelope.attitudes(np.random.default_rng(9), 40)
     counts = stars_per_field(bright.icrs, attitudes, FieldShape(camera))
     for attitude, count in zip(attitudes, counts, strict=True):
-        seen = bright.icrs @ attitude.T
-        near = seen[seen[:, 2] > np.cos(np.radians(9))]
-        assert count == camera.contains(camera.project(near)).sum()
+        cam = bright.icrs @ attitude.T
+        in_front = cam[cam[:, 2] > np.cos(np.radians(9))]
+        assert count == camera.contains(camera.project(in_front)).sum()
 
 
 def test_jacobs_statistics_of_the_whole_sky(stars):
@@ -142,11 +141,11 @@ def test_quality_report_is_consistent(sunsat):
 
 def test_preview_agrees_with_the_build(stars, sunsat):
     """The preview has the same stars, map and size as the build."""
-    quick = preview(SUNSAT, stars)
-    assert np.array_equal(quick.selection.kept.hip, sunsat.stars.hip)
-    assert quick.pairs == len(sunsat.distances)
-    assert quick.bytes == len(sunsat.image)
-    assert np.array_equal(quick.map.fraction, sunsat.map.fraction)
+    previewed = preview(SUNSAT, stars)
+    assert np.array_equal(previewed.selection.kept.hip, sunsat.stars.hip)
+    assert previewed.pairs == len(sunsat.distances)
+    assert previewed.bytes == len(sunsat.image)
+    assert np.array_equal(previewed.map.fraction, sunsat.map.fraction)
 
 
 def test_pair_estimate_is_close_for_many_stars():
@@ -164,8 +163,8 @@ def test_same_request_gives_the_same_bytes(stars, sunsat):
     assert again.manifest.as_json() == sunsat.manifest.as_json()
 
 
-def test_manifest_survives_and_proves_the_image(sunsat):
-    """The manifest read back is equal, names the star of each row, and matches only this image."""
+def test_the_manifest_identifies_the_image(sunsat):
+    """A restored manifest is equal, names the star of each row, and matches only this image."""
     text = sunsat.manifest.as_json()
     restored = read_manifest(text)
     assert restored.as_json() == text
@@ -196,7 +195,7 @@ def test_whole_sky_does_not_expire(stars):
     assert (built.manifest.valid_from, built.manifest.valid_to) == ("2026-12-01T00:00:00+00:00", "")
 
 
-def test_progress_rises_and_can_cancel(stars):
+def test_progress_increases_and_the_build_can_be_cancelled(stars):
     """Progress increases from 0 to 1, and an exception from the callback ends the build."""
     shares = []
     build(replace(SUNSAT, pointings=100), stars, lambda stage, share: shares.append((share, stage)))
@@ -215,7 +214,7 @@ def test_progress_rises_and_can_cancel(stars):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"format_name": "papyrus"}, "unknown on-board format"),
         ({"orbit": None}, "follows the orbit"),
@@ -236,34 +235,36 @@ def test_progress_rises_and_can_cancel(stars):
         ({"rules": SelectionRules(9.0)}, "does not reach this magnitude limit"),
     ],
 )
-def test_each_impossible_request_is_rejected_with_a_message(stars, change, words):
-    """Each impossible request is rejected with a clear message, and nothing is built."""
-    with pytest.raises(GssError, match=words):
+def test_each_invalid_request_is_rejected_with_a_message(stars, change, message):
+    """Each invalid request is rejected with the expected message, and nothing is built."""
+    with pytest.raises(GssError, match=message):
         build(replace(SUNSAT, **{"rules": SelectionRules(6.0), **change}), stars)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         ((6.0, 6.5), "not brighter than the faint limit"),
         ((float("nan"),), "not a number"),
         ((6.0, 2.0, -0.1), "cannot be negative"),
     ],
 )
-def test_impossible_magnitude_limits_are_rejected(arguments, words):
+def test_impossible_magnitude_limits_are_rejected(arguments, message):
     """Magnitude limits that are out of order or not numbers are rejected."""
-    with pytest.raises(BadInput, match=words):
+    with pytest.raises(BadInput, match=message):
         SelectionRules(*arguments)
 
 
 def test_limits_that_leave_no_star_are_rejected(stars):
-    """No star of that brightness, no star in the envelope, and too few remaining stars have different messages."""
+    """A limit without stars, an envelope without stars and too few remaining stars are rejected with different
+    messages.
+    """
     with pytest.raises(BadInput, match="leaves no stars"):
         build(replace(SUNSAT, rules=SelectionRules(-1.9)), stars)
-    fixed = AttitudeLimits("inertial", ra_rad=1.0, dec_rad=-1.0)
+    empty_field = AttitudeLimits("inertial", ra_rad=1.0, dec_rad=-1.0)
     sirius = AttitudeLimits("inertial", ra_rad=1.7678, dec_rad=-0.2917)
     with pytest.raises(BadInput, match="no star lies in the envelope"):
-        build(replace(SUNSAT, orbit=None, attitude=fixed, rules=SelectionRules(0.0)), stars)
+        build(replace(SUNSAT, orbit=None, attitude=empty_field, rules=SelectionRules(0.0)), stars)
     with pytest.raises(BadInput, match="too few stars are left"):
         build(replace(SUNSAT, orbit=None, attitude=sirius, rules=SelectionRules(0.0)), stars)
 

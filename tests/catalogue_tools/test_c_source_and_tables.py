@@ -1,4 +1,4 @@
-"""Bank images exported as C source and as tables, and imported with the same bytes."""
+"""Bank images are exported as C source and as tables, and imported with the same bytes."""
 
 import io
 import json
@@ -52,22 +52,22 @@ def image_of(format_name):
 # --- C ---------------------------------------------------------------------------------------------------------------
 
 
-def test_c_source_is_the_golden_file():
-    """The source of CubeStar's golden image equals the stored file."""
+def test_c_source_equals_the_golden_file():
+    """The C source of CubeStar's golden image equals the stored file, and is read back to the image."""
     image = (GOLDEN / "onboard-cubestar.bin").read_bytes()
     assert c_source(image) == (GOLDEN / "onboard-cubestar.c").read_text()
     assert read_c_source((GOLDEN / "onboard-cubestar.c").read_text()) == image
 
 
 @pytest.mark.parametrize("name", IMAGES)
-def test_c_source_reads_back_to_the_image(name):
+def test_c_source_is_read_back_to_the_image(name):
     """The arrays in the source contain the bytes of the image."""
     assert read_c_source(c_source(image_of(name))) == image_of(name)
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
 @pytest.mark.parametrize("name", IMAGES)
-def test_compiled_arrays_are_the_image(name, tmp_path):
+def test_compiled_arrays_equal_the_image(name, tmp_path):
     """The compiled arrays, concatenated, are the image.
 
     The compiler gives no warning. Requires a little-endian machine.
@@ -87,13 +87,13 @@ def test_compiled_arrays_are_the_image(name, tmp_path):
 
 @pytest.mark.parametrize("text", ["", "int main(void) { return 0; }", "const float gss_stars_x[2] = {0.0f, 1.0f};"])
 def test_other_c_sources_are_rejected(text):
-    """The error for a file that is not a catalogue says so."""
+    """A file that is not a catalogue is rejected with an error that says so."""
     with pytest.raises(BadInput, match="not a catalogue in C source"):
         read_c_source(text)
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "message"),
     [
         ("gss_stars_x[", "gss_stars_w[", "gss_stars_x is incomplete"),
         ("{\n  0, 1, 2,", "{\n  0, 2, 2,", "damaged"),
@@ -103,11 +103,11 @@ def test_other_c_sources_are_rejected(text):
         ("gss-layout: [", "gss-layout: (", "layout line of the C source is damaged"),
     ],
 )
-def test_a_changed_c_source_is_rejected(old, new, words):
-    """A changed, missing or too large number and a renamed array are detected."""
+def test_a_changed_c_source_is_rejected(old, new, message):
+    """A number that is changed, missing or too large, a renamed array and a damaged layout line are detected."""
     text = c_source(image_of("cubestar"))
     assert old in text
-    with pytest.raises(CorruptData, match=words):
+    with pytest.raises(CorruptData, match=message):
         read_c_source(text.replace(old, new, 1))
 
 
@@ -116,8 +116,10 @@ def test_a_changed_c_source_is_rejected(old, new, words):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", IMAGES)
-def test_tables_read_back_to_the_same_image(name, kind):
-    """FITS, CSV, ECSV and Parquet give the same image bytes, and exporting twice gives the same file."""
+def test_tables_are_read_back_to_the_same_image(name, kind):
+    """FITS, CSV, ECSV and Parquet files give the same image bytes. Repeated exports give the same file, except for
+    FITS.
+    """
     data = export_table(image_of(name), kind)
     assert import_table(data, kind) == image_of(name)
     if kind != "fits":
@@ -152,26 +154,26 @@ def test_other_files_are_rejected(kind, data):
         import_table(data, kind)
 
 
-def test_unknown_kinds_are_refused():
-    """The error for an unknown kind lists the known ones."""
+def test_unknown_kinds_are_rejected():
+    """An unknown kind is rejected with an error that lists the valid ones."""
     for call in (lambda: export_table(image_of("aim"), "xls"), lambda: import_table(b"", "xls")):
         with pytest.raises(BadInput, match=r"fits \| csv \| ecsv \| parquet"):
             call()
 
 
-def rezipped(data, name, change):
-    """Return the ZIP archive with one file changed or removed."""
-    out = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(out, "w") as new:
+def with_changed_file(data, name, change):
+    """Return the ZIP archive with the content of one file changed, or without the file."""
+    archive = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(archive, "w") as new:
         for member in old.namelist():
             content = change(old.read(member)) if member == name else old.read(member)
             if content is not None:
                 new.writestr(member, content)
-    return out.getvalue()
+    return archive.getvalue()
 
 
 @pytest.mark.parametrize(
-    ("name", "change", "words"),
+    ("name", "change", "message"),
     [
         ("stars.csv", lambda b: b.replace(b"\n0,", b"\n1,", 1), "damaged"),
         ("stars.csv", lambda b: b[: len(b) // 2], "is incomplete|cannot be read|damaged"),
@@ -190,10 +192,10 @@ def rezipped(data, name, change):
         ("bytes_header.csv", lambda b: b.replace(b"\n0\n", b"\n0.5\n", 1), "does not fit its type"),
     ],
 )
-def test_a_changed_table_is_rejected(name, change, words):
+def test_a_changed_table_is_rejected(name, change, message):
     """A changed cell, column, row or file is detected."""
-    with pytest.raises(CorruptData, match=words):
-        import_table(rezipped(export_table(image_of("cubestar"), "csv"), name, change), "csv")
+    with pytest.raises(CorruptData, match=message):
+        import_table(with_changed_file(export_table(image_of("cubestar"), "csv"), name, change), "csv")
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "fits"])
@@ -209,7 +211,7 @@ def test_a_changed_byte_of_a_file_is_detected_or_harmless(kind, data):
 
 
 def test_the_readable_star_list_is_exported_to_parquet():
-    """The Parquet star list has rows, Hipparcos numbers and degrees, as the CSV list."""
+    """The Parquet star list has the same columns as the CSV list: row, Hipparcos number, degrees and magnitude."""
     names = [f.name for f in fields(BuildManifest) if f.type == "str"]
     empty = {n: {} for n in ("parameters", "envelope", "counts", "bytes_by_part", "quality", "quantisation")}
     manifest = BuildManifest(**dict.fromkeys(names, "x"), **empty, epoch_jyear=2026.5, hip=())

@@ -1,4 +1,4 @@
-"""Options of a request for selecting stars: size estimates, screening list, reduced catalogue, thinning."""
+"""Options of a request for selecting stars: size estimates, screening list, reduced catalogue and thinning."""
 
 import json
 from dataclasses import replace
@@ -46,14 +46,14 @@ def stars():
     return load_stars()
 
 
-def test_a_reduced_directory_that_fits_is_accepted(stars):
+def test_a_reduced_directory_that_fits_into_the_bank_is_accepted(stars):
     """far-mst to V 6 fits into a bank that the pairs of all stars would exceed, and the preview estimates its size."""
     request = BuildRequest(shipped_camera("far_mst"), "far-mst", SelectionRules(6.0), bank_bytes=600_000, pointings=300)
     assert len(prepare(request, stars).selection.kept) > 5000
-    quick, built = preview(request, stars), build(request, stars)
+    previewed, built = preview(request, stars), build(request, stars)
     assert len(built.image) <= 600_000
-    assert quick.pairs == pytest.approx(len(built.distances), rel=0.05)
-    assert quick.bytes == pytest.approx(len(built.image), rel=0.05)
+    assert previewed.pairs == pytest.approx(len(built.distances), rel=0.05)
+    assert previewed.bytes == pytest.approx(len(built.image), rel=0.05)
 
 
 @pytest.mark.parametrize("profile", ["oersted", "aim"])
@@ -61,10 +61,10 @@ def test_a_reduced_directory_that_fits_is_accepted(stars):
 def test_the_preview_states_the_size_of_a_small_region(stars, profile, faint_mag):
     """For formats with triplets or links the preview states the size of the image of a small region."""
     request = replace(PATCH, profile=shipped_camera(profile), format_name=profile, rules=SelectionRules(faint_mag))
-    quick, built = preview(request, stars), build(request, stars)
-    assert len(quick.selection.kept) == pytest.approx(len(built.stars), abs=1)
-    assert quick.bytes == pytest.approx(len(built.image), rel=0.02 if len(built.stars) > 50 else 0.2)
-    assert quick.pairs == len(built.distances) == 0
+    previewed, built = preview(request, stars), build(request, stars)
+    assert len(previewed.selection.kept) == pytest.approx(len(built.stars), abs=1)
+    assert previewed.bytes == pytest.approx(len(built.image), rel=0.02 if len(built.stars) > 50 else 0.2)
+    assert previewed.pairs == len(built.distances) == 0
 
 
 def test_the_screening_list_removes_and_counts_stars(stars):
@@ -93,10 +93,9 @@ def test_the_screening_list_can_be_informative_only(stars):
     assert last.stars == screening["counts"]["any"] > 0
 
 
-def test_companions_and_false_triples_have_limits(stars):
-    """A star is removed if its ring contains more stars than permitted, counted by brute force.
-
-    The limit on false triples has the same effect.
+def test_companions_and_false_triples_can_be_limited(stars):
+    """A star is removed if its ring contains more stars than permitted; the numbers equal a brute-force count. An
+    equivalent limit on false triples removes the same stars.
     """
     marks = {"doubles": False, "variables": False, "fast": False}
     ring = {"arc_rad": deg(8)[0], "tolerance_rad": deg(0.05)[0]}
@@ -115,14 +114,13 @@ def test_companions_and_false_triples_have_limits(stars):
     assert np.array_equal(by_triples.selection.fate, prepared.selection.fate)
 
 
-def test_any_format_may_have_a_reduced_catalogue(stars):
-    """A sunsat image contains all stars, the pairs of the reduced catalogue only, and its frame.
-
-    The preview states its size.
+def test_any_format_can_have_a_reduced_catalogue(stars):
+    """A sunsat image contains all stars, but only the pairs of the reduced catalogue, and its frame. The preview states
+    the size.
     """
     complete = replace(WHOLE, bank_bytes=256 * 1024)
     request = replace(complete, reduced=ReducedFrame(*deg(36, 36), 8, deg(3)[0]))
-    built, quick = build(request, stars), preview(request, stars)
+    built, previewed = build(request, stars), preview(request, stars)
     decoded = decode(built.image)
     in_reduced = decoded.tables.reduced.kept
     assert decoded.tables.reduced.frame.brightest == 8
@@ -131,14 +129,13 @@ def test_any_format_may_have_a_reduced_catalogue(stars):
     assert in_reduced[decoded.distances.second].all()
     assert built.manifest.counts["reduced catalogue"] == np.count_nonzero(in_reduced)
     assert built.manifest.assessment["reduced"]["width_rad"] == pytest.approx(deg(36)[0])
-    assert quick.pairs == pytest.approx(len(built.distances), rel=0.02)
-    assert quick.bytes - 8 * quick.pairs == len(built.image) - 8 * len(built.distances)
+    assert previewed.pairs == pytest.approx(len(built.distances), rel=0.02)
+    assert previewed.bytes - 8 * previewed.pairs == len(built.image) - 8 * len(built.distances)
 
 
 def test_thinning_by_frames_fills_every_frame(stars):
-    """Upright frames of the camera's shape contain at least five of the six requested stars, or all available ones.
-
-    The funnel names the frames.
+    """Upright frames of the camera's shape contain at least five of the six requested stars, or all available ones. The
+    funnel states the method.
     """
     request = replace(
         WHOLE,
@@ -170,7 +167,7 @@ def test_choices_are_restored_from_their_parameters():
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (lambda: SelectionRules(5.0, thinning="squares"), "thinning method"),
         (lambda: ScreeningRules("burn"), "unknown screening"),
@@ -181,7 +178,7 @@ def test_choices_are_restored_from_their_parameters():
         (lambda: replace(WHOLE, reduced=ReducedFrame(0.5, 0.5, 0)), "frame of the reduced"),
     ],
 )
-def test_impossible_choices_are_named(make, words):
-    """An impossible option is rejected with the expected values."""
-    with pytest.raises(BadInput, match=words):
+def test_invalid_options_are_rejected(make, message):
+    """An invalid option is rejected with the expected message."""
+    with pytest.raises(BadInput, match=message):
         make()

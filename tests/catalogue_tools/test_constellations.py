@@ -16,45 +16,47 @@ from gss.domain.stars import StarTable
 
 MAX_RAD = np.radians(35.0)
 SHARED = {("Aur", "Elnath"), ("Peg", "Alpheratz")}
-"""Stars across the border that complete a figure."""
+"""Stars of a neighbouring constellation that complete a figure."""
 
 
 @pytest.fixture(scope="module")
-def bright() -> StarTable:
+def connected_stars() -> StarTable:
     """Stars of GSS's table that belong to lines of constellations."""
     return load_stars().brighter_than(FAINTEST_JOINED_MAG)
 
 
-def test_every_designation_is_a_star_of_our_own_table(bright: StarTable) -> None:
-    """At least forty constellations, and what Orion's belt joins is Orion's belt (HIP 26727, 26311, 25930)."""
-    found = figures(bright)
-    assert len(found) == len(TABLE.strip().splitlines()) >= 40
-    assert (26727, 26311, 25930) in next(figure.lines for figure in found if figure.short == "Ori")
+def test_every_designation_is_in_the_star_table(connected_stars: StarTable) -> None:
+    """Every line of the table, at least forty, gives a constellation. Orion's belt connects HIP 26727, 26311 and 25930."""
+    constellations = figures(connected_stars)
+    assert len(constellations) == len(TABLE.strip().splitlines()) >= 40
+    assert (26727, 26311, 25930) in next(figure.lines for figure in constellations if figure.short == "Ori")
 
 
-def test_every_star_lies_in_the_constellation_by_its_official_border(bright: StarTable) -> None:
-    """Independent check with the borders of 1930 from astropy; two stars belong to a neighbouring constellation."""
-    found = figures(bright)
-    ours = [(figure.short, hip) for figure in found for line in figure.lines for hip in line]
-    rows = [bright.row_of_hip[hip] for _, hip in ours]
-    ra_rad, dec_rad = ra_dec_from_unit(bright.icrs[rows])
-    theirs = get_constellation(SkyCoord(ra_rad, dec_rad, unit="rad"), short_name=True)
-    strangers = {
-        (short, bright.name_of(hip)) for (short, hip), true in zip(ours, theirs, strict=True) if short != str(true)
+def test_every_star_is_within_the_official_border_of_its_constellation(connected_stars: StarTable) -> None:
+    """All stars are within the borders of 1930 (from astropy), except two that belong to a neighbouring constellation."""
+    constellations = figures(connected_stars)
+    members = [(figure.short, hip) for figure in constellations for line in figure.lines for hip in line]
+    rows = [connected_stars.row_of_hip[hip] for _, hip in members]
+    ra_rad, dec_rad = ra_dec_from_unit(connected_stars.icrs[rows])
+    constellation_by_border = get_constellation(SkyCoord(ra_rad, dec_rad, unit="rad"), short_name=True)
+    outside = {
+        (short, connected_stars.name_of(hip))
+        for (short, hip), official in zip(members, constellation_by_border, strict=True)
+        if short != str(official)
     }
-    assert strangers == SHARED
+    assert outside == SHARED
 
 
-def test_no_segment_crosses_the_sky(bright: StarTable) -> None:
-    """A wrong star of the same name would give a long segment."""
-    ends = [pair for figure in figures(bright) for line in figure.lines for pair in pairwise(line)]
-    first, second = (bright.icrs[[bright.row_of_hip[pair[k]] for pair in ends]] for k in (0, 1))
+def test_all_segments_are_short(connected_stars: StarTable) -> None:
+    """No segment is longer than 35°. A wrong star of the same name would give a long segment."""
+    ends = [pair for figure in figures(connected_stars) for line in figure.lines for pair in pairwise(line)]
+    first, second = (connected_stars.icrs[[connected_stars.row_of_hip[pair[k]] for pair in ends]] for k in (0, 1))
     angle_rad = np.arccos(np.clip(np.sum(first * second, axis=1), -1, 1))
     assert len(ends) > 200
     assert np.all((angle_rad > 0) & (angle_rad < MAX_RAD))
 
 
-def test_a_table_without_a_joined_star_is_rejected(bright: StarTable) -> None:
-    """The error names the constellation and the star."""
+def test_a_table_without_a_connected_star_is_rejected(connected_stars: StarTable) -> None:
+    """A star table that lacks a connected star is rejected."""
     with pytest.raises(CorruptData, match="is not in the table"):
-        figures(bright.brighter_than(2.0))
+        figures(connected_stars.brighter_than(2.0))

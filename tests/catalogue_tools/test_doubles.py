@@ -1,4 +1,4 @@
-"""Effective centres of light by the policy of each document, for constructed pairs and for the real sky."""
+"""Merging of double stars by the policy of each document, for constructed pairs and for the real sky."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ CLOSE_RAD = 1e-3
 ALPHA_CEN = (71683, 71681)  # α Centauri A and B, 19″ apart in 1991
 
 
-def _stars(places_rad: list[tuple[float, float]], v_mag: list[float]) -> StarTable:
+def _stars(offsets_rad: list[tuple[float, float]], v_mag: list[float]) -> StarTable:
     """Return stars near the x axis at small angles east and north of it, numbered from 1."""
     n = len(v_mag)
-    east, north = np.array(places_rad, float).reshape(n, 2).T
+    east, north = np.array(offsets_rad, float).reshape(n, 2).T
     icrs = np.column_stack([np.ones(n), east, north])
     base = load_stars(3.0).take(np.arange(n))
     unit = icrs / np.linalg.norm(icrs, axis=1, keepdims=True)
     return replace(base, hip=np.arange(1, n + 1, dtype=np.int32), icrs=unit, v_mag=np.array(v_mag, float))
 
 
-def test_photocentre_lies_by_the_light_ratio() -> None:
-    """A companion 2.5 mag fainter shifts the centre by s·l₂/(l₁+l₂) = s/11 (Moniteq 1983 §2.2), and the light adds."""
+def test_photocentre_is_weighted_by_light() -> None:
+    """A companion 2.5 mag fainter shifts the centre by s·l₂/(l₁+l₂) = s/11 (Moniteq 1983 §2.2), and the light is added."""
     merged = merge(
         _stars([(0, 0), (CLOSE_RAD, 0)], [4.0, 6.5]), Doubles("moniteq", 2 * CLOSE_RAD, largest_broadening=10.0)
     )
@@ -44,7 +44,7 @@ def test_photocentre_lies_by_the_light_ratio() -> None:
 
 
 def test_erlank_averages_the_position_without_the_light() -> None:
-    """The first option of Erlank 2013 §4.3.2 puts the star midway; the second keeps both stars."""
+    """Erlank 2013 §4.3.2: the first option places the star midway, the second keeps both stars."""
     pair = _stars([(0, 0), (CLOSE_RAD, 0)], [4.0, 6.5])
     assert merge(pair, Doubles("erlank_combine", 2 * CLOSE_RAD)).stars.icrs[0, 1] == pytest.approx(
         CLOSE_RAD / 2, rel=1e-5
@@ -52,11 +52,8 @@ def test_erlank_averages_the_position_without_the_light() -> None:
     assert merge(pair, Doubles("erlank_keep", 2 * CLOSE_RAD)).stars is pair
 
 
-def test_blend_that_is_not_star_like_is_rejected() -> None:
-    """Equal stars at a distance s have an additional spread of s/2.
-
-    They are rejected above half a σ and merged below it.
-    """
+def test_a_broadened_blend_is_rejected() -> None:
+    """Equal stars at a distance s are broadened by s/2. They are rejected above half a σ and merged below it."""
     profile = shipped_camera("sunsat")
     sigma = separable_rad(profile) / 4
     wide = merge(_stars([(0, 0), (1.2 * sigma, 0)], [4.0, 4.0]), Doubles("moniteq"), profile)
@@ -67,25 +64,24 @@ def test_blend_that_is_not_star_like_is_rejected() -> None:
     assert (len(faint.stars), len(faint.rejected)) == (1, 0)
 
 
-def test_stars_too_faint_to_count_stay_out_of_the_blend() -> None:
+def test_faint_contaminants_are_ignored() -> None:
     """Contaminants fainter than the limit neither shift nor reject a star."""
     pair = _stars([(0, 0), (CLOSE_RAD, 0)], [4.0, 6.5])
     merged = merge(pair, Doubles("moniteq", 2 * CLOSE_RAD, contaminant_mag=6.0))
     assert np.array_equal(merged.stars.icrs, pair.icrs)
 
 
-def test_chains_merge_for_huffman_and_not_for_moniteq() -> None:
-    """Of three stars in a row with close neighbours, Huffman's chains merge all.
-
-    Moniteq's method merges only the brightest with its neighbour.
+def test_only_huffman_merges_chains_of_stars() -> None:
+    """Huffman's method merges a row of three close stars. Moniteq's method merges only the brightest with its
+    neighbour.
     """
     row = _stars([(0, 0), (CLOSE_RAD, 0), (2 * CLOSE_RAD, 0)], [4.0, 5.0, 6.0])
     assert len(merge(row, Doubles("huffman", 1.5 * CLOSE_RAD)).stars) == 1
-    around = merge(row, Doubles("moniteq", 1.5 * CLOSE_RAD, largest_broadening=10.0))
-    assert around.stars.hip.tolist() == [1, 3]
+    by_moniteq = merge(row, Doubles("moniteq", 1.5 * CLOSE_RAD, largest_broadening=10.0))
+    assert by_moniteq.stars.hip.tolist() == [1, 3]
 
 
-def test_dropping_spares_a_star_with_a_harmless_neighbour() -> None:
+def test_a_star_with_a_faint_neighbour_is_not_dropped() -> None:
     """The fainter star of a pair is always dropped, the brighter one only if the other is less than 2.5 mag fainter."""
     much_fainter = _stars([(0, 0), (CLOSE_RAD, 0)], [3.0, 5.6])
     slightly_fainter = _stars([(0, 0), (CLOSE_RAD, 0)], [3.0, 5.4])
@@ -100,8 +96,8 @@ def test_merging_does_not_depend_on_the_order(seed: int, policy: str) -> None:
     """Shuffled rows give bit-identical stars and the same rejects, also for equal magnitudes."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(2, 40))
-    places = [(float(x), float(y)) for x, y in rng.uniform(0, 4 * CLOSE_RAD, (n, 2))]
-    stars = _stars(places, [float(m) for m in rng.integers(2, 9, n)])
+    offsets_rad = [(float(x), float(y)) for x, y in rng.uniform(0, 4 * CLOSE_RAD, (n, 2))]
+    stars = _stars(offsets_rad, [float(m) for m in rng.integers(2, 9, n)])
     policy_of = Doubles(policy, CLOSE_RAD)
     merged, shuffled = merge(stars, policy_of), merge(stars.take(rng.permutation(n)), policy_of)
     first, second = np.argsort(merged.stars.hip), np.argsort(shuffled.stars.hip)
@@ -127,7 +123,7 @@ def test_merging_conserves_light(seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(i.name for i in shipped_registry().all() if i.profile.chain))
-def test_no_two_merged_stars_are_within_the_cameras_reach(name: str) -> None:
+def test_few_stars_remain_to_be_merged(name: str) -> None:
     """After Huffman's merging to V 6, a second merging finds at most 2 % as many groups."""
     profile = shipped_camera(name)
     merged = merge(load_stars(6.0), Doubles("huffman"), profile)
@@ -152,7 +148,7 @@ def test_alpha_centauri_becomes_one_star_for_a_wide_camera() -> None:
 
 
 @pytest.mark.parametrize(
-    ("bad", "text"),
+    ("make", "message"),
     [
         (lambda: Doubles("best"), "policy"),
         (lambda: Doubles(separation_rad=0.0), "separation"),
@@ -161,10 +157,10 @@ def test_alpha_centauri_becomes_one_star_for_a_wide_camera() -> None:
         (lambda: merge(load_stars(2.0), Doubles()), "need a separation"),
     ],
 )
-def test_impossible_policies_are_rejected(bad, text) -> None:  # type: ignore[no-untyped-def]
+def test_invalid_policies_are_rejected(make, message) -> None:  # type: ignore[no-untyped-def]
     """Each invalid value is rejected, and the error names the field."""
-    with pytest.raises(BadInput, match=text):
-        bad()
+    with pytest.raises(BadInput, match=message):
+        make()
 
 
 def test_empty_and_single_star_tables_are_unchanged() -> None:

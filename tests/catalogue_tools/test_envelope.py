@@ -27,32 +27,36 @@ SUNSAT_LIMITS = AttitudeLimits("sunsat", deg(-10, 10), deg(-5, 5), deg(130, 140)
 
 
 def sunsat(raan_low, raan_high, inclination=97.0):
+    """Return Sunsat's envelope for a range of nodes."""
     planes = from_elements(deg(inclination, inclination), deg(raan_low, raan_high))
     return BandEnvelope(FieldShape(shipped_camera("sunsat").camera), SUNSAT_LIMITS, planes)
 
 
-def seen_by_sampling(envelope, unit, count, seed=1):
-    seen = np.zeros(len(unit), bool)
+def visible_by_sampling(envelope, unit, count, seed=1):
+    """Return which directions are in the field of at least one of ``count`` random attitudes."""
+    visible = np.zeros(len(unit), bool)
     for attitude in envelope.attitudes(np.random.default_rng(seed), count):
-        seen |= envelope.shape.inside(unit @ attitude.T)
-    return seen
+        visible |= envelope.shape.inside(unit @ attitude.T)
+    return visible
 
 
-def seen_by_corners(limits, shape, unit, raan_deg, inclination_deg, per_axis, per_orbit):
-    """Return what is visible by Jacobs' method: step through every combination of the six parameters, limits included."""
-    seen = np.zeros(len(unit), bool)
+def visible_by_steps(limits, shape, unit, raan_deg, inclination_deg, per_axis, per_orbit):
+    """Return which directions are visible by Jacobs' method: step through all combinations of the six parameters,
+    limits included.
+    """
+    visible = np.zeros(len(unit), bool)
     latitude = np.arange(per_orbit) * 2 * np.pi / per_orbit
     boxes = [np.linspace(a, b, per_axis) for a, b in zip(limits.low, limits.high, strict=True)]
     for raan, inclination in itertools.product(raan_deg, inclination_deg):
         orbit = orbit_axes(np.full(per_orbit, np.radians(raan)), np.full(per_orbit, np.radians(inclination)), latitude)
         for angles in itertools.product(*boxes):
             cam = limits.cam_from_body @ euler_123(angles) @ orbit
-            seen |= shape.inside(np.einsum("kij,nj->kni", cam, unit)).any(axis=0)
-    return seen
+            visible |= shape.inside(np.einsum("kij,nj->kni", cam, unit)).any(axis=0)
+    return visible
 
 
 @pytest.mark.parametrize(("inclination", "declination"), [(0, -90), (90, 0), (97, 7)])
-def test_sunsat_boresight_lies_where_the_document_says(inclination, declination):
+def test_sunsat_boresight_has_the_declination_of_the_document(inclination, declination):
     """With yaw 135°, the boresight on orbits with i = 0, 90 and 97° is at Dec −90, 0 and +7° at every latitude
     argument.
     """
@@ -69,19 +73,19 @@ def test_euler_rotation_is_the_product_of_the_three_matrices():
     assert np.abs(euler_123([1.1, -0.2, 0.3]) - product).max() < 1e-15
 
 
-def test_orbit_axes_are_those_of_the_named_frame():
-    """The array form agrees with gss.domain.frames."""
+def test_orbit_axes_agree_with_the_orbit_frame():
+    """The axes for arrays of orbits agree with ``orbit_from_icrs``."""
     assert np.abs(orbit_axes(0.3, 1.7, 2.0) - orbit_from_icrs(0.3, 1.7, 2.0)).max() < 1e-15
 
 
 @pytest.mark.parametrize("attitude_of", [("zenith", -1.0), ("nadir", 1.0)])
-def test_zenith_and_nadir_look_up_and_down(attitude_of):
-    """The boresight points against the orbit's +z for zenith and along it for nadir."""
+def test_zenith_and_nadir_boresights_point_up_and_down(attitude_of):
+    """The boresight is opposite to the orbit frame's +z for zenith, and along it for nadir."""
     law, sign = attitude_of
     assert AttitudeLimits(law).cam_from_body[2] == pytest.approx([0, 0, sign])
 
 
-def test_cosine_range_is_that_of_a_fine_grid():
+def test_cosine_range_agrees_with_a_fine_grid():
     """The range of a cosine over any interval equals that on a fine grid."""
     rng = np.random.default_rng(5)
     for low, width, peak in rng.uniform([-7, 0, -7], [7, 8, 7], (200, 3)):
@@ -92,24 +96,24 @@ def test_cosine_range_is_that_of_a_fine_grid():
 
 
 @pytest.mark.parametrize(
-    ("raan", "paper", "ours"), [((133, 149), 113, 144), ((0, 120), 540, 600), ((0, 360), 1300, 1433)]
+    ("raan", "paper", "exact"), [((133, 149), 113, 144), ((0, 120), 540, 600), ((0, 360), 1300, 1433)]
 )
-def test_jacobs_sub_catalogues(raan, paper, ours):
-    """Jacobs found 113, 540 and 1300 stars with coarse steps; the exact envelope contains 10 % to 27 % more."""
+def test_sub_catalogues_of_jacobs_are_reproduced(raan, paper, exact):
+    """Jacobs found 113, 540 and 1300 stars with coarse steps. The exact envelope contains 10 % to 27 % more."""
     count = int(sunsat(*raan).contains(load_stars(6.0).icrs).sum())
-    assert count == ours
+    assert count == exact
     assert 1.0 < count / paper < 1.3
 
 
-def test_stepping_every_combination_finds_the_same_stars_but_for_the_corners():
-    """Jacobs' steps find no star outside the exact envelope, and over 90 % of those inside; only corners reach the
-    others.
+def test_steps_of_jacobs_find_the_same_stars_except_at_corners():
+    """Jacobs' steps find no star outside the exact envelope and over 90 % of those inside. Only corners of the field
+    reach the others.
     """
     stars = load_stars(6.0)
     envelope = sunsat(133, 149)
     geometric = envelope.contains(stars.icrs)
     near = stars.icrs @ stars.icrs[geometric].mean(axis=0) > 0
-    stepped = seen_by_corners(SUNSAT_LIMITS, envelope.shape, stars.icrs[near], np.arange(133, 150, 4), [97], 3, 90)
+    stepped = visible_by_steps(SUNSAT_LIMITS, envelope.shape, stars.icrs[near], np.arange(133, 150, 4), [97], 3, 90)
     assert not np.any(stepped & ~geometric[near])
     assert np.count_nonzero(stepped) > 0.9 * np.count_nonzero(geometric)
 
@@ -128,15 +132,15 @@ BANDS = {
 
 
 @pytest.mark.parametrize("name", BANDS)
-def test_band_is_brute_force_over_the_sphere(name):
-    """Over the whole sphere, RA 0 and poles included, sampling finds nothing outside the envelope, and everything
-    inside except near its edge.
+def test_band_agrees_with_brute_force_over_the_sphere(name):
+    """Over the whole sphere, including RA 0 and the poles, sampling finds no direction outside the envelope, and all
+    those inside except near its edge.
     """
     limits, camera, inclination, raan = BANDS[name]
     shape = FieldShape(shipped_camera(camera).camera)
     envelope = BandEnvelope(shape, limits, from_elements(deg(*inclination), deg(*raan)))
     unit = np.concatenate([centres(16), [[0, 0, 1.0], [0, 0, -1.0]]])
-    sampled, geometric = seen_by_sampling(envelope, unit, 2500), envelope.contains(unit)
+    sampled, geometric = visible_by_sampling(envelope, unit, 2500), envelope.contains(unit)
     assert not np.any(sampled & ~geometric)
     missing = np.flatnonzero(geometric & ~sampled)
     edge_distances = [separation_rad(unit[m], unit[~geometric]).min() if (~geometric).any() else np.pi for m in missing]
@@ -144,8 +148,8 @@ def test_band_is_brute_force_over_the_sphere(name):
     assert len(missing) < 0.3 * geometric.sum()
 
 
-def test_band_reaches_exactly_as_far_as_its_corners():
-    """The polar interval encloses the extremes over a fine grid of attitudes and the whole outline, to 1e-4 rad."""
+def test_polar_interval_of_the_band_is_exact():
+    """The polar interval contains the extremes over a fine grid of attitudes and the whole outline, within 1e-4 rad."""
     envelope = sunsat(133, 149)
     boxes = [np.linspace(a, b, 21) for a, b in zip(SUNSAT_LIMITS.low, SUNSAT_LIMITS.high, strict=True)]
     rotation = euler_123(np.array(list(itertools.product(*boxes))))
@@ -165,13 +169,13 @@ PATCHES = {
 
 @pytest.mark.parametrize("name", PATCHES)
 @pytest.mark.parametrize("camera", ["sunsat", "cubestar"])
-def test_patch_is_brute_force_over_the_sphere(name, camera):
-    """For pointing laws that do not rotate with the orbit, sampling finds nothing outside the envelope, and everything
-    inside except near its edge.
+def test_patch_agrees_with_brute_force_over_the_sphere(name, camera):
+    """For pointing laws that do not rotate with the orbit, sampling finds no direction outside the envelope, and all
+    those inside except near its edge.
     """
     envelope = PatchEnvelope(FieldShape(shipped_camera(camera).camera), PATCHES[name], deg(355, 362))
     unit = np.concatenate([centres(32), [[0, 0, 1.0], [0, 0, -1.0]]])
-    sampled, geometric = seen_by_sampling(envelope, unit, 1500), envelope.contains(unit)
+    sampled, geometric = visible_by_sampling(envelope, unit, 1500), envelope.contains(unit)
     assert geometric.any()
     assert not np.any(sampled & ~geometric)
     missing = np.flatnonzero(geometric & ~sampled)
@@ -180,9 +184,9 @@ def test_patch_is_brute_force_over_the_sphere(name, camera):
 
 
 @pytest.mark.parametrize("name", [i.name for i in shipped_registry().all() if i.profile.chain])
-def test_field_shape_is_the_detector(name):
-    """For every camera, directions two pixels inside the detector's edge are inside the shape, and those two pixels
-    outside are not.
+def test_field_shape_agrees_with_the_detector(name):
+    """For every camera, directions two pixels inside the edge of the detector are in the shape, and directions two
+    pixels outside are not.
     """
     camera = shipped_camera(name).camera
     shape = FieldShape(camera)
@@ -196,7 +200,7 @@ def test_field_shape_is_the_detector(name):
 
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat"])
-def test_field_is_never_ruled_out_when_it_is_near(name):
+def test_a_near_field_is_never_excluded(name):
     """``may_be_within`` is true for every field within the margin and false for most fields clearly outside."""
     shape = FieldShape(shipped_camera(name).camera)
     rng = np.random.default_rng(8)
@@ -216,31 +220,31 @@ def test_margin_widens_the_field():
 
 
 @pytest.mark.parametrize("envelope", [sunsat(133, 149), sunsat(0, 360)])
-def test_time_in_field_adds_up_to_one_field(envelope):
+def test_time_in_field_integrates_to_the_solid_angle(envelope):
     """The time fraction integrated over the sky is the solid angle of the field, and it is at most 1 everywhere."""
     share = envelope.time_fraction(centres(32))
     assert share.sum() * 4 * np.pi / len(share) == pytest.approx(envelope.shape.area_sr, rel=0.01)
     assert 0 <= share.min() <= share.max() <= 1
 
 
-def test_time_in_field_of_a_patch_adds_up_too():
+def test_time_in_field_of_a_patch_integrates_to_the_solid_angle():
     """The time fraction of an inertially fixed camera also integrates to the solid angle of its field."""
     envelope = PatchEnvelope(FieldShape(shipped_camera("sunsat").camera), PATCHES["round the pole"])
     share = envelope.time_fraction(centres(32))
     assert share.sum() * 4 * np.pi / len(share) == pytest.approx(envelope.shape.area_sr, rel=0.05)
 
 
-def test_time_in_field_is_that_of_sampled_attitudes():
-    """The value of the map is the fraction of random times at which the position is in the field."""
+def test_time_in_field_agrees_with_sampled_attitudes():
+    """The time fraction of a position is the share of random attitudes that have it in the field."""
     envelope = sunsat(133, 149)
-    place = unit_from_ra_dec(np.radians([231.0, 231.0, 225.0]), np.radians([7.0, 15.0, 0.0]))
+    positions = unit_from_ra_dec(np.radians([231.0, 231.0, 225.0]), np.radians([7.0, 15.0, 0.0]))
     attitudes = envelope.attitudes(np.random.default_rng(4), 20_000)
-    sampled = np.array([envelope.shape.inside(attitudes @ p).mean() for p in place])
-    assert envelope.time_fraction(place) == pytest.approx(sampled, abs=0.012)
+    sampled = np.array([envelope.shape.inside(attitudes @ p).mean() for p in positions])
+    assert envelope.time_fraction(positions) == pytest.approx(sampled, abs=0.012)
 
 
-def test_edges_lie_on_the_border():
-    """At the time of a drawn edge, positions just inside it are visible and positions just outside are not."""
+def test_edges_are_on_the_border_of_the_envelope():
+    """At the node of an edge, positions just inside the edge are visible and positions just outside are not."""
     envelope = sunsat(133, 149)
     for at_end, raan in ((False, 133), (True, 149)):
         (line,) = envelope.edges(at_end)
@@ -251,17 +255,17 @@ def test_edges_lie_on_the_border():
         assert not at_that_node.contains(outer / np.linalg.norm(outer, axis=1, keepdims=True)).any()
 
 
-def test_inertial_edge_is_the_field_there():
+def test_edge_of_an_inertially_fixed_camera_is_its_field():
     """The edge of an inertially fixed camera is the outline of its field."""
     limits = AttitudeLimits("inertial", ra_rad=1.0, dec_rad=0.5, field_roll_rad=2.0)
     shape = FieldShape(shipped_camera("cubestar").camera)
     (line,) = PatchEnvelope(shape, limits).edges(False)
-    seen = line @ cam_from_icrs(1.0, 0.5, 2.0).T
-    assert shape.camera.contains(shape.camera.project(seen), margin_px=-1).all()
-    assert not shape.camera.contains(shape.camera.project(seen), margin_px=1).any()
+    visible = line @ cam_from_icrs(1.0, 0.5, 2.0).T
+    assert shape.camera.contains(shape.camera.project(visible), margin_px=-1).all()
+    assert not shape.camera.contains(shape.camera.project(visible), margin_px=1).any()
 
 
-def test_random_attitudes_are_rotations_and_look_inside():
+def test_random_attitudes_are_rotations_into_the_envelope():
     """Random attitudes of every envelope are proper rotations with their boresight inside the envelope."""
     shape = FieldShape(shipped_camera("sunsat").camera)
     for envelope in (sunsat(133, 149), WholeSky(shape), PatchEnvelope(shape, PATCHES["across 0h"])):
@@ -272,7 +276,7 @@ def test_random_attitudes_are_rotations_and_look_inside():
 
 
 @pytest.mark.parametrize(
-    ("make", "text"),
+    ("make", "message"),
     [
         (lambda: from_elements(deg(97, 97), deg(149, 133)), "the minimum is above the maximum"),
         (lambda: from_elements(deg(97, 197), deg(0, 1)), "inclination is out of range"),
@@ -283,14 +287,14 @@ def test_random_attitudes_are_rotations_and_look_inside():
         (lambda: AttitudeLimits("zenith", body_from_cam=(1.0,) * 9), "the mounting is not a rotation"),
     ],
 )
-def test_impossible_limits_are_named(make, text):
-    """Each kind of impossible input raises BadInput naming the reason."""
-    with pytest.raises(BadInput, match=text):
+def test_invalid_limits_are_rejected(make, message):
+    """Each kind of invalid input raises BadInput with the reason."""
+    with pytest.raises(BadInput, match=message):
         make()
 
 
 def test_a_mounting_that_mirrors_is_rejected():
-    """Orthogonal rows of unit length are not enough: a reflection is not a rotation."""
+    """A reflection has orthogonal rows of unit length but is not a rotation, and is rejected."""
     with pytest.raises(BadInput, match="it mirrors"):
         AttitudeLimits("zenith", body_from_cam=(1.0, 0, 0, 0, 1.0, 0, 0, 0, -1.0))
     assert AttitudeLimits("zenith", body_from_cam=(1.0, 0, 0, 0, -1.0, 0, 0, 0, -1.0)).cam_from_body[2, 2] == -1

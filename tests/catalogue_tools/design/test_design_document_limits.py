@@ -15,19 +15,19 @@ ICX = replace(DesignCamera.from_profile(shipped_camera("sunsat")), transmission=
 
 
 def edge_mv(sigma_px: float) -> float:
-    """Return the curve of Fig. 9-4: the signal of the edge pixel of a V 6 star, 3 dB down."""
-    c = replace(ICX, psf_sigma_px=sigma_px)
-    return 1e3 * limits_jacobs.edge_v(c, 6.0) / limits_jacobs.MARGIN
+    """Return the curve of Fig. 9-4: the signal of the edge pixel of a V 6 star in mV, reduced by the margin of 3 dB."""
+    camera = replace(ICX, psf_sigma_px=sigma_px)
+    return 1e3 * limits_jacobs.edge_v(camera, 6.0) / limits_jacobs.MARGIN
 
 
-def test_jacobs_prints_his_responsivity_and_dark_pattern() -> None:
+def test_responsivity_and_dark_pattern_of_jacobs_are_reproduced() -> None:
     """Eq. H.4 gives 1.385 V/(lx s), eq. 9.8 gives 1.133 mV, and eq. C.4 gives 1.05e-8 lx."""
     assert limits_jacobs.ICX059.responsivity_v_lx_s == pytest.approx(1.385, abs=5e-4)
     assert 1e3 * limits_jacobs.dsnu_v(1.0) == pytest.approx(1.133, abs=5e-4)
     assert limits_jacobs.star_lux(6.0) == pytest.approx(1.05e-8, rel=5e-3)
 
 
-def test_jacobs_star_image_may_be_between_one_and_two_and_a_half_pixels() -> None:
+def test_star_widths_permitted_by_jacobs_are_reproduced() -> None:
     """The peak of Fig. 9-4 is 1.6 mV, and the curve is above 1.133 mV for σ of about 1 to 2.5 px (§9.2.2)."""
     sigma = np.arange(0.5, 4.0, 0.01)
     curve = np.array([edge_mv(float(s)) for s in sigma])
@@ -37,10 +37,9 @@ def test_jacobs_star_image_may_be_between_one_and_two_and_a_half_pixels() -> Non
     assert above[-1] == pytest.approx(2.5, abs=0.05)
 
 
-def test_jacobs_limit_is_where_the_edge_pixel_meets_the_dark_pattern() -> None:
-    """At the limit both sides of eq.
-
-    9.16 are equal. The limit is fainter than V 6 for the document's star and independent of exposure.
+def test_limit_of_jacobs_equates_edge_pixel_and_dark_pattern() -> None:
+    """At the limiting magnitude, both sides of eq. 9.16 are equal. The limit is fainter than V 6 for the document's
+    star and independent of the exposure.
     """
     limit = limits_jacobs.limit_mag(ICX)
     assert limits_jacobs.edge_v(ICX, limit) / limits_jacobs.MARGIN == pytest.approx(limits_jacobs.dsnu_v(1.0))
@@ -48,8 +47,10 @@ def test_jacobs_limit_is_where_the_edge_pixel_meets_the_dark_pattern() -> None:
     assert limits_jacobs.limit_mag(replace(ICX, exposure_s=0.1)) == pytest.approx(limit)
 
 
-def test_huffman_prints_his_noise_and_our_dossier_his_ratios() -> None:
-    """Eq. 3.18 without the superfluous gain gives the noise of Table 4.1, and the dossier's ratios for Table 7.1."""
+def test_noise_and_ratios_of_huffman_are_reproduced() -> None:
+    """Eq. 3.18 without the superfluous gain gives the noise of Table 4.1, and the ratios that the dossier calculates
+    for Table 7.1.
+    """
     table_4_1 = limits_huffman.HuffmanImager(np.pi * 1e-4, 0.1, 2.5, 41, 40)
     assert table_4_1.noise_e == pytest.approx(40.51, abs=0.01)
     table_7_1 = limits_huffman.HuffmanImager(1.77e-4, 0.1, 2.5, 41, 39)
@@ -61,14 +62,14 @@ def test_huffman_prints_his_noise_and_our_dossier_his_ratios() -> None:
 
 def test_huffman_limit_reaches_the_threshold() -> None:
     """The SNR of a star at the limit is the camera's threshold."""
-    c = DesignCamera.from_profile(shipped_camera("far_mst"))
-    i = limits_huffman.imager_of(c)
-    assert limits_huffman.snr(i, limits_huffman.limit_mag(c)) == pytest.approx(c.threshold_snr)
+    camera = DesignCamera.from_profile(shipped_camera("far_mst"))
+    imager = limits_huffman.imager_of(camera)
+    assert limits_huffman.snr(imager, limits_huffman.limit_mag(camera)) == pytest.approx(camera.threshold_snr)
 
 
-def test_erlank_prints_his_photons_and_fields() -> None:
-    """The formulas give 6.733e10 and 21 115 photons (§3.4.4), and in Table 3.5: 51.6 x 27.28° and 42.33° for 6 mm, 54 x
-    28.6° and 44.34° for 5.7 mm.
+def test_photons_and_fields_of_erlank_are_reproduced() -> None:
+    """The formulas give 6.733e10 and 21 115 photons (§3.4.4), and the fields of Table 3.5: 51.6° x 27.28° and a circle
+    of 42.33° for 6 mm, 54° x 28.6° and 44.34° for 5.7 mm.
     """
     assert limits_erlank.photons_s(25e-9) == pytest.approx(6.733e10, rel=1e-4)
     assert limits_erlank.needed_photons_s(5.6, 5.6) == pytest.approx(21_115, abs=1)
@@ -78,10 +79,9 @@ def test_erlank_prints_his_photons_and_fields() -> None:
         assert np.degrees(limits_erlank.equal_circle_rad(*fov)) == pytest.approx(circle, abs=0.05)
 
 
-def test_erlank_printed_limit_needs_less_than_two_pixels() -> None:
-    """With the text's inputs the limit is 3.68 for 3 x 3 pixels, not the printed 5.5.
-
-    It is 5.5 for 1.7 pixels and 6.07 for one.
+def test_printed_limit_of_erlank_requires_less_than_two_pixels() -> None:
+    """With the inputs of the text, the limit for 3 x 3 pixels is V 3.68 instead of the printed 5.5. It is 5.5 for 1.7
+    pixels and 6.07 for one.
     """
     needed = limits_erlank.needed_photons_s(5.6, 5.6)
     limits = [limits_erlank.limit_of_lens_mag(limits_erlank.Lens(), needed, n) for n in (1, 1.69, 9, 25)]
@@ -89,13 +89,13 @@ def test_erlank_printed_limit_needs_less_than_two_pixels() -> None:
     assert [limits_erlank.pixels_covered(s) for s in (0.4, 1.2, 2.0)] == [1, 9, 25]
 
 
-def test_moniteq_prints_the_ratio() -> None:
+def test_signal_to_noise_ratio_of_moniteq_is_reproduced() -> None:
     """The S/N for the 50 mm lens in 4 s is 280 (§4.4)."""
     detector = limits_moniteq.MoniteqDetector()
     assert limits_moniteq.snr(detector, 10.0, 6.0, 4.0) == pytest.approx(280, rel=0.02)
 
 
-def test_moniteq_stray_light_tables() -> None:
+def test_stray_light_tables_of_moniteq_are_reproduced() -> None:
     """The formulas give Table 5.2 (1.46e-6 cm² sr, 9.5e14 and 2.0e10 e/s) and every row of Table 5.3."""
     etendue = stray_light.pixel_etendue_cm2_sr(20, 20, 1.4)
     assert etendue == pytest.approx(1.46e-6, rel=5e-3)
@@ -104,8 +104,8 @@ def test_moniteq_stray_light_tables() -> None:
     assert stray_light.imaged_e_s(printed_sun, etendue) == pytest.approx(9.5e14, rel=0.01)
     assert stray_light.imaged_e_s(stray_light.EARTH, etendue) == pytest.approx(2.0e10, rel=0.08)
     sun, earth = (402, 154, 104, 71.2, 39.7), (119, 45.7, 31, 21, 11.8)
-    for (_, area), s, e in zip(stray_light.PRINTED_AREA_CM2, sun, earth, strict=True):
-        assert stray_light.stray_e_s(stray_light.SUN, area) == pytest.approx(s, rel=6e-3)
-        assert stray_light.stray_e_s(stray_light.EARTH, area) == pytest.approx(e, rel=6e-3)
+    for (_, area), sun_e_s, earth_e_s in zip(stray_light.PRINTED_AREA_CM2, sun, earth, strict=True):
+        assert stray_light.stray_e_s(stray_light.SUN, area) == pytest.approx(sun_e_s, rel=6e-3)
+        assert stray_light.stray_e_s(stray_light.EARTH, area) == pytest.approx(earth_e_s, rel=6e-3)
     assert stray_light.effective_area_cm2(np.radians(27.0)) == pytest.approx(6.69e-16)
     assert np.isnan(stray_light.effective_area_cm2(np.radians(15.0)))
