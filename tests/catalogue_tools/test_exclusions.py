@@ -34,8 +34,10 @@ def _quiet_astropy() -> Iterator[None]:
         yield
 
 
-def test_tracks_agree_with_apparent_places_of_astropy() -> None:
-    """At each sample, directions agree with those of astropy for the same UTC, and the Moon's radius with its distance."""
+def test_tracks_agree_with_apparent_positions_of_astropy() -> None:
+    """At each sample, the directions agree with astropy's for the same UTC, and the Moon's radius agrees with its
+    distance.
+    """
     result = exclusions(START, 90, limit_mag=9.0, step_days=30)
     assert [t.name for t in result.tracks] == ["Sun", "Moon", *PLANETS]
     for k in range(len(result.jyear)):
@@ -49,8 +51,8 @@ def test_tracks_agree_with_apparent_places_of_astropy() -> None:
                 assert track.radius_rad[k] == pytest.approx(1737.4 / distance_km, rel=RADIUS_TOLERANCE)
 
 
-def test_venus_crosses_the_sun_in_2012() -> None:
-    """On 6 June 2012, 1:30 UTC, Venus was 9′ from the Sun's centre, with a diameter of 58″."""
+def test_transit_of_venus_in_2012_is_reproduced() -> None:
+    """On 6 June 2012 at 1:30 UTC, Venus was 9′ from the centre of the Sun, with a diameter of 58″."""
     result = exclusions(datetime(2012, 6, 5, 22, tzinfo=UTC), 0.3, step_days=0.01)
     sun, venus = result.track("Sun"), result.track("Venus")
     assert sun is not None
@@ -62,20 +64,22 @@ def test_venus_crosses_the_sun_in_2012() -> None:
     assert 2 * venus.radius_rad[closest] / ARCSEC_RAD == pytest.approx(57.8, abs=0.5)
 
 
-def test_conjunction_of_jupiter_and_saturn_in_2020() -> None:
+def test_conjunction_of_jupiter_and_saturn_in_2020_is_reproduced() -> None:
     """On 21 December 2020, Jupiter and Saturn were 6.1′ apart."""
     result = exclusions(datetime(2020, 12, 1, tzinfo=UTC), 40)
     jupiter, saturn = result.track("Jupiter"), result.track("Saturn")
     assert jupiter is not None
     assert saturn is not None
     separation = separation_rad(jupiter.icrs, saturn.icrs)
-    at = int(np.argmin(separation))
-    assert result.jyear[at] == pytest.approx(2020 + 356 / 366, abs=2 / 365)
-    assert separation[at] / ARCSEC_RAD == pytest.approx(6.1 * 60, abs=60)
+    closest = int(np.argmin(separation))
+    assert result.jyear[closest] == pytest.approx(2020 + 356 / 366, abs=2 / 365)
+    assert separation[closest] / ARCSEC_RAD == pytest.approx(6.1 * 60, abs=60)
 
 
 def test_magnitudes_agree_with_almanacs() -> None:
-    """Peak magnitudes within a year: Venus about −4.7, Jupiter −2.6, the full Moon −12.7, Uranus 5.6."""
+    """The brightest magnitudes within a year are those of almanacs: Venus about −4.7, Jupiter −2.6, the full Moon
+    −12.7, Uranus 5.6. Bodies fainter than the limit are omitted, except the Moon.
+    """
     result = exclusions(START, 400)
     expected = {
         "Venus": (-4.9, -4.5),
@@ -103,7 +107,7 @@ def test_samples_cover_exactly_the_range() -> None:
 
 
 def test_the_region_test_is_applied_to_each_sample() -> None:
-    """``within`` marks the samples for which the region test that it receives is true."""
+    """``within`` marks the samples for which the given region test is true."""
     result = exclusions(START, 30)
     inside = within(result, lambda unit: unit[:, 2] > 0, ("Moon",))
     assert set(inside) == {"Moon"}
@@ -114,21 +118,21 @@ def test_the_region_test_is_applied_to_each_sample() -> None:
 
 
 def test_parallax_of_an_observer_in_orbit() -> None:
-    """For an observer 7 000 km from the Earth's centre, the Moon is displaced by up to one degree. The margin of the geocentric
-    track covers this parallax.
+    """For an observer 7 000 km from the Earth's centre, the Moon is displaced by up to one degree. The margin of the
+    geocentric track covers this parallax.
     """
     geocentric = exclusions(START, 5)
     orbit = exclusions(START, 5, observer_km=np.array([0.0, 0.0, 7000.0]))
-    a, b = geocentric.track("Moon"), orbit.track("Moon")
-    assert a is not None
-    assert b is not None
-    shift = separation_rad(a.icrs, b.icrs)
-    assert 0.5 < np.degrees(shift.max()) <= np.degrees(a.margin_rad) * 1.05
-    assert b.margin_rad == 0
+    moon, moon_from_orbit = geocentric.track("Moon"), orbit.track("Moon")
+    assert moon is not None
+    assert moon_from_orbit is not None
+    shift = separation_rad(moon.icrs, moon_from_orbit.icrs)
+    assert 0.5 < np.degrees(shift.max()) <= np.degrees(moon.margin_rad) * 1.05
+    assert moon_from_orbit.margin_rad == 0
 
 
 @pytest.mark.parametrize(
-    ("start", "days", "options", "text"),
+    ("start", "days", "options", "message"),
     [
         (datetime(2026, 1, 1), 10, {}, "no time zone"),
         (START, 0, {}, "date range"),
@@ -139,7 +143,7 @@ def test_parallax_of_an_observer_in_orbit() -> None:
         (START, 10, {"limit_mag": float("nan")}, "not a number"),
     ],
 )
-def test_invalid_ranges_are_rejected(start, days, options, text) -> None:  # type: ignore[no-untyped-def]
-    """Each error message names the invalid field."""
-    with pytest.raises(BadInput, match=text):
+def test_invalid_ranges_are_rejected(start, days, options, message) -> None:  # type: ignore[no-untyped-def]
+    """Invalid ranges are rejected, and the error names the field."""
+    with pytest.raises(BadInput, match=message):
         exclusions(start, days, **options)

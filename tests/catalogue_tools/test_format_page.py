@@ -1,4 +1,4 @@
-"""The byte tables of docs/catalogue-formats.md against the format definitions."""
+"""The byte tables of docs/catalogue-formats.md agree with the format definitions."""
 
 from __future__ import annotations
 
@@ -24,21 +24,23 @@ def test_the_page_has_the_byte_tables_of_the_code(root: Path) -> None:
 
 
 def format_table(fmt: BankFormat) -> str:
-    """Markdown table of a format: offset in the image, type, count, unit, meaning, for n stars and m pairs."""
-    lines = _rows(fmt.stars, "n", _Place(HEADER_BYTES, 0, 0))
+    """Return the Markdown table of a format: offset in the image, type, field, unit and meaning, for n stars and m
+    pairs.
+    """
+    lines = _rows(fmt.stars, "n", _Offset(HEADER_BYTES, 0, 0))
     if fmt.pairs:
-        lines += _rows(fmt.pairs, "m", _Place(HEADER_BYTES, fmt.stars.row_bytes, 0))
+        lines += _rows(fmt.pairs, "m", _Offset(HEADER_BYTES, fmt.stars.row_bytes, 0))
     return "\n".join(["| offset | type | field | unit | meaning |", "|---|---|---|---|---|", *lines])
 
 
 def section_table(tag: str) -> str:
-    """Markdown table of the fields of a section, in order."""
+    """Return the Markdown table of the fields of a section, in order."""
     lines = [f"| {_type(f.type)} | {f.name} | {f.unit} | {f.meaning} |" for f in SECTIONS[tag].fields]
     return "\n".join(["| type | field | unit | meaning |", "|---|---|---|---|", *lines])
 
 
-class _Place:
-    """An offset a + b·n + c·m as text."""
+class _Offset:
+    """Offset a + b·n + c·m in text form."""
 
     def __init__(self, fixed: int, per_star: int, per_pair: int) -> None:
         self.fixed, self.per_star, self.per_pair = fixed, per_star, per_pair
@@ -50,30 +52,34 @@ class _Place:
         return " + ".join(parts)
 
 
-def _rows(rows: Rows, count: str, at: _Place) -> list[str]:
+def _rows(rows: Rows, count: str, offset: _Offset) -> list[str]:
+    """Return the table lines of a block of rows."""
     if rows.bits:
-        return [_packed(rows, count, at)]
+        return [_packed(rows, count, offset)]
     lines, inside = [], 0
     for f in rows.fields:
         size = np.dtype(f.type).itemsize
         if rows.records:
-            where = f"{at} + {rows.row_bytes}i" + (f" + {inside}" if inside else "")
+            where = f"{offset} + {rows.row_bytes}i" + (f" + {inside}" if inside else "")
             lines.append(_line(where, _type(f.type), f))
             inside += size
         else:
-            lines.append(_line(str(at), f"{_type(f.type)}[{count}]", f))
-            at = _Place(at.fixed, at.per_star + size * (count == "n"), at.per_pair + size * (count == "m"))
+            lines.append(_line(str(offset), f"{_type(f.type)}[{count}]", f))
+            offset = _Offset(
+                offset.fixed, offset.per_star + size * (count == "n"), offset.per_pair + size * (count == "m")
+            )
     return lines
 
 
-def _packed(rows: Rows, count: str, at: _Place) -> str:
+def _packed(rows: Rows, count: str, offset: _Offset) -> str:
+    """Return the table line of an entry with packed bits."""
     low, parts = 0, []
     for f, width in zip(rows.fields, rows.bits, strict=True):
         unit = f" ({f.unit})" if f.unit else ""
         bits = f"bits {low} to {low + width - 1}" if width > 1 else f"bit {low}"
         parts.append(f"{bits}: {f.name}{unit}, {f.meaning}")
         low += width
-    return f"| {at} + {rows.row_bytes}i | u8[{rows.row_bytes}] | entry | | {'; '.join(parts)} |"
+    return f"| {offset} + {rows.row_bytes}i | u8[{rows.row_bytes}] | entry | | {'; '.join(parts)} |"
 
 
 def _line(where: str, kind: str, f: BlockField) -> str:
@@ -81,6 +87,7 @@ def _line(where: str, kind: str, f: BlockField) -> str:
 
 
 def _type(name: str) -> str:
+    """Return the type of a number in the notation of the page, for example u16."""
     letters = {"i": "i", "u": "u", "f": "f"}
     parts = [w.lstrip("<") for w in name.split()]
     return " ".join(w if w == "or" else letters[w[0]] + str(8 * int(w[1:])) for w in parts)

@@ -40,7 +40,7 @@ from gss.skytables.triplets import CERTAIN, TripletClasses, build_triplets
 ROOT = Path(__file__).parent.parent.parent
 GOLDEN = ROOT / "tests" / "golden"
 MIN_RAD, MAX_RAD = float(np.radians(0.25)), float(np.radians(23))
-NONE = np.empty(0, np.int32)
+NO_ROWS = np.empty(0, np.int32)
 NEW = ("sunsat-5", "far-mst", "oersted", "aim")
 
 
@@ -56,12 +56,13 @@ def pairs():
 
 
 @lru_cache
-def small(format_name):
+def image_of(format_name):
+    """Return the image of the bright stars in a format."""
     return encode(sky(), pairs(), format_name, format_name, bytes(range(8)))
 
 
 @lru_cache
-def full():
+def image_with_sections():
     """Return CubeStar's image with both optional sections, in the frame of Huffman's camera."""
     camera = shipped_camera("far_mst").camera
     encoding = tables_for("cubestar", sky(), pairs(), camera, index=True, reduced=frame_of(camera))
@@ -71,11 +72,11 @@ def full():
 def list_of(unit, v_mag=3.0):
     """Return a star list of directions; other values are unknown."""
     n = len(unit)
-    empty = DistanceTable(NONE, NONE, np.empty(0), MIN_RAD, MAX_RAD)
+    empty = DistanceTable(NO_ROWS, NO_ROWS, np.empty(0), MIN_RAD, MAX_RAD)
     return stars_of(OnboardCatalogue(np.arange(n, dtype=np.int32), unit, np.full(n, v_mag), empty), 2026.5)
 
 
-def with_sums(image):
+def with_checksums(image):
     """Return the image with valid checksums."""
     changed = bytearray(image)
     changed[56:60] = struct.pack("<I", zlib.crc32(changed[64:]))
@@ -84,23 +85,24 @@ def with_sums(image):
 
 
 def section_at(image, tag):
+    """Return the offset of the content of a section."""
     return image.index(tag.encode()) + 8
 
 
 # --- bytes ------------------------------------------------------------------------------------------------------------
 
 
-def test_sections_are_the_golden_file():
+def test_image_with_sections_equals_the_golden_file():
     """CubeStar's image with k-vector and reduced catalogue equals the stored file byte for byte."""
-    assert full() == (GOLDEN / "onboard-cubestar-sections.bin").read_bytes()
-    assert encoded_again(full()) == full()
-    assert read_header(full()).version == 2
-    assert read_header(small("cubestar")).version == 1
+    assert image_with_sections() == (GOLDEN / "onboard-cubestar-sections.bin").read_bytes()
+    assert encoded_again(image_with_sections()) == image_with_sections()
+    assert read_header(image_with_sections()).version == 2
+    assert read_header(image_of("cubestar")).version == 1
 
 
-def test_small_pairs_are_three_numbers_of_13_bits():
+def test_pairs_of_sunsat_5_are_three_numbers_of_13_bits():
     """Jacobs 1995 app. D.1: two cardinals and a distance take five bytes. The test decodes them with integers only."""
-    image, n = small("sunsat-5"), len(sky())
+    image, n = image_of("sunsat-5"), len(sky())
     at = 64 + 12 * n
     for k in range(len(pairs())):
         word = int.from_bytes(image[at + 5 * k : at + 5 * k + 5], "little")
@@ -110,11 +112,11 @@ def test_small_pairs_are_three_numbers_of_13_bits():
     assert image_bytes("sunsat-5", 0, 288_464) / 1e6 == pytest.approx(1.44, abs=0.005)
 
 
-def test_directory_is_columns_of_sin2_with_its_k_vector():
-    """Huffman 2006 §5.5.4: the directory has star numbers and sin²θ; the k-vector counts the pairs not above a straight
-    line.
+def test_directory_has_columns_of_sin2_and_a_k_vector():
+    """Huffman 2006 §5.5.4: the directory has star numbers and sin²θ. The k-vector counts the pairs that are not above a
+    straight line.
     """
-    image, n, m = small("far-mst"), len(sky()), len(pairs())
+    image, n, m = image_of("far-mst"), len(sky()), len(pairs())
     first, second = (struct.unpack_from(f"<{m}H", image, 64 + 14 * n + 2 * m * k) for k in range(2))
     sin2 = struct.unpack_from(f"<{m}f", image, 64 + 14 * n + 4 * m)
     assert np.array_equal(first, pairs().first)
@@ -128,21 +130,20 @@ def test_directory_is_columns_of_sin2_with_its_k_vector():
     assert np.array_equal(v_mmag, np.rint(sky().v_mag * 1000))
 
 
-def test_directory_of_the_bank_is_that_of_the_stars():
-    """The bank has the pairs and sin² of the directory that is computed from the star list."""
-    directory, decoded = sin2_directory(distance_table(sky(), 0.0, MAX_RAD), len(sky())), decode(small("far-mst"))
-    far = directory.sin2 >= np.sin(MIN_RAD) ** 2
-    assert np.array_equal(decoded.distances.first, directory.first[far])
-    assert np.array_equal(decoded.distances.second, directory.second[far])
-    assert decoded.tables.sin2 == pytest.approx(directory.sin2[far], rel=1e-6)
+def test_directory_of_the_bank_agrees_with_the_star_list():
+    """The bank has the pairs and the sin² of the directory calculated from the star list."""
+    directory, decoded = sin2_directory(distance_table(sky(), 0.0, MAX_RAD), len(sky())), decode(image_of("far-mst"))
+    stored = directory.sin2 >= np.sin(MIN_RAD) ** 2
+    assert np.array_equal(decoded.distances.first, directory.first[stored])
+    assert np.array_equal(decoded.distances.second, directory.second[stored])
+    assert decoded.tables.sin2 == pytest.approx(directory.sin2[stored], rel=1e-6)
 
 
-def test_linked_list_is_counts_pointers_and_neighbours():
-    """Moniteq 1983 §6.1: a count and a pointer per star and each link at both ends are 8n − 12 numbers.
-
-    A star takes 11 bytes.
+def test_linked_list_has_counts_pointers_and_neighbours():
+    """Moniteq 1983 §6.1: a count and a pointer per star, and each link stored at both of its stars, are 8n − 12
+    numbers. A star takes 11 bytes.
     """
-    image, n = small("aim"), len(sky())
+    image, n = image_of("aim"), len(sky())
     at, links = section_at(image, "LINK"), neighbour_links(sky().icrs)
     count, pointer = (struct.unpack_from(f"<{n}H", image, at + 2 * n * k) for k in range(2))
     near = struct.unpack_from(f"<{6 * n - 12}H", image, at + 4 * n)
@@ -154,7 +155,7 @@ def test_linked_list_is_counts_pointers_and_neighbours():
     assert image_bytes("aim", 3000, 0) == pytest.approx(70e3 + 36e3 * 4 / 12, rel=0.02)
 
 
-def test_triplets_of_the_bank_are_those_of_the_stars():
+def test_triplets_of_the_bank_agree_with_the_star_list():
     """The decoded sections equal the database computed from the star list. Twelve references take about eight bytes."""
     stars, camera = propagate(load_stars(4.5), 2026.5), shipped_camera("oersted").camera
     encoding = tables_for("oersted", stars, pairs(), camera, limit_mag=4.15, uncertainty_rad=float(np.radians(0.05)))
@@ -170,7 +171,7 @@ def test_triplets_of_the_bank_are_those_of_the_stars():
     assert 10 < 6 * len(expected) / stored < 18
 
 
-def test_triplets_beyond_the_classes_are_left_out():
+def test_triplets_beyond_the_classes_are_omitted():
     """Neighbours beyond the largest class are omitted, and the image can be decoded."""
     rng = np.random.default_rng(5)
     unit = rng.normal(size=(9, 3))
@@ -185,35 +186,35 @@ def test_triplets_beyond_the_classes_are_left_out():
 
 def test_certain_triplets_are_one_per_star():
     """The section of always visible stars contains each star at most once."""
-    constellations = decode(small("oersted")).tables.constellations
+    constellations = decode(image_of("oersted")).tables.constellations
     certain = constellations.star[constellations.kind == CERTAIN]
     assert len(certain) > 5
     assert len(np.unique(certain)) == len(certain)
 
 
-def test_reduced_catalogue_comes_back_with_its_frame():
+def test_reduced_catalogue_is_decoded_with_its_frame():
     """Huffman 2006 §5.5.4: the decoded reduced catalogue has its stars and the frame for which they were selected."""
-    reduced, (width, height) = decode(full()).tables.reduced, shipped_camera("far_mst").camera.fov_rad
+    reduced, (width, height) = decode(image_with_sections()).tables.reduced, shipped_camera("far_mst").camera.fov_rad
     assert (reduced.frame.width_rad, reduced.frame.height_rad) == pytest.approx((width, height))
     assert (reduced.frame.brightest, len(reduced.kept)) == (8, len(sky()))
     assert reduced.kept.any()
 
 
 @pytest.mark.parametrize("format_name", FORMATS)
-def test_blocks_are_the_image(format_name):
-    """The block description from which tables and sources are exported covers every byte once."""
-    assert b"".join(data for _, data in blocks_of(small(format_name))) == small(format_name)
-    assert sum(part_bytes(small(format_name)).values()) == len(small(format_name))
+def test_blocks_cover_the_image(format_name):
+    """The blocks, from which tables and C sources are exported, cover every byte of the image once."""
+    assert b"".join(data for _, data in blocks_of(image_of(format_name))) == image_of(format_name)
+    assert sum(part_bytes(image_of(format_name)).values()) == len(image_of(format_name))
 
 
 @pytest.mark.parametrize("format_name", ["cubestar", "sunsat", "sunsat-5", "far-mst", "aim"])
-def test_size_is_known_before_the_image(format_name):
+def test_image_size_is_predicted(format_name):
     """The predicted size is exact for formats without triplets, whose number depends on the stars."""
-    decoded = decode(small(format_name))
-    assert image_bytes(format_name, len(decoded), len(decoded.distances)) == len(small(format_name))
+    decoded = decode(image_of(format_name))
+    assert image_bytes(format_name, len(decoded), len(decoded.distances)) == len(image_of(format_name))
 
 
-def test_size_of_triplets_is_nearly_known():
+def test_image_size_with_triplets_is_estimated():
     """With triplets, the predicted size is within 20 % for the whole sky to V 4.5."""
     stars = load_stars(4.5)
     encoding = tables_for("oersted", stars, pairs(), shipped_camera("oersted").camera)
@@ -235,7 +236,7 @@ def test_size_of_triplets_is_nearly_known():
 )
 def test_quantisation_error_is_within_the_widths(format_name, position_arcsec, distance_rad, v_mag):
     """Errors of positions, distances and magnitudes are at most half a step of their encoded numbers."""
-    error = quantisation_error(sky(), pairs(), small(format_name))
+    error = quantisation_error(sky(), pairs(), image_of(format_name))
     assert 0 < error.position_rad <= position_arcsec * ARCSEC_RAD
     assert error.distance_rad <= distance_rad * 1.0001
     assert error.v_mag <= v_mag
@@ -253,11 +254,11 @@ dec_s = st.one_of(st.floats(-np.pi / 2, np.pi / 2), near_poles)
 @pytest.mark.parametrize("format_name", FORMATS)
 @settings(deadline=None)
 @given(st.lists(st.tuples(ra_s, dec_s, st.floats(-1.5, 12.0)), min_size=1, max_size=12, unique=True))
-def test_any_list_comes_back_and_encodes_the_same(format_name, places):
-    """Decoded positions are close, also at poles, at RA 0 and for coinciding stars, and encoding again gives the same
-    bytes.
+def test_any_list_is_decoded_and_encodes_to_the_same_bytes(format_name, ra_dec_mag):
+    """Decoded positions agree within 3e-7, also at poles, at RA 0 and for coinciding stars. Encoding again gives the
+    same bytes.
     """
-    ra, dec, mag = np.array(places).T
+    ra, dec, mag = np.array(ra_dec_mag).T
     stars = replace(list_of(unit_from_ra_dec(ra, np.clip(dec, -np.pi / 2, np.pi / 2))), v_mag=mag)
     image = encode(stars, distance_table(stars, 0.0, 0.4), format_name, "any")
     assert encoded_again(image) == image
@@ -273,9 +274,9 @@ def test_any_list_comes_back_and_encodes_the_same(format_name, places):
 @pytest.mark.parametrize("format_name", [*FORMATS, "sections"])
 @settings(deadline=None)
 @given(st.data())
-def test_any_changed_byte_is_found(format_name, data):
+def test_any_changed_byte_is_detected(format_name, data):
     """Any change of one byte of the image, followed by erased flash, is detected."""
-    image = full() if format_name == "sections" else small(format_name)
+    image = image_with_sections() if format_name == "sections" else image_of(format_name)
     at = data.draw(st.integers(0, len(image) - 1))
     broken = bytearray(image + b"\xff" * 40)
     broken[at] ^= data.draw(st.integers(1, 255))
@@ -284,9 +285,9 @@ def test_any_changed_byte_is_found(format_name, data):
 
 
 @pytest.mark.parametrize("format_name", [*FORMATS, "sections"])
-def test_every_byte_of_the_image_counts(format_name):
-    """A changed bit in any byte is detected."""
-    image = full() if format_name == "sections" else small(format_name)
+def test_a_changed_bit_in_every_byte_is_detected(format_name):
+    """A changed bit is detected in every byte of the image."""
+    image = image_with_sections() if format_name == "sections" else image_of(format_name)
     for at in range(len(image)):
         broken = bytearray(image)
         broken[at] ^= 1 << at % 8
@@ -297,7 +298,7 @@ def test_every_byte_of_the_image_counts(format_name):
 @pytest.mark.parametrize("format_name", [*FORMATS, "sections"])
 def test_every_truncated_image_is_rejected(format_name):
     """A truncated image is rejected at any length; bytes after a complete image have no effect."""
-    image = full() if format_name == "sections" else small(format_name)
+    image = image_with_sections() if format_name == "sections" else image_of(format_name)
     for length in range(64, len(image)):
         with pytest.raises(CorruptData, match="truncated"):
             decode(image[:length])
@@ -308,14 +309,15 @@ def test_every_truncated_image_is_rejected(format_name):
 
 
 def damaged(format_name, tag, offset, content):
-    image = bytearray(full() if tag == "REDU" else small(format_name))
+    """Return an image with changed bytes in a section and valid checksums."""
+    image = bytearray(image_with_sections() if tag == "REDU" else image_of(format_name))
     at = section_at(bytes(image), tag) + offset
     image[at : at + len(content)] = content
-    return with_sums(image)
+    return with_checksums(image)
 
 
 @pytest.mark.parametrize(
-    ("format_name", "tag", "offset", "content", "words"),
+    ("format_name", "tag", "offset", "content", "message"),
     [
         ("far-mst", "KVEC", 16 + 2 * 10, b"\xff\xff", "k-vector does not fit"),
         ("far-mst", "KVEC", 0, struct.pack("<d", np.nan), "k-vector does not fit"),
@@ -331,32 +333,32 @@ def damaged(format_name, tag, offset, content):
         ("oersted", "TMAY", 2 * 107, b"\x01\x10", "classes of a triplet are out of range"),
     ],
 )
-def test_invalid_tables_with_valid_checksums_are_rejected(format_name, tag, offset, content, words):
+def test_invalid_tables_with_valid_checksums_are_rejected(format_name, tag, offset, content, message):
     """An invalid table is rejected although its CRC is valid."""
-    with pytest.raises(CorruptData, match=words):
+    with pytest.raises(CorruptData, match=message):
         decode(damaged(format_name, tag, offset, content))
 
 
 @pytest.mark.parametrize("format_name", ["oersted", "aim"])
-def test_an_image_without_its_own_tables_is_refused(format_name):
+def test_an_image_without_required_tables_is_rejected(format_name):
     """Header version 1, which has no sections, is rejected for a format that requires them."""
     core = core_bytes(format_name, len(sky()), 0)
-    image = bytearray(small(format_name)[:core])
+    image = bytearray(image_of(format_name)[:core])
     image[4] = 1
     with pytest.raises(CorruptData, match="lacks required sections"):
-        decode(with_sums(image))
+        decode(with_checksums(image))
 
 
-def test_a_set_spare_bit_is_found():
-    """Bit 39 of a small pair must be zero."""
-    image = bytearray(small("sunsat-5"))
+def test_a_set_unused_bit_is_detected():
+    """A pair of sunsat-5 whose bit 39 is not zero is rejected."""
+    image = bytearray(image_of("sunsat-5"))
     image[64 + 12 * len(sky()) + 4] |= 0x80
     with pytest.raises(CorruptData, match="unused bit"):
-        decode(with_sums(image))
+        decode(with_checksums(image))
 
 
 @pytest.mark.parametrize(
-    ("format_name", "at", "content", "words"),
+    ("format_name", "at", "content", "message"),
     [
         ("sunsat", 64, struct.pack("<f", np.nan), "right ascension is impossible"),
         ("sunsat", 68, struct.pack("<f", 1.7), "declination is impossible"),
@@ -366,51 +368,53 @@ def test_a_set_spare_bit_is_found():
         ("sunsat-5", 64 + 12 * 49, b"\xff\x1f", "not in the list"),
     ],
 )
-def test_impossible_numbers_with_valid_checksums_are_rejected(format_name, at, content, words):
-    """Impossible numbers are rejected although the CRC is valid."""
+def test_invalid_numbers_with_valid_checksums_are_rejected(format_name, at, content, message):
+    """Invalid numbers are rejected although the CRC is valid."""
     assert (len(sky()), len(pairs())) == (49, 76)
-    image = bytearray(small(format_name))
+    image = bytearray(image_of(format_name))
     image[at : at + len(content)] = content
-    with pytest.raises(CorruptData, match=words):
-        decode(with_sums(image))
+    with pytest.raises(CorruptData, match=message):
+        decode(with_checksums(image))
 
 
 # --- limits ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("format_name", "most"), [("cubestar", 32768), ("sunsat", 65536), ("sunsat-5", 8192), ("aim", 10924)]
+    ("format_name", "max_stars"), [("cubestar", 32768), ("sunsat", 65536), ("sunsat-5", 8192), ("aim", 10924)]
 )
-def test_one_star_too_many_is_refused(format_name, most):
+def test_one_star_too_many_is_rejected(format_name, max_stars):
     """Row numbers of 16 and 13 bits and pointers of 16 bits limit the number of stars.
 
     More stars are rejected instead of wrapping around.
     """
     rng = np.random.default_rng(1)
-    unit = rng.normal(size=(most + 1, 3))
+    unit = rng.normal(size=(max_stars + 1, 3))
     stars = list_of(unit / np.linalg.norm(unit, axis=1, keepdims=True))
-    table = DistanceTable(np.array([0], np.int32), np.array([most - 1], np.int32), np.array([0.1]), 0.0, 0.4)
-    with pytest.raises(BadInput, match=f"too many stars for the {format_name} format; expected at most {most}"):
+    table = DistanceTable(np.array([0], np.int32), np.array([max_stars - 1], np.int32), np.array([0.1]), 0.0, 0.4)
+    with pytest.raises(BadInput, match=f"too many stars for the {format_name} format; expected at most {max_stars}"):
         encode(stars, table, format_name, "any")
-    decoded = decode(encode(stars.take(np.arange(most)), table, format_name, "any"))
-    assert len(decoded) == most
+    decoded = decode(encode(stars.take(np.arange(max_stars)), table, format_name, "any"))
+    assert len(decoded) == max_stars
     if len(decoded.distances):
-        assert decoded.distances.second[0] == most - 1
+        assert decoded.distances.second[0] == max_stars - 1
 
 
-def test_distances_beyond_the_width_are_refused():
+def test_distances_beyond_the_number_range_are_rejected():
     """Distances above 23.46° (13 bits of 50 µrad) or 90° (sin²) are rejected."""
     unit = unit_from_ra_dec(np.radians([0.0, 23.4, 23.5, 95.0]), np.zeros(4))
-    for format_name, good, bad in (("sunsat-5", 1, 2), ("far-mst", 2, 3)):
-        valid, too_long = (distance_table(list_of(unit[[0, k]]), 0.0, 2.0) for k in (good, bad))
-        assert len(decode(encode(list_of(unit[[0, good]]), valid, format_name, "any")).distances) == 1
+    for format_name, valid_row, too_far_row in (("sunsat-5", 1, 2), ("far-mst", 2, 3)):
+        valid, too_long = (distance_table(list_of(unit[[0, k]]), 0.0, 2.0) for k in (valid_row, too_far_row))
+        assert len(decode(encode(list_of(unit[[0, valid_row]]), valid, format_name, "any")).distances) == 1
         with pytest.raises(BadInput, match="too large for the"):
-            encode(list_of(unit[[0, bad]]), too_long, format_name, "any")
+            encode(list_of(unit[[0, too_far_row]]), too_long, format_name, "any")
 
 
 @pytest.mark.parametrize("format_name", ["far-mst", "oersted", "aim"])
-def test_a_magnitude_that_does_not_fit_is_refused(format_name):
-    """Magnitudes above 32.767 (thousandths in 16 bits) are rejected. An unknown magnitude has a reserved number."""
+def test_a_magnitude_that_does_not_fit_is_rejected(format_name):
+    """Magnitudes above 32.767 do not fit thousandths in 16 bits and are rejected. An unknown magnitude is stored as a
+    reserved number.
+    """
     stars = list_of(sky().icrs)
     with pytest.raises(BadInput, match="a magnitude does not fit"):
         encode(replace(stars, v_mag=np.full(len(stars), 32.768)), pairs(), format_name, "any")
@@ -419,8 +423,8 @@ def test_a_magnitude_that_does_not_fit_is_refused(format_name):
     assert np.flatnonzero(np.isnan(decoded_mag)).tolist() == [3]
 
 
-def test_flags_beyond_eight_bits_are_refused():
-    """Flags above eight bits are rejected for AIM."""
+def test_flags_beyond_eight_bits_are_rejected():
+    """AIM stores flags of eight bits. Larger flags are rejected."""
     with pytest.raises(BadInput, match="flags do not fit"):
         encode(replace(sky(), flags=np.full(len(sky()), 256, np.uint16)), pairs(), "aim", "any")
     flags = np.arange(len(sky())).astype(np.uint16)
@@ -429,14 +433,14 @@ def test_flags_beyond_eight_bits_are_refused():
 
 @pytest.mark.parametrize("format_name", FORMATS)
 def test_a_list_with_nan_is_rejected(format_name):
-    """A direction that is not a unit vector is never written."""
+    """A star list with a direction that is not a unit vector is rejected in every format."""
     icrs = sky().icrs.copy()
     icrs[7] = np.nan
     with pytest.raises(BadInput, match="not a unit vector"):
         encode(replace(sky(), icrs=icrs), pairs(), format_name, "any")
 
 
-def test_tables_of_another_list_are_refused():
+def test_tables_of_another_list_are_rejected():
     """Tables of another star list are rejected."""
     camera = shipped_camera("far_mst").camera
     for format_name in ("far-mst", "oersted"):
@@ -446,14 +450,14 @@ def test_tables_of_another_list_are_refused():
             encode(fewer, distance_table(fewer, MIN_RAD, MAX_RAD), format_name, "any", tables=encoding.tables)
 
 
-def test_pairs_of_another_list_are_refused():
+def test_pairs_of_another_list_are_rejected():
     """A pair of rows outside the star list is rejected."""
     with pytest.raises(BadInput, match="not in the list"):
         encode(sky().take(np.arange(5)), pairs(), "cubestar", "any")
 
 
-def test_c_formats_are_the_formats_as_source():
-    """cubestar-c has the bytes of cubestar. The error for an unknown name lists the known ones."""
+def test_c_formats_have_their_base_format():
+    """The base format of cubestar-c is cubestar. An unknown format is rejected with the list of valid ones."""
     assert base_format("cubestar-c") == "cubestar"
     assert base_format("far-mst") == "far-mst"
     with pytest.raises(BadInput, match=r"cubestar \| sunsat \| sunsat-5 \| far-mst \| oersted \| aim"):

@@ -1,4 +1,4 @@
-"""Pixel centres against astropy-healpix."""
+"""HEALPix pixel centres, compared with astropy-healpix."""
 
 import numpy as np
 import pytest
@@ -9,12 +9,12 @@ from gss.domain.angles import unit_from_ra_dec
 
 
 @pytest.mark.parametrize("nside", [1, 2, 4, 16, 32])
-def test_centres_are_those_of_astropy_healpix(nside):
-    """Ring order, every centre, to rounding."""
+def test_centres_agree_with_astropy_healpix(nside):
+    """Every pixel centre, in ring order, agrees within rounding errors."""
     lon, lat = HEALPix(nside, order="ring").healpix_to_lonlat(np.arange(12 * nside**2))
     assert np.abs(centres(nside) - unit_from_ra_dec(lon.rad, lat.rad)).max() < 1e-14
 
 
-def test_pixels_fill_the_sphere():
-    """Pixels times area is 4π."""
+def test_pixels_cover_the_sphere():
+    """The number of pixels times their area is 4π."""
     assert len(centres(8)) * pixel_area_sr(8) == pytest.approx(4 * np.pi)

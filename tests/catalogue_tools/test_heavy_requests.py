@@ -37,30 +37,30 @@ BLOCKS = BuildRequest(
 
 
 class Stopped(Exception):
-    """As a job is cancelled."""
+    """Raised to cancel a build, like the cancellation of a job."""
 
 
-def test_blocks_over_all_attitudes_are_counted_and_not_previewed() -> None:
-    """A preview of fourteen million fields says how many there are and that a job builds them; a narrow one is shown."""
+def test_too_many_blocks_are_counted_and_not_previewed() -> None:
+    """A preview of fourteen million fields is rejected with their number. A preview of a narrow range is calculated."""
     with pytest.raises(BadInput, match="too many combinations for a preview: 14"):
         preview(BLOCKS, load_stars(3.8))
     narrow = replace(BLOCKS, attitude=AttitudeLimits("zenith", (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
     assert preview(narrow, load_stars(3.8)).selection.kept
 
 
-def test_the_count_of_fields_is_the_number_stepped() -> None:
-    """The predicted number equals the calculated one, and the reported share ends at one."""
+def test_the_predicted_number_of_fields_is_correct() -> None:
+    """The predicted number of fields equals the calculated one, and the reported progress ends at 1."""
     progress: list[float] = []
     limits = AttitudeLimits("zenith", deg(-5, 5), deg(0, 5), deg(0, 10))  # type: ignore[arg-type]
-    p = plan(replace(BLOCKS, attitude=limits), progress.append)
-    assert isinstance(p.base, BlockEnvelope)
-    assert p.base.looked_at == sum(len(a) for a in p.base._attitudes(0.0)) == 3 * 2 * 3 * 36
-    assert p.base.marked.any()
+    planned = plan(replace(BLOCKS, attitude=limits), progress.append)
+    assert isinstance(planned.base, BlockEnvelope)
+    assert planned.base.looked_at == sum(len(a) for a in planned.base._attitudes(0.0)) == 3 * 2 * 3 * 36
+    assert planned.base.marked.any()
     assert progress[-1] == pytest.approx(1.0)
 
 
-def test_a_heavy_build_is_cancelled_from_within() -> None:
-    """Blocks and frames call the build's progress, which may end them."""
+def test_a_long_build_can_be_cancelled_during_a_stage() -> None:
+    """The stages for blocks and for thinning call the progress callback, whose exception ends the build."""
 
     def stop(stage: str, share: float) -> None:
         if share > 0:
@@ -81,19 +81,21 @@ def test_a_heavy_build_is_cancelled_from_within() -> None:
 
 
 def test_frames_with_many_stars_are_too_expensive_for_a_preview() -> None:
-    """The 500 brightest to V 7 in every frame are too expensive; the 8 brightest to V 5 are not."""
+    """A preview with the 500 brightest stars to V 7 in every frame is rejected as too expensive. With the 8 brightest
+    to V 5 it is not.
+    """
     stars = load_stars(7.0)
-    many = BuildRequest(
+    many_stars = BuildRequest(
         shipped_camera("cubestar"), "cubestar", SelectionRules(7.0, brightest_per_field=500, thinning="frames")
     )
     with pytest.raises(BadInput, match="too many combinations for a preview"):
-        preview(many, stars)
-    few = replace(many, rules=SelectionRules(5.0, brightest_per_field=8, thinning="frames"))
-    assert too_heavy(plan(few), load_stars(5.0)) is None
+        preview(many_stars, stars)
+    few_stars = replace(many_stars, rules=SelectionRules(5.0, brightest_per_field=8, thinning="frames"))
+    assert too_heavy(plan(few_stars), load_stars(5.0)) is None
 
 
-def test_the_shortest_distance_lies_below_the_longest() -> None:
-    """Limits in the wrong order or above the field's diagonal are rejected before anything is counted."""
+def test_the_shortest_distance_must_be_below_the_longest() -> None:
+    """Distance limits in the wrong order or above the field's diagonal are rejected before fields are counted."""
     for limits in ({"pair_min_rad": 0.3, "pair_max_rad": 0.1}, {"pair_min_rad": 2.0}):
         with pytest.raises(BadInput, match="not below the longest"):
             plan(replace(BLOCKS, **limits))

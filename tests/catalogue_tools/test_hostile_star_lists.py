@@ -1,4 +1,4 @@
-"""Malicious or damaged star lists are rejected with a message before any library reads them."""
+"""Malicious or damaged star lists are rejected with a message before a library reads them."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from gss.catalogue_tools.sources.star_list_mapping import ListMapping
 from gss.catalogue_tools.sources.star_lists import read_star_list
 from gss.domain.errors import BadInput
 
-SAID = ListMapping(epoch_jyear=2000.0, frame="icrs")
+MAPPING = ListMapping(epoch_jyear=2000.0, frame="icrs")
 FIELDS = "".join(f'<FIELD name="{n}" datatype="unsignedByte"/>' for n in ("ra", "dec", "v"))
 GOOD = "".join(f"{i},{i * 12},{i},3,star {i}\n" for i in range(1, 30))
 HEAD = "id,ra,dec,v,name\n"
 
 
 def votable(data: str, prologue: str = "") -> bytes:
+    """Return a VOTable with this data element and prologue."""
     return (
         f'<?xml version="1.0"?>{prologue}<VOTABLE version="1.3"><RESOURCE><TABLE>{FIELDS}<DATA>{data}</DATA>'
         "</TABLE></RESOURCE></VOTABLE>"
@@ -39,27 +40,27 @@ def votable(data: str, prologue: str = "") -> bytes:
         '<fits extnum="1"/>',
     ],
 )
-def test_a_votable_that_points_elsewhere_opens_nothing(
+def test_references_in_a_votable_are_not_opened(
     element: str, scheme: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No file or address in a VOTable is opened, and the message does not repeat it."""
+    """No file or address referenced in a VOTable is opened, and the message does not contain its content."""
     secret = tmp_path / "secret.txt"
     secret.write_text("swordfish" * 10)
     address = secret.as_uri() if scheme == "file" else "http://127.0.0.1:9/s.bin"
     opened: list[str] = []
-    true_open = builtins.open
+    original_open = builtins.open
 
-    def watched(file: object, *more: object, **named: object) -> object:
+    def recording_open(file: object, *arguments: object, **keywords: object) -> object:
         opened.append(str(file))
-        return true_open(file, *more, **named)  # type: ignore[call-overload]
+        return original_open(file, *arguments, **keywords)  # type: ignore[call-overload]
 
-    monkeypatch.setattr(builtins, "open", watched)
+    monkeypatch.setattr(builtins, "open", recording_open)
     monkeypatch.setattr("urllib.request.urlopen", lambda *a, **k: opened.append("an address"))
-    with pytest.raises(BadInput) as refused:
-        read_star_list(votable(element.format(address)), "votable", SAID)
+    with pytest.raises(BadInput) as error:
+        read_star_list(votable(element.format(address)), "votable", MAPPING)
     assert not [name for name in opened if "secret" in name or name == "an address"]
-    assert "swordfish" not in str(refused.value)
-    assert "VOTable" in refused.value.message
+    assert "swordfish" not in str(error.value)
+    assert "VOTable" in error.value.message
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
@@ -72,25 +73,25 @@ def test_a_votable_that_points_elsewhere_opens_nothing(
         '<!DOCTYPE x [<!ENTITY % p SYSTEM "file:///etc/hostname"> %p;]>',
     ],
 )
-def test_entities_and_document_types_are_refused(prologue: str, encoding: str) -> None:
-    """Entities, in the file or outside, and document types are refused in every encoding that the reader knows."""
+def test_entities_and_document_types_are_rejected(prologue: str, encoding: str) -> None:
+    """Internal and external entities and document types are rejected in every supported encoding."""
     data = votable("<TABLEDATA><TR><TD>1</TD><TD>2</TD><TD>3</TD></TR></TABLEDATA>", prologue).decode().encode(encoding)
     with pytest.raises(BadInput, match="document type or entities"):
-        read_star_list(data, "votable", SAID)
+        read_star_list(data, "votable", MAPPING)
 
 
 def test_a_votable_with_a_link_element_is_read() -> None:
-    """LINK, which archives write and no reader follows, is not a reason to reject a list."""
+    """A list with LINK elements, which archives write and readers ignore, is accepted."""
     rows = "<TABLEDATA><TR><TD>1</TD><TD>2</TD><TD>3</TD></TR></TABLEDATA>"
     data = votable(rows).replace(b"</TABLE>", b'<LINK href="http://example.org/"/></TABLE>', 1)
     data = data.replace(b"<DATA>", b'<LINK href="http://example.org/about"/><DATA>', 1).replace(
         b'<LINK href="http://example.org/"/></TABLE>', b"</TABLE>"
     )
-    assert len(read_star_list(data, "votable", SAID).stars) == 1
+    assert len(read_star_list(data, "votable", MAPPING).stars) == 1
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         (HEAD + GOOD.replace("star 5\n", '"open\n'), "row 5: a quote is opened"),
         (HEAD + GOOD.replace("star 7\n", '"a\nb"\n'), "row 7: a quote is opened"),
@@ -100,27 +101,28 @@ def test_a_votable_with_a_link_element_is_read() -> None:
         ("id,ra,dec,v\n" + "".join(f"{i},{i},2,3,\n" for i in range(1, 5)), "row 1: 5 values, the header names 4"),
     ],
 )
-def test_an_open_quote_hides_no_row(text: str, words: str) -> None:
-    """A quote that is not closed on its line is rejected with its row number, and so are rows with too many values."""
-    with pytest.raises(BadInput, match=words):
-        read_star_list(text.encode(), "csv", SAID)
+def test_an_open_quote_is_rejected_with_its_row(text: str, message: str) -> None:
+    """A quote that is not closed on its line, and a row with too many values, are rejected with the row number."""
+    with pytest.raises(BadInput, match=message):
+        read_star_list(text.encode(), "csv", MAPPING)
 
 
 def test_valid_quotes_are_read() -> None:
-    """A quoted comma, a doubled quote and the mark of an arcsecond are read."""
+    """Quoted commas, doubled quotes and arcsecond marks are read."""
     rows = '1,12,1°2\'3",3,"a, b"\n2,24,2°2\'3",3,"say ""x"""\n3,36,3°2\'3",3,\n'
-    found = read_star_list((HEAD + rows).encode(), "csv", SAID)
-    assert (len(found.stars), found.dropped_count) == (3, 0)
-    assert found.stars.names[1] == "a, b"
+    result = read_star_list((HEAD + rows).encode(), "csv", MAPPING)
+    assert (len(result.stars), result.dropped_count) == (3, 0)
+    assert result.stars.names[1] == "a, b"
 
 
 def ecsv(meta: str) -> bytes:
+    """Return an ECSV file of one star with these header lines."""
     columns = "".join(f"# - {{name: {n}, datatype: float64}}\n" for n in ("ra", "dec", "v"))
     return f"# %ECSV 1.0\n# ---\n{meta}# datatype:\n{columns}# schema: astropy-2.0\nra dec v\n1 2 3\n".encode()
 
 
 @pytest.mark.parametrize(
-    ("meta", "words"),
+    ("meta", "message"),
     [
         ("# a: &a [x,x]\n# meta: {frame: *a, epoch: 2000}\n", "anchors or aliases"),
         ("# meta: {frame: [icrs, fk5], epoch: 2000}\n", "frame of the star list is not one value"),
@@ -128,26 +130,28 @@ def ecsv(meta: str) -> bytes:
         ("# meta: {note: " + "x" * ECSV_HEADER_BYTES + "}\n", "too long"),
     ],
 )
-def test_an_ecsv_header_may_contain_plain_values_only(meta: str, words: str) -> None:
-    """Aliases, collections for frame or epoch and headers without end are refused; plain ones are read."""
+def test_an_ecsv_header_may_contain_plain_values_only(meta: str, message: str) -> None:
+    """Headers with anchors or aliases, with collections as frame or epoch, or that are too long, are rejected. Plain
+    values are read.
+    """
     assert len(read_star_list(ecsv("# meta: {frame: icrs, epoch: 2000}\n"), "ecsv").stars) == 1
-    with pytest.raises(BadInput, match=words):
+    with pytest.raises(BadInput, match=message):
         read_star_list(ecsv(meta), "ecsv")
 
 
 @pytest.mark.parametrize("column", ["id", "ra", "v"])
-@pytest.mark.parametrize("kind", [complex, bool])
-def test_values_of_a_star_are_real_numbers(column: str, kind: type) -> None:
-    """Complex numbers and booleans are not positions, magnitudes or identifiers."""
+@pytest.mark.parametrize("dtype", [complex, bool])
+def test_values_of_a_star_must_be_real_numbers(column: str, dtype: type) -> None:
+    """Complex numbers and booleans as positions, magnitudes or identifiers are rejected."""
     columns = {name: np.arange(1.0, 30) for name in ("id", "ra", "dec", "v")}
     file = io.BytesIO()
-    Table(columns | {column: (np.arange(29) % 3).astype(kind)}).write(file, format="fits")
+    Table(columns | {column: (np.arange(29) % 3).astype(dtype)}).write(file, format="fits")
     with pytest.raises(BadInput, match=f"column {column} cannot be"):
-        read_star_list(file.getvalue(), "fits", SAID)
+        read_star_list(file.getvalue(), "fits", MAPPING)
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "message"),
     [
         ({"pm_ra_has_cos_dec": "no"}, "pm_ra_has_cos_dec"),
         ({"epoch_jyear": "2000"}, "epoch_jyear"),
@@ -159,14 +163,14 @@ def test_values_of_a_star_are_real_numbers(column: str, kind: type) -> None:
         ({"bad_rows": []}, "bad_rows"),
     ],
 )
-def test_values_of_a_mapping_have_the_declared_types(values: dict[str, object], words: str) -> None:
-    """Values of another type are refused and never converted."""
-    with pytest.raises(BadInput, match=words):
+def test_values_of_a_mapping_must_have_the_declared_types(values: dict[str, object], message: str) -> None:
+    """Values of another type are rejected instead of converted."""
+    with pytest.raises(BadInput, match=message):
         ListMapping(**values)  # type: ignore[arg-type]
 
 
 def test_a_column_has_one_meaning() -> None:
-    """A column cannot be both right ascension and declination; the number may be the name too."""
+    """A column used as both right ascension and declination is rejected. The identifier may also be the name."""
     mapping = ListMapping(columns={"ra": "dec"}, epoch_jyear=2000.0, frame="icrs")
     with pytest.raises(BadInput, match="'dec' is used twice"):
         read_star_list((HEAD + GOOD).encode(), "csv", mapping)

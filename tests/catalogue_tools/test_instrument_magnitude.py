@@ -1,4 +1,4 @@
-"""Instrument magnitudes: Planck's law and the integrals against astropy, the lens against a sum over pixels."""
+"""Instrument magnitudes: Planck's law and integrals compared with astropy, lens losses with a sum over pixels."""
 
 from __future__ import annotations
 
@@ -31,14 +31,16 @@ ASTROPY_TOLERANCE_MAG = 0.002
 
 
 def test_temperature_of_the_sun() -> None:
-    """B−V 0.65 is a star like the Sun, 5 770 K; blue is hot, red is cool."""
+    """A star with B−V = 0.65 has the temperature of the Sun, 5 770 K. Bluer stars are hotter."""
     assert temperature_k(0.65) == pytest.approx(5778, abs=30)
     assert np.all(np.diff(temperature_k(np.linspace(-0.4, 2.5, 50))) < 0)
 
 
 @pytest.mark.parametrize("name", sorted(RESPONSES))
-def test_integrals_are_astropys(name: str) -> None:
-    """Magnitudes of five colours through each camera agree with astropy's blackbody, summed twenty times as finely."""
+def test_integrals_agree_with_astropy(name: str) -> None:
+    """For each camera, the magnitudes of five colours agree with those of astropy's blackbody, integrated in steps of
+    0.1 nm.
+    """
     response = RESPONSES[name]
     fine = np.arange(300.0, 1200.0, 0.1)
 
@@ -52,8 +54,10 @@ def test_integrals_are_astropys(name: str) -> None:
     assert np.abs(instrument_minus_v(colours, response, 0.6) - expected).max() < ASTROPY_TOLERANCE_MAG
 
 
-def test_blackbodies_give_the_colours_that_gaia_measured() -> None:
-    """Through Gaia's G band, known to a few per cent, blackbodies have V − G as 92 883 measured stars have it, to 0.05 mag."""
+def test_blackbodies_agree_with_gaia_colours() -> None:
+    """In Gaia's G band, known to a few per cent, V − G of blackbodies agrees within 0.05 mag with that measured for 92
+    883 stars.
+    """
     nm = (330, 350, 400, 450, 500, 550, 600, 650, 700, 750, 800, 850, 900, 950, 1000, 1050)
     photons = (0, 0.1, 0.45, 0.58, 0.64, 0.67, 0.69, 0.70, 0.69, 0.65, 0.58, 0.49, 0.37, 0.22, 0.1, 0)
     g_band = SpectralResponse(
@@ -64,21 +68,23 @@ def test_blackbodies_give_the_colours_that_gaia_measured() -> None:
     assert np.abs(-instrument_minus_v(colours, g_band, 0.6) - measured).max() < 0.05
 
 
-def test_a_camera_that_sees_v_gives_v() -> None:
-    """Through Johnson's V itself nothing changes."""
+def test_a_camera_with_the_v_band_gives_v() -> None:
+    """With the response of Johnson's V, the instrument magnitude equals V."""
     v_band = SpectralResponse("V", "Bessell 1990", tuple(V_WAVELENGTH_NM), V_PASSBAND)
     assert np.abs(instrument_minus_v(np.linspace(-0.4, 2.5, 30), v_band, 0.6)).max() < 1e-12
 
 
 @given(b_v=st.floats(-0.3, 2.4))
-def test_red_stars_are_brighter_to_silicon(b_v: float) -> None:
-    """For a sensor more sensitive to red than V, the redder of two stars of equal V is never fainter."""
+def test_red_stars_are_brighter_for_silicon(b_v: float) -> None:
+    """For a sensor that is more sensitive to red than V, the redder of two stars of equal V is always brighter."""
     pair = instrument_minus_v(np.array([b_v, b_v + 0.1]), RESPONSES["oersted"], 0.6)
     assert pair[1] < pair[0]
 
 
-def test_white_stars_keep_their_v_and_unknown_colours_are_stated() -> None:
-    """B−V 0 is the common zero; a star without a colour counts as the one given."""
+def test_white_stars_have_no_correction() -> None:
+    """Stars with B−V = 0 have the instrument magnitude V. A star without a colour is treated as one with the stated
+    default colour.
+    """
     for response in (*RESPONSES.values(), GENERIC):
         shift = instrument_minus_v(np.array([0.0, np.nan, 0.6]), response, 0.6)
         assert shift[0] == pytest.approx(0, abs=1e-6)
@@ -86,7 +92,7 @@ def test_white_stars_keep_their_v_and_unknown_colours_are_stated() -> None:
 
 
 def test_every_profile_has_a_response_with_its_source() -> None:
-    """All five cameras have a curve, and each says what of it is chosen."""
+    """Every camera has a response curve and states which part of it was chosen. Other profiles have the generic curve."""
     for profile in (i.profile for i in shipped_registry().all() if i.profile.chain):
         assert "chosen" in response_of(profile).source
     assert response_of(replace(shipped_camera("sunsat"), name="mine")) is GENERIC
@@ -96,8 +102,8 @@ def test_every_profile_has_a_response_with_its_source() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(i.name for i in shipped_registry().all() if i.profile.chain))
-def test_mean_lens_loss_is_that_of_the_pixels(name: str) -> None:
-    """The average roll-off is the mean over all pixels of a loss growing with the square of the radius."""
+def test_mean_lens_loss_agrees_with_the_pixels(name: str) -> None:
+    """The average roll-off is the mean over all pixels of a loss that grows with the square of the radius."""
     profile = shipped_camera(name)
     camera = profile.camera
     col = np.arange(camera.columns) - camera.centre_col_px
@@ -109,8 +115,8 @@ def test_mean_lens_loss_is_that_of_the_pixels(name: str) -> None:
     assert roll_off_mag(profile, "off") == 0
 
 
-def test_corrections_record_how_colours_were_had() -> None:
-    """The facts name the response curve, its source, and how many stars had no colour."""
+def test_corrections_record_the_source_of_colours() -> None:
+    """The recorded facts state the source of the response curve and the number of stars without colour."""
     sky = corrected(load_stars(), Corrections(instrument_magnitude=True), 2026.9, profile=shipped_camera("oersted"))
     fact = sky.facts["applied"][-1]
     assert (fact["name"], fact["no_colour"]) == ("instrument_magnitude", 52)
@@ -119,7 +125,7 @@ def test_corrections_record_how_colours_were_had() -> None:
 
 
 @pytest.mark.parametrize(
-    ("bad", "text"),
+    ("make", "message"),
     [
         (lambda: SpectralResponse("x", "", (400.0,), (1.0,)), "response curve"),
         (lambda: SpectralResponse("x", "", (500.0, 400.0), (1.0, 1.0)), "response curve"),
@@ -129,7 +135,7 @@ def test_corrections_record_how_colours_were_had() -> None:
         (lambda: roll_off_mag(replace(shipped_camera("aim"), defects=Defects(corner_loss=1.0)), "worst"), "no light"),
     ],
 )
-def test_impossible_optics_are_rejected(bad, text) -> None:  # type: ignore[no-untyped-def]
-    """Each error names the field."""
-    with pytest.raises(BadInput, match=text):
-        bad()
+def test_invalid_optics_are_rejected(make, message) -> None:  # type: ignore[no-untyped-def]
+    """Invalid response curves and roll-offs are rejected, and the error names the field."""
+    with pytest.raises(BadInput, match=message):
+        make()

@@ -79,13 +79,14 @@ def occulted_envelope(name):
 
 @pytest.fixture(scope="module", params=CASES)
 def case(request):
+    """Return an envelope, which directions it contains, and random usable fields."""
     envelope = occulted_envelope(request.param)
     return envelope, envelope.contains(UNIT), envelope.usable_moments(np.random.default_rng(5), 12_000)
 
 
-def test_membership_is_brute_force_over_the_sphere(case):
-    """For every law, RA 0 and poles included, no usable field shows an omitted star, and every included star is in a
-    usable field unless it is near the edge.
+def test_membership_agrees_with_brute_force_over_the_sphere(case):
+    """For every pointing law, including RA 0 and the poles, no usable field shows an omitted star, and every included
+    star is in a usable field unless it is near the edge.
     """
     envelope, included, moments = case
     shown = fields_per_star(UNIT, moments.cam_from_icrs, envelope.shape, envelope.shadow(moments)) > 0
@@ -100,8 +101,10 @@ def test_membership_is_brute_force_over_the_sphere(case):
     assert len(missing) < 0.25 * included.sum()
 
 
-def test_usable_fields_keep_their_distance(case):
-    """Every usable boresight is at least the margin from the limb, and at least the baffle's angles from Sun and Moon."""
+def test_usable_fields_keep_the_avoidance_angles(case):
+    """Every usable boresight is at least the margin away from the limb, and at least the baffle's angles away from Sun
+    and Moon.
+    """
     envelope, _, moments = case
     occultation, boresight = envelope.occultation, moments.cam_from_icrs[:, 2]
     if occultation.altitude_m is not None:
@@ -135,7 +138,7 @@ def test_shares_of_blinded_time_are_consistent(case):
 
 
 @pytest.mark.parametrize("name", ["sunsat, Earth", "nadir, past the limb", "zenith, tilted"])
-def test_ends_of_what_the_earth_leaves_are_sharp(name):
+def test_limits_of_the_unocculted_band_are_exact(name):
     """The limits of the angle from the orbit's axis at which a clear view exists contain those of random views and
     exceed them by less than 0.3°.
     """
@@ -153,7 +156,7 @@ def test_ends_of_what_the_earth_leaves_are_sharp(name):
     assert max(b for _, b in ends) - angles.max() < np.radians(0.3)
 
 
-def test_without_an_earth_the_band_is_whole():
+def test_without_the_earth_the_band_is_complete():
     """Without the Earth, the visible band is the single interval of the exact band."""
     base = CASES["sunsat, Earth"][0]
     assert seen_bands(base, views_of(base.shape, base.limits), 0.0) == [base.polar_interval]
@@ -161,7 +164,7 @@ def test_without_an_earth_the_band_is_whole():
 
 
 def test_sun_and_moon_agree_with_astropy():
-    """Directions from the Earth's centre agree with astropy to 0.1° over a year."""
+    """Geocentric directions agree with astropy within 0.1° over a year."""
     baffle, part = AvoidanceAngles(1.0, 1.0, 2026.0, 2027.0), np.linspace(0, 1, 40)
     times = Time(2026.0 + part, format="jyear", scale="tt")
     for name, directions in zip(("sun", "moon"), baffle.bodies(part), strict=True):
@@ -171,18 +174,18 @@ def test_sun_and_moon_agree_with_astropy():
         assert separation_rad(directions, expected).max() < np.radians(0.1)
 
 
-def test_moments_lie_where_attitudes_do():
+def test_moments_and_attitudes_cover_the_same_region():
     """The two ways to draw random fields of an envelope cover the same region of the sky."""
     for base, _ in CASES.values():
         cube = np.random.default_rng(3).random((4000, base.dimensions))
         moments = base.at(cube)
         assert np.abs(moments.cam_from_icrs @ np.swapaxes(moments.cam_from_icrs, 1, 2) - np.eye(3)).max() < 1e-12
-        other = base.attitudes(np.random.default_rng(4), 4000)
-        assert np.abs(moments.cam_from_icrs[:, 2].mean(axis=0) - other[:, 2].mean(axis=0)).max() < 0.06
+        attitudes = base.attitudes(np.random.default_rng(4), 4000)
+        assert np.abs(moments.cam_from_icrs[:, 2].mean(axis=0) - attitudes[:, 2].mean(axis=0)).max() < 0.06
         assert base.contains(moments.cam_from_icrs[:100, 2]).all()
 
 
-def test_node_and_date_move_together():
+def test_the_node_moves_with_the_date():
     """The orbital plane has the first node at the start of validity and the last one at its end."""
     base = CASES["sunsat, Earth"][0]
     cube = np.full((2, 6), 0.5)
@@ -192,16 +195,16 @@ def test_node_and_date_move_together():
     assert np.degrees(raan) == pytest.approx([133, 149], abs=1e-6)
 
 
-def test_imager_at_a_target_looks_no_farther_than_its_angle():
+def test_target_pointing_is_limited_to_the_off_nadir_angle():
     """The law *target* limits roll and pitch to the off-nadir angle. Other laws reject this angle."""
     assert SIDE.low[:2] == pytest.approx([-0.5, -0.5])
     with pytest.raises(BadInput, match="off-nadir"):
         AttitudeLimits("zenith", off_nadir_rad=0.1)
 
 
-def test_camera_beside_the_sun_sees_the_ring_round_it():
-    """With the law sun_pointing and free yaw, the boresight is within 20° of a right angle to the Sun and goes all
-    around it.
+def test_sun_pointing_covers_a_ring_around_the_sun():
+    """With the law sun_pointing and free yaw, the boresight is within 20° of a right angle to the Sun and covers the
+    whole ring around it.
     """
     limits = AttitudeLimits("sun_pointing", yaw_rad=deg(-180, 180))
     base = PatchEnvelope(SUNSAT, limits, deg(250, 264))
@@ -212,7 +215,7 @@ def test_camera_beside_the_sun_sees_the_ring_round_it():
     assert spread.max() > np.radians(175)
 
 
-def test_quality_counts_clear_stars_in_usable_fields():
+def test_quality_counts_unocculted_stars_in_usable_fields():
     """With the Earth in the field, fewer stars are counted, and the share of lost time is reported."""
     envelope = occulted_envelope("zenith, tilted")
     unit = centres(16)
@@ -224,7 +227,7 @@ def test_quality_counts_clear_stars_in_usable_fields():
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (lambda: Occultation(50e3), "too low for an orbit"),
         (lambda: Occultation(float("nan")), "too low for an orbit"),
@@ -236,13 +239,13 @@ def test_quality_counts_clear_stars_in_usable_fields():
         (lambda: BlockEnvelope(SUNSAT, SUNSAT_LIMITS, planes(97, 0, 1), rule="most"), "unknown rule for blocks"),
     ],
 )
-def test_impossible_occultations_are_named(make, words):
-    """Each kind of impossible input raises BadInput naming the reason."""
-    with pytest.raises(BadInput, match=words):
+def test_invalid_occultations_are_rejected(make, message):
+    """Each kind of invalid input raises BadInput with the reason."""
+    with pytest.raises(BadInput, match=message):
         make()
 
 
-def test_a_camera_that_never_sees_sky_is_named():
+def test_a_camera_without_usable_fields_is_rejected():
     """A camera that points to nadir has no usable field. The error states expected value, actual value and a hint."""
     nadir = BandEnvelope(SUNSAT, AttitudeLimits("nadir"), planes(97, 0, 1))
     envelope = OccultedEnvelope(nadir, Occultation(700e3))

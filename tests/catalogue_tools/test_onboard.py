@@ -25,8 +25,8 @@ from gss.skytables.pairs import DistanceTable, distance_table
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 MIN_RAD, MAX_RAD = float(np.radians(0.25)), float(np.radians(30))
-# The maximum of 13 bits is 23.46°.
-SMALL_RAD = float(np.radians(23))
+# Distances of 13 bits in steps of 50 µrad reach 23.46°.
+MAX_RAD_13_BITS = float(np.radians(23))
 
 
 @pytest.fixture(scope="module")
@@ -40,12 +40,13 @@ def table(stars):
 
 
 def image_of(stars, table, format_name):
+    """Return the image of the stars in a format."""
     if format_name == "sunsat-5":
-        table = distance_table(stars, MIN_RAD, SMALL_RAD)
+        table = distance_table(stars, MIN_RAD, MAX_RAD_13_BITS)
     return encode(stars, table, format_name, format_name, bytes(range(8)))
 
 
-def resealed(image, at, content):
+def with_changed_bytes(image, at, content):
     """Return the image with changed bytes and recomputed checksums."""
     changed = bytearray(image)
     changed[at : at + len(content)] = content
@@ -55,11 +56,10 @@ def resealed(image, at, content):
 
 
 @pytest.mark.parametrize("format_name", FORMATS)
-def test_image_is_the_golden_file(stars, table, format_name):
-    """The image equals the golden file: stars of V ≤ 2.0 at J2026.5, 0.25° to 30° (sunsat-5: to 23°).
-
-    Processors differ in the last bit of a sine, which can round a value to the adjacent integer: one byte may differ
-    by one, and then the checksums also differ.
+def test_image_equals_the_golden_file(stars, table, format_name):
+    """The image equals the golden file: stars of V ≤ 2.0 at J2026.5, distances of 0.25° to 30° (sunsat-5: to 23°).
+    Processors differ in the last bit of a sine, which can round a value to the adjacent integer. Therefore one byte may
+    differ by one, and then the checksums also differ.
     """
     image, golden = image_of(stars, table, format_name), (GOLDEN / f"onboard-{format_name}.bin").read_bytes()
     assert len(image) == len(golden)
@@ -72,7 +72,7 @@ def test_image_is_the_golden_file(stars, table, format_name):
 
 @pytest.mark.parametrize("format_name", FORMATS)
 def test_decoding_and_encoding_gives_the_same_bytes(stars, table, format_name):
-    """A decoded image encodes to the same bytes."""
+    """A decoded image encodes to the same bytes, and Hipparcos numbers are attached."""
     image = image_of(stars, table, format_name)
     assert encoded_again(image) == image
     assert np.array_equal(decode(image, stars.hip).hip, stars.hip)
@@ -87,7 +87,7 @@ def test_every_header_field_is_decoded(stars, table):
     assert HEADER.size + 4 == HEADER_BYTES == 64
 
 
-def test_cubestar_body_is_four_and_three_arrays(stars, table):
+def test_cubestar_body_has_four_and_three_arrays(stars, table):
     """Erlank 2013 §5.3.2: the body has ids, x, y, z, then first, second, distance.
 
     The test decodes it with struct only.
@@ -106,7 +106,7 @@ def test_cubestar_body_is_four_and_three_arrays(stars, table):
     assert len(image) == 64 + 14 * n + 8 * m
 
 
-def test_sunsat_body_is_records_of_reals(stars, table):
+def test_sunsat_body_has_records_of_reals(stars, table):
     """Jacobs 1995 app. D.1, G.4: a star is RA, Dec and magnitude as REAL32; a pair is two cardinals and a REAL32."""
     image = image_of(stars, table, "sunsat")
     ra, dec = ra_dec_from_unit(stars.icrs)
@@ -119,7 +119,7 @@ def test_sunsat_body_is_records_of_reals(stars, table):
     assert len(image) == at + 8 * len(table)
 
 
-def test_sizes_are_those_of_the_document():
+def test_sizes_agree_with_the_documents():
     """405 stars take 5.54 KiB and 11 484 pairs 89.7 KiB (Erlank 2013 §5.3.2); 288 464 pairs take 2.3 MB (Jacobs app.
     D.1).
     """
@@ -128,18 +128,18 @@ def test_sizes_are_those_of_the_document():
     assert image_bytes("sunsat", 0, 288_464) / 1e6 == pytest.approx(2.3, abs=0.05)
 
 
-def test_cost_of_the_number_widths(stars, table):
+def test_single_precision_errors_are_small(stars, table):
     """Single precision causes errors below 0.02″ in a unit vector, 0.1″ in an angle and 1e-6 mag."""
-    cube = quantisation_error(stars, table, image_of(stars, table, "cubestar"))
-    sun = quantisation_error(stars, table, image_of(stars, table, "sunsat"))
-    assert 0 < cube.position_rad < 0.02 * ARCSEC_RAD
-    assert np.isnan(cube.v_mag)
-    assert 0 < sun.position_rad < 0.1 * ARCSEC_RAD
-    assert sun.v_mag < 1e-6
-    assert 0 < cube.distance_rad == sun.distance_rad < 0.01 * ARCSEC_RAD
+    cubestar = quantisation_error(stars, table, image_of(stars, table, "cubestar"))
+    sunsat = quantisation_error(stars, table, image_of(stars, table, "sunsat"))
+    assert 0 < cubestar.position_rad < 0.02 * ARCSEC_RAD
+    assert np.isnan(cubestar.v_mag)
+    assert 0 < sunsat.position_rad < 0.1 * ARCSEC_RAD
+    assert sunsat.v_mag < 1e-6
+    assert 0 < cubestar.distance_rad == sunsat.distance_rad < 0.01 * ARCSEC_RAD
 
 
-def test_bytes_after_the_image_do_not_matter(stars, table):
+def test_bytes_after_the_image_have_no_effect(stars, table):
     """Bytes after the image have no effect, because a flash bank is larger than its image."""
     assert len(decode(image_of(stars, table, "cubestar") + b"\xff" * 1000)) == len(stars)
 
@@ -166,7 +166,7 @@ def test_a_truncated_image_is_rejected(stars, table, format_name):
 
 
 @pytest.mark.parametrize("format_name", FORMATS)
-def test_any_flipped_bit_is_found(stars, table, format_name):
+def test_any_flipped_bit_is_detected(stars, table, format_name):
     """A flipped bit anywhere in header or body is detected."""
     image = image_of(stars, table, format_name)
     rng = np.random.default_rng(1)
@@ -178,7 +178,7 @@ def test_any_flipped_bit_is_found(stars, table, format_name):
 
 
 @pytest.mark.parametrize(
-    ("at", "content", "words"),
+    ("at", "content", "message"),
     [
         (4, b"\x03", "unknown kind"),
         (4, b"\x02", "truncated"),
@@ -190,14 +190,14 @@ def test_any_flipped_bit_is_found(stars, table, format_name):
         (64 + 14 * 49, b"\xff\xff", "not in the list"),
     ],
 )
-def test_invalid_content_with_valid_checksums_is_rejected(stars, table, at, content, words):
+def test_invalid_content_with_valid_checksums_is_rejected(stars, table, at, content, message):
     """Invalid version, format, row numbers, vectors and pairs are rejected although the CRC is valid."""
     assert len(stars) == 49
-    with pytest.raises(CorruptData, match=words):
-        decode(resealed(image_of(stars, table, "cubestar"), at, content))
+    with pytest.raises(CorruptData, match=message):
+        decode(with_changed_bytes(image_of(stars, table, "cubestar"), at, content))
 
 
-def test_unsorted_table_is_found(stars, table):
+def test_an_unsorted_table_is_rejected(stars, table):
     """An unsorted table is rejected, because a matcher would miss stars without an error."""
     order = np.r_[1, 0, 2 : len(table)]
     shuffled = DistanceTable(table.first[order], table.second[order], table.distance_rad[order], MIN_RAD, MAX_RAD)
@@ -211,15 +211,15 @@ def test_star_numbers_of_another_image_are_rejected(stars, table):
         decode(image_of(stars, table, "cubestar"), stars.hip[:-1])
 
 
-def test_too_many_stars_for_sixteen_bits():
-    """More rows than the row number can count are rejected; numbers do not wrap around."""
+def test_too_many_stars_for_sixteen_bits_are_rejected():
+    """More rows than a row number can count are rejected instead of wrapping around."""
     stars = load_stars(8.0)
     empty = np.empty(0, np.int32)
     with pytest.raises(BadInput, match="too many stars"):
         encode(stars, DistanceTable(empty, empty, np.empty(0), 0.0, 1.0), "cubestar", "cubestar")
 
 
-def test_unknown_format_is_refused(stars, table):
-    """The error for an unknown format lists the known ones."""
+def test_an_unknown_format_is_rejected(stars, table):
+    """An unknown format is rejected with the list of valid ones."""
     with pytest.raises(BadInput, match=r"cubestar \| sunsat"):
         encode(stars, table, "punched-tape", "sunsat")
