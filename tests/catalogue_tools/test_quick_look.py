@@ -1,4 +1,4 @@
-"""The preview's quick look compared with the exact envelope, manifests of both versions, and requests restored from
+"""The preview's quick look, compared with the exact envelope; manifests of both versions; and requests restored from
 them.
 """
 
@@ -42,33 +42,32 @@ LAWS = [AttitudeLimits(law, BOX, BOX, BOX, ra_rad=1.0) for law in ("zenith", "in
 
 
 @pytest.mark.parametrize("limits", LAWS, ids=lambda limits: limits.pointing)
-def test_the_quick_look_sees_the_same_stars(limits):
-    """For each kind of pointing law, sampled membership equals the exact one, except for at most one star and one in a
-    thousand random directions.
+def test_the_quick_look_has_the_same_stars_as_the_envelope(limits):
+    """For each pointing law, the sampled membership equals the exact one, except for at most one star and 0.1 % of
+    random directions.
     """
     planned = plan(replace(REQUEST, attitude=limits))
     stars = load_stars(6.0).icrs
     assert np.count_nonzero(QuickLook(planned).contains(stars) != planned.envelope.contains(stars)) <= 1
     rng = np.random.default_rng(5)
-    anywhere = rng.normal(size=(4000, 3))
-    anywhere /= np.linalg.norm(anywhere, axis=1, keepdims=True)
-    assert np.mean(QuickLook(planned).contains(anywhere) != planned.envelope.contains(anywhere)) < 1e-3
+    directions = rng.normal(size=(4000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    assert np.mean(QuickLook(planned).contains(directions) != planned.envelope.contains(directions)) < 1e-3
 
 
 @pytest.mark.parametrize("law", ["zenith", "target", "sunsat"])
-def test_the_quick_look_sees_nearly_the_same_stars_beside_earth_sun_and_moon(law):
-    """With all occultations the preview has at most two extra stars and misses less than one in a hundred.
-
-    Time fractions agree with the exact ones to 0.006.
+def test_the_quick_look_has_nearly_the_same_stars_with_occultation(law):
+    """With occultation by Earth, Sun and Moon, the preview has at most two additional stars and misses less than 1 %.
+    Time fractions agree with the exact ones within 0.006.
     """
     off_nadir = {"off_nadir_rad": deg(30)[0]} if law == "target" else {}
     limits = AttitudeLimits(law, BOX, BOX, BOX, **off_nadir)
     occultation = Occultation(700e3, *deg(20, 28.1, 28.1))
     planned = plan(replace(REQUEST, attitude=limits, occultation=occultation))
     stars, quick_look = load_stars(6.0).icrs, QuickLook(planned)
-    quick, exact = quick_look.contains(stars), planned.envelope.contains(stars)
-    assert np.count_nonzero(quick & ~exact) <= 2
-    assert np.count_nonzero(exact & ~quick) < 0.01 * np.count_nonzero(exact)
+    sampled, exact = quick_look.contains(stars), planned.envelope.contains(stars)
+    assert np.count_nonzero(sampled & ~exact) <= 2
+    assert np.count_nonzero(exact & ~sampled) < 0.01 * np.count_nonzero(exact)
     grid = centres(quick_look.nside)
     assert np.abs(quick_look.time_fraction(grid) - planned.envelope.time_fraction(grid)).max() < 0.006
 
@@ -86,19 +85,18 @@ def test_precomputed_fields_do_not_change_the_result(law, monkeypatch):
 
 
 def test_a_drifting_node_widens_the_limits():
-    """With a known altitude the node's limits include its drift by the Earth's flattening during the validity.
-
-    Without it they do not change.
+    """With a known altitude, the node's limits include the drift caused by the Earth's flattening during the validity.
+    Without an altitude they do not change.
     """
     orbit = ElementsOrbit(deg(97.6, 97.6), deg(50, 50), 557e3)
     low, high = plan(replace(REQUEST, orbit=orbit)).planes.raan_rad
     assert low == pytest.approx(np.radians(50))
-    assert np.degrees(high - low) == pytest.approx(14 * 0.985, rel=0.02)  # Sun-synchronous
+    assert np.degrees(high - low) == pytest.approx(14 * 0.985, rel=0.02)  # degrees per day of a Sun-synchronous orbit
     without_altitude = plan(replace(REQUEST, orbit=replace(orbit, altitude_m=None))).planes.raan_rad
     assert without_altitude[0] == without_altitude[1]
 
 
-def test_requests_come_back_from_their_parameters():
+def test_requests_are_restored_from_their_parameters():
     """A request restored from its parameters equals the original.
 
     Invalid parameters and another camera are rejected.
@@ -112,7 +110,7 @@ def test_requests_come_back_from_their_parameters():
         request_from(parameters_of(REQUEST), shipped_camera("aim"))
 
 
-def test_a_manifest_of_version_1_is_still_read():
+def test_a_manifest_of_version_1_is_read():
     """A manifest without the newer fields is read unchanged and keeps its hash."""
     content = build(REQUEST, load_stars()).manifest.as_dict()
     old = {name: value for name, value in content.items() if name not in (*SINCE_2, "manifest_sha256")} | {"version": 1}
@@ -125,7 +123,7 @@ def test_a_manifest_of_version_1_is_still_read():
 
 
 def test_the_default_build_keeps_its_bytes():
-    """The documents' case gives the same image as before corrections were added."""
+    """The example of the documents gives the same image as before corrections were added."""
     request = replace(REQUEST, rules=SelectionRules(6.0))
     assert build(request, load_stars()).sha256 == "b41e1832fd0b29fa0f0b1b89b13bb77291a08e6614b906ca2ce8beb753d2a254"
     assert preview(request, load_stars()).pairs == 2783

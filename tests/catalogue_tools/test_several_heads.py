@@ -1,4 +1,4 @@
-"""Catalogue for several heads on one body: the union of what each head sees."""
+"""Catalogue for several heads on one body: the union of the stars that each head sees."""
 
 from __future__ import annotations
 
@@ -21,15 +21,23 @@ from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import BadInput
 from gss.instruments.registry import shipped_camera
 
-FEW = float(np.radians(2.0))
+SMALL_ANGLE_RAD = float(np.radians(2.0))
 MOUNTINGS = [
     m for turns in ([180.0, 0.0, 0.0], [120.0, 0.0, 0.0], [150.0, 50.0, 0.0]) if (m := mounting_of(None, turns))
 ]
 
 
 def request(pointing: str, **values: Any) -> BuildRequest:
+    """Return a request with small attitude limits."""
     camera = shipped_camera("cubestar")
-    limits = AttitudeLimits(pointing, (-FEW, FEW), (-FEW, FEW), (-FEW, FEW), ra_rad=1.5, dec_rad=0.3)
+    limits = AttitudeLimits(
+        pointing,
+        (-SMALL_ANGLE_RAD, SMALL_ANGLE_RAD),
+        (-SMALL_ANGLE_RAD, SMALL_ANGLE_RAD),
+        (-SMALL_ANGLE_RAD, SMALL_ANGLE_RAD),
+        ra_rad=1.5,
+        dec_rad=0.3,
+    )
     orbit = ElementsOrbit((1.7, 1.7), (0.2, 0.4)) if pointing == "zenith" else None
     defaults = {
         "orbit": orbit,
@@ -41,13 +49,14 @@ def request(pointing: str, **values: Any) -> BuildRequest:
     return BuildRequest(camera, "cubestar", SelectionRules(4.5), **(defaults | values))
 
 
-def with_one_head(several: BuildRequest, mounting: tuple[float, ...]) -> BuildRequest:
-    assert several.attitude is not None
-    return replace(several, heads=(), attitude=replace(several.attitude, body_from_cam=mounting))
+def with_one_head(multi_head: BuildRequest, mounting: tuple[float, ...]) -> BuildRequest:
+    """Return the request for a single head with this mounting."""
+    assert multi_head.attitude is not None
+    return replace(multi_head, heads=(), attitude=replace(multi_head.attitude, body_from_cam=mounting))
 
 
 @pytest.mark.parametrize("pointing", ["zenith", "inertial"])
-def test_the_union_holds_the_stars_of_each_head(pointing: str) -> None:
+def test_the_union_contains_the_stars_of_each_head(pointing: str) -> None:
     """A star is in the catalogue if and only if at least one head alone would include it.
 
     Map, edges and preview are also unions.
@@ -63,8 +72,8 @@ def test_the_union_holds_the_stars_of_each_head(pointing: str) -> None:
     )
     visible = combined.envelope.time_fraction(stars) > 0
     assert np.all(visible[np.logical_or.reduce([head.envelope.time_fraction(stars) > 0 for head in single_heads])])
-    quick = QuickLook(combined)
-    assert np.count_nonzero(quick.contains(stars) != combined.envelope.contains(stars)) <= 1
+    quick_look = QuickLook(combined)
+    assert np.count_nonzero(quick_look.contains(stars) != combined.envelope.contains(stars)) <= 1
     rng = np.random.default_rng(1)
     for cams in (
         combined.envelope.attitudes(rng, 60),
@@ -97,7 +106,7 @@ def test_the_manifest_keeps_the_heads() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "message"),
     [
         ({"attitude": None, "orbit": None}, "no limits of attitude"),
         ({"method": "blocks"}, "the method blocks"),
@@ -106,7 +115,7 @@ def test_the_manifest_keeps_the_heads() -> None:
         ({"heads": tuple(MOUNTINGS) * 3}, "too many heads"),
     ],
 )
-def test_what_is_for_one_camera_is_refused(values: dict[str, Any], words: str) -> None:
-    """Options for a single camera are rejected with several heads, and the error names the option."""
-    with pytest.raises(BadInput, match=words):
+def test_single_camera_options_are_rejected_with_several_heads(values: dict[str, Any], message: str) -> None:
+    """Options that support only a single camera are rejected with several heads, and the error names the option."""
+    with pytest.raises(BadInput, match=message):
         request("zenith", **({"heads": tuple(MOUNTINGS)} | values))

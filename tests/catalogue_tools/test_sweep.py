@@ -18,32 +18,34 @@ def deg(*values):
     return tuple(float(np.radians(v)) for v in values)
 
 
-def test_every_field_of_an_orbit_lies_inside_the_envelope():
-    """A zenith camera completes one revolution; everything that it sees lies inside the envelope."""
+def test_every_field_of_an_orbit_is_inside_the_envelope():
+    """The path of a zenith camera covers one revolution in equal steps, and all of its fields are inside the envelope."""
     band = BandEnvelope(
         SHAPE, AttitudeLimits("zenith", deg(-2, 2), deg(-2, 2), deg(0, 0)), from_elements(deg(97, 97), deg(30, 30))
     )
-    way = sweep(band, SHAPE)
-    assert way.over == "orbit"
-    assert way.fields.shape == (STEPS, 17, 3)
-    assert band.contains(way.fields.reshape(-1, 3)).all()
-    steps_deg = np.degrees(np.arccos(np.einsum("ni,ni->n", way.boresights, np.roll(way.boresights, -1, 0))))
+    path = sweep(band, SHAPE)
+    assert path.over == "orbit"
+    assert path.fields.shape == (STEPS, 17, 3)
+    assert band.contains(path.fields.reshape(-1, 3)).all()
+    steps_deg = np.degrees(np.arccos(np.einsum("ni,ni->n", path.boresights, np.roll(path.boresights, -1, 0))))
     assert steps_deg == pytest.approx(np.full(STEPS, 360 / STEPS), abs=1e-6)
 
 
-def test_a_camera_away_from_the_sun_follows_it_from_the_first_to_the_last_day():
-    """The path covers both ends of the validity; an inertially fixed camera has one field, the whole sky has none."""
+def test_the_path_of_an_anti_sun_camera_covers_the_validity():
+    """The path of an anti-Sun camera covers the whole validity. An inertially fixed camera has one field, and the whole
+    sky has none.
+    """
     patch = PatchEnvelope(SHAPE, AttitudeLimits("anti_sun", deg(-5, 5), deg(-5, 5)), deg(10, 40))
-    way = sweep(patch, SHAPE)
-    assert way.over == "validity"
-    assert np.degrees(np.arccos(way.boresights[0] @ way.boresights[-1])) == pytest.approx(30, abs=0.1)
-    fixed = sweep(PatchEnvelope(SHAPE, AttitudeLimits("inertial", ra_rad=1.0, dec_rad=0.2)), SHAPE)
-    assert (fixed.over, len(fixed.fields)) == ("", 1)
+    path = sweep(patch, SHAPE)
+    assert path.over == "validity"
+    assert np.degrees(np.arccos(path.boresights[0] @ path.boresights[-1])) == pytest.approx(30, abs=0.1)
+    inertial = sweep(PatchEnvelope(SHAPE, AttitudeLimits("inertial", ra_rad=1.0, dec_rad=0.2)), SHAPE)
+    assert (inertial.over, len(inertial.fields)) == ("", 1)
     assert len(sweep(WholeSky(SHAPE), SHAPE).fields) == 0
 
 
-def test_an_outline_is_closed_and_surrounds_the_boresight():
-    """First and last point are one, and every point is on the edge of what the field shows."""
+def test_an_outline_is_closed_and_on_the_edge_of_the_field():
+    """The first and last points are equal, and every point is on the edge of the field."""
     attitude = cam_from_icrs(1.2, -0.4, 0.7)
     (line,) = outlines(SHAPE, attitude[None])
     assert np.allclose(line[0], line[-1])

@@ -1,4 +1,6 @@
-"""Ambiguity of the sky, the poorest field, accidental matches, drift out of the envelope, and Jacobs' blocks."""
+"""Ambiguity of the sky, the field with the fewest stars, accidental matches, drift out of the envelope, and the blocks
+of Jacobs.
+"""
 
 import itertools
 from datetime import UTC, datetime, timedelta
@@ -35,10 +37,12 @@ VALID_TO = datetime(2026, 12, 15, tzinfo=UTC)
 
 
 def sunsat(low, high):
+    """Return Sunsat's envelope for a range of nodes."""
     return BandEnvelope(SUNSAT, LIMITS, from_elements(deg(97, 97), deg(low, high)))
 
 
-def scattered(count, seed=2):
+def random_directions(count, seed=2):
+    """Return random unit vectors."""
     unit = np.random.default_rng(seed).normal(size=(count, 3))
     return unit / np.linalg.norm(unit, axis=1, keepdims=True)
 
@@ -46,22 +50,22 @@ def scattered(count, seed=2):
 # Ambiguity
 
 
-def test_wrong_triangles_are_those_of_full_enumeration():
-    """Of 40 stars, every other triangle with the same sides in any order is counted once, and so is every other pair."""
-    unit, tolerance, longest = scattered(40), 0.05, 1.2
+def test_wrong_triangles_agree_with_full_enumeration():
+    """Among 40 stars, every other triangle with the same sides in any order, and every other pair, is counted once."""
+    unit, tolerance, longest = random_directions(40), 0.05, 1.2
     separations = separation_rad(unit[:, None], unit[None])
-    given = np.array(
+    triangles_to_match = np.array(
         [
             t
             for t in itertools.combinations(range(40), 3)
             if max(separations[i, j] for i, j in itertools.combinations(t, 2)) < longest
         ]
     )[:60]
-    pairs, triangles = wrong_matches(unit, given, tolerance, longest)
-    listed = [
+    pairs, triangles = wrong_matches(unit, triangles_to_match, tolerance, longest)
+    pair_distances = [
         separations[i, j] for i, j in itertools.combinations(range(40), 2) if separations[i, j] <= longest + tolerance
     ]
-    for trio, triangle_count, pair_count in zip(given, triangles, pairs, strict=True):
+    for trio, triangle_count, pair_count in zip(triangles_to_match, triangles, pairs, strict=True):
         a, b, c = trio
         sides = separations[a, b], separations[a, c], separations[b, c]
         similar = {
@@ -72,13 +76,15 @@ def test_wrong_triangles_are_those_of_full_enumeration():
             and abs(separations[t[1], t[2]] - sides[2]) <= tolerance
         }
         assert triangle_count == len(similar - {tuple(trio)})
-        assert pair_count == pytest.approx(np.mean([sum(abs(d - s) <= tolerance for d in listed) for s in sides]) - 1)
+        assert pair_count == pytest.approx(
+            np.mean([sum(abs(d - s) <= tolerance for d in pair_distances) for s in sides]) - 1
+        )
 
 
 @pytest.mark.parametrize(("tolerance", "times"), [(0.001, 5), (0.003, 2)])
 def test_rivals_predict_where_the_voting_matcher_fails(tolerance, times):
-    """With geometric voting on noisy fields of a small catalogue, far more stars are misidentified in the third of the
-    sky that the map rates most ambiguous than in the third it rates most unique.
+    """If geometric voting matches noisy fields of a small catalogue, far more stars are misidentified in the third of
+    the sky that the map rates most ambiguous than in the third that it rates most unique.
     """
     stars = load_stars(3.2).brighter_than(3.2)
     longest, radius = float(np.radians(43)), CUBESTAR.equal_circle_rad
@@ -98,7 +104,7 @@ def test_rivals_predict_where_the_voting_matcher_fails(tolerance, times):
     assert np.corrcoef(np.argsort(np.argsort(rivals)), wrong)[0, 1] > 0.4
 
 
-def test_map_knows_its_envelope_and_its_holes():
+def test_the_map_marks_its_envelope_and_empty_fields():
     """The map is NaN outside the envelope, infinite where fewer than three stars are visible, and finite elsewhere.
 
     Its worst position is inside.
@@ -111,22 +117,22 @@ def test_map_knows_its_envelope_and_its_holes():
     assert np.isnan(ambiguity.wrong_triangles[~inside]).all()
     assert np.array_equal(np.isinf(ambiguity.wrong_triangles), inside & (ambiguity.stars < 3))
     ra, dec, worst_rivals = ambiguity.worst
-    place = np.array([[np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)]])
-    assert separation_rad(place, centres(16)[inside]).min() < 1e-6
+    direction = np.array([[np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)]])
+    assert separation_rad(direction, centres(16)[inside]).min() < 1e-6
     assert worst_rivals == np.max(ambiguity.rivals[inside])
     facts = ambiguity.facts()
     assert facts["share_without_triangle"] == pytest.approx(np.mean(ambiguity.stars[inside] < 3))
     assert facts["worst_rivals"] is None
 
 
-def test_wider_tolerance_is_more_ambiguous():
+def test_a_wider_tolerance_is_more_ambiguous():
     """Wrong pairs and triangles increase with the tolerance. With an empty catalogue the whole map is infinite."""
     stars = load_stars(3.8).brighter_than(3.8)
     sky = WholeSky(CUBESTAR)
-    sharp, blunt = (ambiguity_map(stars.icrs, sky, 0.3, t, 0.75, nside=4) for t in (5e-4, 5e-3))
-    assert np.nanmean(blunt.wrong_pairs) > 5 * np.nanmean(sharp.wrong_pairs)
-    finite = np.isfinite(sharp.wrong_triangles)
-    assert blunt.wrong_triangles[finite].sum() > 10 * sharp.wrong_triangles[finite].sum()
+    narrow, wide = (ambiguity_map(stars.icrs, sky, 0.3, t, 0.75, nside=4) for t in (5e-4, 5e-3))
+    assert np.nanmean(wide.wrong_pairs) > 5 * np.nanmean(narrow.wrong_pairs)
+    finite = np.isfinite(narrow.wrong_triangles)
+    assert wide.wrong_triangles[finite].sum() > 10 * narrow.wrong_triangles[finite].sum()
     assert np.isinf(ambiguity_map(np.empty((0, 3)), sky, 0.3, 1e-3, 0.7, nside=2).wrong_triangles).all()
     with pytest.raises(BadInput, match="ambiguity needs"):
         ambiguity_map(stars.icrs, sky, 0.3, 0.0, 0.7)
@@ -136,10 +142,10 @@ def test_wider_tolerance_is_more_ambiguous():
 
 
 def test_search_finds_a_hole_that_random_fields_miss():
-    """In an even sky with a hole smaller than the field, the search finds a poorer field than as many random fields,
-    within 2° of the hole's centre.
+    """In a uniform sky with a hole smaller than the field, the search finds a field with fewer stars than the same
+    number of random fields, within 2° of the centre of the hole.
     """
-    unit = scattered(30_000)
+    unit = random_directions(30_000)
     unit = unit[separation_rad(unit, centres(8)[100]) > SUNSAT.half_diagonal_rad * 0.8]
     sky = WholeSky(SUNSAT)
     poorest = search_poorest(unit, sky, SUNSAT)
@@ -149,27 +155,26 @@ def test_search_finds_a_hole_that_random_fields_miss():
     assert separation_rad(poorest.cam_from_icrs[2], centres(8)[100]) < np.radians(2)
 
 
-def test_quality_reports_the_poorest_field_where_it_is():
+def test_quality_reports_the_poorest_field_and_its_position():
     """The worst field has no more stars than any of the pointings, and its boresight is inside the envelope."""
     stars = load_stars(5.0)
     envelope = sunsat(133, 149)
     quality = assess(stars.icrs, envelope, SUNSAT, 2000, np.random.default_rng(1))
     assert quality.worst_stars <= np.flatnonzero(quality.histogram)[0]
     assert quality.searched > 1000
-    place = np.array(
+    direction = np.array(
         [
             np.cos(quality.worst_dec_rad) * np.cos(quality.worst_ra_rad),
             np.cos(quality.worst_dec_rad) * np.sin(quality.worst_ra_rad),
             np.sin(quality.worst_dec_rad),
         ]
     )
-    assert envelope.contains(place[None])[0]
+    assert envelope.contains(direction[None])[0]
 
 
-def test_candidates_per_star_are_those_of_random_answers():
-    """The formula for distinct stars named by random pairs agrees with random draws.
-
-    Without a table the number is unknown.
+def test_candidates_per_star_agree_with_random_draws():
+    """The formula for the number of distinct stars in random pairs agrees with random draws. Without a table the number
+    is NaN.
     """
     rng = np.random.default_rng(5)
     drawn = [len(np.unique(np.concatenate([rng.choice(200, 2, replace=False) for _ in range(60)]))) for _ in range(300)]
@@ -180,20 +185,19 @@ def test_candidates_per_star_are_those_of_random_answers():
 # False matches and screening
 
 
-def test_moniteqs_false_match_figures():
-    """Hipparcos to V 6.49 gives Moniteq's 0.17, 6.4e-5 and 1.1e-5 within a tenth (Moniteq 1983 §2.1)."""
+def test_false_match_probabilities_of_moniteq_are_reproduced():
+    """Hipparcos to V 6.49 gives Moniteq's 0.17, 6.4e-5 and 1.1e-5 within 10 % (Moniteq 1983 §2.1)."""
     figures = false_matches(load_stars(6.49).v_mag)
     assert figures.second_probability == pytest.approx(0.17, rel=0.05)
     assert figures.third_probability == pytest.approx(6.4e-5, rel=0.1)
     assert figures.joint_probability == pytest.approx(1.1e-5, rel=0.1)
 
 
-def test_law_of_chance_companions_is_that_of_an_even_sky():
-    """Uniformly distributed stars have, on average, the predicted number of stars in the ring.
-
-    Counts equal brute force.
+def test_chance_companions_agree_with_a_uniform_sky():
+    """Uniformly distributed stars have, on average, the predicted number of companions in a ring. The counts equal
+    brute force.
     """
-    unit, mag = scattered(4000), np.random.default_rng(7).uniform(3, 7, 4000)
+    unit, mag = random_directions(4000), np.random.default_rng(7).uniform(3, 7, 4000)
     counted = companions(unit, mag, 0.3, 0.02, 6.0, 0.5)
     assert counted.mean() == pytest.approx(false_matches(mag, 6.0, 0.5, 0.02, 0.3).second, rel=0.03)
     separations = separation_rad(unit[11], unit)
@@ -201,9 +205,8 @@ def test_law_of_chance_companions_is_that_of_an_even_sky():
 
 
 def test_screening_marks_doubles_variables_and_fast_stars():
-    """61 Cygni is marked fast, Mizar double and Mira variable.
-
-    Vega has no mark other than variable. A separation of zero marks no additional doubles.
+    """61 Cygni is marked as fast, Mizar as double and Mira as variable. Vega is not marked except possibly as variable.
+    With a separation of zero, no more stars are marked as double.
     """
     stars = load_stars(6.5)
     marks = screen(stars)
@@ -216,20 +219,21 @@ def test_screening_marks_doubles_variables_and_fast_stars():
     assert np.count_nonzero(screen(stars, double_rad=0.0).double) <= np.count_nonzero(marks.double)
 
 
-@pytest.mark.parametrize("bad", [{"tolerance_mag": 0.0}, {"tolerance_rad": -1.0}, {"arc_rad": 4.0}, {"area_sr": 0.0}])
-def test_impossible_tolerances_are_named(bad):
-    """Impossible tolerances, arcs and areas are rejected."""
+@pytest.mark.parametrize(
+    "invalid", [{"tolerance_mag": 0.0}, {"tolerance_rad": -1.0}, {"arc_rad": 4.0}, {"area_sr": 0.0}]
+)
+def test_invalid_tolerances_are_rejected(invalid):
+    """Invalid tolerances, arcs and areas are rejected."""
     with pytest.raises(BadInput, match="area is out of range"):
-        false_matches(np.array([5.0]), **bad)
+        false_matches(np.array([5.0]), **invalid)
 
 
 # Lifetime
 
 
-def test_lifetime_is_the_day_on_which_the_share_falls():
-    """On that day the catalogue covers exactly the threshold share of what is visible.
-
-    A higher threshold ends earlier; twice the drift halves the lifetime.
+def test_lifetime_ends_when_the_share_reaches_the_threshold():
+    """At the end of the lifetime, the catalogue covers exactly the threshold share of the visible sky. A higher
+    threshold ends earlier, and twice the drift halves the lifetime.
     """
     envelope = sunsat(133, 149)
     life = lifetime(envelope, np.radians(1.0), VALID_TO, 0.9)
@@ -243,15 +247,15 @@ def test_lifetime_is_the_day_on_which_the_share_falls():
     assert life.share_curve[0] == pytest.approx(1.0, abs=0.01)
 
 
-def test_a_wider_band_lasts_longer_westward_too():
-    """With drift in the opposite direction, the lifetime is longer: from the end of validity the node first crosses the
-    whole band.
+def test_a_westward_drift_has_a_longer_lifetime():
+    """With drift in the opposite direction the lifetime is longer, because from the end of validity the node first
+    crosses the whole band.
     """
     envelope = sunsat(133, 149)
     assert lifetime(envelope, np.radians(-1.0)).days > lifetime(envelope, np.radians(1.0)).days + 10
 
 
-def test_laws_that_do_not_drift_last_for_ever():
+def test_the_lifetime_without_drift_is_infinite():
     """Without drift, with every node, for the whole sky or an inertially fixed camera, the lifetime is infinite and has
     no date.
     """
@@ -262,27 +266,29 @@ def test_laws_that_do_not_drift_last_for_ever():
         assert life.until is None
 
 
-def test_a_camera_away_from_the_sun_drifts_a_degree_a_day():
-    """A camera that points away from the Sun leaves its catalogue within about the width of its field."""
-    away = PatchEnvelope(SUNSAT, AttitudeLimits("anti_sun"), deg(70, 84))
-    days = lifetime(away, 2 * np.pi / 365.25, threshold=0.5).days
+def test_the_lifetime_of_an_anti_sun_camera_is_about_its_field_width():
+    """The field of a camera that points away from the Sun moves by 1° per day and leaves the catalogue after 3 to 9
+    days.
+    """
+    envelope = PatchEnvelope(SUNSAT, AttitudeLimits("anti_sun"), deg(70, 84))
+    days = lifetime(envelope, 2 * np.pi / 365.25, threshold=0.5).days
     assert 3 < days < 9
 
 
 @pytest.mark.parametrize(
-    "bad", [{"threshold": 0.0}, {"threshold": 1.5}, {"longest_days": 0.0}, {"rate_rad_day": float("nan")}]
+    "invalid", [{"threshold": 0.0}, {"threshold": 1.5}, {"longest_days": 0.0}, {"rate_rad_day": float("nan")}]
 )
-def test_impossible_lifetimes_are_named(bad):
-    """Impossible thresholds and drifts are rejected."""
+def test_invalid_lifetime_parameters_are_rejected(invalid):
+    """Invalid thresholds, durations and drifts are rejected."""
     with pytest.raises(BadInput):
-        lifetime(sunsat(0, 1), **({"rate_rad_day": 0.01} | bad))
+        lifetime(sunsat(0, 1), **({"rate_rad_day": 0.01} | invalid))
 
 
 # Jacobs' blocks
 
 
 @pytest.mark.parametrize("rule", RULES)
-def test_blocks_are_those_of_stepping_every_field(rule):
+def test_blocks_agree_with_stepping_every_field(rule):
     """Blocks marked by rotation with the node equal those of stepping every node and applying the rule to each field."""
     orbit = from_elements(deg(97, 97), deg(133, 134))
     steps = BlockSteps(*deg(20, 10, 20, 120, 1, 1))
@@ -311,10 +317,9 @@ def _unit(ra_deg, dec_deg):
     return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
 
 
-def test_whole_blocks_reproduce_the_documents_counts():
-    """Whole blocks give Jacobs' 113, 540 and 1300 within a tenth.
-
-    Block centres give more, and the exact set gives the most.
+def test_whole_blocks_reproduce_the_counts_of_jacobs():
+    """Whole blocks give Jacobs' 113, 540 and 1300 stars within 10 %. Block centres give more, and the exact envelope
+    gives the most.
     """
     stars = load_stars(6.0).icrs
     steps = BlockSteps(*deg(20, 10, 10, 30, 1, 4))
@@ -327,7 +332,7 @@ def test_whole_blocks_reproduce_the_documents_counts():
         assert whole < centre < BandEnvelope(SUNSAT, LIMITS, orbit).contains(stars).sum()
 
 
-def test_blocks_cross_0h_and_the_pole():
+def test_blocks_across_ra_0_and_the_pole_have_no_gap():
     """Bands across RA 0 and across the pole are marked without a gap."""
     across = BlockEnvelope(
         SUNSAT, LIMITS, from_elements(deg(97, 97), deg(260, 280)), BlockSteps(*deg(20, 10, 10, 30, 1, 1))
