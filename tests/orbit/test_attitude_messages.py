@@ -1,4 +1,4 @@
-"""CCSDS attitude messages: convention of the standard, reading, writing, and broken files."""
+"""CCSDS attitude messages: the convention of the standard, reading, writing, and invalid files."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def standards_matrix(q1: float, q2: float, q3: float, qc: float) -> np.ndarray:
     )
 
 
-def test_an_aem_states_the_attitudes_in_the_standards_convention() -> None:
-    """Each line, converted with the standard's matrix, is the rotation from ICRF to the camera."""
+def test_an_aem_follows_the_convention_of_the_standard() -> None:
+    """Each line of an AEM, converted with the standard's matrix, is the rotation from ICRF to the camera."""
     head, _, data = AEM.partition("DATA_START\n")
     assert "REF_FRAME_A = ICRF\nREF_FRAME_B = STARTRACKER_1\nATTITUDE_DIR = A2B\nTIME_SYSTEM = UTC\n" in head
     assert "START_TIME = 2026-12-01T18:00:00.250000\nSTOP_TIME = 2026-12-01T18:00:40.250000\n" in head
@@ -56,27 +56,28 @@ def test_an_acm_states_variances_in_square_degrees() -> None:
 
 
 def rewritten(old: str, new: str) -> str:
+    """Return the AEM with a part replaced."""
     assert old in AEM
     return AEM.replace(old, new)
 
 
-FIRST = rewritten("QUATERNION_TYPE = LAST", "QUATERNION_TYPE = FIRST")
+SCALAR_FIRST = rewritten("QUATERNION_TYPE = LAST", "QUATERNION_TYPE = FIRST")
 VERSION_2 = rewritten("AEM_VERS = 1.0", "AEM_VERS = 2.0").replace("ATTITUDE_DIR = A2B\nTIME", "TIME")
 VERSION_2 = VERSION_2.replace("QUATERNION_TYPE = LAST\n", "").replace("DATA_START\n", "").replace("DATA_STOP\n", "")
-LATER = rewritten("TIME_SYSTEM = UTC", "TIME_SYSTEM = TAI")
+IN_TAI = rewritten("TIME_SYSTEM = UTC", "TIME_SYSTEM = TAI")
 
 
 @pytest.mark.parametrize("text", [AEM, ACM, VERSION_2], ids=["aem", "acm", "version 2"])
-def test_a_message_reads_back(text: str) -> None:
-    """A message that was written is read with times to a microsecond and attitudes to a thousandth of an arcsecond."""
+def test_a_message_is_read_back(text: str) -> None:
+    """A written message is read back with times accurate to 2 µs and attitudes to a thousandth of an arcsecond."""
     read = read_attitude(text)
     assert (read.object_name, read.frame) == ("ZA-1", "STARTRACKER_1")
     assert np.abs(read.times_s - HISTORY.times_s).max() < 2e-6
     assert np.abs(turn_between(HISTORY.quaternions, read.quaternions)).max() < 5e-9
 
 
-def test_directions_orders_and_time_scales_of_other_writers() -> None:
-    """The reader accepts A to B and B to A, the scalar first, and International Atomic Time."""
+def test_directions_orders_and_time_scales_of_other_writers_are_read() -> None:
+    """Messages with direction A to B or B to A, with the scalar first, and with International Atomic Time are read."""
     swapped = rewritten(
         "REF_FRAME_A = ICRF\nREF_FRAME_B = STARTRACKER_1", "REF_FRAME_A = SC_BODY_1\nREF_FRAME_B = ICRF"
     )
@@ -86,29 +87,28 @@ def test_directions_orders_and_time_scales_of_other_writers() -> None:
         for quaternion, attitude in zip(read.quaternions, ATTITUDES, strict=True):
             assert np.allclose(matrix_from_quaternion(quaternion), attitude.T, atol=1e-11)
     assert read_attitude(swapped).frame == "SC_BODY_1"
-    lines = FIRST.split("\n")
+    lines = SCALAR_FIRST.split("\n")
     scalar_first = [
         " ".join([p[0], p[4], *p[1:4]]) if len(p := line.split()) == 5 and "=" not in line else line for line in lines
     ]
     assert np.allclose(read_attitude("\n".join(scalar_first)).quaternions, read_attitude(AEM).quaternions)
-    assert read_attitude(LATER).times_s[0] == pytest.approx(HISTORY.times_s[0] - 37)
+    assert read_attitude(IN_TAI).times_s[0] == pytest.approx(HISTORY.times_s[0] - 37)
 
 
 def test_attitudes_are_interpolated_at_a_constant_rate_and_not_over_gaps() -> None:
-    """Halfway between two attitudes half of the rotation has taken place.
-
-    Outside the times, and in gaps, there is no attitude.
+    """Halfway between two attitudes, half of the rotation has taken place. Outside the times and in gaps there is no
+    attitude.
     """
     halves = HISTORY.at(HISTORY.times_s[:4] + 5)
-    before = turn_between(HISTORY.quaternions[:4], halves)
-    assert np.allclose(before, turn_between(halves, HISTORY.quaternions[1:]), atol=1e-12)
+    first_half = turn_between(HISTORY.quaternions[:4], halves)
+    assert np.allclose(first_half, turn_between(halves, HISTORY.quaternions[1:]), atol=1e-12)
     assert np.isnan(HISTORY.at(np.array([START_S, START_S + 60]))).all()
     sparse = AttitudeHistory("a", "b", HISTORY.times_s * 100, HISTORY.quaternions, HISTORY.sigma_rad)
     assert np.isnan(sparse.at(sparse.times_s[:1] + 500)).all()
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("", "not an attitude message"),
         ("CCSDS_OEM_VERS = 2.0", "not an attitude message"),
@@ -127,7 +127,7 @@ def test_attitudes_are_interpolated_at_a_constant_rate_and_not_over_gaps() -> No
         (AEM.partition("META_START")[0] + AEM.partition("META_STOP\n")[2], "META block"),
     ],
 )
-def test_a_broken_message_is_rejected_with_the_reason(text: str, words: str) -> None:
-    """A broken message is rejected with its line or keyword."""
-    with pytest.raises(BadInput, match=words):
+def test_an_invalid_message_is_rejected_with_the_reason(text: str, message: str) -> None:
+    """An invalid message is rejected with its line or keyword."""
+    with pytest.raises(BadInput, match=message):
         read_attitude(text)

@@ -90,26 +90,26 @@ def test_rows_before_the_first_one_are_detected(audit, database):
 def test_a_truncated_end_is_detected_with_an_exported_hash(audit, database, anchors):
     """If log and anchor file were both truncated, the last hash of an earlier export reveals it."""
     anchors.path.write_text("".join(anchors.path.read_text().splitlines(keepends=True)[:4]))
-    noted = audit.verify().last_hash
+    exported_hash = audit.verify().last_hash
     with database.engine.begin() as connection:
         sqlite = database.engine.dialect.name == "sqlite"
         connection.execute(text("DROP TRIGGER audit_no_delete" if sqlite else "DROP TRIGGER audit_no_change ON audit"))
         connection.execute(text("DELETE FROM audit WHERE seq = 5"))
     assert "no longer rejects changes" in audit.verify().problem
-    assert "was truncated" in audit.verify(noted).problem
+    assert "was truncated" in audit.verify(exported_hash).problem
 
 
 def test_a_missing_or_changed_trigger_is_detected(audit, database):
     """A trigger that was dropped, disabled or replaced by an ineffective one is reported, even if no row was changed."""
     sqlite = database.engine.dialect.name == "sqlite"
     assert audit.verify().problem == ""
-    weak = "CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit BEGIN SELECT 1; END"
+    ineffective = "CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit BEGIN SELECT 1; END"
     never = "CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit WHEN 0 BEGIN SELECT RAISE(ABORT, 'no'); END"
-    some = (
+    partial = (
         "CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit BEGIN SELECT RAISE(ABORT, 'no') WHERE OLD.who = 'x'; END"
     )
-    steps = [["DROP TRIGGER audit_no_delete"], [weak]]
-    steps += [["DROP TRIGGER audit_no_delete", other] for other in (never, some)]
+    steps = [["DROP TRIGGER audit_no_delete"], [ineffective]]
+    steps += [["DROP TRIGGER audit_no_delete", other] for other in (never, partial)]
     if not sqlite:
         steps = [["ALTER TABLE audit DISABLE TRIGGER audit_no_change"], ["DROP TRIGGER audit_no_change ON audit"]]
     for step in steps:

@@ -1,4 +1,4 @@
-"""Blobs in an object store: an S3 server program on this machine (moto's), accessed over HTTP."""
+"""Blobs in an object store: an S3 server program on this machine (moto), accessed over HTTP."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ def test_an_object_store_behaves_like_a_folder(s3: str, tmp_path) -> None:
         store.delete(keys[1])
         store.delete(keys[1])
         assert [store.exists(key) for key in keys] == [True, False, True, False]
-        for look in (store.get, store.size):
+        for operation in (store.get, store.size):
             with pytest.raises(NotFound, match="missing"):
-                look(keys[1])
+                operation(keys[1])
 
 
 def test_damaged_objects_are_reported_and_repaired_by_their_next_copy(s3: str) -> None:
-    """An object with other bytes or a truncated one is reported as damaged. Storing the content again repairs it."""
+    """Objects with other bytes and truncated objects are reported as damaged. Storing the content again repairs them."""
     store = BlobStore(s3)
     key = store.put(b"the sky over Stellenbosch")
     fs, path = stored_object(s3, key)
@@ -92,9 +92,7 @@ def test_a_write_that_fails_leaves_no_key(s3: str, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 503 Slow Down\r\nContent-Length: 0\r\n\r\n"])
-def test_a_silent_or_busy_store_is_down_and_blocks_no_caller(
-    answer: bytes, s3: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_silent_or_busy_store_is_reported_as_down(answer: bytes, s3: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A store that accepts a connection and does not respond, or rejects requests, is StoreDown after limited retries."""
     import s3fs
 
@@ -133,8 +131,8 @@ def test_a_wrong_bucket_or_address_is_reported_at_the_start(s3: str, monkeypatch
     with pytest.raises(BadInput) as error:
         BlobStore("s3://tester:hunter2@bucket/frames")
     assert "hunter2" not in str(error.value)
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
     monkeypatch.setenv("AWS_ENDPOINT_URL_S3", f"http://127.0.0.1:{port}")
     s3fs.S3FileSystem.clear_instance_cache()
     with pytest.raises(StoreDown):
@@ -143,8 +141,9 @@ def test_a_wrong_bucket_or_address_is_reported_at_the_start(s3: str, monkeypatch
 
 
 def test_a_store_whose_response_never_ends_is_down_after_the_deadline(s3: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A response that arrives byte by byte exceeds no timeout of a single step. The overall deadline ends the request, the
-    next request fails without another connection, and the health check reports it."""
+    """A response that arrives byte by byte never exceeds the timeout of a single step. The overall deadline ends the
+    request, the next request fails without another connection, and the health check reports the failure.
+    """
     import s3fs
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
@@ -163,7 +162,7 @@ def test_a_store_whose_response_never_ends_is_down_after_the_deadline(s3: str, m
                 except OSError:
                     return
                 thread = threading.Thread(target=trickle, args=(connections[-1],), daemon=True)
-                thread.start()  # before the test can join it
+                thread.start()  # started before the test can join it
                 threads.append(thread)
 
         ended, threads = threading.Event(), list[threading.Thread]()

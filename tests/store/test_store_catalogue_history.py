@@ -15,17 +15,20 @@ DAY = timedelta(days=1)
 
 
 def add_device(session, name: str, seen: datetime):
+    """Store a device first seen at a time."""
     facts = {"profile": "p", "firmware": "1", "simulated": True, "dictionary_hash": "h"}
     return devices.remember(session, seen, name=name, **facts)
 
 
 def bank_period(device_id: int, bank: str, began: datetime, ended: datetime | None, sha256: str = "") -> BankHistory:
+    """Return a period in which a bank had this content."""
     return BankHistory(
         device_id=device_id, bank=bank, state="held", sha256=sha256, began=began, told=ended or began, ended=ended
     )
 
 
 def star_list(name: str, profile: str = "") -> StarList:
+    """Return the row of a star list."""
     return StarList(
         name=name,
         created=T0,

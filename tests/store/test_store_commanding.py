@@ -15,7 +15,7 @@ T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 
 
 @pytest.fixture
-def filled(database):
+def database_with_commands(database):
     """Database with six commands, a minute apart, with alternating names."""
     with database.unit_of_work() as session:
         for k in range(6):
@@ -50,26 +50,26 @@ def filled(database):
         (Filter(run_id=1), []),
     ],
 )
-def test_a_filter_means_the_same_in_every_database(filled, filter_used, ids):
+def test_a_filter_means_the_same_in_every_database(database_with_commands, filter_used, ids):
     """A filter returns the same rows in every database, newest first in pages and oldest first in full. Text is searched
     literally, ignoring case."""
-    with filled.unit_of_work() as session:
+    with database_with_commands.unit_of_work() as session:
         assert [row.id for row in commands.page(session, filter_used, 100)] == ids
         assert [row.id for row in commands.every(session, filter_used)] == ids[::-1]
 
 
-def test_an_export_in_batches_has_no_gaps_or_duplicates(filled, monkeypatch):
+def test_an_export_in_batches_has_no_gaps_or_duplicates(database_with_commands, monkeypatch):
     """With any batch size, each row is returned once with its stages."""
     for size in (1, 2, 3, 6, 7):
         monkeypatch.setattr(paging, "BATCH", size)
-        with filled.unit_of_work() as session:
+        with database_with_commands.unit_of_work() as session:
             rows = [(row.id, [s.stage for s in row.stages]) for row in commands.every(session, Filter())]
         assert rows == [(k, ["queued"]) for k in range(1, 7)]
 
 
-def test_facets_list_the_existing_values(filled):
+def test_facets_list_the_existing_values(database_with_commands):
     """Facets list each existing value once, sorted."""
-    with filled.unit_of_work() as session:
+    with database_with_commands.unit_of_work() as session:
         assert commands.facets(session) == {
             "names": ["RESET", "SET_EXPOSURE"],
             "users": ["ann", "bob"],
@@ -97,7 +97,7 @@ def test_a_deleted_stack_keeps_its_runs(database):
             stacks.get(session, stack.id)
 
 
-def test_the_open_row_is_the_holder(database):
+def test_the_row_without_an_end_is_the_holder(database):
     """The row without an end is the current holder of the authority. Ended rows are the history."""
     with database.unit_of_work() as session:
         assert authority.holder(session) is None

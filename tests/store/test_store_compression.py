@@ -51,16 +51,16 @@ def test_files_of_older_versions_are_read_and_kept(tmp_path: Path) -> None:
     assert blobs.get(key) == data
 
 
-@pytest.mark.parametrize("place", [3, 9, 12, 20, 200, -1])
-def test_a_damaged_compressed_file_is_detected(tmp_path: Path, place: int) -> None:
+@pytest.mark.parametrize("position", [3, 9, 12, 20, 200, -1])
+def test_a_damaged_compressed_file_is_detected(tmp_path: Path, position: int) -> None:
     """A compressed file with a wrong byte or a missing end raises ``CorruptData``."""
     blobs = BlobStore(str(tmp_path))
     key = blobs.put(noise("<u1").tobytes())
     path = tmp_path / key[:2] / key[2:]
     valid = bytearray(path.read_bytes())
     for damaged in (
-        valid[:place],
-        valid[:place] + bytes([valid[place] ^ 0x55]) + (valid[place + 1 :] if place > 0 else b""),
+        valid[:position],
+        valid[:position] + bytes([valid[position] ^ 0x55]) + (valid[position + 1 :] if position > 0 else b""),
     ):
         path.write_bytes(damaged)
         with pytest.raises(CorruptData):
@@ -68,7 +68,7 @@ def test_a_damaged_compressed_file_is_detected(tmp_path: Path, place: int) -> No
 
 
 @pytest.mark.parametrize("data", [b"", b"x", MAGIC, MAGIC + bytes(30), MAGIC + b"\x01" + bytes(600), b"\xff" * 511])
-def test_any_content_reads_back(tmp_path: Path, data: bytes) -> None:
+def test_any_content_is_read_back(tmp_path: Path, data: bytes) -> None:
     """Any content is read back unchanged, also if it resembles compressed data or is too short to compress."""
     blobs = BlobStore(str(tmp_path))
     assert blobs.get(blobs.put(data)) == data
@@ -97,7 +97,7 @@ REGION = {
 }
 
 
-def test_a_packed_detail_reads_back() -> None:
+def test_a_packed_detail_is_read_back() -> None:
     """Packed stars with and without names, missing numbers, regions and unpacked fields are read back unchanged."""
     named = STAR | {"index": 1} | NAMED | RESIDUALS
     unknown = named | {"index": 2, "hip": 2_000_000_001, "name": "Gaia row 1", "v_mag": None}

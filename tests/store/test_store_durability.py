@@ -29,13 +29,13 @@ def synchronous(database: Database, **options: bool) -> int:
 def flushed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Paths that were flushed to the disk, in order. The flush is executed."""
     paths: list[str] = []
-    flush = os.fsync
+    original_fsync = os.fsync
 
-    def note(handle: int) -> None:
+    def recording_fsync(handle: int) -> None:
         paths.append(os.readlink(f"/proc/self/fd/{handle}"))
-        flush(handle)
+        original_fsync(handle)
 
-    monkeypatch.setattr(os, "fsync", note)
+    monkeypatch.setattr(os, "fsync", recording_fsync)
     return paths
 
 
@@ -57,8 +57,9 @@ def test_a_stored_blob_is_flushed_before_its_name_exists(tmp_path: Path, flushed
 
 
 def test_captures_are_flushed_once_a_second(tmp_path: Path, flushed: list[str]) -> None:
-    """Once per second, all capture files that were written since are flushed, also closed ones. Without new bytes nothing
-    is flushed."""
+    """Once per second, all capture files written since the last time are flushed, including closed ones. Without new
+    bytes nothing is flushed.
+    """
     capture = LineCapture(tmp_path, Retention(file_bytes=100), utc_now, lambda text: None)
     now_s = [0.0]
     sync = CaptureSync(capture, lambda: now_s[0])
@@ -77,7 +78,7 @@ def test_captures_are_flushed_once_a_second(tmp_path: Path, flushed: list[str]) 
     capture.end()
 
 
-def test_a_large_write_ahead_log_is_cut_when_the_long_read_has_ended(
+def test_a_large_write_ahead_log_is_truncated_after_a_long_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A long read keeps the write-ahead log from being merged. The size of the database includes the log, no row is lost,

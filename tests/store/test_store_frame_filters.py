@@ -16,8 +16,9 @@ START = datetime(2026, 11, 21, 18, 0, tzinfo=UTC)
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory):
-    """Session with 3000 frames, one per second, in two modes. Every third has no result, of the others every fifth no
-    attitude; the number of stars is 0 to 19."""
+    """Session with 3000 frames, one per second, in two modes. Every third frame has no result, and every fifth of the
+    others has no attitude. The number of stars is 0 to 19.
+    """
     url = f"sqlite:///{tmp_path_factory.mktemp('frames') / 'gss.db'}"
     migrate(url)
     database = Database(open_engine(url))
@@ -25,9 +26,8 @@ def session(tmp_path_factory: pytest.TempPathFactory):
         session.add_all(frame(k) for k in range(1, 3001))
         session.flush()
         session.add_all(result(k) for k in range(1, 3001) if k % 3)
-        session.add(
-            result(2, matched=99, operational=False)
-        )  # a newer result beside the operational one does not count
+        # A newer result that is not operational has no effect on the filters.
+        session.add(result(2, matched=99, operational=False))
     with database.unit_of_work() as session:
         yield session
     database.close()
@@ -44,20 +44,20 @@ def frame(k: int) -> Frame:
 def result(k: int, matched: int | None = None, operational: bool = True) -> Solution:
     """Return the ground result of the k-th frame."""
     outcome, verdict = ("none", "none") if k % 5 == 0 else ("solved", "wrong" if k % 100 == 1 else "correct")
-    known = {"chain": "reference", "version": "1", "created": START, "origin": "ground", "detail": {}, "timing_s": {}}
+    common = {"chain": "reference", "version": "1", "created": START, "origin": "ground", "detail": {}, "timing_s": {}}
     return Solution(
         frame_id=k,
         outcome=outcome,
         verdict=verdict,
         matched=k % 20 if matched is None else matched,
         operational=operational,
-        **known,
+        **common,
     )
 
 
-def ids(session: Session, **wanted: object) -> set[int]:
+def ids(session: Session, **filters: object) -> set[int]:
     """Return the ids of all frames that pass the filter."""
-    total, rows = frames.page(session, 5000, 0, **wanted)
+    total, rows = frames.page(session, 5000, 0, **filters)
     assert total == len(rows)
     return {row.id for row in rows}
 
@@ -70,7 +70,7 @@ def test_without_filters_all_frames_are_listed_newest_first(session):
 
 
 @pytest.mark.parametrize(
-    ("wanted", "passes"),
+    ("filters", "passes"),
     [
         ({"outcome": "unsolved"}, lambda k: k % 3 == 0),
         ({"outcome": "none"}, lambda k: k % 3 and k % 5 == 0),
@@ -87,10 +87,10 @@ def test_without_filters_all_frames_are_listed_newest_first(session):
         ),
     ],
 )
-def test_filters_select_the_matching_frames(session, wanted, passes):
+def test_filters_select_the_matching_frames(session, filters, passes):
     """Filters select the matching frames, alone and combined. Outcome and stars are those of the operational ground
     result."""
-    assert ids(session, **wanted) == {k for k in range(1, 3001) if passes(k)}
+    assert ids(session, **filters) == {k for k in range(1, 3001) if passes(k)}
 
 
 def test_modes_are_those_of_all_frames(session):
@@ -101,15 +101,13 @@ def test_modes_are_those_of_all_frames(session):
 def test_attitudes_of_sensor_and_ground_are_paired(session):
     """The newest frames with an on-board and a ground attitude are listed, newest first, with the newer of two on-board
     results."""
-    known = {"chain": "cubestar", "version": "1", "created": START, "origin": "on board", "detail": {}, "timing_s": {}}
+    common = {"chain": "cubestar", "version": "1", "created": START, "origin": "on board", "detail": {}, "timing_s": {}}
     for k, outcome in ((1, "solved"), (4, "solved"), (4, "solved"), (8, "none"), (10, "solved")):
-        session.add(Solution(frame_id=k, outcome=outcome, **known))
+        session.add(Solution(frame_id=k, outcome=outcome, **common))
         session.flush()
     pairs = frames.attitude_pairs(session, 100)
     assert [frame.id for frame, _, _ in pairs] == [4, 1]  # 10 has no ground attitude
     assert pairs[0][1].id > pairs[1][1].id + 1
     assert pairs[0][2].operational
-    assert [frame.id for frame, _, _ in frames.attitude_pairs(session, 2)] == [
-        4,
-        1,
-    ]  # the limit applies to frames, not results
+    # The limit applies to frames, not to results.
+    assert [frame.id for frame, _, _ in frames.attitude_pairs(session, 2)] == [4, 1]

@@ -45,6 +45,7 @@ def row_of(table: sa.Table, k: int) -> dict[str, Any]:
 
 
 def value_of(table: sa.Table, column: sa.Column[Any], k: int) -> Any:
+    """Return a value of the column's type."""
     kind = column.type
     if isinstance(kind, sa.Boolean):
         return k % 2 == 0
@@ -62,6 +63,7 @@ def value_of(table: sa.Table, column: sa.Column[Any], k: int) -> Any:
 
 
 def read(url: str, names: list[str]) -> dict[str, list[dict[str, Any]]]:
+    """Return the rows of these tables."""
     engine = open_engine(url)
     with engine.connect() as connection:
         metadata = sa.MetaData()
@@ -113,21 +115,21 @@ def test_data_of_every_released_schema_are_migrated(database_url, schema):
     check(database_url, before)
 
 
-CAMERA, DRAWN = {"columns": 8}, {"stars": [], "grid": []}
-SHORT: dict[str, Any] = {"stars": []}
+CAMERA, FULL_DETAIL = {"columns": 8}, {"stars": [], "grid": []}
+SHORT_DETAIL: dict[str, Any] = {"stars": []}
 OLD_SOLUTIONS = [
-    # frame, chain, origin, replay, camera, detail, outcome: pinned by the migration?
-    (1, "reference", "ground", None, CAMERA, DRAWN, "none", True),
-    (1, "cubestar", "ground", "equal", CAMERA, DRAWN, "solved", False),
-    (1, "reference", "ground", None, CAMERA, DRAWN, "solved", False),
-    (1, "oersted", "ground", None, CAMERA, SHORT, "solved", False),
-    (2, "cubestar", "ground", None, CAMERA, DRAWN, "solved", False),
-    (2, "cubestar", "ground", None, CAMERA, DRAWN, "solved", True),
-    (2, "reference", "ground", None, CAMERA, SHORT, "solved", False),
-    (3, "oersted", "ground", None, CAMERA, SHORT, "solved", False),
+    # frame, chain, origin, replay, camera, detail, outcome; True if the migration makes the result operational
+    (1, "reference", "ground", None, CAMERA, FULL_DETAIL, "none", True),
+    (1, "cubestar", "ground", "equal", CAMERA, FULL_DETAIL, "solved", False),
+    (1, "reference", "ground", None, CAMERA, FULL_DETAIL, "solved", False),
+    (1, "oersted", "ground", None, CAMERA, SHORT_DETAIL, "solved", False),
+    (2, "cubestar", "ground", None, CAMERA, FULL_DETAIL, "solved", False),
+    (2, "cubestar", "ground", None, CAMERA, FULL_DETAIL, "solved", True),
+    (2, "reference", "ground", None, CAMERA, SHORT_DETAIL, "solved", False),
+    (3, "oersted", "ground", None, CAMERA, SHORT_DETAIL, "solved", False),
     (3, "reference", "ground", None, {}, {}, "none", False),
-    (3, "reference", "ground", None, CAMERA, SHORT, "solved", True),
-    (3, "reference", "on board", None, CAMERA, DRAWN, "solved", False),
+    (3, "reference", "ground", None, CAMERA, SHORT_DETAIL, "solved", True),
+    (3, "reference", "on board", None, CAMERA, FULL_DETAIL, "solved", False),
 ]
 
 
@@ -147,7 +149,7 @@ def test_stored_results_get_an_operational_one_per_frame(database_url):
     engine.dispose()
     migrate(database_url)
     rows = read(database_url, ["solutions"])["solutions"]
-    assert [bool(row["operational"]) for row in rows] == [pinned for *_, pinned in OLD_SOLUTIONS]
+    assert [bool(row["operational"]) for row in rows] == [operational for *_, operational in OLD_SOLUTIONS]
     assert {row["camera_name"] for row in rows} == {""}
 
 
@@ -201,7 +203,7 @@ def test_a_migration_killed_at_any_statement_leaves_the_old_schema_intact(tmp_pa
             assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
         connection.close()
         assert read(trial, list(before)) == before
-        statement += max(1, statement // 3)  # all of the first statements, then with growing steps
+        statement += max(1, statement // 3)  # each of the first statements, then with increasing steps
     migrate(trial)
     check(trial, before)
     assert killed > 8

@@ -25,7 +25,7 @@ SPOT = {"items": [{"col_px": 1.5, "row_px": 2.5, "flux_dn": 9.0, "peak_dn": 7, "
 
 
 @pytest.fixture
-def filled(database: Database, monkeypatch: pytest.MonkeyPatch) -> Database:
+def database_with_rows(database: Database, monkeypatch: pytest.MonkeyPatch) -> Database:
     """Database with rows of four hours across midnight UTC, and small blocks, so that a day has several."""
     monkeypatch.setattr(blocks, "BLOCK_ROWS", 7)
     monkeypatch.setattr(blocks, "SOLUTION_ROWS", 2)
@@ -68,9 +68,9 @@ def read(folder: Path, table: str) -> list[dict[str, object]]:
     return rows
 
 
-def test_exported_tables_equal_the_store(filled: Database, tmp_path: Path) -> None:
+def test_exported_tables_equal_the_store(database_with_rows: Database, tmp_path: Path) -> None:
     """The export has every row once, in the folder of its day, with exactly its values, on every database."""
-    summary = export_parquet(filled, load_dictionary(), tmp_path / "out")
+    summary = export_parquet(database_with_rows, load_dictionary(), tmp_path / "out")
     out = tmp_path / "out"
     rows = read(out, "telemetry/packet=housekeeping")
     assert [r["id"] for r in rows] == sorted(r["id"] for r in rows)
@@ -80,8 +80,8 @@ def test_exported_tables_equal_the_store(filled: Database, tmp_path: Path) -> No
     assert {r["mode"] for r in rows} == {"tracking"}
     spots = read(out, "telemetry/packet=centroids")
     assert [(r["items"], r["frame_number"]) for r in spots] == [(SPOT["items"], 3)] * 4
-    ours = read(out, "telemetry/packet=ground_line")
-    assert [json.loads(str(r["values"]))["good"] for r in ours] == list(range(40))
+    ground_line = read(out, "telemetry/packet=ground_line")
+    assert [json.loads(str(r["values"]))["good"] for r in ground_line] == list(range(40))
     assert [(r["text"], json.loads(str(r["data"]))) for r in read(out, "events")] == [
         (f"line {k} – ü", {"k": k}) for k in range(40)
     ]
@@ -95,9 +95,9 @@ def test_exported_tables_equal_the_store(filled: Database, tmp_path: Path) -> No
     assert not list(out.rglob("*.part"))
 
 
-def test_units_are_in_the_columns_and_in_the_schema_file(filled: Database, tmp_path: Path) -> None:
+def test_units_are_in_the_columns_and_in_the_schema_file(database_with_rows: Database, tmp_path: Path) -> None:
     """Unit and title of each field are in the metadata of its column and in schema.json."""
-    export_parquet(filled, load_dictionary(), tmp_path / "out")
+    export_parquet(database_with_rows, load_dictionary(), tmp_path / "out")
     out = tmp_path / "out"
     (file, _) = sorted((out / "telemetry" / "packet=housekeeping").rglob("*.parquet"))
     metadata = pq.read_schema(file).field("supply_3v3_v").metadata
@@ -109,30 +109,30 @@ def test_units_are_in_the_columns_and_in_the_schema_file(filled: Database, tmp_p
     assert "day=YYYY-MM-DD" in (out / "README.md").read_text()
 
 
-def test_duckdb_reads_the_exported_files(filled: Database, tmp_path: Path) -> None:
+def test_duckdb_reads_the_exported_files(database_with_rows: Database, tmp_path: Path) -> None:
     """DuckDB, another library than the writer's, answers a query like that in the README."""
     duckdb = pytest.importorskip("duckdb")
-    export_parquet(filled, load_dictionary(), tmp_path / "out")
+    export_parquet(database_with_rows, load_dictionary(), tmp_path / "out")
     files = f"'{tmp_path}/out/telemetry/packet=housekeeping/**/*.parquet'"
     table = f"read_parquet({files}, hive_partitioning = true)"
     query = f"SELECT day, count(*), max(latchups) FROM {table} GROUP BY day ORDER BY day"  # noqa: S608
     assert duckdb.sql(query).fetchall() == [(date(2026, 12, 1), 20, 19), (date(2026, 12, 2), 20, 39)]
 
 
-def test_days_are_rewritten_and_foreign_folders_left_unchanged(filled: Database, tmp_path: Path) -> None:
+def test_days_are_rewritten_and_foreign_folders_left_unchanged(database_with_rows: Database, tmp_path: Path) -> None:
     """A second export into the same folder adds the other day. A folder with other files and an inverted span are
     rejected."""
     out = tmp_path / "out"
-    export_parquet(filled, load_dictionary(), out, date(2026, 12, 2), date(2026, 12, 2))
+    export_parquet(database_with_rows, load_dictionary(), out, date(2026, 12, 2), date(2026, 12, 2))
     assert {r["day"] for r in read(out, "events")} == {"2026-12-02"}
-    export_parquet(filled, load_dictionary(), out)
+    export_parquet(database_with_rows, load_dictionary(), out)
     assert len(read(out, "events")) == 40
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years")
     with pytest.raises(BadInput, match="contains other files"):
-        export_parquet(filled, load_dictionary(), tmp_path / "mine")
+        export_parquet(database_with_rows, load_dictionary(), tmp_path / "mine")
     with pytest.raises(BadInput, match="span"):
-        export_parquet(filled, load_dictionary(), out, date(2026, 12, 2), date(2026, 12, 1))
+        export_parquet(database_with_rows, load_dictionary(), out, date(2026, 12, 2), date(2026, 12, 1))
 
 
 def test_the_shell_exports_a_data_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

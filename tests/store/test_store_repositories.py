@@ -81,7 +81,7 @@ def by_name(parts):
     )
 
 
-def test_an_empty_database_gets_the_schema_that_the_migrations_lead_to(database_url):
+def test_an_empty_database_gets_the_schema_of_the_migrations(database_url):
     """The schema created in one step equals that of all migrations: columns, keys, indexes and triggers."""
     migrate(database_url)
     created = schema_of(database_url)
@@ -96,7 +96,7 @@ def test_an_empty_database_gets_the_schema_that_the_migrations_lead_to(database_
     assert schema_of(database_url) == created
 
 
-def test_migrations_lead_to_exactly_the_models(database_url):
+def test_migrations_create_exactly_the_schema_of_the_models(database_url):
     """After all migrations, autogenerate finds no difference from the models."""
     command.upgrade(migration_config(database_url), "head")
     engine = open_engine(database_url)
@@ -106,7 +106,7 @@ def test_migrations_lead_to_exactly_the_models(database_url):
 
 
 def test_migrating_twice_changes_nothing(database, database_url):
-    """A second migration, as at every start, changes nothing and keeps the data."""
+    """A second migration, as at every server start, changes nothing and keeps the data."""
     with database.unit_of_work() as session:
         frames.add(session, frame_row(name="kept"))
     migrate(database_url)
@@ -125,7 +125,7 @@ def test_times_are_returned_in_utc_and_local_times_are_rejected(database):
         frames.add(session, frame_row(taken=datetime(2026, 1, 1)))
 
 
-def test_a_failed_unit_of_work_leaves_nothing(database):
+def test_a_failed_unit_of_work_stores_nothing(database):
     """A unit of work that raises an exception stores nothing."""
 
     def half_done() -> None:

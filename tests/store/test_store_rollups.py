@@ -93,9 +93,10 @@ def plotted(telemetry: TelemetryService, start: datetime, end: datetime, points:
     return [(s.t, s.y, s.samples, s.thinned) for s in series]
 
 
-def test_a_plot_from_rollups_is_the_plot_from_packets(telemetry: TelemetryService, clock: ManualClock) -> None:
-    """Bins that are multiples of ten seconds give exactly the same points from rollups, including spikes and gaps. Packets
-    are read only for the ends of the span."""
+def test_a_plot_from_rollups_equals_the_plot_from_packets(telemetry: TelemetryService, clock: ManualClock) -> None:
+    """If bins are multiples of ten seconds, rollups give exactly the same points as packets, including spikes and gaps.
+    Packets are read only for the ends of the span.
+    """
     spans = [(T0, T0 + timedelta(hours=HOURS)), (T0 + timedelta(seconds=1230), T0 + timedelta(hours=5, seconds=1230))]
     before = [plotted(telemetry, *span, 240) for span in spans]
     clock.at = T0 + timedelta(hours=HOURS, seconds=61)
@@ -113,7 +114,7 @@ def test_a_plot_from_rollups_is_the_plot_from_packets(telemetry: TelemetryServic
 
 
 def test_short_spans_and_few_samples_are_read_from_packets(telemetry: TelemetryService, clock: ManualClock) -> None:
-    """A plot that is finer than rollups, or has room for every sample, has all samples."""
+    """A plot that is finer than the rollups, or has room for every sample, contains all samples."""
     clock.at = T0 + timedelta(hours=HOURS, seconds=61)
     telemetry.rollups.make()
     (short, *_) = telemetry.archive.history(NAMES, T0, T0 + timedelta(seconds=2999), 2000)
