@@ -1,7 +1,7 @@
-"""Every route of the API meets requests made from its own description: no defect, no hang, answers as described.
-
-The description is the application's OpenAPI; schemathesis makes requests that follow it and requests that break it. Bounded and the
-same in every run; ``GSS_FUZZ_EXAMPLES=500 GSS_FUZZ_SEED=2 pytest tests/fuzz/test_fuzz_api.py`` runs longer and with other inputs.
+"""Every route of the API receives requests generated from its own description: no server error, no hang, and responses
+as described. The description is the application's OpenAPI schema. schemathesis generates requests that follow it and
+requests that violate it. The number of requests is limited and the inputs are the same in every run;
+``GSS_FUZZ_EXAMPLES=500 GSS_FUZZ_SEED=2 pytest tests/fuzz/test_fuzz_api.py`` runs longer and with other inputs.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from gss.wiring.build import build
 
 EXAMPLES = int(os.environ.get("GSS_FUZZ_EXAMPLES", "4"))
 SEED = int(os.environ.get("GSS_FUZZ_SEED", "1"))
-ENDLESS = ("/api/stream", "/api/rerun/live")
+ENDLESS_ROUTES = ("/api/stream", "/api/rerun/live")
 """Routes with endless responses. The test client disconnects after the first part of the body."""
 OPEN_LINK = "POST /api/link/open"
 CHECKS = [
@@ -51,11 +51,10 @@ CHECKS = [
 ]
 EXCLUDED_CHECKS = {
     OPEN_LINK: [schemathesis.checks.not_a_server_error],  # the route returns 503 if no device responds
-    "GET /api/stream": [
-        checks.response_schema_conformance
-    ],  # the check validates each event, but the schema describes the whole body
+    # The check validates each event, but the schema describes the whole body.
+    "GET /api/stream": [checks.response_schema_conformance],
 }
-MAX_ANSWER_S = 60
+MAX_RESPONSE_S = 60
 ADDRESS = "http://localhost"
 WITHOUT_SESSION = (
     "/api/session",
@@ -66,7 +65,7 @@ WITHOUT_SESSION = (
 )
 SignIn = Callable[..., dict[str, str]]
 
-pytestmark = pytest.mark.timeout(MAX_ANSWER_S * 10)
+pytestmark = pytest.mark.timeout(MAX_RESPONSE_S * 10)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +80,7 @@ def server(tmp_path_factory: pytest.TempPathFactory, signed_in: SignIn) -> Itera
         """
         if scope["type"] == "lifespan":
             raise NotImplementedError  # an ASGI application without lifespan events raises this
-        await (first_part_only(app) if scope["path"] in ENDLESS else app)(scope, receive, send)
+        await (first_part_only(app) if scope["path"] in ENDLESS_ROUTES else app)(scope, receive, send)
 
     with TestClient(app, base_url=ADDRESS) as client, get_client(requests_only) as session:
         create_records(client, signed_in(services))
@@ -182,7 +181,7 @@ def routes() -> list[str]:
 
 
 @pytest.mark.parametrize("route", routes())
-def test_a_route_answers_any_input_as_it_declares(
+def test_a_route_responds_to_any_input_as_declared(
     route: str, server: tuple[Any, Any, Any], signed_in: SignIn, peers: tuple[str, str]
 ) -> None:
     """Each route responds within a minute, with a declared status and the declared schema, and never with status 500."""
@@ -191,14 +190,14 @@ def test_a_route_answers_any_input_as_it_declares(
     method, path = route.split(" ", 1)
     operation = schema[path][method]
     for mode in (GenerationMode.POSITIVE, GenerationMode.NEGATIVE):
-        with contextlib.suppress(
-            Unsatisfiable
-        ):  # a route without input, or with unrestricted text, has no invalid input
+        # A route without input, or with unrestricted text, has no invalid input.
+        with contextlib.suppress(Unsatisfiable):
             _send_requests(route, operation, mode, session, peers)
     services.line.link.close()
 
 
 def _send_requests(route: str, operation: Any, mode: GenerationMode, session: Any, peers: tuple[str, str]) -> None:
+    """Send generated requests to a route and check the responses."""
     if mode is GenerationMode.NEGATIVE and not (operation.query or operation.body or operation.path_parameters):
         return
 
@@ -216,7 +215,7 @@ def _send_requests(route: str, operation: Any, mode: GenerationMode, session: An
             case.body["url"] = on_loopback(case.body["url"], peers)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            response = case.call(base_url=ADDRESS, session=session, timeout=MAX_ANSWER_S)
+            response = case.call(base_url=ADDRESS, session=session, timeout=MAX_RESPONSE_S)
         case.validate_response(
             response, checks=[check for check in CHECKS if check not in EXCLUDED_CHECKS.get(route, [])]
         )

@@ -1,4 +1,4 @@
-"""Untrusted bytes for every parser: the stored corpus, and mutations of it by hypothesis."""
+"""Untrusted bytes for every parser: the stored corpus, and its mutations by hypothesis."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _quiet() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_the_stored_corpus_raises_only_our_errors(name: str) -> None:
+def test_the_stored_corpus_raises_only_gss_errors(name: str) -> None:
     """Valid examples, and every input that revealed a defect, are parsed or rejected with an error of GSS."""
     inputs = seeds_of(name)
     assert inputs
@@ -34,10 +34,9 @@ def test_the_stored_corpus_raises_only_our_errors(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_changed_and_random_bytes_raise_only_our_errors(name: str) -> None:
-    """Mutated and random inputs are parsed or rejected with an error of GSS.
-
-    The inputs are the same in every run; ``python -m tools.fuzz all`` runs for any time.
+def test_changed_and_random_bytes_raise_only_gss_errors(name: str) -> None:
+    """Mutated and random inputs are parsed or rejected with an error of GSS. The inputs are the same in every run;
+    ``python -m tools.fuzz all`` runs for any duration.
     """
     target, pool = TARGETS[name], seeds_of(name)
     mutations = st.integers(0, 2**32 - 1).map(
@@ -47,10 +46,10 @@ def test_changed_and_random_bytes_raise_only_our_errors(name: str) -> None:
 
     @settings(max_examples=30, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
     @given(st.one_of(mutations, mutations, st.binary(max_size=500), words))
-    def only_our_errors(data: bytes) -> None:
+    def only_gss_errors(data: bytes) -> None:
         target.fuzz_one(data)
 
-    only_our_errors()
+    only_gss_errors()
 
 
 def test_every_folder_of_the_corpus_has_a_target() -> None:

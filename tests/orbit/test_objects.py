@@ -1,4 +1,4 @@
-"""Directions of orbiting objects compared with astropy, names of measured tracks, and tracks as CCSDS TDM."""
+"""Directions of orbiting objects compared with astropy, identification of measured tracks, and tracks as CCSDS TDM."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ OBSERVER, TARGET = element_set(10001, 25.0), element_set(10002, 31.0)
 
 
 def test_a_direction_agrees_with_astropy() -> None:
-    """The direction from a ground site agrees with astropy's conversion from TEME to GCRS, light time included, to 100
-    m at the object.
+    """The direction from a ground site, including light time, agrees with astropy's conversion from TEME to GCRS within
+    100 m at the object.
     """
     station = GroundStation("roof", 0.6, 0.3, 100.0)
     catalogue = catalogue_of(read_objects(TARGET))
@@ -44,16 +44,16 @@ def test_a_direction_agrees_with_astropy() -> None:
     time = Time(TIMES_S[0], format="unix", scale="utc")
     emitted_s = TIMES_S[0] - distance_km[0, 0] / 299792.458
     teme = TleTrajectory.of(TARGET).teme_km(np.array([emitted_s]))[0]
-    place = TEME(CartesianRepresentation(*(teme * u.km)), obstime=time).transform_to(GCRS(obstime=time))
+    object_gcrs = TEME(CartesianRepresentation(*(teme * u.km)), obstime=time).transform_to(GCRS(obstime=time))
     site = EarthLocation.from_geodetic(0.3 * u.rad, 0.6 * u.rad, 100 * u.m).get_gcrs(time)
-    towards = (place.cartesian - site.cartesian).xyz.to_value(u.km)
-    separation = separation_rad(directions[0, 0], towards / np.linalg.norm(towards))
-    # astropy applies UT1 and polar motion to the site: 0.1 s of rotation are 50 m.
+    expected = (object_gcrs.cartesian - site.cartesian).xyz.to_value(u.km)
+    separation = separation_rad(directions[0, 0], expected / np.linalg.norm(expected))
+    # Only astropy applies UT1 and polar motion to the site: 0.1 s of rotation is 50 m.
     assert separation * distance_km[0, 0] < 0.1
 
 
 def measured(elements: str, offset_rad: float = 0.0) -> MeasuredTrack:
-    """Return the track of an object as the observer measures it."""
+    """Return the track of an object as measured by the observer, with an offset in direction."""
     places = places_of_orbit(TleTrajectory.of(OBSERVER), TIMES_S)
     directions, _ = catalogue_of(read_objects(elements)).seen_from(TIMES_S, places)
     icrs: Array = directions[0] + offset_rad * np.array([0.0, 0.0, 1.0])
@@ -62,10 +62,9 @@ def measured(elements: str, offset_rad: float = 0.0) -> MeasuredTrack:
     )
 
 
-def test_an_object_is_named_only_at_its_predicted_position() -> None:
-    """A track at the predicted position gets the object's name.
-
-    One degree away, or without the observer's position, it gets no name.
+def test_an_object_is_identified_only_at_its_predicted_position() -> None:
+    """A track at the predicted position is identified with the object. One degree away, or without the observer's
+    position, it is not identified.
     """
     catalogue = catalogue_of(read_objects(TARGET + element_set(10003, 200.0)))
     name = name_of(measured(TARGET), catalogue)
@@ -77,8 +76,8 @@ def test_an_object_is_named_only_at_its_predicted_position() -> None:
     assert name_of(MeasuredTrack(track.times_s, track.icrs, track.sigma_rad, None), catalogue) is None
 
 
-def test_a_planet_is_named_without_a_place() -> None:
-    """A track in Jupiter's direction is named Jupiter, also without the observer's position."""
+def test_a_planet_is_identified_without_the_observers_position() -> None:
+    """A track in the direction of Jupiter is identified, also without the observer's position."""
     jupiter = bodies_at(jyear_of(MOMENT)).planets_icrs[3]
     track = MeasuredTrack(TIMES_S, np.tile(jupiter, (3, 1)), np.full(3, ARCSEC_RAD), None)
     name = name_of(track, catalogue_of([]))
@@ -87,16 +86,16 @@ def test_a_planet_is_named_without_a_place() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("NAME\nNAME\n", "a name, line 1 and line 2"),
         (TARGET.replace("51.64", "51.65"), "checksum"),
         ("LAST\n", "after a name"),
     ],
 )
-def test_invalid_lists_are_rejected(text: str, words: str) -> None:
+def test_invalid_lists_are_rejected(text: str, message: str) -> None:
     """An invalid list is rejected, and the message names the invalid value."""
-    with pytest.raises(BadInput, match=words):
+    with pytest.raises(BadInput, match=message):
         read_objects(text)
 
 

@@ -1,4 +1,4 @@
-"""Orbit files: TLE, OMM in three forms and OEM, compared with astropy's frames; and broken files."""
+"""Orbit files: TLE, OMM in three forms and OEM, compared with astropy's frames; and invalid files."""
 
 import json
 from datetime import UTC, datetime, timedelta
@@ -37,7 +37,7 @@ XML = (
     "text", [json.dumps(FIELDS), json.dumps([FIELDS]), KVN, XML], ids=["json", "list", "kvn", "xml"]
 )
 def test_an_omm_has_the_orbit_of_its_tle(text: str) -> None:
-    """Each form of OMM gives the name of the TLE, and its positions over ten days to 30 m."""
+    """Each form of OMM gives the name of the TLE and the same positions over ten days within 30 m."""
     read, expected = read_orbit(text), TleTrajectory.of(TLE)
     times_s = START.timestamp() + np.arange(0, 864_000, 600.0)
     assert (read.kind, read.name) == ("tle", "ISS (ZARYA)")
@@ -46,18 +46,20 @@ def test_an_omm_has_the_orbit_of_its_tle(text: str) -> None:
 
 
 @pytest.mark.parametrize("frame", ["TEME", "ICRF", "ITRF2020"])
-def test_an_oem_has_the_orbit_it_was_sampled_from(frame: str) -> None:
-    """Positions interpolated between states every two minutes agree to 20 m in every frame."""
+def test_an_oem_restores_the_sampled_orbit(frame: str) -> None:
+    """Positions interpolated between states every two minutes agree within 20 m in every frame. Times outside the file
+    are rejected.
+    """
     orbit = TleTrajectory.of(TLE)
     lines = list(oem_of("ISS", orbit, START, START + timedelta(hours=6), 120.0, START))
     if frame != "ICRF":
         times_s = START.timestamp() + np.arange(0, 21_601, 120.0)
-        places = orbit.teme_km(times_s)
-        places = fixed_from_teme(places, times_s) if frame.startswith("ITRF") else places
+        positions_km = orbit.teme_km(times_s)
+        positions_km = fixed_from_teme(positions_km, times_s) if frame.startswith("ITRF") else positions_km
         head = "".join(lines[:4]).replace("REF_FRAME = ICRF", f"REF_FRAME = {frame}")
         states = [
             f"{datetime.fromtimestamp(t, UTC):%Y-%m-%dT%H:%M:%S} {x:.6f} {y:.6f} {z:.6f} 0 0 0\n"
-            for t, (x, y, z) in zip(times_s, places, strict=True)
+            for t, (x, y, z) in zip(times_s, positions_km, strict=True)
         ]
         lines = [head, *states]
     read = read_orbit("".join(lines))
@@ -68,13 +70,13 @@ def test_an_oem_has_the_orbit_it_was_sampled_from(frame: str) -> None:
         read.orbit.teme_km(np.array([START.timestamp() - 1]))
 
 
-def test_the_place_is_that_of_astropy() -> None:
-    """The position in celestial axes agrees with astropy to 50 m."""
-    orbit, moment = TleTrajectory.of(TLE), START + timedelta(hours=5)
-    time = Time(moment)
-    place = orbit.teme_km(np.array([moment.timestamp()]))[0]
-    expected = TEME(CartesianRepresentation(place * u.km), obstime=time).transform_to(GCRS(obstime=time))
-    assert np.abs(icrs_km(orbit, moment) - expected.cartesian.xyz.to_value(u.km)).max() < 0.05
+def test_the_position_agrees_with_astropy() -> None:
+    """The position in celestial axes agrees with astropy within 50 m."""
+    orbit, time_utc = TleTrajectory.of(TLE), START + timedelta(hours=5)
+    time = Time(time_utc)
+    position_km = orbit.teme_km(np.array([time_utc.timestamp()]))[0]
+    expected = TEME(CartesianRepresentation(position_km * u.km), obstime=time).transform_to(GCRS(obstime=time))
+    assert np.abs(icrs_km(orbit, time_utc) - expected.cartesian.xyz.to_value(u.km)).max() < 0.05
 
 
 STATE = "2019-12-10T00:00:00 7000 0 0 0 7 0\n"
@@ -82,7 +84,7 @@ HEAD = "".join(list(oem_of("X", TleTrajectory.of(TLE), START, START, 60.0, START
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         (TLE.replace("9991", "9992"), "wrong checksum"),
         ("", "not a two-line element set"),
@@ -113,7 +115,7 @@ HEAD = "".join(list(oem_of("X", TleTrajectory.of(TLE), START, START, 60.0, START
         ("x" * 900_001, "too large"),
     ],
 )
-def test_a_broken_file_is_rejected_with_its_reason(text: str, words: str) -> None:
-    """Each fault raises BadInput that names the reason."""
-    with pytest.raises(BadInput, match=words):
+def test_an_invalid_file_is_rejected_with_its_reason(text: str, message: str) -> None:
+    """Each fault raises BadInput with the reason."""
+    with pytest.raises(BadInput, match=message):
         read_orbit(text)

@@ -1,4 +1,4 @@
-"""Ranges of the pair table and of its k-vector."""
+"""Ranges of the pair table and of its k-vector, compared with brute force."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from gss.skytables.pairs import distance_table_of_units
 
 
 def sphere(n: int, seed: int) -> np.ndarray:
+    """Return random directions."""
     return Rotation.random(n, rng=np.random.default_rng(seed)).apply([0, 0, 1])
 
 
@@ -36,7 +37,7 @@ TABLE = distance_table_of_units(sphere(120, 2), 0.0, 1.0)
 
 @settings(max_examples=200, deadline=None)
 @given(st.floats(-0.2, 1.2), st.floats(0, 0.3))
-def test_ranges_are_those_of_a_binary_search(low: float, width: float) -> None:
+def test_ranges_equal_a_comparison_of_every_value(low: float, width: float) -> None:
     """Table and k-vector give the same rows as a comparison of every value, also at the ends and outside."""
     ends = np.array([low]), np.array([low + width])
     for start, stop in (TABLE.ranges(*ends), k_vector(TABLE.distance_rad).ranges(TABLE.distance_rad, *ends)):
@@ -44,14 +45,14 @@ def test_ranges_are_those_of_a_binary_search(low: float, width: float) -> None:
         assert stop[0] == np.count_nonzero(TABLE.distance_rad <= low + width)
 
 
-def test_exact_distances_are_inside_their_own_interval() -> None:
+def test_an_interval_of_zero_width_contains_its_distance() -> None:
     """An interval of zero width at a pair's distance contains the pair."""
     d = TABLE.distance_rad
     for start, stop in (TABLE.ranges(d, d), k_vector(d).ranges(d, d, d)):
         assert (stop - start >= 1).all()
 
 
-def test_empty_tables_answer_empty() -> None:
+def test_empty_tables_give_empty_ranges() -> None:
     """Tables of no stars, one star or no pair in range return empty slices and raise no error."""
     for unit in (np.zeros((0, 3)), sphere(1, 3), np.array([[0, 0, 1.0], [0, 0, -1.0]])):
         table, ends = distance_table_of_units(unit, 0.0, 0.5), (np.array([0.0, 0.2]), np.array([0.1, 0.5]))
@@ -60,7 +61,7 @@ def test_empty_tables_answer_empty() -> None:
             assert (start == stop).all()
 
 
-def test_impossible_limits_are_refused() -> None:
+def test_invalid_limits_are_rejected() -> None:
     """Limits in the wrong order raise BadInput."""
     with pytest.raises(BadInput):
         distance_table_of_units(sphere(5, 4), 0.5, 0.1)

@@ -1,4 +1,4 @@
-"""Liebe's triplet database: worked example and key numbers of the document, completeness, and encoding."""
+"""Liebe's triplet database: worked example and figures of the document, completeness, and encoding."""
 
 from __future__ import annotations
 
@@ -48,26 +48,28 @@ def _sky(distance_deg: list[float], bearing_deg: list[float], v_mag: list[float]
 
 
 def _keys_of(table: TripletTable, star: int) -> set[int]:
+    """Return the keys under which a star is stored."""
     return set(table.key[table.star == star].tolist())
 
 
-def test_the_documents_example_has_its_eighteen_entries() -> None:
-    """5.596°, 8.191° and 164.204° become classes 54–56, 80–82 and 32–33, the 18 entries of the document's table."""
+def test_the_example_of_the_document_has_eighteen_entries() -> None:
+    """The features 5.596°, 8.191° and 164.204° have the classes 54–56, 80–82 and 32–33, the 18 entries of the
+    document's table.
+    """
     icrs, mag = _sky([5.596, 8.191, 20.0, 21.0], [0.0, 164.204, 90.0, 270.0], [2.0, 2.0, 2.0, 2.0])
     table = build_triplets(icrs, mag, CLASSES, 4.5, FIELD_RAD)
     expected = {int(pack(*map(np.array, (a, b, c)))) for a in (54, 55, 56) for b in (80, 81, 82) for c in (32, 33)}
     assert _keys_of(table, 0) == expected
 
 
-def test_the_documents_angle_error_is_met() -> None:
+def test_the_angle_error_agrees_with_the_document() -> None:
     """The angle error for neighbours at 5.596° and 8.191° is the document's ±1.724°."""
     error = CLASSES.angle_error_rad(np.radians(5.596), np.radians(8.191))
     assert np.degrees(error) == pytest.approx(1.724, abs=0.0005)
 
 
-def test_maybe_stars_give_the_documents_twelve_constellations() -> None:
-    """Six neighbours, of which only the third and sixth are certain, give exactly the twelve constellations of Fig.
-
+def test_maybe_stars_give_the_twelve_constellations_of_the_document() -> None:
+    """Six neighbours, of which only the third and the sixth are certain, give exactly the twelve constellations of Fig.
     11.
     """
     distance = [5.596, 8.191, 8.6, 10.102, 12.306, 12.754]
@@ -80,8 +82,8 @@ def test_maybe_stars_give_the_documents_twelve_constellations() -> None:
     assert classes == {(a + i, b + j) for a, b in expected for i in (-1, 0, 1) for j in (-1, 0, 1) if a + i <= b + j}
 
 
-def test_neighbours_of_nearly_equal_distance_are_entered_in_both_orders() -> None:
-    """A third neighbour within four uncertainties of the second is also entered as the second, but not one further away
+def test_neighbours_of_similar_distance_are_stored_in_both_orders() -> None:
+    """A third neighbour within four uncertainties of the second is also stored as the second; one farther away is not
     (Fig. 12, Fig. 13).
     """
     near = _sky([4.0, 6.0, 6.15, 25.0], [0.0, 90.0, 200.0, 300.0], [2.0, 2.0, 2.0, 2.0])
@@ -92,7 +94,7 @@ def test_neighbours_of_nearly_equal_distance_are_entered_in_both_orders() -> Non
         assert bool(np.any((keys & 63) == angle_of_third)) is present
 
 
-def test_sizes_are_near_the_documents() -> None:
+def test_sizes_are_close_to_the_document() -> None:
     """Hipparcos to the same depth gives about 175 000 references in 1 Mbyte (document: 185 000 in 1 Mbyte, about 180
     per star).
     """
@@ -103,9 +105,9 @@ def test_sizes_are_near_the_documents() -> None:
     assert statistics.stars_per_key < 3
 
 
-def test_every_star_measured_within_the_uncertainty_is_found() -> None:
-    """With any set of detected maybe stars and position errors up to 3′, 99.9 % of the stars are among the candidates
-    of their features.
+def test_stars_measured_within_the_uncertainty_are_found() -> None:
+    """With any set of detected maybe stars and position errors of up to 3′, the features of 99.9 % of the stars lead to
+    the star.
     """
     stars = load_stars(faintest_mag(4.5, 0.25))
     rng = np.random.default_rng(4)
@@ -123,11 +125,11 @@ def test_every_star_measured_within_the_uncertainty_is_found() -> None:
         which, star = _table().look_up(keys)
         requested += len(rows)
         found += len(np.unique(which[star == rows[which]]))
-    # The database ends at the second certain neighbour; it omits chains of exchanges, which are the last per mille.
+    # The database ends at the second certain neighbour. It omits chains of exchanged neighbours, the last 0.1 %.
     assert found >= 0.999 * requested
 
 
-def test_features_do_not_turn_with_the_sky() -> None:
+def test_features_do_not_depend_on_rotation() -> None:
     """A rotation of all stars changes no reference, except features on the edge of a class."""
     stars = load_stars(4.0)
     rotated_icrs = stars.icrs @ matrix_from_quaternion(random_quaternion(np.random.default_rng(1))).T
@@ -138,14 +140,14 @@ def test_features_do_not_turn_with_the_sky() -> None:
     assert len(pairs[0] ^ pairs[1]) < 1e-4 * len(original)
 
 
-def test_close_doubles_are_seen_as_one_or_two() -> None:
-    """The fainter of two stars within the blend radius is a maybe star: constellations without it are also entered."""
+def test_close_doubles_are_stored_as_one_and_as_two_stars() -> None:
+    """The fainter of two stars within the blend radius is a maybe star: constellations without it are also stored."""
     icrs, mag = _sky([4.0, 4.05, 9.0, 15.0, 16.0], [0.0, 0.2, 90.0, 200.0, 300.0], [2.0, 3.0, 2.0, 2.0, 2.0])
-    apart = build_triplets(icrs, mag, CLASSES, 4.5, FIELD_RAD)
+    separate = build_triplets(icrs, mag, CLASSES, 4.5, FIELD_RAD)
     blended = build_triplets(icrs, mag, CLASSES, 4.5, FIELD_RAD, blend_rad=np.radians(0.12))
-    without = int(pack(np.array(40), np.array(90), np.array(18)))
-    assert without not in _keys_of(apart, 0)
-    assert without in _keys_of(blended, 0)
+    without_fainter = int(pack(np.array(40), np.array(90), np.array(18)))
+    assert without_fainter not in _keys_of(separate, 0)
+    assert without_fainter in _keys_of(blended, 0)
 
 
 def test_small_lists_give_an_empty_table() -> None:
@@ -155,20 +157,20 @@ def test_small_lists_give_an_empty_table() -> None:
         assert len(build_triplets(stars.icrs[:n], stars.v_mag[:n], CLASSES, 4.5, FIELD_RAD)) == 0
 
 
-def test_a_shallow_list_is_refused() -> None:
+def test_a_list_that_ends_too_bright_is_rejected() -> None:
     """A star list that ends before the detection limit is rejected."""
     with pytest.raises(BadInput, match="ends before"):
         triplets_of(load_stars(4.0), CLASSES, 4.5, FIELD_RAD)
 
 
-def test_impossible_classes_are_refused() -> None:
+def test_invalid_classes_are_rejected() -> None:
     """Classes without width, or too many for their bits, are rejected."""
-    for bad in ((0.0, 0.1, 0.001), (1e-6, 0.1, 0.001), (0.002, 0.01, 0.001), (0.002, 0.1, 0.0)):
+    for widths in ((0.0, 0.1, 0.001), (1e-6, 0.1, 0.001), (0.002, 0.01, 0.001), (0.002, 0.1, 0.0)):
         with pytest.raises(BadInput, match="classes"):
-            TripletClasses(*bad)
+            TripletClasses(*widths)
 
 
-def _small() -> TripletTable:
+def _small_table() -> TripletTable:
     """Return a table with widths that are exact in binary, so that the golden bytes can be written by hand."""
     key, star = np.array([1, 7, 7, 0x3FFFFFFF], np.uint32), np.array([2, 0, 1, 2], np.int32)
     return TripletTable(key, star, 3, TripletClasses(2**-9, 2**-4, 2**-10), 4.5, 0.25, 0.5)
@@ -181,9 +183,9 @@ GOLDEN = (
 ).replace(" ", "")
 
 
-def test_the_bytes_are_the_documented_ones() -> None:
+def test_the_encoded_bytes_are_as_documented() -> None:
     """A small table encodes to the golden bytes, little endian, and zlib confirms both checksums."""
-    image = encode_triplets(_small(), 0x12345678)
+    image = encode_triplets(_small_table(), 0x12345678)
     body = struct.pack("<4I4H", 1, 7, 7, 0x3FFFFFFF, 2, 0, 1, 2)
     assert image[64:] == body
     assert image[:56].hex() == GOLDEN
@@ -192,8 +194,8 @@ def test_the_bytes_are_the_documented_ones() -> None:
     assert bank_crc32_of(image) == 0x12345678
 
 
-def test_tables_come_back_from_their_bytes() -> None:
-    """A table survives encoding and decoding, and bytes after it in flash are ignored."""
+def test_encoded_tables_are_decoded() -> None:
+    """An encoded table is decoded to the same content. Bytes after it are ignored."""
     table = _table()
     decoded = decode_triplets(encode_triplets(table) + b"\xff" * 100)
     np.testing.assert_array_equal(decoded.key, table.key)
@@ -201,41 +203,41 @@ def test_tables_come_back_from_their_bytes() -> None:
     assert (decoded.stars, decoded.classes, decoded.limit_mag) == (table.stars, table.classes, table.limit_mag)
 
 
-def _resealed(image: bytes) -> bytes:
-    """Return the image with valid checksums for wrong content."""
+def _with_checksums(image: bytes) -> bytes:
+    """Return the image with valid checksums for changed content."""
     body = image[64:]
     header = image[:56] + struct.pack("<I", zlib.crc32(body))
     return header + struct.pack("<I", zlib.crc32(header)) + body
 
 
-def test_every_damage_is_noticed() -> None:
+def test_every_damage_is_detected() -> None:
     """Truncated, corrupted, unsorted, out-of-range or foreign tables are rejected with the reason."""
-    image = encode_triplets(_small())
+    image = encode_triplets(_small_table())
     for bit in range(0, 8 * len(image), 7):
         broken = bytearray(image)
         broken[bit // 8] ^= 1 << bit % 8
         with pytest.raises(CorruptData):
             decode_triplets(bytes(broken))
-    for cut in (0, 10, 63, len(image) - 1):
+    for length in (0, 10, 63, len(image) - 1):
         with pytest.raises(CorruptData):
-            decode_triplets(image[:cut])
+            decode_triplets(image[:length])
     with pytest.raises(CorruptData, match="not sorted"):
-        decode_triplets(_resealed(image[:64] + struct.pack("<4I4H", 7, 1, 7, 9, 2, 0, 1, 2)))
+        decode_triplets(_with_checksums(image[:64] + struct.pack("<4I4H", 7, 1, 7, 9, 2, 0, 1, 2)))
     with pytest.raises(CorruptData, match="not in the list"):
-        decode_triplets(_resealed(image[:64] + struct.pack("<4I4H", 1, 7, 7, 9, 2, 0, 1, 3)))
+        decode_triplets(_with_checksums(image[:64] + struct.pack("<4I4H", 1, 7, 7, 9, 2, 0, 1, 3)))
     with pytest.raises(CorruptData, match="unknown kind"):
-        decode_triplets(_resealed(image[:4] + b"\x02" + image[5:]))
+        decode_triplets(_with_checksums(image[:4] + b"\x02" + image[5:]))
     with pytest.raises(CorruptData, match="inconsistent"):
-        decode_triplets(_resealed(image[:16] + bytes(8) + image[24:]))
+        decode_triplets(_with_checksums(image[:16] + bytes(8) + image[24:]))
 
 
-def test_too_many_stars_are_refused() -> None:
+def test_too_many_stars_are_rejected() -> None:
     """More stars than 16-bit row numbers can count are rejected."""
     with pytest.raises(BadInput, match="too many"):
-        encode_triplets(replace(_small(), stars=70_000))
+        encode_triplets(replace(_small_table(), stars=70_000))
 
 
-def test_a_turned_pair_of_classes_is_never_entered() -> None:
+def test_the_nearest_neighbour_has_the_lower_class() -> None:
     """In every key, the class of the nearest neighbour is at most that of the second one."""
     key = _table().key
     assert np.all((key >> 18) <= ((key >> 6) & 4095))

@@ -34,13 +34,15 @@ def test_tasks_are_the_outermost_ones_of_the_main_thread():
     assert [(task.at_ms, task.processor_ms, task.wall_ms) for task in main_tasks] == [(0, 1, 2), (50, 60, 90)]
 
 
-def test_what_was_called_is_charged_without_what_it_called():
-    """The time of a function excludes the functions that it calls: drawing takes 50 ms, of which 46.5 ms are its own."""
+def test_the_time_of_a_function_excludes_called_functions():
+    """The time of a function excludes the functions that it calls: drawing takes 50 ms, of which 46.5 ms are outside
+    the functions that it calls.
+    """
     parts = tasks(TRACE)[1].parts
     assert parts == pytest.approx({"FunctionCall draw": 46.5, "Paint": 3.0, TASK: 0.5})
 
 
-def test_a_task_above_fifty_milliseconds_is_long_by_the_clock_it_exceeds():
+def test_a_task_above_fifty_milliseconds_is_long():
     """A task of 60 ms of processor time is long by processor time and by wall time."""
     result = summary(tasks(TRACE))
     assert (result["tasks"], result["long"], result["long_wall"], result["longest_ms"]) == (2, 1, 1, 60.0)

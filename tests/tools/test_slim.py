@@ -7,7 +7,10 @@ from pathlib import Path
 from tools.slim import unneeded
 
 
-def test_the_program_and_test_suites_are_unneeded_and_imported_files_are_not(tmp_path: Path) -> None:
+def test_the_program_and_test_suites_are_removed(tmp_path: Path) -> None:
+    """The program of Rerun and the test suites of scipy and astropy are removed. Imported files and other packages are
+    not.
+    """
     for name in ("rerun_cli/rerun", "scipy/stats/tests/test_a.py", "astropy/wcs/tests/test_b.py"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()

@@ -1,4 +1,4 @@
-"""Experiments by name."""
+"""Experiments selected by name: text, pages, JSON, and stored runs."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from validation.run import from_record, run_experiment
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
-    """The error for an unknown name lists the known experiments."""
+    """An unknown name is rejected with a list of the valid ones."""
     with pytest.raises(NotFound, match="jacobs-5-1"):
         run_experiment("no-such")
 
 
 def test_invalid_trials_and_seeds_are_rejected() -> None:
-    """Zero trials and a negative seed give an error."""
+    """Zero trials and a negative seed are rejected."""
     with pytest.raises(BadInput, match="trials"):
         run_experiment("erlank-3-6", trials=0)
     with pytest.raises(BadInput, match="seed"):
@@ -31,25 +31,25 @@ def test_invalid_trials_and_seeds_are_rejected() -> None:
 
 def test_the_same_seed_gives_the_same_figures() -> None:
     """Two runs are equal; another seed differs."""
-    first, again, other = (run_experiment("erlank-3-6", trials=300, seed=s) for s in (3, 3, 4))
-    assert first == again
+    first, second, other = (run_experiment("erlank-3-6", trials=300, seed=s) for s in (3, 3, 4))
+    assert first == second
     assert first.rows != other.rows
 
 
 @pytest.mark.parametrize("name", ["jacobs-5-1", "jacobs-5-2", "erlank-3-6", "erlank-fig-3-8"])
-def test_catalogue_tables_come_close_to_the_papers(name: str) -> None:
+def test_catalogue_tables_are_close_to_the_papers(name: str) -> None:
     """Every figure above 25 in the paper is reproduced within 30 %."""
     experiment = run_experiment(name, trials=4000, seed=1)
     compared = 0
-    for label, paper, ours, *_ in experiment.rows:
-        if isinstance(paper, int | float) and paper > 25 and isinstance(ours, int | float):
-            assert ours == pytest.approx(paper, rel=0.3), label
+    for label, paper, reproduced, *_ in experiment.rows:
+        if isinstance(paper, int | float) and paper > 25 and isinstance(reproduced, int | float):
+            assert reproduced == pytest.approx(paper, rel=0.3), label
             compared += 1
     assert compared or name == "erlank-fig-3-8"
 
 
 def test_every_experiment_prints_text_and_page() -> None:
-    """Text and page have each row's label and the source."""
+    """The text and the page contain the label of each row and the source."""
     experiment = run_experiment("erlank-3-6", trials=50)
     for text in (as_text(experiment), as_page([experiment], "0")):
         assert "Erlank 2013 Table 3.6" in text
@@ -57,7 +57,9 @@ def test_every_experiment_prints_text_and_page() -> None:
 
 
 def test_the_command_line_prints_json(capsys: pytest.CaptureFixture[str]) -> None:
-    """One object per experiment with the paper's figures and ours."""
+    """JSON output has one object per experiment with the figures of the paper and of GSS. An unknown name gives exit
+    code 2.
+    """
     assert main(["experiments", "run", "erlank-3-6", "--trials", "50", "--json"]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["name"] == "erlank-3-6"
@@ -75,18 +77,20 @@ def test_shares_have_wilson_intervals() -> None:
 
 
 def test_stored_runs_are_not_repeated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A second run uses the stored table, even with a truncated line; another number of trials runs again."""
-    kept, page = tmp_path / "kept.jsonl", tmp_path / "page.md"
-    arguments = ["experiments", "run", "erlank-3-6", "--keep", str(kept), "--trials"]
+    """A second run uses the stored table, even if the file has a truncated line. Another number of trials is run and
+    stored.
+    """
+    store, page = tmp_path / "kept.jsonl", tmp_path / "page.md"
+    arguments = ["experiments", "run", "erlank-3-6", "--keep", str(store), "--trials"]
     assert main([*arguments, "50", "--json"]) == 0
     first = capsys.readouterr().out
-    with kept.open("a") as out:
+    with store.open("a") as out:
         out.write('{"trials": 50, "torn')
     assert main([*arguments, "50", "--json"]) == 0
     assert capsys.readouterr().out == first
-    assert len(kept.read_text().splitlines()) == 2, "the kept one and the torn one"
-    kept.write_text(kept.read_text().splitlines()[0] + "\n")
+    assert len(store.read_text().splitlines()) == 2, "one stored run and one truncated line"
+    store.write_text(store.read_text().splitlines()[0] + "\n")
     assert main([*arguments, "60", "--page", str(page)]) == 0
-    assert len(kept.read_text().splitlines()) == 2
+    assert len(store.read_text().splitlines()) == 2
     assert "s of processor time" in page.read_text()
     assert from_record(json.loads(first)) == run_experiment("erlank-3-6", trials=50)

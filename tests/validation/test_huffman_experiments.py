@@ -1,4 +1,4 @@
-"""Huffman's tables: results that do not depend on the number of trials."""
+"""Huffman's tables: results that hold for few trials."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from validation.huffman.magnitudes import huffman_5_3
 from validation.huffman.matching import huffman_8_2
 
 
-def _quiet(_: float) -> None:
+def _no_progress(_: float) -> None:
     return None
 
 
 def _cells(experiment: Experiment, column: str) -> dict[str, object]:
+    """Return the cells of a column by row label."""
     k = experiment.columns.index(column)
     return {str(row[0]): row[k] for row in experiment.rows}
 
 
-def test_the_documents_radiometry_is_met() -> None:
+def test_radiometry_of_the_document_is_reproduced() -> None:
     """Eq. 3.4 for Table 7.1 with g = 1 gives 336 631 e at V 0 and 1 340 e at V 6 (dossier §5.2), and its inverse is
     exact.
     """
@@ -36,77 +37,74 @@ def test_the_documents_radiometry_is_met() -> None:
     np.testing.assert_allclose(TABLE_5_2.magnitude(TABLE_5_2.star_e(np.array([0.0, 3.3]))), [0.0, 3.3], atol=1e-12)
 
 
-def test_simulated_frames_hold_their_stars_and_noise() -> None:
+def test_simulated_frames_have_the_expected_light_and_noise() -> None:
     """The sum of a frame is the light of its stars, and its dark rows have the preset's noise."""
     rng = np.random.default_rng(1)
-    at = scattered(20, rng, 60.0)
-    apart = np.linalg.norm(at[:, None] - at[None], axis=2) + 1e9 * np.eye(20)
-    assert apart.min() >= 60
-    image = frame(at, np.full(20, 1.0), TABLE_5_2, rng)
+    positions = scattered(20, rng, 60.0)
+    distances = np.linalg.norm(positions[:, None] - positions[None], axis=2) + 1e9 * np.eye(20)
+    assert distances.min() >= 60
+    image = frame(positions, np.full(20, 1.0), TABLE_5_2, rng)
     assert image.sum() == pytest.approx(20 * float(TABLE_5_2.star_e(1.0)), rel=0.01)
     assert image[:20].std() == pytest.approx(TABLE_5_2.noise_e, rel=0.03)
 
 
-def test_centroid_error_follows_the_documents_curve() -> None:
-    """For SNR 2 to 5 at 10 px our error agrees with eq. 4.2 within a fifth, and it decreases with SNR."""
-    experiment = huffman_4_4(load_stars(2.0), 200, 1, _quiet)
-    ours = _cells(experiment, "ours at 10 px")
+def test_centroid_error_follows_the_curve_of_the_document() -> None:
+    """For SNR 2 to 5 at 10 px, the error agrees with eq. 4.2 within 20 %, and it decreases with SNR."""
+    experiment = huffman_4_4(load_stars(2.0), 200, 1, _no_progress)
+    gss = _cells(experiment, "ours at 10 px")
     paper = _cells(experiment, "paper σ, px")
     for snr in ("SNR 2", "SNR 3", "SNR 5"):
-        assert ours[snr] == pytest.approx(paper[snr], rel=0.2)
-    falling = [float(str(v)) for k, v in ours.items() if k != "no noise"]
-    assert falling == sorted(falling, reverse=True)
+        assert gss[snr] == pytest.approx(paper[snr], rel=0.2)
+    errors = [float(str(v)) for k, v in gss.items() if k != "no noise"]
+    assert errors == sorted(errors, reverse=True)
 
 
-def test_maximum_likelihood_is_better_at_every_magnitude() -> None:
-    """The error of MLE is below that of the weighted sum in each row.
-
-    A counting clock replaces the real one for the time ratios.
+def test_maximum_likelihood_is_more_accurate_at_every_magnitude() -> None:
+    """The error of MLE is below that of the weighted sum in each row. A counting clock replaces the real one for the
+    time ratios, and does not affect the errors.
     """
     ticks = iter(range(10_000))
-    experiment = huffman_4_2(load_stars(2.0), 1, 1, _quiet, clock=lambda: float(next(ticks)))
-    plain, mle = _cells(experiment, "weighted sum, px"), _cells(experiment, "MLE, px")
-    assert all(float(str(mle[k])) < float(str(plain[k])) for k in plain)
+    experiment = huffman_4_2(load_stars(2.0), 1, 1, _no_progress, clock=lambda: float(next(ticks)))
+    weighted_sum, mle = _cells(experiment, "weighted sum, px"), _cells(experiment, "MLE, px")
+    assert all(float(str(mle[k])) < float(str(weighted_sum[k])) for k in weighted_sum)
     assert all(v == 1.0 for v in _cells(experiment, "our time ratio").values())
-    again = huffman_4_2(load_stars(2.0), 1, 1, _quiet)
-    assert [row[3:] for row in again.rows] == [row[3:] for row in experiment.rows]
+    with_real_clock = huffman_4_2(load_stars(2.0), 1, 1, _no_progress)
+    assert [row[3:] for row in with_real_clock.rows] == [row[3:] for row in experiment.rows]
 
 
-def test_magnitudes_miss_more_light_when_fainter() -> None:
-    """Mean ΔM increases with magnitude.
-
-    From V 2 the paper's value is between those of our filters; MLE has none (Table 5.3).
+def test_fainter_stars_lose_more_light() -> None:
+    """The mean ΔM increases with magnitude. From V 2, the paper's value is between those of the two filters of GSS. MLE
+    loses no light (Table 5.3).
     """
-    experiment = huffman_5_3(load_stars(2.0), 2, 1, _quiet)
-    ours, paper = _cells(experiment, "our mean ΔM"), _cells(experiment, "paper mean ΔM")
-    sliding = [float(str(ours[f"V {v}, sliding, weighted sum"])) for v in range(5)]
-    block = [float(str(ours[f"V {v}, block, weighted sum"])) for v in range(5)]
+    experiment = huffman_5_3(load_stars(2.0), 2, 1, _no_progress)
+    gss, paper = _cells(experiment, "our mean ΔM"), _cells(experiment, "paper mean ΔM")
+    sliding = [float(str(gss[f"V {v}, sliding, weighted sum"])) for v in range(5)]
+    block = [float(str(gss[f"V {v}, block, weighted sum"])) for v in range(5)]
     assert sliding == sorted(sliding)
     assert block == sorted(block)
     for v in (2, 3, 4):
         assert sliding[v] < float(str(paper[f"V {v}, sliding, weighted sum"])) < block[v]
-        assert abs(float(str(ours[f"V {v}, sliding, mle"]))) < 0.02
+        assert abs(float(str(gss[f"V {v}, sliding, mle"]))) < 0.02
 
 
-def test_the_filters_work_has_the_documents_ratios() -> None:
-    """The ratio of pixels read by the sliding and the block filter is Table 7.2's time ratio within a fifth.
-
-    From 2 σ there are no false detections.
+def test_filter_cost_ratios_agree_with_the_document() -> None:
+    """The ratio of pixels read by the sliding and by the block filter agrees with the time ratio of Table 7.2 within 20
+    %. From 2 σ there are no false detections.
     """
-    experiment = huffman_7_2(load_stars(6.0), 1, 1, _quiet)
-    paper, ours = _cells(experiment, "paper time to block's"), _cells(experiment, "our work to block's")
+    experiment = huffman_7_2(load_stars(6.0), 1, 1, _no_progress)
+    paper, gss = _cells(experiment, "paper time to block's"), _cells(experiment, "our work to block's")
     for n in ("1", "1.5", "2", "3", "4"):
-        assert ours[f"{n} σ, sliding"] == pytest.approx(paper[f"{n} σ, sliding"], rel=0.2)
+        assert gss[f"{n} σ, sliding"] == pytest.approx(paper[f"{n} σ, sliding"], rel=0.2)
     assert all(v is None for v in _cells(experiment, "our time to block's").values())
-    false = _cells(experiment, "false per frame")
-    assert all(v == 0 for k, v in false.items() if k[0] in "234")
+    false_detections = _cells(experiment, "false per frame")
+    assert all(v == 0 for k, v in false_detections.items() if k[0] in "234")
 
 
-def test_all_matchers_solve_the_poor_track_and_none_is_wrong() -> None:
-    """On the first track every matcher solves over 90 % of the frames, none wrongly, and catalogue attitudes are more
-    accurate.
+def test_all_matchers_solve_the_first_track_and_never_wrongly() -> None:
+    """On the first track, every matcher solves over 90 % of the frames, none wrongly. Catalogue attitudes are more
+    accurate than frame-to-frame ones.
     """
-    experiment = huffman_8_2(load_stars(6.0), 1, 1, _quiet)
+    experiment = huffman_8_2(load_stars(6.0), 1, 1, _no_progress)
     assert all(v == 0 for v in _cells(experiment, "wrong").values())
     solved = _cells(experiment, "ours solved (95 %)")
     assert all(float(str(v).split(" %")[0]) > 90 for v in solved.values())
@@ -114,21 +112,21 @@ def test_all_matchers_solve_the_poor_track_and_none_is_wrong() -> None:
     assert float(str(last["4-vertex, catalogue, bound"])) < float(str(last["triangle match, frame to frame, document"]))
 
 
-def test_limiting_magnitudes_bracket_the_papers() -> None:
+def test_limiting_magnitudes_enclose_those_of_the_paper() -> None:
     """The paper's limits are between those needed for half the sky and for all of it (Table 5.1; dossier §4.3)."""
-    experiment = huffman_5_1(load_stars(5.5), 600, 1, _quiet)
+    experiment = huffman_5_1(load_stars(5.5), 600, 1, _no_progress)
     assert len(experiment.rows) == 20
     for row in experiment.rows:
-        _, paper, median, most, worst, _ = row
-        assert float(str(median)) <= float(str(most)) <= float(str(worst))
+        _, paper, median, for_most, worst, _ = row
+        assert float(str(median)) <= float(str(for_most)) <= float(str(worst))
         assert float(str(median)) - 0.05 < float(str(paper)) < float(str(worst))
-    # the dossier's own count on another star list: 3.16 / 3.89 / 4.44 for four stars in a 30° square
+    # The dossier counted 3.16, 3.89 and 4.44 with another star list, for four stars in a 30° square.
     square = next(r for r in experiment.rows if r[0] == "30° square, at least 4 stars")
     assert square[2] == pytest.approx(3.16, abs=0.1)
     assert square[3] == pytest.approx(3.89, abs=0.15)
 
 
-def test_the_nth_brightest_is_that_of_a_sorted_list() -> None:
+def test_the_nth_brightest_magnitudes_are_sorted() -> None:
     """The n-th brightest magnitudes of a field are sorted; beyond its number of stars they are infinite."""
     stars = load_stars(4.0)
     shape = square_field(np.radians(20))
@@ -140,9 +138,11 @@ def test_the_nth_brightest_is_that_of_a_sorted_list() -> None:
     assert np.isinf(nth_mag[-2:]).all()
 
 
-def test_the_reduced_catalogue_has_the_documents_size_at_36_degrees() -> None:
-    """About 540 stars for a 36° square; the frame's own set never leaves a frame short of four (Huffman 2006 §5.5.4)."""
-    experiment = huffman_5_5(load_stars(6.0), 200, 1, _quiet, step_rad=np.radians(2.5))
-    ours = _cells(experiment, "our stars")
-    assert abs(int(str(ours["36° square"])) - 540) < 25
+def test_the_reduced_catalogue_has_the_size_of_the_document() -> None:
+    """The reduced catalogue for a 36° square has about 540 stars. With the one for the frame itself, every frame has at
+    least four stars (Huffman 2006 §5.5.4).
+    """
+    experiment = huffman_5_5(load_stars(6.0), 200, 1, _no_progress, step_rad=np.radians(2.5))
+    gss = _cells(experiment, "our stars")
+    assert abs(int(str(gss["36° square"])) - 540) < 25
     assert str(_cells(experiment, "frames with fewer than 4 stars")["frame 30.06° x 24.25°"]).startswith("0.0 %")

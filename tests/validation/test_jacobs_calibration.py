@@ -1,4 +1,6 @@
-"""Jacobs' calibration with few images: both methods have errors below his 0.24 px, near those of the centroids."""
+"""Jacobs' calibration with few images: the errors of both methods are below his 0.24 px and close to those of the
+centroids.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +9,9 @@ from validation.entries import ENTRIES
 from validation.jacobs.calibration import jacobs_6
 
 
-def test_position_error_is_below_the_documents() -> None:
-    """With eight images, σ_pos of both calibrations is within 15 % of the true camera's and below 0.24 px, also on
-    other images.
+def test_position_error_is_below_that_of_the_document() -> None:
+    """With eight images, σ_pos of both calibrations is within 15 % of that of the true camera and below 0.24 px, also
+    for other images.
     """
     progress: list[float] = []
     experiment = jacobs_6(propagate(load_stars(8.0), 1991.25), 8, 3, progress.append)

@@ -16,20 +16,22 @@ from validation.moniteq.sky import moniteq_2_1, moniteq_links
 STARS = load_stars(8.0)
 
 
-def _quiet(_: float) -> None:
+def _no_progress(_: float) -> None:
     return None
 
 
 def _number(cell: object) -> float:
+    """Return the number at the start of a cell."""
     return float(str(cell).split()[0])
 
 
-def _row(experiment: Experiment, begins: str) -> tuple[object, ...]:
-    return next(row for row in experiment.rows if str(row[0]).startswith(begins))
+def _row(experiment: Experiment, prefix: str) -> tuple[object, ...]:
+    """Return the first row whose label starts with a prefix."""
+    return next(row for row in experiment.rows if str(row[0]).startswith(prefix))
 
 
-def test_the_field_is_liebes() -> None:
-    """1107 stars over the whole sky are 18.9 per field (Fig. 2), and the list is as deep as the database needs."""
+def test_the_field_agrees_with_liebe() -> None:
+    """1107 stars over the whole sky are 18.9 per field (Fig. 2), and the star list is as deep as the database requires."""
     camera = instrument().camera
     width, height = camera.fov_rad
     area_deg2 = 4 * np.degrees(np.degrees(np.arcsin(np.sin(width / 2) * np.sin(height / 2))))
@@ -38,21 +40,22 @@ def test_the_field_is_liebes() -> None:
     assert len(catalogue(STARS)) == pytest.approx(1539, rel=0.05)
 
 
-def test_images_have_the_errors_they_say() -> None:
+def test_images_have_the_stated_errors() -> None:
     """An image has the stated number of false stars, and the stated number of stars displaced by more than 3′."""
     bank, camera = catalogue(STARS), instrument().camera
     for situation in SITUATIONS:
-        seen = image(bank, camera, np.eye(3), situation, np.random.default_rng(3))
-        true = seen.row >= 0
-        off = np.linalg.norm(seen.centroids.pixels[true] - camera.project(bank.icrs[seen.row[true]]), axis=1)
-        assert np.count_nonzero(~true) == situation.false
-        assert np.count_nonzero(off * camera.pixel_rad > np.radians(0.0501)) == situation.outside
+        simulated = image(bank, camera, np.eye(3), situation, np.random.default_rng(3))
+        is_star = simulated.row >= 0
+        displacement_px = np.linalg.norm(
+            simulated.centroids.pixels[is_star] - camera.project(bank.icrs[simulated.row[is_star]]), axis=1
+        )
+        assert np.count_nonzero(~is_star) == situation.false
+        assert np.count_nonzero(displacement_px * camera.pixel_rad > np.radians(0.0501)) == situation.outside
 
 
-def test_initial_estimates_succeed_as_often_as_liebes() -> None:
-    """With fifty images per row the row without errors is within 10 points of the document.
-
-    The proof loses at most 2 points and is never wrong.
+def test_initial_estimates_succeed_as_often_as_in_the_document() -> None:
+    """With fifty images per row, the row without errors is within 10 points of the document. The false-match bound
+    loses at most 2 points, and no result is wrong.
     """
     progress: list[float] = []
     experiment = liebe_2(STARS, 50, 2, progress.append)
@@ -65,32 +68,31 @@ def test_initial_estimates_succeed_as_often_as_liebes() -> None:
     assert progress[-1] == 1.0
 
 
-def test_predictional_estimates_are_as_good_as_liebes() -> None:
-    """With forty images per row the mean is within 30 % of 14.6″ for stars inside 3′, and larger if every nearest star
-    is used.
+def test_predictional_estimates_are_as_accurate_as_in_the_document() -> None:
+    """With forty images per row, the mean error is within 30 % of 14.6″ for stars inside 3′, and larger if every
+    nearest star is used.
     """
-    experiment = liebe_3(STARS, 40, 2, _quiet)
+    experiment = liebe_3(STARS, 40, 2, _no_progress)
     for row in experiment.rows:
         assert _number(row[3]) == pytest.approx(14.6, rel=0.3)
         assert _number(row[4]) >= 97
     assert _number(experiment.rows[3][2]) > 1.5 * _number(experiment.rows[3][3])
 
 
-def test_the_boresight_is_better_with_more_stars_by_the_root() -> None:
-    """Over four hundred estimates σ_axis √n / σ_star is 1 within 10 %. The same seed gives the same run."""
-    experiment = liebe_18(STARS, 400, 2, _quiet)
+def test_boresight_error_decreases_with_the_root_of_stars() -> None:
+    """Over four hundred estimates, σ_axis √n / σ_star is 1 within 10 %. The same seed gives the same run."""
+    experiment = liebe_18(STARS, 400, 2, _no_progress)
     assert _number(_row(experiment, "all: rms")[2]) == pytest.approx(1.0, abs=0.1)
     assert _number(_row(experiment, "all: mean")[2]) == pytest.approx(14.6, rel=0.2)
     assert experiment.series[0].y[0] > experiment.series[0].y[-1]
-    assert experiment == liebe_18(STARS, 400, 2, _quiet)
+    assert experiment == liebe_18(STARS, 400, 2, _no_progress)
 
 
-def test_star_counts_are_skymaps() -> None:
-    """Counts agree with the report within 20 % in the first three rows and 8 % in the others.
-
-    The report's narrow field seldom has three stars.
+def test_star_counts_agree_with_the_report() -> None:
+    """Star counts agree with the report within 20 % in the first three rows and 8 % in the others. The report's narrow
+    field seldom has three stars.
     """
-    experiment = moniteq_2_1(STARS, 500, 2, _quiet)
+    experiment = moniteq_2_1(STARS, 500, 2, _no_progress)
     for k, row in enumerate(experiment.rows[:10]):
         assert row[2] == pytest.approx(row[1], rel=0.2 if k < 3 else 0.08)
     assert _number(_row(experiment, "V 6.5, 3.45°")[2]) == pytest.approx(43, abs=8)
@@ -98,40 +100,44 @@ def test_star_counts_are_skymaps() -> None:
     assert _number(crowded[2]) > _number(crowded[1])
 
 
-def test_the_walk_looks_at_fewer_than_the_documents_links() -> None:
+def test_the_walk_needs_fewer_comparisons_than_the_document() -> None:
     """A walk to 45 of 3000 stars needs fewer comparisons than the document's 120 and misses no star."""
-    experiment = moniteq_links(STARS, 40, 2, _quiet)
+    experiment = moniteq_links(STARS, 40, 2, _no_progress)
     assert _number(experiment.rows[3][2]) < 120
     assert [row[4] for row in experiment.rows] == [0, 0, 0, 0]
 
 
-def test_locator_errors_are_the_reports_and_the_renderers() -> None:
-    """Formula, report and rendered spots agree to the last printed digit."""
-    for row in moniteq_4_2(STARS, 1, 2, _quiet).rows[:12]:
+def test_locator_errors_agree_with_report_and_renderer() -> None:
+    """The errors of the formula, of the report and of rendered spots agree to the last printed digit."""
+    for row in moniteq_4_2(STARS, 1, 2, _no_progress).rows[:12]:
         assert row[2] == pytest.approx(row[1], abs=1e-4)
         assert row[3] == pytest.approx(row[1], abs=1e-4)
 
 
-def test_noise_figures_are_the_reports() -> None:
+def test_noise_figures_agree_with_the_report() -> None:
     """The bound of C, its minima, and σ(P) of windows with all noise sources agree with the report."""
-    experiment = moniteq_noise(STARS, 5000, 2, _quiet)
+    experiment = moniteq_noise(STARS, 5000, 2, _no_progress)
     assert _row(experiment, "C, N 3, d/σ")[2] == pytest.approx(8.6, rel=0.02)
     for row in experiment.rows[-4:]:
         assert row[2] == pytest.approx(row[1], rel=0.01)
         assert float(str(row[3]).split()[1]) == pytest.approx(row[1], rel=0.04)
 
 
-def test_angles_against_orbital_rate_are_the_reports() -> None:
-    """Table 4.2 agrees within 4.5 %, except for the 50 mm lens in low orbit, where the reading is known not to follow."""
-    experiment = moniteq_nea(STARS, 1, 2, _quiet)
+def test_angles_by_orbital_rate_agree_with_the_report() -> None:
+    """Table 4.2 is reproduced within 4.5 %, except for the 50 mm lens in low orbit, for which the report's values do
+    not follow from its formula.
+    """
+    experiment = moniteq_nea(STARS, 1, 2, _no_progress)
     for row in experiment.rows:
         if "50 mm, low orbit: " not in str(row[0]) or "readings" in str(row[0]):
             assert row[2] == pytest.approx(row[1], rel=0.045)
     assert experiment.rows[4][3] is not None
 
 
-def test_screening_experiment_is_listed_beside_the_document():
-    """The table has the document's figure of 0.17 and ours within 5 %, and the same seed gives the same rows."""
+def test_screening_experiment_agrees_with_the_document():
+    """The table contains the document's figure of 0.17 and that of GSS, which agrees within 5 %. The same seed gives
+    the same rows.
+    """
     stars = load_stars(8.0)
     experiment = moniteq_screening(stars, 500, 3, lambda _: None)
     assert experiment.rows == moniteq_screening(stars, 500, 3, lambda _: None).rows

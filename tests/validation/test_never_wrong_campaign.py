@@ -1,4 +1,4 @@
-"""The campaign's file: finished shards are kept, the others are run next, and a page reports both."""
+"""The file of a campaign: completed shards are stored, the others are run next, and a page reports both."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SMALL = CampaignSettings(0, 13, 3, ("cubestar",), ("own",))
 
 
 def test_an_interrupted_run_continues_where_it_ended(tmp_path: Path) -> None:
-    """A second run has nothing to do, and a truncated line is run again."""
+    """A second run of a completed campaign runs nothing. A shard whose line is truncated is run again."""
     file = tmp_path / "kept.jsonl"
     assert run_campaign(SMALL, file, executor=LOCAL) == 1
     assert run_campaign(SMALL, file, executor=LOCAL) == 0
@@ -32,8 +32,8 @@ def test_an_interrupted_run_continues_where_it_ended(tmp_path: Path) -> None:
     assert "| cubestar | cubestar (own) | frames | 13 |" in text
 
 
-def test_a_wrong_answer_is_listed_and_gives_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The page lists it and the command's exit code reports it."""
+def test_a_wrong_solution_is_listed_and_gives_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A wrong solution is listed on the page, and the exit code of the command is 3."""
     file, out = tmp_path / "kept.jsonl", tmp_path / "page.md"
     run_campaign(SMALL, file, executor=LOCAL)
     file.write_text(file.read_text("utf-8").replace('"wrong": []', '"wrong": ["cubestar, planted"]'), "utf-8")
@@ -43,7 +43,7 @@ def test_a_wrong_answer_is_listed_and_gives_exit_code_3(tmp_path: Path, capsys: 
     assert "- cubestar, planted" in out.read_text("utf-8")
 
 
-def test_impossible_campaigns_are_rejected() -> None:
+def test_invalid_campaigns_are_rejected() -> None:
     """Unknown cameras and negative numbers are rejected. All shards of a campaign are different."""
     with pytest.raises(BadInput, match="camera"):
         CampaignSettings(cameras=("hubble",))

@@ -1,4 +1,4 @@
-"""Campaign that searches for wrong attitudes: its faults have the stated effect, and its shards can be repeated."""
+"""Campaign that searches for wrong attitudes: its faults have the stated effects, and its shards are reproducible."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _subject() -> Subject:
     return subject(CUBESTAR, STARS)
 
 
-def test_every_fault_of_the_requirement_is_there() -> None:
+def test_every_required_fault_exists() -> None:
     """The faults include false and missing stars, planets, doubles, variables, magnitudes, focal length, mirror,
     another camera, the pole and RA 0.
     """
@@ -40,37 +40,37 @@ def test_every_fault_of_the_requirement_is_there() -> None:
 
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("place", [FieldLocation.POLE, FieldLocation.ZERO_RA])
-def test_a_field_lies_where_its_fault_says(camera: str, place: FieldLocation) -> None:
+def test_a_field_is_at_the_location_of_its_fault(camera: str, place: FieldLocation) -> None:
     """The pole, or a point of the meridian of RA 0, is on the detector."""
-    rng, known = np.random.default_rng(3), shipped_camera(camera).camera
+    rng, camera_model = np.random.default_rng(3), shipped_camera(camera).camera
     for _ in range(20):
-        attitude = attitude_at(place, known, rng)
+        attitude = attitude_at(place, camera_model, rng)
         if place is FieldLocation.POLE:
             points = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
         else:
             dec = np.radians(np.linspace(-90, 90, 2000))
             points = np.stack([np.cos(dec), np.zeros_like(dec), np.sin(dec)], axis=1)
-        ahead = points @ attitude.T
-        ahead = ahead[ahead[:, 2] > np.cos(known.half_diagonal_rad)]
-        assert known.contains(known.project(ahead)).any()
+        in_front = points @ attitude.T
+        in_front = in_front[in_front[:, 2] > np.cos(camera_model.half_diagonal_rad)]
+        assert camera_model.contains(camera_model.project(in_front)).any()
 
 
 @pytest.mark.parametrize(
-    ("fault", "more"),
+    ("fault", "added"),
     [(Fault("x", planets=3), 3), (Fault("x", false=7), 7), (Fault("x", missing=1.0, false=2), None)],
 )
-def test_strangers_are_added(fault: Fault, more: int | None) -> None:
-    """A list has one more point per planet and false star. Planets are the brightest."""
+def test_planets_and_false_stars_are_added(fault: Fault, added: int | None) -> None:
+    """A list has one additional point per planet and per false star. Planets are the brightest."""
     tested, attitude = _subject(), attitude_at(FieldLocation.ANYWHERE, _subject().camera, np.random.default_rng(1))
     without_fault = shown(tested, replace(fault, planets=0, false=0), attitude, np.random.default_rng(2)).centroids
     with_fault = shown(tested, fault, attitude, np.random.default_rng(2)).centroids
-    assert len(with_fault) - len(without_fault) == (2 if more is None else more)
+    assert len(with_fault) - len(without_fault) == (2 if added is None else added)
     if fault.planets:
         assert with_fault.flux_dn[2] > without_fault.flux_dn[0]
 
 
-def test_another_camera_gives_its_own_places() -> None:
-    """Stars seen with another focal length have other positions, on the detector of the assumed camera."""
+def test_another_camera_gives_other_positions() -> None:
+    """Stars imaged with another focal length have other positions, inside the detector of the assumed camera."""
     tested, attitude = _subject(), attitude_at(FieldLocation.ANYWHERE, _subject().camera, np.random.default_rng(1))
     other_camera = shown(tested, Fault("x", another=True), attitude, np.random.default_rng(2))
     own_camera = shown(tested, Fault("x"), attitude, np.random.default_rng(2))
@@ -79,33 +79,32 @@ def test_another_camera_gives_its_own_places() -> None:
 
 
 @pytest.mark.parametrize("fault", range(len(FAULTS)))
-def test_cubestar_never_answers_wrongly(fault: int) -> None:
-    """Four attitudes of each fault and mode give no wrong result."""
+def test_cubestar_never_gives_a_wrong_attitude(fault: int) -> None:
+    """Four attitudes of each fault and mode give no wrong attitude."""
     tested = _subject()
     for mode in range(3):
         for trial in range(4):
             assert judge(tested, FAULTS[fault], (21, 0, fault, mode), trial).verdict.value != "wrong"
 
 
-def test_a_shard_is_the_same_again_and_shares_its_lists() -> None:
-    """The same shard gives the same verdicts; own chain and reference are tested equally often, with the same faults
-    and modes.
+def test_a_shard_is_reproducible() -> None:
+    """The same shard gives the same verdicts. The camera's own chain and the reference chain are tested equally often,
+    with the same faults and modes.
     """
     campaign = Campaign(STARS)
-    first, again = (campaign.run(Shard("cubestar", "own", 4, 0)) for _ in range(2))
-    assert first == again
+    first, second = (campaign.run(Shard("cubestar", "own", 4, 0)) for _ in range(2))
+    assert first == second
     assert sum(first.counts.values()) == 250
     assert not first.wrong
     assert setting_of("cubestar", "reference").camera == "cubestar"
     assert len(shards(501, 1, ("cubestar", "aim"))) == 3 * 2 * 2
 
 
-def test_frames_are_spoilt_and_judged() -> None:
-    """Blank, flat, mirrored and foreign frames give no attitude; a frame without fault gives one.
-
-    Every frame has the camera's size.
+def test_faulty_frames_give_no_attitude() -> None:
+    """Blank, saturated and mirrored frames and frames of another camera give no attitude; a frame without fault gives
+    one. Every frame has the camera's size.
     """
-    known = shipped_camera("cubestar")
+    profile = shipped_camera("cubestar")
     verdicts = FrameCampaign(STARS).run(FrameShard("cubestar", "own", 2, 1))
     by_fault = {FRAME_FAULTS[j].title: verdict for (j, _, verdict) in verdicts.counts}
     assert not verdicts.wrong
@@ -114,14 +113,14 @@ def test_frames_are_spoilt_and_judged() -> None:
     assert by_fault["frame, no fault"] in ("correct", "imprecise")
     for fault in FRAME_FAULTS:
         rng = np.random.default_rng(5)
-        pixels, _ = faulty_frame(fault, known, STARS, attitude_at(fault.place, known.camera, rng), rng)
-        assert pixels.shape == (known.camera.rows, known.camera.columns)
+        pixels, _ = faulty_frame(fault, profile, STARS, attitude_at(fault.place, profile.camera, rng), rng)
+        assert pixels.shape == (profile.camera.rows, profile.camera.columns)
 
 
 @pytest.mark.parametrize(("camera", "attitude"), [("aim", 4085), ("aim", 5417), ("sunsat", 1784)])
-def test_what_the_campaign_once_found_stays_mended(camera: str, attitude: int) -> None:
-    """Cases that once gave a wrong attitude do not: two stars of a mirrored frame, and three in a corner with another
-    focal length.
+def test_wrong_attitudes_that_the_campaign_found_do_not_recur(camera: str, attitude: int) -> None:
+    """Cases that once gave a wrong attitude no longer do: two stars of a mirrored frame, and three in a corner with
+    another focal length.
     """
     tested = subject(setting_of(camera, "own"), propagate(load_stars(8.0), 2000.0))
     rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
@@ -133,8 +132,8 @@ def test_what_the_campaign_once_found_stays_mended(camera: str, attitude: int) -
 
 @pytest.mark.parametrize(("camera", "attitude"), [("far_mst", 3636), ("far_mst", 4299), ("oersted", 3777)])
 def test_an_attitude_that_explains_a_quarter_of_the_stars_is_rejected(camera: str, attitude: int) -> None:
-    """The reference returns no attitude for faulty lists in which the best attitude matched only 3 of 27 to 11 of 42
-    stars.
+    """The reference chain returns no attitude for faulty lists in which the best attitude matched only between 3 of 27
+    and 11 of 42 stars.
     """
     tested = subject(setting_of(camera, "reference"), propagate(load_stars(8.0), 2000.0))
     rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])

@@ -14,8 +14,8 @@ from validation.never_wrong.table import MODES, judge
 STARS = load_stars(8.0)
 
 
-def test_faults_do_what_they_say() -> None:
-    """False stars are added, mirroring and scale change positions, and brightness remains sorted."""
+def test_faults_have_the_stated_effects() -> None:
+    """False stars are added, mirroring and scale change positions, and lists remain sorted by brightness."""
     tested = subject(SETTINGS[0], STARS)
     lists = {f.title: shown(tested, f, np.eye(3), np.random.default_rng(5)) for f in FAULTS}
     without_fault = lists["no fault"].centroids
@@ -26,9 +26,9 @@ def test_faults_do_what_they_say() -> None:
     assert np.allclose(flipped.row_px, without_fault.row_px)
     middle = np.array([tested.camera.centre_col_px, tested.camera.centre_row_px])
     wide, narrow = (lists[f"focal length {sign}1 %"].truth for sign in "+−")
-    both = np.intersect1d(wide.hip, narrow.hip)
-    place = [np.array([t.pixels[t.hip.tolist().index(h)] for h in both]) - middle for t in (wide, narrow)]
-    assert np.allclose(place[0], place[1] * 1.01 / 0.99)
+    in_both = np.intersect1d(wide.hip, narrow.hip)
+    offsets = [np.array([t.pixels[t.hip.tolist().index(h)] for h in in_both]) - middle for t in (wide, narrow)]
+    assert np.allclose(offsets[0], offsets[1] * 1.01 / 0.99)
     for item in lists.values():
         assert (np.diff(item.centroids.flux_dn) <= 0).all()
 
@@ -47,19 +47,18 @@ ONCE_WRONG = (
 
 
 @pytest.mark.parametrize("numbers", ONCE_WRONG)
-def test_lists_that_misled_a_chain_get_no_answer(numbers: tuple[int, int, int, int, int]) -> None:
+def test_lists_that_misled_a_chain_give_no_attitude(numbers: tuple[int, int, int, int, int]) -> None:
     """Stars matched in one corner or in a cluster at another focal length give no attitude, whatever the chain."""
     seed, chain, fault, mode, trial = numbers
     tested = subject(SETTINGS[chain], STARS)
     assert judge(tested, FAULTS[fault], (seed, chain, fault, mode), trial).verdict is Verdict.NONE
 
 
-def test_trial_is_made_again_by_its_numbers() -> None:
-    """The same seed, chain, fault, mode and number give the same score.
-
-    Tracking without fault gives an attitude that is not wrong.
+def test_a_trial_is_reproducible_from_its_numbers() -> None:
+    """The same seed, chain, fault, mode and trial number give the same result. Tracking without a fault gives an
+    attitude that is not wrong.
     """
     tested = subject(SETTINGS[1], STARS)
-    first, again = (judge(tested, FAULTS[0], (3, 1, 0, len(MODES) - 1), 2) for _ in range(2))
-    assert first == again
+    first, second = (judge(tested, FAULTS[0], (3, 1, 0, len(MODES) - 1), 2) for _ in range(2))
+    assert first == second
     assert first.verdict in (Verdict.CORRECT, Verdict.IMPRECISE)

@@ -1,4 +1,4 @@
-"""The units as shipped: success as their documents state, and no wrong attitude."""
+"""The shipped units: success rates as stated in their documents, and no wrong attitude."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from validation.shipped.units import UNITS, shipped_units
 
 def test_shipped_units_solve_and_are_never_wrong() -> None:
     """Oersted solves at least 80 % of the frames lost in space and tracks at rest. No attitude is wrong."""
-    chosen = tuple(u for u in UNITS if u.name == "oersted")
-    experiment = shipped_units(propagate(load_stars(8.0), 2026.0), 50, 3, lambda _: None, chosen)
+    oersted = tuple(u for u in UNITS if u.name == "oersted")
+    experiment = shipped_units(propagate(load_stars(8.0), 2026.0), 50, 3, lambda _: None, oersted)
     columns = {name: k for k, name in enumerate(experiment.columns)}
     assert len(experiment.rows) == 5
     assert [row[columns["wrong"]] for row in experiment.rows] == [0] * 5
