@@ -66,10 +66,10 @@ def test_the_image_contains_the_kept_stars_at_mid_validity(sunsat):
 
 def test_funnel_adds_up(sunsat):
     """Input minus removed stars equals the kept stars, all of which satisfy the rules."""
-    left, dropped = 0, 0
+    remaining, dropped = 0, 0
     for step in sunsat.selection.funnel[2:-1]:
-        left, dropped = (left, dropped + step.stars) if step.dropped else (step.stars, dropped)
-    assert left - dropped == sunsat.selection.funnel[-1].stars == len(sunsat.stars)
+        remaining, dropped = (remaining, dropped + step.stars) if step.dropped else (step.stars, dropped)
+    assert remaining - dropped == sunsat.selection.funnel[-1].stars == len(sunsat.stars)
     assert sunsat.stars.v_mag.min() >= 2.5
     assert sunsat.stars.v_mag.max() <= 6.0
     assert not np.any(sunsat.stars.flags & FLAG_VARIABLE)
@@ -158,9 +158,9 @@ def test_pair_estimate_is_close_for_many_stars():
 
 def test_same_request_gives_the_same_bytes(stars, sunsat):
     """Building twice gives the same image and the same manifest."""
-    again = build(SUNSAT, stars)
-    assert again.image == sunsat.image
-    assert again.manifest.as_json() == sunsat.manifest.as_json()
+    second = build(SUNSAT, stars)
+    assert second.image == sunsat.image
+    assert second.manifest.as_json() == sunsat.manifest.as_json()
 
 
 def test_the_manifest_identifies_the_image(sunsat):
@@ -249,7 +249,7 @@ def test_each_invalid_request_is_rejected_with_a_message(stars, change, message)
         ((6.0, 2.0, -0.1), "cannot be negative"),
     ],
 )
-def test_impossible_magnitude_limits_are_rejected(arguments, message):
+def test_invalid_magnitude_limits_are_rejected(arguments, message):
     """Magnitude limits that are out of order or not numbers are rejected."""
     with pytest.raises(BadInput, match=message):
         SelectionRules(*arguments)
@@ -271,10 +271,10 @@ def test_limits_that_leave_no_star_are_rejected(stars):
 
 def test_invalid_star_tables_are_rejected(stars):
     """NaN directions and duplicate numbers are detected before the build starts."""
-    few = stars.take(np.arange(200))
-    icrs = few.icrs.copy()
+    some_stars = stars.take(np.arange(200))
+    icrs = some_stars.icrs.copy()
     icrs[7, 1] = np.nan
     with pytest.raises(BadInput, match="not numbers"):
-        build(replace(WHOLE_SKY, rules=SelectionRules(3.0)), replace(few, icrs=icrs))
+        build(replace(WHOLE_SKY, rules=SelectionRules(3.0)), replace(some_stars, icrs=icrs))
     with pytest.raises(BadInput, match="twice"):
-        build(replace(WHOLE_SKY, rules=SelectionRules(3.0)), few.take(np.r_[0:50, 10]))
+        build(replace(WHOLE_SKY, rules=SelectionRules(3.0)), some_stars.take(np.r_[0:50, 10]))

@@ -148,9 +148,9 @@ def test_thinning_by_frames_fills_every_frame(stars):
     assert frames.selection.count(Fate.THINNED) > 0
     assert not np.array_equal(frames.selection.fate, circles.selection.fate)
     assert "beyond 6 per upright frame" in [f.label for f in frames.selection.funnel]
-    shape, kept, candidates = frames.plan.shape, frames.selection.kept.icrs, frames.selection.candidates.icrs
+    shape, kept_icrs, candidates = frames.plan.shape, frames.selection.kept.icrs, frames.selection.candidates.icrs
     for attitude in survey_attitudes(deg(4)[0])[::50]:
-        remaining, available = (np.count_nonzero(shape.inside(unit @ attitude.T)) for unit in (kept, candidates))
+        remaining, available = (np.count_nonzero(shape.inside(unit @ attitude.T)) for unit in (kept_icrs, candidates))
         assert remaining >= min(available, 5)
 
 

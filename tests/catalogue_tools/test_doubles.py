@@ -128,8 +128,8 @@ def test_few_stars_remain_to_be_merged(name: str) -> None:
     profile = shipped_camera(name)
     merged = merge(load_stars(6.0), Doubles("huffman"), profile)
     assert len(merged.stars) + merged.members - merged.groups == len(load_stars(6.0))
-    again = merge(merged.stars, Doubles("huffman"), profile)
-    assert again.groups <= 0.02 * max(merged.groups, 50)
+    second = merge(merged.stars, Doubles("huffman"), profile)
+    assert second.groups <= 0.02 * max(merged.groups, 50)
 
 
 def test_alpha_centauri_becomes_one_star_for_a_wide_camera() -> None:
@@ -167,5 +167,5 @@ def test_empty_and_single_star_tables_are_unchanged() -> None:
     """Tables of no stars and of one star do not change under any policy."""
     for policy in POLICIES:
         for n in (0, 1):
-            few = load_stars(2.0).take(np.arange(n))
-            assert len(merge(few, Doubles(policy, CLOSE_RAD)).stars) == n
+            some_stars = load_stars(2.0).take(np.arange(n))
+            assert len(merge(some_stars, Doubles(policy, CLOSE_RAD)).stars) == n

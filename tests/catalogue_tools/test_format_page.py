@@ -60,8 +60,8 @@ def _rows(rows: Rows, count: str, offset: _Offset) -> list[str]:
     for f in rows.fields:
         size = np.dtype(f.type).itemsize
         if rows.records:
-            where = f"{offset} + {rows.row_bytes}i" + (f" + {inside}" if inside else "")
-            lines.append(_line(where, _type(f.type), f))
+            position = f"{offset} + {rows.row_bytes}i" + (f" + {inside}" if inside else "")
+            lines.append(_line(position, _type(f.type), f))
             inside += size
         else:
             lines.append(_line(str(offset), f"{_type(f.type)}[{count}]", f))
@@ -82,8 +82,8 @@ def _packed(rows: Rows, count: str, offset: _Offset) -> str:
     return f"| {offset} + {rows.row_bytes}i | u8[{rows.row_bytes}] | entry | | {'; '.join(parts)} |"
 
 
-def _line(where: str, kind: str, f: BlockField) -> str:
-    return f"| {where} | {kind} | {f.name} | {f.unit} | {f.meaning} |"
+def _line(position: str, kind: str, f: BlockField) -> str:
+    return f"| {position} | {kind} | {f.name} | {f.unit} | {f.meaning} |"
 
 
 def _type(name: str) -> str:

@@ -147,7 +147,8 @@ def test_propagation_agrees_with_astropy(stars, epoch_jyear):
     )
     moved = start.apply_space_motion(new_obstime=Time(epoch_jyear, format="jyear", scale="tdb"))
     expected = unit_from_ra_dec(moved.ra.rad, moved.dec.rad)
-    # astropy includes the light travel time; its effect is below the tolerance.
+    # astropy includes the light travel time. Its effect, the tangential speed over c times the change of parallax, is
+    # below the tolerance.
     propagated = propagate(selected, epoch_jyear)
     assert separation_rad(propagated.icrs, expected).max() < ASTROPY_TOLERANCE_RAD
     assert propagated.epoch_jyear == epoch_jyear

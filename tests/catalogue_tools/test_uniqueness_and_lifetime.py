@@ -90,18 +90,18 @@ def test_rivals_predict_where_the_voting_matcher_fails(tolerance, times):
     longest, radius = float(np.radians(43)), CUBESTAR.equal_circle_rad
     ambiguity = ambiguity_map(stars.icrs, WholeSky(CUBESTAR), radius, tolerance, longest, nside=8)
     table = distance_table(stars, 1e-4, longest)
-    rng, rivals, wrong = np.random.default_rng(4), [], []
+    rng, rivals, wrong_shares = np.random.default_rng(4), [], []
     for pixel in np.flatnonzero(ambiguity.stars >= 3):
         rows = np.flatnonzero(separation_rad(stars.icrs, centres(8)[pixel]) <= radius)[:6]
         measured = stars.icrs[rows] + rng.normal(size=(len(rows), 3)) * tolerance / 4
         measured /= np.linalg.norm(measured, axis=1, keepdims=True)
         ballot = vote(pairs_of(measured), len(rows), table, len(stars), tolerance)
         rivals.append(ambiguity.rivals[pixel])
-        wrong.append(np.mean(ballot.row != rows))
+        wrong_shares.append(np.mean(ballot.row != rows))
     order, third = np.argsort(rivals, kind="stable"), len(rivals) // 3
-    unique, ambiguous = np.array(wrong)[order[:third]].mean(), np.array(wrong)[order[-third:]].mean()
+    unique, ambiguous = np.array(wrong_shares)[order[:third]].mean(), np.array(wrong_shares)[order[-third:]].mean()
     assert ambiguous > times * unique
-    assert np.corrcoef(np.argsort(np.argsort(rivals)), wrong)[0, 1] > 0.4
+    assert np.corrcoef(np.argsort(np.argsort(rivals)), wrong_shares)[0, 1] > 0.4
 
 
 def test_the_map_marks_its_envelope_and_empty_fields():

@@ -54,11 +54,11 @@ def test_a_direction_agrees_with_astropy() -> None:
 
 def measured(elements: str, offset_rad: float = 0.0) -> MeasuredTrack:
     """Return the track of an object as measured by the observer, with an offset in direction."""
-    places = places_of_orbit(TleTrajectory.of(OBSERVER), TIMES_S)
-    directions, _ = catalogue_of(read_objects(elements)).seen_from(TIMES_S, places)
+    observer_positions = places_of_orbit(TleTrajectory.of(OBSERVER), TIMES_S)
+    directions, _ = catalogue_of(read_objects(elements)).seen_from(TIMES_S, observer_positions)
     icrs: Array = directions[0] + offset_rad * np.array([0.0, 0.0, 1.0])
     return MeasuredTrack(
-        TIMES_S, icrs / np.linalg.norm(icrs, axis=1, keepdims=True), np.full(3, 5 * ARCSEC_RAD), places
+        TIMES_S, icrs / np.linalg.norm(icrs, axis=1, keepdims=True), np.full(3, 5 * ARCSEC_RAD), observer_positions
     )
 
 

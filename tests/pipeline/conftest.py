@@ -22,8 +22,9 @@ class Trials:
         return self._count
 
     def least(self, successes: float, full: int, of: int | None = None) -> float:
-        """Return the fewest acceptable successes of the trials that ran, or of ``of`` of them, where all ``full`` trials
-        must give ``successes``. A part of the trials may fall two binomial standard deviations short of it."""
+        """Return the minimum number of successes of the trials that ran, or of ``of`` of them, if all ``full`` trials
+        must give ``successes``. If only a part of the trials ran, two binomial standard deviations fewer are accepted.
+        """
         count, share = self._count if of is None else of, successes / full
         slack = 0.0 if self._every else 2 * math.sqrt(count * share * (1 - share))
         return count * share - slack

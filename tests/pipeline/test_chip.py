@@ -86,7 +86,7 @@ def test_a_veil_adds_shot_noise() -> None:
 
 
 @pytest.mark.parametrize("defects", [Defects(hot_share=0.6, dead_share=0.6), Defects(-0.1), Defects(corner_loss=1.0)])
-def test_impossible_defects_are_rejected(defects: Defects) -> None:
+def test_invalid_defects_are_rejected(defects: Defects) -> None:
     """More defective pixels than pixels, negative spreads and black corners are rejected."""
     with pytest.raises(BadInput, match="invalid detector defects"):
         make_chip(defects, SENSOR, CAMERA, 1)

@@ -55,15 +55,15 @@ def misidentified(result: SolveResult, camera: Camera, attitude: Array) -> int:
     of the centroid.
     """
     assert result.matches is not None
-    near = SKY.icrs @ attitude[2] > np.cos(camera.half_diagonal_rad + 0.02)
-    hip, v_mag, pixels = SKY.hip[near], SKY.v_mag[near], camera.project(SKY.icrs[near] @ attitude.T)
+    in_view = SKY.icrs @ attitude[2] > np.cos(camera.half_diagonal_rad + 0.02)
+    hip, v_mag, pixels = SKY.hip[in_view], SKY.v_mag[in_view], camera.project(SKY.icrs[in_view] @ attitude.T)
     row = {int(h): k for k, h in enumerate(hip)}
-    wrong = 0
+    wrong_matches = 0
     for k, h in zip(result.matches.centroid, result.matches.hip, strict=True):
         distance_px = np.linalg.norm(pixels - result.centroids.pixels[k], axis=1)
         own_row = row[int(h)]
-        wrong += bool(distance_px[own_row] > 3 or v_mag[distance_px < 2.5].min(initial=99) < v_mag[own_row])
-    return wrong
+        wrong_matches += bool(distance_px[own_row] > 3 or v_mag[distance_px < 2.5].min(initial=99) < v_mag[own_row])
+    return wrong_matches
 
 
 @pytest.mark.parametrize(("name", "share"), [("cubestar", 0.92), ("sunsat", 0.95)])
@@ -72,7 +72,7 @@ def test_nearly_all_detections_are_identified_correctly(name: str, share: float)
     the covariance.
     """
     rng = np.random.default_rng(41)
-    identified = detected = wrong = 0
+    identified = detected = wrong_matches = 0
     squared_errors = []
     for _ in range(40):
         attitude = Rotation.random(rng=rng).as_matrix()
@@ -83,10 +83,10 @@ def test_nearly_all_detections_are_identified_correctly(name: str, share: float)
             len(set(result.matches.centroid.tolist())) == len(set(result.matches.hip.tolist())) == len(result.matches)
         )
         identified, detected = identified + len(result.matches), detected + len(result.centroids)
-        wrong += misidentified(result, shipped_camera(name).camera, attitude)
+        wrong_matches += misidentified(result, shipped_camera(name).camera, attitude)
         error = Rotation.from_matrix(result.attitude.cam_from_icrs @ attitude.T).as_rotvec()
         squared_errors.append(error @ np.linalg.solve(result.attitude.covariance_rad2, error))
-    assert wrong == 0
+    assert wrong_matches == 0
     assert identified > share * detected
     assert 1.6 < np.mean(squared_errors) < 4.0
     assert max(squared_errors) < 25

@@ -215,10 +215,12 @@ def test_far_mst_pure_noise_lists_are_never_solved(trials: Any) -> None:
                 assert result.reason
 
 
-@pytest.mark.parametrize("place", ["north pole", "south pole", "RA 0", "RA 0 and pole"])
-def test_fields_at_poles_and_zero_right_ascension_are_solved(place: str) -> None:
+@pytest.mark.parametrize("location", ["north pole", "south pole", "RA 0", "RA 0 and pole"])
+def test_fields_at_poles_and_zero_right_ascension_are_solved(location: str) -> None:
     """Fields centred on a pole or on right ascension 0 are solved, lost in space and assisted."""
-    ra, dec = {"north pole": (0.3, 90), "south pole": (2.0, -90), "RA 0": (0.0, 0), "RA 0 and pole": (0.0, 78)}[place]
+    ra, dec = {"north pole": (0.3, 90), "south pole": (2.0, -90), "RA 0": (0.0, 0), "RA 0 and pole": (0.0, 78)}[
+        location
+    ]
     rotation = cam_from_icrs(ra, np.radians(dec), 1.0)
     rng = np.random.default_rng(5)
     centroids, truth = _star_list(rng, rotation, 2, 0.1)
@@ -254,9 +256,11 @@ def test_a_hint_wrong_by_40_degrees_gives_no_attitude() -> None:
     for _ in range(10):
         rotation = matrix_from_quaternion(random_quaternion(rng))
         centroids, _ = _star_list(rng, rotation, 0)
-        wrong = rotation_from_vector(np.array([np.radians(40), 0, 0])) @ rotation
+        wrong_attitude = rotation_from_vector(np.array([np.radians(40), 0, 0])) @ rotation
         for mode in (Mode.ASSISTED, Mode.TRACKING):
-            result = _solve_list(centroids, _work(mode, AttitudePrior.from_quaternion(quaternion_from_matrix(wrong))))
+            result = _solve_list(
+                centroids, _work(mode, AttitudePrior.from_quaternion(quaternion_from_matrix(wrong_attitude)))
+            )
             assert result.outcome is Outcome.NONE
 
 
@@ -389,7 +393,7 @@ def test_far_mst_results_are_bit_identical() -> None:
 @pytest.mark.parametrize("method", ["q_method", "svd", "foam"])
 def test_the_four_attitude_methods_agree(method: str) -> None:
     """q-method, SVD and FOAM give QUEST's attitude within rounding errors. SVD and FOAM calculate the covariance
-    differently; theirs agree with QUEST's within 1 % (Huffman 2006 ch. 6).
+    differently, and it agrees with QUEST's within 1 % (Huffman 2006 ch. 6).
     """
     centroids, _ = _star_list(np.random.default_rng(16), ORION, 1)
     quest, other = _solve_list(centroids, _work()), _solve_list(centroids, _work(attitude_method=method))

@@ -97,11 +97,11 @@ def test_consistent_matches_equal_brute_force() -> None:
     compared = 0
     for _ in range(30):
         centre = stars.icrs[rng.integers(len(stars))]
-        near = np.flatnonzero(stars.icrs @ centre > np.cos(0.42))[:6]
-        if len(near) < 3:
+        nearby = np.flatnonzero(stars.icrs @ centre > np.cos(0.42))[:6]
+        if len(nearby) < 3:
             continue
-        unit = stars.icrs[near]
-        table = baselines(unit, np.full((len(near), len(near)), tolerance), directory)
+        unit = stars.icrs[nearby]
+        table = baselines(unit, np.full((len(nearby), len(nearby)), tolerance), directory)
         expected: set[tuple[int, ...]] = set()
         angle = np.arccos(np.clip(stars.icrs @ stars.icrs.T, -1, 1))
         measured = np.arccos(np.clip(unit @ unit.T, -1, 1))
@@ -113,7 +113,7 @@ def test_consistent_matches_equal_brute_force() -> None:
                 expected.add((p, q, r))
         matches = set(map(tuple, consistent_names((0, 1, 2), table).tolist()))
         assert matches == expected
-        assert tuple(near[:3].tolist()) in matches
+        assert tuple(nearby[:3].tolist()) in matches
         compared += 1
     assert compared >= 10
 
@@ -123,14 +123,14 @@ def test_a_mirrored_figure_is_excluded() -> None:
     stars = load_stars(3.0)
     directory = sin2_directory(distance_table(stars, 0.0, 0.6), len(stars))
     rotation = cam_from_icrs(np.radians(84.0), 0.0, 0.7)
-    near = np.flatnonzero(stars.icrs @ rotation[2] > np.cos(0.25))[:4]
-    unit = stars.icrs[near] @ rotation.T
+    nearby = np.flatnonzero(stars.icrs @ rotation[2] > np.cos(0.25))[:4]
+    unit = stars.icrs[nearby] @ rotation.T
     mirrored = unit * [-1.0, 1.0, 1.0]
     for measured, expected in ((unit, True), (mirrored, False)):
         table = baselines(measured, np.full((4, 4), 3e-4), directory)
         assert len(consistent_names((0, 1, 2, 3), table)) >= 1
         names = match_figure((0, 1, 2, 3), table, measured, stars.icrs)
-        assert (near.tolist() in names.tolist()) is expected
+        assert (nearby.tolist() in names.tolist()) is expected
 
 
 def test_pyramids_are_confirmed_by_a_fourth_star() -> None:
@@ -138,11 +138,11 @@ def test_pyramids_are_confirmed_by_a_fourth_star() -> None:
     stars = load_stars(3.5)
     directory = sin2_directory(distance_table(stars, 0.0, 0.6), len(stars))
     rotation = cam_from_icrs(np.radians(84.0), 0.0, 2.7)
-    near = np.flatnonzero(stars.icrs @ rotation[2] > np.cos(0.2))
-    unit = stars.icrs[near] @ rotation.T
-    table = baselines(unit, np.full((len(near), len(near)), 2e-4), directory)
+    nearby = np.flatnonzero(stars.icrs @ rotation[2] > np.cos(0.2))
+    unit = stars.icrs[nearby] @ rotation.T
+    table = baselines(unit, np.full((len(nearby), len(nearby)), 2e-4), directory)
     pyramid = next(pyramids(unit, stars.icrs, table, 100))
-    np.testing.assert_array_equal(pyramid.names, near[list(pyramid.figure)])
+    np.testing.assert_array_equal(pyramid.names, nearby[list(pyramid.figure)])
     assert list(pyramids(unit[:3], stars.icrs, baselines(unit[:3], np.full((3, 3), 2e-4), directory), 100)) == []
 
 

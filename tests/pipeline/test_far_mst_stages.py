@@ -113,8 +113,8 @@ def _errors(frame: np.ndarray, true_px: np.ndarray, **changes: object) -> tuple[
     centroids = find_centroids(frame, replace(PARAMETERS, max_centroids=100, **changes)).centroids  # type: ignore[arg-type]
     distance_px = np.linalg.norm(centroids.pixels[:, None] - true_px[None], axis=2)
     nearest = distance_px.argmin(axis=1)
-    good = distance_px.min(axis=1) < 2
-    return (centroids.pixels - true_px[nearest])[good], centroids.sigma_px[good]
+    is_matched = distance_px.min(axis=1) < 2
+    return (centroids.pixels - true_px[nearest])[is_matched], centroids.sigma_px[is_matched]
 
 
 @pytest.mark.parametrize("changes", [{}, {"centroider": "mle"}, {"prefilter": "block"}])

@@ -40,10 +40,10 @@ def test_saturated_pixels_remain_saturated() -> None:
 
 def test_bad_pixels_with_good_neighbours_are_replaced() -> None:
     """In a block of 3 x 3 bad pixels, the middle one has no good neighbour and is not changed; the others are replaced."""
-    bad = np.array([[c, r] for c in (1, 2, 3) for r in (1, 2, 3)])
+    bad_px = np.array([[c, r] for c in (1, 2, 3) for r in (1, 2, 3)])
     frame = np.full((5, 5), 7.0, np.float32)
     frame[1:4, 1:4] = 99.0
-    cleaned = clean(frame, DarkPattern(np.zeros((5, 5), np.float32), bad, 0.1), 1e9)
+    cleaned = clean(frame, DarkPattern(np.zeros((5, 5), np.float32), bad_px, 0.1), 1e9)
     assert cleaned[2, 2] == 99.0
     assert (np.delete(cleaned.ravel(), 12) == 7.0).all()
 

@@ -108,10 +108,10 @@ def test_an_object_gives_one_track_with_correct_positions(detected: tuple[list[F
     assert track.speed_rad_s == pytest.approx(np.hypot(*FAST) * CAMERA.pixel_rad, rel=0.05)
     assert np.median(track.v_mag) == pytest.approx(4.0, abs=0.15)
     assert track.chance < 1e-6
-    for which, sign in enumerate((-1, 1)):
+    for end, sign in enumerate((-1, 1)):
         ends = np.array([direction(SLOW, FAST, t + sign * EXPOSURE_S / 2) for t in track.times_s])
-        error_rad = separation_rad(ends, track.ends_icrs[:, which])
-        assert np.nanmax(error_rad / track.ends_sigma_rad[:, which]) < 5
+        error_rad = separation_rad(ends, track.ends_icrs[:, end])
+        assert np.nanmax(error_rad / track.ends_sigma_rad[:, end]) < 5
 
 
 def test_a_trail_in_one_frame_has_both_ends(detected: tuple[list[FrameSpots], Linked]) -> None:
@@ -133,9 +133,9 @@ def test_everything_else_is_rejected_with_its_reason(detected: tuple[list[FrameS
         for k, frame in enumerate(frames)
         for row, (c, r) in enumerate(frame.pixels)
     }
-    near = {(c, r, why) for (_, c, r), why in reason_at.items()}
-    assert any(why == HOT and abs(c - 150) <= 1 and abs(r - 200) <= 1 for c, r, why in near)
-    assert any(why == SHARP and abs(r - 100) <= 2 for _, r, why in near)
+    rounded = {(c, r, why) for (_, c, r), why in reason_at.items()}
+    assert any(why == HOT and abs(c - 150) <= 1 and abs(r - 200) <= 1 for c, r, why in rounded)
+    assert any(why == SHARP and abs(r - 100) <= 2 for _, r, why in rounded)
     assert reason_at[3, 330, 230] == ONCE
     assert sum(why == REST for why in reason_at.values()) >= FRAMES - 1
     assert len(linked.resting) == 1

@@ -42,7 +42,7 @@ def test_the_covariance_agrees_with_the_scatter() -> None:
     assert np.std(rates, axis=0) == pytest.approx(rate.sigma_rad_s, rel=0.05)
 
 
-def test_impossible_intervals_and_rotations_are_rejected() -> None:
+def test_invalid_intervals_and_rotations_are_rejected() -> None:
     """Images with the same time, and rotations of almost 180°, are rejected."""
     still = attitude(np.eye(3))
     with pytest.raises(BadInput, match="same time"):

@@ -379,8 +379,8 @@ def test_a_wrong_hint_gives_no_attitude() -> None:
     """A boresight hint wrong by more than the permitted 2° gives none. A missing hint is rejected."""
     centroids, _ = _star_list(np.random.default_rng(9), ORION, 0)
     for degrees in (2.5, 40.0):
-        wrong = rotation_from_vector(np.array([np.radians(degrees), 0, 0])) @ ORION
-        assert _solve_list(centroids, _work(Mode.ASSISTED, AttitudePrior(wrong[2]))).attitude is None
+        wrong_attitude = rotation_from_vector(np.array([np.radians(degrees), 0, 0])) @ ORION
+        assert _solve_list(centroids, _work(Mode.ASSISTED, AttitudePrior(wrong_attitude[2]))).attitude is None
     with_true_hint = _solve_list(centroids, _work(Mode.ASSISTED, AttitudePrior(ORION[2])))
     assert with_true_hint.attitude is not None
     with pytest.raises(BadInput, match="assisted needs a hint"):

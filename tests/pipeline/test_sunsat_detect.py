@@ -214,9 +214,9 @@ def test_a_window_gives_the_same_result_as_the_frame() -> None:
     rng = np.random.default_rng(5)
     frame = render(NO_STARS, CAMERA, SENSOR, np.eye(3), 0.5, rng, false_stars=[FalseStar(400.3, 200.7, 4.0)]).pixels
     level = frame - dark_rows_dn(frame, PARAMETERS.dark_clip_dn)[:, None]
-    whole = find_stars(level, PARAMETERS)
+    whole_frame = find_stars(level, PARAMETERS)
     # A part that starts at a multiple of three has the same scan grid.
     part = moved(find_stars(level[180:222, 381:420], PARAMETERS), 381, 180)
-    np.testing.assert_allclose(part.centroids.pixels, whole.centroids.pixels, atol=1e-9)
-    np.testing.assert_allclose(part.centroids.flux_dn, whole.centroids.flux_dn)
-    assert part.regions[0].col_min == next(r for r in whole.regions if not r.rejected).col_min
+    np.testing.assert_allclose(part.centroids.pixels, whole_frame.centroids.pixels, atol=1e-9)
+    np.testing.assert_allclose(part.centroids.flux_dn, whole_frame.centroids.flux_dn)
+    assert part.regions[0].col_min == next(r for r in whole_frame.regions if not r.rejected).col_min

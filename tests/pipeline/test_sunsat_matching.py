@@ -166,8 +166,8 @@ def test_contradictory_matches_give_none() -> None:
     guides = _sky(9, 60, 0.1)
     rows = _field(guides, 5)
     turn = matrix_from_quaternion(random_quaternion(np.random.default_rng(3)))
-    both = np.vstack([guides.unit, guides.unit @ turn.T])
-    twice = Guides(both, np.tile(guides.v_mag, 2), distance_table_of_units(both, 0.004, 0.24))
+    combined = np.vstack([guides.unit, guides.unit @ turn.T])
+    twice = Guides(combined, np.tile(guides.v_mag, 2), distance_table_of_units(combined, 0.004, 0.24))
     result = match_groups(*_observed(guides, rows), twice, LIMITS)
     assert result.group is None
     assert len(result.largest) == 2
@@ -235,14 +235,14 @@ def test_groups_agree_with_a_brute_force_search() -> None:
     for group in result.largest:
         assert fits(tuple(group.observed.tolist()), tuple(group.guide.tolist()))
     brute_force = 0
-    near = [np.flatnonzero(np.abs(v_mag[k] - guides.v_mag) <= 1.5) for k in range(4)]
-    for a, b in itertools.product(near[0].tolist(), near[1].tolist()):
+    candidates = [np.flatnonzero(np.abs(v_mag[k] - guides.v_mag) <= 1.5) for k in range(4)]
+    for a, b in itertools.product(candidates[0].tolist(), candidates[1].tolist()):
         if a == b or not fits((0, 1), (a, b)):
             continue
-        for c in near[2].tolist():
+        for c in candidates[2].tolist():
             if c in (a, b) or not fits((0, 1, 2), (a, b, c)):
                 continue
-            brute_force += sum(d not in (a, b, c) and fits((0, 1, 2, 3), (a, b, c, d)) for d in near[3].tolist())
+            brute_force += sum(d not in (a, b, c) and fits((0, 1, 2, 3), (a, b, c, d)) for d in candidates[3].tolist())
     mirrored = brute_force - len(result.largest)
     assert mirrored >= 0
     assert len(result.largest) >= 1

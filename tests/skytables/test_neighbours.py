@@ -47,9 +47,9 @@ def test_links_are_the_pairs_with_an_empty_circle() -> None:
     icrs, net = _links()
     rng = np.random.default_rng(2)
     for row in rng.choice(3000, 12, replace=False):
-        near = np.argsort(-(icrs @ icrs[row]))[1:25]
-        for other in near:
-            third = np.setdiff1d(near, [other])
+        nearest = np.argsort(-(icrs @ icrs[row]))[1:25]
+        for other in nearest:
+            third = np.setdiff1d(nearest, [other])
             normal = np.cross(icrs[other] - icrs[row], icrs[third] - icrs[row])
             height = normal @ icrs[row]
             normal *= np.sign(height)[:, None]
@@ -75,7 +75,7 @@ def test_two_stars_with_the_same_direction_are_both_linked() -> None:
 
 @pytest.mark.parametrize("n", range(5))
 def test_up_to_four_stars_are_all_linked(n: int) -> None:
-    """If there are at most four stars, each is linked to all others."""
+    """Up to four stars are each linked to all others."""
     net = neighbour_links(_links()[0][:n])
     assert len(net) == n
     assert net.links == n * (n - 1) // 2

@@ -112,7 +112,7 @@ def test_stars_measured_within_the_uncertainty_are_found() -> None:
     stars = load_stars(faintest_mag(4.5, 0.25))
     rng = np.random.default_rng(4)
     certain = stars.v_mag <= certain_mag(4.5, 0.25)
-    found = requested = 0
+    recovered = requested = 0
     for _ in range(10):
         rows = np.flatnonzero(certain | (rng.random(len(stars)) < 0.5))
         measured = stars.icrs[rows]
@@ -122,11 +122,11 @@ def test_stars_measured_within_the_uncertainty_are_found() -> None:
         measured = np.cos(error)[:, None] * measured + np.sin(error)[:, None] * across
         nearest = np.argsort(-(measured @ measured.T), axis=1)[:, 1:3]
         keys = CLASSES.key(*features(measured, measured[nearest[:, 0]], measured[nearest[:, 1]]))
-        which, star = _table().look_up(keys)
+        measured_row, star = _table().look_up(keys)
         requested += len(rows)
-        found += len(np.unique(which[star == rows[which]]))
+        recovered += len(np.unique(measured_row[star == rows[measured_row]]))
     # The database ends at the second certain neighbour. It omits chains of exchanged neighbours, the last 0.1 %.
-    assert found >= 0.999 * requested
+    assert recovered >= 0.999 * requested
 
 
 def test_features_do_not_depend_on_rotation() -> None:

@@ -28,7 +28,7 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 
 @pytest.fixture
 def database(database_url: str) -> Iterator[Database]:
-    """A database at the newest schema."""
+    """Database with the newest schema."""
     migrate(database_url)
     database = Database(open_engine(database_url))
     yield database

@@ -14,10 +14,10 @@ T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 DAY = timedelta(days=1)
 
 
-def add_device(session, name: str, seen: datetime):
+def add_device(session, name: str, first_seen: datetime):
     """Store a device first seen at a time."""
     facts = {"profile": "p", "firmware": "1", "simulated": True, "dictionary_hash": "h"}
-    return devices.remember(session, seen, name=name, **facts)
+    return devices.remember(session, first_seen, name=name, **facts)
 
 
 def bank_period(device_id: int, bank: str, began: datetime, ended: datetime | None, sha256: str = "") -> BankHistory:

@@ -153,7 +153,7 @@ def test_stored_results_get_an_operational_one_per_frame(database_url):
     assert {row["camera_name"] for row in rows} == {""}
 
 
-def test_rows_stored_before_have_an_unknown_instrument_version(database_url):
+def test_earlier_rows_have_an_unknown_instrument_version(database_url):
     """The instrument version of earlier rows is null after migration, and the rows are otherwise unchanged."""
     before = fill_schema(database_url, "0008")
     migrate(database_url)

@@ -31,25 +31,36 @@ def database_with_rows(database: Database, monkeypatch: pytest.MonkeyPatch) -> D
     monkeypatch.setattr(blocks, "SOLUTION_ROWS", 2)
     with database.unit_of_work() as session:
         for k in range(40):
-            at, values = T0 + timedelta(minutes=6 * k), {"supply_3v3_v": 3.3 + k / 3, "mode": "tracking", "latchups": k}
+            time, values = (
+                T0 + timedelta(minutes=6 * k),
+                {"supply_3v3_v": 3.3 + k / 3, "mode": "tracking", "latchups": k},
+            )
             rows = [("housekeeping", values), ("ground_line", {"good": k})]
             rows += [("centroids", SPOT)] if k % 10 == 0 else []
             for name, packet_values in rows:
                 row = TelemetryPacket(
-                    packet=name, received=at, device_time_s=float(k), request_id=k, values=packet_values
+                    packet=name, received=time, device_time_s=float(k), request_id=k, values=packet_values
                 )
                 telemetry.add_batch(session, [row])
-            events.add(session, at, "link", "ok", f"line {k} – ü", {"k": k})
+            events.add(session, time, "link", "ok", f"line {k} – ü", {"k": k})
         for k in range(5):
-            at = T0 + timedelta(hours=k)
+            time = T0 + timedelta(hours=k)
             frame = frames.add(
                 session,
                 Frame(
-                    source="import", name="f", taken=at, received=at, columns=4, rows=2, bits=8, dtype="|u1", sha256="0"
+                    source="import",
+                    name="f",
+                    taken=time,
+                    received=time,
+                    columns=4,
+                    rows=2,
+                    bits=8,
+                    dtype="|u1",
+                    sha256="0",
                 ),
             )
             solution = Solution(
-                frame_id=frame.id, origin="ground", chain="c", version="1", created=at, outcome="solved"
+                frame_id=frame.id, origin="ground", chain="c", version="1", created=time, outcome="solved"
             )
             solution.quaternion, solution.detail = (
                 [0.0, 0.0, 0.0, 1.0],
@@ -57,7 +68,7 @@ def database_with_rows(database: Database, monkeypatch: pytest.MonkeyPatch) -> D
             )
             frames.add_solution(session, solution)
             commands.add(
-                session, at, contact_id=None, request_id=k, name="NOOP", arguments={"k": k}, user="u", source="form"
+                session, time, contact_id=None, request_id=k, name="NOOP", arguments={"k": k}, user="u", source="form"
             )
     return database
 
@@ -119,7 +130,7 @@ def test_duckdb_reads_the_exported_files(database_with_rows: Database, tmp_path:
     assert duckdb.sql(query).fetchall() == [(date(2026, 12, 1), 20, 19), (date(2026, 12, 2), 20, 39)]
 
 
-def test_days_are_rewritten_and_foreign_folders_left_unchanged(database_with_rows: Database, tmp_path: Path) -> None:
+def test_days_are_rewritten_and_other_folders_rejected(database_with_rows: Database, tmp_path: Path) -> None:
     """A second export into the same folder adds the other day. A folder with other files and an inverted span are
     rejected."""
     out = tmp_path / "out"

@@ -40,7 +40,7 @@ def test_one_sqlite_file_has_one_server(tmp_path):
 
 
 def test_one_postgresql_database_has_one_server(postgres_url):
-    """The lock ends with the connection that holds it; without a server the database cannot be locked."""
+    """A second server is rejected while the first one holds the lock. The lock ends with the connection that holds it."""
     with sole_server(postgres_url), pytest.raises(Conflict, match="another server runs on this database"):
         sole_server(postgres_url).__enter__()
     with sole_server(postgres_url):

@@ -84,8 +84,8 @@ def test_stored_runs_are_not_repeated(tmp_path: Path, capsys: pytest.CaptureFixt
     arguments = ["experiments", "run", "erlank-3-6", "--keep", str(store), "--trials"]
     assert main([*arguments, "50", "--json"]) == 0
     first = capsys.readouterr().out
-    with store.open("a") as out:
-        out.write('{"trials": 50, "torn')
+    with store.open("a") as file:
+        file.write('{"trials": 50, "torn')
     assert main([*arguments, "50", "--json"]) == 0
     assert capsys.readouterr().out == first
     assert len(store.read_text().splitlines()) == 2, "one stored run and one truncated line"

@@ -124,8 +124,8 @@ def test_noise_figures_agree_with_the_report() -> None:
 
 
 def test_angles_by_orbital_rate_agree_with_the_report() -> None:
-    """Table 4.2 is reproduced within 4.5 %, except for the 50 mm lens in low orbit, for which the report's values do
-    not follow from its formula.
+    """Table 4.2 is reproduced within 4.5 %, except for the 50 mm lens in low orbit, for which the printed values do not
+    follow from the report's model.
     """
     experiment = moniteq_nea(STARS, 1, 2, _no_progress)
     for row in experiment.rows:

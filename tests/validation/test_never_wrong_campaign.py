@@ -34,13 +34,13 @@ def test_an_interrupted_run_continues_where_it_ended(tmp_path: Path) -> None:
 
 def test_a_wrong_solution_is_listed_and_gives_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A wrong solution is listed on the page, and the exit code of the command is 3."""
-    file, out = tmp_path / "kept.jsonl", tmp_path / "page.md"
+    file, page_file = tmp_path / "kept.jsonl", tmp_path / "page.md"
     run_campaign(SMALL, file, executor=LOCAL)
     file.write_text(file.read_text("utf-8").replace('"wrong": []', '"wrong": ["cubestar, planted"]'), "utf-8")
     arguments = ["--attitudes", "0", "--frames", "13", "--seed", "3", "--camera", "cubestar", "--chain", "own"]
-    assert main(["experiments", "never-wrong", *arguments, "--keep", str(file), "--page", str(out)]) == 3
+    assert main(["experiments", "never-wrong", *arguments, "--keep", str(file), "--page", str(page_file)]) == 3
     assert "cubestar, planted" in capsys.readouterr().out
-    assert "- cubestar, planted" in out.read_text("utf-8")
+    assert "- cubestar, planted" in page_file.read_text("utf-8")
 
 
 def test_invalid_campaigns_are_rejected() -> None:

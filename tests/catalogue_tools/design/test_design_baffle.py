@@ -77,7 +77,7 @@ def test_two_stages_satisfy_the_rules_of_moniteq() -> None:
     assert baffle.length_mm > baffles.one_stage(lens, field, sun).length_mm
 
 
-def test_impossible_baffles_are_rejected() -> None:
+def test_invalid_baffles_are_rejected() -> None:
     """A source inside the field, a lens without radius, a tube without length and an excessive length are rejected."""
     with pytest.raises(BadInput, match="corner of the field"):
         baffles.one_stage(9.0, np.radians(30), np.radians(20))

@@ -44,15 +44,15 @@ def test_design_cameras_have_the_zero_point_noise_and_field_of_their_profile() -
         ({"colour": 1.0}, "unknown camera parameter"),
     ],
 )
-def test_impossible_cameras_are_rejected(changes: dict[str, float], message: str) -> None:
-    """Each impossible number is rejected with the expected range."""
+def test_invalid_cameras_are_rejected(changes: dict[str, float], message: str) -> None:
+    """Each invalid number is rejected with the expected range."""
     with pytest.raises(BadInput, match=message) as error:
         DesignCamera.from_profile(shipped_camera("sunsat")).edited(**changes)
     assert error.value.expected
 
 
 def test_an_unknown_camera_is_rejected() -> None:
-    """The error for an unknown camera lists the known ones."""
+    """An unknown camera is rejected with a list of the valid ones."""
     with pytest.raises(NotFound, match="sunsat"):
         shipped_camera("hubble")
 

@@ -31,7 +31,7 @@ def sky() -> StarTable:
 
 
 def attitudes(camera: Camera, count: int, min_stars: int, limit_mag: float, seed: int) -> list[Array]:
-    """Return random attitudes with at least ``fewest`` visible stars each."""
+    """Return random attitudes with at least ``min_stars`` visible stars each."""
     rng, stars, accepted = np.random.default_rng(seed), sky().brighter_than(limit_mag), []
     while len(accepted) < count:
         attitude = matrix_from_quaternion(random_quaternion(rng))
@@ -123,7 +123,7 @@ def measure(picture: Rendered, profile: CameraProfile) -> tuple[Centroids, Array
     fit = fit_stars(
         stamps, nearest_px[:, 0], nearest_px[:, 1], shape, np.full(len(selected), spread), sensor.gain_e_per_dn
     )
-    good = (
+    accepted = (
         fit.good
         & stamps.use.all(axis=1)
         & (fit.sigma_px < 0.3)
@@ -131,7 +131,7 @@ def measure(picture: Rendered, profile: CameraProfile) -> tuple[Centroids, Array
     )
     peak = stamps.value.max(axis=1)
     centroids = Centroids(fit.col, fit.row, fit.flux, peak + level, np.full(len(selected), 9, np.int32), fit.sigma_px)
-    return centroids.take(good), truth.hip[selected][good], truth.pixels[selected][good]
+    return centroids.take(accepted), truth.hip[selected][accepted], truth.pixels[selected][accepted]
 
 
 def rough(camera: Camera) -> Camera:
@@ -146,19 +146,19 @@ def rough(camera: Camera) -> Camera:
 
 @pytest.fixture(scope="session")
 def star_frames() -> Callable[..., list[FrameStars]]:
-    """The function ``seen_frames``."""
+    """Function that returns frames of stars at known positions (``seen_frames``)."""
     return seen_frames
 
 
 @pytest.fixture(scope="session")
 def rendered() -> Callable[..., tuple[tuple[FrameStars, ...], tuple[Array, ...]]]:
-    """The function ``rendered_frames``."""
+    """Function that returns rendered and measured frames of a profile (``rendered_frames``)."""
     return rendered_frames
 
 
 @pytest.fixture(scope="session")
 def rough_camera() -> Callable[[Camera], Camera]:
-    """The function ``rough``."""
+    """Function that returns an inaccurate initial camera (``rough``)."""
     return rough
 
 

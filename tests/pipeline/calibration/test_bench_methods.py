@@ -201,8 +201,19 @@ def test_checkerboard_gives_the_camera_that_rendered_it() -> None:
     """
     camera = Camera(320, 240, 350.0, 352.0, 163.0, 117.0, Brown(-0.25, 0.08, 0.002, -0.001))
     rng, images, rays = np.random.default_rng(3), [], _rays(camera, 3)
-    places = [(-55, -45), (50, -45), (-55, 40), (50, 40), (0, 0), (-30, 20), (40, 0), (0, -40), (-60, 0), (20, 40)]
-    for k, (x, y) in enumerate(places):
+    board_centres_mm = [
+        (-55, -45),
+        (50, -45),
+        (-55, 40),
+        (50, 40),
+        (0, 0),
+        (-30, 20),
+        (40, 0),
+        (0, -40),
+        (-60, 0),
+        (20, 40),
+    ]
+    for k, (x, y) in enumerate(board_centres_mm):
         tilt = Rotation.from_euler("yxz", [0.45 * np.cos(2.4 * k), 0.45 * np.sin(2.4 * k), 0.2 * np.sin(k)])
         picture = _board(rays, camera, tilt, np.array([x, y, 330.0 + 15 * (k % 3)]), 14.0)
         images.append(np.clip(picture + 2 * rng.normal(size=picture.shape), 0, 255).astype(np.uint8))
@@ -226,7 +237,7 @@ def test_checkerboard_gives_the_camera_that_rendered_it() -> None:
         calibrate_checkerboard([images[0], images[1], images[2][:100]], (8, 6), 14.0)
 
 
-def test_a_missing_library_is_reported_with_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_library_is_reported_with_its_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without OpenCV, the error states how to install it and names the method that does not need it."""
 
     def missing(_: str) -> None:
@@ -276,7 +287,7 @@ def test_a_dot_that_does_not_determine_a_centre_is_rejected(dots: list[list[floa
     "sigma",
     [[-1, -2, -1, -1, 5], [1, 1, 1, 1, 1], [0, 0, 0, 0, 0], [3, 1, np.nan, 1, 3], [1e300, 1, 0.5, 1, 1e300]],
 )
-def test_impossible_star_widths_are_rejected(sigma: list[float]) -> None:
+def test_invalid_star_widths_are_rejected(sigma: list[float]) -> None:
     """Negative, equal, zero, extreme or missing widths, and equal focus settings, are rejected."""
     with pytest.raises(BadInput):
         best_focus(np.arange(5.0), np.array(sigma, float))

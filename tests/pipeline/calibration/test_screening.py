@@ -71,7 +71,7 @@ def test_undetermined_parameters_are_not_fitted(star_frames: StarFrames, profile
 
 
 def test_stars_in_one_part_of_the_field_are_reported(star_frames: StarFrames, profile_of: ProfileOf) -> None:
-    """Stars in one corner only give a severe warning that states the share of the field."""
+    """If all stars are in one corner, a severe warning states the share of the field."""
     camera = profile_of("far_mst").camera
     corner = [f.take((f.pixels < [640, 500]).all(axis=1)) for f in star_frames(camera, limit_mag=6.0)]
     calibration = calibrate_camera(corner, camera)
@@ -160,8 +160,8 @@ def test_clouds_are_reported(star_frames: StarFrames, profile_of: ProfileOf) -> 
     frames = [_with_light(f, 20.0) for f in star_frames(camera, frames=12, limit_mag=5.0)]
     dim = [_with_light(f, 20.0, 1.0) if k == 4 else f for k, f in enumerate(frames)]
     assert "frame 4" in next(w for w in screen(dim, camera).warnings if w.code == "clouds").text
-    few = [f.take(np.arange(4)) if k in (2, 7, 9) else f for k, f in enumerate(frames)]
-    assert "clouds" in {w.code for w in screen(few, camera).warnings}
+    few_stars = [f.take(np.arange(4)) if k in (2, 7, 9) else f for k, f in enumerate(frames)]
+    assert "clouds" in {w.code for w in screen(few_stars, camera).warnings}
     assert "clouds" not in {w.code for w in screen(frames, camera).warnings}
 
 
@@ -172,8 +172,8 @@ def test_clipped_stars_are_excluded(star_frames: StarFrames, profile_of: Profile
     frames = []
     for f in star_frames(camera, limit_mag=5.0):
         bright = rng.random(len(f)) < 0.3
-        place = f.pixels + bright[:, None] * rng.normal(0, 1.0, (len(f), 2))
-        frames.append(replace(f, pixels=place, peak_dn=np.where(bright, 255.0, 100.0), saturation_dn=255.0))
+        shifted_px = f.pixels + bright[:, None] * rng.normal(0, 1.0, (len(f), 2))
+        frames.append(replace(f, pixels=shifted_px, peak_dn=np.where(bright, 255.0, 100.0), saturation_dn=255.0))
     calibration = calibrate_camera(frames, camera, models=["brown-4"])
     assert "saturated" in _codes(calibration)
     assert calibration.residuals.noise_px == pytest.approx(0.1, rel=0.06)

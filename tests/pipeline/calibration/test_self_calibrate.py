@@ -215,7 +215,7 @@ def test_undetermined_parameters_are_held_and_named(
 def test_stars_in_half_of_the_field_give_a_warning(
     star_frames: StarFrames, profile_of: Callable[[str], CameraProfile]
 ) -> None:
-    """Stars only in the left half of the field give a warning."""
+    """If all stars are in the left half of the field, a warning states it."""
     camera = profile_of("far_mst").camera
     half = [f.take(f.pixels[:, 0] < 640) for f in star_frames(camera, seed=3)]
     calibration = calibrate_camera([f for f in half if len(f) > 3], camera, models=["brown-2"])

@@ -72,8 +72,8 @@ def test_fused_attitude_has_the_stated_covariance() -> None:
 
 
 def test_each_head_measures_the_roll_of_the_other() -> None:
-    """Two heads at right angles measure all three angles to a few arcseconds, although each alone measures its roll
-    only to 40″ or 60″.
+    """Two heads with boresights 85° apart measure all three angles to a few arcseconds, although each alone measures
+    its roll only to 40″ or 60″.
     """
     fused = fuse([measured(np.random.default_rng(1), MOUNTINGS[0], head) for head in range(2)])
     assert np.sqrt(np.diag(fused.covariance_rad2)).max() < 8 * ARCSEC_RAD
