@@ -140,11 +140,11 @@ def test_alpha_centauri_becomes_one_star_for_a_wide_camera() -> None:
     row = int(np.flatnonzero(merged.hip == ALPHA_CEN[0])[0])
     assert ALPHA_CEN[1] not in merged.hip
     assert merged.v_mag[row] == pytest.approx(-0.29, abs=0.05)
-    a, b = stars.icrs[rows]
-    assert separation_rad(a, merged.icrs[row]) + separation_rad(merged.icrs[row], b) == pytest.approx(
-        separation_rad(a, b)
+    first, second = stars.icrs[rows]
+    assert separation_rad(first, merged.icrs[row]) + separation_rad(merged.icrs[row], second) == pytest.approx(
+        separation_rad(first, second)
     )
-    assert separation_rad(a, b) / ARCSEC_RAD == pytest.approx(19, abs=2)
+    assert separation_rad(first, second) / ARCSEC_RAD == pytest.approx(19, abs=2)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from gss.domain.rotation import matrix_from_quaternion, random_quaternion, rotat
 from gss.pipeline import attitude
 
 
-def _scene(rng: np.random.Generator, n: int, spread: float, sigma_rad: float, q: Array) -> tuple[Array, Array]:
+def _scene(rng: np.random.Generator, n: int, spread: float, sigma_rad: float, quaternion: Array) -> tuple[Array, Array]:
     """Return ``n`` directions within about ``spread`` rad of the boresight, measured with noise, and their ICRS
     references.
     """
@@ -20,7 +20,7 @@ def _scene(rng: np.random.Generator, n: int, spread: float, sigma_rad: float, q:
     true /= np.linalg.norm(true, axis=1, keepdims=True)
     measured = true + sigma_rad * rng.normal(size=(n, 3))
     measured /= np.linalg.norm(measured, axis=1, keepdims=True)
-    return measured, true @ matrix_from_quaternion(q)
+    return measured, true @ matrix_from_quaternion(quaternion)
 
 
 def _as_matrix(name: str, b: Array, r: Array, w: Array) -> Array:
@@ -55,9 +55,9 @@ def test_optimal_solvers_agree_with_scipy(name: str, n: int) -> None:
 def test_rotations_by_180_degrees_are_not_singular(name: str, axis: tuple[float, float, float]) -> None:
     """A rotation by exactly 180° about any axis is found within rounding errors."""
     rng = np.random.default_rng(2)
-    q = np.append(np.array(axis, float) / np.linalg.norm(axis), 0.0)
-    b, r = _scene(rng, 6, 0.4, 0.0, q)
-    assert rotation_angle_rad(_as_matrix(name, b, r, np.ones(6)), matrix_from_quaternion(q)) < 1e-14
+    quaternion = np.append(np.array(axis, float) / np.linalg.norm(axis), 0.0)
+    b, r = _scene(rng, 6, 0.4, 0.0, quaternion)
+    assert rotation_angle_rad(_as_matrix(name, b, r, np.ones(6)), matrix_from_quaternion(quaternion)) < 1e-14
 
 
 def test_quest_is_accurate_for_two_close_stars() -> None:
@@ -86,9 +86,9 @@ def test_quaternion_is_unit_with_positive_scalar() -> None:
     """QUEST returns the quaternion with unit length and w ≥ 0."""
     rng = np.random.default_rng(5)
     for _ in range(50):
-        q = attitude.quest(*_scene(rng, 4, 0.3, 1e-4, random_quaternion(rng)))
-        assert abs(np.linalg.norm(q) - 1) < 1e-14
-        assert q[3] >= 0
+        quaternion = attitude.quest(*_scene(rng, 4, 0.3, 1e-4, random_quaternion(rng)))
+        assert abs(np.linalg.norm(quaternion) - 1) < 1e-14
+        assert quaternion[3] >= 0
 
 
 def test_triad_maps_the_first_direction_exactly() -> None:
@@ -97,11 +97,11 @@ def test_triad_maps_the_first_direction_exactly() -> None:
     """
     rng = np.random.default_rng(6)
     b, r = _scene(rng, 2, 0.4, 1e-3, random_quaternion(rng))
-    m = attitude.triad(b, r)
-    np.testing.assert_allclose(m @ r[0], b[0], atol=1e-15)
-    assert abs(np.cross(b[0], b[1]) @ (m @ r[1])) < 1e-15
-    np.testing.assert_allclose(m @ m.T, np.eye(3), atol=1e-14)
-    assert np.linalg.det(m) > 0
+    estimate = attitude.triad(b, r)
+    np.testing.assert_allclose(estimate @ r[0], b[0], atol=1e-15)
+    assert abs(np.cross(b[0], b[1]) @ (estimate @ r[1])) < 1e-15
+    np.testing.assert_allclose(estimate @ estimate.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(estimate) > 0
 
 
 def _scatter(sigma: Array, weights: Array, runs: int) -> tuple[Array, Array]:

@@ -26,14 +26,14 @@ def test_stars_and_hot_pixels_do_not_raise_the_level() -> None:
     assert np.abs(background.level - 30).max() < 1.5
 
 
-def test_gradient_is_followed() -> None:
+def test_gradients_are_reproduced() -> None:
     """A ramp and a broad glow are reproduced within one and a half times the noise."""
     rng = np.random.default_rng(3)
     row, col = np.mgrid[:320, :480].astype(float)
     truth = 20 + 0.2 * col + 60 * np.exp(-((col - 300) ** 2 + (row - 150) ** 2) / (2 * 120**2))
     background = measure_background((truth + rng.normal(0, 3, truth.shape)).astype(np.float32))
-    r, c = row[48:-48, 48:-48].ravel(), col[48:-48, 48:-48].ravel()
-    level, _ = background.at(c, r)
+    inner_row, inner_col = row[48:-48, 48:-48].ravel(), col[48:-48, 48:-48].ravel()
+    level, _ = background.at(inner_col, inner_row)
     assert np.abs(level - truth[48:-48, 48:-48].ravel()).max() < 4.5
 
 

@@ -75,10 +75,10 @@ def test_position_errors_are_close_to_the_cramer_rao_bound() -> None:
         bound.append(
             [cramer_rao_px((64, 64), x % 1 + 31, y % 1 + 31, f, 1.0) for (x, y), f in zip(xy, flux, strict=True)]
         )
-    e, b, s = np.concatenate(error), np.concatenate(bound), np.concatenate(sigma)
-    assert np.sqrt((e**2).mean()) < 1.05 * np.sqrt((b**2).mean())
-    assert 0.8 < np.sqrt(((e / s[:, None]) ** 2).mean()) < 1.1
-    assert np.abs(e.mean(0)).max() < 3e-3
+    errors_px, bounds_px, sigmas_px = np.concatenate(error), np.concatenate(bound), np.concatenate(sigma)
+    assert np.sqrt((errors_px**2).mean()) < 1.05 * np.sqrt((bounds_px**2).mean())
+    assert 0.8 < np.sqrt(((errors_px / sigmas_px[:, None]) ** 2).mean()) < 1.1
+    assert np.abs(errors_px.mean(0)).max() < 3e-3
     assert extra <= 1
 
 

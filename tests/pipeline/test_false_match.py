@@ -19,9 +19,9 @@ def test_brightness_tail_is_uniform_for_random_pairs() -> None:
 
 def test_only_agreeing_brightness_lowers_the_probability() -> None:
     """Agreeing magnitudes give a small probability. Disagreeing magnitudes give at most one."""
-    v = np.array([2.0, 3.5, 4.0, 5.1])
-    assert brightness_tail(v + 7.1, v, 1.4) < 1e-6
-    assert brightness_tail(v[::-1] * 3, v, 0.5) <= 1.0
+    v_mag = np.array([2.0, 3.5, 4.0, 5.1])
+    assert brightness_tail(v_mag + 7.1, v_mag, 1.4) < 1e-6
+    assert brightness_tail(v_mag[::-1] * 3, v_mag, 0.5) <= 1.0
 
 
 def test_combined_probability_is_an_upper_bound() -> None:

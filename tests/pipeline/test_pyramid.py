@@ -95,15 +95,15 @@ def test_lost_in_space_is_mostly_solved_and_never_wrongly(
     rng = np.random.default_rng(100 + false_count)
     possible = solved = 0
     for _ in range(80):
-        s = scene(prepared.sky, camera, limit, false_count, rng)
-        possible += s.true_stars >= 4
-        view = field_of(s.centroids, camera)
+        one_scene = scene(prepared.sky, camera, limit, false_count, rng)
+        possible += one_scene.true_stars >= 4
+        view = field_of(one_scene.centroids, camera)
         evidence = identify_lost(view, prepared.sky, prepared.pairs, camera).evidence
         if evidence is None:
             continue
         solved += 1
-        assert (s.hip[view.centroid[evidence.rows]] == prepared.sky.hip[evidence.stars]).all()
-        assert rotation_angle_rad(evidence.cam_from_icrs, s.cam_from_icrs) < 30 * camera.pixel_rad
+        assert (one_scene.hip[view.centroid[evidence.rows]] == prepared.sky.hip[evidence.stars]).all()
+        assert rotation_angle_rad(evidence.cam_from_icrs, one_scene.cam_from_icrs) < 30 * camera.pixel_rad
     assert solved >= 0.95 * possible
 
 
@@ -116,18 +116,18 @@ def test_near_a_hint_three_stars_are_sufficient(name: str, false_count: int, ski
     rng = np.random.default_rng(200 + false_count)
     possible = solved = 0
     for _ in range(100):
-        s = scene(prepared.sky, camera, limit, false_count, rng)
+        one_scene = scene(prepared.sky, camera, limit, false_count, rng)
         axis = rng.normal(size=3)
         hint_error = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(0.5)).as_matrix()
-        view = field_of(s.centroids, camera)
+        view = field_of(one_scene.centroids, camera)
         evidence = identify_near(
-            view, prepared.sky, camera, BoundedPrior(hint_error @ s.cam_from_icrs, np.radians(0.6))
+            view, prepared.sky, camera, BoundedPrior(hint_error @ one_scene.cam_from_icrs, np.radians(0.6))
         ).evidence
-        possible += s.true_stars >= 3
+        possible += one_scene.true_stars >= 3
         if evidence is None:
             continue
         solved += 1
-        assert (s.hip[view.centroid[evidence.rows]] == prepared.sky.hip[evidence.stars]).all()
+        assert (one_scene.hip[view.centroid[evidence.rows]] == prepared.sky.hip[evidence.stars]).all()
     assert solved >= 0.98 * possible
 
 
@@ -141,18 +141,18 @@ def test_a_hundred_false_stars_give_no_wrong_solution(name: str, min_solved: int
     rng = np.random.default_rng(7)
     rich = solved = 0
     while rich < 6:
-        s = scene(prepared.sky, camera, limit, 100, rng, noise_px=0.08)
-        if s.true_stars < 10:
+        one_scene = scene(prepared.sky, camera, limit, 100, rng, noise_px=0.08)
+        if one_scene.true_stars < 10:
             continue
         rich += 1
-        view = field_of(s.centroids, camera)
+        view = field_of(one_scene.centroids, camera)
         evidence = identify_lost(view, prepared.sky, prepared.pairs, camera).evidence
         if evidence is not None:
             solved += 1
-            matched_hip = s.hip[view.centroid[evidence.rows]]
+            matched_hip = one_scene.hip[view.centroid[evidence.rows]]
             assert (matched_hip == prepared.sky.hip[evidence.stars])[matched_hip >= 0].all()
             assert (matched_hip < 0).sum() <= 1  # a false star may coincide with a true one
-            assert rotation_angle_rad(evidence.cam_from_icrs, s.cam_from_icrs) < 30 * camera.pixel_rad
+            assert rotation_angle_rad(evidence.cam_from_icrs, one_scene.cam_from_icrs) < 30 * camera.pixel_rad
     assert solved >= min_solved
 
 
@@ -180,10 +180,13 @@ def test_a_wrong_hint_gives_no_wrong_attitude(skies: dict[str, KnownSky]) -> Non
     prepared = skies["sunsat"]
     rng = np.random.default_rng(9)
     for _ in range(40):
-        s = scene(prepared.sky, camera, limit, 5, rng)
-        hint = BoundedPrior(Rotation.random(rng=rng).as_matrix() @ s.cam_from_icrs, np.radians(1.0))
-        evidence = identify_near(field_of(s.centroids, camera), prepared.sky, camera, hint).evidence
-        assert evidence is None or rotation_angle_rad(evidence.cam_from_icrs, s.cam_from_icrs) < 30 * camera.pixel_rad
+        one_scene = scene(prepared.sky, camera, limit, 5, rng)
+        hint = BoundedPrior(Rotation.random(rng=rng).as_matrix() @ one_scene.cam_from_icrs, np.radians(1.0))
+        evidence = identify_near(field_of(one_scene.centroids, camera), prepared.sky, camera, hint).evidence
+        assert (
+            evidence is None
+            or rotation_angle_rad(evidence.cam_from_icrs, one_scene.cam_from_icrs) < 30 * camera.pixel_rad
+        )
 
 
 def test_a_wrong_focal_length_gives_no_attitude(skies: dict[str, KnownSky]) -> None:
@@ -192,8 +195,10 @@ def test_a_wrong_focal_length_gives_no_attitude(skies: dict[str, KnownSky]) -> N
     prepared = skies["cubestar"]
     rng = np.random.default_rng(10)
     for _ in range(15):
-        s = scene(prepared.sky, camera.with_focal_scaled(1.1), limit, 0, rng)
-        assert identify_lost(field_of(s.centroids, camera), prepared.sky, prepared.pairs, camera).evidence is None
+        one_scene = scene(prepared.sky, camera.with_focal_scaled(1.1), limit, 0, rng)
+        assert (
+            identify_lost(field_of(one_scene.centroids, camera), prepared.sky, prepared.pairs, camera).evidence is None
+        )
 
 
 @pytest.mark.parametrize(("ra", "dec"), [(0.0, 0.0), (2 * np.pi - 1e-9, 0.3), (1.0, np.pi / 2), (2.0, -np.pi / 2)])
@@ -204,11 +209,11 @@ def test_fields_at_poles_and_zero_right_ascension_are_solved(ra: float, dec: flo
     z = np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
     x = np.cross([0.3, 0.8, 0.1], z)
     x /= np.linalg.norm(x)
-    s = scene(prepared.sky, camera, limit, 2, np.random.default_rng(11), np.stack([x, np.cross(z, x), z]))
-    view = field_of(s.centroids, camera)
+    one_scene = scene(prepared.sky, camera, limit, 2, np.random.default_rng(11), np.stack([x, np.cross(z, x), z]))
+    view = field_of(one_scene.centroids, camera)
     evidence = identify_lost(view, prepared.sky, prepared.pairs, camera).evidence
     assert evidence is not None
-    assert (s.hip[view.centroid[evidence.rows]] == prepared.sky.hip[evidence.stars]).all()
+    assert (one_scene.hip[view.centroid[evidence.rows]] == prepared.sky.hip[evidence.stars]).all()
 
 
 def test_tetra3rs_gives_the_same_boresight(skies: dict[str, KnownSky]) -> None:
@@ -222,14 +227,17 @@ def test_tetra3rs_gives_the_same_boresight(skies: dict[str, KnownSky]) -> None:
     )
     compared = 0
     for _ in range(12):
-        s = scene(prepared.sky, square, limit, 0, rng)
-        if s.true_stars < 8:
+        one_scene = scene(prepared.sky, square, limit, 0, rng)
+        if one_scene.true_stars < 8:
             continue
-        evidence = identify_lost(field_of(s.centroids, square), prepared.sky, prepared.pairs, square).evidence
-        xy = s.centroids.pixels - [square.centre_col_px, square.centre_row_px]
+        evidence = identify_lost(field_of(one_scene.centroids, square), prepared.sky, prepared.pairs, square).evidence
+        xy = one_scene.centroids.pixels - [square.centre_col_px, square.centre_row_px]
         model = tetra3rs.CameraModel(square.focal_col_px, square.columns, square.rows)
         solution = solver.solve_from_centroids(
-            np.column_stack([xy, s.centroids.flux_dn]), camera_model=model, fov_max_error_deg=1.0, solve_timeout_ms=2000
+            np.column_stack([xy, one_scene.centroids.flux_dn]),
+            camera_model=model,
+            fov_max_error_deg=1.0,
+            solve_timeout_ms=2000,
         )
         if evidence is None or not solution:
             continue

@@ -72,14 +72,14 @@ def test_projection_agrees_with_a_fits_header(ra_deg: float, dec_deg: float, rol
 
 def test_distortion_agrees_with_a_sip_polynomial() -> None:
     """Brown's coefficients, converted to the inverse SIP polynomial, move pixels exactly as the camera does."""
-    d = CAMERA.distortion
-    assert isinstance(d, Brown)
-    f = CAMERA.focal_col_px
+    lens = CAMERA.distortion
+    assert isinstance(lens, Brown)
+    focal_px = CAMERA.focal_col_px
     a, b = np.zeros((6, 6)), np.zeros((6, 6))
-    for (i, j), k in {(3, 0): d.k1, (1, 2): d.k1, (5, 0): d.k2, (3, 2): 2 * d.k2, (1, 4): d.k2}.items():
-        a[i, j], b[j, i] = k / f ** (i + j - 1), k / f ** (i + j - 1)
-    a[1, 1], a[2, 0], a[0, 2] = 2 * d.p1 / f, 3 * d.p2 / f, d.p2 / f
-    b[1, 1], b[2, 0], b[0, 2] = 2 * d.p2 / f, d.p1 / f, 3 * d.p1 / f
+    for (i, j), k in {(3, 0): lens.k1, (1, 2): lens.k1, (5, 0): lens.k2, (3, 2): 2 * lens.k2, (1, 4): lens.k2}.items():
+        a[i, j], b[j, i] = k / focal_px ** (i + j - 1), k / focal_px ** (i + j - 1)
+    a[1, 1], a[2, 0], a[0, 2] = 2 * lens.p1 / focal_px, 3 * lens.p2 / focal_px, lens.p2 / focal_px
+    b[1, 1], b[2, 0], b[0, 2] = 2 * lens.p2 / focal_px, lens.p1 / focal_px, 3 * lens.p1 / focal_px
     wcs = _wcs(CAMERA, 1.0, 0.3, 2.0)
     wcs.sip = Sip(np.zeros((6, 6)), np.zeros((6, 6)), a, b, wcs.wcs.crpix)
     rng = np.random.default_rng(1)

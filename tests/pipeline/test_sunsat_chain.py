@@ -355,8 +355,14 @@ def test_triad_covariance_agrees_with_the_scatter() -> None:
     for _ in range(4000):
         measured = b + sigma[:, None] * rng.normal(size=(2, 3))
         measured /= np.linalg.norm(measured, axis=1, keepdims=True)
-        m = triad(measured, b)
-        errors.append([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
+        error_matrix = triad(measured, b)
+        errors.append(
+            [
+                error_matrix[2, 1] - error_matrix[1, 2],
+                error_matrix[0, 2] - error_matrix[2, 0],
+                error_matrix[1, 0] - error_matrix[0, 1],
+            ]
+        )
     scatter = np.cov(np.array(errors).T / 2)
     expected = triad_covariance_rad2(b[0], b[1], *sigma)
     np.testing.assert_allclose(

@@ -220,11 +220,11 @@ def test_roll_pitch_yaw_restore_the_attitude() -> None:
         matrix = matrix_from_quaternion(random_quaternion(RNG))
         assert rotation_angle_rad(euler_123(*roll_pitch_yaw_rad(matrix)), matrix) < 1e-12
     roll, pitch, yaw = np.radians([8.0, -4.0, 135.0])
-    a = euler_123(roll, pitch, yaw)
-    assert roll_pitch_yaw_rad(a) == pytest.approx((roll, pitch, yaw), abs=1e-14)
-    assert np.arcsin(a[2, 0]) == pytest.approx(pitch, abs=1e-14)
-    assert np.arcsin(-a[2, 1] / np.cos(pitch)) == pytest.approx(roll, abs=1e-14)
-    assert np.pi - np.arcsin(-a[1, 0] / np.cos(pitch)) == pytest.approx(yaw, abs=1e-14)
+    matrix_of_angles = euler_123(roll, pitch, yaw)
+    assert roll_pitch_yaw_rad(matrix_of_angles) == pytest.approx((roll, pitch, yaw), abs=1e-14)
+    assert np.arcsin(matrix_of_angles[2, 0]) == pytest.approx(pitch, abs=1e-14)
+    assert np.arcsin(-matrix_of_angles[2, 1] / np.cos(pitch)) == pytest.approx(roll, abs=1e-14)
+    assert np.pi - np.arcsin(-matrix_of_angles[1, 0] / np.cos(pitch)) == pytest.approx(yaw, abs=1e-14)
 
 
 @pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])

@@ -47,8 +47,11 @@ def test_ranges_equal_a_comparison_of_every_value(low: float, width: float) -> N
 
 def test_an_interval_of_zero_width_contains_its_distance() -> None:
     """An interval of zero width at a pair's distance contains the pair."""
-    d = TABLE.distance_rad
-    for start, stop in (TABLE.ranges(d, d), k_vector(d).ranges(d, d, d)):
+    distances_rad = TABLE.distance_rad
+    for start, stop in (
+        TABLE.ranges(distances_rad, distances_rad),
+        k_vector(distances_rad).ranges(distances_rad, distances_rad, distances_rad),
+    ):
         assert (stop - start >= 1).all()
 
 
@@ -56,8 +59,8 @@ def test_empty_tables_give_empty_ranges() -> None:
     """Tables of no stars, one star or no pair in range return empty slices and raise no error."""
     for unit in (np.zeros((0, 3)), sphere(1, 3), np.array([[0, 0, 1.0], [0, 0, -1.0]])):
         table, ends = distance_table_of_units(unit, 0.0, 0.5), (np.array([0.0, 0.2]), np.array([0.1, 0.5]))
-        d = table.distance_rad
-        for start, stop in (table.ranges(*ends), k_vector(d).ranges(d, *ends)):
+        distances_rad = table.distance_rad
+        for start, stop in (table.ranges(*ends), k_vector(distances_rad).ranges(distances_rad, *ends)):
             assert (start == stop).all()
 
 

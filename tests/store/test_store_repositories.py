@@ -143,23 +143,23 @@ def test_frames_are_paged_newest_first_and_filtered_by_operational_outcome(datab
     """Frames are listed newest first. The filter uses the outcome of the operational ground solution, also combined with
     other filters."""
     with database.unit_of_work() as session:
-        a, b, c = (
+        frame_1, frame_2, frame_3 = (
             frames.add(session, frame_row(number=n, source=s)) for n, s in ((1, "device"), (2, "import"), (3, "device"))
         )
-        for frame, outcomes in ((a, ("solved", "none")), (b, ("solved",)), (c, ("none", "solved"))):
+        for frame, outcomes in ((frame_1, ("solved", "none")), (frame_2, ("solved",)), (frame_3, ("none", "solved"))):
             first, *_ = [frames.add_solution(session, solution_row(frame.id, "ground", o)).id for o in outcomes]
             frames.pin(session, frame.id, first)
-        frames.add_solution(session, solution_row(c.id, "on board", "solved"))
+        frames.add_solution(session, solution_row(frame_3.id, "on board", "solved"))
     with database.unit_of_work() as session:
         assert [f.number for f in frames.page(session, 10, 0)[1]] == [3, 2, 1]
         assert [f.number for f in frames.page(session, 1, 1)[1]] == [2]
         total, solved = frames.page(session, 10, 0, outcome="solved")
         assert (total, [f.number for f in solved]) == (2, [2, 1])
         assert [f.number for f in frames.page(session, 10, 0, outcome="solved", source="device")[1]] == [1]
-        assert frames.newest_solution(session, c.id, "on board").outcome == "solved"
-        assert {k: s.outcome for k, s in frames.operational_solutions(session, [a.id, c.id]).items()} == {
-            a.id: "solved",
-            c.id: "none",
+        assert frames.newest_solution(session, frame_3.id, "on board").outcome == "solved"
+        assert {k: s.outcome for k, s in frames.operational_solutions(session, [frame_1.id, frame_3.id]).items()} == {
+            frame_1.id: "solved",
+            frame_3.id: "none",
         }
         with pytest.raises(NotFound):
             frames.get(session, 999)

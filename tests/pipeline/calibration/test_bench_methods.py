@@ -182,9 +182,9 @@ def _board(
     rays: np.ndarray, camera: Camera, rotation: Rotation, board_centre_mm: np.ndarray, square_mm: float
 ) -> np.ndarray:
     """Return an image of a board of 9 x 7 squares with a white rim; each ray is followed to the board."""
-    m = rotation.as_matrix()
-    scale = (m[:, 2] @ board_centre_mm) / (rays @ m[:, 2])
-    on_board = (rays * scale[:, None] - board_centre_mm) @ m
+    board_axes = rotation.as_matrix()
+    scale = (board_axes[:, 2] @ board_centre_mm) / (rays @ board_axes[:, 2])
+    on_board = (rays * scale[:, None] - board_centre_mm) @ board_axes
     x, y = on_board[:, 0] / square_mm + 4.5, on_board[:, 1] / square_mm + 3.5
     inside = (x >= 0) & (y >= 0) & (x < 9) & (y < 7)
     dark = inside & ((np.floor(x) + np.floor(y)) % 2 == 0)
