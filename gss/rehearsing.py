@@ -82,7 +82,6 @@ def _start(services: Services) -> None:
     """Start what carries out plans. The rehearsal itself calls what runs once a second, and follows procedures."""
     services.transfers.transfers.start()
     services.commanding.commands.start()
-    services.commanding.stack_runs.start()
     services.passes.runner.start()
     services.telemetry.alarms.start()
     services.dispatcher.start()

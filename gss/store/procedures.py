@@ -69,7 +69,7 @@ def between(session: Session, start: datetime, end: datetime) -> list[ProcedureR
     return list(session.scalars(query.order_by(row.id)))
 
 
-def first_command(session: Session, source: str, name: str, since: datetime) -> Command | None:
-    """Return the first command with a source and name that was stored at or after ``since``."""
-    query = select(Command).where(Command.source == source, Command.name == name, Command.created >= since)
+def first_command(session: Session, run_id: int, since: datetime) -> Command | None:
+    """Return the first command of a run that was stored at or after ``since``."""
+    query = select(Command).where(Command.run_id == run_id, Command.created >= since)
     return session.scalar(query.order_by(Command.id).limit(1))

@@ -8,7 +8,7 @@ from typing import TypeVar
 from sqlalchemy import inspect, select
 from sqlalchemy.orm import Session
 
-from gss.store import catalogues, passes, procedures, stacks
+from gss.store import catalogues, passes, procedures
 from gss.store.models import DerivedParameter, PassPlan, User
 from gss.store.models.base import Base
 
@@ -16,7 +16,7 @@ Row = TypeVar("Row", bound=Base)
 
 
 def copy_plan(source: Session, target: Session, plan_id: int) -> list[str]:
-    """Copy a plan as a draft, with its station, orbit, procedures, stacks, catalogues and the derived parameters.
+    """Copy a plan as a draft, with its station, orbit, procedures, catalogues and the derived parameters.
     Return the keys of the blobs that it needs. Raises NotFound if the plan or an item of it no longer exists."""
     plan = passes.get_plan(source, plan_id)
     rows: list[Base] = [passes.get_station(source, plan.station_id), *passes.newest_orbits(source, 1)]
@@ -25,8 +25,6 @@ def copy_plan(source: Session, target: Session, plan_id: int) -> list[str]:
     for item in plan.items:
         if item["procedure_id"] is not None:
             rows.append(procedures.get(source, item["procedure_id"]))
-        elif item["stack_id"] is not None:
-            rows.append(stacks.get(source, item["stack_id"]))
         elif item["catalogue_id"] is not None:
             catalogue = catalogues.get(source, item["catalogue_id"])
             rows.append(catalogue)

@@ -66,7 +66,6 @@ def build(
             telemetry.alarms.handle,
             contacts.contacts.handle,
             commanding.schedule.handle,
-            commanding.stack_runs.handle,
             procedures.runs.handle,
         ],
         periodic=[transfers.progress.finalise, line.capture_sync, line.capture_packing],

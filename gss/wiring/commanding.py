@@ -1,4 +1,4 @@
-"""Services of commands, stacks and the schedule."""
+"""Services of commands and the schedule."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_history import CommandHistory
 from gss.operations.commanding.commanding import CommandService
 from gss.operations.commanding.schedule import ScheduleService
-from gss.operations.commanding.stack_runs import StackRunner
-from gss.operations.commanding.stacks import StackService
 from gss.wiring.accounts import Accounts
 from gss.wiring.base import BaseServices
 from gss.wiring.line import Line
@@ -24,8 +22,6 @@ class Commanding:
     commands: CommandService
     history: CommandHistory
     schedule: ScheduleService
-    stacks: StackService
-    stack_runs: StackRunner
 
 
 def open_commanding(base: BaseServices, line: Line, accounts: Accounts) -> Commanding:
@@ -34,12 +30,4 @@ def open_commanding(base: BaseServices, line: Line, accounts: Accounts) -> Comma
     authority = AuthorityService(database, bus, now)
     journal = AbortJournal(base.settings.data / "aborts.jsonl")
     commands = CommandService(link, database, bus, now, authority, accounts.accounts.require, journal)
-    stacks = StackService(link, commands, database, now)
-    return Commanding(
-        authority,
-        commands,
-        CommandHistory(database),
-        ScheduleService(link, commands, bus, now),
-        stacks,
-        StackRunner(stacks, link, commands, database, bus, now, base.clock.monotonic_s),
-    )
+    return Commanding(authority, commands, CommandHistory(database), ScheduleService(link, commands, bus, now))

@@ -57,8 +57,6 @@ def open_passes(
     control = ItemControl(
         procedures.procedures,
         procedures.runs,
-        commanding.stacks,
-        commanding.stack_runs,
         frames.downloads,
         transfers.transfers,
         catalogues.catalogues,

@@ -1,4 +1,4 @@
-"""Commanding over HTTP, against a sensor in memory: authority, commands, stacks, schedule, history."""
+"""Commanding over HTTP, against a sensor in memory: authority, commands, procedures, schedule, history."""
 
 from __future__ import annotations
 
@@ -203,48 +203,52 @@ def test_history_pages_filters_and_exports(console):
     console.request("GET", "/commands", 422, params={"start": "yesterday"})
 
 
-def test_a_stack_is_stored_tried_run_and_followed(console):
-    """A stack is stored, checked, run after its hazardous commands were confirmed, recorded, exported and imported."""
-    wait = {"field": "cycle_running", "op": "eq", "value": False, "wait_s": 10}
-    steps = [
-        {"command": "GET_STATUS", "condition": wait},
-        {"command": "POWER", "arguments": {"state": "off"}, "delay_s": 1},
-    ]
-    stack = console.request("POST", "/stacks", 201, json={"name": "evening", "steps": steps})
-    assert (stack["author"], stack["steps"][1]["arguments"]) == ("ann", {"rail": "imager", "state": "off"})
-    check = console.request("POST", f"/stacks/{stack['id']}/check")
-    assert (check["confirm"], check["problems"], check["shortest_s"]) == (["POWER"], [], 1.0)
-    draft = console.request("POST", "/stacks/check", json={"steps": steps})
-    assert [step["size"] for step in draft["steps"]] == [step["size"] for step in check["steps"]]
-    assert "POWER" in console.request("POST", f"/stacks/{stack['id']}/run", 400, json={"confirm": []})["expected"]
+QUICK_LIST = """# Evening
+
+## check-1: Check before GET_STATUS
+
+```check
+housekeeping.cycle_running == false
+within: 10 s
+```
+
+## send-1: Send GET_STATUS
+
+```command
+GET_STATUS
+```
+
+## wait-2: Wait before POWER
+
+```wait
+1 s
+```
+
+## send-2: Send POWER
+
+```command
+POWER state=off
+```
+"""
+
+
+def test_a_quick_list_is_stored_checked_run_and_followed(console):
+    """A list of commands is stored and checked. After the confirmation of its hazardous command it runs to its end."""
+    stored = console.request("POST", "/procedures", 201, json={"text": QUICK_LIST})
+    check = console.request("POST", "/procedures/check", json={"text": QUICK_LIST})
+    assert [step["confirm_name"] for step in check["steps"]] == ["", "", "", "POWER"]
     subscription = console.services.base.bus.subscribe(lambda: None)
-    run = console.request("POST", f"/stacks/{stack['id']}/run", 201, json={"confirm": ["POWER"]})
-    run = console.wait(
-        lambda: next((r for r in [console.request("GET", f"/stack-runs/{run['id']}")] if r["finished"]), None)
-    )
-    assert (run["state"], [s["state"] for s in run["steps"]]) == ("completed", ["completed", "completed"])
-    assert {m.topic for m in subscription.take()[0]} >= {"stack_run", "command", "event"}
-    assert [c["name"] for c in console.request("GET", "/commands", params={"run": run["id"]})] == [
-        "POWER",
-        "GET_STATUS",
-    ]
-    for order in ("pause", "resume", "stop"):
-        console.request("POST", f"/stack-runs/{run['id']}/{order}", 409)
-    console.request("POST", f"/stack-runs/{run['id']}/go-on", 409, json={"skip": "", "confirm": []})
-    file = console.request("GET", f"/stacks/{stack['id']}/stack.json")
-    console.request("POST", "/stacks/import", 409, json=file)
-    console.request("DELETE", f"/stacks/{stack['id']}", 204)
-    assert console.request("POST", "/stacks/import", 201, json=file)["steps"] == stack["steps"]
-    assert console.request("GET", "/stack-runs")[0]["stack_id"] is None
-    for damage in ({"format": "other"}, {"version": 2}, {"steps": "all"}, {"name": 5}):
-        console.request("POST", "/stacks/import", 422, json=file | damage)
-    bad = console.request(
-        "POST",
-        "/stacks",
-        400,
-        json={"name": "x", "steps": [{"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 0}}]},
-    )
-    assert bad["message"].startswith("Step 1: ")
+    start = {"automatic": True, "confirm": ["POWER"]}
+    run = console.request("POST", f"/procedures/{stored['id']}/start", 201, json=start)
+    path = f"/procedure-runs/{run['id']}"
+    console.request("POST", f"/procedures/{stored['id']}/start", 409, json=start)
+    run = console.wait(lambda: next((r for r in [console.request("GET", path)] if r["finished"]), None))
+    assert (run["state"], [entry["state"] for entry in run["entries"]]) == ("completed", ["done"] * 4)
+    assert {m.topic for m in subscription.take()[0]} >= {"procedure_run", "command", "event"}
+    sent = console.request("GET", "/commands", params={"run": run["id"]})
+    assert [command["name"] for command in sent] == ["POWER", "GET_STATUS"]
+    console.request("POST", f"{path}/pause", 409)
+    console.request("POST", f"{path}/stop", 409, json={})
 
 
 def test_a_command_is_scheduled_listed_and_cancelled(console):

@@ -152,7 +152,7 @@ def test_a_plan_is_made_checked_and_deleted(http: TestClient, tle_of: TleOf) -> 
     for wrong in (
         item | {"slot": None},
         item | {"kind": "upload"},
-        item | {"kind": "stack", "stack_id": 77},
+        item | {"kind": "procedure", "procedure_id": 77},
         item | {"estimated_s": 0.0},
     ):
         assert http.post("/api/pass-plans", json=body | {"items": [wrong]}).status_code in (400, 404, 422)

@@ -77,7 +77,7 @@ def test_a_body_is_not_read_without_permission(app: FastAPI, services: Services)
     assert viewer.post("/api/users", content=b"{not json").status_code == 403
     assert viewer.post("/api/users", content=big).status_code == 403
     for kind in ("application/json", "multipart/form-data; boundary=x", ""):
-        reply = viewer.post("/api/stacks/check", content=big, headers={"Content-Type": kind})
+        reply = viewer.post("/api/procedures/check", content=big, headers={"Content-Type": kind})
         assert (reply.status_code, "1024 KiB" in reply.json()["expected"]) == (413, True), kind
     files = {"file": ("a.png", b"x" * (2 << 20), "image/png")}
     assert token_client(app, services, "files", "admin", []).post("/api/frames/import", files=files).status_code == 400

@@ -66,21 +66,20 @@ def test_the_name_of_an_uploaded_file_is_only_text(client: TestClient, name: str
     assert all(set(stem) <= set("0123456789abcdef.") for stem in stored), stored
 
 
-def test_a_script_in_a_note_stays_text(client: TestClient) -> None:
-    """Names and notes of stacks are stored unchanged and returned as JSON, which browsers do not interpret as a page,
-    with a policy that forbids inline scripts.
+def test_a_script_in_a_procedure_stays_text(client: TestClient) -> None:
+    """The text of a procedure is stored unchanged and returned as JSON, which browsers do not interpret as a page, with a
+    policy that forbids inline scripts.
     """
-    steps = [{"command": "GET_STATUS", "note": SCRIPT}]
-    stored = client.post("/api/stacks", json={"name": SCRIPT[:60], "note": SCRIPT, "steps": steps})
+    text = f"# {SCRIPT[:60]}\n\n{SCRIPT}\n\n## note: {SCRIPT}\n\n{SCRIPT}\n"
+    stored = client.post("/api/procedures", json={"text": text})
     assert stored.status_code == 201, stored.text
-    reply = client.get("/api/stacks")
-    assert reply.json()[0]["note"] == SCRIPT
+    reply = client.get("/api/procedures")
+    assert reply.json()["stored"][0]["text"] == text
     assert reply.headers["content-type"] == "application/json"
     assert reply.headers["x-content-type-options"] == "nosniff"
     policy = reply.headers["content-security-policy"]
     scripts = next(part for part in policy.split(";") if part.strip().startswith("script-src"))
     assert "'unsafe-inline'" not in scripts
-    assert client.get(f"/api/stacks/{stored.json()['id']}/stack.json").json()["note"] == SCRIPT
 
 
 def test_a_script_in_the_log_stays_text(client: TestClient) -> None:

@@ -189,7 +189,9 @@ def test_a_viewer_sends_nothing_but_abort(clients: dict[str, TestClient]) -> Non
     assert clients["viewer"].post("/api/commands/abort").status_code == 409
     assert clients["viewer"].post("/api/transfers/999999/abort").status_code == 404
     assert clients["viewer"].post("/api/transfers/999999/pause").status_code == 404
-    assert clients["viewer"].post("/api/stack-runs/999999/stop").status_code in (404, 409)
+    for action in ("pause", "stop"):
+        reply = clients["viewer"].post(f"/api/procedure-runs/999999/{action}", json={})
+        assert reply.status_code in (404, 409)
 
 
 def test_a_dry_run_lists_missing_permissions(clients: dict[str, TestClient]) -> None:
@@ -216,21 +218,20 @@ def test_an_inner_command_needs_its_permission(app: FastAPI, clients: dict[str, 
         assert (reply.status_code != 403) is allowed, (code, reply.text)
 
 
-def test_a_stack_with_one_forbidden_command_is_rejected_completely(
+def test_an_automatic_procedure_with_one_forbidden_command_is_rejected_completely(
     app: FastAPI, clients: dict[str, TestClient]
 ) -> None:
-    """The stack is rejected before its first step. The check names the step with the missing permission."""
+    """The start is rejected before the first step, with the missing permission."""
     services = app.state.services
-    steps = [{"command": "GET_STATUS"}, {"command": "LIST_BANKS"}]
-    row = clients["operator"].post("/api/stacks", json={"name": "mixed", "note": "", "steps": steps}).json()
-    scopes = ["view", "stacks", "command.link"]
+    steps = "".join(f"## {name.lower()[:3]}: Send\n```command\n{name}\n```\n" for name in ("GET_STATUS", "LIST_BANKS"))
+    row = clients["operator"].post("/api/procedures", json={"text": f"# Mixed\n{steps}"}).json()
+    assert row["mistakes"] == 0
+    scopes = ["view", "procedures", "command.link"]
     token = services.accounts.accounts.tokens.add("status only", "operator", 1, by="test", scopes=scopes)
     narrow = TestClient(app, base_url="http://localhost", headers={"Authorization": f"Bearer {token.key}"})
-    reply = narrow.post(f"/api/stacks/{row['id']}/run", json={"confirm": []})
+    reply = narrow.post(f"/api/procedures/{row['id']}/start", json={"automatic": True})
     assert (reply.status_code, "command.catalogue" in reply.json()["message"]) == (403, True)
-    problems = narrow.post(f"/api/stacks/{row['id']}/check").json()["problems"]
-    assert any(text.startswith("step 2") and "command.catalogue" in text for text in problems)
-    assert narrow.get("/api/stack-runs").json() == []
+    assert narrow.get("/api/procedure-runs").json() == []
 
 
 def test_solving_on_board_needs_the_permission_of_its_commands(clients: dict[str, TestClient]) -> None:

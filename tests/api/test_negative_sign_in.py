@@ -314,7 +314,7 @@ def test_the_audit_log_records_actions_without_secrets(services: Services, anony
 
 
 def test_the_audit_log_records_old_and_new_values(services: Services, anonymous: TestClient) -> None:
-    """Changes of limits, alarms, tables, stacks, schedule and link are recorded with old value, new value and
+    """Changes of limits, alarms, tables, procedures, schedule and link are recorded with old value, new value and
     reason.
     """
     sign_in(anonymous)
@@ -342,14 +342,14 @@ def test_the_audit_log_records_old_and_new_values(services: Services, anonymous:
     assert newest_row(services, "tables.create_table").detail == "parameters dark of cubestar: threshold_dn"
     anonymous.post(f"/api/tables/{stored['id']}/upload", json={"bank": "2"})
     assert newest_row(services, "tables.upload_table").detail.startswith("parameters dark to bank 2")
-    steps = [{"command": "GET_STATUS"}, {"command": "POWER", "arguments": {"state": "off"}}]
-    stack = anonymous.post("/api/stacks", json={"name": "evening", "steps": steps}).json()
-    anonymous.put(f"/api/stacks/{stack['id']}", json={"name": "night", "steps": steps[:1]})
-    assert (
-        newest_row(services, "stacks.change_stack").detail == "from evening (GET_STATUS, POWER) to night (GET_STATUS)"
-    )
-    anonymous.post(f"/api/stacks/{stack['id']}/run", json={"confirm": []})
-    assert newest_row(services, "stacks.run_stack").detail.startswith("night (GET_STATUS): ")
+    text = "# Evening\n\n## a: Send\n```command\nPOWER state=off\n```\n"
+    procedure = anonymous.post("/api/procedures", json={"text": text}).json()
+    anonymous.put(f"/api/procedures/{procedure['id']}", json={"text": text.replace("Evening", "Night")})
+    detail = newest_row(services, "procedures.change_procedure").detail
+    assert detail == f"Evening: from {len(text)} to {len(text) - 2} characters"
+    start = {"automatic": True, "confirm": ["POWER"]}
+    anonymous.post(f"/api/procedures/{procedure['id']}/start", json=start)
+    assert newest_row(services, "procedures.start_procedure").detail.startswith("Night automatic POWER: ")
     order = {"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 300}, "at": "2100-01-01T00:00:00Z"}
     anonymous.post("/api/schedule", json=order)
     detail = newest_row(services, "schedule.schedule_command").detail

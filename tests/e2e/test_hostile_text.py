@@ -17,7 +17,7 @@ INJECTED = "() => [window.injected ?? 0, document.querySelectorAll('.injected').
 SHOWN = """() => document.body.innerText.includes('class=injected')
   || [...document.querySelectorAll('[title], [value]')].some((e) => (e.title + (e.value ?? '')).includes('class=injected'))"""
 PAGES = [
-    "/live", "/commands", "/commands?show=stacks", "/telemetry", "/frames", "/frames/{frame}", "/catalogues", "/catalogues/new",
+    "/live", "/commands", "/procedures", "/telemetry", "/frames", "/frames/{frame}", "/catalogues", "/catalogues/new",
     "/catalogues/design", "/calibration", "/campaigns", "/contacts", "/contacts/1", "/instruments", "/admin", "/admin?show=users",
     "/admin?show=tokens", "/admin?show=audit", "/admin?show=storage", "/admin?show=health",
 ]  # fmt: skip
@@ -38,13 +38,13 @@ def picture() -> bytes:
 def frame_with_markup(served: Any) -> int:
     """Store the markup in every text that the API accepts and return the id of an imported frame."""
     served.until("/link", lambda link: link["connected"] and link["dictionary_match"])
-    steps = [{"command": "GET_STATUS", "note": MARKUP}]
+    text = f"# {MARKUP}\n\n{MARKUP}\n\n## send-1: {MARKUP}\n\n{MARKUP}\n\n```command\nGET_STATUS\n```\n"
     answers: dict[str, int] = {}
     with httpx2.Client(base_url=f"{served.address}/api", headers=served.headers, timeout=60) as client:
         for method, path, body in (
             ("POST", "/users", {"name": MARKUP, "role": "viewer"}),
             ("POST", "/tokens", {"name": MARKUP, "role": "viewer", "days": 1}),
-            ("POST", "/stacks", {"name": MARKUP, "note": MARKUP, "steps": steps}),
+            ("POST", "/procedures", {"text": text}),
             ("PUT", "/contacts/1/note", {"note": MARKUP}),
             ("PUT", "/telemetry/limits/set", {"name": "nominal", "note": MARKUP}),
             ("POST", "/session", {"name": MARKUP, "password": "wrong password"}),

@@ -1,4 +1,4 @@
-"""Faults during a contact and the operator's reaction: alarms, authority, stacks, schedule, tables, replay."""
+"""Faults during a contact and the operator's reaction: alarms, authority, procedures, schedule, tables, replay."""
 
 from __future__ import annotations
 
@@ -100,19 +100,22 @@ def test_another_operator_holds_authority_and_it_is_broken_with_a_reason(
     expect(rows.first).to_contain_text("completed")
 
 
-def test_a_stack_runs_step_by_step_and_a_schedule_waits_on_board(page, picture):
-    """A stack of two steps completes. A scheduled command is listed and can be cancelled."""
+def test_a_quick_list_runs_step_by_step_and_a_schedule_waits_on_board(page, picture):
+    """A quick list of two commands completes and can be edited again. A scheduled command is listed and can be cancelled."""
     page.goto("/commands")
-    page.get_by_test_id("stack-new").click()
-    page.get_by_test_id("stack-name").fill("evening start")
+    page.get_by_test_id("quick-new").click()
+    page.get_by_test_id("quick-name").fill("evening start")
     page.get_by_test_id("step-command").first.select_option("SET_EXPOSURE")
     page.get_by_test_id("step-add").click()
     page.get_by_test_id("step-command").nth(1).select_option("TAKE_IMAGE")
-    page.get_by_test_id("stack-save").click()
-    expect(page.get_by_test_id("stack-step")).to_have_count(2)
-    page.get_by_test_id("stack-run").click()
-    expect(page.locator("[data-testid=stack-step][data-state=completed]")).to_have_count(2)
-    expect(page.get_by_test_id("stack")).to_contain_text("completed")
+    page.get_by_test_id("quick-save").click()
+    expect(page.get_by_test_id("quick-step")).to_have_count(2)
+    page.get_by_test_id("quick-run").click()
+    expect(page.locator("[data-testid=quick-step][data-state=done]")).to_have_count(2)
+    expect(page.get_by_test_id("quick-list")).to_contain_text("completed")
+    page.get_by_test_id("quick-edit").click()
+    expect(page.get_by_test_id("step-command").nth(1)).to_have_value("TAKE_IMAGE")
+    page.get_by_role("button", name="Cancel").click()
 
     page.get_by_test_id("schedule-add").click()
     page.get_by_test_id("schedule-command").select_option("GET_STATUS")
@@ -122,7 +125,7 @@ def test_a_stack_runs_step_by_step_and_a_schedule_waits_on_board(page, picture):
     page.get_by_test_id("schedule-send").click()
     waiting = page.locator("[data-testid=schedule-row][data-state=waiting]")
     expect(waiting.first).to_contain_text("GET_STATUS")
-    picture("stack-and-schedule")
+    picture("quick-list-and-schedule")
     waiting.first.get_by_test_id("schedule-cancel").click()
     expect(waiting).to_have_count(0)
 

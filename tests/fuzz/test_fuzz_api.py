@@ -155,7 +155,7 @@ def create_records(client: TestClient, headers: dict[str, str]) -> None:
     sky = io.BytesIO()
     Image.new("L", (64, 64)).save(sky, "png")
     rows = "id,ra,dec,v\n" + "".join(f"{i},{i * 12},{i},3\n" for i in range(1, 30))
-    stack = {"name": "s", "steps": [{"command": "GET_STATUS"}]}
+    procedure = {"text": "# s\n\n## a: Send\n```command\nGET_STATUS\n```\n"}
     responses = [
         client.post("/api/frames/import", files={"file": ("a.png", sky.getvalue())}, headers=headers),
         client.post(
@@ -164,7 +164,7 @@ def create_records(client: TestClient, headers: dict[str, str]) -> None:
             data={"mapping": json.dumps({"epoch_jyear": 2000, "frame": "icrs"})},
             headers=headers,
         ),
-        client.post("/api/stacks", json=stack, headers=headers),
+        client.post("/api/procedures", json=procedure, headers=headers),
         client.post("/api/stations", json={"name": "s", "latitude_deg": 1, "longitude_deg": 2}, headers=headers),
         client.post("/api/tables", json={"kind": "parameters", "name": "own", "profile": "cubestar"}, headers=headers),
     ]

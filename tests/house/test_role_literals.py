@@ -26,7 +26,6 @@ ALLOWED: dict[str, tuple[set[str], str]] = {
     "gss/operations/studies/calibration_sheet.py": ({"gain"}, "gain of the camera, not of the sensor's telemetry"),
     "gss/operations/studies/photograph_numbers.py": ({"gain"}, "gain of the camera, not of the sensor's telemetry"),
     "gss/api/present/link.py": ({"frames_good", "frames_bad"}, "counters of the shared protocol's line"),
-    "gss/api/schemas/stacks.py": ({"housekeeping"}, "default of stored stacks, which must not change"),
 }
 """Names of the dictionary that a file may still contain, with the reason. Remove a name when its file no longer needs it."""
 WORDS = {"memory", "address", "value", "length", "direction", "duration_s", "state"}

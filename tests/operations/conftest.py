@@ -19,8 +19,6 @@ from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_history import CommandHistory
 from gss.operations.commanding.commanding import CommandService
 from gss.operations.commanding.schedule import ScheduleService
-from gss.operations.commanding.stack_runs import StackRunner
-from gss.operations.commanding.stacks import StackService
 from gss.operations.events import EventBus
 from gss.operations.line.dispatcher import Dispatcher, LineEventQueue
 from gss.operations.line.line_events import LineBatch
@@ -96,8 +94,6 @@ class OperatorConsole:
         journal = AbortJournal(folder / "aborts.jsonl")
         self.commands = CommandService(self.link, database, bus, now, self.authority, self._permits, journal)
         self.history = CommandHistory(database)
-        self.stacks = StackService(self.link, self.commands, database, now)
-        self.runs = StackRunner(self.stacks, self.link, self.commands, database, bus, now, sensor.monotonic_s)
         self.schedule = ScheduleService(self.link, self.commands, bus, now)
         self.telemetry = TelemetryService(load_dictionary(), database, bus, now, lambda: None, lambda: True)
         unit = Registry(folder / "instruments").get("cubestar")
@@ -109,7 +105,6 @@ class OperatorConsole:
             self.link.handle,
             self.telemetry.handle,
             self.commands.handle,
-            self.runs.handle,
             self.procedure_runs.handle,
             self._schedule,
         ]
@@ -127,7 +122,6 @@ class OperatorConsole:
     def start(self) -> OperatorConsole:
         """Open the link and wait for the sensor."""
         self.commands.start()
-        self.runs.start()
         self.procedure_runs.start()
         self.dispatcher.start()
         self.link.start()
@@ -137,7 +131,6 @@ class OperatorConsole:
 
     def stop(self) -> None:
         """Close the link."""
-        self.runs.shut_down()
         self.procedure_runs.shut_down()
         self.link.stop()
         self.dispatcher.stop()
@@ -159,9 +152,9 @@ class OperatorConsole:
         return self.commands.get(row.id)
 
     def run_ends(self, run: Any) -> Any:
-        """Return the row of a stack's run after its end."""
-        self.wait(lambda: self.runs.get(run.id).finished is not None)
-        return self.runs.get(run.id)
+        """Return the row of a procedure's run after its end."""
+        self.wait(lambda: self.procedure_runs.get(run.id).finished is not None)
+        return self.procedure_runs.get(run.id)
 
 
 @pytest.fixture

@@ -20,31 +20,29 @@ from gss.orbit.station import GroundStation
 from gss.store import commands as store
 
 pytestmark = pytest.mark.timeout(120)
-STATUS = {"command": "GET_STATUS"}
-STANDBY = {"command": "SET_MODE", "arguments": {"mode": "standby"}}
+STATUS, STANDBY, WAIT = ("command", "GET_STATUS"), ("command", "SET_MODE mode=standby"), ("wait", "10 min")
 STELLENBOSCH = GroundStation("Stellenbosch", -0.59215, 0.32926, 136.0, 0.0873)
 
 
 class Mission:
-    """Passes and plans on a console. Its plans have stacks and procedures, but no transfers."""
+    """Passes and plans on a console. Its plans have procedures, but no transfers."""
 
     def __init__(self, console: Any, database: Any, bus: Any, clock: Any, tle: str) -> None:
         self.console, self.clock, self.bus = console, clock, bus
         spacecraft, stations = SpacecraftService(database, bus, clock), StationService(database, bus, clock)
         self.table = PassService(spacecraft, stations, LineBudgetService(console.link, database), clock)
         none = cast(Any, None)
-        control = ItemControl(
-            console.procedures, console.procedure_runs, console.stacks, console.runs, none, none, none, console._permits
-        )
+        control = ItemControl(console.procedures, console.procedure_runs, none, none, none, console._permits)
         self.plans = PlanService(self.table, spacecraft, control, console.commands, database, bus, clock)
         self.runner = PlanRunner(self.plans, control, self.table, console.link, console.commands, bus, clock)
         if not stations.every():
             stations.create(STELLENBOSCH, "", 0, "", user="ann")
             spacecraft.set(tle, name="", source="", user="ann")
 
-    def stack(self, *steps: Any, name: str) -> PlanItem:
-        row = self.console.stacks.create(name, "", steps, user="ann")
-        return PlanItem("stack", "", 30.0, stack_id=row.id)
+    def quick(self, *blocks: tuple[str, str], name: str) -> PlanItem:
+        """Store a procedure of (kind, content) blocks and return its item."""
+        steps = [f"## s{k}: Step\n\n```{kind}\n{content}\n```\n" for k, (kind, content) in enumerate(blocks)]
+        return self.procedure(f"# {name}\n\n" + "\n".join(steps))
 
     def procedure(self, text: str) -> PlanItem:
         row = self.console.procedures.create(text, user="ann")
@@ -84,7 +82,7 @@ def states(plan: Any) -> list[str]:
 
 def test_a_plan_starts_at_its_pass_and_records_each_item(mission):
     """Nothing is sent before the pass or if the plan is not armed. In the pass the items run in order, with their times."""
-    plan = mission.plan(mission.stack(STANDBY, name="a"), mission.stack(STATUS, name="b"))
+    plan = mission.plan(mission.quick(STANDBY, name="a"), mission.quick(STATUS, name="b"))
     mission.at(plan.rise + timedelta(seconds=5))
     mission.runner.tick()
     assert mission.plans.get(plan.id).state == "draft"
@@ -104,12 +102,12 @@ def test_a_plan_starts_at_its_pass_and_records_each_item(mission):
 
 def test_loss_of_signal_pauses_and_the_next_pass_continues(mission):
     """A loss of signal pauses the plan. The next item is sent once, in the next pass over the station."""
-    plan = mission.plan(mission.stack(STATUS, name="a"), mission.stack(STANDBY, name="b"), resume=True)
+    plan = mission.plan(mission.quick(STATUS, name="a"), mission.quick(STANDBY, name="b"), resume=True)
     mission.plans.arm(plan.id, [], user="ann")
     mission.at(plan.rise + timedelta(seconds=5))
     mission.runner.tick()  # starts the first item
     link, url = mission.console.link, mission.console.sensor.url
-    mission.console.wait(lambda: mission.console.runs.newest(1)[0].state == "completed")
+    mission.console.wait(lambda: mission.console.procedure_runs.newest(1)[0].state == "completed")
     link.close()
     mission.console.wait(lambda: not link.connected)
     paused = mission.until(plan, "paused")
@@ -128,7 +126,7 @@ def test_loss_of_signal_pauses_and_the_next_pass_continues(mission):
 
 def test_a_pass_without_signal_is_missed(mission):
     """A plan without signal in its pass sends nothing and is missed with the reason."""
-    plan = mission.plan(mission.stack(STATUS, name="a"))
+    plan = mission.plan(mission.quick(STATUS, name="a"))
     mission.plans.arm(plan.id, [], user="ann")
     mission.console.link.close()
     mission.console.wait(lambda: not mission.console.link.connected)
@@ -138,9 +136,9 @@ def test_a_pass_without_signal_is_missed(mission):
 
 
 @pytest.mark.parametrize("how", ["abort", "stop"])
-def test_abort_and_stop_end_the_plan_and_its_stack(mission, how):
-    """ABORT and a stop end the plan and its current stack. Later items are not sent."""
-    plan = mission.plan(mission.stack(STATUS | {"delay_s": 600}, name="a"), mission.stack(STANDBY, name="b"))
+def test_abort_and_stop_end_the_plan_and_its_procedure(mission, how):
+    """ABORT and a stop end the plan and its current procedure. Later items are not sent."""
+    plan = mission.plan(mission.quick(WAIT, STATUS, name="a"), mission.quick(STANDBY, name="b"))
     mission.plans.arm(plan.id, [], user="ann")
     mission.at(plan.rise + timedelta(seconds=5))
     mission.until(plan, "running")
@@ -150,7 +148,7 @@ def test_abort_and_stop_end_the_plan_and_its_stack(mission, how):
         mission.runner.stop(plan.id, user="eve")
     ended = mission.until(plan, "stopped")
     assert ended.reason == ("ABORT was sent" if how == "abort" else "stopped by eve")
-    mission.console.run_ends(mission.console.runs.newest(1)[0])
+    mission.console.run_ends(mission.console.procedure_runs.newest(1)[0])
     assert (states(ended), mission.sent("SET_MODE")) == (["stopped", "waiting"], 0)
     with pytest.raises(Conflict, match="not active"):
         mission.runner.stop(plan.id, user="eve")
@@ -161,17 +159,16 @@ def test_after_a_restart_an_item_in_progress_is_unknown_and_an_armed_plan_stays(
 ):
     """After a restart, a running plan is stopped with its item unknown, and nothing is sent again. An armed plan is still
     armed."""
-    later = mission.plan(mission.stack(STANDBY, name="b"), name="later")
+    later = mission.plan(mission.quick(STANDBY, name="b"), name="later")
     mission.at(later.set + timedelta(minutes=5))
-    second = mission.plan(mission.stack(STATUS | {"delay_s": 600}, name="a"), name="second")
-    third = mission.plan(mission.stack(STANDBY, name="c"), name="third")
+    second = mission.plan(mission.quick(WAIT, STATUS, name="a"), name="second")
+    third = mission.plan(mission.quick(STANDBY, name="c"), name="third")
     mission.plans.change(third.id, rise=second.set + timedelta(hours=1), set=second.set + timedelta(hours=2))
     for plan in (second, third):
         mission.plans.arm(plan.id, [], user="ann")
     mission.at(second.rise + timedelta(seconds=5))
     mission.until(second, "running")
     restarted = Mission(make_console(), database, bus, clock, "")
-    restarted.console.runs.start()
     restarted.runner.start()
     stopped = restarted.plans.get(second.id)
     assert (stopped.state, states(stopped), "restarted" in stopped.reason) == ("stopped", ["unknown"], True)
@@ -183,7 +180,7 @@ def test_after_a_restart_an_item_in_progress_is_unknown_and_an_armed_plan_stays(
 def test_a_plan_is_armed_only_if_it_fits_and_its_user_may(mission):
     """A plan that is too long, overlaps another, is in the past, or whose user lacks permission, confirmation or authority
     is not armed, with the reason."""
-    item = mission.stack(STATUS, name="a")
+    item = mission.quick(STATUS, name="a")
     long = mission.plan(*[item] * 40, name="long")
     with pytest.raises(Conflict, match="cannot be armed") as caught:
         mission.plans.arm(long.id, [], user="ann")
@@ -192,7 +189,7 @@ def test_a_plan_is_armed_only_if_it_fits_and_its_user_may(mission):
     mission.plans.arm(other.id, [], user="ann")
     assert "overlaps the armed plan other" in mission.plans.problems(plan)[0]
     mission.runner.stop(other.id, user="ann")
-    erase = mission.plan(mission.stack({"command": "ERASE_BANK", "arguments": {"bank": "C"}}, name="e"), name="erase")
+    erase = mission.plan(mission.quick(("command", "ERASE_BANK bank=C"), name="e"), name="erase")
     with pytest.raises(BadInput, match="need confirmation"):
         mission.plans.arm(erase.id, [], user="ann")
     mission.console.refused.add("bob")
@@ -211,7 +208,7 @@ def test_a_plan_is_armed_only_if_it_fits_and_its_user_may(mission):
 
 def test_lost_authority_fails_the_plan_before_anything_is_sent(mission):
     """If another user broke the authority, the plan fails and sends nothing."""
-    plan = mission.plan(mission.stack(STANDBY, name="a"))
+    plan = mission.plan(mission.quick(STANDBY, name="a"))
     mission.plans.arm(plan.id, [], user="ann")
     mission.console.authority.break_("eve", "urgent")
     mission.at(plan.rise + timedelta(seconds=5))
@@ -290,21 +287,17 @@ def test_a_procedure_in_a_plan_asks_sends_and_waits_for_the_signal(mission):
     assert (mission.sent("ERASE_BANK"), mission.sent("GET_STATUS")) == (1, 0)
 
 
-@pytest.mark.parametrize("kind", ["procedure", "stack"])
-def test_items_changed_after_arming_are_not_run(mission, kind):
-    """If a procedure or stack was changed after arming, the plan fails, and neither version is sent."""
-    console, before = mission.console, "# Look\n\n## a: A\n\n```command\nGET_STATUS\n```\n"
-    item = mission.procedure(before) if kind == "procedure" else mission.stack(STATUS, name="a")
+def test_a_procedure_changed_after_arming_is_not_run(mission):
+    """If a procedure was changed after arming, the plan fails, and neither version is sent."""
+    item = mission.quick(STATUS, name="Look")
     plan = mission.plan(item)
     mission.plans.arm(plan.id, [], user="ann")
-    if kind == "procedure":
-        console.procedures.change(item.procedure_id, before.replace("GET_STATUS", "STOP_CYCLE"), user="bob")
-    else:
-        console.stacks.change(item.stack_id, "a", "", [STANDBY], user="bob")
+    text = mission.console.procedures.get(item.procedure_id).text
+    mission.console.procedures.change(item.procedure_id, text.replace("GET_STATUS", "STOP_CYCLE"), user="bob")
     mission.at(plan.rise + timedelta(seconds=5))
     failed = mission.until(plan, "failed", "completed")
     assert (failed.state, "was changed after the plan was armed" in failed.reason) == ("failed", True)
-    assert not any(mission.sent(name) for name in ("GET_STATUS", "STOP_CYCLE", "SET_MODE"))
+    assert not any(mission.sent(name) for name in ("GET_STATUS", "STOP_CYCLE"))
 
 
 def test_a_procedure_with_an_unknown_command_cannot_be_planned(mission):

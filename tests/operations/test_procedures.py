@@ -12,7 +12,6 @@ import pytest
 from gss.domain.errors import BadInput, Conflict, NotPermitted
 from gss.operations.procedures.document import read_procedure
 from gss.operations.procedures.run_record import StepEntry, entries_of, is_intact, record_bytes
-from gss.operations.procedures.stack_text import procedure_of_stack
 from gss.store.commands import Filter
 
 pytestmark = pytest.mark.timeout(180)
@@ -260,40 +259,98 @@ def test_a_server_that_dies_before_queueing_leaves_a_step_that_was_not_sent(cons
     assert step(restarted, run, "status").state == "completed"
 
 
-def stack_step(command: str, arguments: dict[str, Any], **more: Any) -> dict[str, Any]:
-    """Return a step as a stack stores it."""
-    return {"command": command, "arguments": arguments, "delay_s": 0.0, "condition": None, "note": ""} | more
+# --- automatic runs -----------------------------------------------------------------------------------------------
 
 
-def test_a_stack_becomes_a_procedure_that_sends_the_same(console: Any, clock: Any) -> None:
-    """A stack with delays, conditions, arguments and notes becomes a procedure that sends the same commands. A note adds no
-    step."""
-    conditions = [
-        {"packet": "housekeeping", "field": "supply_3v3_v", "op": "gt", "value": 1.5, "wait_s": 20.0},
-        {"packet": "housekeeping", "field": "mode", "op": "ne", "value": "tracking", "wait_s": 20.0},
-        {"packet": "housekeeping", "field": "cycle_running", "op": "eq", "value": False, "wait_s": 20.0},
-    ]
-    steps = [
-        stack_step("GET_STATUS", {}, condition=conditions[0], note="## evil: Step\n```command\nRESET\n```"),
-        stack_step("SET_EXPOSURE", {"exposure_ms": 120}, condition=conditions[1], delay_s=1.5),
-        stack_step("GET_STATUS", {}, condition=conditions[2]),
-    ]
-    text = procedure_of_stack("Night  check", "before\n# the pass", steps)
-    check = console.procedures.check(text)
-    assert (check.document.title, list(check.mistakes)) == ("Night check", [])
-    names = ["check-1", "send-1", "wait-2", "check-2", "send-2", "check-3", "send-3"]
-    assert [one.id for one in check.document.steps] == names
-    run = begin(console, text, automatic=True)
-    console.wait(lambda: states(console, run)[-1:] == [("wait-2", "running")])
-    clock.forward(2)
-    console.wait(lambda: console.procedure_runs.get(run.id).state == "completed")
-    assert sorted(sent(console)) == ["GET_STATUS", "GET_STATUS", "SET_EXPOSURE"]
+def commands(*lines: str, title: str = "Test") -> str:
+    """Return a procedure with a step for each command, named a, b, c …"""
+    return procedure(*((chr(97 + k), fence("command", line)) for k, line in enumerate(lines)), title=title)
 
 
-def test_a_stack_that_a_procedure_cannot_represent_is_rejected() -> None:
-    """A stack with a line break in an argument, which would end the block, is rejected. A very short wait is written
-    without an exponent."""
-    assert "0.00001 s" in procedure_of_stack("Short", "", [stack_step("GET_STATUS", {}, delay_s=1e-5)])
-    broken = stack_step("GET_STATUS", {"name": "a\n```\n## more: More"})
-    with pytest.raises(BadInput, match="Step 1 cannot be written"):
-        procedure_of_stack("Broken", "", [broken])
+def test_an_automatic_start_needs_permission_authority_and_line(console: Any) -> None:
+    """An automatic run does not start if its user lacks a permission or the authority, or if the line is down."""
+    row = console.procedures.create(commands("GET_STATUS", "ERASE_BANK bank=C"), user="ann")
+
+    def start(user: str) -> Any:
+        return console.procedure_runs.begin(row.id, user=user, automatic=True, confirmed=["ERASE_BANK"])
+
+    console.refused.add("eve")
+    with pytest.raises(NotPermitted):
+        start("eve")
+    console.authority.take("bob")
+    with pytest.raises(Conflict, match="held by bob"):
+        start("ann")
+    console.link.close()
+    console.wait(lambda: not console.link.connected)
+    with pytest.raises(Conflict, match="line is down"):
+        start("bob")
+    assert (console.procedure_runs.newest(5), sent(console)) == ([], [])
+
+
+def test_names_confirmed_at_the_start_apply_until_a_step_fails(console: Any) -> None:
+    """A confirmed hazardous command is sent automatically. After a failed step, it must be confirmed again."""
+    first = begin(console, commands("POWER rail=imager state=off"), automatic=True, confirmed=["POWER"])
+    assert console.run_ends(first).state == "completed"
+    text = commands("FIND_CENTROIDS", "POWER rail=imager state=off", title="Second")
+    run = begin(console, text, automatic=True, confirmed=["POWER"])
+    console.wait(lambda: states(console, run) == [("a", "failed")])
+    console.procedure_runs.skip(run.id, "a", "not needed", user="ann")
+    console.procedure_runs.set_automatic(run.id, True, user="ann")
+    console.procedure_runs.tick()
+    assert (console.procedure_runs.state(run.id)[1], sent(console).count("POWER")) == ("b", 1)
+    with pytest.raises(BadInput):
+        console.procedure_runs.run_step(run.id, "b", user="ann")
+    console.procedure_runs.run_step(run.id, "b", user="ann", confirm="POWER")
+    assert console.run_ends(run).state == "completed"
+
+
+@pytest.mark.parametrize("how", ["line", "stop"])
+def test_a_queued_command_is_withdrawn_if_the_line_is_lost_or_the_run_is_stopped(console: Any, how: str) -> None:
+    """A command that is queued when the line is lost or the run is stopped is not sent in the next contact. The loss of the
+    line ends automatic execution."""
+    image = console.send("TAKE_IMAGE", exposure_ms=2000)
+    console.wait(lambda: console.commands.get(image.id).result == "started")
+    run = begin(console, commands("SET_EXPOSURE exposure_ms=5", "GET_STATUS"), automatic=True)
+    console.wait(lambda: sent(console) == ["SET_EXPOSURE"])
+    if how == "line":
+        console.sensor.cut = True
+        console.wait(lambda: not console.procedure_runs.get(run.id).automatic)
+        console.wait(lambda: states(console, run) == [("a", "failed")])
+        assert console.procedure_runs.get(run.id).state == "running"
+    else:
+        assert console.procedure_runs.stop(run.id, "", user="bob").state == "stopped"
+    [row] = console.history.page(Filter(run_id=run.id), 20)
+    assert (row.name, row.result) == ("SET_EXPOSURE", "withdrawn")
+
+
+def test_a_lost_line_pauses_an_automatic_run_until_an_operator_continues_it(console: Any, clock: Any) -> None:
+    """After the loss of the line no step starts, also when the line is open again, until a user continues the run."""
+    run = begin(console, procedure(("a", fence("wait", "30 s")), ("b", fence("command", "GET_STATUS"))), automatic=True)
+    console.wait(lambda: states(console, run) == [("a", "running")])
+    url = console.sensor.url
+    console.link.close()
+    console.wait(lambda: not console.procedure_runs.get(run.id).automatic)
+    with pytest.raises(Conflict, match="line is down"):
+        console.procedure_runs.set_automatic(run.id, True, user="ann")
+    clock.forward(31)
+    console.link.open_later(url)
+    console.wait(lambda: console.link.connected and console.link.hello is not None)
+    console.wait(lambda: console.procedure_runs.get(run.id).current == "b")
+    assert sent(console) == []
+    assert any("paused at step a: the line is down" in event.text for event in console.bus.after(0, 1000))
+    console.procedure_runs.set_automatic(run.id, True, user="ann")
+    assert console.run_ends(run).state == "completed"
+
+
+def test_a_check_with_a_time_limit_ignores_values_from_before_the_last_command(console: Any, clock: Any) -> None:
+    """A value received before the last command ended does not satisfy a check, because it can describe the earlier state."""
+    check = fence("check", "housekeeping.sensor_temperature_c < 200", "within: 10 min")
+    run = begin(console, procedure(("a", fence("command", "GET_STATUS")), ("b", check)))
+    step(console, run, "a")
+    clock.forward(-100)
+    console.wait(lambda: console.telemetry.newest_values("housekeeping")[0] == clock())
+    console.procedure_runs.run_step(run.id, "b", user="ann")
+    console.procedure_runs.tick()
+    assert states(console, run)[-1] == ("b", "running")
+    clock.forward(101)
+    assert console.run_ends(run).state == "completed"

@@ -1,4 +1,4 @@
-"""Command history, stacks and authority, on every supported database."""
+"""Command history, procedures and authority, on every supported database."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from gss.domain.errors import NotFound
-from gss.store import authority, commands, paging, stacks
+from gss.store import authority, commands, paging, procedures
 from gss.store.commands import Filter
-from gss.store.models import Stack, StackRun
+from gss.store.models import Procedure, ProcedureRun
 
 T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 
@@ -78,23 +78,32 @@ def test_facets_list_the_existing_values(database_with_commands):
         }
 
 
-def test_a_deleted_stack_keeps_its_runs(database):
-    """Deleting a stack keeps the records of its runs."""
+def test_a_deleted_procedure_keeps_its_runs(database):
+    """Deleting a procedure keeps the records of its runs."""
     with database.unit_of_work() as session:
-        stack = Stack(name="s", note="", steps=[{"command": "RESET"}], author="ann", changed=T0)
-        stacks.add(session, stack)
-        run = StackRun(
-            stack_id=stack.id, name="s", steps=stack.steps, state="running", step=0, reason="", user="ann", started=T0
+        row = Procedure(name="s", text="# s\n", author="ann", changed=T0)
+        procedures.add(session, row)
+        run = ProcedureRun(
+            procedure_id=row.id,
+            name="s",
+            text=row.text,
+            instrument="",
+            user="ann",
+            automatic=False,
+            state="running",
+            current="a",
+            entries=[],
+            started=T0,
         )
-        stacks.add(session, run)
+        procedures.add(session, run)
     with database.unit_of_work() as session:
-        assert [row.id for row in stacks.unfinished_runs(session)] == [run.id]
-        stacks.delete(session, stack.id)
+        assert procedures.running(session).id == run.id
+        procedures.delete(session, row.id)
     with database.unit_of_work() as session:
-        assert stacks.get_run(session, run.id).stack_id is None
-        assert stacks.named(session, "s") is None
+        assert procedures.get_run(session, run.id).procedure_id is None
+        assert procedures.named(session, "s") is None
         with pytest.raises(NotFound):
-            stacks.get(session, stack.id)
+            procedures.get(session, row.id)
 
 
 def test_the_row_without_an_end_is_the_holder(database):

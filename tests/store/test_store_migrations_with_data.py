@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import shutil
 import signal
 import sqlite3
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +18,19 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
 
+from gss.operations.passes.plans import items_of
+from gss.operations.procedures.run_record import entries_of, is_intact
 from gss.store.engine import Database, known_schemas, migrate, migration_config, open_engine, open_for_migration
-from gss.store.models import Base
+from gss.store.models import ApiToken, Base, Command, PassPlan, Procedure, ProcedureRun
 
 ROWS = 3
+QUICK_LIST = Path(__file__).parent / "quick_list.md"
+"""A stack as the migration writes it. The page tests that its editor reads and writes the same text."""
 AT = datetime(2026, 1, 2, 3, 4, 5)
 SCHEMAS = known_schemas()
+CONVERTED = {"stacks": "procedures", "stack_runs": "procedure_runs"}
+RENUMBERED = ("commands", "run_id")
+"""References to the runs of stacks, which have new ids as runs of procedures."""
 
 
 def fill_schema(url: str, schema: str) -> dict[str, list[dict[str, Any]]]:
@@ -34,6 +43,9 @@ def fill_schema(url: str, schema: str) -> dict[str, list[dict[str, Any]]]:
         tables = [t for t in metadata.sorted_tables if t.name != "alembic_version"]
         for table in tables:
             connection.execute(table.insert(), [row_of(table, k) for k in range(1, ROWS + 1)])
+            if engine.dialect.name == "postgresql" and "id" in table.c:  # the given ids do not advance the sequence
+                sequence = sa.func.pg_get_serial_sequence(table.name, "id")
+                connection.execute(sa.select(sa.func.setval(sequence, ROWS)))
     rows = read(url, [t.name for t in tables])
     engine.dispose()
     return rows
@@ -78,11 +90,15 @@ def read(url: str, names: list[str]) -> dict[str, list[dict[str, Any]]]:
 
 
 def check(url: str, before: dict[str, list[dict[str, Any]]]) -> None:
-    """Check that the newest schema contains all previous rows and is readable by the models."""
-    after = read(url, list(before))
-    for name, rows in before.items():
-        stored = [{k: row[k] for k in rows[0] if k in row} for row in after[name]]
-        assert stored == [{k: v for k, v in row.items() if k in after[name][0]} for row in rows], name
+    """Check that the newest schema contains all previous rows and is readable by the models. Stacks and their runs are
+    additional procedures and their runs."""
+    kept = [name for name in before if name not in CONVERTED]
+    after = read(url, kept)
+    added = {CONVERTED[name]: ROWS for name in before if name in CONVERTED}
+    for name in kept:
+        rows = before[name]
+        stored = [{k: row[k] for k in rows[0] if k in row and (name, k) != RENUMBERED} for row in after[name][:ROWS]]
+        assert stored == [{k: v for k, v in row.items() if k in stored[0]} for row in rows], name
     engine = open_engine(url)
     with engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
@@ -92,8 +108,9 @@ def check(url: str, before: dict[str, list[dict[str, Any]]]) -> None:
     database = Database(engine)
     with database.unit_of_work() as session:
         for mapper in Base.registry.mappers:
-            if mapper.local_table.name in before:
-                assert len(session.scalars(sa.select(mapper.class_)).unique().all()) == ROWS
+            name = mapper.local_table.name
+            if name in before:
+                assert len(session.scalars(sa.select(mapper.class_)).unique().all()) == ROWS + added.get(name, 0)
     database.close()
 
 
@@ -161,6 +178,67 @@ def test_earlier_rows_have_an_unknown_instrument_version(database_url):
     for table, rows in read(database_url, tables).items():
         assert [row["instrument_version"] for row in rows] == [None] * len(before[table])
     check(database_url, before)
+
+
+STEPS = [
+    {"command": "GET_STATUS", "arguments": {}, "delay_s": 0.0, "condition": None, "note": "first\n# light"},
+    {
+        "command": "SET_EXPOSURE",
+        "arguments": {"exposure_ms": 120},
+        "delay_s": 1.5,
+        "condition": {"packet": "housekeeping", "field": "mode", "op": "ne", "value": "tracking", "wait_s": 20.0},
+        "note": "",
+    },
+]
+STACK = {"id": 5, "name": "procedure 1", "note": "before\nthe pass", "steps": STEPS, "author": "ann", "changed": AT}
+RUN = {"id": 7, "stack_id": 5, "name": "evening", "state": "failed", "step": 1, "reason": "step 2", "user": "bob"}
+PROGRESS = [
+    {"state": "completed", "command_id": 2, "detail": ""},
+    {"state": "failed", "command_id": None, "detail": "x"},
+]
+
+
+def test_a_stack_its_run_plan_and_token_refer_to_a_procedure(database_url):
+    """A stack becomes a procedure with the same name, author, time, steps and waits, with a number if the name is used. Its
+    run becomes a record with a valid hash. The reviewed item of a plan and the scope of a token refer to procedures."""
+    fill_schema(database_url, "0020")
+    engine = open_engine(database_url)
+    metadata = sa.MetaData()
+    reviewed = hashlib.sha256(json.dumps(STEPS, sort_keys=True).encode()).hexdigest()
+    item = {"kind": "stack", "title": "Stack procedure 1", "estimated_s": 9.0, "procedure_id": None, "stack_id": 5}
+    items = [item | {"started_id": 7, "reviewed_sha256": reviewed}, item | {"stack_id": 77, "started_id": None}]
+    run_steps = [step | progress for step, progress in zip(STEPS, PROGRESS, strict=True)]
+    with engine.begin() as connection:
+        metadata.reflect(connection)
+        tables = metadata.tables
+        connection.execute(
+            tables["procedures"].update().where(tables["procedures"].c.id == 1).values(name="procedure 1")
+        )
+        connection.execute(tables["stacks"].insert(), STACK)
+        connection.execute(tables["stack_runs"].insert(), RUN | {"steps": run_steps, "started": AT, "finished": AT})
+        connection.execute(tables["commands"].update().where(tables["commands"].c.id == 2).values(run_id=7))
+        connection.execute(tables["pass_plans"].update().where(tables["pass_plans"].c.id == 1).values(items=items))
+        connection.execute(tables["api_tokens"].update().values(scopes=["view", "stacks"]))
+    engine.dispose()
+    migrate(database_url)
+    database = Database(open_engine(database_url))
+    with database.unit_of_work() as session:
+        row = session.scalars(sa.select(Procedure).where(Procedure.name == "procedure 1 (2)")).one()
+        assert (row.author, row.changed) == ("ann", AT.replace(tzinfo=UTC))
+        assert row.text == QUICK_LIST.read_text()
+        run = session.scalars(sa.select(ProcedureRun).where(ProcedureRun.name == "evening")).one()
+        assert (run.state, run.procedure_id, run.user, is_intact(run)) == ("stopped", row.id, "bob", True)
+        assert [(e.step, e.state, e.command_id) for e in entries_of(run)] == [
+            ("send-1", "done", 2),
+            ("send-2", "failed", None),
+        ]
+        assert session.get_one(Command, 2).run_id == run.id
+        first, second = items_of(session.get_one(PassPlan, 1))
+        assert (first.kind, first.title, first.started_id) == ("procedure", "Procedure procedure 1 (2)", run.id)
+        assert first.reviewed_sha256 == hashlib.sha256(row.text.encode()).hexdigest()
+        assert (first.procedure_id, second.procedure_id) == (row.id, 0)
+        assert {tuple(token.scopes) for token in session.scalars(sa.select(ApiToken))} == {("view", "procedures")}
+    database.close()
 
 
 def migrate_and_die(url: str, statement: int) -> bool:

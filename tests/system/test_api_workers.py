@@ -43,7 +43,6 @@ LOCAL = (
     "/analyses",
     "/design/cameras",
     "/profiles",
-    "/stacks",
     "/contacts",
 )
 

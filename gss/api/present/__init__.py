@@ -14,7 +14,6 @@ from gss.api.present import (
     procedures,
     records,
     schedule,
-    stacks,
     tables,
     telemetry,
 )
@@ -33,7 +32,6 @@ __all__ = [
     "procedures",
     "records",
     "schedule",
-    "stacks",
     "tables",
     "telemetry",
 ]

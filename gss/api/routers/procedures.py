@@ -76,9 +76,11 @@ def delete_procedure(app: App, procedure_id: RowId, audit_note: AuditNote) -> No
 def start_procedure(
     app: App, procedure_id: RowId, body: ProcedureStartIn, user: User, audit_note: AuditNote
 ) -> ProcedureRunDetailOut:
-    """Start a run. Commands are sent only when a step is run, or immediately if the run is automatic."""
-    audit_note(app.procedures.procedures.get(procedure_id).name, "automatic" if body.automatic else "")
-    return _detail(app, app.procedures.runs.begin(procedure_id, user=user, automatic=body.automatic))
+    """Start a run. Commands are sent only when a step is run, or immediately if the run is automatic. An automatic start is
+    rejected if the user does not have the permission for one of the commands."""
+    audit_note(app.procedures.procedures.get(procedure_id).name, "automatic" if body.automatic else "", *body.confirm)
+    row = app.procedures.runs.begin(procedure_id, user=user, automatic=body.automatic, confirmed=body.confirm)
+    return _detail(app, row)
 
 
 @router.get("/procedure-runs")
@@ -124,6 +126,13 @@ def set_automatic(
     """Run the following steps automatically on behalf of this user until a step needs a person, or switch that off."""
     audit_note(app.procedures.runs.get(run_id).name, "automatic" if body.automatic else "manual")
     return _detail(app, app.procedures.runs.set_automatic(run_id, body.automatic, user=user))
+
+
+@router.post("/procedure-runs/{run_id}/pause", dependencies=[need(STOP)])
+def pause_procedure(app: App, run_id: RowId, user: User, audit_note: AuditNote) -> ProcedureRunDetailOut:
+    """Switch automatic execution off. The step in progress continues, and no further step is started."""
+    audit_note(app.procedures.runs.get(run_id).name)
+    return _detail(app, app.procedures.runs.set_automatic(run_id, False, user=user))
 
 
 @router.post("/procedure-runs/{run_id}/resume", dependencies=[NEED])

@@ -150,13 +150,12 @@ class PassesOut(Out):
 
 
 class PlanItemIn(In):
-    """Item of a plan: a procedure (``procedure_id``), a stack (``stack_id``), a download (``content`` with ``slot`` or
+    """Item of a plan: a procedure (``procedure_id``), a download (``content`` with ``slot`` or
     ``bank``, like a download request), or the upload of a catalogue (``catalogue_id`` and ``bank``)."""
 
     kind: ItemKind
     estimated_s: float = Field(gt=0, le=MAX_ITEM_S)
     procedure_id: Id | None = None
-    stack_id: Id | None = None
     content: Literal["", "frame", "thumbnail", "star_windows", "catalogue", "triplets", "calibration", "parameters"] = (
         ""
     )
@@ -177,7 +176,7 @@ class PlanIn(In):
 
 
 class ArmIn(In):
-    """Names that confirm the hazardous commands in the plan's procedures and stacks."""
+    """Names that confirm the hazardous commands in the plan's procedures."""
 
     confirm: list[str] = Field(default_factory=list, max_length=200)
 
@@ -189,7 +188,6 @@ class PlanItemOut(Out):
     title: str
     estimated_s: float
     procedure_id: int | None = None
-    stack_id: int | None
     content: str
     slot: int | None
     bank: str | None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -84,9 +84,11 @@ class ProceduresOut(Out):
 
 
 class ProcedureStartIn(In):
-    """Options for the start. ``automatic``: true to run the steps automatically until a step needs a user."""
+    """Options for the start. ``automatic``: true to run the steps automatically until a step needs a user; ``confirm``:
+    names of hazardous commands that an automatic run sends without another confirmation."""
 
     automatic: bool = False
+    confirm: list[Annotated[str, Field(max_length=60)]] = Field(default_factory=list, max_length=200)
 
 
 class StepRunIn(In):

@@ -49,7 +49,6 @@ PRESENT: dict[str, Callable[[Any], Any]] = {
     "telemetry": present.telemetry.latest,
     "command": present.commands.command,
     "schedule": present.schedule.schedule,
-    "stack_run": present.stacks.run,
     "procedure_run": present.procedures.run,
     "authority": present.authority.authority,
     "transfer": present.records.transfer,

@@ -39,7 +39,6 @@ OPERATOR = (
     "alarms",
     "limits",
     "derived",
-    "stacks",
     "procedures",
     "schedule",
     "passes",

@@ -1,1 +1,1 @@
-"""Commanding: authority, checks, sending, stacks, on-board schedule and history."""
+"""Commanding: authority, checks, sending, on-board schedule and history."""

@@ -45,7 +45,6 @@ class CommandChanged(ServiceEvent):
     """A command's record changed. ``result``: its current result."""
 
     command_id: int
-    run_id: int | None
     result: str
 
 
@@ -211,4 +210,4 @@ class CommandRecorder:
 
     def _publish(self, row: Command) -> None:
         self._bus.publish("command", self._view(row))
-        self._events.publish([CommandChanged(row.id, row.run_id, row.result)])
+        self._events.publish([CommandChanged(row.id, row.result)])

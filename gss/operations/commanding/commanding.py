@@ -45,7 +45,7 @@ REMEMBERED_IDS = 64
 
 
 Permits = Callable[[str, str], None]
-"""Function of (user, permission) that raises NotPermitted. It takes the user's name, because a stack run continues after its HTTP
+"""Function of (user, permission) that raises NotPermitted. It takes the user's name, because a procedure continues after its HTTP
 request."""
 
 
@@ -188,7 +188,7 @@ class CommandService:
         """Queue a command and return its row immediately. Raises Conflict or BadInput if it cannot be sent, NotPermitted if the
         user's role does not permit it.
 
-        ``aborts``: value of ``self.aborts`` when the procedure or stack run of this command began. After a further ABORT the
+        ``aborts``: value of ``self.aborts`` when the procedure of this command began. After a further ABORT the
         command is not sent.
         """
         definition = self._link.dictionary.command(name)
@@ -201,7 +201,7 @@ class CommandService:
         check_unit(definition, self._link.hello)
         order = self._link.session.encode(name, arguments)
         check_confirmation(risk_of(self._link.roles.operations, definition, arguments), confirm)
-        self._check_line()
+        self.check_line()
         self._link.session.check_allowed(name)
         unmet = [state for state in self.preconditions(definition) if state.met is False]
         if unmet:
@@ -257,7 +257,7 @@ class CommandService:
         row = self.get(command_id)
         self.check_permitted(user, row.name, row.arguments)
         self._authority.check(user)
-        self._check_line()
+        self.check_line()
         if row.result == "unknown" and not self.can_retry(row):
             raise Conflict(
                 "the device no longer stores the result of this id and can execute the command twice",
@@ -292,7 +292,7 @@ class CommandService:
         return self.withdraw_queued(command_id, user=user)
 
     def withdraw_queued(self, command_id: int, *, user: str) -> Command:
-        """Withdraw a queued command without a check of permission and authority, for a stack run that ends. Raises Conflict if the
+        """Withdraw a queued command without a check of permission and authority, for a procedure that ends. Raises Conflict if the
         command is no longer queued."""
         row = self.get(command_id)
         if row.result != "queued":
@@ -341,6 +341,7 @@ class CommandService:
         self._writes.run()
         return self._recorder.take_completed()
 
-    def _check_line(self) -> None:
+    def check_line(self) -> None:
+        """Raise Conflict if the line is down."""
         if not self._link.connected:
             raise Conflict("the line is down", got=self._link.reason, hint="open the port first")

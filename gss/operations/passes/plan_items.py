@@ -1,11 +1,10 @@
-"""Items of a pass plan: a procedure, a stack, a download or an upload. Each item is started once. The service of its kind
-starts, pauses and stops it and reports its state."""
+"""Items of a pass plan: a procedure, a download or an upload. Each item is started once. The service of its kind starts,
+pauses and stops it and reports its state."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -13,14 +12,12 @@ from typing import Literal
 
 from gss.domain.errors import BadInput, Conflict, GssError
 from gss.operations.catalogues.build_catalogue import CatalogueService
-from gss.operations.commanding.stack_runs import StackRunner
-from gss.operations.commanding.stacks import StackService
 from gss.operations.procedures.procedures import ProcedureService
 from gss.operations.procedures.runs import ProcedureRunner
 from gss.operations.transfers.downloads import Downloads, permission_of
 from gss.operations.transfers.transfers import TransferService
 
-ItemKind = Literal["procedure", "stack", "download", "upload"]
+ItemKind = Literal["procedure", "download", "upload"]
 ItemState = Literal["waiting", "starting", "running", "done", "failed", "stopped", "unknown"]
 MAX_ITEMS = 50
 MAX_ITEM_S = 86_400.0
@@ -31,14 +28,13 @@ TRANSFER_FAILED = ("failed", "aborted")
 @dataclass(frozen=True)
 class PlanItem:
     """An item of a pass plan. ``content``: kind of a download, with its ``slot`` or ``bank``. ``catalogue_id`` and ``bank``:
-    catalogue and destination of an upload. ``reviewed_sha256``: hash of the procedure or stack when the plan was armed.
+    catalogue and destination of an upload. ``reviewed_sha256``: hash of the procedure when the plan was armed.
     ``started_id``: id of the run or transfer. ``started``, ``finished``: ISO 8601."""
 
     kind: ItemKind
     title: str
     estimated_s: float
     procedure_id: int | None = None
-    stack_id: int | None = None
     content: str = ""
     slot: int | None = None
     bank: str | None = None
@@ -64,20 +60,18 @@ class ItemControl:
         self,
         procedures: ProcedureService,
         procedure_runs: ProcedureRunner,
-        stacks: StackService,
-        runs: StackRunner,
         downloads: Downloads,
         transfers: TransferService,
         catalogues: CatalogueService,
         permits: Callable[[str, str], None],
     ) -> None:
         self._procedures, self._procedure_runs = procedures, procedure_runs
-        self._stacks, self._runs, self._downloads = stacks, runs, downloads
-        self._transfers, self._catalogues, self._permits = transfers, catalogues, permits
+        self._downloads, self._transfers = downloads, transfers
+        self._catalogues, self._permits = catalogues, permits
 
     def checked(self, item: PlanItem) -> PlanItem:
-        """Return the item with its title. Raises BadInput if the item is not valid, NotFound if its procedure, stack or
-        catalogue does not exist."""
+        """Return the item with its title. Raises BadInput if the item is not valid, NotFound if its procedure or catalogue
+        does not exist."""
         if not 0 < item.estimated_s <= MAX_ITEM_S:
             raise BadInput(
                 "the estimated duration is out of range",
@@ -88,8 +82,6 @@ class ItemControl:
             procedure = self._procedures.get(item.procedure_id)
             self._procedures.valid(procedure)
             return replace(item, title=f"Procedure {procedure.name}")
-        if item.kind == "stack" and item.stack_id is not None:
-            return replace(item, title=f"Stack {self._stacks.get(item.stack_id).name}")
         if item.kind == "upload" and item.catalogue_id is not None and item.bank:
             return replace(item, title=f"Upload {self._catalogues.get(item.catalogue_id).name} to bank {item.bank}")
         if item.kind == "download" and item.content and (item.slot is None) != (item.bank is None):
@@ -97,38 +89,30 @@ class ItemControl:
             return replace(item, title=f"Download {item.content.replace('_', ' ')} of {source}")
         raise BadInput(
             f"an item of kind {item.kind} is not complete",
-            expected="procedure_id; or stack_id; or content with slot or bank; or catalogue_id with bank",
+            expected="procedure_id; or content with slot or bank; or catalogue_id with bank",
             got=item.kind,
         )
 
     def confirm(self, items: Sequence[PlanItem], *, user: str) -> list[str]:
         """Return the names that the user must type before a plan is armed. Raises NotPermitted if the user does not have the
-        permission for an item, NotFound if an item's procedure or stack no longer exists."""
+        permission for an item, NotFound if an item's procedure no longer exists."""
         names: dict[str, None] = {}
         for item in items:
             self.require(item, user)
             if item.procedure_id is not None:
                 names |= dict.fromkeys(self._procedure_runs.confirmations(item.procedure_id, user=user))
-            elif item.stack_id is not None:
-                steps = self._stacks.get(item.stack_id).steps
-                names |= dict.fromkeys(name for name in (self._stacks.confirmation(step) for step in steps) if name)
         return list(names)
 
     def reviewed(self, item: PlanItem) -> PlanItem:
-        """Return the item with the hash of its procedure or stack, which the user reviews before arming the plan. An item with a
+        """Return the item with the hash of its procedure, which the user reviews before arming the plan. An item with a
         different hash is not started."""
         return replace(item, reviewed_sha256=self._hash(item))
 
     def _hash(self, item: PlanItem) -> str:
-        """Return the SHA-256 of the procedure's text or the stack's steps. Return "" for a transfer, because its content has a
-        hash already."""
-        if item.procedure_id is not None:
-            content = self._procedures.get(item.procedure_id).text
-        elif item.stack_id is not None:
-            content = json.dumps(self._stacks.get(item.stack_id).steps, sort_keys=True)
-        else:
+        """Return the SHA-256 of the procedure's text. Return "" for a transfer, because its content has a hash already."""
+        if item.procedure_id is None:
             return ""
-        return hashlib.sha256(content.encode()).hexdigest()
+        return hashlib.sha256(self._procedures.get(item.procedure_id).text.encode()).hexdigest()
 
     def require(self, item: PlanItem, user: str) -> None:
         """Raise NotPermitted if the user does not have the permissions for the item."""
@@ -136,15 +120,12 @@ class ItemControl:
         if item.procedure_id is not None:
             self._permits(user, "procedures")
             self._procedure_runs.confirmations(item.procedure_id, user=user)
-        elif item.stack_id is not None:
-            self._permits(user, "stacks")
-            self._stacks.check_permitted(self._stacks.get(item.stack_id).steps, user=user)
         else:
             self._permits(user, permission_of(item.content) if item.kind == "download" else "catalogues.upload")
 
     def start(self, item: PlanItem, confirm: Sequence[str], *, user: str) -> int:
-        """Start an item and return the id of its run or transfer. Raises Conflict if its procedure or stack was changed after
-        the plan was armed, GssError if the item cannot start."""
+        """Start an item and return the id of its run or transfer. Raises Conflict if its procedure was changed after the
+        plan was armed, GssError if the item cannot start."""
         self.require(item, user)
         if item.reviewed_sha256 != self._hash(item):
             raise Conflict(
@@ -152,9 +133,9 @@ class ItemControl:
                 hint="Review it, then create and arm a new plan.",
             )
         if item.procedure_id is not None:
-            return self._procedure_runs.begin(item.procedure_id, user=user, automatic=True, confirmed=confirm).id
-        if item.stack_id is not None:
-            return self._runs.run(item.stack_id, confirm, user=user).id
+            return self._procedure_runs.begin(
+                item.procedure_id, user=user, automatic=True, confirmed=confirm, planned=True
+            ).id
         if item.catalogue_id is not None:
             return self._catalogues.upload(item.catalogue_id, item.bank or "").row.id
         return self._downloads.start(item.content, slot=item.slot, bank=item.bank).row.id
@@ -165,11 +146,6 @@ class ItemControl:
             return "unknown", "its start was not recorded"
         if item.kind == "procedure":
             return self._state_of_procedure(item.started_id)
-        if item.kind == "stack":
-            run = self._runs.get(item.started_id)
-            if run.state in ("running", "paused"):
-                return "running", ""
-            return ("done", "") if run.state == "completed" else ("failed", run.reason or run.state)
         row = self._transfers.get(item.started_id).row
         if row.state in TRANSFER_COMPLETE or (row.state == "verified" and row.direction == "down"):
             return "done", ""
@@ -181,25 +157,21 @@ class ItemControl:
             return "running", f"step {waiting} waits for an operator on the page Procedures" if waiting else ""
         return ("done", "") if row.state == "completed" else ("failed", row.reason or row.state)
 
-    def pause(self, item: PlanItem, *, user: str) -> None:
+    def pause(self, item: PlanItem) -> None:
         """Pause a started item. An item that has already ended is not changed."""
         if item.started_id is not None:
             with contextlib.suppress(GssError):
                 if item.kind == "procedure":
                     self._procedure_runs.hold(item.started_id)
-                elif item.kind == "stack":
-                    self._runs.pause(item.started_id, user=user)
                 else:
                     self._transfers.pause(item.started_id)
 
-    def resume(self, item: PlanItem, *, user: str) -> None:
+    def resume(self, item: PlanItem) -> None:
         """Continue a paused item. Raises GssError if it cannot continue."""
         if item.started_id is None or self.state(item)[0] != "running":
             return
         if item.kind == "procedure":
             self._procedure_runs.release(item.started_id)
-        elif item.kind == "stack":
-            self._runs.resume(item.started_id, user=user)
         elif self._transfers.get(item.started_id).row.state == "paused":
             self._transfers.resume(item.started_id)
 
@@ -218,7 +190,5 @@ class ItemControl:
         with contextlib.suppress(GssError):
             if item.kind == "procedure":
                 self._procedure_runs.stop(item.started_id, "its pass plan ended", user=user)
-            elif item.kind == "stack":
-                self._runs.stop(item.started_id, user=user)
             else:
                 self._transfers.pause(item.started_id)

@@ -112,7 +112,7 @@ class PlanRunner:
             self._commands.check_user(row.armed_by)
             for item in items_of(row):
                 if item.state == "running":
-                    self._control.resume(item, user=row.armed_by)
+                    self._control.resume(item)
         except GssError as error:
             self._halt(row, "failed", str(error))
             return
@@ -160,7 +160,7 @@ class PlanRunner:
     def _pause(self, row: PassPlan, state: str, reason: str) -> None:
         for item in items_of(row):
             if item.state == "running":
-                self._control.pause(item, user=row.armed_by)
+                self._control.pause(item)
         row = self._plans.change(row.id, state=state, reason=reason)
         self._record(row, "watch", f"{state}: {reason}")
 

@@ -35,7 +35,7 @@ OPTION = re.compile(r"(?P<name>[^:]+):\s*(?P<value>\S.*)")
 DURATION = re.compile(r"(?P<number>\d+(?:\.\d+)?)\s*(?P<unit>s|min|h)")
 SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 MAX_S = 86_400.0
-MAX_CHARACTERS, MAX_STEPS = 100_000, 200
+MAX_CHARACTERS, MAX_STEPS = 100_000, 600
 _MARKDOWN = MarkdownIt("commonmark", {"html": False})
 
 

@@ -1,5 +1,6 @@
 """Execution of procedures. One procedure runs at a time. An operator runs each step, or the server runs steps automatically until
-it needs an operator.
+it needs an operator. If the line is lost, an automatic run pauses until an operator continues it, or until the next acquisition of
+signal for the run of a pass plan.
 
 An entry is stored before its step is executed, so the run continues after a restart of the server: a wait continues, and a command
 is looked up in the record of commands and never sent twice. The run of a pass plan is interrupted instead, because its plan has
@@ -25,7 +26,7 @@ from gss.operations.procedures.conditions import Conditions
 from gss.operations.procedures.document import read_procedure
 from gss.operations.procedures.procedures import ProcedureService
 from gss.operations.procedures.run_record import INTERRUPTED, ProcedureRecorder, StepEntry, open_entry
-from gss.operations.procedures.step_actions import SOURCE, ActiveRun, StepActions, StepRequest, with_command
+from gss.operations.procedures.step_actions import ActiveRun, StepActions, StepRequest, with_command
 from gss.operations.procedures.validation import command_of, confirmation_of
 from gss.store import procedures as store
 from gss.store.engine import Database
@@ -75,10 +76,8 @@ class ProcedureRunner:
 
     def _recover(self, row: ProcedureRun, entry: StepEntry) -> None:
         """Determine whether the command of an entry was queued before the server stopped, and update the entry."""
-        step = self._active_run(row.id).document.step(entry.step)
-        command, _ = command_of(step, self._link.roles.operations)
         with self._database.unit_of_work() as session:
-            command_row = store.first_command(session, SOURCE, command.name, datetime.fromisoformat(entry.began))
+            command_row = store.first_command(session, row.id, datetime.fromisoformat(entry.began))
         if command_row is None:
             self._record.close(row.id, "failed", "The server stopped before the command was queued. It was not sent.")
         else:
@@ -103,13 +102,24 @@ class ProcedureRunner:
     # --- requests of people -------------------------------------------------------------------------------------
 
     def begin(
-        self, procedure_id: int, *, user: str, automatic: bool = False, confirmed: Sequence[str] = ()
+        self,
+        procedure_id: int,
+        *,
+        user: str,
+        automatic: bool = False,
+        confirmed: Sequence[str] = (),
+        planned: bool = False,
     ) -> ProcedureRun:
         """Start a run of a procedure. No command is sent by this call. ``confirmed``: names of hazardous commands that an
-        automatic run sends without another confirmation. Raises BadInput with the first mistake, Conflict if another procedure
-        is running."""
+        automatic run sends without another confirmation. ``planned``: True for the run of a pass plan, which continues at
+        acquisition of signal. Raises BadInput with the first mistake, Conflict if another procedure is running. An automatic run
+        also raises NotPermitted if the user does not have the permission for one of the commands, Conflict if another user
+        holds command authority or the line is down."""
         procedure = self._procedures.get(procedure_id)
         document = self._procedures.valid(procedure)
+        if automatic:
+            self.confirmations(procedure_id, user=user)
+            self._check_automatic(user)
         with self._lock:
             self._require_none_active()
             self._aborted_by, aborts = "", self._commands.aborts
@@ -117,7 +127,7 @@ class ProcedureRunner:
             row = self._record.begin(
                 procedure, document.steps[0].id, self._link.dictionary.device_model, contact, user, automatic
             )
-            self._active = ActiveRun(row.id, document, aborts, frozenset(confirmed))
+            self._active = ActiveRun(row.id, document, aborts, frozenset(confirmed), planned)
         self._bus.record("procedure", "ok", f"{user} started the procedure {row.name}", procedure_run_id=row.id)
         self._wake.set()
         return row
@@ -170,10 +180,15 @@ class ProcedureRunner:
         with self._lock:
             self._active_run(run_id)
             if automatic:
-                self._commands.check_user(user)
+                self._check_automatic(user)
             row = self._record.change(run_id, automatic=automatic, **({"user": user} if automatic else {}))
         self._wake.set()
         return row
+
+    def _check_automatic(self, user: str) -> None:
+        """Raise Conflict if steps cannot run automatically: another user holds command authority, or the line is down."""
+        self._commands.check_user(user)
+        self._commands.check_line()
 
     def hold(self, run_id: int) -> None:
         """Suspend a run until ``release``, because the signal is lost. No further step is run and no check is evaluated. A command
@@ -193,9 +208,12 @@ class ProcedureRunner:
         self._wake.set()
 
     def stop(self, run_id: int, reason: str, *, user: str) -> ProcedureRun:
-        """End the run. A command that was sent is not cancelled."""
+        """End the run. A queued command is withdrawn. The result of a command that was sent is still recorded."""
         with self._lock:
             self._active_run(run_id)
+            entry = open_entry(self.get(run_id))
+            if entry is not None:
+                self._actions.withdraw(entry, user)
             message = f"stopped by {user}" + (f": {reason.strip()}" if reason.strip() else "")
             return self._finish(run_id, "stopped", message)
 
@@ -298,14 +316,22 @@ class ProcedureRunner:
             while self._active is not None and not self._stopping:
                 run, row = self._active, self.get(self._active.id)
                 before, step = (row.current, len(row.entries), row.entries[-1:]), run.document.step(row.current)
+                if row.automatic and not run.planned and not self._link.connected:
+                    row = self._record.change(run.id, automatic=False)
+                    message = f"Procedure {row.name} paused at step {row.current}: the line is down"
+                    self._bus.record("procedure", "watch", message, procedure_run_id=run.id)
                 entry = open_entry(row)
                 if entry is not None:
                     row = self._settled(self._actions.continue_step(run, row, entry))
-                elif row.automatic and run.held_since is None and self._actions.is_unattended(run, step):
+                elif self._can_continue(run, row) and self._actions.is_unattended(run, step):
                     request = StepRequest(row.user, confirm=self._actions.confirmation(step))
                     row = self._settled(self._actions.perform(run, step, request))
                 if (row.current, len(row.entries), row.entries[-1:]) == before:
                     return
+
+    def _can_continue(self, run: ActiveRun, row: ProcedureRun) -> bool:
+        """True if the next step of a run can start without a request of an operator."""
+        return row.automatic and run.held_since is None and self._link.connected
 
     def _end_if_aborted(self) -> None:
         if self._aborted_by and self._active is not None:

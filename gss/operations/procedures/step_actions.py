@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 
@@ -25,13 +26,14 @@ UNATTENDED = ("text", "check", "command", "wait", "branch")
 @dataclass(frozen=True)
 class ActiveRun:
     """The active run. ``confirmed``: names of hazardous commands that a user confirmed before the start. ``aborts``: number of
-    ABORTs when the run started; after a further ABORT the run sends no command. ``held_since``: time since which the run has been
-    waiting for a signal, None if it is not waiting."""
+    ABORTs when the run started; after a further ABORT the run sends no command. ``planned``: True for the run of a pass plan.
+    ``held_since``: time since which the run of a plan has been waiting for a signal, None if it is not waiting."""
 
     id: int
     document: ProcedureDocument
     aborts: int
     confirmed: frozenset[str] = frozenset()
+    planned: bool = False
     held_since: datetime | None = None
 
 
@@ -62,11 +64,15 @@ class StepActions:
         self._record, self._bus, self._now = record, bus, now
 
     def is_unattended(self, run: ActiveRun, step: ProcedureStep) -> bool:
-        """True if the step can run without an operator."""
+        """True if the step can run without an operator. After a failed step, the remaining hazardous commands must be confirmed
+        again."""
         if step.kind == "command":
             name = self.confirmation(step)
-            return not name or name in run.confirmed
+            return not name or (name in run.confirmed and not self._has_failed(run.id))
         return step.kind in UNATTENDED
+
+    def _has_failed(self, run_id: int) -> bool:
+        return any(entry.state == "failed" for entry in entries_of(self._record.get(run_id)))
 
     def confirmation(self, step: ProcedureStep) -> str:
         """Return the name that confirms a step's command, "" for other steps and if no confirmation is needed."""
@@ -106,9 +112,15 @@ class StepActions:
         self._record.add(run.id, entry)
         return self._look(run, step, entry)
 
+    def _last_command_end(self, run_id: int) -> datetime | None:
+        ends = [e.ended for e in entries_of(self._record.get(run_id)) if e.kind == "command" and e.ended]
+        return datetime.fromisoformat(ends[-1]) if ends else None
+
     def _look(self, run: ActiveRun, step: ProcedureStep, entry: StepEntry) -> ProcedureRun:
-        """Evaluate a check in progress. End it if its condition is met or its time limit has passed."""
-        result, values = self._conditions.evaluate(step.words, self._now())
+        """Evaluate a check in progress. End it if its condition is met or its time limit has passed. A check with a time limit
+        ignores values received before the last command ended, because they can describe the state before that command."""
+        since = self._last_command_end(run.id) if step.seconds else None
+        result, values = self._conditions.evaluate(step.words, self._now(), since)
         if result.value is True:
             self._record.close(run.id, "done", "met", values=values)
             return self.advance(run, step, "next")
@@ -149,7 +161,13 @@ class StepActions:
                 row = self._commands.retry(earlier.id, user=entry.by)
             else:
                 row = self._commands.send(
-                    command.name, arguments, confirm=confirm, user=entry.by, source=SOURCE, aborts=run.aborts
+                    command.name,
+                    arguments,
+                    confirm=confirm,
+                    user=entry.by,
+                    source=SOURCE,
+                    run_id=run.id,
+                    aborts=run.aborts,
                 )
         except GssError as error:
             self._fail(run.id, f"The command was not sent: {error}")
@@ -166,10 +184,13 @@ class StepActions:
         return row if row.result in ("unknown", "completed") else None
 
     def _follow(self, run: ActiveRun, step: ProcedureStep) -> ProcedureRun:
-        """End the step of a command if the command has ended."""
+        """End the step of a command if the command has ended. A command that is still queued when the line is down is withdrawn,
+        because it would be sent unexpectedly in the next contact."""
         entry = open_entry(self._record.get(run.id))
         if entry is None or entry.command_id is None:
             return self._record.get(run.id)
+        if not self._link.connected:
+            self.withdraw(entry, entry.by)
         row = self._commands.get(entry.command_id)
         if row.result not in ENDED:
             return self._record.get(run.id)
@@ -178,6 +199,12 @@ class StepActions:
             return self.advance(run, step, "next")
         detail = f": {row.detail}" if row.detail else ""
         return self._fail(run.id, f"The command ended {row.result}{detail}")
+
+    def withdraw(self, entry: StepEntry, user: str) -> None:
+        """Withdraw the command of an entry on behalf of a user if it has not been sent."""
+        if entry.command_id is not None:
+            with suppress(Conflict):  # it was sent, and its result is recorded
+                self._commands.withdraw_queued(entry.command_id, user=user)
 
     def _fail(self, run_id: int, detail: str, values: Values | None = None) -> ProcedureRun:
         """End the step as failed and switch off automatic execution. An operator then runs the step again, skips it, or stops the

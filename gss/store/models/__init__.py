@@ -4,7 +4,7 @@ from gss.store.models.accounts import ApiToken, AuditRow, OneTimeLink, SignIn, U
 from gss.store.models.automation import DerivedParameter, Notification, Procedure, ProcedureRun
 from gss.store.models.base import Base, UtcDateTime
 from gss.store.models.catalogues import BankHistory, Catalogue, DeviceTable, StarList
-from gss.store.models.console import Alarm, Authority, Choice, Job, Stack, StackRun
+from gss.store.models.console import Alarm, Authority, Choice, Job
 from gss.store.models.frames import Frame, Solution
 from gss.store.models.heads import FusedRow, HeadPairRow, Spacecraft
 from gss.store.models.link import (
@@ -55,8 +55,6 @@ __all__ = [
     "SignIn",
     "Solution",
     "Spacecraft",
-    "Stack",
-    "StackRun",
     "StarList",
     "Station",
     "TelemetryPacket",

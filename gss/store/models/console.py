@@ -1,11 +1,10 @@
-"""Alarms, choices, command authority, stacks and jobs."""
+"""Alarms, choices, command authority and jobs."""
 
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
 
-from sqlalchemy import JSON, ForeignKey, String, Text
+from sqlalchemy import JSON, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from gss.domain.json_object import JsonObject
@@ -61,34 +60,6 @@ class Authority(Base):
     transfer_user: Mapped[str] = mapped_column(String(60), default="")
     transfer_note: Mapped[str] = mapped_column(Text, default="")
     transfer_at: Mapped[datetime | None] = mapped_column(default=None)
-
-
-class Stack(Base):
-    """Prepared list of commands. ``steps``: name, arguments, delay and condition of each step."""
-
-    __tablename__ = "stacks"
-    id: Mapped[int] = mapped_column(primary_key=True)
-    name: Mapped[str] = mapped_column(String(80), unique=True)
-    note: Mapped[str] = mapped_column(Text, default="")
-    steps: Mapped[list[Any]]
-    author: Mapped[str] = mapped_column(String(60))
-    changed: Mapped[datetime]
-
-
-class StackRun(Base):
-    """Run of a stack, with a copy of its steps and their progress."""
-
-    __tablename__ = "stack_runs"
-    id: Mapped[int] = mapped_column(primary_key=True)
-    stack_id: Mapped[int | None] = mapped_column(ForeignKey("stacks.id", ondelete="SET NULL"))
-    name: Mapped[str] = mapped_column(String(80))
-    steps: Mapped[list[Any]]
-    state: Mapped[str] = mapped_column(String(12), index=True)
-    step: Mapped[int] = mapped_column(default=0)
-    reason: Mapped[str] = mapped_column(Text, default="")
-    user: Mapped[str] = mapped_column(String(60))
-    started: Mapped[datetime]
-    finished: Mapped[datetime | None]
 
 
 class Job(Base):

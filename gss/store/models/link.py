@@ -64,7 +64,7 @@ class Command(Base):
     attempts: Mapped[int] = mapped_column(default=1)
     resolved_note: Mapped[str] = mapped_column(Text, default="")
     values: Mapped[JsonObject] = mapped_column(default=dict)
-    run_id: Mapped[int | None] = mapped_column(ForeignKey("stack_runs.id"), index=True)
+    run_id: Mapped[int | None] = mapped_column(ForeignKey("procedure_runs.id"), index=True)
     stages: Mapped[list[CommandStage]] = relationship(
         order_by="CommandStage.id", lazy="selectin", cascade="all, delete-orphan"
     )

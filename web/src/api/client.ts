@@ -148,23 +148,6 @@ const commanding = {
   /** Send ABORT. The request is sent even if the page is closed immediately. */
   abort: (signal: AbortSignal) => body(POST('/api/commands/abort', { signal })),
   procedures: () => body(GET('/api/procedures')),
-  stacks: () => body(GET('/api/stacks')),
-  saveStack: (stack: T.StackIn, stack_id: number | null) =>
-    stack_id === null
-      ? body(POST('/api/stacks', { body: stack }))
-      : body(PUT('/api/stacks/{stack_id}', { params: { path: { stack_id } }, body: stack })),
-  procedureOfStack: (stack_id: number) =>
-    body(POST('/api/stacks/{stack_id}/procedure', { params: { path: { stack_id } } })),
-  dropStack: (stack_id: number) => body(DELETE('/api/stacks/{stack_id}', { params: { path: { stack_id } } })),
-  checkStack: (stack_id: number) => body(POST('/api/stacks/{stack_id}/check', { params: { path: { stack_id } } })),
-  runStack: (stack_id: number, confirm: string[]) =>
-    body(POST('/api/stacks/{stack_id}/run', { params: { path: { stack_id } }, body: { confirm } })),
-  stackRuns: () => body(GET('/api/stack-runs', { params: { query: { limit: 20 } } })),
-  checkSteps: (steps: T.StackIn['steps']) => body(POST('/api/stacks/check', { body: { steps } })),
-  continueStackRun: (run_id: number, skip: string, confirm: string[]) =>
-    body(POST('/api/stack-runs/{run_id}/go-on', { params: { path: { run_id } }, body: { skip, confirm } })),
-  runAction: (run_id: number, action: 'pause' | 'resume' | 'stop') =>
-    body(POST(`/api/stack-runs/{run_id}/${action}`, { params: { path: { run_id } } })),
   schedule: () => body(GET('/api/schedule')),
   refreshSchedule: () => body(POST('/api/schedule/refresh')),
   checkScheduled: (entry: Body<'/api/schedule/check'>, signal?: AbortSignal) =>

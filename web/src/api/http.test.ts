@@ -36,7 +36,7 @@ describe('requests', () => {
   it('send reads and long bodies without keepalive, whose size browsers limit', async () => {
     answers = [json(200, {}), json(201, {})];
     await http.GET('/api/link', { baseUrl: 'http://gss' });
-    await http.POST('/api/stacks/import', { baseUrl: 'http://gss', body: { text: 'x'.repeat(40_000) } as never });
+    await http.POST('/api/procedures', { baseUrl: 'http://gss', body: { text: 'x'.repeat(40_000) } });
     expect(sent.map((r) => r.keepalive)).toEqual([false, false]);
     expect(sent[0]?.headers.get('X-GSS')).toBeNull();
   });

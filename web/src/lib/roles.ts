@@ -21,7 +21,6 @@ export const WORDS: Record<
   alarms: 'working on alarms',
   limits: 'choosing limits',
   derived: 'defining derived parameters',
-  stacks: 'running stacks',
   procedures: 'writing and running procedures',
   schedule: 'scheduling',
   passes: 'planning passes',

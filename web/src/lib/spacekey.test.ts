@@ -25,8 +25,8 @@ describe('the space bar', () => {
 
 /** Calls that make the server send something to the sensor. */
 const SENDING = new RegExp(
-  String.raw`sendCommand\(|abort\.send\(|api\.(abort|retry|runStack|continueStackRun|addScheduled|cancelScheduled|` +
-    String.raw`refreshSchedule|upload|uploadTable|uploadFrame|startDownload|transferAction|runAction)\(`,
+  String.raw`sendCommand\(|abort\.send\(|requests\.(automatic|step)\(|api\.(abort|retry|addScheduled|cancelScheduled|` +
+    String.raw`refreshSchedule|upload|uploadTable|uploadFrame|startDownload|transferAction)\(`,
 );
 
 describe('buttons that send', () => {

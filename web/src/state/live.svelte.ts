@@ -33,7 +33,6 @@ class Live {
   authority = $state.raw<T.Authority | null>(null);
   /** Open alarms, most urgent first. */
   alarms = $state.raw<T.AlarmRow[]>([]);
-  runs = $state.raw<T.StackRun[]>([]);
   schedule = $state.raw<T.Schedule | null>(null);
   onBoardTables = $state.raw<T.OnBoardTable[]>([]);
   limitsTick = $state(0);
@@ -86,7 +85,6 @@ class Live {
     event: (event) => (this.lastEvent = event),
     authority: (authority) => (this.authority = authority),
     alarm: (alarm) => this.putAlarm(alarm),
-    stack_run: (run) => (this.runs = upsert(this.runs, run)),
     schedule: (schedule) => (this.schedule = schedule),
     tables: (tables) => (this.onBoardTables = tables),
     limits: () => (this.limitsTick += 1),
@@ -225,9 +223,6 @@ class Live {
       ),
       api.alarms(true).then((v) => {
         this.alarms = byUrgency(merged('alarm', v, this.alarms, updates));
-      }),
-      api.stackRuns().then((v) => {
-        this.runs = merged('stack_run', v, this.runs, updates);
       }),
       api.schedule().then(
         unlessUpdated('schedule', (v) => {

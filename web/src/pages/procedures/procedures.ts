@@ -1,4 +1,4 @@
-/** Requests of the procedure page, which the browser loads only with this page, and texts and lamps of steps. */
+/** Requests of the pages that show procedures, loaded only with these pages, and texts and lamps of steps. */
 import { body, http } from '../../api/http';
 import type { components } from '../../api/generated/schema';
 import type { LampState } from '../../lib/lamp';
@@ -23,9 +23,12 @@ export const requests = {
       : body(PUT('/api/procedures/{procedure_id}', { params: { path: { procedure_id } }, body: { text } })),
   remove: (procedure_id: number) =>
     body(DELETE('/api/procedures/{procedure_id}', { params: { path: { procedure_id } } })),
-  start: (procedure_id: number) =>
+  start: (procedure_id: number, automatic = false, confirm: string[] = []) =>
     body(
-      POST('/api/procedures/{procedure_id}/start', { params: { path: { procedure_id } }, body: { automatic: false } }),
+      POST('/api/procedures/{procedure_id}/start', {
+        params: { path: { procedure_id } },
+        body: { automatic, confirm },
+      }),
     ),
   runs: () => body(GET('/api/procedure-runs', { params: { query: { limit: 50 } } })),
   run: (run_id: number) => body(GET('/api/procedure-runs/{run_id}', withRunId(run_id))),
@@ -35,6 +38,7 @@ export const requests = {
     body(POST('/api/procedure-runs/{run_id}/skip', { ...withRunId(run_id), body: { step, reason } })),
   automatic: (run_id: number, automatic: boolean) =>
     body(POST('/api/procedure-runs/{run_id}/automatic', { ...withRunId(run_id), body: { automatic } })),
+  pause: (run_id: number) => body(POST('/api/procedure-runs/{run_id}/pause', withRunId(run_id))),
   resume: (run_id: number) => body(POST('/api/procedure-runs/{run_id}/resume', withRunId(run_id))),
   stop: (run_id: number, reason: string) =>
     body(POST('/api/procedure-runs/{run_id}/stop', { ...withRunId(run_id), body: { reason } })),
