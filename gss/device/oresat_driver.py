@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 from gss.device.can_frames import CanFrame, CanReader
 from gss.device.driver import UnitSetup
@@ -30,6 +29,7 @@ from gss.device.oresat_objects import (
     STATUS,
     object_of,
 )
+from gss.device.oresat_state import SensorClock, SensorImages, SolveParts
 from gss.device.protocol.codec import LITTLE, Decoded, EncodedCommand, decode, encode_command
 from gss.device.sdo_client import SdoClient, SdoResult
 from gss.device.sdo_downloads import SdoDownloads
@@ -45,7 +45,8 @@ POLLS = (
     Poll(command="READ_LAST_CAPTURE", every_s=2.0),
 )
 HOUSEKEEPING = "housekeeping"
-PACKETS = {"READ_TIME": "clock", "READ_STATUS": HOUSEKEEPING, "READ_LAST_CAPTURE": "capture"}
+CAPTURE = "capture"
+PACKETS = {"READ_TIME": "clock", "READ_STATUS": HOUSEKEEPING, "READ_LAST_CAPTURE": CAPTURE}
 """Telemetry packet that a command returns, by command. Other read commands return their object as return values."""
 CARD, UPDATER, ATTITUDE, DEGREES = "card", "updater", "attitude", "attitude_degrees"
 DEGREES_BYTES = 7
@@ -57,6 +58,8 @@ EMERGENCY_LAYOUT = struct.Struct("<HB5s")
 STARTED, FAULT, FAULT_OVER, OTHER_NODES = "CARD_STARTED", "EMERGENCY", "EMERGENCY_OVER", "OTHER_NODES_ONLY"
 FIELDS = {
     "clock": {"seconds", "microseconds"},
+    HOUSEKEEPING: {"status"},
+    CAPTURE: {"last_capture_s"},
     ATTITUDE: {"known", "quaternion_real", "quaternion_i", "quaternion_j", "quaternion_k"},
 }
 """Fields that the driver uses, by packet."""
@@ -101,26 +104,14 @@ def _check(dictionary: Dictionary) -> None:
         )
 
 
-@dataclass
-class SensorClock:
-    """Estimate of the sensor's clock. ``ahead_s``: sensor time minus the ground's ``now_s``, None while unknown."""
-
-    now_s: float = 0.0
-    ahead_s: float | None = None
-
-    def time_s(self) -> float | None:
-        """Return the sensor's current time in seconds; None while unknown."""
-        return None if self.ahead_s is None else self.now_s + self.ahead_s
-
-
 class OresatSession(ExchangeSession):
     """Exchange session that passes the time to its wire, because frames of the sensor have no time stamp."""
 
     def __init__(self, setup: UnitSetup) -> None:
         self._clock = SensorClock()
-        client = SdoClient()
-        wire = OresatWire(setup, client, self._clock)
-        downloads = SdoDownloads(client, {"frame": PREVIEW}, LAST_CAPTURE, send=message)
+        client, images = SdoClient(), SensorImages()
+        wire = OresatWire(setup, client, self._clock, images)
+        downloads = SdoDownloads(client, {"frame": PREVIEW}, LAST_CAPTURE, message, images.wait_reason)
         super().__init__(setup, wire, POLLS, greeting=GREETING, transfers=downloads)
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
@@ -129,32 +120,12 @@ class OresatSession(ExchangeSession):
         return super().feed(data, now_s)
 
 
-@dataclass
-class _Solve:
-    """Received process data objects of one attitude, by number."""
-
-    parts: dict[int, bytes] = field(default_factory=dict)
-
-    def add(self, number: int, data: bytes) -> None:
-        """Add an object. An object out of order belongs to another attitude and discards the previous ones."""
-        follows = number - 1 in self.parts and number not in self.parts
-        self.parts = {number: data} if number == 3 else self.parts | {number: data} if follows else {}
-
-    def take_joined(self, numbers: tuple[int, ...]) -> bytes | None:
-        """Remove and return the objects of these numbers, joined; None if an object is missing."""
-        if any(n not in self.parts for n in numbers):
-            return None
-        data = b"".join(self.parts[n] for n in numbers)
-        self.parts = {}
-        return data
-
-
 class OresatWire:
     """A :class:`gss.device.exchange_session.ExchangeWire`; see the module docstring."""
 
-    def __init__(self, setup: UnitSetup, client: SdoClient, clock: SensorClock) -> None:
-        self._dictionary, self._client, self._clock = setup.dictionary, client, clock
-        self._reader, self._solve = CanReader(), _Solve()
+    def __init__(self, setup: UnitSetup, client: SdoClient, clock: SensorClock, images: SensorImages) -> None:
+        self._dictionary, self._client, self._clock, self._images = setup.dictionary, client, clock, images
+        self._reader, self._solve = CanReader(), SolveParts()
         self._request: SensorRequest | None = None
         self._transfer = 0
         self._written: bytes | None = None
@@ -196,7 +167,7 @@ class OresatWire:
         """Reset the decoder for a newly opened line."""
         self._reader.restart()
         self._client.restart()
-        self._request, self._solve, self._clock.ahead_s = None, _Solve(), None
+        self._request, self._solve, self._clock.ahead_s, self._images.status = None, SolveParts(), None, ""
         self._others, self._others_since_s, self._received_any = set(), None, False
 
     def feed(self, data: bytes) -> list[Answer]:
@@ -322,6 +293,10 @@ class OresatWire:
         if name == "clock":
             sensor_s = float(decoded.values["seconds"]) + float(decoded.values["microseconds"]) / 1e6
             self._clock.ahead_s = sensor_s - self._clock.now_s
+        elif name == HOUSEKEEPING:
+            self._images.status = str(decoded.values["status"])
+        elif name == CAPTURE:
+            self._images.note_number(int(decoded.values["last_capture_s"]), self._clock.now_s)
         self.good += 1
         return Answer(stage, packet=name, content=decoded, time_s=self._clock.time_s(), reply=reply)
 

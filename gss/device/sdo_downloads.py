@@ -3,7 +3,8 @@ I/O.
 
 The server cannot continue an interrupted transfer, so a resumed download starts from the beginning. During a download,
 commands and repeated requests wait. The object with the image number is read before and after the image, to detect an
-image that the sensor replaced during the download.
+image that the sensor replaced during the download. A download does not start while the sensor takes images faster than
+they can be read.
 """
 
 from __future__ import annotations
@@ -90,12 +91,18 @@ class _Download:
 class SdoDownloads:
     """Implements :class:`gss.device.no_transfers.ExchangeTransfers`. ``objects``: object by kind of content;
     ``numbering``: object with the number of the latest image. ``send``: converts a message for the server to bytes for
-    the line."""
+    the line. ``wait_reason``: called with the time; returns why no download can start now, "" if one can."""
 
     def __init__(
-        self, client: SdoClient, objects: dict[str, Object], numbering: Object, send: Callable[[bytes], bytes]
+        self,
+        client: SdoClient,
+        objects: dict[str, Object],
+        numbering: Object,
+        send: Callable[[bytes], bytes],
+        wait_reason: Callable[[float], str],
     ) -> None:
         self._client, self._objects, self._numbering, self._send = client, objects, numbering, send
+        self._wait_reason = wait_reason
         self._downloads: dict[int, _Download] = {}
         self._next_id = 1
         self._active: _Download | None = None
@@ -205,17 +212,22 @@ class SdoDownloads:
         self._active, self._out = None, b""
 
     def begin(self, now_s: float) -> bytes:
-        """Start the next waiting download. Returns its first message, b"" if none waits. Called only while the client
-        is free."""
+        """Start the next waiting download. Returns its first message, b"" if none can start. Called only while the
+        client is free."""
         waiting = (TransferState.QUEUED, TransferState.LINK_LOST)
         download = next((d for d in self._downloads.values() if d.state in waiting and now_s >= d.due_s), None)
         if download is None:
+            return b""
+        reason = self._wait_reason(now_s)
+        if reason:
+            if download.reason != reason:
+                download.to(TransferState.QUEUED, reason)
             return b""
         self._active, self._moved, download.since_s = download, (-1, now_s), now_s
         download.tries += 1
         download.received = download.size = download.number = 0
         download.image = b""
-        download.to(TransferState.TRANSFERRING, download.reason)
+        download.to(TransferState.TRANSFERRING, download.reason if download.tries > 1 else "")
         return self._read_number()
 
     def _read_number(self) -> bytes:

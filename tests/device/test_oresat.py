@@ -16,6 +16,7 @@ from gss.device.can_frames import CanFrame
 from gss.device.driver import Driver, UnitSetup, open_driver
 from gss.device.oresat_driver import SILENT_S, open_session
 from gss.device.oresat_objects import LAST_CAPTURE, PREVIEW
+from gss.device.oresat_state import STEADY_S, SensorImages
 from gss.device.sdo_client import SdoClient
 from gss.device.sdo_downloads import SdoDownloads
 from gss.device.session_events import (
@@ -273,6 +274,38 @@ def test_a_download_survives_silence_and_a_lost_line(oresat: Instrument) -> None
         session.transfers.abort(transfer)
 
 
+def test_an_image_is_downloaded_when_the_sensor_stops_taking_images(oresat: Instrument) -> None:
+    """In star_track a new image replaces the last one every second. A download waits with the reason, attitudes and commands
+    continue, and the last image is downloaded after the sensor has stopped."""
+    session, unit = session_without_requests(oresat), unit_of(oresat)
+    session.submit(session.encode("SET_STATUS", {"status": "star_track"}))
+    talk(session, unit, 0.0, 4.0)
+    transfer = session.transfers.start_download("frame", 0)
+    stop = session.submit(session.encode("READ_STORAGE", {}))
+    events = talk(session, unit, 4.0, 6.0)
+    update = session.transfer(transfer)
+    assert (update.state, "stops taking images" in update.reason) == (TransferState.QUEUED, True)
+    assert stages(events, stop).stage is Stage.COMPLETED
+    assert len(telemetry(events, "attitude")) >= 5
+    session.submit(session.encode("SET_STATUS", {"status": "standby"}))
+    events = talk(session, unit, 10.0, 8.0)
+    done = next(e for e in events if isinstance(e, TransferDone))
+    assert (done.transfer_id, done.frame_number) == (
+        transfer,
+        telemetry(events, "capture")[-1].values["last_capture_s"],
+    )
+    assert session.transfer(transfer).reason == ""
+
+
+def test_an_image_that_stays_is_downloaded_during_star_track() -> None:
+    """With a long pause between images, a download can start although the sensor continues."""
+    images = SensorImages(status="star_track")
+    images.note_number(7, 100.0)
+    assert "stops taking images" in images.wait_reason(100.0 + STEADY_S / 2)
+    images.note_number(7, 100.0 + STEADY_S)
+    assert images.wait_reason(100.0 + STEADY_S) == ""
+
+
 def test_abort_codes_reject_the_command(oresat: Instrument) -> None:
     """An SDO abort code rejects the command, with its number and meaning."""
     session = session_without_requests(oresat)
@@ -341,7 +374,7 @@ def run_download(downloads: SdoDownloads, client: SdoClient, server: ImageServer
 def image_downloads() -> tuple[SdoDownloads, SdoClient]:
     """Return downloads of one object and their client, without a bus."""
     client = SdoClient()
-    return SdoDownloads(client, {"frame": PREVIEW}, LAST_CAPTURE, send=bytes), client
+    return SdoDownloads(client, {"frame": PREVIEW}, LAST_CAPTURE, bytes, lambda now_s: ""), client
 
 
 def test_an_image_has_the_number_that_was_read_before_and_after() -> None:

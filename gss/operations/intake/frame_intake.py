@@ -123,6 +123,8 @@ class FrameIntake:
     def _arrived(self, event: ContentArrived) -> None:
         if event.done.kind in IMAGE_KINDS:
             transfer, done = event.transfer, event.done
+            if self._requested is not None and done.kind == "frame" and self._requested[0] == done.frame_number:
+                self._requested = None  # the download began later than requested and received this newer image
             frame_id = _stored_before(transfer, done.sha256, done.frame_number)
             if frame_id is not None:
                 event.answers.accept(lambda: {"frame_id": frame_id})
