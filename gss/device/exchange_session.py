@@ -303,7 +303,7 @@ class ExchangeSession:
             profile=setup.instrument,
             firmware="not reported",
             serial="",
-            simulated=False,
+            simulated=None,
             dictionary_hash=setup.dictionary.hash_hex,
             dictionary_match=True,
             line_baud=setup.link.baud,

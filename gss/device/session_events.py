@@ -167,13 +167,13 @@ class TransferDone:
 @dataclass(frozen=True)
 class HelloReceived:
     """Event: the device identified itself. If ``dictionary_match`` is False, commanding is blocked until a user
-    acknowledges the mismatch."""
+    acknowledges the mismatch. ``simulated``: None if the protocol does not report it."""
 
     device_model: str
     profile: str
     firmware: str
     serial: str
-    simulated: bool
+    simulated: bool | None
     dictionary_hash: str
     dictionary_match: bool
     line_baud: int

@@ -20,7 +20,7 @@ def remember(
     name: str,
     profile: str,
     firmware: str,
-    simulated: bool,
+    simulated: bool | None,
     dictionary_hash: str,
 ) -> Device:
     """Create or update the device with that name, and return it."""

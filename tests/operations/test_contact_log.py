@@ -14,14 +14,14 @@ from gss.operations.line.link import LinkService
 from gss.store import devices
 
 OWN = "socket://127.0.0.1:5555"
-UNIT = HelloReceived("star tracker", "nos3", "not reported", "", False, "0", True, 0, 0, 0, 0, 0, 0, 0, 0, 0.0)
+UNIT = HelloReceived("star tracker", "nos3", "not reported", "", None, "0", True, 0, 0, 0, 0, 0, 0, 0, 0, 0.0)
 COUNTERS = LinkCounters(DirectionCounters(), DirectionCounters(), None)
 
 
-@pytest.mark.parametrize(("url", "simulated"), [(OWN, True), ("socket://127.0.0.1:5556", False)])
+@pytest.mark.parametrize(("url", "simulated"), [(OWN, True), ("socket://127.0.0.1:5556", None)])
 def test_a_unit_at_the_address_of_the_servers_simulator_is_simulated(url, simulated, database, bus, clock, tmp_path):
-    """A unit whose identification does not state it is simulated if it has the address of the server's simulator. Link and
-    stored device agree."""
+    """A unit whose protocol does not report it is simulated if it has the address of the server's simulator; otherwise this
+    is not known. Link and stored device agree."""
     link = LinkService(
         load_dictionary(),
         default_roles(load_dictionary()),
@@ -34,11 +34,11 @@ def test_a_unit_at_the_address_of_the_servers_simulator_is_simulated(url, simula
         own_simulator=OWN,
     )
     link.handle(LineBatch((LineOpened(url, 1, "", COUNTERS), UNIT), clock(), 0.0))
-    assert link.last_hello.simulated == simulated
+    assert link.last_hello.simulated is simulated
     with database.unit_of_work() as session:
         device = devices.get_contact(session, 1)[1]
     assert device is not None
-    assert device.simulated == simulated
+    assert device.simulated is simulated
 
 
 def test_a_line_that_does_not_fit_the_framing_is_rejected(database, bus, clock, tmp_path) -> None:

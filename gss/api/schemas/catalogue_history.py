@@ -102,11 +102,11 @@ class BankPlanOut(Out):
 
 
 class DeviceRefOut(Out):
-    """Device with recorded banks."""
+    """Device with recorded banks. ``simulated``: null if this is not known."""
 
     id: int
     name: str
-    simulated: bool
+    simulated: bool | None
 
 
 class ContactSpanOut(Out):

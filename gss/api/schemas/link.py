@@ -106,14 +106,15 @@ class NextPassOut(Out):
 
 
 class LinkOut(Out):
-    """Contents of the header bar. ``attitudes``: latest attitudes on board and on the ground. ``tried_on_hardware``:
-    true if the instrument package was tested with hardware; null: not stated. ``no_abort``: explanation if the sensor
-    has no abort command, otherwise ""."""
+    """Contents of the header bar. ``attitudes``: latest attitudes on board and on the ground. ``simulated``: null if
+    this is not known, because no device has answered or its protocol does not report it. ``tried_on_hardware``: true if
+    the instrument package was tested with hardware; null: not stated. ``no_abort``: explanation if the sensor has no
+    abort command, otherwise ""."""
 
     device: str
     profile: str
     firmware: str
-    simulated: bool
+    simulated: bool | None
     tried_on_hardware: bool | None
     no_abort: str
     url: str

@@ -53,7 +53,7 @@ class DeviceRecord(TypedDict):
     profile: str
     firmware: str
     serial: str
-    simulated: bool
+    simulated: bool | None
     dictionary_hash: str
 
 

@@ -139,7 +139,10 @@ def check_unit(command: CommandDefinition, hello: HelloReceived | None) -> None:
     """Raise Conflict if a command is for simulators only and the connected device does not report that it is simulated."""
     if not command.simulator_only or (hello is not None and hello.simulated):
         return
-    got = "no response from a device yet" if hello is None else f"{hello.serial or hello.device_model} is real"
+    got = "no response from a device yet"
+    if hello is not None:
+        state = "is real" if hello.simulated is False else "does not report whether it is simulated"
+        got = f"{hello.serial or hello.device_model} {state}"
     raise Conflict(f"{command.name} is for simulators only", expected="a simulated device", got=got)
 
 

@@ -61,7 +61,8 @@ class Header:
     device: str
     profile: str
     firmware: str
-    simulated: bool
+    simulated: bool | None
+    """None if it is not known."""
     tried_on_hardware: bool | None
     no_abort: str
     url: str
@@ -110,6 +111,7 @@ class StatusService:
         self._since: dict[str, datetime] = {}
         self._counts: deque[tuple[float, int, int]] = deque()
         self._last_sent: tuple[int, float] = (0, 0.0)
+        self._last_bytes: tuple[int, float] = (0, -UP_WITHIN_S)
         self._lock = threading.Lock()  # requests and the ticker use it concurrently
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="status", daemon=True)
@@ -151,7 +153,7 @@ class StatusService:
             device=(hello.serial or hello.device_model) if hello else "no device",
             profile=hello.profile if hello else "",
             firmware=hello.firmware if hello else "",
-            simulated=hello is not None and hello.simulated,
+            simulated=hello.simulated if hello else None,
             tried_on_hardware=self._tried_on_hardware,
             no_abort="" if self._link.roles.operations.has(Operation.ABORT) else absence(Operation.ABORT),
             url=self._link.url,
@@ -188,6 +190,8 @@ class StatusService:
         rx_state = "down" if not alive else "noisy" if rate > NOISY_ABOVE else "up"
         if sent.good != self._last_sent[0]:
             self._last_sent = (sent.good, now_s)
+        if received.bytes != self._last_bytes[0]:
+            self._last_bytes = (received.bytes, now_s)
         tx_age_s = now_s - self._last_sent[1] if sent.good else None
         tx = DirectionState("up" if alive else "down", tx_age_s, 0.0, sent.bytes, sent.good, 0)
         return tx, DirectionState(rx_state, age_s, rate, received.bytes, received.good, received.bad)
@@ -207,12 +211,18 @@ class StatusService:
         if not self._link.connected:
             conditions["line"] = ("warning", f"Line down: {self._link.reason}")
         elif rx.state == "down":
-            conditions["silent"] = ("warning", f"Nothing received for {UP_WITHIN_S:g} s")
+            conditions["silent"] = ("warning", self._silence())
         elif rx.state == "noisy":
             conditions["noise"] = ("watch", f"RX frame errors {100 * rx.error_rate:.1f} %")
         if match is False:
             conditions["dictionary"] = ("warning", "Dictionary differs from the device's")
         return conditions
+
+    def _silence(self) -> str:
+        """Return what is received while no packet is valid."""
+        if self._link.monotonic_s() - self._last_bytes[1] > UP_WITHIN_S:
+            return f"Nothing received for {UP_WITHIN_S:g} s"
+        return f"Bytes arrive, but no valid packet for {UP_WITHIN_S:g} s: check the line rate and the instrument"
 
     def _latched_alarms(self, silent: bool) -> list[StatusAlarm]:
         """Return the open alarms that are not shelved. If ``silent``, omit the loss of signal, which is already

@@ -13,14 +13,14 @@ from gss.store.models.base import Base
 
 
 class Device(Base):
-    """Sensor that has identified itself at least once."""
+    """Sensor that has identified itself at least once. ``simulated``: null if this is not known."""
 
     __tablename__ = "devices"
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str] = mapped_column(String(80), unique=True)
     profile: Mapped[str] = mapped_column(String(40))
     firmware: Mapped[str] = mapped_column(String(40))
-    simulated: Mapped[bool]
+    simulated: Mapped[bool | None]
     dictionary_hash: Mapped[str] = mapped_column(String(64))
     first_seen: Mapped[datetime]
     last_seen: Mapped[datetime]

@@ -5,7 +5,7 @@ import { alarmOf, attitudeOf, bankOf, lineOf, passOf, processOf } from './fleet'
 const link = {
   connected: true,
   reason: '',
-  rx: { state: 'up', age_s: 0.4 },
+  rx: { state: 'up', age_s: 0.4, bytes: 900 },
   alarms: [],
   attitude: { ra_deg: 12.5, dec_deg: -3, sigma_cross_arcsec: 2.04, age_s: 1, newest_outcome: 'solved' },
   active_bank: { bank: 'A', catalogue_name: 'night', days_left: 0.5 },
@@ -30,6 +30,12 @@ describe('the fleet', () => {
     expect(alarmOf(unit)).toEqual({ state: 'ok', word: 'none' });
     expect(attitudeOf(unit)).toEqual({ state: 'ok', word: '12.500° −3.000° ± 2.0″, 1.5 s ago' });
     expect(bankOf(unit)).toEqual({ state: 'warning', word: 'A: night, 12 h left' });
+  });
+  it('distinguishes invalid bytes from silence', () => {
+    const word = (bytes: number): string =>
+      lineOf({ ...unit, link: { ...link, rx: { ...link.rx, state: 'down', age_s: null, bytes } } }).word;
+    expect(word(0)).toBe('down, nothing received');
+    expect(word(512)).toBe('down, no valid packet');
   });
   it('claims nothing of a unit that is silent', () => {
     const silent: FleetUnit = { ...unit, current: false, age_s: 12, process: 'ended', last_end: 'signal 9' };

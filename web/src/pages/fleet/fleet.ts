@@ -25,8 +25,9 @@ export function processOf(u: FleetUnit): Cell {
 export function lineOf(u: FleetUnit): Cell {
   if (!u.current || !u.link) return { state: 'unknown', word: 'unknown' };
   if (!u.link.connected) return { state: 'warning', word: u.link.reason || 'closed' };
-  const { state, age_s } = u.link.rx;
-  const received = age_s === null ? 'nothing received' : `received ${span(age_s)} ago`;
+  const { state, age_s, bytes } = u.link.rx;
+  const never = bytes ? 'no valid packet' : 'nothing received';
+  const received = age_s === null ? never : `received ${span(age_s)} ago`;
   return { state: state === 'up' ? 'ok' : state === 'noisy' ? 'watch' : 'warning', word: `${state}, ${received}` };
 }
 
