@@ -22,7 +22,7 @@ def test_interface_document_is_up_to_date() -> None:
     assert path.read_text("utf-8") == icd_markdown(load_dictionary())
 
 
-LAYOUT = "e800eadc6c2cd92bcbc3252b6cd58d812db2b55ccd7e6bb538729fd711047e1b"
+LAYOUT = "09c9c54c3216aac95883bd5640bc39ffd8e045fa6398fcc6ad5007323a9c4e00"
 """Hash of the layout to which the hashes in ``same_layout_as`` are equal."""
 
 
@@ -67,6 +67,12 @@ def test_hash_depends_on_the_layout_and_not_on_order_or_descriptions() -> None:
         ("persistence: 3,", "persistence: 0,", "persistence is out of range"),
         ("limit_sets:", "limit_set:", "unknown keys"),
         ("commands:", "commands: [", "not YAML"),
+        (
+            'purpose: "Counter of sent chunks, repeats included"',
+            "purpose: Counter of sent chunks, repeats included",
+            "unknown keys",
+        ),
+        ("{name: serial, type: str16}", "{name: serial, type: str16, length: 16}", "unknown keys"),
     ],
 )
 def test_an_invalid_row_is_rejected_with_the_reason(old: str, new: str, message: str) -> None:

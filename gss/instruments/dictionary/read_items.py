@@ -18,6 +18,7 @@ from gss.instruments.dictionary.definitions import (
     Layout,
 )
 
+ITEM_KEYS = "name type enum unit decimals purpose"
 SIZED = re.compile(r"(bytes|str)([1-9][0-9]{0,2})")
 PLAIN_TYPES = (*INTEGER_RANGES, *FLOATS, "bool", "enum", "text", "rest")
 COUNTS, MAX_SLOTS = ("u8", "u16"), 255
@@ -125,9 +126,14 @@ def read_layout(where: str, rows: Sequence[Row], enums: Enums) -> Layout:
         if "list" in row:
             layout.append(read_group(where, row, enums))
         else:
-            layout.append(Item(**read_item(where, row, enums)))
+            layout.append(_read_plain_item(where, row, enums))
     unique(where, [entry.name for entry in layout])
     return tuple(layout)
+
+
+def _read_plain_item(where: str, row: Row, enums: Enums) -> Item:
+    known_keys(f"{where}.{row.get('name')}", row, ITEM_KEYS)
+    return Item(**read_item(where, row, enums))
 
 
 def read_group(where: str, row: Row, enums: Enums) -> Group:
@@ -143,7 +149,7 @@ def read_group(where: str, row: Row, enums: Enums) -> Group:
 
 def read_items(where: str, rows: Sequence[Row], enums: Enums) -> tuple[Item, ...]:
     """Return the values in one row of a list."""
-    items = tuple(Item(**read_item(where, row, enums)) for row in rows)
+    items = tuple(_read_plain_item(where, row, enums) for row in rows)
     if any(item.type == "rest" for item in items):
         raise BadInput(f"{where}: a value of the type rest cannot be inside a list")
     return items
