@@ -92,10 +92,14 @@ def rotation_angle_rad(a: Array, b: Array) -> float:
 
 
 def vector_from_rotation(matrix: Array) -> Array:
-    """Return the (3,) rotation vector of a (3, 3) active rotation. The result is accurate to rounding for small angles,
-    and wrong for a rotation by exactly π."""
+    """Return the (3,) rotation vector of a (3, 3) active rotation, at most π long. The result is accurate to rounding at
+    every angle; the two vectors of a rotation by exactly π are equivalent, and one of them is returned."""
     axis = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]) / 2
     sine, cosine = float(np.linalg.norm(axis)), (float(np.trace(matrix)) - 1) / 2
+    if cosine < 0:  # near π the differences above lose the axis; the quaternion keeps it
+        quaternion = quaternion_from_matrix(matrix)
+        half_sine = float(np.linalg.norm(quaternion[:3]))
+        return np.asarray(quaternion[:3] / half_sine * 2 * np.arctan2(half_sine, quaternion[3]))
     angle_rad = float(np.arctan2(sine, cosine))
     return axis if sine < 1e-12 else axis / sine * angle_rad
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.errors import BadInput
+from gss.domain.errors import BadInput, StoreDown
 
 AVAILABLE = find_spec("numba") is not None
 PLAIN, COMPILED = "numpy", "numba"
@@ -70,28 +70,43 @@ NUMPY = Kernels()
 
 
 def kernels(fast: bool | None = None) -> Kernels:
-    """Select the loops. ``fast`` None: compiled if :func:`are_compiled`; True: compiled, now if necessary, or :class:`BadInput` if
-    numba is not installed; False: numpy."""
+    """Select the loops. ``fast`` None: compiled if :func:`are_compiled`; True: compiled, now if necessary; False: numpy. With True,
+    raises BadInput if numba is not installed, and StoreDown if it has no folder for compiled loops."""
     if not (are_compiled() if fast is None else fast):
         return NUMPY
     if not AVAILABLE:
         raise BadInput("numba is not installed", expected="the package numba", hint="run pip install numba")
+    compiled_mark()
     return _compiled()
 
 
 def are_compiled() -> bool:
-    """True if ``gss compile`` has compiled the present loops for this processor."""
-    return AVAILABLE and compiled_mark().exists()
+    """True if ``gss compile`` has compiled the present loops for this processor. False if they cannot be stored."""
+    mark = _mark() if AVAILABLE else None
+    return mark is not None and mark.exists()
+
+
+def compiled_mark() -> Path:
+    """Return the file that states that the loops are compiled. Its name changes with the loops, numba, Python and processor, and it
+    lies beside the compiled loops, so that it is deleted with them. Raises StoreDown if numba can write in no folder."""
+    mark = _mark()
+    if mark is None:
+        raise StoreDown(
+            "the compiled loops of the solver cannot be stored",
+            expected="a folder that numba can write: __pycache__ of the installed package, or the user's cache folder",
+            hint="set NUMBA_CACHE_DIR to a writable folder; the solver is slower until then",
+        )
+    return mark
 
 
 @lru_cache(maxsize=1)
-def compiled_mark() -> Path:
-    """Return the file that states that the loops are compiled. Its name changes with the loops, numba, Python and processor, and it
-    lies beside the compiled loops, so that it is deleted with them."""
+def _mark() -> Path | None:
     from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
-    from gss.pipeline.loops.search import find
-
+    try:
+        from gss.pipeline.loops.search import find
+    except RuntimeError:  # numba found no folder that it can write
+        return None
     folder = Path(__file__).parent
     sources = [folder / "compiled.py", *sorted((folder / "loops").glob("*.py"))]
     digest = hashlib.sha256()

@@ -15,6 +15,7 @@ from gss.domain.rotation import (
     rotation_x,
     rotation_y,
     rotation_z,
+    vector_from_rotation,
 )
 
 
@@ -51,3 +52,18 @@ def test_rotation_vector_and_angle_agree_with_scipy():
         v = rng.normal(size=3) * scale
         assert np.allclose(rotation_from_vector(v), Rotation.from_rotvec(v).as_matrix(), atol=1e-15)
         assert rotation_angle_rad(rotation_from_vector(v), np.eye(3)) == pytest.approx(np.linalg.norm(v), rel=1e-6)
+
+
+def test_the_rotation_vector_of_a_matrix_is_exact_at_every_angle():
+    """The vector equals scipy's from 1 nrad to just below π. At exactly π it is one of the two equivalent vectors."""
+    rng = np.random.default_rng(6)
+    axes = [axis / np.linalg.norm(axis) for axis in (*rng.normal(size=(20, 3)), *np.eye(3), np.array([1.0, -1.0, 0.0]))]
+    for angle_rad in (1e-9, 1e-3, 1.5, np.pi / 2, 3.0, np.pi - 1e-9):
+        for axis in axes:
+            vector = vector_from_rotation(Rotation.from_rotvec(angle_rad * axis).as_matrix())
+            assert np.allclose(vector, angle_rad * axis, rtol=0, atol=1e-14 + 4e-16 * angle_rad)
+    for axis in axes:
+        vector = vector_from_rotation(2 * np.outer(axis, axis) - np.eye(3))
+        assert abs(vector @ axis) == pytest.approx(np.pi, abs=1e-14)
+        assert np.linalg.norm(np.cross(vector, axis)) < 1e-14
+    assert vector_from_rotation(np.eye(3)).tolist() == [0.0, 0.0, 0.0]

@@ -22,6 +22,13 @@ print(kernels().name, are_compiled(), kernels(fast=False).name)
 """
 
 
+UNWRITABLE = """
+from gss.pipeline.kernels import are_compiled, kernels
+print(kernels().name, are_compiled())
+kernels(fast=True)
+"""
+
+
 def compiler(program: str, bus: Any, *, compiled: bool = False) -> LoopCompiler:
     """Return a compiler that runs this program."""
     return LoopCompiler([sys.executable, "-c", program], lambda: compiled, bus)
@@ -41,6 +48,17 @@ def test_compiled_loops_are_the_default_once_they_are_marked(tmp_path: Path) -> 
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", MARKED], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == ["numpy False numba", "numba True numpy"]
+
+
+def test_without_a_folder_for_compiled_loops_frames_are_solved_with_numpy() -> None:
+    """If numba can write in no folder, numpy is the default. Selecting the compiled loops states what to do."""
+    environment = {**os.environ, "NUMBA_CACHE_LOCATOR_CLASSES": "ZipCacheLocator"}  # finds no folder for plain files
+    done = subprocess.run(
+        [sys.executable, "-c", UNWRITABLE], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.split() == ["numpy", "False"]
+    assert "StoreDown: the compiled loops of the solver cannot be stored" in done.stderr
+    assert "NUMBA_CACHE_DIR" in done.stderr
 
 
 def test_compiled_loops_are_not_compiled_again(bus: Any) -> None:

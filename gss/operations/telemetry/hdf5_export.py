@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
+from gss.domain.errors import StoreDown
 from gss.instruments.dictionary.definitions import Group, TelemetryField
 from gss.operations.telemetry.archive import Column
 from gss.operations.telemetry.value_format import kind
@@ -18,6 +21,8 @@ if TYPE_CHECKING:
 BLOCK_ROWS = 4000
 PIECE_BYTES = 256 * 1024
 CHUNK_ROWS = 1024
+SPARE_BYTES = 256 << 20
+"""Space that an export leaves free on the disk of temporary files."""
 LEADING = {
     "received": {"unit": "s", "title": "Unix time of reception, UTC"},
     "device_time_s": {"unit": "s", "title": "Time of the sensor's clock"},
@@ -29,11 +34,12 @@ UNKNOWN_BOOL, NO_CONTACT = -1, -1
 def hdf5_file(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) -> Iterator[bytes]:
     """Return the file in pieces. ``rows``: received, device_time_s, contact and packet, then a value per column.
     Numbers are float64, NaN if unknown; yes/no is int8, -1 if unknown; other values are text, empty if unknown. The
-    file is first written to the disk, because HDF5 completes the beginning of a file at the end. At most BLOCK_ROWS
-    rows are in memory."""
+    complete file is written to the disk before this function returns, because HDF5 completes the beginning of a file at
+    the end. At most BLOCK_ROWS rows are in memory. Raises StoreDown if the disk of temporary files has too little space."""
     import h5py
 
-    with tempfile.TemporaryFile() as file:
+    with ExitStack() as stack:
+        file = stack.enter_context(tempfile.TemporaryFile())
         with h5py.File(file, "w") as out:
             tables = {
                 packet: _PacketTable(
@@ -42,8 +48,27 @@ def hdf5_file(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) -
                 for packet in dict.fromkeys(c.packet for c in columns)
             }
             while block := list(islice(rows, BLOCK_ROWS)):
+                _check_room()
                 for packet, table in tables.items():
                     table.append([row for row in block if row[3] == packet])
+        stack.pop_all()
+    return _pieces(file)
+
+
+def _check_room() -> None:
+    folder = tempfile.gettempdir()
+    free_bytes = shutil.disk_usage(folder).free
+    if free_bytes < SPARE_BYTES:
+        raise StoreDown(
+            "the disk of temporary files is nearly full: no room for an HDF5 export",
+            expected=f"at least {SPARE_BYTES / 1e6:.0f} MB free in {folder}",
+            got=f"{free_bytes / 1e6:.0f} MB",
+            hint="export a shorter time range, use CSV or Parquet, or set TMPDIR to a larger disk",
+        )
+
+
+def _pieces(file: IO[bytes]) -> Iterator[bytes]:
+    with file:
         file.seek(0)
         while piece := file.read(PIECE_BYTES):
             yield piece
