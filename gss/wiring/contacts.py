@@ -30,5 +30,7 @@ def open_contacts(
         ContactService(
             line.link, telemetry.alarms, base.database, base.bus, captures, base.clock.now, retention.removed_before
         ),
-        CaptureReplay(base.dictionary, captures, limits, base.bus, monotonic_s, base.framing),
+        CaptureReplay(
+            base.dictionary, captures, limits, base.bus, monotonic_s, base.unit.roles.quantities.status, base.framing
+        ),
     )

@@ -26,12 +26,19 @@ class TelemetryServices:
 def open_telemetry(base: BaseServices, line: Line, commanding: Commanding) -> TelemetryServices:
     """Create the telemetry services."""
     database, bus, link = base.database, base.bus, line.link
+    quantities = base.unit.roles.quantities
     telemetry = TelemetryService(
-        base.dictionary, database, bus, base.clock.now, lambda: link.contact_id, base.disk.has_room_for_rows
+        base.dictionary,
+        database,
+        bus,
+        base.clock.now,
+        lambda: link.contact_id,
+        base.disk.has_room_for_rows,
+        quantities.status,
     )
     return TelemetryServices(
         telemetry,
         DerivedHistory(telemetry.derived, database, base.jobs, base.clock.now),
-        LastAttitude(base.unit.roles.quantities.attitude, base.clock.monotonic_s, commanding.schedule.clock),
+        LastAttitude(quantities.attitude, base.clock.monotonic_s, commanding.schedule.clock),
         AlarmService(telemetry.derived, telemetry, link, database, bus, base.clock.now),
     )

@@ -22,7 +22,6 @@ DRIVER = {
 """Files at the driver level, with the reason."""
 ALLOWED: dict[str, tuple[set[str], str]] = {
     "gss/operations/telemetry/alarm_text.py": ({"housekeeping"}, "key of a stored alarm, which must not change"),
-    "gss/operations/telemetry/limit_check.py": ({"housekeeping"}, "judged with the dictionary alone: not mapped yet"),
     "gss/operations/studies/calibration_sheet.py": ({"gain"}, "gain of the camera, not of the sensor's telemetry"),
     "gss/operations/studies/photograph_numbers.py": ({"gain"}, "gain of the camera, not of the sensor's telemetry"),
     "gss/api/present/link.py": ({"frames_good", "frames_bad"}, "counters of the shared protocol's line"),

@@ -95,7 +95,15 @@ class OperatorConsole:
         self.commands = CommandService(self.link, database, bus, now, self.authority, self._permits, journal)
         self.history = CommandHistory(database)
         self.schedule = ScheduleService(self.link, self.commands, bus, now)
-        self.telemetry = TelemetryService(load_dictionary(), database, bus, now, lambda: None, lambda: True)
+        self.telemetry = TelemetryService(
+            load_dictionary(),
+            database,
+            bus,
+            now,
+            lambda: None,
+            lambda: True,
+            default_roles(load_dictionary()).quantities.status,
+        )
         unit = Registry(folder / "instruments").get("cubestar")
         self.procedures = ProcedureService(self.link, unit, self.telemetry.derived, database, now)
         conditions = Conditions(self.telemetry)

@@ -37,7 +37,9 @@ class AlarmHarness:
             lambda: 0.0,
             LineEventQueue(clock, lambda: 0.0),
         )
-        self.telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
+        self.telemetry = TelemetryService(
+            DICTIONARY, database, bus, clock, lambda: None, lambda: True, default_roles(DICTIONARY).quantities.status
+        )
         self.alarms = AlarmService(DICTIONARY, self.telemetry, self.link, database, bus, clock)
         self.alarms.start()
 

@@ -11,6 +11,7 @@ from gss.device.session_events import Telemetry
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.domain.limits import Limits, State
 from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.roles import default_roles
 from gss.operations.jobs import JobService
 from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.derived import DerivedRequest
@@ -32,7 +33,9 @@ class Ground:
 
     def __init__(self, database: Any, bus: Any, clock: Any) -> None:
         self.clock, self.database = clock, database
-        self.telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
+        self.telemetry = TelemetryService(
+            DICTIONARY, database, bus, clock, lambda: None, lambda: True, default_roles(DICTIONARY).quantities.status
+        )
         self.derived = self.telemetry.derived
         self.jobs = JobService(database, bus, clock, lambda _: None)
         self.history = DerivedHistory(self.derived, database, self.jobs, clock)
@@ -167,7 +170,9 @@ def test_invalid_definitions_are_rejected(ground: Ground) -> None:
 def test_a_deleted_parameter_leaves_the_page_and_keeps_its_history(ground: Ground, database: Any, bus: Any) -> None:
     """A deleted parameter is not listed. When it is defined again, its history is available. Another server process reads
     a new definition on request."""
-    other = TelemetryService(DICTIONARY, database, bus, ground.clock, lambda: None, lambda: True)
+    other = TelemetryService(
+        DICTIONARY, database, bus, ground.clock, lambda: None, lambda: True, default_roles(DICTIONARY).quantities.status
+    )
     ground.derived.add(request(), user="ann")
     ground.receive(supply_3v3_v=3.0, current_imager_ma=100)
     span = ground.clock() - timedelta(hours=1), ground.clock() + timedelta(hours=1)

@@ -52,7 +52,9 @@ def test_an_alarm_follows_the_attitude_while_it_is_current(database, bus, clock,
     dictionary = load_dictionary()
     queue = LineEventQueue(clock, lambda: 0.0)
     link = LinkService(dictionary, default_roles(dictionary), database, bus, tmp_path, clock, lambda: 0.0, queue)
-    telemetry = TelemetryService(dictionary, database, bus, clock, lambda: None, lambda: True)
+    telemetry = TelemetryService(
+        dictionary, database, bus, clock, lambda: None, lambda: True, default_roles(dictionary).quantities.status
+    )
     alarms = AlarmService(dictionary, telemetry, link, database, bus, clock)
     attitude = LastAttitude(ROLE, lambda: seconds[0], lambda: None)
     places: list[Place | None] = [None]

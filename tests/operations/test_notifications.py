@@ -139,7 +139,9 @@ class Harness:
             lambda: 0.0,
             LineEventQueue(clock, lambda: 0.0),
         )
-        telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
+        telemetry = TelemetryService(
+            DICTIONARY, database, bus, clock, lambda: None, lambda: True, default_roles(DICTIONARY).quantities.status
+        )
         self.alarms = AlarmService(DICTIONARY, telemetry, self.link, database, bus, clock)
         self.alarms.start()
         self.file = folder / "notifications.yaml"

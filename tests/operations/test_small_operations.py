@@ -22,6 +22,7 @@ from gss.domain.results import Attitude, Centroids, Outcome, SolveResult
 from gss.domain.rotation import quaternion_from_matrix
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.registry import shipped_camera
+from gss.instruments.roles import default_roles
 from gss.operations.frames import overlay, pictures
 from gss.operations.frames.onboard_results import OnboardRecord, onboard_result
 from gss.operations.frames.replay import compare
@@ -86,7 +87,15 @@ def test_values_outside_json_become_none():
 @pytest.fixture
 def telemetry(database, bus, clock):
     """Telemetry service without packets."""
-    return TelemetryService(load_dictionary(), database, bus, clock, lambda: None, lambda: True)
+    return TelemetryService(
+        load_dictionary(),
+        database,
+        bus,
+        clock,
+        lambda: None,
+        lambda: True,
+        default_roles(load_dictionary()).quantities.status,
+    )
 
 
 def housekeeping(**values) -> Telemetry:

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from sqlalchemy import event
 
 from gss.device.session_events import Telemetry
-from gss.domain.errors import BadInput, NotFound
+from gss.domain.errors import BadInput, NotFound, StoreDown
 from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.roles import default_roles
 from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.archive import Thinner
 from gss.operations.telemetry.telemetry import TelemetryService
@@ -31,7 +32,9 @@ MODES = ("standby", "lost_in_space", "tracking")
 @pytest.fixture
 def telemetry(database, bus, clock):
     """Telemetry service with ten seconds of housekeeping and a centroids packet every two seconds."""
-    service = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
+    service = TelemetryService(
+        DICTIONARY, database, bus, clock, lambda: None, lambda: True, default_roles(DICTIONARY).quantities.status
+    )
     for k in range(10):
         clock.forward(1)
         fields = {
@@ -162,6 +165,16 @@ def test_hdf5_has_the_values_units_and_times_of_csv(telemetry, clock):
         assert group["received"][:] == pytest.approx(stamps, abs=1e-3)
         assert group["contact"][:].tolist() == [-1] * 10
         assert json.loads(file["centroids"]["items"].asstr()[0])[0]["peak_dn"] == 7
+
+
+def test_an_hdf5_export_leaves_space_on_the_disk(telemetry, clock, monkeypatch):
+    """An HDF5 export is refused before the first piece if the disk of temporary files has too little space. CSV needs no
+    space.
+    """
+    monkeypatch.setattr("gss.operations.telemetry.hdf5_export.SPARE_BYTES", 1 << 62)
+    with pytest.raises(StoreDown, match="no room for an HDF5 export"):
+        export(telemetry.archive, KEYS, *span(clock), form="converted", file_format="hdf5")
+    assert read_csv(export(telemetry.archive, KEYS, *span(clock), form="converted", file_format="csv"))
 
 
 def test_an_export_equals_the_displayed_values(telemetry, clock):

@@ -28,6 +28,7 @@ from gss.store.engine import Database, migrate, open_engine
 from gss.store.models import Alarm
 
 DICTIONARY = load_dictionary()
+STATUS = default_roles(DICTIONARY).quantities.status
 NAMES = ("housekeeping", "housekeeping", "housekeeping", "timing", "attitude", "centroids")
 
 
@@ -50,7 +51,15 @@ class BatchHarness:
             lambda: 0.0,
             LineEventQueue(clock, lambda: 0.0),
         )
-        self.telemetry = TelemetryService(DICTIONARY, self.database, bus, clock, lambda: None, lambda: True)
+        self.telemetry = TelemetryService(
+            DICTIONARY,
+            self.database,
+            bus,
+            clock,
+            lambda: None,
+            lambda: True,
+            default_roles(DICTIONARY).quantities.status,
+        )
         self.alarms = AlarmService(DICTIONARY, self.telemetry, link, self.database, bus, clock)
         self.judgements: list[Judgement] = []
         self._clock = clock
@@ -133,7 +142,10 @@ def test_skipping_normal_values_gives_the_same_judgements(database: Database, bu
     after changes of limits and restarts. It skips only normal judgements.
     """
     book = LimitBook(DICTIONARY, database, bus, clock)
-    quick, thorough = TelemetryBoard(DICTIONARY, book.rule, {}), TelemetryBoard(DICTIONARY, book.rule, Everything())
+    quick, thorough = (
+        TelemetryBoard(DICTIONARY, book.rule, {}, STATUS),
+        TelemetryBoard(DICTIONARY, book.rule, Everything(), STATUS),
+    )
     book.subscribe(quick.limits.limits_changed)
     book.subscribe(thorough.limits.limits_changed)
     left_out = followed = 0
@@ -158,7 +170,7 @@ def test_a_field_with_an_open_alarm_is_reported_while_it_is_normal(
     """A normal value is reported if its field has an open alarm."""
     book = LimitBook(DICTIONARY, database, bus, clock)
     alarms: dict[tuple[str, str], Alarm] = {}
-    board = TelemetryBoard(DICTIONARY, book.rule, alarms)
+    board = TelemetryBoard(DICTIONARY, book.rule, alarms, STATUS)
     fields = {"sensor_temperature_c": 20.0, "cycle_running": True}
     packet = Telemetry("housekeeping", 1.0, 0, fields, fields)
     for _ in range(5):

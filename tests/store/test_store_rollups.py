@@ -14,6 +14,7 @@ from sqlalchemy import delete, event
 
 from gss.device.session_events import Telemetry
 from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.roles import default_roles
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.archive import Thinner
@@ -55,7 +56,13 @@ def clock() -> ManualClock:
 def telemetry(database: Database, clock: ManualClock) -> TelemetryService:
     """Service with six hours of housekeeping, every third second, with a gap of twenty minutes."""
     service = TelemetryService(
-        load_dictionary(), database, EventBus(database, clock), clock, lambda: None, lambda: True
+        load_dictionary(),
+        database,
+        EventBus(database, clock),
+        clock,
+        lambda: None,
+        lambda: True,
+        default_roles(load_dictionary()).quantities.status,
     )
     rows = [
         TelemetryPacket(

@@ -16,6 +16,7 @@ from typing import Any
 from gss.device.session_events import DeviceEvent, Telemetry
 from gss.domain.errors import BadInput, Conflict, GssError, NotFound
 from gss.instruments.dictionary.definitions import Dictionary
+from gss.instruments.telemetry_roles import Status
 from gss.operations.clock import Monotonic
 from gss.operations.contacts.capture_decoder import CaptureDecoder, CommandSaid, Replayed
 from gss.operations.events import EventBus
@@ -79,15 +80,16 @@ class CaptureReplay:
         limits: LimitBook,
         bus: EventBus,
         monotonic_s: Monotonic,
+        status: Status,
         framing: str = "cobs",
     ) -> None:
         self._dictionary, self._captures, self._rule, self._bus = dictionary, captures, limits.rule, bus
-        self._monotonic_s, self._framing = monotonic_s, framing
+        self._monotonic_s, self._status, self._framing = monotonic_s, status, framing
         self._state = ReplayState()
         self._controls, self._counts = _Controls(None), _Counts()
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
-        self.board = TelemetryBoard(dictionary, limits.rule, {})
+        self.board = TelemetryBoard(dictionary, limits.rule, {}, status)
         # The lambda reads self.board at each call because each pass through the capture creates a new board.
         limits.subscribe(lambda key: self.board.limits.limits_changed(key))
 
@@ -165,7 +167,7 @@ class CaptureReplay:
         """Replay the capture once. Return True if a seek requires another pass from the beginning."""
         decoder, self.board = (
             CaptureDecoder(self._dictionary, self._framing),
-            TelemetryBoard(self._dictionary, self._rule, {}),
+            TelemetryBoard(self._dictionary, self._rule, {}, self._status),
         )
         seek_s, self._controls.seek_s = self._controls.seek_s, None
         self._counts = _Counts()

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from gss.device.session_events import Telemetry
 from gss.domain.limits import Persistence, State
 from gss.instruments.dictionary.definitions import TelemetryField, Value
+from gss.instruments.telemetry_roles import Status
 from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 from gss.operations.telemetry.limit_book import Rule
 from gss.operations.telemetry.value_format import plain
@@ -72,11 +73,14 @@ class LimitCheck:
     """Checks packets and stores the persistence state of every field with limits. Thread-safe.
 
     ``followed``: fields whose judgements are reported even while they are calm, because they have an open alarm.
+    ``status``: packet and fields that report whether the sensor's cycle is running.
     """
 
-    def __init__(self, dictionary: TelemetryDefinitions, rule: RuleOf, followed: Container[Key]) -> None:
-        self._dictionary, self._rule, self._followed = dictionary, rule, followed
-        self._housekeeping: Mapping[str, Value] = {}
+    def __init__(
+        self, dictionary: TelemetryDefinitions, rule: RuleOf, followed: Container[Key], status: Status
+    ) -> None:
+        self._dictionary, self._rule, self._followed, self._status = dictionary, rule, followed, status
+        self._reported: Mapping[str, Value] = {}
         self._runs: dict[Key, Persistence] = {}
         self._samples: dict[Key, State] = {}
         self._unjudged: set[Key] = set()
@@ -89,10 +93,10 @@ class LimitCheck:
         """Check each field of a packet that has limits. A field that stays within its limits is reported only if it is
         followed."""
         with self._lock:
-            if packet.packet == "housekeeping":
-                self._housekeeping = packet.values
-                if not packet.values.get("cycle_running"):
-                    iteration_at_rest = packet.values.get("iteration")
+            if packet.packet == self._status.packet:
+                self._reported = packet.values
+                if not packet.values.get(self._status.cycle_running):
+                    iteration_at_rest = packet.values.get(self._status.iteration)
                     self._ignored_iterations = (
                         (iteration_at_rest, iteration_at_rest + 1)
                         if isinstance(iteration_at_rest, int)
@@ -166,10 +170,12 @@ class LimitCheck:
     def _iterating(self) -> bool:
         """True if limits apply to results and timing of iterations: the cycle is running and has produced a result
         since it started. A sensor at rest finds no stars, and the first iteration after a rest can still use the
-        previous pointing."""
-        if not self._housekeeping.get("cycle_running"):
+        previous pointing. The limits always apply if the sensor reports no cycle."""
+        if not self._status.cycle_running:
+            return True
+        if not self._reported.get(self._status.cycle_running):
             return False
-        iteration = self._housekeeping.get("iteration")
+        iteration = self._reported.get(self._status.iteration)
         return iteration is None or iteration not in self._ignored_iterations
 
     def seed(self, key: Key, counted: State) -> None:

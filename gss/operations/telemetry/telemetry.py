@@ -14,6 +14,7 @@ from gss.device.protocol.packet import Arrival
 from gss.device.session_events import Telemetry
 from gss.domain.errors import StoreDown
 from gss.instruments.dictionary.definitions import Dictionary, TelemetryField, Values
+from gss.instruments.telemetry_roles import Status
 from gss.operations.clock import Now, after_jump
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import LineBatch, ServiceEvent
@@ -75,10 +76,12 @@ class Judged(ServiceEvent):
 
 class TelemetryBoard:
     """Stores the latest packet of each type and checks it against limits. Thread-safe. ``alarms``: open alarms by
-    field."""
+    field. ``status``: see :class:`LimitCheck`."""
 
-    def __init__(self, dictionary: TelemetryDefinitions, rule: RuleOf, alarms: Mapping[Key, Alarm]) -> None:
-        self.limits = LimitCheck(dictionary, rule, alarms)
+    def __init__(
+        self, dictionary: TelemetryDefinitions, rule: RuleOf, alarms: Mapping[Key, Alarm], status: Status
+    ) -> None:
+        self.limits = LimitCheck(dictionary, rule, alarms, status)
         self._dictionary, self._alarms = dictionary, alarms
         self._latest: dict[str, tuple[datetime, Telemetry]] = {}
         self._lock = threading.Lock()
@@ -148,7 +151,8 @@ class TelemetryBoard:
 class TelemetryService:
     """Stores all packets, keeps the latest packet of each type, and provides access to stored telemetry.
 
-    ``contact_id`` returns the open contact; ``has_room`` is False while the disk is too full for telemetry.
+    ``contact_id`` returns the open contact; ``has_room`` is False while the disk is too full for telemetry. ``status``: see
+    :class:`LimitCheck`.
     """
 
     def __init__(
@@ -159,6 +163,7 @@ class TelemetryService:
         now: Now,
         contact_id: Callable[[], int | None],
         has_room: Callable[[], bool],
+        status: Status,
     ) -> None:
         self._contact_id, self._has_room = contact_id, has_room
         self._database, self._bus, self._now = database, bus, now
@@ -166,7 +171,7 @@ class TelemetryService:
         self.limits = LimitBook(self.derived, database, bus, now)
         self.open_alarms: dict[Key, Alarm] = {}
         """Open alarms by field or condition, maintained by ``AlarmService``."""
-        self.board = TelemetryBoard(self.derived, self.limits.rule, self.open_alarms)
+        self.board = TelemetryBoard(self.derived, self.limits.rule, self.open_alarms, status)
         self.rollups = Rollups(self.derived, database, now)
         self.archive = Archive(self.derived, database, self.rollups)
         self.limits.subscribe(self.board.limits.limits_changed)

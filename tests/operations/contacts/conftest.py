@@ -49,7 +49,13 @@ class Station:
             retention=retention,
         )
         self.room = True
-        self.telemetry = TelemetryService(*parts, self.now, lambda: self.link.contact_id, lambda: self.room)
+        self.telemetry = TelemetryService(
+            *parts,
+            self.now,
+            lambda: self.link.contact_id,
+            lambda: self.room,
+            default_roles(self.dictionary).quantities.status,
+        )
         self.alarms = AlarmService(self.dictionary, self.telemetry, self.link, database, self.bus, self.now)
         self.commands = CommandService(
             self.link,

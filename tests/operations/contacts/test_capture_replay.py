@@ -10,6 +10,7 @@ import pytest
 from gss.device.session_events import DeviceEvent, Telemetry
 from gss.device.simulator.faults import FaultRates, LineFaults
 from gss.domain.errors import BadInput, Conflict, NotFound
+from gss.instruments.roles import default_roles
 from gss.operations.clock import monotonic_s
 from gss.operations.contacts.capture_decoder import CaptureDecoder, CommandSaid, decoded
 from gss.operations.contacts.replay_capture import CaptureReplay, paced
@@ -125,7 +126,14 @@ def test_a_replay_takes_the_contacts_duration_divided_by_its_speed(contact):
 def view(contact):
     """Station, contact id and replay."""
     station, contact_id = contact
-    replay = CaptureReplay(station.dictionary, station.folder, station.telemetry.limits, station.bus, monotonic_s)
+    replay = CaptureReplay(
+        station.dictionary,
+        station.folder,
+        station.telemetry.limits,
+        station.bus,
+        monotonic_s,
+        default_roles(station.dictionary).quantities.status,
+    )
     yield station, contact_id, replay
     replay.stop()
 

@@ -56,7 +56,9 @@ def alarms(database, bus, clock, tmp_path) -> AlarmService:
         lambda: 0.0,
         LineEventQueue(clock, lambda: 0.0),
     )
-    telemetry = TelemetryService(dictionary, database, bus, clock, lambda: None, lambda: True)
+    telemetry = TelemetryService(
+        dictionary, database, bus, clock, lambda: None, lambda: True, default_roles(dictionary).quantities.status
+    )
     return AlarmService(dictionary, telemetry, link, database, bus, clock)
 
 

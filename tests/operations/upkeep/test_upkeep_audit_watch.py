@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import text
 
+from gss.instruments.roles import default_roles
 from gss.operations.accounts.audit import AuditService
 from gss.operations.accounts.audit_anchor import ANCHORS, AnchorFile
 from gss.operations.telemetry.alarms import AlarmService
@@ -26,7 +27,15 @@ def audit(store) -> AuditService:
 def alarms(store, bus) -> AlarmService:
     """Alarm service of a server with this store."""
     dictionary = store.link.dictionary
-    telemetry = TelemetryService(dictionary, store.database, bus, store.clock, lambda: None, lambda: True)
+    telemetry = TelemetryService(
+        dictionary,
+        store.database,
+        bus,
+        store.clock,
+        lambda: None,
+        lambda: True,
+        default_roles(dictionary).quantities.status,
+    )
     return AlarmService(dictionary, telemetry, store.link, store.database, bus, store.clock)
 
 

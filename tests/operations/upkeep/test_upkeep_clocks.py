@@ -42,7 +42,15 @@ class ClockHarness:
             lambda: self.mono_s,
             LineEventQueue(clock, lambda: self.mono_s),
         )
-        self.telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: self.contact, lambda: True)
+        self.telemetry = TelemetryService(
+            DICTIONARY,
+            database,
+            bus,
+            clock,
+            lambda: self.contact,
+            lambda: True,
+            default_roles(DICTIONARY).quantities.status,
+        )
         self.alarms = AlarmService(DICTIONARY, self.telemetry, self.link, database, bus, clock)
         commands = CommandService(
             self.link,

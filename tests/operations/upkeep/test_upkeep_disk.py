@@ -118,7 +118,9 @@ def test_a_contact_survives_a_full_disk_and_the_loss_is_reported(small_disk, sen
         sensor.monotonic_s,
         events,
     )
-    telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
+    telemetry = TelemetryService(
+        DICTIONARY, database, bus, clock, lambda: None, lambda: True, default_roles(DICTIONARY).quantities.status
+    )
     alarms = AlarmService(DICTIONARY, telemetry, link, database, bus, clock)
     watch = DiskWatch(DiskGuard(small_disk.folder, 0, 0), alarms, link, telemetry)
     dispatcher = Dispatcher(events, bus, sensor.monotonic_s, [link.handle, telemetry.handle])
@@ -166,7 +168,9 @@ def test_a_database_on_a_full_disk_loses_no_row_and_values_continue(small_disk, 
     migrate(url)
     database = Database(open_engine(url))
     bus = EventBus(database, clock)
-    telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
+    telemetry = TelemetryService(
+        DICTIONARY, database, bus, clock, lambda: None, lambda: True, default_roles(DICTIONARY).quantities.status
+    )
     telemetry.handle(LineBatch(housekeeping(1), clock(), 0.0))
     with small_disk.full():
         for k in range(2, 2000):

@@ -9,6 +9,7 @@ import pytest
 from sqlalchemy import func, select
 
 from gss.domain.errors import BadInput, Conflict
+from gss.instruments.roles import default_roles
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.upkeep import removal
@@ -34,7 +35,15 @@ class RestartedServer:
         self.store, self.clock, self.mono_s = store, store.clock, 0.0
         store.trust.start()
         dictionary = store.link.dictionary
-        telemetry = TelemetryService(dictionary, store.database, bus, self.clock, lambda: None, lambda: True)
+        telemetry = TelemetryService(
+            dictionary,
+            store.database,
+            bus,
+            self.clock,
+            lambda: None,
+            lambda: True,
+            default_roles(dictionary).quantities.status,
+        )
         self.alarms = AlarmService(dictionary, telemetry, store.link, store.database, bus, self.clock)
         self.alarms.start()
         self.clocks = ClockWatch(bus, self.clock, lambda: self.mono_s, [])
