@@ -180,7 +180,8 @@ class LinkWire:
             self.good += 1
             self._request = None
             reason = f"{accepted.field} {header[accepted.field]:#04x}"
-            return Answer(Stage.REJECTED, reason=reason, detail=payload.decode("ascii", "replace").strip("\0 "))
+            detail = payload.decode("ascii", "replace").strip("\0 ").replace("\0", "\N{REPLACEMENT CHARACTER}")
+            return Answer(Stage.REJECTED, reason=reason, detail=detail)
         packet = self._protocol.answers.get(name)
         if packet:
             answer = self._telemetry(self._dictionary.packet(packet), payload, Stage.COMPLETED)

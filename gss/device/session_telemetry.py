@@ -10,7 +10,7 @@ import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from gss.device.protocol.codec import STRUCT, Decoded, decode
+from gss.device.protocol.codec import STRUCT, Decoded, decode, text_of
 from gss.device.protocol.packet import Packet
 from gss.device.session_events import Telemetry
 from gss.instruments.dictionary.definitions import Dictionary, Group, Item, Layout, TelemetryField, Value
@@ -156,4 +156,4 @@ def _code(item: Item) -> str:
 
 
 def _text(data: bytes) -> str:
-    return data.rstrip(b"\0").decode()
+    return text_of(data.rstrip(b"\0"))

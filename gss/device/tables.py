@@ -27,6 +27,7 @@ import struct
 import zlib
 from collections.abc import Mapping
 
+from gss.device.protocol.codec import text_of
 from gss.domain.errors import BadInput, CorruptData
 
 TABLE_FORMAT = 1
@@ -120,7 +121,7 @@ def decode_table(kind: str, data: bytes) -> tuple[str, dict[str, Scalar]]:
 
 def _text(kind: str, data: bytes) -> str:
     try:
-        return data.rstrip(b"\0").decode()
+        return text_of(data.rstrip(b"\0"))
     except UnicodeDecodeError:
         raise CorruptData(f"{kind} table: a name is not valid UTF-8") from None
 

@@ -162,6 +162,12 @@ def test_telemetry_is_in_engineering_units() -> None:
     assert decoded.raw["mode"] == 3
 
 
+def test_a_nul_inside_a_text_is_replaced() -> None:
+    """A NUL between characters becomes U+FFFD in every kind of text. NUL bytes after the text are padding."""
+    for item, payload in ((Item("x", "str", 8), b"a\0b\0\0\0\0\0"), (Item("x", "text"), b"\3a\0b")):
+        assert decode([item], payload).values["x"] == "a\N{REPLACEMENT CHARACTER}b"
+
+
 def test_an_invalid_payload_is_corrupt() -> None:
     """Unknown choices, booleans above one and truncated text are rejected as corrupt."""
     for kind, payload in (("bool", b"\2"), ("text", b"\2\xff\xff")):

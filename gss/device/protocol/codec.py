@@ -272,9 +272,14 @@ def _take(item: Item, reader: _FieldReader, order: str) -> Value:
         return reader.take(item.size)
     data = reader.take(reader.take(1)[0]) if kind == "text" else reader.take(item.size).rstrip(b"\0")
     try:
-        return data.decode()
+        return text_of(data)
     except UnicodeDecodeError:
         raise CorruptData(f"{item.name} is not valid UTF-8") from None
+
+
+def text_of(data: bytes) -> str:
+    """Return the text in UTF-8 bytes. NUL becomes U+FFFD, because PostgreSQL cannot store it and it ends texts in C."""
+    return data.decode().replace("\0", "\N{REPLACEMENT CHARACTER}")
 
 
 def _named(item: Item, raw: Value) -> Value:
