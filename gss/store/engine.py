@@ -16,13 +16,23 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from alembic.util import CommandError
 from sqlalchemy import Connection, Engine, create_engine, event, func, inspect, make_url, select
-from sqlalchemy.exc import ArgumentError, DatabaseError, NoSuchModuleError, OperationalError
+from sqlalchemy.exc import (
+    ArgumentError,
+    DatabaseError,
+    DataError,
+    IntegrityError,
+    NoSuchModuleError,
+    OperationalError,
+)
+from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session, sessionmaker
 
 from gss.domain.errors import BadInput, Conflict, CorruptData, StoreDown
 from gss.store.models import Base
 
 QUICK_CHECK_BYTES = 512 << 20
+LOCK_WAIT_MS = 5000
+"""Longest wait for a lock of another transaction, on both databases."""
 MAX_WAL_BYTES = 64 << 20
 """A write-ahead log that a long read made larger is cut to this size once it has been merged into the database."""
 DAMAGED_HINT = (
@@ -35,10 +45,13 @@ CHECKOUT = Path(__file__).parent.parent.parent / "migrations"
 
 def open_engine(url: str) -> Engine:
     """Return an engine for an SQLite or PostgreSQL URL. SQLite uses write-ahead logging, so that readers never wait
-    for the writer. Raises BadInput if the URL cannot be used."""
+    for the writer. With PostgreSQL, statements wait at most LOCK_WAIT_MS for a lock. Raises BadInput if the URL cannot
+    be used."""
     try:
         if not url.startswith("sqlite"):
-            return create_engine(url, pool_pre_ping=True)
+            engine = create_engine(url, pool_pre_ping=True)
+            event.listen(engine, "connect", _limit_lock_wait)
+            return engine
     except (ArgumentError, NoSuchModuleError, ImportError) as error:
         # The error text can contain the URL with a password.
         raise BadInput(
@@ -69,10 +82,17 @@ def open_to_check(url: str) -> Engine:
     return create_engine(f"sqlite:///file:{quote(str(path))}?immutable=1&uri=true")
 
 
+def _limit_lock_wait(connection: Any, _record: Any) -> None:
+    """Limit the wait for locks, for example of VACUUM FULL by an administrator."""
+    with connection.cursor() as cursor:
+        cursor.execute(f"SET lock_timeout = {LOCK_WAIT_MS}")
+    connection.commit()
+
+
 def _tune_sqlite(connection: Any, _record: Any) -> None:
     cursor = connection.cursor()
     limit = f"journal_size_limit={MAX_WAL_BYTES}"
-    for pragma in ("journal_mode=WAL", limit, "busy_timeout=5000", "foreign_keys=ON"):
+    for pragma in ("journal_mode=WAL", limit, f"busy_timeout={LOCK_WAIT_MS}", "foreign_keys=ON"):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()
 
@@ -251,6 +271,13 @@ def _is_damage(error: DatabaseError) -> bool:
     )
 
 
+def _is_concurrent(error: IntegrityError) -> bool:
+    """True for a unique value or a reference, which a concurrent transaction can violate. Other constraints do not
+    depend on other transactions, so a violation is a defect."""
+    text = str(error.orig).lower()
+    return any(kind in text for kind in ("unique constraint", "foreign key constraint"))
+
+
 Transaction = Session
 """Type of an open unit of work, for code outside the store."""
 
@@ -271,16 +298,31 @@ class Database:
     @contextmanager
     def unit_of_work(self, *, durable: bool = True) -> Iterator[Session]:
         """Open a session that commits at the end, or rolls back on an exception. Raises StoreDown or CorruptData if the
-        database fails. A ``durable`` commit is flushed to the disk before the block ends; other commits are flushed
-        with the next durable commit."""
+        database fails, BadInput for a value that its columns cannot hold, and Conflict if a concurrent transaction
+        stored the same unique value or removed a row that this one refers to. A ``durable`` commit is flushed to the
+        disk before the block ends; other commits are flushed with the next durable commit."""
         try:
             with self._sessions.begin() as session:
                 if not durable and self.engine.dialect.name == "sqlite":
                     session.connection().exec_driver_sql("PRAGMA synchronous=NORMAL")
                 yield session
-        except (OperationalError, OverflowError) as error:
+        except (OperationalError, PoolTimeout) as error:
             cause = str(getattr(error, "orig", error))
             raise StoreDown("the database cannot be used", got=cause, hint="check disk space and file locks") from error
+        except (DataError, OverflowError) as error:
+            raise BadInput(
+                "the database cannot store a value",
+                expected="text without NUL, and numbers and lengths within the limits of the columns",
+                got=str(getattr(error, "orig", error)).strip().splitlines()[0],
+            ) from error
+        except IntegrityError as error:
+            if not _is_concurrent(error):
+                raise
+            raise Conflict(
+                "another request changed the same data at the same time",
+                got=str(error.orig).strip().splitlines()[0],
+                hint="load the data again and repeat the request",
+            ) from error
         except DatabaseError as error:
             if not _is_damage(error):
                 raise

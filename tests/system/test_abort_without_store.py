@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+from sqlalchemy import Connection, create_engine, text
 
 LOCK_WAIT_S = 5.0
 """Time that SQLite waits for a lock. An action that waits for the store takes longer."""
@@ -87,3 +90,76 @@ def test_a_line_that_opens_while_the_database_is_locked_gets_its_contact_later(s
     )
     assert detail["captures"]
     console.wait("ABORT's record", lambda: console.get("/commands", name="ABORT"))
+
+
+OTHERS = "FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()"
+
+
+@contextmanager
+def locked_tables(connection: Connection) -> Iterator[None]:
+    """Hold the lock of a VACUUM FULL on every table: other transactions can neither read nor write."""
+    with connection.begin():
+        names = connection.scalars(text("SELECT tablename FROM pg_tables WHERE schemaname = 'public'")).all()
+        connection.execute(text(f"LOCK TABLE {', '.join(names)} IN ACCESS EXCLUSIVE MODE"))
+        yield
+
+
+@contextmanager
+def paused_server(connection: Connection) -> Iterator[None]:
+    """Stop the processes of PostgreSQL that serve the server, without closing their connections."""
+    processes = [int(pid) for pid in connection.scalars(text(f"SELECT pid {OTHERS}"))]
+    for pid in processes:
+        os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        for pid in processes:
+            os.kill(pid, signal.SIGCONT)
+
+
+@contextmanager
+def ended_server(connection: Connection) -> Iterator[None]:
+    """End every connection of the server to the database, again and again."""
+    connection.execute(text(f"SELECT pg_terminate_backend(pid) {OTHERS}"))
+    yield
+    connection.execute(text(f"SELECT pg_terminate_backend(pid) {OTHERS}"))
+
+
+@pytest.fixture
+def postgres(postgres_url: str) -> Iterator[Connection]:
+    """Connection to an empty PostgreSQL database, separate from the connections of the server."""
+    engine = create_engine(postgres_url)
+    with engine.connect() as connection:
+        connection.execute(text("DROP SCHEMA public CASCADE"))
+        connection.execute(text("CREATE SCHEMA public"))
+        connection.commit()
+        yield connection
+    engine.dispose()
+
+
+@pytest.mark.postgres
+@pytest.mark.parametrize("blocked", [locked_tables, paused_server, ended_server])
+def test_abort_leaves_while_postgresql_does_not_respond(serve, sensor, postgres_url, postgres, blocked):
+    """The sensor completes ABORT while all tables are locked, while PostgreSQL is stopped, and after it closed all connections.
+    The record follows.
+    """
+    console = serve("--device", sensor.url, GSS_DATABASE=postgres_url).console
+    console.wait("the sensor", lambda: console.get("/link")["dictionary_match"])
+    console.command("SET_MODE", mode="lost_in_space")
+    console.command("START_CYCLE")
+    console.wait("the cycle", lambda: console.get("/link")["cycle_running"])
+    with blocked(postgres):
+        time.sleep(1.5)  # the dispatcher meets the lock, and the identity of the caller must be read again
+        receipt = console.post("/commands/abort")
+        time.sleep(2.0)
+        released = datetime.now(UTC)
+
+    def recorded():
+        rows = console.get("/commands", name="ABORT")
+        return next((row for row in rows if row["result"] == "completed"), None)
+
+    row = console.wait("the record", recorded, 60.0)
+    assert row["request_id"] == receipt["request_id"]
+    completed = next(stage for stage in row["stages"] if stage["name"] == "completed")
+    assert datetime.fromisoformat(completed["at"]) < released
+    console.wait("the cycle to stop", lambda: not console.get("/link")["cycle_running"])

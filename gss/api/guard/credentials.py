@@ -12,9 +12,9 @@ from starlette.types import Scope
 
 from gss.api.errors import problem
 from gss.api.guard.route_table import is_change, is_open
-from gss.api.urgent import ABORT, run_urgent
+from gss.api.urgent import ABORT, run_lookup
 from gss.domain.errors import GssError, RateLimited
-from gss.operations.accounts.accounts import AccountService
+from gss.operations.accounts.accounts import STORE_DOWN_S, AccountService
 from gss.operations.accounts.identity import CallerIdentity
 from gss.operations.accounts.secrets import LONGEST, same
 
@@ -56,20 +56,22 @@ class Authenticator:
         return None
 
     async def _caller(self, token: str, cookie: str, scope: Scope) -> CallerIdentity | None:
-        """Return the identity for the token or, without a token, for the cookie. For ABORT nothing is written, because
-        ABORT must not wait for the database."""
+        """Return the identity for the token or, without a token, for the cookie. For ABORT nothing is written, and the
+        identity as last read is used if the database does not respond, because ABORT must not wait for the database."""
         urgent = scope["path"] == ABORT
+        last_read = functools.partial(self._accounts.remembered, "token" if token else "session", token or cookie)
+        remembered = last_read()
+        if remembered is not None:
+            return remembered
         if token:
-            remembered = self._accounts.remembered("token", token)
             lookup = functools.partial(self._accounts.token_caller, token, scope["state"]["address"], touch=not urgent)
         else:
-            remembered = self._accounts.remembered("session", cookie)
             # A request for the session's remaining time must not extend it.
             touch = not is_open(scope) and not urgent
             lookup = functools.partial(self._accounts.session_caller, cookie, touch=touch)
-        if remembered is not None:
-            return remembered
-        return await (run_urgent(lookup) if urgent else anyio.to_thread.run_sync(lookup))
+        if not urgent:
+            return await anyio.to_thread.run_sync(lookup)
+        return await run_lookup(lookup, functools.partial(last_read, STORE_DOWN_S))
 
 
 def session_key(headers: Headers) -> str:

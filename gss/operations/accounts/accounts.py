@@ -82,11 +82,12 @@ class AccountService:
         idle timeout and nothing is written."""
         return self._recall(f"session {key_hash(key)}", lambda: self.sessions.caller_of(key, touch=touch))
 
-    def remembered(self, kind: str, key: str) -> CallerIdentity | None:
-        """Return an identity from the cache without a database query, None if it is not cached. ``kind``: session or token."""
+    def remembered(self, kind: str, key: str, within_s: float = REMEMBERED_S) -> CallerIdentity | None:
+        """Return an identity that was read within this time, without a database query; None if there is none. ``kind``: session or
+        token."""
         with self._lock:
             at_s, cached = self._remembered.get(f"{kind} {key_hash(key)}", (0.0, None))
-            return cached if self._monotonic_s() - at_s < REMEMBERED_S else None
+            return cached if self._monotonic_s() - at_s < within_s else None
 
     def token_caller(self, key: str, address: str, *, touch: bool = True) -> CallerIdentity | None:
         """Return the identity of a token, None if the token is not valid. Raises RateLimited after too many invalid tokens from
