@@ -45,12 +45,9 @@ from gss.operations.frames.dark_frames import as_bytes
 from gss.pipeline.fixed_pattern import DarkPattern
 from gss.skytables.pairs import distance_table
 from gss.skytables.triplets import TripletClasses
+from tools.fuzz_foreign_seeds import TLE, foreign_seeds
 
 CORPUS = Path(__file__).parent.parent / "tests" / "fuzz" / "corpus"
-TLE = (
-    "1 25544U 98067A   26150.51782528  .00016717  00000-0  10270-3 0  9006\n"
-    "2 25544  51.6400 208.9163 0006317  69.9862  25.2906 15.49560532    00\n"
-)
 DICTIONARY = """version: 1
 device_model: X
 enums: {onoff: [{name: "off", value: 0}, {name: "on", value: 1, hazard: warning}]}
@@ -214,6 +211,7 @@ def seeds() -> Iterator[tuple[str, str, bytes]]:
     yield "c-source", "bank", c_source(small_bank()).encode()
     flat = DarkPattern(np.zeros((8, 8), np.float32), np.array([[3, 1]], np.intp), 0.5)
     yield "dark-frame", "flat", as_bytes(flat)
+    yield from foreign_seeds()
 
 
 def _triplets() -> bytes:

@@ -15,7 +15,6 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Any
@@ -43,19 +42,11 @@ from gss.operations.contacts.capture_decoder import CaptureDecoder
 from gss.operations.frames.dark_frames import from_bytes
 from gss.operations.frames.frame_files import read_frame
 from gss.operations.line.raw_capture import read_capture
+from tools.fuzz_contract import Target, require
+from tools.fuzz_foreign_targets import FOREIGN_TARGETS
 
 MAX_RECORDS = 200
 RECORD = struct.Struct(">BBHH")
-
-
-@dataclass(frozen=True)
-class Target:
-    """One parser. ``text``: True if the input is also mutated as text. ``max_bytes``: maximum input length; longer
-    inputs reach no additional code."""
-
-    fuzz_one: Callable[[bytes], None]
-    text: bool = False
-    max_bytes: int = 1 << 16
 
 
 # --- the line -------------------------------------------------------------------------------------------------------
@@ -71,10 +62,10 @@ def frames(data: bytes) -> None:
         received: list[bytes] = []
         for at in range(0, len(data), step):
             received += split.feed(data[at : at + step])
-            _require(split.held_bytes <= FRAMINGS[name].limit(MAX_PACKET_BYTES), "a frame exceeds its size limit")
-        _require(received == expected, "the packets depend on the split of the stream")
+            require(split.held_bytes <= FRAMINGS[name].limit(MAX_PACKET_BYTES), "a frame exceeds its size limit")
+        require(received == expected, "the packets depend on the split of the stream")
         for packet in expected:
-            _require(
+            require(
                 Deframer(framing=name).feed(encode_frame(packet, name)) == [packet], "the round trip changed a packet"
             )
 
@@ -85,11 +76,11 @@ def packets(data: bytes) -> None:
     for candidate in (data, with_crc(data)):
         packet = decode_packet(candidate)
         if hasattr(packet, "payload"):
-            _require(decode_packet(encode_packet(packet)) == packet, "the round trip changed a packet")
+            require(decode_packet(encode_packet(packet)) == packet, "the round trip changed a packet")
     for layout in _layouts():
         with suppress(GssError):
             decoded = codec.decode(layout, data)
-            _require(
+            require(
                 codec.decode(layout, codec.encode(layout, decoded.raw, decoded.lists)).lists is not None,
                 "no lists decoded",
             )
@@ -157,7 +148,7 @@ def image(data: bytes) -> None:
     """Test an image file: FITS, PNG, TIFF or JPEG, identified by its content."""
     with suppress(GssError):
         frame = read_frame(data, "fuzzed")
-        _require(frame.pixels.ndim == 2 and frame.pixels.dtype.kind in "uf", "not a two-dimensional image")
+        require(frame.pixels.ndim == 2 and frame.pixels.dtype.kind in "uf", "not a two-dimensional image")
 
 
 def _star_list(kind: str) -> Callable[[bytes], None]:
@@ -197,7 +188,7 @@ def manifest(data: bytes) -> None:
     for candidate in (text, _with_manifest_sum(text)):
         with suppress(GssError):
             parsed_manifest = read_manifest(candidate)
-            _require(read_manifest(parsed_manifest.as_json()) == parsed_manifest, "the round trip changed a manifest")
+            require(read_manifest(parsed_manifest.as_json()) == parsed_manifest, "the round trip changed a manifest")
             with suppress(GssError):
                 check_image(parsed_manifest, b"")
             with suppress(GssError):
@@ -223,7 +214,7 @@ def bank(data: bytes) -> None:
             decode(candidate)
             part_bytes(candidate)
             image_bytes = b"".join(piece for _, piece in blocks_of(candidate))
-            _require(candidate.startswith(image_bytes), "the blocks are not the image")
+            require(candidate.startswith(image_bytes), "the blocks are not the image")
             with suppress(GssError):
                 encoded_again(candidate)
             with suppress(GssError):
@@ -249,7 +240,7 @@ def device_table(data: bytes) -> None:
             with suppress(GssError):
                 profile, values = decode_table(kind, candidate)
                 with suppress(GssError):  # the wire format allows names that the encoder rejects
-                    _require(
+                    require(
                         decode_table(kind, encode_table(kind, profile, values))[0] == profile,
                         "the round trip changed data",
                     )
@@ -318,11 +309,6 @@ def dark_frame(data: bytes) -> None:
         from_bytes(data)
 
 
-def _require(condition: bool, problem: str) -> None:
-    if not condition:
-        raise AssertionError(problem)
-
-
 TARGETS: dict[str, Target] = {
     "frames": Target(frames, max_bytes=8192),
     "packets": Target(packets, max_bytes=4096),
@@ -345,4 +331,4 @@ TARGETS: dict[str, Target] = {
     "table-parquet": Target(_inside_zip("parquet")),
     "c-source": Target(c_sources, text=True),
     "dark-frame": Target(dark_frame),
-}
+} | FOREIGN_TARGETS

@@ -26,19 +26,20 @@ BEHIND_UTC_S = {"UTC": 0.0, "GPS": 18.0, "TAI": 37.0, "TT": TT_MINUS_UTC_S}
 
 def read_oem(text: str) -> tuple[str, EphemerisTrajectory]:
     """Return the name and the orbit of an OEM with one object. Raises BadInput that names the invalid line."""
-    name, blocks, meta = "", [], dict[str, str]()
+    name, blocks, meta, in_meta = "", [], dict[str, str](), False
     for line, statement in _lines(text):
         if statement == "META_START":
-            meta = {}
+            meta, in_meta = {}, True
         elif statement == "META_STOP":
             _check_meta(meta, name)
             name = meta["OBJECT_NAME"]
             blocks.append((meta, list[tuple[float, ...]]()))
+            meta, in_meta = {}, False
         elif "=" in statement:
             key, _, value = statement.partition("=")
             meta[key.strip()] = value.strip()
-        elif blocks:
-            blocks[-1][1].append(_state(line, statement, meta["TIME_SYSTEM"]))
+        elif blocks and not in_meta:
+            blocks[-1][1].append(_state(line, statement, blocks[-1][0]["TIME_SYSTEM"]))
         else:
             raise BadInput(f"line {line} of the OEM is not valid", expected="a META block", got=statement[:60])
     if not blocks:

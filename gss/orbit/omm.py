@@ -104,6 +104,9 @@ def tle_of_omm(fields: Mapping[str, str]) -> str:
     for name in WHOLE:
         if not complete[name].isdecimal() or int(complete[name]) > MAX_NUMBER:
             raise BadInput(f"{name} of the OMM is out of range", expected=f"0 to {MAX_NUMBER}", got=complete[name][:40])
+    for name in ("CLASSIFICATION_TYPE", "OBJECT_ID"):
+        if not complete[name].isascii():
+            raise BadInput(f"{name} of the OMM is not valid", expected="ASCII characters", got=complete[name][:40])
     complete |= {
         "EPOCH": omm_epoch(complete.get("EPOCH", "")).strftime("%Y-%m-%dT%H:%M:%S.%f"),
         "CLASSIFICATION_TYPE": complete["CLASSIFICATION_TYPE"][:1],

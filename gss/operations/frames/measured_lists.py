@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
+from tokenize import TokenError
 from typing import TypedDict
 
 import numpy as np
@@ -25,6 +27,11 @@ from gss.pipeline.chains.reference import solve_centroids
 
 ARRAYS = ("col_px", "row_px", "flux", "first")
 COLUMNS = ("list", "col_px", "row_px", "flux")
+UNREADABLE = (
+    *(zipfile.BadZipFile, zlib.error, ValueError, OSError, EOFError, KeyError),
+    *(NotImplementedError, RuntimeError, SyntaxError, TypeError, TokenError),
+)
+"""Errors of zipfile and numpy for a damaged file. numpy reads the header of an array as Python source."""
 EXPECTED = f"an .npz with the arrays {', '.join(ARRAYS)}, or a .csv with the columns {', '.join(COLUMNS)}"
 MAX_LIST_BYTES = 256 << 20
 MAX_LISTS, MAX_STARS = 2_000_000, 8_000_000
@@ -76,8 +83,8 @@ def _read_npz(data: bytes, name: str) -> StarLists:
             if missing:
                 got = ", ".join(file.files)[:200] or "no arrays"
                 raise BadInput(f"{name} has no array {', '.join(missing)}", expected=EXPECTED, got=got)
-            arrays = {a: file[a] for a in ARRAYS}
-    except (zipfile.BadZipFile, ValueError, OSError, EOFError, KeyError, NotImplementedError) as error:
+            arrays = {a: np.asarray(file[a]) for a in ARRAYS}
+    except UNREADABLE as error:
         raise BadInput(f"{name} cannot be read", expected=EXPECTED, got=str(error)[:200]) from None
     for array_name, array in arrays.items():
         kinds = "iu" if array_name == "first" else "iuf"
