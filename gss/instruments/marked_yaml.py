@@ -101,7 +101,7 @@ def _mark(name: str, node: yaml.Node, path: Place, lines: dict[Place, int], visi
 def _mark_mapping(name: str, node: yaml.MappingNode, path: Place, lines: dict[Place, int], visited: set[int]) -> None:
     for key, value in node.value:
         line = key.start_mark.line + 1
-        if not isinstance(key, yaml.ScalarNode) or key.tag == "tag:yaml.org,2002:merge":
+        if not isinstance(key, yaml.ScalarNode) or key.tag != "tag:yaml.org,2002:str":
             raise BadInput(f"{name}, line {line}: a key must be plain text")
         if (*path, key.value) in lines:
             raise BadInput(f"{name}, line {line}: {key.value} appears twice")
