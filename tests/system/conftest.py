@@ -130,6 +130,12 @@ def serve(tmp_path: Path, signed_in: Callable[..., dict[str, str]]) -> Iterator[
             server.stop()
 
 
+@pytest.fixture
+def run_gss() -> Callable[..., Any]:
+    """Function that starts ``gss`` with these arguments as a child process."""
+    return lambda *arguments: hatch("gss", list(arguments), {}, 2)
+
+
 class Sensor:
     """A simulator on a TCP port that can be killed and started again on its flash."""
 
