@@ -21,11 +21,11 @@ from gss.wiring.build import build
 from gss.wiring.services import Services
 
 LEAD = timedelta(seconds=10)
-"""How long before the earliest signal of the pass the rehearsal begins."""
+"""Time by which the rehearsal begins before the earliest signal of the pass."""
 
 
 def rehearse(folder: Path, report: Callable[[float, str], None]) -> RehearsalReport:
-    """Carry out the order in a prepared folder. Raises GssError."""
+    """Rehearse the plan in a prepared folder. Raises GssError."""
     order: RehearsalOrder = ORDER.validate_json((folder / ORDER_FILE).read_bytes())
     settings = Settings(
         data=folder,
@@ -79,7 +79,8 @@ def rehearse(folder: Path, report: Callable[[float, str], None]) -> RehearsalRep
 
 
 def _start(services: Services) -> None:
-    """Start what carries out plans. The rehearsal itself calls what runs once a second, and follows procedures."""
+    """Start the services that execute plans. The rehearsal itself calls the functions that run once a second, and runs
+    the steps of procedures."""
     services.transfers.transfers.start()
     services.commanding.commands.start()
     services.passes.runner.start()

@@ -160,7 +160,7 @@ class Settings(BaseSettings):
 
     @property
     def unit_instrument(self) -> str:
-        """Name of the instrument on the line: that of the simulated unit if there is one."""
+        """Name of the instrument on the line. If a unit is simulated, this is the instrument of the simulated unit."""
         return self.simulator or self.instrument
 
     @property

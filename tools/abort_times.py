@@ -48,7 +48,7 @@ class AbortTap:
         self.port = int(self._server.getsockname()[1])
         self.aborts: queue.Queue[float] = queue.Queue()
         self.silent = threading.Event()
-        """While set, data from the sensor do not reach the ground, so that commands stay queued."""
+        """While set, data from the sensor do not reach the ground, so commands stay queued."""
         self._code = load_dictionary().command("ABORT").code
         threading.Thread(target=self._accept, daemon=True).start()
 
@@ -296,7 +296,7 @@ def run(condition: str, times: int) -> Times:
     """Measure one condition on a fresh server and sensor."""
     context, arguments = CONDITIONS[condition]
     limits = {"GSS_DISK_WATCH_MB": "2", "GSS_DISK_STOP_MB": "1"}
-    # The first ABORT empties the queue, so each ABORT needs a separate round.
+    # An ABORT empties the queue, so the queue must be filled again for each ABORT.
     rounds = times if context is many_queued else 1
     result = Times(condition, [], [])
     with contextlib.ExitStack() as stack:

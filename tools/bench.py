@@ -1,6 +1,6 @@
 """Measure the performance of GSS: one thread, fixed seeds, processor time.
 
-``python -m tools.bench [--quick] [--json | --markdown] [section …]``, or ``make bench`` for all of it. Tables are
+``python -m tools.bench [--quick] [--json | --markdown] [section …]``, or ``make bench`` for all sections. Tables are
 printed to the terminal. With ``--json`` standard output is one JSON document and the tables are printed to standard
 error. The benchmarks are not part of the tests, because results depend on the machine. Peers (sep, tetra3rs) are
 measured in the same run if installed (``pip install -e .[dev,bench]``), and listed as skipped otherwise.

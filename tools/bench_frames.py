@@ -55,8 +55,8 @@ def rendering(quick: bool) -> list[BenchTable]:
 
 
 def detection(quick: bool) -> list[BenchTable]:
-    """Return detection and centroid results of all finders on the same frames. The finders alternate, so that machine
-    load affects all equally."""
+    """Return detection and centroid results of all finders on the same frames. The finders alternate, so the load of
+    the machine affects all finders equally."""
     frames = star_frames(3 if quick else 60, STARS, FIND_SEED)
     finders: dict[str, Finder] = {
         "reference, known camera": _reference_finder(SIGMA_PX, fast=False),

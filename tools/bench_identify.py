@@ -161,7 +161,7 @@ def _replica(sky: SkyCatalogue, optics: Optics) -> Solver:
 
 
 def _tetra3rs(sky: SkyCatalogue, optics: Optics) -> Solver:
-    """Return a tetra3rs solver with the same stars. It supports only square pixels, so the rows are stretched."""
+    """Return a tetra3rs solver with the same stars. The peer supports only square pixels, so the rows are stretched."""
     import tetra3rs
 
     width_deg, height_deg = np.degrees(optics.fov_rad)
@@ -195,7 +195,8 @@ def _tetra3rs(sky: SkyCatalogue, optics: Optics) -> Solver:
 
 
 def _cedar(sky: SkyCatalogue, optics: Optics) -> Solver:
-    """Return a cedar-solve solver with the same stars. It supports only square pixels, so the rows are stretched."""
+    """Return a cedar-solve solver with the same stars. The peer supports only square pixels, so the rows are
+    stretched."""
     import tetra3  # type: ignore[import-not-found, unused-ignore]  # an optional peer
 
     logging.getLogger("tetra3.Tetra3").setLevel(logging.ERROR)

@@ -37,7 +37,7 @@ ERROR_RATES = (0.0, 1e-6, 1e-5, 1e-4)
 
 @dataclass(frozen=True)
 class Kind:
-    """Packet type with its content, sent repeatedly."""
+    """Packet type with the content that is sent repeatedly."""
 
     type: PacketType
     code: int

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 EPOCH_JYEAR = 2025.0
 MERGE_PX = 3.0
 
-# The sensor of the frames has a visible noise floor, so that photon and read-out noise limit the centroids.
+# Sensor of the frames. Its noise floor is so high that photon noise and read-out noise limit the accuracy of centroids.
 SIGMA_PX, E_PER_DN, BIAS_DN, DARK_E, READ_E = 1.0, 40.0, 8.0, 80.0, 40.0
 PEAK_DN, RANGE_MAG, APART_PX, BORDER_PX, HALF_PX = 240.0, 3.0, 16.0, 12.0, 7
 

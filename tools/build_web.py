@@ -24,7 +24,7 @@ from typing import Any
 
 try:
     from hatchling.builders.hooks.plugin.interface import BuildHookInterface
-except ImportError:  # run as a script outside a build
+except ImportError:  # this module runs as a script and not in a build
     BuildHookInterface = object
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class ChainStage:
     """One stage of a chain. ``what``: description; ``where``: module:function under gss.pipeline; ``source``: section
-    of the publication; ``reach``: options that select the stage, of which the first is tested; ``left_out_by``: option
-    that disables the stage; ``scene``: images that need the stage (see :class:`tools.chains_reach.Scene`); ``by_unit``:
-    True if only the simulated unit runs it."""
+    of the publication; ``reach``: alternative options that select the stage (the first is tested); ``left_out_by``:
+    option that disables the stage; ``scene``: images that need the stage (see :class:`tools.chains_reach.Scene`);
+    ``by_unit``: True if only the simulated unit runs it."""
 
     what: str
     where: str

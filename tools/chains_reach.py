@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parent.parent
 ORION_DEG = (84.0, 0.0, 20.0)
-"""Right ascension, declination and roll of the first image, at which every camera sees enough bright stars."""
+"""Right ascension, declination and roll of the first image. At this pointing, every camera sees enough bright stars."""
 ROTATION_DEG = 0.05
 """Rotation between two images of a sequence."""
 SEQUENCE = 4

@@ -273,7 +273,7 @@ def _table_file(kind: str) -> Callable[[bytes], None]:
 
 def _inside_zip(kind: str) -> Callable[[bytes], None]:
     """Return a target that tests a member of a ZIP file. The first line of the input is the name of the member, the
-    remainder its content. Mutated compressed bytes would detect no defects."""
+    remainder its content. Mutations of compressed bytes would not find defects of the parser."""
 
     def fuzz_one(data: bytes) -> None:
         name, _, content = data.partition(b"\n")

@@ -19,7 +19,8 @@ def main() -> None:
     hip2 = read_hip2()
     with np.load(TARGET) as main_table:
         h = hip2[~np.isin(hip2[:, HIP], main_table["hip"])]
-    # The fit of V is valid up to V−I 4. These stars are not in the list up to V 8, so they are fainter than V 8.
+    # The fit of V is valid only up to V−I 4. Redder stars that are not in the table to V 8 are known to be fainter than
+    # V 8, so this limit is used for them.
     v_mag = np.maximum(v_from_hp(h[:, HP], np.clip(h[:, V_I], -0.5, 4.0)), 8.01)
     order = np.lexsort((h[:, HIP], np.round(v_mag * 100)))
     h, v_mag = h[order], v_mag[order]

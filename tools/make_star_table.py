@@ -63,7 +63,7 @@ def display_name(entry: dict[str, str]) -> str:
 
 
 def flags_of(h: NDArray[np.float64], has_entry: NDArray[np.bool_]) -> NDArray[np.uint16]:
-    """Return the flag bits of each star. ``h``: hip2 rows, meaningless where not ``has_entry``."""
+    """Return the flag bits of each star. ``h``: hip2 rows, which are valid only if ``has_entry`` is True."""
     solution = h[:, SOLUTION].astype(int)
     variable = (h[:, ANNEX] > 0) & (h[:, HP_SCATTER] >= VARIABLE_SCATTER_MAG)
     multiple = (h[:, COMPONENTS] > 1) | (solution // 10 > 0)

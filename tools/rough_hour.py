@@ -34,7 +34,7 @@ KILL_EVERY_S = 600.0
 FRAME_EVERY_S = 6.0
 FILLED_S = 60.0
 MAX_FILLED_BYTES = 8 << 30
-"""A larger file system is not filled, because it is probably used for other data."""
+"""Largest size of a file system that is filled. A larger file system is probably used for other data."""
 MINUTE_S = 60.0
 LIVE = "[data-testid=link-state]"
 
@@ -236,7 +236,8 @@ def _summary(log: StreamLog) -> dict[str, float]:
 
 @contextmanager
 def _simulator(port: int, rate: float, log: IO[bytes]):  # type: ignore[no-untyped-def]  # a generator of None
-    # The line is not paced, because fifty packets per second at 115 200 Bd leave no capacity for frames.
+    # The rate of the line is not limited, because fifty packets per second at 115 200 Bd would leave no capacity for
+    # frames.
     options = ["--instrument", "cubestar", "--tcp", str(port), "--housekeeping-hz", f"{rate:g}", "--baud", "0"]
     process = subprocess.Popen([*_gss(), "simulate", *options], stdout=log, stderr=log)
     try:

@@ -27,8 +27,8 @@ from tools.soak_pages import LATEST_S, watch
 from tools.stream_client import StreamLog, listen
 
 MIN_SHARE = 0.5
-"""Minimum share of the packet rate. On a loaded machine the simulated sensor skips packets; skipped packets do not
-count as lost."""
+"""Minimum share of the packet rate. On a loaded machine the simulated sensor skips packets. Skipped packets are not
+counted as lost."""
 COUNTERS_EVERY_S = 10.0
 """Interval at which the line counters of the ground are stored as telemetry."""
 GROWTH_BYTES, GROWTH_SHARE = 24 << 20, 0.10

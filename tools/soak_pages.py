@@ -11,7 +11,7 @@ from tools.browser import launch_options
 from tools.served import Served
 
 LATEST_S = 1.0
-"""Maximum delay, a product requirement; a hundred times the typical delay on an idle machine."""
+"""Maximum delay, which is a product requirement. It is a hundred times the typical delay on an idle machine."""
 WARM_UP_SHARE = 0.25
 GROWTH_MB, GROWTH_SHARE = 8.0, 0.25
 """Maximum growth after the warm-up, during which the bounded lists of a page fill up."""

@@ -37,7 +37,7 @@ class StreamLog:
         self.topics[topic] = self.topics.get(topic, 0) + 1
         if topic == "dropped":
             self.dropped += int(json.loads(data)["dropped"])
-            return  # it has no number; the parser repeats the number of the previous message
+            return  # the message has no number; the parser repeats the number of the previous message
         if topic == "link":
             self.late_s.append(time.time() - datetime.fromisoformat(json.loads(data)["utc"]).timestamp())
         seq, _, count = number.partition(".")
@@ -47,9 +47,9 @@ class StreamLog:
         elif count:
             self.jumps += self.count > 0 and int(count) != self.count + 1
             self.count = int(count)
-            self.seq = self.seq or int(
-                seq
-            )  # other messages carry the number of the newest event, so that later missed events are detected
+            self.seq = (
+                self.seq or int(seq)
+            )  # other messages contain the number of the newest event, from which events that were missed can be detected
 
     def new_connection(self) -> None:
         """Reset the counter of messages without an event number. Event numbers are kept."""

@@ -118,7 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def never_wrong(make_executor: Callable[[str | None, int], OrderedExecutor], arguments: argparse.Namespace) -> int:
-    """Run the remaining trials of the campaign, or write a page of the completed ones."""
+    """Run the remaining trials of the campaign, or write a page of the completed trials."""
     from validation.never_wrong.campaign import CampaignSettings, read, run_campaign, selected
     from validation.never_wrong.lists import CAMERAS, CHAINS
     from validation.never_wrong.page import page

@@ -23,7 +23,8 @@ class StoredRun:
 
 
 class ResultStore:
-    """Store of runs as lines of a file, so an interrupted page can be resumed. A line cut off by a crash is ignored."""
+    """Store of runs as lines of a file, from which an interrupted page can be resumed. A line that a crash has
+    truncated is ignored."""
 
     def __init__(self, file: Path) -> None:
         self._file = file

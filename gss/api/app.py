@@ -81,9 +81,9 @@ def create_app(
     behind: LinkProcessClient | None = None,
     fleet: Fleet | None = None,
 ) -> FastAPI:
-    """Return the HTTP application. Its lifespan starts and stops ``services``. ``behind``: client of the link process,
-    if this is the application of an API worker, whose services only read. ``fleet``: the units, if this is the
-    application of the front process."""
+    """Return the HTTP application. Its lifespan starts and stops ``services``. ``behind``: client of the link process;
+    set only for the application of an API worker, whose services only read. ``fleet``: units of the server; set only
+    for the application of the front process."""
     state = None if behind else lambda: first_state(services.upkeep.status)
     broadcaster = Broadcaster(
         services.upkeep.streams, state, services.base.settings.streams_each, services.base.settings.streams_most

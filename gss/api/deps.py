@@ -39,7 +39,7 @@ def _signed_in(request: Request) -> identity.CallerIdentity:
     return caller
 
 
-# These dependencies run on the event loop: the thread pool may be full, and ABORT must not wait for a thread.
+# These dependencies run on the event loop, because the thread pool can be full and ABORT must not wait for a thread.
 async def _who(request: Request) -> identity.CallerIdentity:
     return _signed_in(request)
 
@@ -133,7 +133,7 @@ App = Annotated[Services, Depends(_services)]
 
 
 def _with_zone(value: datetime) -> datetime:
-    """Return the time in UTC; a time without a zone is taken as UTC."""
+    """Return the time in UTC; a time without a zone is interpreted as UTC."""
     try:
         return (value if value.tzinfo else value.replace(tzinfo=UTC)).astimezone(UTC)
     except OverflowError:

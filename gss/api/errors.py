@@ -53,7 +53,7 @@ STATUS: tuple[tuple[type[GssError], int], ...] = (
 PROBLEMS: dict[int | str, dict[str, Any]] = {
     code: {"description": http.HTTPStatus(code).phrase} for code in (400, 401, 403, 404, 409, 411, 413, 422, 429, 503)
 }
-"""The error responses of every route. Their schema is added by ``describe``, because the framework would prepare a
+"""The error responses of every route. ``describe`` adds their schema, because otherwise the framework would prepare a
 model of each code for each route."""
 
 

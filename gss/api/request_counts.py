@@ -1,5 +1,5 @@
-"""Count requests by route kind and status class, and measure the time to the first byte. Plain ASGI, so streams cost
-nothing extra."""
+"""Count requests by route kind and status class, and measure the time to the first byte. The middleware is plain ASGI,
+so it does not slow down streams."""
 
 from __future__ import annotations
 

@@ -15,13 +15,13 @@ import uvicorn
 
 log = logging.getLogger("gss.server")
 STOP_WITHIN_S = 4.5
-"""Seconds from the signal to the forced end. Stored data survive kill -9, so a forced end loses no acknowledged
+"""Seconds from the signal to the forced end. Stored data survive kill -9, so a forced end does not lose acknowledged
 data."""
 
 
 def print_stopping() -> None:
-    """Print immediately that the signal was received. Writes to the file descriptor, because the signal can interrupt a
-    write to Python's streams."""
+    """Print immediately that the signal was received. The text is written to the file descriptor, because the signal
+    can interrupt a write to Python's streams."""
     _print("\nstopping …\n")
 
 

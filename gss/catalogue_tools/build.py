@@ -41,12 +41,12 @@ from gss.skytables.bank import ReducedCatalogue
 from gss.skytables.pairs import DistanceTable, distance_table
 
 MIN_STARS = 2
-# Coarser than the maps of a build, so that the page responds while the user changes parameters.
+# A coarser map than that of a build. It is fast enough for the page while the user changes parameters.
 MISTAKES_NSIDE = 8
 # Upper limits for a preview: number of stepped fields, and number of stars tested in frames.
 MAX_FIELDS, MAX_TESTED_STARS = 2_000, 2_000_000
-# The pair count is estimated from a sample. A build is rejected before its table is made only if the estimate exceeds
-# the limit by this factor.
+# The number of pairs is estimated from a sample. A build is rejected before its table is computed only if the estimate
+# exceeds the limit by this factor.
 SURE_OVERFLOW = 1.25
 
 Progress = Callable[[str, float], None]
@@ -120,10 +120,9 @@ def prepare(request: BuildRequest, source: StarSource | StarTable, progress: Pro
 
 
 def preview(request: BuildRequest, source: StarSource | StarTable, *, mistakes: bool = False) -> Preview:
-    """Compute counts, funnel and map of a request, fast enough for a page that updates while parameters change.
-
-    ``mistakes``: also compute a coarse map of the sky regions in which stars can be confused. Raises BadInput if the
-    request is too expensive for a preview.
+    """Compute counts, funnel and map of a request. This is fast enough for a page that is updated while the user
+    changes parameters. ``mistakes``: True to also compute a coarse map of the sky regions in which stars can be
+    confused. Raises BadInput if the request is too expensive for a preview.
     """
     build_plan, origin = plan(request), _source(source)
     if (reason := too_heavy(build_plan, origin)) is not None:
@@ -162,7 +161,8 @@ def finish(ready: Prepared, progress: Progress | None = None) -> BuiltCatalogue:
     _check_size(build_plan, len(image))
     report("quality", 0.6)
     reduced = catalogue_tables.tables.reduced
-    # If there is a reduced catalogue, the device searches it, and only pairs of its stars are on board.
+    # If there is a reduced catalogue, the device searches only the reduced catalogue, and only the pairs of its stars
+    # are on board.
     directory = selection.kept if reduced is None else selection.kept.take(reduced.kept)
     assessment = assess_catalogue(
         build_plan, selection.kept, pairs if reduced is None else catalogue_tables.distances, directory
@@ -236,7 +236,8 @@ def _check_kept(build_plan: BuildPlan, selection: Selection) -> None:
             hint="relax the selection rules",
         )
     request = build_plan.request
-    # A reduced catalogue stores only the pairs of its stars, and these stars are not selected yet.
+    # With a reduced catalogue, only the pairs of its stars are stored. Their number is not known here, because these
+    # stars are selected later.
     reduced = frame_for(request.format_name, build_plan.profile.camera, request.reduced)
     if format_of(request.format_name).pair_bytes and reduced is None:
         pairs = estimate_pairs(selection.kept.icrs, build_plan.request.pair_min_rad, build_plan.pair_max_rad)

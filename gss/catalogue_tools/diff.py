@@ -14,7 +14,7 @@ from gss.domain.errors import BadInput
 from gss.domain.stars import Ids
 from gss.skytables.bank import OnboardCatalogue
 
-# Shifts below the position resolution of the formats do not count as moves.
+# Position resolution of the formats. A star that is shifted by less has not moved.
 MOVED_RAD = 5e-7
 MAGNITUDE_CHANGED_MAG = 0.005
 COVERAGE_NSIDE = 16
@@ -108,6 +108,6 @@ def _numbered_rows(catalogue: OnboardCatalogue) -> NDArray[np.intp]:
 
 
 def _unit(vectors: NDArray[np.floating]) -> Array:
-    """Normalise vectors, because vectors stored in single precision do not have exactly unit length."""
+    """Normalise vectors. The length of vectors stored in single precision is not exactly one."""
     v = np.asarray(vectors, float)
     return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))

@@ -14,7 +14,7 @@ from gss.domain.json_object import JsonObject
 
 MANIFEST_VERSION = 2
 LARGEST = 0x7FFF_FFFF
-# Fields added in version 2; a version 1 manifest has none of them.
+# Fields that were added in version 2. A manifest of version 1 does not contain them.
 SINCE_2 = ("corrections", "source_facts", "occultation", "method", "assessment")
 
 
@@ -89,8 +89,8 @@ def read_manifest(text: str) -> BuildManifest:
 
 
 def _check_types(content: Mapping[str, Any]) -> None:
-    """Check the type of each value and of its elements. The hash does not ensure this, because anyone can compute
-    it."""
+    """Check the type of each value and of its elements. The hash does not ensure valid types, because anyone can
+    compute a correct hash."""
     inner: dict[str, Callable[[Any], bool]] = {
         "str": lambda value: isinstance(value, str),
         "int": _whole,

@@ -31,8 +31,9 @@ from gss.domain.angles import Array
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 
-# Chosen: the 1 MiB of flash in the documents holds the program and several banks (Jacobs 1995 app. D.1, Erlank 2013
-# §4.2). The shipped instruments have the same size in their packages.
+# This value is chosen. In the documents, a flash of 1 MiB contains the program and several banks (Jacobs 1995 app. D.1,
+# Erlank 2013
+# §4.2). The packages of the shipped instruments state the same size.
 BANK_BYTES = 192 * 1024
 SECONDS_PER_DAY = 86_400.0
 SUN_RATE_RAD_DAY = 2 * np.pi / DAYS_PER_YEAR
@@ -146,7 +147,7 @@ def _drifted(orbit: ElementsOrbit, start: datetime | None, days: float) -> Orbit
         return first
     if start is None:
         raise BadInput("a drifting node needs dates", expected="a start and a number of days", got="no start")
-    # The rate is monotonic in the inclination, so its extremes are at the limits.
+    # The rate is a monotonic function of the inclination, so its extremes are at the limits of the inclination.
     seconds = days * SECONDS_PER_DAY
     low, high = sorted(node_rate_rad_s(i, orbit.altitude_m) * seconds for i in first.inclination_rad)
     raan = first.raan_rad[0] + min(0.0, low), first.raan_rad[1] + max(0.0, high)

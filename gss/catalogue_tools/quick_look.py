@@ -1,4 +1,5 @@
-"""Fast version of an envelope for interactive previews: exact if the exact test is fast, sampled otherwise.
+"""Fast version of an envelope for interactive previews. The exact test is used if it is fast; otherwise membership is
+sampled.
 
 Membership of a patch is sampled with fields concentrated at the ends of the limits, which determine the edge of the
 envelope. In the documents' examples the sample contains every Hipparcos star to V 6.
@@ -45,8 +46,8 @@ class QuickLook:
     def contains(self, unit: Array) -> NDArray[np.bool_]:
         """Return the (n,) mask of the (n, 3) ICRS directions that are in the field at some time.
 
-        For a patch, permanent occultation is not applied here but in the build. The map shows it, and a patch that
-        follows the Sun loses whole fields before it loses a star.
+        For a patch, permanent occultation is not applied here, but only in the build. The map shows the occultation.
+        Besides, in a patch that follows the Sun, whole fields are lost before a star is lost.
         """
         u = np.asarray(unit, float)
         patches = _patches(self.base)
@@ -84,7 +85,7 @@ class QuickLook:
 
     @property
     def nside(self) -> int:
-        """HEALPix resolution of the map; coarser with occultation, because occultation is sampled."""
+        """HEALPix resolution of the map. It is coarser with occultation, because occultation is sampled."""
         return COARSE_NSIDE if self._occulted else FINE_NSIDE
 
     @property

@@ -34,7 +34,8 @@ def own_format(camera: CameraProfile) -> str:
 
 PAIR_MIN_RAD = np.radians(0.25)
 EPOCH_WITHOUT_DATES_JYEAR = 2000.0
-# In ten years the fastest stars move by one pixel of a wide camera.
+# Maximum time in years between the epoch and the dates of use. In ten years, the fastest stars move by one pixel of a
+# wide camera.
 EPOCH_TOLERANCE_YR = 10.0
 POINTINGS = 30_000
 MAX_HEADS = 8
@@ -149,8 +150,8 @@ class BuildRequest:
 
     @property
     def depth_mag(self) -> float | None:
-        """Magnitude limit for reading the source. None: read all stars, because companions matter or corrections change
-        magnitudes."""
+        """Magnitude limit for reading the source. None: all stars are read, because faint companions have an effect or
+        corrections change magnitudes."""
         corrections = self.corrections
         deeper = (
             corrections.doubles is not None
@@ -192,8 +193,9 @@ def _plain(value: Any) -> Any:
 
 
 def request_from(parameters: Mapping[str, Any], profile: CameraProfile) -> BuildRequest:
-    """Return the request from the parameters of a manifest. ``profile``: the camera that they name. Missing fields that
-    were added after version 1 get their defaults. Raises CorruptData if the parameters are not valid."""
+    """Return the request from the parameters of a manifest. ``profile``: the camera that the parameters name. Fields
+    that were added after version 1 and are missing get their defaults. Raises CorruptData if the parameters are not
+    valid."""
     field_names = {f.name for f in fields(BuildRequest)} - {"profile"}
     values = {name: value for name, value in parameters.items() if name in field_names}
     try:

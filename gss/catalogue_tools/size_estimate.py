@@ -30,8 +30,8 @@ def estimated(build_plan: BuildPlan, stars: StarTable) -> tuple[int, int]:
     """Return (pairs, bytes) of the image of ``stars``.
 
     Pairs are counted for up to 800 stars. For more stars the count is scaled up from a sample of 800. With a reduced
-    catalogue, only pairs of its stars count. For a format without pairs the count is 0, and the size is exact up to
-    6000 stars because the image is built.
+    catalogue, only pairs of its stars are counted. For a format without pairs the count is 0, and the size is exact up
+    to 6000 stars because the image is built.
     """
     request = build_plan.request
     name, frame, pairs = (
@@ -94,7 +94,7 @@ def estimate_pairs(unit: Array, min_rad: float, max_rad: float) -> int:
     within = tree.query_ball_point(sample, far, return_length=True) - tree.query_ball_point(
         sample, near * (1 - 1e-12), return_length=True
     )
-    # Both counts include the star itself, which cancels in the difference.
+    # Both counts include the star itself, so it cancels in the difference.
     return round(float(within.sum()) * n / len(sample) / 2)
 
 

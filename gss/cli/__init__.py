@@ -69,8 +69,8 @@ class Commands:
 
 
 def parser_of(*modules: str) -> argparse.ArgumentParser:
-    """Return a parser for the commands of these modules. Without modules, return a parser with all command names and
-    summaries but no arguments."""
+    """Return a parser for the commands of these modules. If no module is given, return a parser with the names and
+    summaries of all commands but without their arguments."""
     parser = argparse.ArgumentParser(prog="gss", description="Ground software for star trackers.")
     parser.add_argument("--version", action="version", version=f"gss {__version__}")
     commands = Commands(parser)
@@ -109,7 +109,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"gss: A setting cannot be used: {words}. See docs/settings.md or gss serve --help.", file=sys.stderr)
         return BAD_INPUT_EXIT
     except BrokenPipeError:
-        # The reader has closed the pipe, as `| head` does. The output is redirected so that the flush at exit does not fail.
+        # The reader has closed the pipe, for example `| head`. The output is redirected, because otherwise the flush at
+        # exit would fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED_EXIT
     except OSError as error:

@@ -39,8 +39,8 @@ def with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
 
 @contextlib.contextmanager
 def account_store(arguments: argparse.Namespace) -> Iterator[AccountAdministration]:
-    """Open the store, and create it if needed, because the first user can be created before the first start of the
-    server."""
+    """Open the store. Create it if it does not exist, because the first user can be created before the first start of
+    the server."""
     from gss.operations.accounts.accounts import open_account_service
     from gss.operations.accounts.audit import AuditService
     from gss.operations.accounts.audit_anchor import AnchorFile

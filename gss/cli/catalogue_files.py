@@ -162,8 +162,8 @@ def run_import(arguments: argparse.Namespace) -> int:
 
 
 def run_report(arguments: argparse.Namespace) -> int:
-    """Write the stored report. If there is none, rebuild the catalogue from the manifest's request; the rebuild must
-    give the same bytes."""
+    """Write the stored report. If there is no stored report, rebuild the catalogue from the request in the manifest.
+    The rebuilt image must have the same bytes."""
     from gss.api.present.catalogue_sheet import catalogue_sheet
     from gss.catalogue_tools.request import request_from
     from gss.catalogue_tools.sources.hipparcos import load_stars

@@ -124,7 +124,7 @@ def source_of(arguments: argparse.Namespace, request: BuildRequest) -> StarSourc
 
 
 def _print_dropped(star_list: ImportedList) -> None:
-    """Report the dropped rows, because the user expects these stars in the catalogue."""
+    """Print the dropped rows, because the user expects their stars in the catalogue."""
     for row in star_list.dropped[:SHOWN_ROWS]:
         print(f"gss: row {row.row} was excluded: {row.column}: {row.reason} ({row.value})", file=sys.stderr)
     if star_list.dropped_count > SHOWN_ROWS:

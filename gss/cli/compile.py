@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
             try:
                 compile_ahead(solver, cameras.camera(name), report)
                 break
-            except GssError:  # a camera with few stars does not solve every frame
+            except GssError:  # with a camera that detects few stars, not every frame can be solved
                 if name == names[-1]:
                     raise
         for outdated in mark.parent.glob("gss-loops-*.compiled"):

@@ -93,7 +93,7 @@ def run_show(arguments: argparse.Namespace) -> int:
 
 
 def run_check(arguments: argparse.Namespace) -> int:
-    """Load a package. A mistake ends the command with its file, line and field."""
+    """Load a package. If it contains a mistake, the command ends with an error that states file, line and field."""
     from gss.instruments.package import load_instrument
     from gss.instruments.package_source import read_package_files
 
@@ -146,8 +146,8 @@ def run_export(arguments: argparse.Namespace) -> int:
 
 
 def _with_xtce(instrument: Instrument) -> dict[str, bytes]:
-    """Return the files of a package with its own or shared dictionary as ``dictionary.xml``. The new package is
-    checked."""
+    """Return the files of a package in which the dictionary is replaced by ``dictionary.xml``, even if it is a shared
+    dictionary. The new package is checked."""
     from gss.device.xtce import xtce_of
     from gss.instruments.package import OWN_DICTIONARY, XTCE_DICTIONARY, load_instrument
 
@@ -160,7 +160,7 @@ def _with_xtce(instrument: Instrument) -> dict[str, bytes]:
 
 
 def run_diff(arguments: argparse.Namespace) -> int:
-    """Print the differences of the files. Exit code 0 if there are none, otherwise 1."""
+    """Print the differences between the files. Return the exit code 0 if there are no differences, otherwise 1."""
     from gss.instruments.compare import compare
 
     old, new = (_files(name, arguments.data) for name in (arguments.old, arguments.new))

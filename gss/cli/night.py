@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from gss.operations.studies.night_frames import Shot
 
 UNTIMED_EPOCH = datetime(2026, 7, 1, tzinfo=UTC)
-"""Epoch for images without a time. An arbitrary epoch is sufficient, because only the intervals between images matter
-and proper motion is small."""
+"""Epoch for images without a time. An arbitrary epoch is sufficient, because only the intervals between images have an
+effect and proper motion is small."""
 
 REPORT_KINDS = (".pdf", ".html", ".json")
 

@@ -65,7 +65,7 @@ def _with_span(parser: argparse.ArgumentParser, days: float) -> None:
 
 
 def list_passes(arguments: argparse.Namespace) -> int:
-    """Print the passes. Exit code 1 if passes cannot be calculated."""
+    """Print the passes. Return the exit code 1 if passes cannot be calculated."""
     from gss.api.present.passes import passes
 
     services = _services(arguments)

@@ -86,8 +86,8 @@ def _units(settings: Settings) -> tuple[UnitSpec, ...]:
 def _serve(
     listener: socket.socket, settings: Settings, sensor: SimulatedSensor | None, units: tuple[UnitSpec, ...]
 ) -> None:
-    """Load and run the server. The imports are inside the function, because they take seconds during which the
-    simulator starts."""
+    """Load and run the server. The imports are inside the function because they take seconds. The simulator starts
+    during this time."""
     import uvicorn
 
     from gss.api.app import create_app
@@ -133,7 +133,7 @@ def _listen(host: str, port: int) -> socket.socket:
     try:
         listener.bind((host, port))
         prefer_requests(listener)
-        listener.listen(128)  # from now on connections are queued instead of refused
+        listener.listen(128)  # the operating system queues connections from now on
     except OSError as error:
         listener.close()
         raise Conflict(

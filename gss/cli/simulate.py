@@ -27,8 +27,8 @@ def register(subparsers: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replace this process with the simulator, so that it receives signals directly, sets the exit code and cannot
-    become an orphan."""
+    """Replace this process with the simulator. The simulator then receives signals directly, sets the exit code and
+    cannot become an orphan."""
     options = with_instrument(arguments.options)
     sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, "-m", MODULE, *options])  # noqa: S606 - a module of this package

@@ -220,7 +220,7 @@ def _moment(text: str) -> datetime:
     except ValueError:
         raise BadInput("unreadable time", expected="ISO 8601, such as 2026-11-21T18:05:00Z", got=text) from None
     low, high = EPOCH_RANGE_JYEAR
-    # Outside this range the Earth's motion and proper motions are unknown, and the calendar overflows.
+    # Outside this range, the Earth's motion and the proper motions are not accurate, and dates overflow.
     if not low <= time.year < high:
         raise BadInput("time is out of range", expected=f"the years {low:g} to {high:g}", got=text[:40])
     return time if time.tzinfo is not None else time.replace(tzinfo=UTC)

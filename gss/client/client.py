@@ -78,8 +78,8 @@ class Client:
 
     @contextmanager
     def authority(self) -> Iterator[None]:
-        """Hold command authority inside the ``with`` block. Release it afterwards, unless it was already held before
-        the block."""
+        """Take command authority for the ``with`` block, and release it at the end of the block. Authority that was
+        held before the block is not released."""
         was_held = self._server.get("/authority")["mine"]
         if not was_held:
             self._server.post("/authority/take")
@@ -148,8 +148,8 @@ class Client:
             ) from None
 
     def follow(self, packet: str = "", *, after_id: int | None = None, poll_s: float = POLL_S) -> Iterator[Packet]:
-        """Yield stored packets continuously, oldest first. ``packet``: kind to include; "": all. ``after_id``: id after
-        which to start; None: yield only new packets.
+        """Yield stored packets continuously, oldest first. ``packet``: name of the packets to include; "": all packets.
+        ``after_id``: id after which to start; None: yield only new packets.
 
         Packets are read from the store in the order of their ids. No packet is lost or repeated, even if the server
         restarts. To continue in another process, store the ``id`` of the last packet.
@@ -233,8 +233,9 @@ class Client:
     def calibrate(
         self, frames: Sequence[Frame | int], profile: str, timeout_s: float = 600.0, **request: Json
     ) -> Mapping[str, Json]:
-        """Calibrate a camera from frames of stars and return the calibration as ``GET /api/calibrations/{id}`` describes it. It is
-        not used until a user chooses it. ``request``: as the body of ``POST /api/calibrations``. JobFailed if it fails."""
+        """Calibrate a camera from frames of stars and return the calibration as ``GET /api/calibrations/{id}``
+        describes it. The calibration is not active until a user selects it. ``request``: fields of the body of ``POST
+        /api/calibrations``. Raises JobFailed."""
         body = {"kind": "stars", "profile": profile, "frame_ids": [_id_of(frame) for frame in frames], **request}
         job = self.wait_job(Job.of(self._server.post("/calibrations", body)), timeout_s)
         calibration: Mapping[str, Json] = self._server.get(f"/calibrations/{job.result['calibration_id']}")
@@ -255,7 +256,7 @@ class Client:
         timeout_s: float = 600.0,
     ) -> ProcedureRun:
         """Run a stored procedure to its end. ``answers``: responses to questions, by step name; ``confirm``: names of
-        the steps whose hazardous command is confirmed. If a step fails or needs an operator (every hold point does),
+        the steps whose hazardous command is confirmed. If a step fails or needs an operator, as every hold point does,
         the run is stopped and ProcedureFailed is raised. Raises KeyError if the procedure does not exist."""
         procedure = {stored.name: stored for stored in self.procedures()}[name]
         run = ProcedureRun.of(self._server.post(f"/procedures/{procedure.id}/start", {"automatic": True}))

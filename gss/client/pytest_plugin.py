@@ -41,7 +41,7 @@ def gss_client(request: pytest.FixtureRequest) -> Iterator[Client]:
 
 @pytest.fixture
 def unit(gss_client: Client) -> Iterator[Client]:
-    """Client whose sensor responds, with command authority during the test."""
+    """Client of the server after its sensor has responded. The test has command authority."""
     gss_client.wait_connected()
     with gss_client.authority():
         yield gss_client
@@ -49,8 +49,8 @@ def unit(gss_client: Client) -> Iterator[Client]:
 
 @pytest.fixture
 def wait_for(unit: Client) -> Callable[..., TelemetryValue]:
-    """``wait_for(field, expected, within_s=10)``: wait for a value of ``packet.field``. Raises TimedOut if it is not
-    received. ``expected``: the value, or a function that returns True for an accepted TelemetryValue."""
+    """``wait_for(field, expected, within_s=10)``: wait for a value of ``packet.field``. Raises TimedOut if the value is
+    not received. ``expected``: the value, or a function that returns True for an accepted TelemetryValue."""
 
     def wait(field: str, expected: Expected, within_s: float = 10.0) -> TelemetryValue:
         return unit.wait_telemetry(field, _accepts(expected), within_s)

@@ -1,8 +1,8 @@
 """Line over a CAN bus: ``can://interface/channel``, through python-can. Each frame is one record of
 :mod:`gss.device.can_frames`.
 
-Only this module imports python-can. A bus does not show whether another node is connected: without frames it looks like
-a silent line. A read blocks at most for its timeout.
+Only this module imports python-can. A bus does not show whether another node is connected. A bus without other nodes
+looks like a silent line. A read blocks at most for its timeout.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ BUS_ERRORS = (can.CanError, OSError)
 DAMAGED = (ValueError, TypeError)
 """Errors that python-can raises if a serial adapter sends text that is not a valid frame."""
 THIS_MACHINE = 0
-"""Hop limit of a bus that processes on this machine share. It keeps sent frames on this machine; other hosts of the
-network can still send to the group."""
+"""Hop limit of a bus that processes on this machine share. With this limit, frames do not leave the machine. Other
+hosts of the network can still send to the group."""
 HINTS = {
     SOCKETCAN: "set the interface up: ip link set can0 up type can bitrate 1000000",
     SLCAN: "check the adapter and its port",
@@ -60,7 +60,7 @@ class CanStream:
             if record is None:
                 break
             records += record
-            if left_s <= 0:  # otherwise a series of unsupported frames could prolong the read without limit
+            if left_s <= 0:  # a series of unsupported frames must not prolong the read without limit
                 break
         return records
 
@@ -76,7 +76,7 @@ class CanStream:
             if isinstance(error, OSError) or isinstance(error.__cause__, OSError):
                 raise self._down(str(error)) from error
             if isinstance(self._bus, slcanBus):
-                self._bus.flush()  # otherwise the adapter keeps the bytes that it cannot read
+                self._bus.flush()  # without this call, the adapter keeps the bytes that it cannot read
             return b""
         if message is None:
             return None

@@ -16,7 +16,7 @@ Calculate = Callable[[bytes], int]
 
 
 def checksum_named(name: str, seed: int = 0) -> tuple[Calculate, int]:
-    """Return the function that computes a checksum, and the checksum's size in bytes. ``seed`` applies to XXH32 only.
+    """Return the function that computes a checksum, and the checksum's size in bytes. ``seed`` is used only for XXH32.
     Raises BadInput if the name is unknown or the width is not a multiple of 8 bits."""
     algorithm = name.upper()
     if algorithm == XXH32:

@@ -1,4 +1,4 @@
-"""The interface between the ground and one type of sensor: a driver, found through the entry point group
+"""Interface between the ground and one type of sensor: a driver. Drivers are installed in the entry point group
 ``gss.drivers``.
 
 A driver is pure: its inputs are bytes and a monotonic time, its outputs are bytes and events. It owns no port, thread

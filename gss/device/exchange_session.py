@@ -190,7 +190,7 @@ class ExchangeSession:
         return self._take_events()
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
-        """Process received bytes and return the resulting events. Never raises, also for invalid bytes."""
+        """Process received bytes and return the resulting events. Invalid bytes raise no exception."""
         for answer in self._wire.feed(data):
             if answer.of_unit:
                 self._last_good_s = now_s
@@ -276,7 +276,7 @@ class ExchangeSession:
             facts: ReportFacts = {"reason": answer.reason, "detail": answer.detail, "values": answer.values}
             self._events += self._queue.report(request.request_id, answer.stage, now_s, facts)
         if answer.stage in FINAL_STAGES:
-            self._orders.pop(request.request_id, None)  # a command of unknown outcome can be sent again
+            self._orders.pop(request.request_id, None)  # only a command with an unknown outcome can be sent again
             self._end(now_s)
 
     def _telemetry(self, answer: Answer, request: SensorRequest | None, now_s: float) -> None:
@@ -293,8 +293,8 @@ class ExchangeSession:
         self._events.append(DeviceEvent(row.name, row.severity, answer.detail, time_s))
 
     def _greet(self, answer: Answer) -> None:
-        """Report the identity of the unit, taken from its package, at the first valid frame: the protocol does not
-        report one."""
+        """Report the identity of the unit at the first valid frame. The identity is taken from the package, because the
+        protocol does not contain an identity."""
         if self._greeted:
             return
         self._greeted, setup = True, self._setup

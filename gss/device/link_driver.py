@@ -1,4 +1,4 @@
-"""The driver ``link``: implements the protocol that ``link.yaml`` describes, so that a new sensor needs no code."""
+"""The driver ``link`` implements the protocol that ``link.yaml`` describes. A new sensor therefore needs no code."""
 
 from __future__ import annotations
 
@@ -78,8 +78,8 @@ class LinkWire:
         return self._framer.encode(b"".join(data for _, data in self.parts(request)))
 
     def sent(self, request: SensorRequest) -> None:
-        """Expect the response to this request. Bytes received earlier are discarded if responses are matched by their
-        order."""
+        """Expect the response to this request. If responses are matched by their order, discard the bytes received
+        earlier."""
         self._request = request
         if self._protocol.match == "order":
             self._framer.restart()
@@ -96,7 +96,7 @@ class LinkWire:
         """Return the answers in the frames that ``data`` completes."""
         answers = []
         pending = data
-        while True:  # one packet at a time, because the size of the next packet can differ
+        while True:  # read one packet at a time, because the next packet can have another size
             packets = self._framer.feed(pending, self._sizes())
             pending = b""
             for packet in packets:

@@ -30,8 +30,8 @@ class DelimitedFramer(Deframer):
 class CutFramer:
     """Framer for packets with marks or a known length. Bytes that do not fit are dropped one at a time.
 
-    ``sync`` and ``trailer`` may be empty. The size of a packet is stated in its header; otherwise it is the smallest
-    size passed to ``feed`` that fits. Without either, the bytes of one read form one packet.
+    ``sync`` and ``trailer`` may be empty. The size of a packet is stated in its header, or is the smallest fitting size
+    of those passed to ``feed``. If neither is known, the bytes of one read form one packet.
     """
 
     def __init__(self, sync: bytes, trailer: bytes, header: PacketFormat | None, order: str) -> None:
@@ -77,7 +77,7 @@ class CutFramer:
             start = len(self._sync)
             packets.append(self._buffer[start : start + size])
             self._buffer = self._buffer[start + size + len(self._trailer) :]
-            if sizes:  # the size of the next packet can differ
+            if sizes:  # the next packet can have another size
                 break
         return packets
 

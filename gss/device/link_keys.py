@@ -13,7 +13,7 @@ from gss.device.protocol.authentication import KEY_BYTES, SLOTS, LinkKeys, Packe
 from gss.domain.errors import BadInput
 
 RESERVE_US = 10_000_000
-"""Number of counters reserved in the file at a time: one per microsecond for ten seconds."""
+"""Number of counters that one write to the file reserves: one per microsecond for ten seconds."""
 
 
 def read_link_keys(path: Path) -> LinkKeys:
@@ -77,8 +77,8 @@ class PacketCounter:
     """Counter of signed packets: UTC in microseconds. Each value is higher than the previous one, even if the clock was
     set back.
 
-    ``path``: file with a value higher than all used counters; it is written before the counters are used. ``utc_us``:
-    returns UTC.
+    ``path``: file with a value higher than all used counters; the file is written before the counters are used.
+    ``utc_us``: returns UTC in microseconds.
     """
 
     def __init__(self, path: Path, utc_us: Callable[[], int]) -> None:

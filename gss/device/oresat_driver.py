@@ -115,7 +115,7 @@ class OresatSession(ExchangeSession):
         super().__init__(setup, wire, POLLS, greeting=GREETING, transfers=downloads)
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
-        """Process received bytes and return the resulting events. Never raises, also for invalid bytes."""
+        """Process received bytes and return the resulting events. Invalid bytes raise no exception."""
         self._clock.now_s = now_s
         return super().feed(data, now_s)
 
@@ -202,7 +202,7 @@ class OresatWire:
         return self._other(frame) if frame.id in HEARTBEATS and not self._received_any else None
 
     def _other(self, frame: CanFrame) -> Answer | None:
-        """Report once that only other nodes send: the node number may be wrong, or the sensor without power."""
+        """Report once that only other nodes send. The node number can be wrong, or the sensor has no power."""
         self._others.add(frame.id & 0x7F)
         if self._others_since_s is None:
             self._others_since_s = self._clock.now_s
@@ -278,7 +278,7 @@ class OresatWire:
             return self._packet(CARD if number == 1 else UPDATER, data, None)
         self._solve.add(number, data)
         older = len(self._solve.parts.get(3, b"")) == DEGREES_BYTES
-        if number == 3 and data:  # object 3 begins with the status, which cannot be requested during a download
+        if number == 3 and data:  # read the status from object 3, because it cannot be requested during a download
             return self._packet(HOUSEKEEPING, data[:1], None)
         joined = self._solve.take_joined((3, 4) if older else (3, 4, 5))
         if joined is not None:

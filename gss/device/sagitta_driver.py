@@ -33,7 +33,7 @@ NOT_IMPLEMENTED = 1
 POLLS = (Poll(command="REQUEST_SOLUTION", every_s=1.0), Poll(command="REQUEST_TEMPERATURE", every_s=1.0))
 
 GREETING = "PING"
-"""The sensor answers this command also in its bootloader, in which it sends no telemetry."""
+"""The sensor answers this command even in its bootloader, which does not send telemetry."""
 
 
 def open_session(setup: UnitSetup) -> ExchangeSession:

@@ -1,8 +1,8 @@
 """Client of CANopen's service data objects (CiA 301 §7.2.4): reads and writes one object at a time. No I/O.
 
-A read can request a block transfer; it also accepts the segmented answer of a server without block transfers. The owner
-sends the messages that ``start_read``, ``start_write``, ``feed`` and ``nudge`` return, and reads ``result`` when it is
-set.
+A read can request a block transfer. If the server does not support block transfers, the client accepts a segmented
+answer. The owner sends the messages that ``start_read``, ``start_write``, ``feed`` and ``nudge`` return, and reads
+``result`` when it is set.
 """
 
 from __future__ import annotations

@@ -23,8 +23,8 @@ from gss.domain.errors import Conflict, NotFound
 Object = tuple[int, int]
 SILENT_S = 0.5
 TRIES = 3
-"""Number of attempts if an image arrives damaged, is replaced during the download, or stops at the same position as
-before."""
+"""Maximum number of attempts if an image arrives damaged, is replaced during the download, or stops at the same
+position as before."""
 SILENT_AGAIN_S = 4.0
 REPORT_EVERY_S = 0.5
 NO_IMAGE = "the sensor has no image: take an image first"
@@ -255,7 +255,8 @@ class SdoDownloads:
         return out
 
     def _continue(self, download: _Download, result: SdoResult, now_s: float) -> bytes:
-        """Begin the step after a completed one; the steps are: number, image, number again."""
+        """Begin the step that follows the completed step. The steps are: read the number, read the image, read the
+        number again."""
         is_number = (result.index, result.subindex) == self._numbering
         if result.abort or not result.data or (is_number and download.image):
             self._finish(download, result, now_s)
@@ -299,7 +300,7 @@ class SdoDownloads:
 
     @staticmethod
     def _stalled(download: _Download, now_s: float) -> None:
-        """Wait for a silent sensor. Fail if all attempts stop at the same position, because a further attempt would
+        """Wait for a silent sensor. If all attempts stopped at the same position, fail, because a further attempt would
         stop there too."""
         if download.received == 0 or download.received > download.furthest:
             download.tries = 1 if download.received else 0

@@ -113,7 +113,7 @@ class HostSession:
         """Return the packet before framing as labelled groups (dry run); each argument is a group labelled with its
         name.
 
-        The packet shows the request id of the next submit; no sequence count is used up.
+        The packet has the request id of the next ``submit``. The preview uses no sequence count.
         """
         code, payload = order.command.code, order.payload
         packet = self._sender.next_packet(PacketType.COMMAND, code, self._ids.following, payload)
@@ -124,7 +124,7 @@ class HostSession:
         self._events.append(self._command_queue.retry(request_id))
 
     def withdraw(self, request_id: int, detail: str) -> CommandUpdate:
-        """Withdraw a queued command and return its new stage. The events do not repeat this stage.
+        """Withdraw a queued command and return its new stage. ``poll`` does not report this stage again.
 
         Raises Conflict if the command is not in the queue.
         """
@@ -181,7 +181,7 @@ class HostSession:
         return self._take_events(now_s)
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
-        """Process received bytes and return the resulting events. Never raises, also for invalid bytes."""
+        """Process received bytes and return the resulting events. Invalid bytes raise no exception."""
         for packet in self._receiver.feed(data):
             self._last_good_s = now_s
             try:
@@ -254,7 +254,7 @@ class HostSession:
     def _report(self, packet: Packet, command: CommandDefinition, now_s: float) -> None:
         sent = self._command_queue.record(packet.request_id)
         if sent is not None and sent.command.code != command.code:
-            # The values would be assigned to the command that was sent with this id.
+            # Otherwise the values would be assigned to the command that was sent with this id.
             raise CorruptData("a report names another command", expected=sent.command.name, got=command.name)
         stage_reached, facts = read_report(packet, command, self._dictionary)
         stages = self._command_queue.report(packet.request_id, stage_reached, now_s, facts)
@@ -301,7 +301,7 @@ class HostSession:
         self._events.append(telemetry)
 
     def _greet_if_restarted(self, now_s: float) -> None:
-        """Send HELLO if only late telemetry arrives: the device may have restarted, and its BOOT event was lost."""
+        """Send HELLO if only late telemetry arrives. Perhaps the device restarted and its BOOT event was lost."""
         if now_s - self._current_s >= STALE_ONLY_S and self._handshake.greeted:
             self._current_s = now_s
             self._handshake.ask_at(now_s)

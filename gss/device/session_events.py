@@ -15,8 +15,8 @@ Ranges = tuple[tuple[int, int], ...]
 
 
 class Stage(StrEnum):
-    """Stage of a command. REJECTED, COMPLETED and FAILED are final; a late report or a retry may still resolve
-    UNKNOWN."""
+    """Stage of a command. REJECTED, COMPLETED and FAILED are final. UNKNOWN can still change after a late report or a
+    retry."""
 
     QUEUED = "queued"
     RELEASED = "released"
@@ -217,7 +217,7 @@ class DirectionCounters:
 
 @dataclass(frozen=True)
 class LinkCounters:
-    """Counters of both directions, and the time of the last intact packet (``now_s`` of the owner)."""
+    """Counters of both directions, and the time of the last intact packet on the clock of the session's caller."""
 
     sent: DirectionCounters
     received: DirectionCounters

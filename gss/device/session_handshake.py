@@ -33,7 +33,7 @@ class Handshake:
         self.ask_at(now_s)
 
     def ask_at(self, now_s: float | None) -> None:
-        """Send HELLO from ``now_s`` on until it is answered; with None, do not send it."""
+        """Send HELLO from ``now_s`` on until it is answered. If ``now_s`` is None, stop sending HELLO."""
         self._due_s = now_s
 
     def is_due(self, now_s: float) -> bool:

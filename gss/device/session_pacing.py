@@ -6,7 +6,8 @@ BURST_S = 0.25
 
 
 class Pacer:
-    """Token bucket in bytes, refilled at the line rate up to a burst. ``polled_s``: time of the last refill."""
+    """Token bucket in bytes. It is refilled at the line rate, up to the size of a burst. ``polled_s``: time of the last
+    refill."""
 
     def __init__(self) -> None:
         self.polled_s: float | None = None
@@ -24,7 +25,7 @@ class Pacer:
             self._credit_bytes = min(self._credit_bytes + bytes_per_s * elapsed_s, bytes_per_s * BURST_S)
 
     def spend(self, sent_bytes: int) -> None:
-        """Subtract sent bytes; urgent packets may make the credit negative."""
+        """Subtract sent bytes. Urgent packets can make the credit negative."""
         self._credit_bytes -= sent_bytes
 
     @property

@@ -83,9 +83,9 @@ class SessionTransfer:
     """One transfer.
 
     ``chunk_bytes``: current chunk size; ``wanted_chunk_bytes``: size that the next opening requests. ``grid_is_fixed``:
-    True if the size is not adapted, because the owner set it or the device uses another size than requested.
-    ``waits_for_device``: True if the transfer is paused only until the device has identified itself. ``note``: reason
-    text shown while transferring.
+    True if the chunk size is not adapted to the line, because the owner set it or the device uses a size that differs
+    from the requested size. ``waits_for_device``: True if the transfer is paused only until the device has identified
+    itself. ``note``: reason text shown while transferring.
     """
 
     id: int

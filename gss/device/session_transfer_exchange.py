@@ -116,9 +116,8 @@ class TransferExchange:
         self.out.append(ServiceMessage("STATUS", transfer.request_id, page.values(transfer.session), page.lists()))
 
     def _poke_after_s(self, transfer: SessionTransfer) -> float:
-        """Return the time without a message after which a receiver repeats its STATUS.
-
-        The time is long enough for several chunks and grows with each unsuccessful try.
+        """Return the time without a message after which a receiver repeats its STATUS. Several chunks can arrive in
+        this time. It grows with each unsuccessful attempt.
         """
         return max(POKE_S, 4 * self._chunk_time_s(transfer)) * (1 + transfer.tries)
 
@@ -246,8 +245,8 @@ class TransferExchange:
             transfer.to(TransferState.VERIFIED)
             self.finish(transfer)
             return
-        # Data of an earlier attempt may be corrupt, so a resumed download starts over; otherwise the device sent wrong
-        # data.
+        # The data of an earlier attempt can be corrupt, so a resumed download starts again from the beginning. Without
+        # earlier data, the device sent wrong data.
         kept_part, transfer.receiver, transfer.sha256, transfer.session = transfer.resumed, None, NO_HASH, None
         if kept_part:
             transfer.note = "the stored and received data do not match the device's hash: started over"

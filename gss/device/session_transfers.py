@@ -1,4 +1,5 @@
-"""Transfers of a host session: one active on the line, any number queued. Produces messages; no I/O."""
+"""Transfers of a host session. One transfer is active on the line; the other transfers are queued. This module produces
+messages and performs no I/O."""
 
 from __future__ import annotations
 

@@ -162,7 +162,8 @@ def parameters_with(
     parameters = chain.parameters(profile, exposure_s, commanded, mode)
     if not values:
         return parameters
-    # Other constants that a command changes, such as the radius of a hint, also keep the commanded value.
+    # For all other constants that a command changes, such as the radius of a hint, the commanded value also takes
+    # precedence.
     changed = [n for n, v in constants(parameters).items() if constants(plain).get(n) != v]
     set_by_command = [n for n in COMMANDED if getattr(commanded, n) is not None]
     return _replaced(parameters, values, (*set_by_command, *changed))

@@ -30,7 +30,7 @@ SETTLE_S = 0.15
 CONNECT_HINT = "start the device or the simulator, or check the address"
 UNFINISHED_MOST = 8
 _unfinished = threading.BoundedSemaphore(UNFINISHED_MOST)
-"""Limits the number of concurrent opening threads. Each thread ends eventually, because pyserial has timeouts."""
+"""Limits the number of threads that open lines at the same time. Each thread ends, because pyserial has timeouts."""
 
 
 class ByteStream(Protocol):
@@ -95,7 +95,7 @@ class SerialStream:
         port.timeout = timeout_s
         data = bytes(port.read(1))
         if data and max_bytes > 1:
-            # A read with timeout 0 returns the bytes available now; a socket cannot report how many there are.
+            # A read with timeout 0 returns the available bytes. It is used because a socket cannot report their number.
             port.timeout = 0
             data += bytes(port.read(max_bytes - 1))
         return data

@@ -1,7 +1,7 @@
 """Line over UDP: ``udp://host:port``. A write sends one datagram, a read returns one.
 
 The sensor, or the mission-control system in front of it, replies to the address from which it received data. Datagrams
-can be lost or repeated without notice. UDP does not show whether the other end exists: an address that rejects
+can be lost or repeated without notice. UDP does not show whether the other end exists. An address that rejects
 datagrams looks like a silent line.
 """
 

@@ -9,9 +9,9 @@ of the packets, because ``link.yaml`` or the driver defines the header.
 
 Limitations: XTCE has no counted list of rows inside a packet that space-packet-parser can follow, so a list is exported
 as its count and the bytes of its rows, and the container ``packet_list_row`` decodes one row. With ``repeat_lists`` the
-rows are repeated as the standard defines, for tools that support this. A fixed-size text ends at its first zero byte:
-text that fills its field is valid in this protocol, but not for parsers that require the zero. An argument of the type
-text or rest is rejected, because XTCE cannot express its size.
+rows are repeated as the standard defines, for tools that support this. A fixed-size text ends at its first zero byte.
+Text that fills its field has no zero byte. It is valid in this protocol, but some parsers require the zero byte. An
+argument of the type text or rest is rejected, because XTCE cannot express its size.
 """
 
 from __future__ import annotations

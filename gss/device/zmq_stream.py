@@ -130,8 +130,8 @@ class ZmqStream:
         return LinkDown(f"the line {self.url} was lost", got=reason, hint="check the other end and the network")
 
     def close(self) -> None:
-        """Close the connection. Can be called more than once, and while another thread reads; it then waits for the end
-        of that read."""
+        """Close the connection. Can be called more than once. If another thread is reading, waits for the end of the
+        read."""
         if not self._lock.acquire(timeout=CLOSE_WITHIN_S):
             log.error("%s was not closed: a read did not end within %g s", self.url, CLOSE_WITHIN_S)
             return

@@ -25,7 +25,7 @@ def unit_from_ra_dec(ra_rad: Array | float, dec_rad: Array | float) -> Array:
 def ra_dec_from_unit(unit: Array) -> tuple[Array, Array]:
     """Return right ascension [0, 2π) and declination of (…, 3) vectors of any non-zero length.
 
-    atan2 keeps full precision at the poles, where arcsin of z loses half the digits.
+    atan2 has full precision at the poles, where the arcsine of z loses half of the digits.
     """
     x, y, z = np.moveaxis(np.asarray(unit, float), -1, 0)
     return np.mod(np.arctan2(y, x), TWO_PI_RAD), np.arctan2(z, np.hypot(x, y))

@@ -1,7 +1,8 @@
 """Camera geometry: conversion of camera-frame unit vectors to pixels and back, exact in both directions.
 
-Distortions act on the ideal tangent plane ``(x, y) = (X/Z, Y/Z)``. In each model one direction is a closed formula. The
-opposite direction is its inverse by Newton's method: ``undistort(distort(p)) == p`` to rounding inside the model's domain.
+Distortions act on the ideal tangent plane ``(x, y) = (X/Z, Y/Z)``. In each model, one direction is a closed formula.
+The opposite direction is computed from this formula by Newton's method: ``undistort(distort(p)) == p`` to rounding
+inside the model's domain.
 """
 
 from __future__ import annotations

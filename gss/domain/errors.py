@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 
 PLAIN_WORD = re.compile(r"[a-z][a-z'’-]*(?=[ ,;]|$)")
-"""First word that can be capitalised. Names of fields, files and commands do not match and stay unchanged."""
+"""Pattern of a first word that can be capitalised. Names of fields, files and commands do not match and remain
+unchanged."""
 
 
 class GssError(Exception):

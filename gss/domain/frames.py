@@ -40,8 +40,8 @@ def ra_dec_roll_rad(cam_from_icrs: Array) -> tuple[float, float, float]:
 
 
 def pointing_difference_rad(a_from_icrs: Array, b_from_icrs: Array) -> tuple[float, float]:
-    """Return the (cross-boresight, about-boresight) angles of camera ``a`` relative to camera ``b``. The first angle is ≥ 0.
-    The second is signed, right-handed about +z."""
+    """Return the angles of camera ``a`` relative to camera ``b``: across the boresight (never negative) and about the
+    boresight (right-handed about +z)."""
     a_from_b = np.asarray(a_from_icrs) @ np.asarray(b_from_icrs).T
     cross_rad = np.arctan2(np.hypot(a_from_b[0, 2], a_from_b[1, 2]), a_from_b[2, 2])
     about_rad = np.arctan2(a_from_b[0, 1] - a_from_b[1, 0], a_from_b[0, 0] + a_from_b[1, 1])

@@ -83,11 +83,11 @@ class Limits:
 class Persistence:
     """Filter that derives the *counted* state from consecutive samples.
 
-    With persistence n, the counted state rises to the least urgent of the last n samples if that state is more urgent. It
-    falls to the most urgent of the last n samples if that state is less urgent. Therefore n consecutive samples outside
-    the limits raise the counted state, and n consecutive samples inside clear it. A different sample restarts the count. A
-    single spike has no effect if n > 1. ``recent``: at most the last n − 1 samples, oldest first. A missing or unchecked
-    sample ends the run of samples; see ``broken``.
+    With persistence n, the counted state rises to the least urgent of the last n samples if that state is more urgent.
+    It falls to the most urgent of the last n samples if that state is less urgent. Therefore n consecutive samples
+    outside the limits raise the counted state, and n consecutive samples inside clear it. A different sample restarts
+    the count. A single spike has no effect if n > 1. ``recent``: at most the last n − 1 samples, oldest first. A
+    missing or unchecked sample interrupts the sequence of samples; see ``broken``.
     """
 
     counted: State = State.OK

@@ -17,8 +17,8 @@ from gss.domain.errors import BadInput
 
 @dataclass(frozen=True)
 class SpectralResponse:
-    """Output per watt of light against wavelength, including the lens, in A/W if the source states this unit, otherwise
-    relative.
+    """Output per watt of light as a function of wavelength, including the lens. The unit is A/W if the source states
+    this unit; otherwise the values are relative.
 
     ``wavelength_nm`` is ascending. Values are interpolated linearly and are zero outside the range.
     """

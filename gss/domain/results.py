@@ -124,7 +124,7 @@ class Attitude:
 
     @property
     def sigma_rad(self) -> tuple[float, float]:
-        """Standard deviations (cross-boresight, about boresight). The first is per axis: the rms of x and y."""
+        """Standard deviations across and about the boresight. The first value is per axis: the rms of x and y."""
         c = self.covariance_rad2
         return float(np.sqrt((c[0, 0] + c[1, 1]) / 2)), float(np.sqrt(c[2, 2]))
 
@@ -186,7 +186,7 @@ class SolveResult:
     def residual_rms_px(self) -> float:
         """Weighted root mean square residual per axis of the used matches; NaN without a solution.
 
-        The weights keep hundreds of faint stars from dominating the few dozen that determine the attitude.
+        Without weights, hundreds of faint stars would dominate the few dozen stars that determine the attitude.
         """
         if self.matches is None or not (self.matches.weight > 0).any():
             return float("nan")

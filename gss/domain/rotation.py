@@ -105,7 +105,7 @@ def vector_from_rotation(matrix: Array) -> Array:
 
 
 def quaternion_product(left: Array, right: Array) -> Array:
-    """Return (…, 4) Hamilton products, scalar last. Each represents the matrix of ``left`` times the matrix of
+    """Return (…, 4) Hamilton products, scalar last. The product represents the matrix of ``left`` times the matrix of
     ``right``."""
     x1, y1, z1, w1 = np.moveaxis(np.asarray(left, float), -1, 0)
     x2, y2, z2, w2 = np.moveaxis(np.asarray(right, float), -1, 0)

@@ -13,7 +13,8 @@ from gss.domain.errors import BadInput
 
 Ids = NDArray[np.int32]
 GAIA_FIRST = 1_000_000
-"""A star that only Gaia contains has this number plus its row in the packaged Gaia file. Hipparcos numbers end at 120 404."""
+"""Offset of the numbers of stars that only Gaia contains. The number of such a star is the offset plus its row in the
+packaged Gaia file. Hipparcos numbers end at 120 404."""
 
 
 @dataclass(frozen=True)

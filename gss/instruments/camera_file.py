@@ -174,7 +174,7 @@ class BaffleLimits(Strict):
 
 @dataclass(frozen=True)
 class CameraNumber:
-    """One number of the file, or several coefficients, with its origin, stated in ``source`` or ``chosen``. ``sigma``:
+    """One number of the file, or several coefficients, with the origin stated in ``source`` or ``chosen``. ``sigma``:
     standard deviation, if known. A lens without distortion has no values."""
 
     part: str

@@ -20,7 +20,8 @@ from gss.skytables.pairs import DistanceTable, distance_table
 
 GOLDEN_EPOCH_JYEAR = 2025.0
 MIN_PAIR_RAD = 0.0044
-# Half as dense as the survey in the document: the unit boots faster, but about 1 % of the stars are lost.
+# The pointings are half as dense as those of the survey in the document. The unit therefore boots faster, but about 1 %
+# of the stars are lost.
 SURVEY_STEP_RAD = float(np.radians(2.0))
 
 

@@ -18,10 +18,10 @@ SIZES = {"u8": 1, "u16": 2, "u32": 4}
 
 
 class HeaderField(Strict):
-    """One number of a header. ``holds``: ``value``, constant in every packet; ``code``, code of the command or packet;
-    ``request_id``, counted by the ground; ``length``, number of bytes from the start of the header to the end of the
-    packet, plus ``add``; ``any``, not compared. A code can share its field with other bits: ``mask`` selects the bits
-    of the code, ``value`` sets the other bits, which are not compared."""
+    """One number of a header. ``holds``: content of the field. ``value``: constant in every packet; ``code``: code of
+    the command or packet; ``request_id``: number that the ground counts; ``length``: number of bytes from the start of
+    the header to the end of the packet, plus ``add``; ``any``: not compared. A code can share its field with other
+    bits. ``mask`` selects the bits of the code, and ``value`` sets the other bits, which are not compared."""
 
     name: ShortName
     type: Literal["u8", "u16", "u32"]
@@ -32,7 +32,7 @@ class HeaderField(Strict):
 
 
 class Acceptance(Strict):
-    """Condition on a response: with these bits it accepts the request, otherwise it rejects the request."""
+    """Condition on a response. A response with these bits accepts the request; any other response rejects it."""
 
     field: ShortName
     mask: Whole

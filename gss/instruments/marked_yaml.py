@@ -1,4 +1,4 @@
-"""YAML with line numbers: a parsed file that can state the line of each field.
+"""YAML with line numbers: a parsed file together with the line of each field.
 
 Stricter than YAML 1.1: no aliases (a few bytes could expand to gigabytes), no duplicate keys, no dates. As in YAML 1.2,
 ``1e-4`` is a float, and only ``true`` and ``false`` are booleans: ``on``, ``off``, ``yes`` and ``no`` are text.

@@ -176,7 +176,7 @@ def _profile(
 
 def _version(marked: Mapping[str, MarkedYaml], files: Files, dictionary: Dictionary) -> str:
     """Return the SHA-256 of the content: YAML files without comments and formatting, texts with normalised line ends,
-    and the dictionary, also if it is shared."""
+    and the dictionary, even if it is a shared dictionary."""
     content: dict[str, object] = {name: file.content for name, file in marked.items() if name != OWN_DICTIONARY}
     content |= {name: _text(name, files[name]) for name in files if name.endswith(".md")}
     content["dictionary"] = dictionary.hash_hex

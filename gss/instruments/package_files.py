@@ -124,10 +124,11 @@ class UnitTiming(Noted):
     """Times and speeds of the simulated unit. Defaults: a CMOS imager with an FPGA (Erlank 2013 §5.3.3, §5.3.6); values
     that are not in the document are chosen.
 
-    ``frame_ms``: frame periods of a rolling-shutter imager. The shortest period that contains the exposure is used; the
-    rows then end their exposure one after another during the readout. If empty, the exposure time is not tied to a
-    frame period. ``readout_overlaps``: True if an image is read out while the next one is exposed. ``copy_bytes_ms`` 0:
-    no copy, because the readout writes to the processor's memory. ``cycle_ms``: period of the cycle at power-on.
+    ``frame_ms``: frame periods of a rolling-shutter imager. The shortest period that contains the exposure is used. The
+    rows then end their exposure one after another during the readout. If the list is empty, the exposure time does not
+    depend on a frame period. ``readout_overlaps``: True if an image is read out while the next one is exposed.
+    ``copy_bytes_ms`` 0: no copy, because the readout writes to the processor's memory. ``cycle_ms``: period of the
+    cycle at power-on.
     """
 
     boot_s: NotNegative = 0.3

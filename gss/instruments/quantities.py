@@ -35,7 +35,7 @@ class Sourced(Strict):
 
 
 class Noted(Strict):
-    """Base of models with several numbers: they can state a source, and a reason for the chosen values."""
+    """Base of models with several numbers. Such a model can state a source, and a reason for the chosen values."""
 
     source: Text | None = None
     chosen: Text | None = None

@@ -31,7 +31,7 @@ class BrokenPackage:
 class Registry:
     """Instruments by name. ``own_folder``: folder with one folder per user package; None without user packages.
 
-    A package is read when it is first needed; a user package is read again if its files have changed. Thread-safe.
+    A package is read at its first use. A user package is read again if its files have changed. Thread-safe.
     """
 
     def __init__(self, own_folder: Path | None = None) -> None:

@@ -172,7 +172,8 @@ class TimingRole(PacketRole):
 
 
 class FrameInfo(PacketRole):
-    """Content of one image memory. If the sensor does not number its frames, the frame number is the frame time."""
+    """Content of one image memory. If the sensor does not number its frames, the frame time is used as the frame
+    number."""
 
     frame_number: Name = ""
     slot: Name = ""

@@ -16,8 +16,8 @@ Now = Callable[[], datetime]
 Monotonic = Callable[[], float]
 ONE_SECOND = timedelta(seconds=1)
 CLOCK_AHEAD = timedelta(minutes=5)
-"""A key whose creation time is further in the future than this was created while the clock was ahead. The key is invalid
-until its creation time."""
+"""Tolerance for creation times in the future. A key with a later creation time was created while the clock was ahead,
+and is invalid until that time."""
 
 
 def utc_now() -> datetime:

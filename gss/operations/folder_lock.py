@@ -12,7 +12,8 @@ from gss.domain.errors import Conflict, StoreDown
 
 
 def own_folder(folder: Path) -> None:
-    """Create a data folder that only its owner can access. If the folder exists, remove the access of other users."""
+    """Create a data folder that only its owner can access. If the folder already exists, remove the access rights of
+    other users."""
     if not folder.exists():
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)

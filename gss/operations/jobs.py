@@ -1,9 +1,9 @@
 """Jobs: long work that is queued, reports progress, can be cancelled, stores its result, and resumes after a crash.
 
-Each kind of job has a request type and a work function. The request is stored and contains everything that the function needs,
-so the next server process can continue the job. The function stores checkpoints. After a crash it is called with the latest
-checkpoint and must produce the same result. Without a checkpoint it starts from the beginning. A job is not retried if the
-server died three times during it without progress.
+Each kind of job has a request type and a work function. The request is stored and contains everything that the function
+needs, so the next server process can continue the job. The function stores checkpoints. After a crash it is called with
+the latest checkpoint and must produce the same result. Without a checkpoint it starts from the beginning. A job is not
+resumed again if the server crashed three times while the job was running and made no progress.
 """
 
 from __future__ import annotations
@@ -35,9 +35,10 @@ KINDS = (
     *("experiments", "campaign", "reprocess", "catalogue", "design", "calibration", "analysis", "lists", "instrument"),
     *("derive", "rehearsal", "backup", "retention", "check-store"),
 )
-"""Kinds of jobs that can be created from their stored request alone. The service that runs a kind registers it."""
+"""Kinds of jobs that can run again with only their stored request. The service that runs the jobs of a kind registers
+the kind."""
 ALWAYS = ("retention", "check-store")
-"""Kinds of jobs that are accepted even if the disk is nearly full, because they free space or only read."""
+"""Kinds of jobs that are accepted even if the disk is nearly full, because these jobs free space or only read."""
 PERMISSIONS = {
     "experiments": "campaigns",
     "campaign": "campaigns",
@@ -103,8 +104,9 @@ def nested_request(stored: JsonObject) -> JsonObject:
 
 @dataclass(frozen=True)
 class JobKind(Generic[R]):
-    """A kind of job, one of :data:`KINDS`. ``renewed``: replaces outdated parts of the request of a job that is continued or
-    repeated. ``repeated``: does so for a repeated job only. ``older``: converts a stored request of an earlier version."""
+    """A kind of job, one of :data:`KINDS`. ``renewed``: replaces outdated parts of the request before a job is
+    continued or repeated. ``repeated``: replaces outdated parts only before a job is repeated. ``older``: converts a
+    request that an earlier version stored."""
 
     name: str
     request: type[R]
@@ -143,7 +145,8 @@ class JobService:
         self._kinds: dict[str, JobKind[Any]] = {}
         self._stopping = False
         self._marking = threading.RLock()
-        """Held while a job's state is checked and then changed, so that no other thread changes it in between."""
+        """Lock for checking and then changing a job's state. It prevents other threads from changing the state in
+        between."""
 
     def register(self, kind: JobKind[Any]) -> None:
         """Register a kind of job. :meth:`start` then also resumes unfinished jobs of this kind."""
@@ -177,8 +180,9 @@ class JobService:
         self._queue(job.id, partial(kind.work, request))
 
     def interrupt(self) -> None:
-        """Cancel all jobs, including jobs that are queued later. Running resumable jobs are stored as queued immediately, so
-        that the end of the process does not count as a crash. Can be called repeatedly and from any thread."""
+        """Cancel all jobs, including jobs that are queued later. Running jobs that can resume are stored as queued
+        immediately, so the end of the process does not count as a crash. Can be called repeatedly and from any
+        thread."""
         self._stopping = True
         for event in list(self._cancel.values()):
             event.set()
@@ -277,7 +281,8 @@ class JobService:
             with self._marking:
                 if cancel.is_set():
                     raise Cancelled
-                # Work can report progress thousands of times. A row and a message per report would cost more than the work.
+                # Work can report progress thousands of times. Storing a row and sending a message for each report would
+                # take longer than the work.
                 now_s, last = stopwatch_s(), {"done": done, "total": total}
                 if now_s - published_s >= PUBLISH_EVERY_S:
                     published_s = now_s
@@ -297,7 +302,7 @@ class JobService:
             self._interrupted(job, last)
         except GssError as error:
             self._fail(job_id, error.sentences())
-        except Exception as error:  # a defect in a job must end as a visible failure, never as a silent dead thread
+        except Exception as error:  # a defect in a job must be shown as a failure and must not end the thread
             self._fail(job_id, f"Internal error: {type(error).__name__}: {error}")
         else:
             values = {"result": result, "checkpoint": None, "finished": self._now(), **last}

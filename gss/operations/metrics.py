@@ -71,8 +71,8 @@ class Metrics:
 
 
 class _Sources(Collector):
-    """Collector that reads all sources. Several sources can add samples to one metric. A failed source is omitted and
-    counted."""
+    """Collector that reads all sources. Several sources can add samples to one metric. A source that raises an
+    exception is omitted and counted."""
 
     def __init__(self, sources: Sequence[Source]) -> None:
         self._sources = tuple(sources)

@@ -40,7 +40,7 @@ class Request(BaseModel):
 
 
 def _check_text(value: Any) -> None:
-    """Check all text in a value. The check is iterative because the client controls the nesting depth."""
+    """Check all text in a value. The check does not recurse, because a client can send deeply nested values."""
     pending: list[tuple[Any, int]] = [(value, 0)]
     while pending:
         item, depth = pending.pop()

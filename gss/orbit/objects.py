@@ -111,7 +111,7 @@ def read_objects(text: str) -> list[OrbitingObject]:
 
 @dataclass(frozen=True)
 class ObjectCatalogue:
-    """Catalogue of objects. Their directions are computed together."""
+    """Catalogue of objects. The directions of all objects are computed together."""
 
     objects: tuple[OrbitingObject, ...]
 
@@ -143,9 +143,9 @@ def name_of(track: MeasuredTrack, catalogue: ObjectCatalogue, velocity_c: Array 
     """Identify a track as a planet, or as the catalogue object that is within the gate at all times of the track. Return None if
     there is none.
 
-    ``velocity_c`` (3,): velocity of the Earth in units of c, if the attitudes were corrected for aberration. The measured
-    directions contain this correction. An object that moves with the Earth does not need it, so it is also applied to the
-    predictions.
+    ``velocity_c`` (3,): velocity of the Earth in units of c, if the attitudes were corrected for aberration. The
+    measured directions contain this correction, although it is not correct for an object that moves with the Earth.
+    Therefore the same correction is applied to the predictions.
     """
     picked = np.unique(np.linspace(0, len(track.times_s) - 1, 3).round().astype(int))
     times_s, icrs, sigma = track.times_s[picked], track.icrs[picked], track.sigma_rad[picked]

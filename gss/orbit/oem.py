@@ -21,7 +21,7 @@ MATRIX_EVERY_S = 3600.0
 INERTIAL = ("ICRF", "GCRF", "EME2000")
 FIXED = "ITRF"
 BEHIND_UTC_S = {"UTC": 0.0, "GPS": 18.0, "TAI": 37.0, "TT": TT_MINUS_UTC_S}
-"""Seconds that a time scale is ahead of UTC since 2017."""
+"""Seconds by which each time scale is ahead of UTC since 2017."""
 
 
 def read_oem(text: str) -> tuple[str, EphemerisTrajectory]:

@@ -72,7 +72,8 @@ def fields_of_kvn(text: str) -> dict[str, str]:
 
 
 def fields_of_xml(text: str) -> dict[str, str]:
-    """Return the fields of an XML OMM with one segment. Raises BadInput, also for XML with declarations of entities."""
+    """Return the fields of an XML OMM with one segment. Raises BadInput if the text is not valid or declares
+    entities."""
     if "<!" in text.replace("<!--", ""):
         raise BadInput("the XML contains declarations", expected="an OMM without DOCTYPE, entities or CDATA")
     try:
@@ -145,7 +146,7 @@ def omm_epoch(text: str) -> datetime:
 
 
 def _microseconds(epoch: str) -> str:
-    """Return the text of a time with at most six decimals, because Python cannot parse more."""
+    """Return the text of a time, truncated to six decimals, because Python cannot parse more decimals."""
     seconds, dot, decimals = epoch.partition(".")
     return seconds + dot + decimals[:6] if decimals else seconds
 

@@ -16,7 +16,8 @@ from gss.orbit.station import GroundStation
 from gss.orbit.trajectory import Trajectory, earth_fixed_km, fixed_from_teme, sun_teme_km, unix_s
 
 STEP_S = 30.0
-"""Step of the coarse search. In all orbits the elevation is smooth over this time. Maxima between two steps are refined."""
+"""Step of the coarse search. In every orbit, the elevation changes smoothly over this time. Maxima between two steps
+are refined."""
 TOLERANCE_S = 0.01
 TRACK_POINTS = 41
 
@@ -97,7 +98,7 @@ def find_passes(orbit: Trajectory, station: GroundStation, start: datetime, end:
 
 
 def _with_maxima(clearance: Callable[[Array], Array], times_s: Array, values: Array) -> tuple[Array, Array]:
-    """Add samples at maxima that are slightly below the horizon, so that short passes are not missed."""
+    """Add samples at the maxima between steps, because a short pass can lie between two samples below the horizon."""
     peak = (values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:]) & (values[1:-1] <= 0)
     near = np.flatnonzero(peak & (values[1:-1] > np.radians(-5.0))) + 1
     maxima = np.array([_maximum(clearance, times_s[k - 1], times_s[k + 1]) for k in near])

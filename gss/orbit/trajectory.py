@@ -24,7 +24,7 @@ from gss.domain.errors import BadInput
 UNIX_EPOCH_JD = 2440587.5
 DAY_S = 86_400.0
 EPHEMERIS_POINTS = 8
-"""Number of points of a Lagrange interpolation. This is the usual number for CCSDS OEM files with steps of one minute."""
+"""Number of points of a Lagrange interpolation: the usual number for CCSDS OEM files with steps of one minute."""
 
 
 class Trajectory(Protocol):

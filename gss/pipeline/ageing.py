@@ -20,11 +20,12 @@ MAX_TRACK_PX = 6
 
 @dataclass(frozen=True)
 class Radiation:
-    """Radiation environment of a detector. ``damaged_per_day``: new warm pixels on the whole detector; ``damage_e_s``:
-    their mean dark current; ``annealing``, ``growing``: shares of these pixels that anneal and that grow;
-    ``half_life_days``: range of annealing half-lives; ``remaining``: largest share of the damage that does not anneal.
-    ``hits_s``: particle hits per second far from the anomaly; ``anomaly_hits_s``: in its middle; ``hit_e``: mean charge
-    of a hit."""
+    """Radiation environment of a detector. ``damaged_per_day``: number of new warm pixels per day on the whole
+    detector; ``damage_e_s``: mean dark current of the new warm pixels; ``annealing``, ``growing``: share of these
+    pixels whose dark current anneals, and share whose dark current grows; ``half_life_days``: range of annealing
+    half-lives; ``remaining``: largest share of the damage that does not anneal. ``hits_s``: particle hits per second
+    far from the South Atlantic Anomaly; ``anomaly_hits_s``: particle hits per second in the middle of the anomaly;
+    ``hit_e``: mean charge of a hit."""
 
     damaged_per_day: float = 0.5
     damage_e_s: float = 400.0
@@ -58,7 +59,8 @@ class DamagedPixels:
 
 
 def damage_of(radiation: Radiation, camera: Camera, days: float, seed: int) -> DamagedPixels:
-    """Return the pixels damaged in the first ``days``. With the same seed, a longer mission starts with the same pixels."""
+    """Return the pixels damaged in the first ``days``. For the same seed, a longer mission begins with the same damaged
+    pixels."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, 7, camera.rows, camera.columns]))
     max_count = camera.rows * camera.columns // 2
     count, day = 0, 0.0
@@ -104,8 +106,8 @@ def hit_rate_s(radiation: Radiation, lat_rad: float, lon_rad: float) -> float:
 def particle_hits(
     radiation: Radiation, rate_s: float, exposure_s: float, camera: Camera, rng: np.random.Generator
 ) -> tuple[list[HotPixel], int]:
-    """Simulate the particle hits of one exposure. Returns the pixels hit, which are affected in this frame only, and
-    the number of particles. Most particles hit a single pixel; some leave a short track."""
+    """Simulate the particle hits of one exposure. Returns the pixels that were hit and the number of particles. The
+    hits affect only this frame. Most particles hit a single pixel; some leave a short track."""
     count = int(rng.poisson(rate_s * exposure_s))
     hits = []
     for _ in range(count):

@@ -25,7 +25,8 @@ _HALF_TURN_QUATERNIONS = np.eye(4)
 
 
 def triad(observed: ArrayLike, reference: ArrayLike) -> Array:
-    """Return the (3, 3) cam_from_icrs from two directions; it maps the first exactly (Erlank 2013 eq. 4.4.1–7)."""
+    """Return the (3, 3) cam_from_icrs from two directions. It maps the first direction exactly (Erlank 2013 eq.
+    4.4.1–7)."""
     b, r, _ = _checked(observed, reference, None)
     return np.asarray(_triad_axes(b).T @ _triad_axes(r))
 
@@ -46,10 +47,10 @@ def profile_matrix(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike
 def quest(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
     """Return the (4,) scalar-last quaternion cam_from_icrs by QUEST (Erlank 2013 eq. 4.4.9–10).
 
-    The document uses λ = Σw. That estimate is refined on the characteristic quartic by Newton's method, as Shuster
-    does, then by two Rayleigh quotients, because the quartic loses digits when all stars are close together. Rotations
-    near 180°, where the Rodrigues parameters are infinite, are avoided by first rotating the reference by 180° about
-    the axis that leaves the smallest rotation.
+    The document uses λ = Σw. This estimate is refined by Newton's method on the characteristic quartic, as by Shuster.
+    Two Rayleigh quotients then refine it further, because the quartic loses digits if all stars are close together.
+    Rotations near 180°, where the Rodrigues parameters are infinite, are avoided by first rotating the reference by
+    180° about the axis that leaves the smallest rotation.
     """
     profile = profile_matrix(observed, reference, weights)
     half_turn = int(np.argmax(_HALF_TURN_SIGNS @ np.diag(profile)))
@@ -125,8 +126,8 @@ def covariance_rad2(observed_cam: ArrayLike, sigma_rad_per_star: ArrayLike) -> A
     """Return the (3, 3) covariance of the small rotation vector, camera frame, rad²: the inverse Fisher information.
 
     ``sigma_rad_per_star``: scalar or (n,), standard deviation per axis of each measured direction. If the weights are
-    1/σ², it is the QUEST covariance (Huffman 2006 eq. 6.34, times four for angles). It is infinite if the directions do
-    not determine all three axes.
+    1/σ², the result is the QUEST covariance (Huffman 2006 eq. 6.34, times four for angles). The result is infinite if
+    the directions do not determine all three axes.
     """
     b = np.asarray(observed_cam, float).reshape(-1, 3)
     sigma = np.broadcast_to(np.asarray(sigma_rad_per_star, float), len(b))
@@ -146,7 +147,7 @@ def weighted_covariance_rad2(observed_cam: ArrayLike, weights: ArrayLike, sigma_
 def svd_covariance_rad2(observed: ArrayLike, reference: ArrayLike, sigma_rad: ArrayLike) -> Array:
     """Return the (3, 3) covariance of the SVD method: U diag(σ²/(s_j + s_k)) Uᵀ with the third singular value signed.
 
-    With weights σ_tot²/σ² it equals eq. 6.53 except for terms of the residuals.
+    With weights σ_tot²/σ² the result equals eq. 6.53, except for terms that contain residuals.
     """
     b, total = _weighted(observed, reference, sigma_rad)
     u, s, vt = np.linalg.svd(b)
@@ -227,5 +228,5 @@ def _checked(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | Non
 
 def _all_parallel(v: Array) -> bool:
     (x, y, z), (a, b, c) = v[0], v[1:].T
-    # Written out because numpy's cross product has more overhead than the work on a dozen vectors.
+    # The cross product is written out, because numpy's function takes longer than the calculation for a dozen vectors.
     return bool(((y * c - z * b) ** 2 + (z * a - x * c) ** 2 + (x * b - y * a) ** 2).max() < PARALLEL**2)

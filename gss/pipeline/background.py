@@ -1,8 +1,8 @@
 """Sky background: a mesh of robust levels and noise estimates, interpolated bilinearly.
 
-Each tile is described by the clipped mean and standard deviation of a regular subset of its pixels, so stars, hot
-pixels and cosmic rays do not raise it; a 3x3 median over the tiles removes single bright tiles (Moon glow, clouds
-and vignetting remain). The method follows SExtractor's mesh (Bertin & Arnouts 1996 §4).
+The values of a tile are the clipped mean and standard deviation of a regular subset of its pixels, so stars, hot pixels
+and cosmic rays do not raise them. A 3x3 median over the tiles removes single bright tiles. Moon glow, clouds and
+vignetting remain in the mesh. The method follows SExtractor's mesh (Bertin & Arnouts 1996 §4).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gss.domain.angles import Array
 from gss.pipeline.kernels import CLIP_ROUNDS, CLIP_SIGMA, NUMPY, Kernels
 
 TILE_PX = 32
-SAMPLES_PER_TILE = 64  # gives the level to a sixth of the noise at negligible cost
+SAMPLES_PER_TILE = 64  # the error of the level is a sixth of the noise of a pixel
 OUT_OF_REACH = 1e30
 FLAT_PER_SIGMA = 0.08  # a tile's level is only accurate to about a tenth of the noise
 
@@ -83,19 +83,19 @@ def _clipped(samples: Array, loops: Kernels = NUMPY) -> tuple[Array, Array]:
     if missing is not None:
         off[missing] = 0.0
     mean_off = np.abs(off).sum(axis=1) / np.maximum(count, 1)
-    # Coarsely quantised frames can have equal quantiles although they are noisy.
+    # The quantiles of a noisy frame can be equal if the frame is coarsely quantised.
     spread = np.maximum((high - low) / 2, np.minimum(mean_off, 0.5))
     mean = np.zeros(len(ordered))
     if missing is not None:
         off[missing] = OUT_OF_REACH
     for _ in range(CLIP_ROUNDS):
-        # A sum over two factors takes one pass; masks and copies would take several.
+        # A sum of products takes one pass over the data. Masks and copies would take several passes.
         keep = (np.abs(off - mean[:, None]) <= CLIP_SIGMA * spread[:, None] + 1e-12).astype(float)
         n = np.maximum(keep.sum(axis=1), 1)
         mean = np.einsum("ij,ij->i", keep, off) / n
         off_kept = keep * (off - mean[:, None])
         variance = np.einsum("ij,ij->i", off_kept, off_kept) / n
-        spread = np.sqrt(variance) * 1.014  # corrects for clipping a normal distribution at 3 sigma
+        spread = np.sqrt(variance) * 1.014  # corrects the effect of clipping a normal distribution at 3 sigma
     return middle + mean, spread
 
 
@@ -139,7 +139,7 @@ def measure_background(image: NDArray[Any], tile_px: int = TILE_PX, loops: Kerne
 
 def _tile_levels(samples: Array, loops: Kernels) -> tuple[Array, Array]:
     """Return level and noise of each tile; NaN for partial tiles at the right and bottom edges with too few pixels."""
-    # If any pixel of a tile lies outside the frame, its last pixel does.
+    # A tile has pixels outside the frame only if its last pixel is outside.
     if samples.dtype.kind == "u" or not np.isnan(samples[:, -1]).any():
         return _clipped(samples, loops)
     short = np.isnan(samples).mean(axis=1) > 0.7

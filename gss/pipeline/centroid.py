@@ -22,8 +22,9 @@ class PixelNoise:
     floor_px: float
 
 
-# Errors measured on rendered frames (Gaussian of 1.2 px): CUT_PX is added by the threshold cut for a star whose peak equals
-# the threshold, OUTSIDE_PX by a window smaller than the star, per share of pixels outside it.
+# Errors measured on rendered frames with a Gaussian of 1.2 px. CUT_PX: error caused by the threshold for a star whose
+# peak equals the threshold. OUTSIDE_PX: error caused by a window that is smaller than the star, multiplied by the share
+# of the star's pixels outside the window.
 CUT_PX = 0.2
 OUTSIDE_PX = 0.4
 
@@ -31,8 +32,8 @@ OUTSIDE_PX = 0.4
 def window_centroids(
     pixels: Pixels, blobs: Blobs, black_dn: float, threshold_dn: float, window_px: int, noise: PixelNoise
 ) -> Centroids:
-    """Compute one centroid per blob, in the blobs' order. As in §4.1.3, it uses the blob's own pixels in the ``window_px``
-    square around its brightest one, weighted by their intensity above black.
+    """Compute one centroid per blob, in the blobs' order. As in §4.1.3, a centroid is computed from the pixels of the
+    blob that are in the ``window_px`` square around its brightest pixel, weighted by their intensity above black.
 
     The document does not say which of several equally bright (saturated) pixels to use; here it is their rounded mean, which
     centres the window on a saturated star. ``threshold_dn``, above black, affects ``sigma_px`` only.

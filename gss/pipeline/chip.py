@@ -18,9 +18,9 @@ FULL_LOSS_LIMIT = 0.95
 
 @dataclass(frozen=True)
 class Chip:
-    """Detector with manufacturing defects, as (rows, columns) maps. ``response`` multiplies light (vignetting included,
-    dead pixels 0), ``dark_e_s`` is added to the mean dark current, ``offset_dn`` to the bias. ``hot``, ``dead``: flat
-    pixel indices, ascending."""
+    """Detector with manufacturing defects, as (rows, columns) maps. ``response``: factor of the light, including
+    vignetting, 0 for dead pixels; ``dark_e_s``: added to the mean dark current; ``offset_dn``: added to the bias.
+    ``hot``, ``dead``: flat pixel indices, ascending."""
 
     response: Map
     dark_e_s: Map

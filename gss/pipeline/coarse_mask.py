@@ -15,8 +15,8 @@ Mask = NDArray[np.bool_]
 def dark_mean_dn(pixels: Pixels, noise_dn: float, step_px: int = 1) -> float:
     """Return the mean of the sky pixels, i.e. of those within three standard deviations of the median.
 
-    The median itself is not used because its integer values bias a centroid towards the window's centre (Moniteq 1983
-    §4.3).
+    The median itself is not used, because it is an integer, and its rounding error biases a centroid towards the centre
+    of the window (Moniteq 1983 §4.3).
     """
     sample = pixels[::step_px, ::step_px].ravel().astype(float)
     middle = float(np.median(sample))

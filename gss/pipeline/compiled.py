@@ -134,7 +134,7 @@ def _above(smooth, lowest, tile):
         for k in range(blocks):
             part, limit = line[k * BLOCK : (k + 1) * BLOCK], limits[k * BLOCK : (k + 1) * BLOCK]
             any_above = False
-            for c in range(len(part)):  # no early exit, which would prevent vectorisation
+            for c in range(len(part)):  # no early exit, because it would prevent vectorisation
                 any_above |= part[c] > limit[c]
             hit[r, k] = any_above
     return _hits(smooth, lowest, tile, hit)
@@ -156,7 +156,8 @@ def _hits(smooth, lowest, tile, hit):
 
 
 def settle(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) -> tuple[Array, Array]:
-    """Return the converged star offsets; equivalent to ``psf.settled``. All stars are iterated until the last has converged."""
+    """Return the converged star offsets; equivalent to ``psf.settled``. All stars are iterated until the last star has
+    converged."""
     x, y = np.array(x, float), np.array(y, float)
     _settle(stamps.dx, stamps.dy, stamps.value, weight, inverse, x, y)
     return x, y

@@ -119,9 +119,10 @@ def _ceiling(image: NDArray[Any]) -> float:
 
 
 def _sizes(image: NDArray[Any], peaks: Peaks, covariance: Array, ceiling: float) -> tuple[float, float]:
-    """Return two sizes of the bright stars, px²: the variance along the long axis of the median star, and the upper
-    quartile of half the trace. Both are close to the camera's own variance if it was in focus and did not rotate; a
-    rotation about the boresight affects only the second. (0, 0) if there are fewer than three bright stars."""
+    """Return two sizes of the bright stars in px²: the median of the variance along the long axis, and the upper
+    quartile of half the trace. Both are close to the camera's own variance if the camera was in focus and did not
+    rotate. A rotation about the boresight affects only the second size. Return (0, 0) if there are fewer than three
+    bright stars."""
     pick = np.flatnonzero(~peaks.single & (peaks.snr > BRIGHT_SNR))[:BRIGHTEST]
     if len(pick) < 3:
         return 0.0, 0.0
@@ -257,8 +258,8 @@ def _separate_stars(
 def _with_saturated_pixels(
     stamps: Stamps, image: NDArray[Any], peaks: Peaks, stars: NDArray[np.intp], half: int
 ) -> Stamps:
-    """Include the saturated pixels of stars with less than a third of their pixels unsaturated, which could otherwise
-    not be fitted."""
+    """Include the saturated pixels of stars of which less than a third of the pixels are unsaturated. Otherwise these
+    stars could not be fitted."""
     mostly_saturated = stamps.use.mean(1) < 0.34
     if not mostly_saturated.any():
         return stamps

@@ -1,6 +1,7 @@
 """Dark-frame correction: subtract the fixed pattern and replace bad pixels.
 
-It is for frames processed on the ground (Huffman 2006 §4.1). Chains that replicate an on-board sensor do not use it.
+The correction is used for frames that are processed on the ground (Huffman 2006 §4.1). Chains that replicate an
+on-board sensor do not use it.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from gss.domain.errors import BadInput
 
 SAME_EXPOSURE = 0.2
-"""Largest relative difference between two exposures for which the pattern, mostly dark current, is still subtracted."""
+"""Largest relative difference between two exposures up to which the pattern is subtracted. The pattern is mostly dark
+current, which depends on the exposure."""
 NEIGHBOURS = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
 
 

@@ -1,8 +1,9 @@
-"""Sub-pixel centroids from a window around each star's brightest pixel; the window's border gives the sky background.
+"""Sub-pixel centroids from a window around the brightest pixel of each star. The border of the window determines the
+sky background.
 
-Liebe 1992 calls this hyperaccuracy and gives its result, a fifth of a pixel, but not the steps. Here the sky background
-is the interquartile mean of the border pixels. Every pixel inside the border is used, also below the threshold, to
-avoid a bias from the threshold.
+Liebe 1992 calls this method hyperaccuracy. The document states the accuracy (a fifth of a pixel) but not the steps.
+Here the sky background is the interquartile mean of the border pixels. All pixels inside the border are used, even
+those below the threshold, because the threshold would cause a bias.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from gss.domain.results import Centroids
 from gss.pipeline.centroid import PixelNoise
 from gss.pipeline.regions import Blobs, Flags, Pixels
 
-# Standard error of the interquartile mean of a sample, relative to that of the mean of the whole sample.
+# Ratio of the standard error of the interquartile mean of a sample to the standard error of the mean of the whole
+# sample.
 SKY_NOISE = 1.1
 # Additional centroid error of a saturated star, whose peak is flat; measured on rendered frames.
 SATURATED_PX = 0.1
@@ -60,7 +62,8 @@ def hyperaccurate_centroids(
     ring = np.maximum(np.abs(step)[:, None], np.abs(step)) == half
     border = np.sort(stamp[:, ring], axis=1)
     quarter = border.shape[1] // 4
-    # A median of integers can be wrong by 0.5 DN, which would bias the flux of a faint star, a sum over 25 pixels.
+    # A median of integers can be wrong by 0.5 DN. This would bias the flux of a faint star, which is a sum over 25
+    # pixels.
     sky_dn = border[:, quarter:-quarter].mean(axis=1)
     inner = step[1:-1].astype(float)
     light = stamp[:, 1:-1, 1:-1] - sky_dn[:, None, None]

@@ -1,11 +1,12 @@
 """Selection of the inner loops of detection and identification: numpy, or loops that numba has compiled for this machine.
 
-Identification gives the same answers either way. Integer results of detection (filter, thresholds, labels) are
-bit-identical; floating-point sums are added in a different order, so positions agree to 1e-6 px and fluxes to 1e-6 relative.
+Both give the same identifications. Integer results of detection (filter, thresholds, labels) are bit-identical.
+Floating-point sums are added in a different order, so positions agree to 1e-6 px and fluxes to a relative difference of
+1e-6.
 
-Compiling takes more than a minute of processor time, so a frame never waits for it: ``gss compile``, which a server starts in the
-background, compiles the loops and marks them as compiled; without that mark the numpy loops are the default. A caller that must
-reproduce an older result selects explicitly.
+Compiling takes more than a minute of processor time, so a frame never waits for it: ``gss compile``, which a server
+starts in the background, compiles the loops and marks them as compiled; without this mark the numpy loops are the
+default. A caller that must reproduce an earlier result states which loops to use.
 """
 
 from __future__ import annotations

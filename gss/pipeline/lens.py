@@ -1,4 +1,5 @@
-"""Lens parameters from one frame: focal length always, distortion only if statistically significant."""
+"""Lens parameters from one frame. The focal length is always fitted, the distortion only if it is statistically
+significant."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ CENTRE = ("col", "row")
 FULL = ("k1", "k2", "p1", "p2")
 FULL_HALF_DIAGONAL_RAD = np.radians(12.0)
 FULL_STARS = 20
-# χ², by number of coefficients, that one in 370 frames of a perfect lens exceeds by chance.
+# Limit of χ² for each number of coefficients. One in 370 frames of a perfect lens exceeds it by chance.
 PROVED_CHI2 = {1: 9.0, 2: 11.83, 3: 14.16}
 
 

@@ -1,4 +1,4 @@
-"""Mean locator: centroid of a star in a small window, its systematic error and its noise (Moniteq 1983 §4.1–4.3).
+"""Mean locator: centroid of a star in a small window, with systematic error and noise (Moniteq 1983 §4.1–4.3).
 
 The star is a separable Gaussian of standard deviation σ on pixels of width d; ``ratio`` is d/σ. Windows are N x N
 pixels. Formulas of the document that disagree with direct integration are corrected here.

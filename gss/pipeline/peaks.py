@@ -14,7 +14,7 @@ from gss.pipeline.background import Background, measure_background, pixel_noise
 from gss.pipeline.kernels import NUMPY, Kernels
 from gss.pipeline.psf import widths_px
 
-MAX_PEAKS = 4000  # limits the computing time: fainter peaks are omitted, and a note reports this
+MAX_PEAKS = 4000  # limits the computing time; if there are more peaks, the faintest are omitted and a note states this
 STREAK_RATIO = 1.7
 BINOMIAL_GAIN = 256.0
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0])
@@ -150,7 +150,8 @@ def repeat_single_test(image: NDArray[Any], peaks: Peaks, covariance: Array) -> 
 def _above(
     smooth: NDArray[Any], background: Background, sigma: float, loops: Kernels = NUMPY
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return rows and columns of the pixels above the lowest threshold of their tile. Some may be below their own threshold."""
+    """Return rows and columns of the pixels above the lowest threshold of their tile. Some of these pixels can be below
+    the threshold at their own position."""
     tile = background.tile_px
     lowest = background.lowest_threshold(sigma)
     if smooth.dtype.kind == "u":
@@ -166,7 +167,8 @@ def _above(
 
 
 def _is_maximum(smooth: NDArray[Any], row: NDArray[np.intp], col: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """True for pixels without a brighter neighbour. Of equally bright neighbours, only the first in reading order is a maximum."""
+    """True for pixels without a brighter neighbour. If neighbours are equally bright, only the first in reading order
+    is a maximum."""
     rows, cols = smooth.shape
     r, c = row + AROUND[:, :1], col + AROUND[:, 1:]
     outside = (r < 0) | (r >= rows) | (c < 0) | (c >= cols)
@@ -186,15 +188,15 @@ def _is_single_pixel(
 ) -> NDArray[np.bool_]:
     """True for peaks confined to one pixel, row or column: a hot pixel, cosmic ray or column defect.
 
-    In the worst case, a centred star of covariance C, the four neighbours have exp(−1/2C) of the peak. About a third of
-    this light is required, along columns and along rows separately, within the noise.
+    The neighbours are faintest for a centred star. Its four neighbours then have exp(−1/2C) of the peak for the
+    covariance C. About a third of this light is required within the noise, separately along columns and along rows.
     """
     rows, cols = image.shape
     side = np.arange(-1, 2)
     r = np.clip(row[:, None, None] + side[:, None], 0, rows - 1)
     c = np.clip(col[:, None, None] + side, 0, cols - 1)
     box = image[r, c].astype(float) - sky[:, None, None]
-    # The maximum of the raw frame may be next to that of the filtered frame.
+    # The maximum of the raw frame can be next to the maximum of the filtered frame.
     k = box.reshape(len(row), 9).argmax(1) if len(row) else np.zeros(0, int)
     r2, c2 = row + k // 3 - 1, col + k % 3 - 1
     r = np.clip(r2[:, None, None] + side[:, None], 0, rows - 1)

@@ -1,8 +1,8 @@
 """Star positions from least-squares fits of one Gaussian point-spread function to all stars of a frame.
 
-All stars share the covariance of the function (pixel integration included). A faint star uses the shape measured on the
-bright ones, so its error is close to the Cramér–Rao bound. With an elongated covariance the same fit works for trailed
-stars.
+All stars share the covariance of the function (pixel integration included). The shape is measured on bright stars and
+used for faint stars, so the error of a faint star is close to the Cramér–Rao bound. For trailed stars, the covariance
+is elongated.
 """
 
 from __future__ import annotations
@@ -83,7 +83,8 @@ def adaptive_shapes(stamps: Stamps, start_sigma_px: float) -> AdaptiveMoments:
         w = np.exp(-0.5 * q) * value
         total = w.sum(1)
         total = np.where(total > 0, total, np.nan)
-        # Under a matched window the measured centroid shift is half the true one, and so are the moments.
+        # With a matched window, the measured centroid shift is half of the true shift, and the measured moments are
+        # half of the true moments.
         sx, sy = (w * ax).sum(1) / total, (w * ay).sum(1) / total
         x = np.clip(x + np.nan_to_num(2 * sx), -half / 2, half / 2)
         y = np.clip(y + np.nan_to_num(2 * sy), -half / 2, half / 2)

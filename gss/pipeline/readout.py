@@ -50,7 +50,7 @@ def expose(
     """Simulate the read-out of (rows, columns) expected electrons of light. Returns the image.
 
     Shot noise of light is Poisson. Dark current, sky, stray light and read-out noise are drawn as one normal deviate:
-    at 15 e and more it differs from Poisson only by a skewness of a few hundredths.
+    for 15 e and more, this differs from a Poisson distribution only by a skewness of a few hundredths.
     """
     rows, columns = light_e.shape
     extra_e = _with_hot_pixels(light_e, hot_pixels, exposure_s)
@@ -102,7 +102,8 @@ def _uneven_electrons(
     rng: np.random.Generator | None,
 ) -> NDArray[np.float32]:
     """Return (rows, columns) electrons: a normal deviate with a separate width for each pixel, plus Poisson light."""
-    # Values above the full well all read the same; the limit keeps the Poisson generator in its range.
+    # All values above the full well give the same output. They are limited to keep the Poisson generator within its
+    # range.
     expected_e = (np.minimum(light_e, 2 * sensor.full_well_e) * response).ravel()
     lit = np.flatnonzero(expected_e > 1e-3)
     signal_e = smooth_e.ravel()

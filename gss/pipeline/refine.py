@@ -15,7 +15,9 @@ from gss.pipeline.small import median
 
 ROUNDS = 8
 DONE = 1e-10
-ATTITUDE_DONE = 1e-5  # the error after a step is at most a thousandth of the step, i.e. about a milliarcsecond
+ATTITUDE_DONE = (
+    1e-5  # limit of a step; the error after such a step is at most a thousandth of it, about a milliarcsecond
+)
 OUTLIER_SIGMA = 4.0
 CORNER_DISTORTION = 0.02  # prior sigma of the distortion of an unknown lens at the corners, relative to the radius
 ASPECT_SIGMA = 0.1  # prior sigma of the log aspect ratio of an unknown camera's pixels
@@ -23,7 +25,7 @@ CENTRE_SIGMA = 0.12  # prior sigma of the optical axis's offset from the middle,
 STEP = 1e-6
 NOWHERE_PX = 1e9  # residual of a star that the camera cannot image
 MAX_RAD = 0.2  # largest rotation per axis in one step
-BELIEF = 20.0  # degrees of freedom equivalent to the centroids' stated errors
+BELIEF = 20.0  # number of degrees of freedom with which the stated errors of the centroids are weighted
 
 
 @dataclass(frozen=True)
@@ -198,9 +200,9 @@ def _inliers(residual: Array, weight: Array, parameters: int) -> NDArray[np.bool
 
 
 def _covariance(normal: Array, residual: Array, weight: Array, good: NDArray[np.bool_], parameters: int) -> Array:
-    """Return the inverse information scaled by the residuals. Residuals larger than the centroids' stated errors scale
-    it fully. If they are smaller, the stated errors count as ``BELIEF`` degrees of freedom, so that only many stars
-    reduce the covariance."""
+    """Return the inverse information scaled by the residuals. If the residuals are larger than the stated errors of the
+    centroids, they scale the covariance fully. If they are smaller, the stated errors are weighted with ``BELIEF``
+    degrees of freedom, so only many stars can reduce the covariance."""
     freedom = 2 * int(good.sum()) - parameters
     if freedom <= 0:
         factor = 1.0

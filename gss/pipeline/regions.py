@@ -1,9 +1,9 @@
 """Image plane search and region growing (Jacobs 1995 §2.2, Erlank 2013 §4.1.1–2).
 
 The documents search every third pixel of every third row. From a pixel above the threshold, a region grows over the
-four neighbours, which finds a 4-connected component. Here all components are labelled in one pass, components without a
-pixel on the search grid are dropped, and the rest are sorted by their first grid pixel, i.e. in the order of the
-search. A test checks that the result equals the literal recursion.
+four neighbours until it is a complete 4-connected component. Here all components are labelled in one pass. Components
+without a pixel on the search grid are dropped. The remaining components are sorted by their first grid pixel, which is
+the order of the search. A test checks that the result equals the literal recursion.
 """
 
 from __future__ import annotations
@@ -105,7 +105,8 @@ def find_blobs(pixels: Pixels, threshold_dn: float, step_px: int = 3, loops: Ker
 
 
 def _label(lit: NDArray[np.intp], columns: int) -> tuple[int, NDArray[np.int32]]:
-    """Return the number of components and the component of each lit pixel. Only lit pixels, few in a star frame, are processed."""
+    """Return the number of components and the component of each lit pixel. Only the lit pixels are processed, which are
+    few in a star frame."""
     right = np.flatnonzero((np.diff(lit) == 1) & (lit[1:] % columns != 0))
     below = np.searchsorted(lit, lit + columns)
     above = np.flatnonzero((below < len(lit)) & (lit[np.minimum(below, len(lit) - 1)] == lit + columns))

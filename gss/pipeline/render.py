@@ -28,8 +28,8 @@ STAMP_SIGMAS = 5.0
 BLUR_STEP_SIGMAS = 0.5
 MAX_BLUR_STEPS = 400
 FAINTEST_E = 0.05
-# A trail is drawn as overlapping spots. If each has less light than this, every pixel receives far less than one
-# electron.
+# A trail is drawn as overlapping spots. If a spot has less light than this value, each pixel receives far less than one
+# electron from it.
 FAINTEST_STEP_E = 0.05
 
 
@@ -45,7 +45,8 @@ class FalseStar:
 @dataclass(frozen=True)
 class Lights:
     """Point sources that are not catalogue stars but move with the sky: (m, 3) ICRS directions and (m,) V magnitudes.
-    Used for planets and, as many points, for the Moon; drawn like stars, blur included, but not listed in the truth."""
+    Used for planets, and with many points for the Moon. They are blurred like stars, but are not listed in the
+    truth."""
 
     icrs: Array
     v_mag: Array
@@ -170,7 +171,7 @@ def _paths(
     sweep_px = float(np.linalg.norm(rate_rad_s)) * exposure_s * max(camera.focal_col_px, camera.focal_row_px)
     if sweep_px < 1e-6:
         return camera.project(icrs @ np.asarray(cam_from_icrs).T)[:, None]
-    # Off axis the plate scale grows by up to 1/cos² of the field angle.
+    # Away from the optical axis, the plate scale grows by up to 1/cos² of the field angle.
     steps = int(np.ceil(sweep_px / np.cos(camera.half_diagonal_rad) ** 2 / step_px)) + 1
     if steps > MAX_BLUR_STEPS:
         raise BadInput(

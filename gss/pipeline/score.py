@@ -44,7 +44,8 @@ def assess(
     CORRECT: all matches are true and the cross-boresight error is below 3σ, from the result's covariance unless
     ``expected_sigma_rad`` (per axis) is given. WRONG: the true position of a used match's star is more than
     ``match_px`` from its centroid (or not in the frame), or the boresight is more than ``attitude_px`` pixels off.
-    IMPRECISE: neither. A match with a close companion of the right star counts as true, because the positions agree.
+    IMPRECISE: neither CORRECT nor WRONG. A match with a close companion of the true star is a true match, because the
+    positions agree.
     """
     if result.attitude is None:
         return Score(Verdict.NONE, float("nan"), float("nan"), 0, 0)

@@ -1,4 +1,5 @@
-"""Numeric helpers for small arrays, called many times per frame. General functions have too much overhead for a dozen numbers."""
+"""Numeric helpers for small arrays, called many times per frame. For a dozen numbers, the overhead of general functions
+would exceed the computation."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """Camera rotation during an exposure: one angular velocity fitted to the trails of all stars.
 
 If the camera rotates with ω, the direction u moves with −ω × u in its frame; the trail of a star in pixels is therefore
-d = T M(u) ω with the known (2, 3) matrix M at its position. Each trail is a Gaussian extended along d; positions, fluxes and
-the frame's common ω and width are fitted together to the pixels. A trail is symmetric, so −ω fits as well as ω.
+d = T M(u) ω with the known (2, 3) matrix M at its position. Each trail is a Gaussian extended along d; positions,
+fluxes and the frame's common ω and width are fitted together to the pixels. A trail does not show the direction of
+motion, so −ω fits as well as ω.
 """
 
 from __future__ import annotations
@@ -170,15 +171,15 @@ def _cut(
 
 
 def _starts(trails: Trails, width2: float) -> list[Array]:
-    """Return first guesses of the rotation, rad, from second moments, with both signs of roll relative to the
-    cross-axis rotation."""
+    """Return first guesses of the rotation in rad, computed from second moments, with both signs of the roll relative
+    to the cross-axis rotation."""
     weight = np.where(trails.value > BRIGHT_SIGMA * np.sqrt(trails.sky_variance)[:, None], trails.value, 0.0)
     weight[:, (trails.dx == 0) & (trails.dy == 0)] += 1e-6
     total = weight.sum(1)
     ax, ay = trails.dx - trails.col[:, None], trails.dy - trails.row[:, None]
     moments = np.stack([(weight * p).sum(1) / total for p in (ax * ax, ay * ay, ax * ay)], axis=1)
     moments[:, :2] = np.maximum(moments[:, :2] - width2, 0.0)
-    # Second moments are linear in the six products of the rotation's components.
+    # The second moments are linear functions of the six products of the components of the rotation.
     m = trails.per_rad / np.sqrt(12)
     pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
     rows = []
@@ -216,8 +217,8 @@ def _best(trails: Trails, starts: list[Array], width2: float, e_per_dn: float) -
 
 
 def _consistent(trails: Trails, fit: _Fitted, e_per_dn: float) -> NDArray[np.bool_]:
-    """True for trails that the common rotation fits as well as it fits the median trail. A neighbour, defect or planet
-    fits worse."""
+    """True for trails that the common rotation fits as well as it fits the median trail. Trails with a neighbour or
+    defect and trails of planets fit worse."""
     variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
     for _ in range(2):
         model, _, _, variance = _linear(trails, fit.turned_rad, fit.width2, fit.x, fit.y, variance, e_per_dn)

@@ -20,7 +20,7 @@ class Trace:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time the enclosed block; the times of a stage entered twice are added."""
+        """Measure the time of the enclosed block. If a stage is entered more than once, its times are added."""
         if self.clock is None:
             yield
             return
@@ -31,5 +31,5 @@ class Trace:
             self.timing_s[name] = self.timing_s.get(name, 0.0) + self.clock() - start_s
 
     def keep(self, name: str, value: object) -> None:
-        """Store an intermediate result; a later one with the same name replaces it."""
+        """Store an intermediate result. It replaces an earlier result with the same name."""
         self.kept[name] = value

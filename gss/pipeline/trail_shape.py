@@ -7,7 +7,7 @@ from scipy.special import erf
 
 from gss.domain.angles import Array
 
-MIN_PX = 0.3  # during an iteration, a shorter trail would have no direction
+MIN_PX = 0.3  # minimum length during an iteration, because a shorter trail has no direction
 
 
 def trailed_gaussian(ax: Array, ay: Array, trail: Array, width2: float) -> tuple[Array, Array]:

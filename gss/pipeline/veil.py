@@ -21,10 +21,10 @@ Map = NDArray[np.float32]
 GRID_STEP_PX = 8
 # Exponent of the decrease outside the limit angle, fitted to Moniteq 1983 Table 5.3, 21° to 58°.
 OUTSIDE_POWER = 1.3
-# The Earth's stray light relative to the Sun's at the same angle: Moniteq 1983 Table 5.3.
+# Ratio of the stray light of the Earth to that of the Sun at the same angle (Moniteq 1983 Table 5.3).
 EARTH_SHARE = 0.3
-# Share of a star's light that the lens scatters per steradian at 1°. It decreases with the square of the angle and is
-# about one per cent in total. An assumption.
+# Share of a star's light that the lens scatters per steradian at 1°. The share decreases with the square of the angle.
+# The total is about one per cent. This value is an assumption.
 SCATTER_PER_SR = 1.0
 SCATTER_CORE_RAD = float(np.radians(0.3))
 EARTH_ALBEDO = 0.3
@@ -33,7 +33,8 @@ SUN_V_MAG = -26.74
 NIGHT_EARTH_V_SR = -5.0
 BLIND_E_S = 1e9
 STEEPEST = 20.0
-# Angle across the field over which stray light increases e-fold towards its source. An assumption.
+# Angle across the field over which stray light increases by a factor of e towards its source. This value is an
+# assumption.
 SLOPE_RAD = float(np.radians(15.0))
 
 
@@ -134,8 +135,8 @@ def earth_disc(
     grid = grid_of(camera)
     along = grid.unit_cam @ nadir_cam
     on_disc = grid.spread(np.arccos(np.clip(along, -1, 1))) < earth_rad
-    # Lengths are in Earth radii: the distance is 1/sin ρ, and ``reach`` is the distance to the nearer intersection with
-    # the sphere.
+    # Lengths are in Earth radii. The distance of the observer from the centre is 1/sin ρ. ``reach``: distance to the
+    # nearer intersection with the sphere.
     distance = 1 / np.sin(earth_rad)
     reach = distance * along - np.sqrt(np.maximum(0.0, 1 - distance**2 * (1 - along**2)))
     normal = grid.unit_cam * reach[..., None] - distance * nadir_cam

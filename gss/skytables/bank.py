@@ -63,10 +63,10 @@ NO_TABLES = BankTables()
 class OnboardCatalogue:
     """Decoded content of one flash bank: everything the matcher can use.
 
-    ``hip``: (n,) catalogue numbers by row, known only on the ground. For formats that store row ids only, they come
-    from the manifest. ``icrs``: (n, 3) unit vectors at the precision stored on the device. ``v_mag``: (n,), NaN if the
-    format stores no magnitudes. ``distances`` is empty if the format has other tables instead. ``tables``: the other
-    tables in the bank.
+    ``hip``: (n,) catalogue numbers by row, which are known only on the ground. For formats that store only row ids, the
+    numbers are taken from the manifest. ``icrs``: (n, 3) unit vectors at the precision stored on the device. ``v_mag``:
+    (n,), NaN if the format stores no magnitudes. ``distances`` is empty if the format has other tables instead.
+    ``tables``: the other tables in the bank.
     """
 
     hip: Ids

@@ -11,8 +11,8 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 
 Rows = NDArray[np.intp]
-# The line extends beyond both ends by this fraction of the range. Rounding then cannot put an end value outside the
-# line.
+# Fraction of the range by which the line extends beyond both ends. Rounding therefore cannot move an end value out of
+# the line.
 SLACK = 1e-9
 
 

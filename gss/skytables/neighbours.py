@@ -1,8 +1,8 @@
 """Neighbour links: a star list as a network that a search can follow (Moniteq 1983 §6.1).
 
 The stars lie on a sphere, and each edge of their convex hull links two neighbours. All faces are triangles, so n stars
-have 3n − 6 links. The document builds the hull with the algorithm of Preparata and Hong; the result does not depend on
-the algorithm.
+have 3n − 6 links. The document computes the hull with the algorithm of Preparata and Hong, but the result does not
+depend on the algorithm.
 """
 
 from __future__ import annotations

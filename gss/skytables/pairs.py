@@ -92,7 +92,8 @@ def _pairs_within(unit: Array, chord: float) -> tuple[NDArray[np.int32], NDArray
 
 
 def _chord(unit: Array, first: NDArray[np.int32], second: NDArray[np.int32]) -> Array:
-    """Return the chord lengths. One axis at a time, this needs a third of the memory traffic of gathering rows."""
+    """Return the chord lengths. The axes are processed one at a time, which needs a third of the memory traffic of
+    gathering rows."""
     squared = np.zeros(len(first))
     for axis in unit.T:
         step = axis[first] - axis[second]

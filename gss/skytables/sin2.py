@@ -1,7 +1,8 @@
 """Pairs of catalogue stars by sin²θ, with a k-vector for search-free range look-up (Huffman 2006 §5.5.4).
 
-sin²θ needs no arccosine on board, is twice as sensitive as cos θ at small angles (eq. 6.6) and increases nearly linearly
-over the sorted table, as the k-vector's straight line requires. It is monotonic up to 90° only.
+With sin²θ, no arccosine is needed on board. It is twice as sensitive as cos θ at small angles (eq. 6.6). Over the
+sorted table it increases nearly linearly, as the straight line of the k-vector requires. It is monotonic only up to
+90°.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ class Sin2Directory:
 
 
 def sin2_directory(table: DistanceTable, stars: int) -> Sin2Directory:
-    """Build the directory of a distance table of ``stars`` stars, in the table's order. Raises BadInput for distances
-    beyond 90°."""
+    """Build the directory of a distance table of ``stars`` stars, in the order of the table. Raises BadInput for
+    distances beyond 90°."""
     if len(table) and float(table.distance_rad[-1]) > np.pi / 2:
         raise BadInput(
             "sin²θ does not distinguish pairs beyond 90°",
@@ -66,7 +67,8 @@ def sin2_of(unit_a: Array, unit_b: Array) -> Array:
 
 
 def sin2_interval(sin2: Array, tolerance_rad: Array) -> tuple[Array, Array]:
-    """Return the lower and upper ends (n,) of sin² for angles within ``tolerance_rad`` (n,) of the measured ones, below 90°."""
+    """Return the lower and upper ends (n,) of sin² for angles within ``tolerance_rad`` (n,) of the measured angles,
+    which are below 90°."""
     angle = np.arcsin(np.sqrt(np.clip(sin2, 0.0, 1.0)))
     low = np.sin(np.maximum(angle - tolerance_rad, 0.0))
     high = np.sin(np.minimum(angle + tolerance_rad, np.pi / 2))

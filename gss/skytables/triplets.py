@@ -3,8 +3,8 @@
 
 A star is identified by the distances to its two nearest neighbours and the angle between them, each rounded down to a
 class. Position errors, neighbours near the detection limit, and a changed order of the neighbours can alter the
-measured features. The database therefore also contains these altered features. This module holds the definitions that
-image processing and database generation share.
+measured features. The database therefore also contains these altered features. This module contains the definitions
+that image processing and database generation share.
 """
 
 from __future__ import annotations
@@ -196,8 +196,8 @@ def find_constellations(
     """Find every constellation that can be measured in a star list with directions (n, 3) and magnitudes (n,).
     Duplicates (equal kind, star and classes) are removed.
 
-    Stars without a magnitude (NaN) count as certain. ``blend_rad``: a companion closer than this merges with the
-    brighter star, so the fainter one may not be detected; Liebe 1992 treats double stars the same way. ``max_rad``:
+    Stars without a magnitude (NaN) are treated as certain. ``blend_rad``: distance below which a companion merges with
+    the brighter star. The fainter star can then be missed; Liebe 1992 treats double stars in the same way. ``max_rad``:
     largest distance of a neighbour, limited by what one frame can show.
     """
     unit = np.asarray(icrs, float)
@@ -212,8 +212,8 @@ def find_constellations(
         kind, owner, first, second = _constellations(unit[rows], certain, classes.uncertainty_rad, max_rad)
         measured = features(unit[rows][owner], unit[rows][first], unit[rows][second])
         table = np.unique(np.column_stack([kind, rows[owner], *_classes(*measured, classes)]), axis=0)
-        # A constellation one class beyond the last still expands into the last class; constellations farther out do
-        # not.
+        # A constellation that is one class beyond the last class expands into the last class. Constellations that are
+        # farther out do not.
         table = table[table[:, 3] <= MAX_DISTANCE + 1]
     star, first_class, second_class, low, high = (column.astype(np.int32) for column in table.T[1:])
     return Constellations(
@@ -232,8 +232,8 @@ def find_constellations(
 
 
 def _companions(unit: Array, mag: Array, blend_rad: float) -> NDArray[np.bool_]:
-    """Return the (n,) mask of stars with a brighter star within ``blend_rad``. Of two equally bright stars, the later
-    one is marked."""
+    """Return the (n,) mask of stars with a brighter star within ``blend_rad``. If two stars are equally bright, the
+    later star is marked."""
     fainter = np.zeros(len(unit), bool)
     if blend_rad > 0:
         pairs = cKDTree(unit).query_pairs(2 * np.sin(blend_rad / 2), output_type="ndarray")
@@ -315,6 +315,6 @@ def _spread(
     first_class, second_class, angle_class, constellation = np.broadcast_arrays(
         a[:, None, None] + step[:, None], b[:, None, None] + step, angle[:, None, None], index[:, None, None]
     )
-    # Measured distances are always sorted, so the first class never exceeds the second.
+    # Measured distances are always sorted, so the first class is never above the second.
     possible = (first_class >= 0) & (first_class <= second_class) & (second_class <= MAX_DISTANCE)
     return constellation[possible], pack(first_class[possible], second_class[possible], angle_class[possible])

@@ -42,7 +42,7 @@ def user_named(session: Session, name: str) -> User | None:
 
 
 def name_key(name: str) -> str:
-    """Return the normalized form of a name. Names with equal normalized forms count as equal."""
+    """Return the normalized form of a name. Two names with the same normalized form are treated as equal."""
     return unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
 
 

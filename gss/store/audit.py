@@ -28,7 +28,7 @@ SQLITE_TRIGGERS = {
     "WHEN EXISTS (SELECT 1 FROM audit WHERE seq = NEW.seq OR previous = NEW.previous) "
     "BEGIN SELECT RAISE(ABORT, 'the audit record is append-only'); END",
 }
-"""Text of the triggers that migration 0004 creates. A trigger with another text does not count as protection."""
+"""Text of the triggers that migration 0004 creates. A trigger with another text is reported as missing."""
 POSTGRES_ACTIVE_TRIGGERS = (
     "SELECT tgname FROM pg_trigger JOIN pg_proc ON pg_proc.oid = tgfoid WHERE tgrelid = 'audit'::regclass"
     " AND tgenabled IN ('O', 'A') AND tgqual IS NULL"

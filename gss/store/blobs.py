@@ -1,8 +1,8 @@
 """Content-addressed storage of pixels and flash images in a folder or an object store (``s3://bucket/prefix``).
 
 The bytes are stored under their hash, so equal content is stored once and no user-chosen name reaches the disk. The
-hash is calculated from the plain bytes. The file contains them compressed if that saves space, otherwise plain; all
-files of versions before 0.5 are plain.
+hash is calculated from the plain bytes. A file contains the compressed bytes if compression saves space, otherwise the
+plain bytes. All files of versions before 0.5 contain plain bytes.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from gss.store.deadline import DeadlineCalls
 from gss.store.durable import sync_path
 
 TIMEOUT_S = 20.0
-"""An object store that does not respond within this time counts as down. The limit of a complete request is twice this
-time plus ``MARGIN_S`` and one second per megabyte."""
+"""Time without a response after which an object store is treated as down. The limit of a complete request is twice this
+time, plus ``MARGIN_S``, plus one second per megabyte."""
 SLOWEST_BYTES_S = 1e6
 MARGIN_S = 5.0
 MAX_READ_S = 40.0
@@ -61,7 +61,7 @@ class BlobStore:
         self._is_folder = isinstance(self._fs, LocalFileSystem)
         self._calls = DeadlineCalls(2 * timeout_s + MARGIN_S)
         if hasattr(self._fs, "retries"):
-            self._fs.retries = ATTEMPTS  # the default of s3fs, five retries, would block a page for minutes
+            self._fs.retries = ATTEMPTS  # five retries, the default of s3fs, would block a page for minutes
         if self._is_folder:
             if not self._fs.exists(self._root):  # a copied folder can be read-only
                 self._fs.makedirs(self._root, exist_ok=True)
@@ -88,7 +88,8 @@ class BlobStore:
         path = self._path(key)
         with self._storage_errors():
             if not self._is_folder:
-                # An existing object is written again: the write is atomic and costs no more than a read for comparison.
+                # An existing object is written again, because the write is atomic and takes no longer than a read for
+                # comparison.
                 content = compressed(data, item_bytes) or bytes(data)
                 self._call(lambda: self._fs.pipe_file(path, content), len(content) / SLOWEST_BYTES_S)
             elif not self._has_intact(path, data):
@@ -104,8 +105,8 @@ class BlobStore:
         return bool(content == data or decompressed(content) == data)
 
     def _write(self, path: str, data: bytes | memoryview) -> None:
-        """Write to a temporary file, then rename it, because two requests can write the same bytes at the same time and
-        a crash must not leave a partial file. The file and its folder entry are flushed to the disk before the function
+        """Write to a temporary file, then rename it. Two requests can write the same bytes at the same time, and a
+        crash must not leave a partial file. The file and its folder entry are flushed to the disk before the function
         returns, so that no row refers to a missing file."""
         folder = path.rsplit("/", 1)[0]
         is_new = not self._fs.exists(folder)

@@ -12,7 +12,7 @@ from gss.store.models import Choice
 
 TRUSTED_TIME = "upkeep.trusted-time"
 AUDIT_ANCHOR = "audit.anchor"
-"""Name of the choice that exists if the audit log has ever had an anchor file."""
+"""Name of the choice that is stored when the audit log gets an anchor file."""
 
 
 def trusted_time(session: Session) -> datetime | None:

@@ -1,10 +1,10 @@
 """Lossless compression of stored bytes with zstd level 1. The bytes of multi-byte items are first separated into
 planes.
 
-Star frames are mostly noise, so the entropy of the noise limits their compressed size. On rendered frames of all
-shipped cameras zstd reaches 1.0 to 1.2 times the entropy of single pixels in 1 to 3 ms per 512 KiB. Compression of
-differences between neighbouring pixels adds half a bit of noise to every pixel and gave larger files for every frame;
-zlib takes 5 to 8 ms.
+Star frames are mostly noise, so the entropy of the noise limits their compressed size. For rendered frames of all
+shipped cameras, zstd reaches 1.0 to 1.2 times the entropy of single pixels, and takes 1 to 3 ms per 512 KiB.
+Compression of differences between neighbouring pixels adds half a bit of noise to every pixel and gave larger files for
+every frame; zlib takes 5 to 8 ms.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ MAX_ITEM_BYTES = 16
 
 def compressed(data: bytes | memoryview, item_bytes: int = 1) -> bytes | None:
     """Return the compressed form, or None if it is not clearly smaller. ``item_bytes``: size of a number in ``data``.
-    Content that starts with ``MAGIC`` is always compressed, so that plain content is never mistaken for compressed
-    content."""
+    Content that starts with ``MAGIC`` is always compressed. Otherwise it would be read as compressed content."""
     size = len(data)
     starts_with_magic = bytes(data[: len(MAGIC)]) == MAGIC
     if size < MIN_BYTES and not starts_with_magic:

@@ -17,7 +17,7 @@ from gss.domain.errors import StoreDown
 T = TypeVar("T")
 MAX_UNFINISHED = 16
 PAUSE_S = 5.0
-"""After a call reaches its deadline, further calls fail immediately for this time."""
+"""Time for which further calls fail immediately after a call has reached its deadline."""
 
 
 class DeadlineCalls:

@@ -75,7 +75,7 @@ def update_contact(
     for name, value in values.items():
         if value is not None:
             setattr(contact, name, value)
-    if ended is not None:  # the clock can be set back, but a contact must not end before its start
+    if ended is not None:  # a contact must not end before its start, even if the clock was set back
         contact.ended = max(ended, contact.started)
 
 

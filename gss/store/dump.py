@@ -48,7 +48,7 @@ def dump(url: str, file: Path, cancelled: Callable[[], bool] = never) -> None:
             _copy_sqlite(Path(make_url(url).database or ""), file, cancelled)
         else:
             _run("pg_dump", url, ["--no-owner", "--no-privileges", "--file", str(file)])
-    except BaseException:  # includes KeyboardInterrupt, which must not leave a partial copy
+    except BaseException:  # includes KeyboardInterrupt: an interrupted dump must not leave a partial copy
         file.unlink(missing_ok=True)
         raise
 

@@ -34,7 +34,8 @@ QUICK_CHECK_BYTES = 512 << 20
 LOCK_WAIT_MS = 5000
 """Longest wait for a lock of another transaction, on both databases."""
 MAX_WAL_BYTES = 64 << 20
-"""A write-ahead log that a long read made larger is cut to this size once it has been merged into the database."""
+"""Size to which the write-ahead log is cut after it has been merged into the database. A long read can make the log
+larger."""
 DAMAGED_HINT = (
     "stop the server and keep the folder unchanged; run `gss check store` for details and `gss restore` to restore a backup; "
     "the raw captures contain data received after the backup"
@@ -103,8 +104,8 @@ def _sync_each_commit(connection: Any, _record: Any, _proxy: Any) -> None:
 
 def open_for_migration(url: str) -> Engine:
     """Return an engine whose transactions include schema changes, so that the old schema stays intact if the server is
-    killed during a migration. In SQLite, foreign key checks are off, because they would treat the copy that alters a
-    table as deletions."""
+    killed during a migration. In SQLite, foreign key checks are off. SQLite alters a table by copying it, and the
+    checks would treat this as a deletion of its rows."""
     engine = open_engine(url)
     if url.startswith("sqlite"):
         event.listen(engine, "connect", _enable_schema_transactions)
@@ -113,7 +114,7 @@ def open_for_migration(url: str) -> Engine:
 
 
 def _enable_schema_transactions(connection: Any, _record: Any) -> None:
-    connection.isolation_level = None  # otherwise the driver commits before each schema change
+    connection.isolation_level = None  # by default, the driver commits before each schema change
     connection.execute("PRAGMA foreign_keys=OFF")
 
 

@@ -204,8 +204,8 @@ def newest_ground_attitude(session: Session) -> tuple[Frame, Solution] | None:
 
 def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:
     """Make the oldest solution of ``chain`` operational for each frame without an operational solution. Only solutions
-    with the default constants and the frame's camera are considered. Call this after the rows were added, because an
-    SQLite transaction that begins with a write excludes other writers."""
+    with the default constants and the frame's camera are considered. Call this after the rows were added: an SQLite
+    transaction that begins with a write excludes other writers."""
     _lock(session, frame_ids)
     pinned = select(Solution.frame_id).where(Solution.operational)
     oldest = (

@@ -21,7 +21,7 @@ def newest(
 
 
 def every(session: Session, query: Select[Row], number: InstrumentedAttribute[int]) -> Iterator[Row]:
-    """Yield all rows, oldest first, read in batches. Rows are expunged after use, so that memory use is bounded."""
+    """Yield all rows, oldest first, read in batches. Rows are expunged after use to limit the memory."""
     last_number = 0
     while rows := list(session.scalars(query.where(number > last_number).order_by(number).limit(BATCH))):
         yield from rows

@@ -81,8 +81,8 @@ def rows(
 
 
 def _value(name: str) -> ColumnElement[Any]:
-    """Return the column expression for a field of a packet's values. The operator -> exists in both databases and keeps
-    all digits of a number; SQLAlchemy's function for SQLite keeps only fifteen."""
+    """Return the column expression for a field of a packet's values. The operator -> exists in both databases and
+    preserves all digits of a number. SQLAlchemy's function for SQLite preserves only fifteen digits."""
     if sqlite3.sqlite_version_info < (3, 38):
         return TelemetryPacket.values[name]
     return TelemetryPacket.values.op("->", return_type=JSON())(literal(name, String()))

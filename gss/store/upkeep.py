@@ -127,7 +127,7 @@ def _stored_bytes() -> ColumnElement[int]:
 
 
 def used_by_studies(session: Session) -> set[int]:
-    """Return the ids of frames used by calibrations and analyses, whose results can be verified only while the pixels
+    """Return the ids of frames used by calibrations and analyses. Their results can be verified only while the pixels
     exist."""
     used: set[int] = set()
     for model in (Calibration, Analysis):
@@ -152,7 +152,7 @@ def remove_pixels(session: Session, frame_ids: Sequence[int], at: datetime) -> N
 
 @dataclass(frozen=True)
 class Amounts:
-    """Numbers of stored frames (with pixels), frames_bytes, packets and events. ``arrived``: the part that was stored
+    """Numbers of stored frames (with pixels), frames_bytes, packets and events. ``arrived``: amounts that were stored
     after the last removal."""
 
     stored: dict[str, int]
@@ -241,7 +241,7 @@ def thin_packets(
         else:
             last, last_kept = bucket, received
     _remove(session, removed)
-    # The next call starts at the kept packet, so that later packets in the same interval are also deleted.
+    # The next call starts at the kept packet, so later packets in the same interval are deleted too.
     return len(removed), last_kept if len(packets) == limit else None
 
 

@@ -62,7 +62,7 @@ class BaseServices:
 
     @property
     def upkeep_lock(self) -> Path:
-        """Lock file that a backup or a removal of data holds, so that they do not run at the same time."""
+        """Lock file of backups and removals of data. It prevents them from running at the same time."""
         return self.settings.data / "upkeep.lock"
 
 

@@ -45,8 +45,8 @@ def open_frames(base: BaseServices, line: Line, transfers: Transfers) -> Frames:
         blobs,
         base.bus,
         solver,
-        # Overlays and verdicts need current star positions, because with the positions at the catalogue's epoch a star at the
-        # edge can be outside the frame.
+        # Overlays and verdicts need current star positions. With the positions at the catalogue's epoch, a star at the
+        # edge could be outside the frame.
         cache.stars(epoch_jyear),
         base.clock.now,
         base.settings.solve_chain,

@@ -1,9 +1,9 @@
 """Operational ground results: one pinned solution per frame, and the camera that was assumed for each solution
 
-Existing frames get, in this order: the oldest solution of the configured chain (GSS_SOLVE_CHAIN) that was made at
-reception or from the page; the newest one of any other chain that was not made by a campaign; the oldest one of a
-campaign with the configured chain. Campaigns store no grid with their solutions, which distinguishes them. Reruns of
-the sensor's own chain are never pinned.
+An existing frame gets the first of these solutions that exists: the oldest solution of the configured chain
+(GSS_SOLVE_CHAIN) that was computed at reception or from the page; the newest solution of another chain that was not
+computed by a campaign; the oldest solution that a campaign computed with the configured chain. Solutions of campaigns
+are recognized because they have no stored grid. Reruns of the sensor's own chain are never pinned.
 """
 
 from __future__ import annotations

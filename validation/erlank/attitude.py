@@ -22,7 +22,7 @@ from validation.erlank.matching import Bench, bench
 from validation.erlank.sky import BANK_MAG, Drawing, in_view, random_attitude, star_image
 
 PAPER_CROSS_DEG, PAPER_ABOUT_DEG = 0.004, 0.02
-# At this low threshold only the 5 x 5 grid limits a star, as in the first row of the rerun of §4.1.6.
+# With this low threshold, all pixels of the 5 x 5 grid belong to the star, as in the first row of the rerun of §4.1.6.
 LOW_THRESHOLD_DN = 1.0
 
 Draw = Callable[[Array, np.random.Generator], NDArray[np.uint8]]

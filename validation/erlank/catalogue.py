@@ -22,7 +22,7 @@ FIG_3_8_LIMITS_MAG = (3.0, 3.5, 4.0, 4.5, 5.0, 5.5)
 
 
 def erlank_3_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Count stars against limiting magnitude (Erlank 2013 Table 3.6)."""
+    """Count stars as a function of the limiting magnitude (Erlank 2013 Table 3.6)."""
     shape = CircularField(float(np.radians(21.0)))
     rows: list[tuple[Cell, ...]] = []
     for k, (limit, three, five, mean) in enumerate(ERLANK_3_6):

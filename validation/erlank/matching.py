@@ -1,4 +1,5 @@
-"""Success of geometric voting against magnitude cutoff and false stars (Erlank 2013 §4.3.5, Tables 4.4 and 4.5)."""
+"""Success of geometric voting as a function of the magnitude cutoff and of the number of false stars (Erlank 2013
+§4.3.5, Tables 4.4 and 4.5)."""
 
 from __future__ import annotations
 

@@ -60,13 +60,13 @@ class Weather:
 
 WEATHER = (
     Weather("no air"),
-    # 19 mag per square arcsecond is V 7.7 in a pixel of 184″, and 155 e/s behind this lens.
+    # A sky of 19 mag per square arcsecond gives V 7.7 in a pixel of 184″, which is 155 e/s with this lens.
     Weather("semi-urban night", 0.2, 3.0 * ARCSEC_RAD, 155.0),
     Weather("the same, calibration off by 1 σ", 0.2, 3.0 * ARCSEC_RAD, 155.0, 1.0),
     Weather("semi-urban, document's tracking and lens", 0.2, 3.0 * ARCSEC_RAD, 155.0, 0.0, True),
 )
-# Values that the toolbox prints after k1, k2, p1 and p2. They are about three σ according to its manual; the document
-# calls them uncertainties.
+# Values that the toolbox prints after k1, k2, p1 and p2. According to the manual of the toolbox, they are about three
+# σ. The document calls them uncertainties.
 LENS_SIGMA = (0.01004, 0.03556, 0.00163, 0.00085)
 
 

@@ -99,9 +99,9 @@ def star_image(pixels: Array, camera: Camera, drawing: Drawing | None = None) ->
 def document_rows(
     unit_cam: Array, bank: OnboardCatalogue, hint: AttitudePrior | None, tolerance_rad: float = TOLERANCE_RAD
 ) -> NDArray[np.intp]:
-    """Return the (n,) catalogue row of each of (n, 3) directions, −1 if unmatched, with the document's acceptance. It
-    accepts every star whose verification votes are within one of the highest count (§4.3.3), without a test of the
-    whole set."""
+    """Return the (n,) catalogue row of each of (n, 3) directions, −1 if unmatched, with the document's acceptance. The
+    document accepts every star whose number of verification votes differs by at most one from the highest number
+    (§4.3.3), without a test of the whole set."""
     table = bank.distances
     if hint is not None:
         table = reduced_table(table, bank.icrs @ hint.boresight_icrs >= np.cos(ASSISTED_RAD))

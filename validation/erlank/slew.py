@@ -1,5 +1,5 @@
-"""Slew test of CubeStar: attitudes, modes and measured rates against the commanded rate (Erlank 2013 §6.2, Fig.
-6.5)."""
+"""Slew test of CubeStar: attitudes, modes and measured rates as a function of the commanded rate (Erlank 2013 §6.2,
+Fig. 6.5)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Reruns of Huffman's centroid studies: error against PSF width and SNR, and maximum likelihood against the weighted sum."""
+"""Reruns of Huffman's centroid studies: error as a function of PSF width and SNR, and comparison of maximum likelihood
+with the weighted sum."""
 
 from __future__ import annotations
 
@@ -25,8 +26,8 @@ TIMES_4_2 = {1: (5.74, 81.07), 2: (5.10, 77.57), 3: (2.81, 74.56), 4: (1.61, 67.
 
 
 def huffman_4_4(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Measure centroid error against PSF width and SNR (Huffman 2006 §4.2.2, Figs. 4.4, 4.5, eq. 4.2). ``trials``: stars per
-    cell."""
+    """Measure the centroid error as a function of PSF width and SNR (Huffman 2006 §4.2.2, Figs. 4.4, 4.5, eq. 4.2).
+    ``trials``: stars per cell."""
     rows: list[tuple[Cell, ...]] = []
     series = []
     for k, snr in enumerate((float("inf"), *SNRS)):

@@ -27,8 +27,8 @@ FRAMES = 14
 
 @dataclass(frozen=True)
 class Preset:
-    """One of the document's parameter tables. ``gain``: the factor g of eq. 3.4, which counts electrons twice (dossier
-    E1). ``dark_sigma_e``, ``read_sigma_e``: standard deviation of the dark current and of the read-out."""
+    """One of the document's parameter tables. ``gain``: the factor g of eq. 3.4, with which electrons are counted twice
+    (dossier E1). ``dark_sigma_e``, ``read_sigma_e``: standard deviation of the dark current and of the read-out."""
 
     lens_m2: float
     ffsr_a_w: float

@@ -208,8 +208,8 @@ def _distances(frames: Sequence[FrameStars], camera: Camera) -> _DistanceErrors:
 
 
 def _light(frames: Sequence[FrameStars], camera: Camera, parameters: SunsatParameters) -> PhotometricCalibration:
-    """Calibrate the photometry. The chain's brightness includes k_area. It is removed first, because the calibration
-    fits it."""
+    """Calibrate the photometry. The brightness of the chain includes k_area. This term is removed first, because the
+    calibration fits k_area."""
     above = [replace(f, flux_dn=f.flux_dn - parameters.k_area * f.area_px * parameters.threshold_dn) for f in frames]
     return calibrate_photometry(above, camera, threshold_above_dark_dn=parameters.threshold_dn, limits_mag=LIMITS_MAG)
 

@@ -61,7 +61,8 @@ def random_attitude(limits: AngleRanges, rng: np.random.Generator) -> Array:
 
 def sub_catalogue(stars: StarTable, limits: AngleRanges, camera: Camera, rng: np.random.Generator) -> StarTable:
     """Return the stars to V 6 that can be in view (§5.2.1). The document steps through all combinations and marks
-    blocks of 1°. This function draws enough random attitudes to make the gaps at the edge smaller than these blocks."""
+    blocks of 1°. This function draws random attitudes. Their number makes the gaps at the edge smaller than these
+    blocks."""
     bright = stars.brighter_than(LIMITING_MAG)
     corners = camera.corners()
     edges = np.cross(corners, np.roll(corners, -1, axis=0))

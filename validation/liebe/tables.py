@@ -110,8 +110,8 @@ def liebe_3(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
     """Measure the accuracy of the predictional estimate by kind of error. ``trials``: images per row."""
     bank, camera = catalogue(stars), instrument().camera
     ours = default_parameters(instrument())
-    # The document pairs every star with the nearest catalogue star, so the fine radius is the possible error of the
-    # false stars.
+    # The document pairs every star with the nearest catalogue star. To do the same, the fine radius is set to the
+    # largest possible error of a false star.
     document = replace(ours, acceptance="document", uncertainty_rad=5 * ours.uncertainty_rad)
     rows: list[tuple[Cell, ...]] = []
     for k, situation in enumerate(SITUATIONS):

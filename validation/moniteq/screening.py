@@ -15,8 +15,8 @@ from gss.catalogue_tools.selection.screening import (
 from gss.domain.experiment import Cell, Experiment, Progress, share_text
 from gss.domain.stars import StarTable
 
-# The density of stars to magnitude 6.5 reproduces the document's figures, although its text specifies stars within 0.5
-# mag of magnitude 6.
+# The figures of the document result from the density of stars to magnitude 6.5, although the text specifies stars
+# within 0.5 mag of magnitude 6.
 LIMIT_MAG, CENTRE_MAG = 6.49, 6.0
 
 

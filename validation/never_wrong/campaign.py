@@ -66,8 +66,8 @@ def keys(run_campaign: CampaignSettings) -> list[Shard | FrameShard]:
 
 
 def read(file: Path) -> dict[Shard | FrameShard, dict[str, Any]]:
-    """Return the completed shards. If a shard has two records, the newer one is returned. A line cut off by a crash is
-    ignored."""
+    """Return the completed shards. If a shard has two records, the newer record is returned. A line that a crash has
+    truncated is ignored."""
     done: dict[Shard | FrameShard, dict[str, Any]] = {}
     if not file.is_file():
         return done

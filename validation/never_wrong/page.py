@@ -32,7 +32,7 @@ Cells = dict[tuple[str, str, str], dict[tuple[int, int], Counter[str]]]
 
 
 def page(settings: CampaignSettings, done: dict[Any, dict[str, Any]]) -> str:
-    """Return the page as Markdown. Only shards of this campaign count. Missing shards are reported."""
+    """Return the page as Markdown. Only shards of this campaign are included. The page reports missing shards."""
     used = selected(done, settings)
     cells: Cells = defaultdict(lambda: defaultdict(Counter))
     for key in used:

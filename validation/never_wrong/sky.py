@@ -190,7 +190,8 @@ def shown(subject: Subject, fault: Fault, attitude: Array, rng: np.random.Genera
 
 
 def _flux_dn(setting: Setting, profile: CameraProfile, v_mag: Array) -> Array:
-    """Return fluxes on the scale from which the chain computes magnitudes. Other chains only compare brightness."""
+    """Return fluxes on the scale from which the chain computes magnitudes. For chains that only compare brightness, the
+    scale has no effect."""
     if setting.chain == "sunsat":
         return brightness_dn(v_mag, sunsat_parameters(profile))
     if setting.chain == "aim":

@@ -74,7 +74,7 @@ def injection(stars: StarTable, trials: int, seed: int, progress: Progress) -> E
     """Render a unit with each error, compute its sheet, and compare. ``trials``: random pointings of each unit."""
     deep = stars.brighter_than(7.0)
     sky = reference.known_sky(SkyCatalogue(deep.hip, deep.icrs, deep.v_mag), CAMERA, LIMIT_MAG)
-    # Stars with companions within the spot are excluded, because their error would be part of every row.
+    # Stars that have companions within their spot are excluded, because their error would contribute to every row.
     alone = stars.take(np.flatnonzero(np.isin(stars.hip, sky.sky.hip)))
     cases = _cases(alone)
     rows: list[tuple[Cell, ...]] = []
@@ -128,7 +128,7 @@ def _cases(stars: StarTable) -> list[_Case]:
         _Case("aberration not corrected", "aberration", unit, 1.0, corrected=False),
         _Case("late time stamps", "date", replace(unit, date_s=DATE_S), DATE_S),
         _Case("every tenth frame covered", "acquisition", unit, 1 / COVERED, covered=COVERED, beside=("tracking",)),
-        # Nine of ten frames are solved, and one of the nine is followed by the covered frame.
+        # Nine of ten frames are solved. After one of the nine, the covered frame follows.
         _Case(
             "every tenth frame covered", "tracking", unit, 1 / (COVERED - 1), covered=COVERED, beside=("acquisition",)
         ),

@@ -29,7 +29,7 @@ FAINTER_MAG, DEEPEST_MAG = 2.5, 8.0
 CHIP_SEED = 1
 CYCLES_PER_FRAME = 0.2
 STARTS = 5
-# The axis is oblique, so stars both cross the field and rotate about its centre.
+# The axis is oblique, so stars cross the field and also rotate about its centre.
 AXIS = np.array([0.6, 0.6, np.sqrt(0.28)])
 SMEAR_PX = 0.88
 
@@ -38,8 +38,8 @@ SMEAR_PX = 0.88
 class DocumentedUnit:
     """Statements of a document about its unit. ``lost``, ``tracking``: success, accuracy and processing time, lost in
     space and in tracking. ``rates_deg_s``: rates in °/s up to the rate in the document. ``hint_deg``: largest error of
-    the attitude from which its cycle starts; 0: it starts lost in space. ``shortens``: the exposure is shortened until
-    a star moves ``SMEAR_PX`` (Moniteq 1983 §4.2)."""
+    the attitude with which the cycle starts; 0: the cycle starts lost in space. ``shortens``: True if the exposure is
+    shortened until a star moves by ``SMEAR_PX`` (Moniteq 1983 §4.2)."""
 
     name: str
     lost: str

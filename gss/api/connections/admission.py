@@ -1,8 +1,8 @@
-"""Decide which connections stay open when there are too many.
+"""Determines which connections stay open if there are too many.
 
-A new connection is unauthenticated until its first request, so it is always accepted; if the limit is exceeded, an
-older unauthenticated connection is dropped. An authenticated connection is dropped only if a further connection becomes
-authenticated above the limit for authenticated ones, and only while it waits for its client.
+A new connection is unauthenticated until its first request. It is always accepted, and if the limit is exceeded, an
+older unauthenticated connection is dropped. If a connection becomes authenticated and the limit for authenticated
+connections is exceeded, an authenticated connection that waits for its client is dropped.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from ipaddress import IPv6Address, ip_address
 
 log = logging.getLogger("gss.connections")
 DESCRIPTORS_SHARE = 2
-"""Divisor of the number of file descriptors: this share is for connections, the remainder for files, the database and
-the line."""
+"""Divisor of the number of file descriptors. The quotient is the share for connections; the remaining descriptors are
+for files, the database and the line."""
 UNAUTHENTICATED_SHARE = 2
-"""Divisor of the number of connections: this share can be unauthenticated; the remainder is reserved for signed-in
-users."""
+"""Divisor of the number of connections. The quotient is the share of unauthenticated connections; the remaining
+connections are reserved for signed-in users."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class ConnectionLimits:
 
 
 class Connection:
-    """An accepted connection. Until its TLS handshake ends there is no transport, only the socket."""
+    """An accepted connection. Until the TLS handshake ends, it has only a socket and no transport."""
 
     def __init__(
         self, accepted: socket.socket | None, origin: str, authenticated: Callable[[Connection], None]

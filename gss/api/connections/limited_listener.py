@@ -14,7 +14,8 @@ from gss.api.connections.admission import Connections
 log = logging.getLogger("gss.connections")
 OUT_OF_RESOURCES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 MAX_DESCRIPTORS = 1024
-"""FD_SETSIZE: pyserial watches the port with select(), which fails for this and higher descriptor numbers."""
+"""FD_SETSIZE. pyserial watches the port with select(), which fails for descriptors with this number or a higher
+number."""
 ACCEPTED_IN_A_ROW = 4
 """Connections accepted per iteration of the event loop. asyncio reads from a new connection a few iterations later. The
 limit prevents newer connections from displacing a connection whose request has arrived but has not been read."""
@@ -23,7 +24,7 @@ SILENT_S = 5
 
 
 class LimitedListener(socket.socket):
-    """Listening socket that takes over another socket's descriptor and reports accepted connections to
+    """Listening socket that takes over the descriptor of another socket. It reports accepted connections to
     ``connections``."""
 
     def __init__(self, connections: Connections, descriptor: int) -> None:

@@ -1,6 +1,5 @@
-"""HTTP with time limits for clients that begin a request and do not complete it.
-
-uvicorn closes an idle connection after some seconds but waits without limit for the remainder of a request.
+"""HTTP with time limits for clients that begin a request and do not complete it. uvicorn closes an idle connection
+after some seconds, but waits for the remainder of a request without a limit.
 """
 
 from __future__ import annotations
@@ -73,8 +72,8 @@ class TimedHttp(H11Protocol):
 
     def send_400_response(self, msg: str) -> None:
         """Send a 400 response for invalid bytes. If the bytes are in the body of a request whose response is in
-        progress, report to the application that the client has disconnected: uvicorn alone would raise and log one
-        error here and one in the application."""
+        progress, report to the application that the client has disconnected: without this, uvicorn would log one error
+        here and one in the application."""
         if self._is_answering():
             self.cycle.disconnected = True
             self.cycle.message_event.set()

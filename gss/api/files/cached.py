@@ -15,8 +15,9 @@ BLOCK_BYTES = 1 << 18
 def revalidated(request: Request, content_hash: str, build: Callable[[], Response]) -> Response:
     """Return 304 if the browser has this content, else the response that ``build`` returns, with its ETag.
 
-    The tag covers the URL and ``content_hash``, so the browser never shows outdated content if a restore replaced the
-    content of an id. Because the browser must revalidate, it shows nothing after sign-out.
+    The ETag is computed from the URL and ``content_hash``. Therefore the browser does not show outdated content after a
+    restore has replaced the content of an id. The browser must revalidate, so it shows nothing after the user has
+    signed out.
     """
     tag = hashlib.sha256(f"{request.url.path}?{request.url.query} {content_hash}".encode()).hexdigest()[:32]
     headers = {"ETag": f'"{tag}"', "Cache-Control": "private, no-cache"}

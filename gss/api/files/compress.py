@@ -11,7 +11,7 @@ MIN_BYTES = 2048
 LEVEL = 4
 KINDS = ("application/json", "text/html", "text/csv", "text/plain")
 NEVER = ("/api/session",)
-"""Responses that contain a secret are not compressed: their length could reveal it."""
+"""Responses that contain a secret are not compressed, because the compressed length could reveal the secret."""
 
 
 class Compress:

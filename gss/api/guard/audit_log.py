@@ -95,8 +95,9 @@ class AuditRecorder:
 
 class UnauthenticatedSampler:
     """Limits the rows of denied and failed requests to one per minute and key, so that they cannot fill the disk. The
-    row states how many requests were omitted. The key is the action with the client address or, for a signed-in user
-    over a rate limit, with the user name. Unauthenticated requests over a rate limit are not recorded."""
+    row states how many requests were omitted. The key consists of the action and the client address. For a signed-in
+    user over a rate limit, it consists of the action and the user name. Unauthenticated requests over a rate limit are
+    not recorded."""
 
     MAX_KEYS = 2000
 

@@ -22,7 +22,7 @@ MAX_OPEN_BODY_BYTES = 64 << 10
 
 def ambiguous_length(headers: Headers) -> Response | None:
     """Return a 400 response that closes the connection if a request declares its length twice, else None. A proxy could
-    assume a different end of the request and treat the bytes after it as the request of another user (RFC 9112
+    assume a different end of the request, and treat the bytes after this end as the request of another user (RFC 9112
     §6.1)."""
     if "transfer-encoding" in headers and "content-length" in headers:
         return _closing(

@@ -19,7 +19,7 @@ HEADERS = {
     "Permissions-Policy": "camera=(), microphone=(), geolocation=(), usb=(), serial=()",
 }
 STRICT_TRANSPORT = ("Strict-Transport-Security", "max-age=31536000")
-"""Sent only with TLS. The browser then uses only HTTPS for this host."""
+"""Header that is sent only with TLS. A browser that has received it uses only HTTPS for this host."""
 
 
 class HeaderWriter:

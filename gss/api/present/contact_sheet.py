@@ -11,8 +11,8 @@ from gss.api.schemas.contacts import ReportOut
 from gss.operations.report.parts import Fact, Note, Number, Plot, Report, Section, Series, Table
 
 GAP_SHARE, GAP_S = 0.02, 12.0
-"""A plot line is interrupted between two samples if their distance exceeds both this share of the span and this
-time."""
+"""A plot line is interrupted between two samples if the time between them exceeds both this share of the span and this
+time in seconds."""
 
 
 def contact_sheet(report: ReportOut) -> Report:

@@ -80,7 +80,7 @@ def _title(path: Path) -> str:
 
 
 def _anchor(tokens: Sequence[Token]) -> list[tuple[str, str]]:
-    """Give every heading an id. Return (id, text) of the second-level headings."""
+    """Set the id of every heading. Return (id, text) of the second-level headings."""
     heads, used = [], set[str]()
     for opening, inline in pairwise(tokens):
         if opening.type != "heading_open":

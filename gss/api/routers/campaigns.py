@@ -28,7 +28,8 @@ router = api_router("campaigns", "/campaigns")
 
 @router.get("/experiments")
 def list_experiments(_: App) -> list[ExperimentOut]:
-    """Experiments from the documents that can be rerun. 409 if the package that contains them is not installed."""
+    """Experiments from the documents that can be rerun. The status is 409 if the package that contains the experiments
+    is not installed."""
     return [ExperimentOut(name=e.name, title=e.title, trials=e.trials) for e in experiments.entries()]
 
 

@@ -225,7 +225,7 @@ def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, caller: Current
 
 @router.post("/{frame_id}/solve", status_code=201, dependencies=[need("frames.solve")])
 def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
-    """Run a chain and store its result beside the operational one; with ``store`` false only return the result.
+    """Run a chain and store its result beside the operational result. With ``store`` false, only return the result.
 
     Without ``profile``, ``fov_deg`` or ``blind``, the frame's own profile is used; if it has none, the frame is solved
     blind.

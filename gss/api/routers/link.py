@@ -52,8 +52,8 @@ async def open_link(
     opening: Annotated[OneAtATime, Depends(_opening)],
 ) -> LinkOut:
     """Switch to another port. If it cannot be opened, the error is returned immediately and the current port stays
-    open. Only one line is opened at a time. Only an admin can open a remote address, unless the settings allow it or it
-    was opened before."""
+    open. Only one line is opened at a time. A user who is not an admin can open a remote address only if the settings
+    permit the address or it was opened before."""
 
     def open_now() -> LinkOut:
         audit_note(f"from {_port(app)} to {body.url}")

@@ -21,7 +21,7 @@ from gss.wiring.services import Services
 router = api_router("passes")
 Limit = Annotated[int, Query(ge=1, le=200)]
 ReportLimit = Annotated[int, Query(ge=1, le=20)]
-"""Rehearsals are returned with their complete reports."""
+"""Maximum number of rehearsals in a response, because each rehearsal is returned with its complete report."""
 
 
 @router.get("/pass-plans")

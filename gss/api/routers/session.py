@@ -25,7 +25,8 @@ SELF = need("view")
 
 
 def password_route(route: Callable[..., SessionOut]) -> Callable[..., Awaitable[SessionOut]]:
-    """Decorate a route that hashes a password. The route runs in the password queue, not in the request thread pool."""
+    """Decorate a route that hashes a password. The route then runs in the password queue instead of the request thread
+    pool."""
 
     @functools.wraps(route)
     async def queued(**arguments: Any) -> SessionOut:
@@ -52,9 +53,8 @@ def read_session(app: App, request: Request) -> SessionOut:
 def sign_in(app: App, request: Request, response: Response, body: SignInBody) -> SessionOut:
     """Sign in with a name and a password."""
     account = app.accounts.accounts.users.named(body.name)
-    request.state.named = (
-        account.name if account else "unknown name"
-    )  # never store the name as typed: it may be a password
+    # The typed name is not stored, because it can be a password.
+    request.state.named = account.name if account else "unknown name"
     address, agent = _from(request)
     opened = app.accounts.accounts.sessions.sign_in(
         body.name,

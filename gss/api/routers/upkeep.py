@@ -54,7 +54,8 @@ def read_retention(app: App) -> RetentionOut:
 
 @router.put("/admin/retention", dependencies=[need("admin.retention")])
 def choose_retention(app: App, user: User, body: RetentionPolicy, audit_note: AuditNote) -> RetentionOut:
-    """Set the retention policy. It applies from the next run; only captures beyond their size limit are deleted at once."""
+    """Set the retention policy. It applies from the next run; captures beyond their size limit are deleted
+    immediately."""
     before, after = app.upkeep.retention.policy().model_dump(), body.model_dump()
     changes = (f"{name} from {before[name]:g} to {value:g}" for name, value in after.items() if value != before[name])
     audit_note(", ".join(changes) or "nothing changed")
@@ -64,7 +65,7 @@ def choose_retention(app: App, user: User, body: RetentionPolicy, audit_note: Au
 
 @router.post("/admin/retention/preview", dependencies=[need("admin.retention", changes=False)])
 def preview_retention(app: App, body: RetentionPolicy) -> RemovalOut:
-    """What a removal with this policy would delete now. Nothing is changed."""
+    """Data that a removal with this policy would delete now. Nothing is changed."""
     return RemovalOut.model_validate(app.upkeep.retention.preview(body))
 
 

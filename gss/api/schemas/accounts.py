@@ -131,7 +131,8 @@ class TokenOut(Out):
 
 
 class TokenIn(In):
-    """New API token. ``scopes``: permissions of the role that the token has; empty: all."""
+    """New API token. ``scopes``: subset of the role's permissions that the token has; empty: all permissions of the
+    role."""
 
     name: str = Field(min_length=1, max_length=50)
     role: Role

@@ -69,8 +69,8 @@ class CatalogueDiffOut(Out):
 
 
 class BankStayOut(Out):
-    """Period in which a bank had one state and content. ``ended`` null: unchanged until the last report, at time
-    ``told``."""
+    """Period in which a bank had one state and content. ``ended``: null if the bank has not changed until the last
+    report; ``told``: time of the last report."""
 
     bank: str
     state: str
@@ -89,7 +89,8 @@ class BankStayOut(Out):
 
 
 class BankPlanOut(Out):
-    """Planned upload to a bank or activation. ``at`` null: when the transfer is complete."""
+    """Planned upload to a bank, or planned activation. ``at``: null if the change happens when the transfer is
+    complete."""
 
     bank: str
     kind: Literal["upload", "activation"]
@@ -118,7 +119,7 @@ class ContactSpanOut(Out):
 
 
 class CoverOut(Out):
-    """State of the coverage of future time by the catalogues on board and planned."""
+    """Period for which valid catalogues are on board or planned, with its state."""
 
     state: str
     text: str

@@ -63,8 +63,8 @@ class CatalogueOut(Out):
 
 
 class CatalogueDetailOut(CatalogueOut, StoredReport):
-    """Stored catalogue with its request, manifest, maps and quality report. ``instrument_version``: SHA-256 of the instrument
-    package that it was built with; null: unknown."""
+    """Stored catalogue with its request, manifest, maps and quality report. ``instrument_version``: SHA-256 of the
+    instrument package with which the catalogue was built; null: unknown."""
 
     instrument_version: str | None
     request: JsonObject

@@ -94,8 +94,9 @@ class AttitudePlaceOut(Out):
 
 class RolesOut(Out):
     """Operations and quantities of the sensor under their standard names. ``operations``: command by operation, "" for
-    a transfer; ``fixed``: constant arguments of the command by operation; ``absent``: displayed explanation by missing
-    operation; ``quantities``: names such as ``status.mode``; ``attitude``: null if the telemetry has no quaternion."""
+    a transfer; ``fixed``: constant arguments of the command by operation; ``absent``: explanation to display for each
+    missing operation; ``quantities``: names such as ``status.mode``; ``attitude``: null if the telemetry has no
+    quaternion."""
 
     operations: dict[str, str]
     fixed: dict[str, dict[str, int | float | bool | str]]

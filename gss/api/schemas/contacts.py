@@ -81,10 +81,10 @@ class CaptureOut(Out):
 
 
 class ContactDetailOut(ContactOut):
-    """All details of a contact. ``counters``: of received data, and of sent packets and bytes; ``gaps``: periods of
-    more than three seconds without a valid packet. ``instrument_version``: SHA-256 of the instrument package of the
-    connected device; null: unknown. Each list contains at most the newest 500 entries, oldest first; ``frames``,
-    ``commands`` and ``transfer_count`` are the totals."""
+    """All details of a contact. ``counters``: counters of received data, and numbers of sent packets and bytes;
+    ``gaps``: periods of more than three seconds without a valid packet. ``instrument_version``: SHA-256 of the
+    instrument package of the connected device; null: unknown. Each list contains at most the newest 500 entries, oldest
+    first; ``frames``, ``commands`` and ``transfer_count`` are the totals."""
 
     instrument: str | None
     instrument_version: str | None
@@ -177,7 +177,7 @@ class ReplayIn(In):
 
 
 class ReplayChangeIn(In):
-    """Change of a running replay; omitted values stay unchanged. ``speed`` null: as fast as possible. ``at``: jump to
+    """Change of a running replay. Omitted values do not change. ``speed`` null: as fast as possible. ``at``: jump to
     this time."""
 
     speed: Speed | None = None

@@ -9,9 +9,9 @@ from gss.api.schemas.link import LinkOut
 
 
 class FleetUnitOut(Out):
-    """State of one unit. ``process``: state of the unit's process; ``restarts``, ``last_end``: its restarts and last
-    exit since the server started; ``reason``: why it could not start, "" if it started. ``link``: last report of the
-    unit, received ``age_s`` ago; ``current``: false if the report is too old."""
+    """State of one unit. ``process``: state of the unit's process; ``restarts``, ``last_end``: number of restarts and
+    last exit of this process since the server started; ``reason``: why the process could not start, "" if it started.
+    ``link``: last report of the unit, received ``age_s`` ago; ``current``: false if this report is too old."""
 
     name: str
     instrument: str

@@ -189,9 +189,9 @@ class FrameDetailOut(FrameOut):
 
 
 class SolveIn(In):
-    """Chain to run on a stored frame. Set ``profile`` or ``fov_deg``; without both the frame's profile is used, or the
-    frame is solved blind if it has none. ``options``: changed constants of the chain. ``store``: false for a preview,
-    which has the id 0 and is not stored."""
+    """Chain to run on a stored frame. Set ``profile`` or ``fov_deg``. If both are missing, the profile of the frame is
+    used; a frame without a profile is solved blind. ``options``: changed constants of the chain. ``store``: false for a
+    preview, which has the id 0 and is not stored."""
 
     chain: str = "reference"
     profile: str | None = None

@@ -19,8 +19,8 @@ class UseOut(Out):
 
 class InstrumentOut(Out):
     """Installed instrument. ``version``: SHA-256 of the package's content; ``release``: the author's version.
-    ``configured``: true if the line is configured for this instrument; ``in_use``: its version since the server
-    started; ``connected``: true if a device of this type responds now."""
+    ``configured``: true if the line is configured for this instrument; ``in_use``: version that the server loaded at
+    its start; ``connected``: true if a device of this type responds now."""
 
     name: str
     title: str
@@ -70,7 +70,8 @@ class ProcedureOut(Out):
 
 
 class DictionarySummaryOut(Out):
-    """Dictionary of an instrument. ``shared``: name of the shared dictionary; null if the package contains its own."""
+    """Dictionary of an instrument. ``shared``: name of the shared dictionary; null if the package contains a
+    dictionary."""
 
     shared: str | None
     hash: str

@@ -38,9 +38,9 @@ class OrbitOut(Out):
 
 
 class SpacecraftOut(Out):
-    """Spacecraft with its orbit. ``name`` "" and ``orbit`` null: no orbit was imported. ``state`` and ``advice``:
-    whether the orbit is recent enough; ``plannable``: true if it is recent enough for pass plans. ``history``: all
-    orbits including the active orbit, newest first."""
+    """Spacecraft with its orbit. ``name`` "" and ``orbit`` null: no orbit was imported. ``state`` and ``advice``: level
+    and text that state whether the orbit is recent enough; ``plannable``: true if the orbit is recent enough for pass
+    plans. ``history``: all orbits including the active orbit, newest first."""
 
     name: str
     orbit: OrbitOut | None
@@ -138,8 +138,8 @@ class PassOut(Out):
 
 
 class PassesOut(Out):
-    """Passes in order of rise. ``problem``: why there are no passes, otherwise "". ``warnings``: about the orbit and
-    the stations."""
+    """Passes in order of rise. ``problem``: why there are no passes, otherwise "". ``warnings``: warnings about the
+    orbit and the stations."""
 
     spacecraft: SpacecraftOut
     start: Utc

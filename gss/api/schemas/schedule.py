@@ -14,7 +14,7 @@ from gss.domain.json_object import JsonObject
 
 class EntryOut(Out):
     """Row of the device's schedule. ``at``: null until the clocks are correlated; ``command``: null if the dictionary
-    cannot decode the bytes, so that only ``hex`` is meaningful."""
+    cannot decode the bytes; then only ``hex`` is meaningful."""
 
     schedule_id: int
     at_device_s: float

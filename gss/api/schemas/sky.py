@@ -30,8 +30,8 @@ class BodyOut(Out):
 
 
 class SkyOut(Out):
-    """Stars and bodies of a chart. ``place``: source of the camera's position; empty if it is unknown, so that the
-    Earth is omitted."""
+    """Stars and bodies of a chart. ``place``: source of the camera's position; empty if the position is unknown, in
+    which case the Earth is omitted."""
 
     utc: Utc
     place: str

@@ -51,7 +51,7 @@ class ServerClockOut(Out):
 
 
 class ConfirmClockIn(In):
-    """Confirmation of the server clock. ``seen``: the server time that was shown to the person who checked it."""
+    """Confirmation of the server clock. ``seen``: server time that was displayed to the person who checked it."""
 
     seen: AwareDatetime = Field(strict=False)
 

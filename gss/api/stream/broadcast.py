@@ -113,8 +113,8 @@ class Broadcaster:
     ) -> None:
         self.counts = counts
         self.state = state
-        """Function that computes the initial state if no state has been published; None in a worker. It blocks, so it
-        runs in a thread."""
+        """Function that computes the initial state if no state has been published; None in a worker. The function
+        blocks, so it is called in a thread."""
         self._each, self._most = each, most
         self.newest: Wire | None = None
         self._listeners: set[Listener] = set()
@@ -184,8 +184,8 @@ def first_state(status: StatusService) -> Wire:
 class Presenter:
     """Thread that serializes messages of the event bus for the broadcaster.
 
-    The ``id`` of a recorded event is its number. The ``id`` of any other message is the number of the newest event and,
-    after a point, a separate counter. A gap in either number means that messages were lost.
+    The ``id`` of a recorded event is its number. The ``id`` of any other message is the number of the newest event,
+    followed by a point and the value of a separate counter. A gap in either number means that messages were lost.
     """
 
     def __init__(self, bus: EventBus, broadcaster: Broadcaster, stopping: threading.Event) -> None:

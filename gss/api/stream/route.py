@@ -1,4 +1,4 @@
-"""Event stream. It can be resumed after any recorded event; all other messages contain only the current state."""
+"""Event stream. A client can resume it after any recorded event. All other messages contain only the current state."""
 
 from __future__ import annotations
 

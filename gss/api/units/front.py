@@ -54,7 +54,8 @@ def serve_units(
 
         def stop() -> None:
             begin_stop(services.announce_stop)
-            # The units stop at the same time as this server, because their event streams end with their processes.
+            # The units must stop at the same time as this server, because their event streams end only with their
+            # processes.
             threading.Thread(target=supervisor.stop, name="stop units", daemon=True).start()
 
         options = uvicorn_options(settings, connections)

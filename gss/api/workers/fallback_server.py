@@ -68,7 +68,8 @@ class FallbackServer:
             )
             return connection
 
-        # The listener gets a duplicate, because closing it must leave the workers' descriptor open.
+        # The listener uses a duplicate of the descriptor, because the workers' descriptor must stay open when the
+        # listener is closed.
         shared = LimitedListener(self._connections, os.dup(self._listener.fileno()))
         return await asyncio.get_running_loop().create_server(
             protocol, sock=shared, ssl=self._config.ssl, backlog=self._config.backlog

@@ -24,9 +24,9 @@ MAX_MESSAGE_BYTES = 64 << 20
 class LinkProcessClient:
     """HTTP client of one link process. ``name``: name of the process; ``path``: path of its socket.
 
-    Every request has its own connection and is never retried, so that no request is sent twice. On a shared connection,
-    the server could close the connection while the next request is written; it would be unknown whether the request was
-    read.
+    Each request uses a new connection and is never retried, so no request is sent twice. If requests shared a
+    connection, the server could close the connection while the next request is written, and it would not be known
+    whether the server read this request.
     """
 
     def __init__(self, name: str, path: Path) -> None:

@@ -13,7 +13,8 @@ from gss.operations.clock import monotonic_s
 FIRST_WAIT_S, MAX_WAIT_S = 0.2, 10.0
 STEADY_S = 30.0
 STOP_WITHIN_S = 3.5
-"""Shorter than the time limit for stopping the link process (gss.api.stopping)."""
+"""Time limit for stopping the child processes. It is shorter than the limit for stopping the link process
+(gss.api.stopping)."""
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""Corrections to star directions and magnitudes for a date and a camera, each of which can be switched on or off."""
+"""Corrections to star directions and magnitudes for a date and a camera. Each correction can be switched on or off."""

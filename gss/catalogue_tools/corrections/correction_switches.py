@@ -31,8 +31,8 @@ class OrbitVelocity:
 class MeanOrbitVelocity:
     """Velocity at the time each star crosses the middle of a field fixed in the orbit frame (docs/conventions.md).
 
-    ``normal_icrs``: pole of the circular orbit. ``boresight_orbit`` None: the field does not turn with the orbit. The
-    mean velocity over a revolution is then zero, and the facts state the uncorrected speed.
+    ``normal_icrs``: pole of the circular orbit. ``boresight_orbit`` None: the field does not rotate with the orbit. In
+    this case the mean velocity over a revolution is zero, and the facts state the uncorrected speed.
     """
 
     speed_km_s: float

@@ -32,7 +32,7 @@ def sun_longitude_rad(jyear: float) -> float:
 
 def parallactic(unit: Array, parallax_rad: Array, observer_au: Array) -> Array:
     """Return the (n, 3) directions seen from ``observer_au`` (3,), given (n, 3) barycentric directions. Negative
-    parallaxes are measurement noise and count as zero."""
+    parallaxes are measurement noise and are treated as zero."""
     shift = np.maximum(np.asarray(parallax_rad), 0.0)[..., None] * np.asarray(observer_au)
     direction = np.asarray(unit) - shift
     return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))
@@ -44,7 +44,7 @@ def crossing_velocity_km_s(unit: Array, speed_km_s: float, normal: Array, boresi
 
     ``normal``: (3,) pole of a circular orbit, in the sense of the motion. ``boresight_orbit``: (3,) boresight in the
     axes of docs/conventions.md (+x along the velocity, +z to nadir). If the boresight or the star is at the pole, the
-    crossing time is undefined, and the result is zero: the mean over the revolution.
+    crossing time is undefined. The result is then zero, which is the mean over the revolution.
     """
     pole = np.asarray(normal, float) / np.linalg.norm(normal)
     ahead, _, down = boresight_orbit
@@ -53,8 +53,8 @@ def crossing_velocity_km_s(unit: Array, speed_km_s: float, normal: Array, boresi
     radius = np.hypot(ahead, down)
     if radius < 1e-9:
         return np.zeros_like(unit)
-    # In the orbit plane, +x of the orbit frame is the velocity and −z the zenith. The velocity is 90° ahead of the
-    # zenith.
+    # In the orbit frame, +x points along the velocity and −z points to the zenith. In the orbit plane, the velocity is
+    # 90° ahead of the zenith.
     towards = in_plane / np.where(length > 1e-9, length, np.inf)
     across = np.cross(pole, towards)
     return np.asarray(speed_km_s * (ahead * towards - down * across) / radius)

@@ -23,13 +23,14 @@ from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_MULTIPLE, StarTable
 
 POLICIES = ("moniteq", "huffman", "erlank_combine", "erlank_keep", "drop")
-# Chosen: at 4σ the dip between two equal images is a quarter of their peak height, and thresholding begins to separate
-# them.
+# This value is chosen: at 4σ, the dip between two equal images is a quarter of the height of their peaks, and a
+# threshold begins to separate the images.
 SEPARABLE_SIGMAS = 4.0
-# Chosen, because the document states no value. At half a σ the blend is 12 % wider than one star.
+# This value is chosen, because the document does not state a value. At half a σ, the blend is 12 % wider than one star.
 MAX_BROADENING = 0.5
 CONTAMINANT_MAG = 9.0
-# A neighbour that is fainter by this difference shifts the common centroid by less than a tenth of the separation.
+# Difference of magnitude for which a fainter neighbour shifts the common centroid by less than a tenth of the
+# separation.
 HARMLESS_DIFFERENCE_MAG = 2.5
 
 
@@ -68,8 +69,8 @@ class Merged:
     """Result of a policy.
 
     ``stars``: remaining stars, in the order of the input. ``rejected``: rows that were removed, unmodified. ``groups``:
-    number of effective centres. ``members``: number of stars that were merged into these centres.
-    ``largest_shift_rad``: largest distance between a centre and its brightest member.
+    number of effective centres. ``members``: number of stars merged into these centres. ``largest_shift_rad``: largest
+    distance between a centre and the brightest star merged into it.
     """
 
     stars: StarTable
@@ -108,8 +109,9 @@ def merge(stars: StarTable, doubles: Doubles, profile: CameraProfile | None = No
 
 
 def spoiled(stars: StarTable, reach_rad: float) -> NDArray[np.bool_]:
-    """Return the (n,) mask of stars whose image is disturbed by a neighbour within ``reach_rad``. In each pair the
-    fainter star is disturbed; the brighter star is disturbed unless its neighbour is faint enough to be harmless."""
+    """Return the (n,) mask of stars whose image is disturbed by a neighbour within ``reach_rad``. In each pair, the
+    fainter star is disturbed. The brighter star is also disturbed, unless its neighbour is faint enough to be
+    harmless."""
     marked = np.zeros(len(stars), bool)
     pairs = _pairs(stars, reach_rad)
     if len(pairs):
@@ -147,15 +149,15 @@ def _drop(stars: StarTable, pairs: NDArray[np.intp], reach: float) -> Merged:
 
 
 def _brightest_neighbour(stars: StarTable, pairs: NDArray[np.intp], contaminant_mag: float) -> NDArray[np.intp]:
-    """Return, for each of n stars, the row of the star whose centre of light it joins. Stars fainter than
-    ``contaminant_mag`` join no centre."""
+    """Return, for each of n stars, the row of the star with which it is merged. Stars fainter than ``contaminant_mag``
+    are not merged."""
     faint, bright = _faint_bright(stars, pairs)
     counts = stars.v_mag[faint] <= contaminant_mag
     faint, bright = faint[counts], bright[counts]
     rank = _rank(stars)
     centre = np.arange(len(stars), dtype=np.intp)
-    # Pairs are processed in descending brightness. A star that has joined a centre can neither be a centre nor join a
-    # second centre.
+    # Pairs are processed in descending brightness. A star that is merged into a centre can neither be a centre nor be
+    # merged into a second centre.
     for k in np.lexsort((rank[faint], rank[bright])):
         if centre[bright[k]] == bright[k] and centre[faint[k]] == faint[k]:
             centre[faint[k]] = bright[k]

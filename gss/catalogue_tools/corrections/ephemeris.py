@@ -2,8 +2,8 @@
 
 The series built into ERFA (Simon et al. 1994 for the planets, Meeus 1998 for the Moon, VSOP2000-based for the Earth)
 need no ephemeris file and are accurate to arcseconds. Time is Terrestrial Time as a Julian year. Directions are ICRS,
-corrected for light travel time and the observer's position. They are not corrected for aberration, which is applied to
-the whole sky in one step.
+corrected for light travel time and the observer's position. They do not include aberration, which is applied to the
+whole sky in a separate step.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ AU_KM = 149_597_870.7
 LIGHT_KM_S = 299_792.458
 DAY_S = 86_400.0
 AU_DAY = AU_KM / DAY_S / LIGHT_KM_S
-# TT − UTC since 2017; another leap second would move the Moon by half an arcsecond.
+# TT − UTC since 2017. A further leap second would change the position of the Moon by half an arcsecond.
 TT_MINUS_UTC_S = 69.184
 SUN_RADIUS_KM = 695_700.0
 MOON_RADIUS_KM = 1_737.4

@@ -2,8 +2,8 @@
 (Moniteq 1983 §2.3).
 
 The builder's warnings and the sensor's exclusion list use the tracks. Directions are apparent directions for an
-observer at the Earth's centre, with annual aberration. From a low orbit the Moon is up to a degree away from that
-direction; ``Track.margin_rad`` is this bound.
+observer at the Earth's centre, with annual aberration. From a low orbit the Moon appears up to a degree away from this
+direction. ``Track.margin_rad`` is the upper limit of this angle.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The FK4 frame of old catalogues, B1950, used by Sunsat (Jacobs 1995 §7.7: "Epoch 1950").
 
 The FK4 rotates slowly relative to ICRS, so the rotation depends on the epoch of the position (Murray 1989, A&A 218,
-325, eqs. 28 and 29). FK4 positions may or may not include the E-terms (0.34″), the part of annual aberration due to the
-ellipticity of the Earth's orbit; the caller must specify this. Tests compare with astropy.
+325, eqs. 28 and 29). FK4 positions can include the E-terms (0.34″), the part of annual aberration that is caused by the
+ellipticity of the Earth's orbit. The caller must state whether they are included. Tests compare with astropy.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def icrs_from_b1950(epoch_jyear: float) -> Array:
 
 
 def icrs_from_b1950_per_year() -> Array:
-    """Return the (3, 3) change per Julian year of the matrix of :func:`icrs_from_b1950`. It is not zero because the FK4
-    rotates."""
+    """Return the (3, 3) change per Julian year of the matrix of :func:`icrs_from_b1950`. The change is not zero,
+    because the FK4 frame rotates."""
     return np.asarray(FK5_FROM_ICRS.T @ FK5_FROM_FK4_PER_CENTURY / 100)
 
 

@@ -18,7 +18,7 @@ from gss.domain.response import SpectralResponse
 
 # Planck's hc/k, in nanometres times kelvin.
 HC_OVER_K_NM_K = 1.438776877e7
-# Outside this range a blackbody does not represent a star; the red side contains carbon stars.
+# Outside this range, a blackbody does not represent a star. For example, carbon stars are redder.
 B_V_RANGE = (-0.4, 2.5)
 ROLL_OFFS = ("off", "average", "worst")
 GRID_STEPS = 581

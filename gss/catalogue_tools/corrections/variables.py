@@ -1,9 +1,10 @@
 """Variable stars to flag in a catalogue, and the magnitude of periodic variables on a date.
 
-Jacobs 1995 Table A-1 lists the relevant variables with range and period. It does not state the time of a maximum or
-minimum, so it is not sufficient to compute a magnitude. Seven of its stars have the elements of the GCVS 5.1 (Samus et
-al. 2017, Astron. Rep. 61, 80). β Lyrae, whose period grows by 19 s a year, has the elements of Ak et al. 2007 as quoted
-by Rucinski et al. 2019 (arXiv:1906.04831). Magnitudes are computed for periodic stars only; the others are flagged.
+Jacobs 1995 Table A-1 lists the relevant variables with range and period. The table does not state the time of a maximum
+or minimum, so a magnitude cannot be computed from it. For seven of its stars, the elements of the GCVS 5.1 are used
+(Samus et al. 2017, Astron. Rep. 61, 80). For β Lyrae, whose period grows by 19 s a year, the elements of Ak et al. 2007
+are used as quoted by Rucinski et al. 2019 (arXiv:1906.04831). Magnitudes are computed only for periodic stars; all
+other variables are only flagged.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ class Elements:
     """Light-curve elements of a periodic star.
 
     ``shape``: "eclipse" (constant outside the eclipses; ``width``: fraction of the period), "lyrae" (never constant) or
-    "pulse" (``width``: fraction of the period that the rise takes). ``epoch_jd``: heliocentric, of the minimum for
-    eclipses, of the maximum for pulses. ``second_mag``: V in the second minimum.
+    "pulse" (``width``: fraction of the period that the rise takes). ``epoch_jd``: heliocentric Julian date of the
+    minimum for eclipses, of the maximum for pulses. ``second_mag``: V in the second minimum.
     """
 
     hip: int
@@ -85,8 +86,8 @@ PERIODIC = (
 
 
 def magnitude_at(star: Elements, jyear: float) -> float:
-    """Return the V magnitude of a periodic star at a Julian year. The light time to the Sun (8 min) is ignored. Old
-    periods drift, and Mira's cycles differ by weeks."""
+    """Return the V magnitude of a periodic star at a Julian year. The light time to the Sun (8 min) is ignored. The
+    periods change slowly, and the cycles of Mira differ by weeks, so the result is approximate."""
     days = (jyear - J2000_JYEAR) * DAYS_PER_YEAR + (J2000_JD - star.epoch_jd)
     phase = float(days / star.period_d % 1.0)
     depth = star.faint_mag - star.bright_mag

@@ -27,8 +27,8 @@ class Accuracy:
     :data:`MIN_STARS` stars.
 
     ``cross_*``: one axis across the boresight, root mean square of the two. ``roll_*``: about the boresight.
-    ``median``, ``p95``: over all pointings; a pointing with too few stars counts as +inf. ``mean``, ``worst``: over the
-    pointings with enough stars; NaN if there are none.
+    ``median``, ``p95``: over all pointings, with the value +inf for a pointing with too few stars. ``mean``, ``worst``:
+    only over the pointings with enough stars; NaN if there are none.
     """
 
     share: float
@@ -73,8 +73,8 @@ def sigma_rad(camera: DesignCamera, pairs: StarsInFields, star_sigma_px: Array) 
 
 
 def star_sigma_px(camera: DesignCamera, stars: StarTable, rows: int) -> Array:
-    """Return the (rows,) centroid errors of the brightest stars. A saturated star counts as a star just below
-    saturation."""
+    """Return the (rows,) centroid errors of the brightest stars. A saturated star is given the error of a star just
+    below saturation."""
     bright = saturation_mag(camera)
     v = np.maximum(stars.v_mag[:rows], bright if np.isfinite(bright) else -2.0)
     grid = np.arange(np.floor(v.min()) if rows else 0.0, (v.max() if rows else 0.0) + 2 * MAG_STEP, MAG_STEP)
@@ -106,8 +106,8 @@ def summary(across: Array, about: Array) -> Accuracy:
 
 
 def limit_at_mag(camera: DesignCamera, exposure_s: float) -> float:
-    """Return the magnitude limit at another exposure: the radiometric limit, or the stated limit, which a shorter
-    exposure makes brighter and a longer one does not change."""
+    """Return the magnitude limit at another exposure. This is the radiometric limit, or the stated limit. A shorter
+    exposure makes the stated limit brighter; a longer exposure does not change it."""
     other = replace(camera, exposure_s=exposure_s)
     if camera.mag_limit is None:
         return limit_mag(other)

@@ -16,8 +16,8 @@ from gss.domain.errors import BadInput
 
 VANE_DEPTH_SHARE = 0.15
 MIN_VANE_SHARE = 0.15
-"""Smallest distance of a vane from the lens, as a fraction of the length. Closer to the lens the spacing would tend to
-zero, and the black wall is sufficient."""
+"""Smallest distance of a vane from the lens, as a fraction of the length. Closer to the lens, the spacing of vanes
+would tend to zero, and the black wall is sufficient."""
 MAX_MM = 20_000.0
 
 
@@ -46,8 +46,8 @@ class BaffleGeometry:
 
 
 def field_growth_mm(length_mm: float, half_fov_rad: float) -> float:
-    """Return x = l·tan α: excess of the front radius over the lens radius at which the baffle does not obstruct the
-    field of view (eq. 7.24)."""
+    """Return x = l·tan α, the front radius minus the lens radius at which the baffle just does not obstruct the field
+    of view (eq. 7.24)."""
     return float(length_mm * np.tan(half_fov_rad))
 
 
@@ -60,7 +60,8 @@ def exclusion_rad(lens_radius_mm: float, growth_mm: float, length_mm: float) -> 
 def length_for_mm(lens_radius_mm: float, half_fov_rad: float, required_rad: float, spare_mm: float = 0.0) -> float:
     """Return the baffle length, from eq. 7.24 and 7.26 solved for l: (2 r + spare)/(tan α_bo − tan α_FOV).
 
-    ``spare_mm``: addition to x for misalignment. Raises BadInput if the angle is not between the field of view and 90°.
+    ``spare_mm``: value added to x to allow for misalignment. Raises BadInput if the angle is not between the field of
+    view and 90°.
     """
     _check(lens_radius_mm, half_fov_rad, required_rad)
     return float((2 * lens_radius_mm + spare_mm) / (np.tan(required_rad) - np.tan(half_fov_rad)))

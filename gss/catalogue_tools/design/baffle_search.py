@@ -19,7 +19,7 @@ from gss.catalogue_tools.selection.counting import fields_per_star
 from gss.domain.angles import Array
 
 J2000_JD = 2451545.0
-# Motion of the Sun or the node between sampled dates, and time between the dates sampled for the Moon.
+# Motion of the Sun or the node between two sampled dates, and time between two sampled dates if the Moon is included.
 EPOCH_RAD = float(np.radians(1.0))
 MOON_STEP_DAYS = 0.25
 MAX_EPOCHS, MAX_KNOTS = 180, 1500
@@ -34,8 +34,9 @@ class AvoidanceAngles:
     """Smallest permitted angles from the boresight to Sun and Moon (0: disabled), from ``start_jyear`` to
     ``end_jyear``.
 
-    Directions are from the Earth's centre; from a low orbit the Moon is up to 1.1° away. ``epoch_rad``: motion of the
-    Sun or the node between sampled dates. ``moon_step_days``: time between sampled dates if the Moon is included.
+    Directions are those from the Earth's centre. From a low orbit, the Moon appears up to 1.1° away from this
+    direction. ``epoch_rad``: motion of the Sun or the node between sampled dates. ``moon_step_days``: time between
+    sampled dates if the Moon is included.
     """
 
     sun_rad: float
@@ -69,7 +70,7 @@ class AvoidanceAngles:
 
     def clearance(self, boresight: Array, sun: Array, moon: Array) -> Array:
         """Return the (…,) margins in radians by which (…, 3) boresights keep the angles to Sun and Moon, the smaller of
-        the two. A negative margin means blinded."""
+        the two. A negative margin means that the camera is blinded."""
         clear = np.full(np.broadcast_shapes(boresight.shape, sun.shape)[:-1], np.inf)
         for angle, body in ((self.sun_rad, sun), (self.moon_rad, moon)):
             if angle > 0:
@@ -94,11 +95,12 @@ def free_of_baffle(
     earth_rad: float,
     views_per_star: int = VIEWS_PER_STAR,
 ) -> NDArray[np.bool_]:
-    """Return the (n,) mask of the (n, 3) directions that are visible in some field with Sun and Moon far enough away.
+    """Return the (n,) mask of the (n, 3) directions that are visible in some field whose boresight is far enough from
+    Sun and Moon.
 
     All directions must be within ``base`` and not permanently behind the Earth. The test is biased towards visibility:
-    a direction also counts if it is within ``NEAR_RAD`` of a direction in a clear field. For laws that do not turn with
-    the orbit, this tolerance is ``PATCH_NEAR_RAD``.
+    a direction is also accepted if it is within ``NEAR_RAD`` of a direction in a clear field. For laws that do not
+    rotate with the orbit, this tolerance is ``PATCH_NEAR_RAD``.
     """
     if isinstance(base, PatchEnvelope):
         return _free_in_patch(base, unit, baffle)
@@ -146,7 +148,7 @@ def _free_in_band(
     for inclination in np.unique([*base.orbit.inclination_rad, np.mean(base.orbit.inclination_rad)]):
         for k, raan in enumerate(base.orbit.raan_at(parts)):
             blocked = np.flatnonzero(~free)
-            # If the direction is far inside a keep-out zone, no field that contains it is clear.
+            # If the direction is far inside a keep-out zone, every field that contains it is blinded.
             blocked = blocked[baffle.clearance(u[blocked], sun[k], moon[k]) >= -base.shape.half_diagonal_rad]
             axes = orbit_axes(np.array(raan), inclination, np.array(0.0))
             star = u[blocked] @ axes.T

@@ -180,7 +180,8 @@ class DesignCamera:
 
     @property
     def sensor(self) -> Sensor:
-        """Photometric model. The exposure range is a single value. The magnitude limits exclude no star of a design."""
+        """Photometric model. The exposure range contains only the exposure of the design. The magnitude limits are so
+        wide that they do not exclude stars."""
         return Sensor(
             self.bits,
             self.gain_e_per_dn,

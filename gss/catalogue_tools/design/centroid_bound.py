@@ -1,5 +1,5 @@
 """Lower bound of the centroid error: Cramér–Rao bound of a Gaussian star on noisy pixels (Winick 1986, used by Huffman
-2006 §4.2.2). The non-uniform pixel response counts as additional noise."""
+2006 §4.2.2). The non-uniform pixel response is treated as additional noise."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def bound_px(star_e: Array | float, sigma_px: float, noise_e: float, response_si
     """Return the smallest standard deviation of one coordinate, px, for stars of ``star_e`` electrons, an array of any
     shape.
 
-    ``noise_e``: noise of a dark-sky pixel. The information is averaged over the star's position within its pixel. Flux
-    and background can be unknown, because they do not shift the centroid of a symmetric star.
+    ``noise_e``: noise of a dark-sky pixel. The information is averaged over the star's position within its pixel. The
+    bound also holds if flux and background are unknown, because they do not shift the centroid of a symmetric star.
     """
     table = _table(round(float(sigma_px), 6), round(float(noise_e), 6), round(float(response_sigma), 9))
     log_e = np.log(np.maximum(np.asarray(star_e, float), GRID_E[0]))

@@ -117,8 +117,8 @@ def _by_exposure(
 ) -> tuple[Accuracy, ...]:
     """Compute the accuracy by exposure.
 
-    A longer exposure shows many more stars, so the number of pointings is limited to the number that is affordable at
-    the longest exposure.
+    A longer exposure shows many more stars. Therefore the number of pointings is limited to the number that can be
+    processed at the longest exposure.
     """
     rows = bright_rows(stars, max(limit_at_mag(camera, float(t)) for t in exposure_s))
     affordable_attitudes = attitudes[: affordable(camera, rows, len(attitudes), max_pairs / 2)]
@@ -133,7 +133,7 @@ def _limit_grid(limit: float) -> Array:
 
 
 def _focals(camera: DesignCamera) -> Array:
-    """Return focal lengths around that of the camera, as short as a flat detector allows."""
+    """Return focal lengths around that of the camera. The shortest is limited by the geometry of a flat detector."""
     shortest = np.hypot(*camera.half_size_mm) / np.tan(np.radians(60.0))
     focal = camera.focal_mm * FOCAL_FACTORS
     in_range = focal[(focal >= max(1.0, shortest)) & (focal <= 2000.0)]

@@ -42,7 +42,7 @@ from gss.domain.experiment import Progress
 from gss.domain.stars import StarTable
 
 MAX_COUNTED = 40.0
-"""Factor by which the histogram can process more stars than a curve, because it only counts them."""
+"""Factor by which the histogram can process more stars than a curve, because the histogram only counts the stars."""
 EXCLUSION_RAD = float(np.radians(40.0))
 
 
@@ -82,7 +82,8 @@ class DesignRequest:
 
 @dataclass(frozen=True)
 class MagnitudeLimits:
-    """Magnitude limit by each method. The last four use the formulas of the documents with this camera's optics."""
+    """Magnitude limit by each method. The last four limits are computed with the formulas of the documents and the
+    optics of this camera."""
 
     in_force_mag: float
     brightest_pixel_mag: float
@@ -196,7 +197,7 @@ def _count(request: DesignRequest, unit: Array, effort: DesignEffort, each: Each
     pointings = affordable(camera, len(unit), effort.pointings, effort.pairs * MAX_COUNTED)
 
     def portion(k: int, m: int) -> Array:
-        # The seed differs from the seeds of all other portions and curves, for any portion size.
+        # This seed differs from the seeds of all portions and curves for any size of a portion.
         where = request.seed * 1_000_003 + 1 + k
         return look(camera, m, where, request.envelope)
 

@@ -24,7 +24,7 @@ PORTION = 262_144
 """Number of pointings drawn together: larger portions are counted faster, smaller portions need less memory."""
 NTH = 5
 COMPLETE_V_MAG = 7.3
-"""Hipparcos is complete to this magnitude; counts beyond it are too low."""
+"""Magnitude to which Hipparcos is complete. Counts of fainter stars are too low."""
 
 
 @dataclass(frozen=True)

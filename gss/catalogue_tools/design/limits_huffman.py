@@ -18,8 +18,8 @@ MAG_0 = 28.0
 class HuffmanImager:
     """Parameters of eq. 3.4 and 3.18.
 
-    ``dark_e``: dark electrons in one exposure. ``extra_gain``: the factor g of eq. 3.4, which the other terms of the
-    equation make superfluous (errata E1); the document's tables include it.
+    ``dark_e``: dark electrons in one exposure. ``extra_gain``: the factor g of eq. 3.4. The other terms of the equation
+    already contain this factor (errata E1), but the tables of the document include g.
     """
 
     area_m2: float

@@ -89,8 +89,8 @@ def limit_window_mag(camera: DesignCamera) -> float:
 
 
 def limit_mag(camera: DesignCamera) -> float:
-    """Return the active magnitude limit: that of the design if stated, otherwise the limit by the brightest pixel,
-    which all five systems compare with the threshold."""
+    """Return the active magnitude limit. This is the stated limit of the design, or otherwise the limit by the
+    brightest pixel, because all five systems compare the brightest pixel with the threshold."""
     return limit_brightest_pixel_mag(camera) if camera.mag_limit is None else camera.mag_limit
 
 
@@ -139,8 +139,8 @@ def blur_loss_mag(sigma_px: float, streak_px: Array) -> Array:
 def motion_blur(camera: DesignCamera, loss_mag: float = BLUR_LOSS_MAG) -> Blur:
     """Compute the angular rates that the camera tolerates.
 
-    Under a faint star the sky noise dominates, so the limit depends only on the fraction of light in the brightest
-    pixel.
+    For a faint star, the noise of the sky dominates. Therefore the limit depends only on the fraction of light in the
+    brightest pixel.
     """
 
     def excess(log_streak: float) -> float:
@@ -169,8 +169,8 @@ class PsfAdvice:
 
 
 SHARPEST_PX, MAX_OVER_BEST = 0.4, 2.5
-"""Below σ = 0.4 px (pixel over σ 2.5, Moniteq 1983 §4.2) the pixel biases a centre of light. Above 2.5 times the best
-σ, spreading the light has no benefit, unless the response within the pixels is non-uniform."""
+"""Limits of a good focus. Below σ = 0.4 px (pixel over σ 2.5, Moniteq 1983 §4.2), the pixels bias a centre of light.
+Above 2.5 times the best σ, spreading the light is useful only if the response within the pixels is non-uniform."""
 
 
 def psf_kind(sigma_px: float, best_px: float) -> str:

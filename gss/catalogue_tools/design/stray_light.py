@@ -48,7 +48,7 @@ def stray_e_s(source: LightSource, effective_area_cm2: float) -> float:
 def effective_area_cm2(angle_rad: float, shade_rad: float = float(np.radians(20.0))) -> float:
     """Effective area of Table 5.3, interpolated in the logarithm; NaN inside the exclusion angle.
 
-    For a baffle of another angle the table is shifted with it.
+    For a baffle with another exclusion angle, the table is shifted by the difference of the angles.
     """
     degrees, area = np.array(PRINTED_AREA_CM2).T
     at = np.degrees(angle_rad - shade_rad) + degrees[0]

@@ -29,7 +29,7 @@ BODY_FROM_CAM: dict[str, Array] = {
     "target": rotation_x(np.pi),
     "inertial": np.eye(3),
     "anti_sun": np.eye(3),
-    # At a right angle to the Sun line: boresight along body +x.
+    # Boresight along body +x, at a right angle to the direction of the Sun.
     "sun_pointing": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
 }
 
@@ -38,14 +38,14 @@ BODY_FROM_CAM: dict[str, Array] = {
 class AttitudeLimits:
     """Limits of an Euler 1-2-3 rotation about the axes of the pointing law (Jacobs 1995 eq. 1.13).
 
-    ``pointing``: the law. sunsat, zenith and nadir turn with the orbit. Their base axes are those of the orbit, +z to
-    nadir, and the camera points along Sunsat's mounting, to zenith or to nadir. target: an imager along body +z tracks
-    a point on the ground up to ``off_nadir_rad`` from nadir in any direction, and body +x stays near the velocity. Roll
-    and pitch turn the body to the target, so their limits are widened by that angle; the camera points along body −z.
-    inertial: the base axes are those of a camera at ``ra_rad``, ``dec_rad``, ``field_roll_rad``; this law is also used
-    to track a point in the sky. anti_sun: base +z away from the Sun, +x to ecliptic north. sun_pointing: base +z to the
-    Sun, +x to ecliptic north, the camera along body +x. ``body_from_cam``: mounting as nine numbers by rows; None: the
-    default mounting of the law.
+    ``pointing``: the law. The laws sunsat, zenith and nadir rotate with the orbit. Their base axes are those of the
+    orbit, +z to nadir. The camera points along Sunsat's mounting, to zenith or to nadir. target: an imager along body
+    +z tracks a point on the ground up to ``off_nadir_rad`` from nadir in any direction, and body +x stays near the
+    velocity. Roll and pitch rotate the body to the target, so their limits are widened by ``off_nadir_rad``. The camera
+    points along body −z. inertial: the base axes are those of a camera at ``ra_rad``, ``dec_rad``, ``field_roll_rad``;
+    this law is also used to track a point in the sky. anti_sun: base +z away from the Sun, +x to ecliptic north.
+    sun_pointing: base +z to the Sun, +x to ecliptic north, the camera along body +x. ``body_from_cam``: mounting as
+    nine numbers by rows; None: the default mounting of the law.
     """
 
     pointing: str
@@ -159,8 +159,8 @@ def orbit_axes(raan_rad: Array, inclination_rad: Array, latitude_rad: Array) -> 
 
 
 def base_from_icrs(limits: AttitudeLimits, sun_longitude_rad: Array) -> Array:
-    """Return the (n, 3, 3) rotations into the base axes of a law that does not turn with the orbit, for (n,) longitudes
-    of the Sun."""
+    """Return the (n, 3, 3) rotations into the base axes of a law that does not rotate with the orbit, for (n,)
+    longitudes of the Sun."""
     longitude = np.atleast_1d(np.asarray(sun_longitude_rad, float))
     if limits.pointing == "inertial":
         fixed = cam_from_icrs(limits.ra_rad, limits.dec_rad, limits.field_roll_rad)

@@ -1,8 +1,8 @@
 """The block method of Jacobs 1995 §5.2.1 for a sub-catalogue: step through all angles, mark blocks of sky, select the
 stars in marked blocks.
 
-This replica shows which stars the method misses compared with the exact envelope. The document states neither the steps
-nor the condition for a block to be "included within the FOV"; both are parameters here.
+This replica shows which stars the method misses compared with the exact envelope. The document does not state the steps
+and does not define when a block is "included within the FOV". Here both are parameters.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ BLOCK_RAD = float(np.radians(1.0))
 # Points that represent a block: its centre, its corners, or a grid over it.
 TOUCH_GRID = 5
 TURN: Range = (0.0, 2 * np.pi - 1e-6)
-# Fields computed at one time; limits the memory, at about 100 bytes each.
+# Number of fields computed together. It limits the memory, because a field needs about 100 bytes.
 CHUNK = 1000
 
 ShareReport = Callable[[float], None]
@@ -63,8 +63,8 @@ class BlockSteps:
 
 
 def stepped(limits: Range, step_rad: float) -> Array:
-    """Return the values from the minimum to the maximum in steps, as in a FOR loop: the maximum is included only if the
-    steps fit."""
+    """Return the values from the minimum to the maximum in steps. As in a FOR loop, the maximum is included only if the
+    range is a multiple of the step."""
     low, high = limits
     return np.asarray(low + step_rad * np.arange(int(np.floor((high - low) / step_rad + 1e-9)) + 1), float)
 
@@ -103,8 +103,9 @@ class BlockEnvelope:
     def marked(self) -> NDArray[np.bool_]:
         """(180, 360) mask of blocks by declination from the south pole and right ascension from 0h.
 
-        A shift of the node by whole degrees shifts the marks by the same number of blocks. So the fields of one node
-        are reused for all nodes at a whole number of degrees from it; the other nodes are stepped.
+        A shift of the node by whole degrees shifts the marks by the same number of blocks. Therefore the fields of one
+        node are reused for all nodes that are a whole number of degrees away. Fields are stepped for the remaining
+        nodes.
         """
         blocks = np.zeros((DEC_BLOCKS, RA_BLOCKS), bool)
         nodes, node_parts = stepped(self.orbit.raan_rad, self.steps.raan_rad), self._node_parts

@@ -1,8 +1,9 @@
-"""Envelopes: the sky that is in the field for some orbit and some attitude within the limits.
+"""Envelopes: the part of the sky that is in the field of view for at least one orbit and one attitude within the
+limits.
 
-Three types share one interface (:class:`Envelope`): the whole sky, a band around the orbit normals for laws that turn
-with the orbit, and a patch for laws that do not. Jacobs 1995 §5.2.1 steps through all combinations of six parameters
-and marks 1° blocks. This module computes the membership of each star from the geometry.
+Three types share one interface (:class:`Envelope`): the whole sky; a band around the orbit normals for laws that rotate
+with the orbit; a patch for laws that do not. Jacobs 1995 §5.2.1 steps through all combinations of six parameters and
+marks 1° blocks. This module computes the membership of each star from the geometry.
 """
 
 from __future__ import annotations
@@ -34,11 +35,12 @@ from gss.domain.rotation import matrix_from_quaternion
 EDGE_POINTS = 121
 FIELD_POINTS = 24
 PATCH_ATTITUDES = 300
-# Beta parameter: at 0.15 half of the samples are within a hundredth of an end of the range.
+# Parameter of the Beta distribution. At 0.15, half of the samples are within a hundredth of the range from one of its
+# ends.
 CROWDING = 0.15
 WITNESSES = 3000
-# A fifth of the finest profile's pixel; a finer tolerance takes seconds where Sun and attitude move in the same
-# direction.
+# A fifth of the smallest pixel of all profiles. A finer tolerance would take seconds if Sun and attitude move in the
+# same direction.
 PATCH_TOLERANCE_RAD = 5e-5
 MAP_TOLERANCE_RAD = 5e-3
 POLAR_BINS = 1440
@@ -123,7 +125,7 @@ class WholeSky:
 
 @dataclass(frozen=True)
 class BandEnvelope:
-    """Envelope of a camera that turns once per orbit, at every argument of latitude."""
+    """Envelope of a camera that rotates once per orbit, at every argument of latitude."""
 
     shape: FieldShape
     limits: AttitudeLimits
@@ -136,8 +138,8 @@ class BandEnvelope:
         return polar_interval(self.shape, self.limits.cam_from_body, self.limits.low, self.limits.high)
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """Return the (n,) mask of the directions inside. A direction is inside if its range of components along +y over
-        all planes overlaps the interval that the camera covers."""
+        """Return the (n,) mask of the directions inside. A direction is inside if its components along +y over all
+        planes overlap the interval that the camera covers."""
         lowest, highest = self.polar_interval
         smallest, largest = polar_range(self.orbit, unit)
         return np.asarray((largest >= lowest - TOLERANCE_RAD) & (smallest <= highest + TOLERANCE_RAD))
@@ -147,7 +149,7 @@ class BandEnvelope:
         return self.share_in_planes(unit, *self._planes(rng, PLANES_PER_BIN if np.ptp(self.orbit.raan_rad) > 0 else 1))
 
     def share_in_planes(self, unit: Array, raan_rad: Array, inclination_rad: Array) -> Array:
-        """Return the (n,) fraction of time in the field over (k,) planes, which need not be within the limits."""
+        """Return the (n,) fraction of time in the field over (k,) planes. The planes can be outside the limits."""
         knots, share = self._share_by_angle
         flat = np.sin(inclination_rad)
         normal = np.stack([np.sin(raan_rad) * flat, -np.cos(raan_rad) * flat, np.cos(inclination_rad)])
@@ -212,8 +214,8 @@ class BandEnvelope:
 
 @dataclass(frozen=True)
 class PatchEnvelope:
-    """Envelope of a camera whose base axes do not turn with the orbit: inertial, or pointing towards or away from
-    the Sun."""
+    """Envelope of a camera whose base axes do not rotate with the orbit: inertial, or pointing towards or away from the
+    Sun."""
 
     shape: FieldShape
     limits: AttitudeLimits
@@ -243,7 +245,7 @@ class PatchEnvelope:
         near = np.flatnonzero(self._near(u))
         result = np.zeros(len(u), bool)
         if self.limits.pointing in SUN_LAWS:
-            # Directions in a sampled field need no search, which is slow where Sun and attitude move in the same
+            # Directions in a sampled field need no search. A search is slow if Sun and attitude move in the same
             # direction.
             result[near] = self.witnessed(u[near], WITNESSES)
             near = near[~result[near]]
@@ -270,7 +272,7 @@ class PatchEnvelope:
         for attitude in self.attitudes(np.random.default_rng(0), PATCH_ATTITUDES):
             share[near] += self.shape.inside(u[near] @ attitude.T)
         share /= PATCH_ATTITUDES
-        # Directions that are inside the envelope but missed by the sample get half of the smallest fraction.
+        # Directions that are inside the envelope but in no sampled field get half of the smallest fraction.
         rare = near[share[near] == 0]
         share[rare[self._contains(u[rare], MAP_TOLERANCE_RAD)]] = 0.5 / PATCH_ATTITUDES
         return share
@@ -306,7 +308,7 @@ class PatchEnvelope:
 def polar_range(orbit: OrbitRanges, unit: Array) -> tuple[Array, Array]:
     """Return the (n,) smallest and largest component along orbit +y of (n, 3) directions over all planes.
 
-    The component is −(sin i·ρ·sin(Ω − α) + cos i·z); its extremes over Ω and then over i have closed forms.
+    The component is −(sin i·ρ·sin(Ω − α) + cos i·z). Its extremes over Ω, and then over i, have closed forms.
     """
     u = np.asarray(unit, float)
     z, rho, alpha = u[:, 2], np.hypot(u[:, 0], u[:, 1]), np.arctan2(u[:, 1], u[:, 0])

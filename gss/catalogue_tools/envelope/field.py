@@ -16,7 +16,7 @@ from gss.domain.camera import Camera
 PER_SIDE = 256
 CHART_CELLS = 512
 CHART_INSIDE, CHART_EDGE = 1, 2
-# Cosines closer than this to a limit are tested again exactly.
+# Distance from a limit within which a cosine is tested again exactly.
 HAIR = 1e-9
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])
 
@@ -44,7 +44,7 @@ class FieldRegion(Protocol):
 
 @dataclass(frozen=True)
 class CircularField:
-    """Circular field: the area that a field sweeps when it turns freely about its boresight."""
+    """Circular field: the area that a field covers when it rotates freely about its boresight."""
 
     radius_rad: float
 
@@ -117,13 +117,15 @@ class FieldShape:
     def inside_planes(self, x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
         """:meth:`inside` for separate component arrays of one shape; optimised for millions of directions.
 
-        A chart of the tangent plane decides all directions except those in cells crossed by the outline.
+        A chart of the tangent plane determines the result for all directions except those in cells that the outline
+        crosses.
         """
         chart, scale, offset = self._chart
         with np.errstate(divide="ignore", invalid="ignore"):
             inverse = scale / z
             col, row = x * inverse, y * inverse
-        # Directions outside the chart or behind the camera, and NaN, all map to its empty border.
+        # Directions outside the chart, directions behind the camera, and NaN are mapped to the empty border of the
+        # chart.
         ahead = (z > 0) & (np.abs(col) < offset) & (np.abs(row) < offset)
         col[~ahead] = row[~ahead] = offset
         state = chart[(row + (offset + 1)).astype(np.int32), (col + (offset + 1)).astype(np.int32)]
@@ -137,7 +139,8 @@ class FieldShape:
 
         A field point at distance d from a point at angle a from the boresight is at least a − d from the boresight and
         at most asin(sin d / sin a) away in azimuth. The test uses the largest field radius in that azimuth window. For
-        wide windows it comes from a table, for narrow windows from the radius at the azimuth and the steepest slope.
+        wide windows, this radius is taken from a table. For narrow windows, it is computed from the radius at the
+        azimuth and the steepest slope.
         """
         x, y, z = np.moveaxis(np.asarray(unit_cam), -1, 0)
         flat = np.hypot(x, y)

@@ -60,5 +60,6 @@ def pixel_of(nside: int, unit: Array) -> NDArray[np.int64]:
 
 def pixel_radius_rad(nside: int) -> float:
     """Upper bound of the distance of a direction from the centre of its pixel."""
-    # The pixels between cap and belt have the farthest corner. A test checks this bound for every nside.
+    # The largest distance between centre and corner is that of the pixels between cap and belt. A test checks this
+    # bound for every nside.
     return float(1.1 * np.sqrt(pixel_area_sr(nside)))

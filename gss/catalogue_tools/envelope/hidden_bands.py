@@ -1,4 +1,4 @@
-"""Parts of a band of sky that a camera turning with the orbit sees past the Earth."""
+"""Parts of a band of sky that a camera which rotates with the orbit sees past the Earth."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from gss.catalogue_tools.envelope.envelope import BandEnvelope
 from gss.catalogue_tools.envelope.views import Views
 from gss.domain.angles import Array
 
-# Visible directions closer together than this belong to the same interval.
+# Largest distance between two visible directions of the same interval.
 GAP_RAD = float(np.radians(0.25))
-# The ends of a band are computed to this accuracy and then moved outwards by it.
+# Accuracy of the ends of a band. The computed ends are then moved outwards by this angle.
 END_RAD = 1e-4
 FIRST, KEPT, CHILDREN, ROUNDS, SHRINK = 12_000, 24, 60, 16, 0.55
 
@@ -66,7 +66,8 @@ def _end(band: BandEnvelope, limit: float, low_rad: float, high_rad: float, sign
         if not len(near):
             break
         step = rng.normal(size=(len(near), 4)) * scale
-        # Clipping makes samples at the ends of the limits exact. The random mask lets each number change independently.
+        # Clipping places samples exactly at the ends of the limits. With the random mask, each number changes
+        # independently of the others.
         step *= rng.random((len(near), 4)) < 0.6
         step[::CHILDREN] = 0
         near[:, :3] = np.clip(near[:, :3] + step[:, :3], 0, 1)

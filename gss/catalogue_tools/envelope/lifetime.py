@@ -1,5 +1,5 @@
-"""Time for which a catalogue remains useful after its validity, until drift has moved too large a part of the fields
-out of its envelope.
+"""Time for which a catalogue remains useful after the end of its validity. It ends when the drift has moved too large a
+part of the fields out of the envelope.
 
 The node drift and the margin give the number of days between two uploads (Moniteq 1983 §2.5).
 """
@@ -27,8 +27,8 @@ SUN_ATTITUDES = 1000
 @dataclass(frozen=True)
 class Lifetime:
     """Lifetime of an envelope. ``days``: time from the end of validity until the fraction of the visible sky inside the
-    envelope falls below ``threshold``; infinite if it does not. ``until``: that date. ``days_curve``, ``share_curve``:
-    (k,) days and (k,) fractions."""
+    envelope falls below ``threshold``; infinite if it never falls below. ``until``: date of this time. ``days_curve``,
+    ``share_curve``: (k,) days and (k,) fractions."""
 
     threshold: float
     days: float
@@ -68,7 +68,7 @@ def lifetime(
         visible = _seen_after(base, rate_rad_day * days, grid)
         return float(visible[in_base].sum() / max(float(visible.sum()), 1e-300))
 
-    # After a full turn of the node the fraction is 1 again, so the first time below the threshold counts.
+    # After a full rotation of the node, the fraction is 1 again. Therefore the first time below the threshold is used.
     longest = min(longest_days, 2 * np.pi / abs(rate_rad_day))
     days_curve = np.linspace(0, longest, CURVE_POINTS)
     share_curve = np.array([share(float(d)) for d in days_curve])

@@ -3,13 +3,14 @@
 A star is visible if its line of sight passes the Earth's limb by the margin. A field is usable if its boresight also
 passes the limb by the margin and keeps the baffle's angles to Sun and Moon. Eclipses are ignored: the Sun's keep-out
 angle also applies in the Earth's shadow, which is conservative. The orbit is a circle, and the directions of Sun and
-Moon are those from the Earth's centre (from a low orbit the Moon is up to 1.1° away; add that to its angle).
+Moon are those from the Earth's centre (from a low orbit the Moon appears up to 1.1° away; add this to the Moon's
+angle).
 
-The sky that the Earth hides from a camera turning with the orbit is exact to ``hidden_bands.END_RAD``. For other laws
-the Earth hides no direction permanently, unless limb and margin exceed 90°; boresight and star are then tested
-separately. Sun and Moon are sampled, with a bias of ``baffle_search.NEAR_RAD`` towards visibility, at dates a degree of
-solar or node motion apart. Fractions of time are computed over random times, with the node moving uniformly over the
-validity.
+For a camera that rotates with the orbit, the sky hidden by the Earth is exact to ``hidden_bands.END_RAD``. For other
+laws, the Earth hides a direction permanently only if limb and margin exceed 90°. In this case boresight and star are
+tested separately. Sun and Moon are sampled, with a bias of ``baffle_search.NEAR_RAD`` towards visibility, at dates a
+degree of solar or node motion apart. Fractions of time are computed over random times, with the node moving uniformly
+over the validity.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from gss.domain.errors import BadInput
 
 __all__ = ["Blinded", "Occultation", "OccultedEnvelope", "altitude_of_tle"]
 
-# Number of random fields. Stars visible in one of them need no search, which applies to nearly all stars.
+# Number of random fields. Nearly all visible stars are in one of these fields and need no search.
 WITNESSES = 4096
 SAMPLE = 20_000
 HITS_PER_DIRECTION = 100
@@ -222,7 +223,8 @@ class OccultedEnvelope:
         """Return the (n,) fraction of time in a usable field and clear of the Earth. The fraction is sampled; see
         HITS_PER_DIRECTION."""
         u = np.asarray(unit, float)
-        # Only a band has a fast membership test. The count over fields always examines only nearby directions.
+        # Only a band has a fast membership test. For other envelopes, each field is compared only with nearby
+        # directions.
         band = isinstance(self.base, BandEnvelope)
         possible = np.flatnonzero(self.base.contains(u)) if band else np.arange(len(u))
         per_field = max(1.0, len(u) * self.base.shape.area_sr / (4 * np.pi))
@@ -258,7 +260,7 @@ class OccultedEnvelope:
                 )
             )
         if earth_rad <= np.pi / 2 or self.orbit is None:
-            # At some point of every orbit the Earth is behind the camera.
+            # In every orbit there is a time at which the Earth is behind the camera.
             return np.ones(len(u), bool)
         smallest, largest = polar_range(self.orbit, u)
         height = np.where((smallest <= 0) & (largest >= 0), 0.0, np.minimum(np.abs(smallest), np.abs(largest)))

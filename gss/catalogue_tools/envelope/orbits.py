@@ -17,9 +17,9 @@ Range = tuple[float, float]
 EARTH_RADIUS_M = 6_378_137.0
 EARTH_MU_M3_S2 = 3.986004418e14
 J2 = 1.08262668e-3
-# Below this altitude a satellite does not complete an orbit.
+# Minimum altitude. A lower satellite does not complete an orbit.
 MIN_ORBIT_M = 100e3
-# In a low orbit, the node predicted from mean elements is accurate to 0.1° for about this number of days.
+# Number of days for which the node of a low orbit, predicted from mean elements, is accurate to about 0.1°.
 TLE_VALID_DAYS = 60.0
 TLE_VALID_BEFORE_DAYS = 7.0
 SGP4_WORDS = {

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from gss.catalogue_tools.envelope.field import PER_SIDE, FieldRegion, FieldShape
 from gss.domain.angles import Array
 
-# A direction closer than this to the edge of the visible sky counts as visible.
+# Tolerance at the edge of the visible sky. Directions within it are treated as visible.
 TOLERANCE_RAD = 2e-6
-# Largest number of boxes processed together. Beyond it, undecided directions count as visible, so no star is missed.
+# Largest number of boxes processed together. If it is exceeded, undecided directions are treated as visible, so no star
+# is missed.
 MAX_BOXES = 4_000_000
 FIRST_GRID, ZOOM_GRID, ZOOMS, ZOOM = 25, 9, 9, 0.3
 
@@ -29,9 +30,9 @@ def polar_interval(shape: FieldShape, cam_from_body: Array, low: Array, high: Ar
     """Return the smallest and largest component along the orbit's +y axis over all visible directions and all roll,
     pitch, yaw in the box.
 
-    A camera that turns with a circular orbit sweeps every azimuth about the orbit normal, and the directions it sees at
-    one time over all attitudes of the box form one connected patch. Therefore a star is visible at some time if and
-    only if its component is between these two numbers.
+    A camera that rotates with a circular orbit covers every azimuth about the orbit normal. The directions that it sees
+    at one time, over all attitudes of the box, form one connected patch. Therefore a star is visible at some time if
+    and only if its component is between these two numbers.
     """
     axis = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
     sees_axis, sees_opposite = reachable(axis, np.eye(3), np.zeros(2), shape, cam_from_body, low, high)
@@ -67,7 +68,7 @@ def _over_roll(unit_body: Array, pitch: Array, yaw: Array, roll_low: float, roll
     """Return the (k, pitch, yaw) largest +y orbit component of (k, 3) body vectors over the roll range."""
     x, y, z = (unit_body[:, n, None, None] for n in range(3))
     cp, sp, ct, st = np.cos(yaw), np.sin(yaw), np.cos(pitch)[:, None], np.sin(pitch)[:, None]
-    # Undo yaw, then pitch; the remaining rotation is roll, about x.
+    # Invert yaw, then pitch. The remaining rotation is roll, about x.
     x1, by = cp * x - sp * y, np.broadcast_to(sp * x + cp * y, np.broadcast_shapes(x.shape, (len(pitch), len(yaw))))
     bz = -st * x1 + ct * z
     return cosine_range(np.hypot(by, bz), -np.arctan2(bz, by), roll_low, roll_high)[1]
@@ -102,11 +103,11 @@ def reachable(
             break
         body = _turned(_spun(unit[owner], centres[:, 0], base_from_pivot), centres[:, 1:])
         v = body @ cam_from_body.T
-        # Spin is the first rotation, about pivot z. It moves a direction at most in proportion to its distance from
-        # that axis.
+        # Spin is the first rotation, about pivot z. It moves a direction by at most the angle of spin times the sine of
+        # the distance from this axis.
         spun = half[0] * off_axis[owner]
         other = spun + half[1] + half[2]
-        # Yaw is the last rotation, about body z. It hardly moves a direction near that axis.
+        # Yaw is the last rotation, about body z. It hardly moves directions near this axis.
         slack = other + half[3] * np.minimum(1.0, np.hypot(body[:, 0], body[:, 1]) + other)
         near = shape.may_be_within(v, slack)
         reached[owner[near & (shape.inside(v) | (slack <= tolerance_rad))]] = True

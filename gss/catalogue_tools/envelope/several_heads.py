@@ -37,7 +37,7 @@ class HeadsEnvelope:
 
     def time_fraction(self, unit: Array) -> Array:
         """Return the (n,) fraction of time in the field of a head, at most 1. Times at which two heads see a direction
-        count twice."""
+        are counted twice."""
         return np.asarray(np.minimum(1.0, np.sum([head.time_fraction(unit) for head in self.heads], axis=0)))
 
     def edges(self, at_end: bool) -> list[Array]:

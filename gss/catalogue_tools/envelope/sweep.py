@@ -15,7 +15,8 @@ from gss.catalogue_tools.envelope.several_heads import HeadsEnvelope
 from gss.domain.angles import Array
 
 STEPS = 48
-# Points per side; the map draws great circles between them, which is exact for a lens without distortion.
+# Number of points per side. The map draws great circles between the points, which is exact for a lens without
+# distortion.
 PER_SIDE = 4
 MIDDLE = 0.5
 # Indices of the argument of latitude and of the fraction of validity in an envelope's coordinates.
@@ -27,7 +28,8 @@ class Sweep:
     """Sequence of fields. ``over``: orbit, validity, or "" if the field does not move. ``fields``: (n, k, 3) closed
     ICRS outlines. ``boresights``: (n, 3) ICRS directions.
 
-    Attitude and inclination are in the middle of their limits; for a sweep over an orbit, so is the date.
+    Attitude and inclination are in the middle of their limits. For a sweep over an orbit, the date is also in the
+    middle.
     """
 
     over: str

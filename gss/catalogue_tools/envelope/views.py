@@ -12,7 +12,8 @@ from gss.catalogue_tools.envelope.field import FieldShape
 from gss.domain.angles import Array
 
 ATTITUDES, POINTS = 512, 384
-# Samples are drawn beyond the limits by this fraction and clipped, so that ends and corners occur often.
+# Fraction by which samples are drawn beyond the limits before they are clipped. As a result, ends and corners of the
+# limits occur often.
 OVERDRAW = 0.25
 
 
@@ -44,7 +45,7 @@ def views_of(shape: FieldShape, limits: AttitudeLimits, seed: int = 0) -> Views:
     cam_from_base = cams_within(limits, ATTITUDES, seed + 1)
     corners = 4 * np.arange(POINTS // 4) / (POINTS // 4)
     outline = shape.edge(np.concatenate([corners, np.arange(4.0)]))
-    # Points on the outline are moved slightly inwards, because rounding could put them outside the field.
+    # Points on the outline are moved slightly inwards, because rounding could move them out of the field.
     part = np.concatenate([np.full(len(outline), 1 - 1e-9), rng.uniform(0, 1, POINTS - len(outline)) ** 0.5])
     edge = shape.edge(rng.uniform(0, 4, POINTS - len(outline)))
     points = np.concatenate([outline, edge]) * part[:, None] + np.array([0.0, 0.0, 1.0]) * (1 - part[:, None])

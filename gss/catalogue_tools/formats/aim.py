@@ -1,11 +1,11 @@
 """aim: star list and linked list of neighbours of Moniteq 1983 §6.1, with a count and a pointer per star and each link
 at both ends.
 
-The document stores 3 000 stars in 70 kbyte, including 36 kbyte of links. It does not specify the bytes of a star. The
-11 bytes per star are chosen: right ascension and declination in units of a turn divided by 2³² (0.0003″), magnitude in
-thousandths, eight flags. Links are 16 bits wide instead of 12, so that any processor can read them. They take 8n − 12
-numbers, 16 bytes per star. Pointers of 16 bits limit the list to 10 924 stars. There is no distance table, because the
-chain does not use one.
+The document stores 3 000 stars in 70 kbyte, including 36 kbyte of links, but does not specify the bytes of a star. The
+11 bytes per star are chosen: right ascension and declination in units of 360°/2³² (0.0003″), magnitude in thousandths,
+eight flags. Links are 16 bits wide instead of 12, so any processor can read them. There are 8n − 12 links, which need
+16 bytes per star. Pointers of 16 bits limit the list to 10 924 stars. There is no distance table, because the chain
+does not use one.
 """
 
 from __future__ import annotations

@@ -34,8 +34,8 @@ class BlockField:
 class Block:
     """``count`` consecutive values of ``dtype``.
 
-    ``name``: name of a scalar column; the columns of records have the names in the dtype. ``bits``: the dtype is bytes
-    that contain whole numbers of these widths, lowest first; ``name`` has their names, separated by spaces.
+    ``name``: name of a scalar column; the columns of records have the names in the dtype. ``bits``: if set, the bytes
+    contain whole numbers of these widths, lowest first, and ``name`` contains their names, separated by spaces.
     """
 
     table: str
@@ -79,7 +79,8 @@ class Rows:
 def dtype_of(described: object, shape: Sequence[object]) -> np.dtype[Any]:
     """Return the type described by a file's layout: a number, a short array of numbers, or a record.
 
-    ValueError for anything else: numpy's type descriptions are a small language that an untrusted file must not use.
+    Raises ValueError for any other description, because an untrusted file must not use the full syntax of numpy's type
+    descriptions.
     """
     if isinstance(described, str) and NUMBER_TYPE.fullmatch(described):
         sizes = [n for n in shape if type(n) is int and 0 < n <= MAX_CONSECUTIVE]

@@ -43,7 +43,8 @@ def check_pairs(fmt: BankFormat, stars: int, distances: DistanceTable) -> None:
 
 
 def check_content(icrs: NDArray[np.floating], distances: DistanceTable, stars: int) -> None:
-    """Raise CorruptData if decoded directions or pairs are not valid; a correct CRC does not guarantee this."""
+    """Raise CorruptData if decoded directions or pairs are not valid; a correct CRC does not guarantee valid
+    content."""
     norm = np.linalg.norm(icrs.astype(float), axis=1)
     if not np.all(np.abs(norm - 1) < NORM_TOLERANCE):
         raise CorruptData("a star's direction is not a unit vector", expected="length 1", got=f"row {_worst(icrs)}")

@@ -1,10 +1,11 @@
 """far-mst: star list and pair directory of Huffman 2006 §5.5.4: two star numbers and sin²θ, ascending, with the
 k-vector.
 
-The document stores sin²θ because it needs no arccosine on board and increases almost linearly over the table. The
-document does not specify the bytes. Chosen: 14 bytes per star, 8 per pair, and the k-vector as a section of 2 or 4
-bytes per pair. The largest distance is 90°, because sin² is monotonic only up to there. If the bank has a reduced
-catalogue, the directory covers the stars of that catalogue, and the whole list is used for confirmation.
+The document stores sin²θ, because then no arccosine is needed on board, and because sin²θ increases almost linearly
+over the table. The document does not specify the bytes. Chosen: 14 bytes per star, 8 per pair, and the k-vector as a
+section of 2 or 4 bytes per pair. The largest distance is 90°, because sin² is monotonic only up to this angle. If the
+bank has a reduced catalogue, the directory covers the stars of that catalogue, and the whole list is used for
+confirmation.
 """
 
 from __future__ import annotations

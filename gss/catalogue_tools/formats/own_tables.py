@@ -49,9 +49,9 @@ def tables_for(
     """Compute distances and tables for :func:`registry.encode`, using the camera's parameters.
 
     ``limit_mag``: magnitude at which a star is detected half of the time, for the triplets of oersted; None: the
-    faintest that the list allows. ``uncertainty_rad``: uncertainty of one position; None: the document's 3′, converted
-    to pixels of this camera. ``reduced``: the frame of a reduced catalogue to add, or the catalogue itself; the
-    distances are then limited to its stars. None: no reduced catalogue, except for far-mst, which uses the camera's
+    faintest magnitude that the list allows. ``uncertainty_rad``: uncertainty of one position; None: the document's 3′,
+    converted to pixels of this camera. ``reduced``: the frame of a reduced catalogue to add, or the catalogue itself;
+    the distances are then limited to its stars. None: no reduced catalogue, except for far-mst, which uses the camera's
     frame. ``index``: also add a k-vector.
     """
     tables = BankTables()
@@ -79,8 +79,8 @@ def constellations_of(
 ) -> Constellations:
     """Compute Liebe's database of a star list.
 
-    ``limit_mag`` None: the faintest that the list allows; the list must contain stars down to 25 % below the limit in
-    brightness.
+    ``limit_mag`` None: the faintest magnitude that the list allows; the list must contain stars down to 25 % below the
+    limit in brightness.
     """
     finite_mag = stars.v_mag[np.isfinite(stars.v_mag)]
     if limit_mag is None:

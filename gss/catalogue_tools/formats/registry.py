@@ -71,8 +71,8 @@ def core_bytes(format_name: str, stars: int, pairs: int) -> int:
 def image_bytes(format_name: str, stars: int, pairs: int) -> int:
     """Estimate the length of a bank image before it is made.
 
-    The estimate is exact for formats without sections and for the links of whole-sky lists. For triplets it uses a
-    typical size, because their number depends on the sky.
+    The estimate is exact for formats without sections and for the links of whole-sky lists. For triplets a typical size
+    is used, because the number of triplets depends on the sky.
     """
     size = core_bytes(format_name, stars, pairs)
     extra = 0
@@ -270,8 +270,8 @@ def quantisation_error(stars: StarTable, distances: DistanceTable, image: bytes)
 def _check_sections(fmt: BankFormat, header: BankHeader, image: memoryview, core: int) -> None:
     """Raise CorruptData if a required section is missing.
 
-    A k-vector can be missing, because it requires two different pairs. The optional kinds of triplets can be missing
-    too.
+    A k-vector can be missing, because a list with fewer than two different pairs has none. The optional kinds of
+    triplets can also be missing.
     """
     have = {tag for tag, _, _ in walk(image, core)} if header.version == SECTIONS_VERSION else set()
     missing = [tag for tag in fmt.sections if tag not in have and tag not in ("KVEC", "TMAY", "TEXC")]

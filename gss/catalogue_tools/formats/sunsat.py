@@ -35,8 +35,8 @@ PAIRS = Rows(
     ),
     records=True,
 )
-# The single-precision numbers nearest to 2π and π/2 exceed them, so a star at these angles would be decoded on the
-# other side of the range.
+# The single-precision numbers nearest to 2π and π/2 are larger than 2π and π/2. A star at these angles would be decoded
+# at the other end of the range.
 FULL_TURN = np.float32(2 * np.pi)
 POLE = np.nextafter(np.float32(np.pi / 2), np.float32(0))
 

@@ -1,5 +1,5 @@
-"""Convert a bank image to table files of other programs and back, byte for byte. FITS uses one file; CSV, ECSV and
-Parquet use a ZIP with one file per table, because a file of these kinds contains a single table.
+"""Convert a bank image to table files of other programs and back, byte for byte. For FITS the result is one file. For
+CSV, ECSV and Parquet it is a ZIP with one file per table, because a file of these formats contains a single table.
 
 Every block of the image is a table or a column of a table, in the device's number types (see
 docs/catalogue-formats.md). Header and section heads are tables of bytes. ``layout`` states the order of the blocks in
@@ -217,7 +217,7 @@ def _zipped(files: Mapping[str, bytes], layout: list[BlockEntry], facts: Mapping
             **files,
         }
         for name, data in content.items():
-            # A fixed date makes the file identical for the same catalogue.
+            # With a fixed date, the same catalogue always gives the same file.
             archive.writestr(zipfile.ZipInfo(name, DATE), data, zipfile.ZIP_DEFLATED)
     return file.getvalue()
 
@@ -258,7 +258,7 @@ def _write_csv(name: str, columns: Columns, facts: Mapping[str, Any]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    # numpy prints the shortest text that restores the same number.
+    # numpy writes the shortest text from which the same number is restored.
     writer.writerows(zip(*([str(v) for v in values] for values in columns.values()), strict=True))
     return text.getvalue().encode()
 

@@ -1,11 +1,10 @@
-"""Map of how easily stars can be confused: for each field, other parts of the catalogue that look like the stars of the
-field.
+"""Ambiguity map: for each field, the number of other parts of the catalogue that are similar to the stars of the field.
 
-There are two figures for two types of matchers. A triangle matcher is misled by other triangles with the same three
-sides. For every triangle of a field's brightest stars, the matching triangles in the catalogue are counted, including
-mirror images, which distances cannot distinguish. A voting matcher is misled if wrong stars get as many votes as the
-correct star. ``rivals`` is the expected number of such stars, computed from the number of stars and the number of wrong
-pairs that each distance query returns. For fields with fewer than three stars both figures are infinite.
+The map contains two figures, for two types of matchers. A triangle matcher is misled by other triangles with the same
+three sides. For every triangle of a field's brightest stars, the matching triangles in the catalogue are counted,
+including mirror images, which distances cannot distinguish. A voting matcher is misled if wrong stars get as many votes
+as the correct star. ``rivals`` is the expected number of such stars, computed from the number of stars and the number
+of wrong pairs that each distance query returns. For fields with fewer than three stars both figures are infinite.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ class AmbiguityMap:
     @property
     def worst(self) -> tuple[float, float, float]:
         """Right ascension, declination and ``rivals`` of the most ambiguous pixel. If ``rivals`` is infinite in several
-        pixels, the pixel with the fewest stars."""
+        pixels, return the pixel with the fewest stars."""
         inside = np.flatnonzero(self.stars >= 0)
         if not len(inside):
             return float("nan"), float("nan"), float("nan")
@@ -122,8 +121,8 @@ def ambiguity_map(
 
 
 def expected_rivals(field_stars: NDArray[np.int64], wrong_pairs: Array, catalogue_stars: int) -> Array:
-    """Return the (m,) expected number of wrong stars with at least as many votes as the correct star is certain to get,
-    which is one per other star of the field.
+    """Return the (m,) expected number of wrong stars that get at least as many votes as the correct star. The correct
+    star gets one vote from each other star of the field.
 
     Each wrong pair adds a vote to two stars anywhere in the catalogue, so the votes follow a Poisson distribution.
     """
@@ -136,7 +135,7 @@ def wrong_matches(unit: Array, trios: Rows, tolerance_rad: float, max_rad: float
     """Count the matches of (m, 3) triangles. Returns the (m,) mean number of other pairs with the length of a side, and
     the (m,) number of other triangles with the same three sides, within the tolerance.
 
-    Triangles of the same stars in a different order count once.
+    Triangles of the same stars in a different order are counted once.
     """
     table = _Neighbours(unit, max_rad + tolerance_rad)
     a, b, c = trios.T

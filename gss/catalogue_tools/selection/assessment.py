@@ -21,7 +21,7 @@ from gss.skytables.pairs import DistanceTable
 
 MAP_NSIDE = 32
 AMBIGUITY_NSIDE = 16
-# Fainter planets are not reported, because many stars have the same brightness.
+# Magnitude limit of reported planets. Many stars are as bright as a fainter planet.
 PLANET_MAG = 6.0
 SUN = "Sun"
 WAY_POINTS = 60
@@ -40,7 +40,7 @@ class EnvelopeMap:
 
 @dataclass(frozen=True)
 class MovingBody:
-    """The Sun, or a body that is in the envelope at some time.
+    """The Sun, or another body that is in the envelope at some time.
 
     ``track``: (k, 3) ICRS directions from the first to the last day. ``share``: fraction of the days on which it is in
     the envelope.

@@ -15,9 +15,10 @@ from gss.domain.angles import Array
 
 Counts = NDArray[np.int64]
 Group = tuple[NDArray[np.intp], NDArray[np.intp]]
-# Field-star tests in one step, chosen to fit the processor's cache.
+# Number of field–star tests in one step. Their data fit the cache of the processor.
 STEP = 131_072
-# Grouping costs more than it saves with fewer fields per pixel, or if pixels are much smaller than a field.
+# Minimum number of fields per pixel, and limit of the resolution. With fewer fields, or with pixels much smaller than a
+# field, grouping takes more time than it saves.
 FIELDS_PER_PIXEL = 100
 PIXEL_OF_FIELD = 0.3
 MANY_STARS = 5000
@@ -70,7 +71,7 @@ def fields_per_star(
 
 def _groups(unit: Array, boresight: Array, shape: FieldShape | CircularField) -> list[Group]:
     """Return, for each pixel of the sky, the rows of its fields and the rows of the stars that these fields can
-    contain. The number of fields sets the resolution."""
+    contain. The resolution of the pixels depends on the number of fields."""
     nside = 1
     worth = len(boresight) * max(1.0, len(unit) / MANY_STARS)
     while (

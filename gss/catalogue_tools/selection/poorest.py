@@ -1,4 +1,5 @@
-"""Search for the field with the fewest stars: random fields first, then fields around the poorest of them."""
+"""Search for the field with the fewest stars. Random fields are tested first, then fields around the poorest random
+fields."""
 
 from __future__ import annotations
 
@@ -14,8 +15,8 @@ from gss.domain.angles import Array
 
 FIRST, KEPT, CHILDREN, ROUNDS = 4096, 24, 24, 8
 START_SCALE, SHRINK = 0.06, 0.6
-# Margin of an enlarged field on each side, as a fraction of the half diagonal. Its stars break ties between fields with
-# the same number of stars: fewer stars around a field indicate that a poorer field is near.
+# Margin of an enlarged field on each side, as a fraction of the half diagonal. Among fields with the same number of
+# stars, the field with the fewest stars in its enlarged field is preferred, because a poorer field is probably near.
 COLLAR = 0.15
 BLIND = 1e6
 

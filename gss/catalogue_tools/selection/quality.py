@@ -24,11 +24,11 @@ __all__ = ["Counts", "Quality", "assess", "candidates_per_query", "stars_per_fie
 class Quality:
     """Stars per field and look-up cost of a catalogue.
 
-    ``histogram``: number of pointings with 0, 1, 2 … stars. ``worst_*``: the field with the fewest stars, among these
-    pointings and ``searched`` more fields around the poorest of them. ``candidates_per_query``: mean number of pairs
-    that a distance query returns. ``candidates_per_star``: number of catalogue stars in the results of all queries of
-    one observed star; NaN without a table. ``blinded_share``: fraction of the time lost to Earth, Sun or Moon; the
-    pointings cover the remaining time.
+    ``histogram``: number of pointings with 0, 1, 2 … stars. ``worst_*``: the field with the fewest stars among these
+    pointings and ``searched`` further fields around the poorest pointings. ``candidates_per_query``: mean number of
+    pairs that a distance query returns. ``candidates_per_star``: number of catalogue stars in the results of all
+    queries of one observed star; NaN without a table. ``blinded_share``: fraction of the time lost to Earth, Sun or
+    Moon; the pointings cover the remaining time.
     """
 
     pointings: int

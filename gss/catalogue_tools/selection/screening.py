@@ -13,7 +13,7 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_MULTIPLE, FLAG_VARIABLE, StarTable
 
-# Errors of magnitude and separation, and the arc, of the example in Moniteq 1983 §2.1.
+# Error of the magnitude, error of the separation, and arc in the example of Moniteq 1983 §2.1.
 MONITEQ_MAG, MONITEQ_RAD, MONITEQ_ARC_RAD = 0.5, float(np.radians(0.01)), float(np.radians(8.0))
 # Table 2.4: proper motion above 1″ a year; bright pairs are mostly closer than 30″ (§2.2).
 FAST_RAD_YR = float(np.radians(1 / 3600))
@@ -23,8 +23,8 @@ ACTIONS = ("drop", "list")
 
 @dataclass(frozen=True)
 class FalseMatches:
-    """Expected numbers of stars that match by chance, and the Poisson probability of exactly one such star, which the
-    document prints.
+    """Expected numbers of stars that match by chance, and the Poisson probability of exactly one such star. The
+    document states the probability.
 
     ``second``: expected number in the ring at the arc from a star. ``third``: expected number in the patch in which a
     third star would match two stars. ``joint_probability``: probability of both, for three stars of one field.
@@ -97,10 +97,10 @@ def companions(
 class ScreeningRules:
     """Criteria of the screening list. ``action``: drop removes a listed star, list only reports it.
 
-    ``doubles``, ``variables``, ``fast``: use these marks of :func:`screen`. ``most_companions``: a star is listed if it
-    has more stars than this in the ring at ``arc_rad`` ± ``tolerance_rad``, regardless of their magnitude.
-    ``most_false``: limit on the expected number of false triples, which is the number of stars in the ring times the
-    expected number of chance stars in the patch of a third star. None: not checked.
+    ``doubles``, ``variables``, ``fast``: True to list the stars that :func:`screen` marks for this reason.
+    ``most_companions``: a star is listed if it has more stars than this in the ring at ``arc_rad`` ± ``tolerance_rad``,
+    regardless of their magnitude. ``most_false``: limit on the expected number of false triples, which is the number of
+    stars in the ring times the expected number of chance stars in the patch of a third star. None: not checked.
     """
 
     action: str = "drop"

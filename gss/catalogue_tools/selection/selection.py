@@ -22,7 +22,8 @@ from gss.domain.callbacks import no_progress
 from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_VARIABLE, StarTable
 
-# A neighbour that is fainter by this difference shifts the common centroid by less than a tenth of the separation.
+# Difference of magnitude for which a fainter neighbour shifts the common centroid by less than a tenth of the
+# separation.
 HARMLESS_DIFFERENCE_MAG = 2.5
 MAX_LISTED = 500
 # Thinning methods, with the name of their fields in the funnel.
@@ -32,7 +33,8 @@ FRAME_STEP, FRAME_STEPS_RAD = 1 / 8, (float(np.radians(0.5)), float(np.radians(4
 
 
 class Fate(IntEnum):
-    """Result of the selection for a star within the magnitude limit. If several reasons apply, the first one counts."""
+    """Result of the selection for a star within the magnitude limit. If several reasons apply, the first reason is
+    used."""
 
     KEPT = 0
     OUTSIDE = 1
@@ -246,8 +248,8 @@ def _mark(fate: NDArray[np.int8], which: NDArray[np.bool_], value: Fate) -> None
 
 
 def _merging(stars: StarTable, separation_rad: float) -> NDArray[np.bool_]:
-    """Return the (n,) mask of stars whose image merges with that of a neighbour. In a close pair the fainter star is
-    marked, and the brighter star unless the fainter one is harmless.
+    """Return the (n,) mask of stars whose image merges with that of a neighbour. In a close pair, the fainter star is
+    marked. The brighter star is also marked, unless the fainter star is harmless.
 
     Neighbours beyond the faint limit are not considered.
     """
@@ -266,7 +268,7 @@ def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -
     brightness. Fields are circles on a grid of equal-area pixels within the envelope (after Huffman 2006 §5.5.4: the
     brightest of every field).
 
-    The search starts with the brightest stars. More stars are searched for fields that are not full.
+    The search starts with the brightest stars. For fields that have too few of these, fainter stars are searched too.
     """
     selected = np.zeros(len(unit), bool)
     grid = centres(_grid_nside(radius_rad))

@@ -26,7 +26,8 @@ class Reduced:
     """A reduced catalogue.
 
     ``kept``: (n,) mask of the kept stars. ``per_field``: (m,) number of kept stars in each of the ``pointings``, for
-    the report. It shows gaps, such as those in the document's catalogue, which its size does not reveal.
+    the report. These numbers show gaps, such as those in the document's catalogue, which the size of a catalogue does
+    not show.
     """
 
     kept: NDArray[np.bool_]
@@ -78,7 +79,8 @@ def reduce_catalogue(
     order = np.argsort(stars.v_mag, kind="stable")
     unit = stars.icrs[order]
     selected = np.zeros(len(stars), bool)
-    # The search starts with the brightest stars of the sky. More stars are searched for fields that are not full.
+    # The search starts with the brightest stars of the sky. For fields that have too few of these, fainter stars are
+    # searched too.
     pending, depth = attitudes, _depth(shape, brightest)
     while len(pending):
         short = []

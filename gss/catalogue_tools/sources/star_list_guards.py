@@ -1,7 +1,7 @@
 """Checks of a star list before a library reads it: references to other files, entities, aliases, open quotes, and size.
 
-The sender of a list is not trusted. A VOTable can refer to a file or an address instead of containing its rows, and a
-reader that follows the reference opens a target chosen by the sender. Entities, aliases, fixed-length text, powers in
+The sender of a list is not trusted. A VOTable can contain a reference to a file or an address instead of rows. A reader
+that follows the reference opens a target that the sender has chosen. Entities, aliases, fixed-length text, powers in
 units and nested headers expand a few bytes to gigabytes of memory or minutes of time. The time of each check is
 proportional to the size of the file.
 """
@@ -21,10 +21,11 @@ import yaml
 from gss.domain.errors import BadInput
 
 ECSV_HEADER_BYTES = 1 << 17
-"""The longest known list is Gaia's source table. It describes its 152 columns in a quarter of this size."""
+"""Maximum size of a header. The longest known header is that of Gaia's source table, which describes 152 columns in a
+quarter of this size."""
 DEEPEST_HEADER = 20
 MAX_COLUMNS = 1000
-"""FITS allows 999."""
+"""Maximum number of columns. FITS permits 999."""
 MAX_ROWS = 5_000_000
 MAX_LINE_LENGTH = 1 << 16
 MAX_NAME_LENGTH = 200
@@ -40,7 +41,7 @@ SHOWN = 60
 
 def check_unit(unit: str) -> None:
     """Raise BadInput for a unit that is too long or contains a number with more than four digits before the decimal
-    point, because the parser would compute 10**9999999."""
+    point. Without this check, the parser would compute numbers such as 10**9999999."""
     if len(unit) > MAX_UNIT_LENGTH or re.search(r"(?<![.\d])\d{5}", unit):
         raise BadInput(
             "a unit of the star list is too long",
@@ -251,10 +252,10 @@ def _has_aliases(header: str) -> bool:
 
 
 def check_quotes(text: str, delimiter: str) -> None:
-    """Raise BadInput for a quote that is not closed on its line, because the reader would include the following rows in
-    the value.
+    """Raise BadInput for a quote that is not closed on its line. Otherwise the reader would include the following rows
+    in the value.
 
-    A quote opens a value only at its beginning; elsewhere it is an arcsecond sign.
+    A quote opens a value only at the beginning of the value. At other positions it is an arcsecond sign.
     """
     if '"' not in text:
         return

@@ -108,7 +108,8 @@ class ListMapping:
             raise BadInput("unknown treatment of invalid rows", expected=" | ".join(BAD_ROWS), got=str(self.bad_rows))
 
     def _check_types(self) -> None:
-        """Raise BadInput for values of a wrong type, which JSON can contain; "no" must not count as true."""
+        """Raise BadInput for values of a wrong type, which JSON can contain. For example, the text "no" must not be
+        read as true."""
         for name in ("columns", "units"):
             fields = getattr(self, name)
             if not isinstance(fields, Mapping) or not all(isinstance(t, str) for pair in fields.items() for t in pair):

@@ -31,8 +31,8 @@ MAX_PARALLAX_RAD = 1.0 * ARCSEC_RAD
 ROUNDING_RAD = 1e-9
 MAX_NUMBER = 2**31 - 1
 MAX_NUMBER_LENGTH = 100
-"""Limit in characters, because the regular expression NUMBERS can backtrack on long blank text."""
-# Smallest number of rows from which the unit can be guessed.
+"""Maximum number of characters of a value, because the regular expression NUMBERS can backtrack on long blank text."""
+# Minimum number of rows for guessing a unit.
 MIN_INFORMATIVE_ROWS = 20
 NUMBERS = re.compile(
     r"^\s*([+-]?)\s*(\d+(?:\.\d*)?)(?:[\s:hd°]+(\d+(?:\.\d*)?))?(?:[\s:m'′]+(\d+(?:\.\d*)?))?[\s\"″s]*$"
@@ -162,7 +162,7 @@ def require_clear_unit(
     if np.count_nonzero(np.isfinite(ra)) < MIN_INFORMATIVE_ROWS:
         return
     low, high, dec_end = float(np.nanmin(ra)), float(np.nanmax(ra)), float(np.nanmax(np.abs(dec)))
-    # Only ranges that look like a whole circle in hours or radians are rejected, not a small field in degrees.
+    # Only ranges that look like a full circle in hours or radians are rejected. A small field in degrees is accepted.
     if 20 < high <= 24 and 0 <= low < 4:
         guess = "hourangle"
     elif 5 < high <= TWO_PI_RAD + 1e-6 and 0 <= low < 1.3 and dec_end <= np.pi / 2 + 1e-6:
@@ -203,7 +203,7 @@ def numbering_of(
 ) -> tuple[NDArray[np.int32], list[str]]:
     """Return the numbers of the stars and their names ("" for none).
 
-    Numbers that fit in 32 bits are kept. If the column contains text or longer numbers, its values become names and the
+    Numbers that fit in 32 bits are used. If the column contains text or longer numbers, its values become names and the
     stars are numbered by row.
     """
     count = len(raw.rows)
@@ -227,7 +227,8 @@ def numbering_of(
     bad.mark(_repeated(numbers, bad.good()), "id", "numbered twice")
     whole_numbers = np.where(is_star_number, numbers, 0).astype(np.int32)
     if not columns["id"].lower().startswith("hip"):
-        # A number from another list must not be displayed as a Hipparcos or Gaia number.
+        # A star of another list gets a name with its number. Otherwise the number would be displayed as a Hipparcos or
+        # Gaia number.
         names = [
             name or f"{columns['id']} {number}" for name, number in zip(names, whole_numbers.tolist(), strict=True)
         ]

@@ -210,7 +210,7 @@ def _table(
     unit, motion = unit_from_ra_dec(ra, dec), pm_ra[:, None] * east + np.where(no_motion, 0.0, pm_dec)[:, None] * north
     if frame == "b1950":
         moved = from_b1950(unit, motion, epoch, True)
-        # A star without proper motion is fixed relative to the galaxies, not to the rotating FK4.
+        # A star without a stated proper motion is at rest in ICRS and not in FK4, which rotates.
         unit, motion = moved[0], np.where(no_motion[:, None], 0.0, moved[1])
     elif frame == "fk5":
         unit, motion = unit @ FK5_FROM_ICRS, motion @ FK5_FROM_ICRS

@@ -1,8 +1,8 @@
 """Authenticate packets to the device: key slot, counter and truncated HMAC-SHA-256 at the end of the packet.
 
 The trailer precedes the CRC: u8 key slot, u64 counter, 16 bytes of HMAC-SHA-256 over everything before them (RFC 2104,
-truncated as RFC 2104 §5 permits). The device accepts a counter only if it is higher than all counters accepted before.
-With two slots, a key can be replaced while the key in the other slot is active.
+truncated as RFC 2104 §5 permits). The device accepts a counter only if it is higher than all counters that it accepted
+before. There are two slots, so the key in one slot can be replaced while the key in the other slot is active.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ def loss_per_byte(lost: int, sent: int, frame_bytes: float) -> float:
     """Return the damage rate per byte at which ``lost`` of ``sent`` frames of ``frame_bytes`` arrive damaged.
 
     Bytes are damaged independently: a frame of n bytes survives with probability exp(−rate·n). If all frames were lost,
-    half a frame counts as received, so that the rate stays finite.
+    half a frame is counted as received to keep the rate finite.
     """
     if sent <= 0 or lost <= 0:
         return 0.0
@@ -28,15 +28,14 @@ def loss_per_byte(lost: int, sent: int, frame_bytes: float) -> float:
 
 
 def carried_share(chunk_bytes: int, rate_per_byte: float) -> float:
-    """Return the fraction of the transmitted bytes that end up as stored data if lost chunks are sent again."""
+    """Return the stored data as a fraction of the transmitted bytes if lost chunks are sent again."""
     frame = chunk_bytes + FRAME_OVERHEAD_BYTES
     return chunk_bytes / frame * math.exp(-rate_per_byte * frame)
 
 
 def best_chunk_bytes(rate_per_byte: float, largest: int = LADDER_BYTES[0]) -> int:
-    """Return the largest size of the ladder, up to ``largest``, whose throughput is within 5 % of the best one.
-
-    A slightly larger size is preferred, because the estimates scatter and large chunks cost little.
+    """Return the largest size of the ladder, up to ``largest``, whose throughput is within 5 % of the best throughput.
+    The best size itself is not used, because the loss estimates scatter and larger chunks cost little.
     """
     allowed = [size for size in LADDER_BYTES if size <= largest] or [LADDER_BYTES[-1]]
     best_share = max(carried_share(size, rate_per_byte) for size in allowed)

@@ -165,7 +165,7 @@ def _coerce_bytes(item: Item, value: Value) -> Value:
     if not isinstance(value, bytes):
         raise _bad(item, value)
     if isinstance(item, Argument) and item.type == "bytes" and len(value) < item.size:
-        # A user may enter fewer bytes than the field has; the rest of the field is filled with zeros.
+        # A user can enter fewer bytes than the field has. The remaining bytes of the field are zero.
         value = value.ljust(item.size, b"\0")
     if item.type == "bytes" and len(value) != item.size:
         raise _bad(item, value)

@@ -3,8 +3,8 @@
 cobs: ``00`` + COBS(packet) + ``00``. slip (RFC 1055): ``C0`` + packet with C0 as DB DC and DB as DB DD + ``C0``.
 kiss (Chepponis & Karn 1987): slip with a leading byte, ``00`` for data on the first port; other frames are dropped.
 
-Delimiters on both sides cost one byte per frame and limit the effect of damage to one frame: if adjacent frames shared
-a delimiter, damage to it would destroy both frames.
+Each frame has a delimiter on both sides. This costs one byte per frame, but if adjacent frames shared a delimiter,
+damage to the delimiter would destroy both frames.
 """
 
 from __future__ import annotations

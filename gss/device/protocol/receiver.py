@@ -55,7 +55,8 @@ class LineReceiver:
         self.good = self.bad_crc = self.too_short = self.unknown = self.unauthenticated = 0
 
     def restart(self) -> None:
-        """Start a new stream: accept any next sequence count, but no packet older than those of the stream before."""
+        """Start a new stream: accept any next sequence count, but reject packets that are older than the packets of the
+        previous stream."""
         self.deframer.restart()
         self.sequence.reopen()
 

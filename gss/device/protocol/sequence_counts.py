@@ -1,4 +1,5 @@
-"""Follow the sequence counts of received packets: missing, repeated and late ones, and restarts of the sender."""
+"""Follow the sequence counts of received packets to detect missing, repeated and late packets, and restarts of the
+sender."""
 
 from __future__ import annotations
 
@@ -6,9 +7,9 @@ from gss.device.protocol.packet import SEQUENCE_MODULO, Arrival, Packet, PacketT
 
 HALF = SEQUENCE_MODULO // 2
 MAX_MISSING = 4096
-"""Missing numbers remembered per packet type, to recognise packets that arrive late."""
+"""Maximum number of missing counts stored per packet type. They identify packets that arrive late."""
 CLOCK_BACK_S = 5.0
-"""A response to HELLO that is this much older than the latest packet shows a clock that was reset."""
+"""If a response to HELLO is older than the latest packet by more than this time, the device's clock was reset."""
 
 
 class _Stream:
@@ -34,7 +35,7 @@ class SequenceTracker:
         self._streams: dict[PacketType, _Stream] = {}
 
     def restart(self) -> None:
-        """Accept any next packet of each type: another sender, or one whose clock was reset."""
+        """Accept any next packet of each type, because the sender is another device or its clock was reset."""
         self._streams.clear()
 
     def hello(self, device_time_s: float) -> None:
@@ -43,13 +44,14 @@ class SequenceTracker:
             self.restart()
 
     def reopen(self) -> None:
-        """Accept any next count of each type, but no earlier device time: the same sender on a newly opened line."""
+        """Accept any next count of each type, but no earlier device time. Called for the same sender on a newly opened
+        line."""
         for stream in self._streams.values():
             stream.expected = None
             stream.missing.clear()
 
     def arrival(self, packet: Packet) -> Arrival:
-        """Count a packet and return its place among those of its type."""
+        """Count a packet and return its order relative to earlier packets of its type."""
         stream = self._streams.setdefault(packet.type, _Stream(packet.time_s))
         ahead = 0 if stream.expected is None else (packet.sequence - stream.expected) % SEQUENCE_MODULO
         if packet.time_s < stream.newest_s or (ahead >= HALF and packet.time_s == stream.newest_s):

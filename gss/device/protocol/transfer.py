@@ -41,8 +41,8 @@ class Compatibility:
 
 @dataclass(frozen=True)
 class StatusPage:
-    """A receiver's report: of the chunks ``from_index`` to ``to_index`` − 1 it has stored exactly ``ranges`` (last
-    inclusive)."""
+    """A receiver's report on the chunks ``from_index`` to ``to_index`` − 1. ``ranges``: the chunks among these that the
+    receiver has stored (first and last, inclusive)."""
 
     serial: int
     stored_chunks: int
@@ -162,7 +162,7 @@ class ChunkSender:
         self._flight: dict[int, int] = {}
         self._again: deque[int] = deque()
         self._next = 0
-        # A resumed transfer sends nothing until status pages have reported all chunks that the receiver has stored.
+        # A resumed transfer sends no chunks until status pages have reported all chunks that the receiver has stored.
         self._known_to = 0 if resumed else count
         self.serial = 0
         self.resent = 0
@@ -320,7 +320,7 @@ class ChunkReceiver:
         self._since = 0
         start = self.stored.first_missing if from_index is None else min(from_index, len(self.stored))
         if from_index is None and start:
-            # The chunks before the first gap are a single range, which costs little and lets the sender discard them.
+            # Include the chunks before the first gap. They form a single range, and the sender can then discard them.
             start = 0
         ranges, end = self.stored.ranges(start, PAGE_RANGES)
         return StatusPage(self._serial, self.stored.stored, start, end, ranges)

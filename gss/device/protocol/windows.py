@@ -2,7 +2,7 @@
 
 Layout, big-endian: u16 columns and u16 rows of the frame, u8 bytes per pixel (1 or 2), u8 number of windows; then per
 window u16 col_px and u16 row_px of its first pixel, u8 columns, u8 rows, and its pixels row by row. A window that would
-extend beyond the frame is clipped, so columns and rows may be smaller than the requested side.
+extend beyond the frame is clipped, so its columns and rows can be fewer than the requested side.
 """
 
 from __future__ import annotations

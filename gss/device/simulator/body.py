@@ -33,7 +33,7 @@ Arcsec = Annotated[float, Field(ge=-36_000, le=36_000)]
 class HeadOfBody(Strict):
     """One head. ``mounting_deg``: rotations about x, then y, then z that take the body's axes to the camera's.
     ``misalignment_arcsec``: rotation vector in body axes from this mounting to the true one at time zero;
-    ``drift_arcsec_h``: its change per hour."""
+    ``drift_arcsec_h``: change of this rotation vector per hour."""
 
     mounting_deg: Angles
     misalignment_arcsec: tuple[Arcsec, Arcsec, Arcsec] = (0.0, 0.0, 0.0)

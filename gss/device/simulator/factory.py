@@ -26,8 +26,8 @@ def burn_golden(memory: Memory, profile: CameraProfile, golden: Golden) -> None:
     for kind, values in (("calibration", calibration_values(profile)), ("parameters", parameter_values(profile))):
         table = BankRecord(format_version=TABLE_FORMAT, profile=profile.name)
         memory.burn(area_name(kind, FACTORY), encode_table(kind, profile.name, values), table)
-    # Only Oersted's chain uses triplets; for other chains the factory bank of triplets is empty. The golden bank also
-    # contains the triplets, but the separate table can be read alone.
+    # Only Oersted's chain uses triplets; for other chains the factory bank of triplets is empty. The golden bank
+    # contains the same triplets. They are also stored as a separate table, so the table can be read alone.
     prepared = chain_of(profile).prepare(decode(golden.image), profile)
     if hasattr(prepared, "triplets"):
         image = encode_triplets(prepared.triplets, header.body_crc32)

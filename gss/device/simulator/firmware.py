@@ -181,7 +181,7 @@ class StarTracker:
     def warm(self) -> None:
         """Process an empty frame and discard the result, to load the chain's data.
 
-        Loading takes a second or more at the chain's first use and would delay a command.
+        Without this, loading takes a second or more at the chain's first use and delays a command.
         """
         camera = self.profile.camera
         parameters = self._parameters(self.exposure_ms, Commanded(), Mode.LOST_IN_SPACE)
@@ -203,7 +203,7 @@ class StarTracker:
             catalogue = None
         work = self._work(frame, catalogue)
         if catalogue is None and work.mode is Mode.TRACKING:
-            # Search windows are predicted from the catalogue; without a catalogue the whole frame is searched.
+            # Search windows are predicted with the catalogue. If there is no catalogue, the whole frame is searched.
             work = replace(work, mode=Mode.LOST_IN_SPACE, hint=None)
         if catalogue is None and self.chain.name in NEED_STARS:
             raise Rejection("bank_corrupt", self.catalogue_problem)
@@ -317,7 +317,8 @@ class StarTracker:
         return [vector_report(self.frame, self.work, self.detection, self.solution, row, orbit, utc_s)]
 
     def late_reports(self, slot: int) -> list[Report]:
-        """Return the packets for an iteration that has not finished in its period: no vectors (Jacobs 1995 §4.3)."""
+        """Return the packets for an iteration that did not finish in its period. They contain no vectors (Jacobs 1995
+        §4.3)."""
         has_place = self.prior.orbit is not None and self._memory.record.utc_offset_s is not None
         return [no_vectors(self.imager.stored(slot))] if has_place else []
 

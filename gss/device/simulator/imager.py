@@ -75,7 +75,7 @@ class Imager:
         return min((t for t in self._timing.frame_ms if t >= exposure_ms), default=float(exposure_ms))
 
     def occupied_ms(self, exposure_ms: int) -> float:
-        """Return the time until the next exposure can begin: the readout may overlap with it."""
+        """Return the time until the next exposure can begin: the next exposure can overlap with the readout."""
         return self._exposed_ms(exposure_ms) if self._timing.readout_overlaps else self.capture_ms(exposure_ms)
 
     @property
@@ -99,8 +99,8 @@ class Imager:
         return max(1, int(share * period_ms - self.occupied_ms(0)))
 
     def middle_s(self, start_s: float, exposure_ms: int) -> float:
-        """Return the time of mid-exposure of an image commanded at ``start_s``; with a rolling shutter, that of the
-        middle row."""
+        """Return the time of mid-exposure of an image commanded at ``start_s``. For a rolling shutter, this is the
+        mid-exposure of the middle row."""
         rolled_ms = self.readout_ms / 2 if self._timing.frame_ms else 0.0
         return start_s + (self._exposed_ms(exposure_ms) - exposure_ms / 2 + rolled_ms) / 1000
 

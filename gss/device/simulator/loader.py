@@ -213,7 +213,7 @@ class Loader:
             Outgoing("VERIFIED", session.request_id, {"session": session.id, "equal": equal, "sha256": digest})
         )
         if not equal:
-            # It is unknown which chunk is wrong, so the next attempt starts without stored chunks.
+            # The wrong chunk is not known, so the next attempt starts without stored chunks.
             del self._sessions[session.id]
             self.openings.parts.pop((session.kind, session.target), None)
             if session.area:

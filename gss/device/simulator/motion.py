@@ -74,7 +74,8 @@ class Tumble:
 
 @dataclass(frozen=True)
 class SlewTo:
-    """Shortest rotation from one (3, 3) attitude to another, at rest at both ends, with a smooth rate in between."""
+    """Shortest rotation from one (3, 3) attitude to another. The rate is zero at both ends and changes smoothly in
+    between."""
 
     start: Array
     target: Array

@@ -21,8 +21,9 @@ DISTORTION_SHARE = 0.03
 def own_lens(profile: CameraProfile, percent: float, seed: int) -> CameraProfile:
     """Return the profile with a lens that deviates from its document; with 0 percent, return the profile unchanged.
 
-    The focal length changes by ``percent``; per percent, the optical centre moves by 4 px and the distortion changes by
-    3 %. The lens depends only on the profile, the percentage and the seed. Raises BadInput beyond ±10 percent.
+    The focal length changes by ``percent``. For each percent, the optical centre moves by 4 px and the distortion
+    changes by 3 %. The lens depends only on the profile, the percentage and the seed. Raises BadInput beyond ±10
+    percent.
     """
     if not abs(percent) <= MAX_PERCENT:
         expected = f"at most {MAX_PERCENT:g} %"

@@ -1,7 +1,6 @@
-"""Power of the unit: three rails that can be switched and can latch up, their currents, and the temperatures.
-
-A latch-up raises a rail's current immediately; after ``trip_s`` the protection switches the rail off, and it stays off
-until CLEAR_LATCHUP. Other values correspond to a healthy unit and vary slowly with the orbit's day and night.
+"""Power of the unit: three switchable rails with their currents, and the temperatures. A latch-up raises the current of
+a rail immediately. After ``trip_s`` the protection switches the rail off. The rail stays off until CLEAR_LATCHUP. Other
+values correspond to a healthy unit and vary slowly with the orbit's day and night.
 """
 
 from __future__ import annotations

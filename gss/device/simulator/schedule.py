@@ -115,7 +115,8 @@ class Schedule:
         for entry in self.waiting:
             if entry.at_s > self._time_s():
                 return
-            # The entry is marked as failed before it runs, so that a reset leaves it failed and no command runs twice.
+            # The entry is marked as failed before it runs. After a reset it therefore remains failed, and no command
+            # runs twice.
             self._put(replace(entry, state="failed", reason="reset"), 0, report=False)
             self._processor.run_scheduled(
                 entry.request_id,

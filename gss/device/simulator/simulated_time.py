@@ -63,9 +63,9 @@ class TimeControl:
     """Time commands, one per line: ``step SECONDS``, ``skip SECONDS``, ``run [SPEED]``, ``pause``, ``time``.
 
     Each command is answered by one line: ``time T``, ``running``, ``paused T`` or ``error …``. A step advances in ticks
-    of 10 ms; bytes received on the line are read before the first tick. The same commands at the same times thus
-    produce the same bytes. A skip advances in one tick: events in between are only approximated, as after a pause of
-    the process.
+    of 10 ms; bytes received on the line are read before the first tick. Therefore the same commands at the same times
+    produce the same bytes. A skip advances the time in one tick. Events during a skip are only approximated, as after a
+    pause of the process.
     """
 
     def __init__(self, clock: SimulatedClock, terminal: Paced, stopping: Callable[[], bool] = never) -> None:

@@ -91,8 +91,8 @@ class PtyLine:
     def hang_up(self) -> None:
         """Disconnect the line.
 
-        With a symlink the port disappears. Without a symlink it could not reappear under the same name, so it only
-        stops responding.
+        With a symlink the port disappears. Without a symlink, the port could not reappear under the same name, so the
+        line only stops responding.
         """
         self._cut = True
         if self._link is not None:
@@ -218,8 +218,8 @@ class Terminal:
         self._line, self._device, self._clock, self._rate = line, device, clock, bytes_per_s
         self._control, self._connected = control, True
         self.paced = True
-        self._pending = b""  # bytes after the faults, which wait for the line rate
-        self._out = b""  # bytes after the delay, which wait for buffer space
+        self._pending = b""  # bytes to which faults were applied; they wait for the line rate
+        self._out = b""  # bytes whose delay has ended; they wait for buffer space
         self._blocked_s: float | None = None
         self._read_credit = self._write_credit = 0.0
         self._at_s = clock()
@@ -258,7 +258,7 @@ class Terminal:
     def _refill(self, now_s: float) -> None:
         elapsed_s, self._at_s = max(0.0, now_s - self._at_s), now_s
         if self._limited:
-            # After a slow iteration the line may carry the bytes of up to a quarter second at once.
+            # After a slow iteration, the bytes of up to a quarter second are sent at the same time.
             max_credit = self._rate * max(BURST_S, min(elapsed_s, 0.25))
             self._read_credit = min(self._read_credit + self._rate * elapsed_s, max_credit)
             self._write_credit = min(self._write_credit + self._rate * elapsed_s, max_credit)

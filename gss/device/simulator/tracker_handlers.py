@@ -123,7 +123,7 @@ class TrackerHandlers:
             try:
                 first.due_s += next(first.task)
             except StopIteration:
-                if first in self._activities:  # STOP_CYCLE and a power failure end all activities
+                if first in self._activities:  # STOP_CYCLE or a power failure can have ended this activity
                     self._activities.remove(first)
         if self._due_s is None or now_s < self._due_s:
             return
@@ -143,8 +143,9 @@ class TrackerHandlers:
         self._activities = [a for a in (processing, exposing) if a is not None]
 
     def _expose_next(self, slot: int, start_s: float, sky_start_s: float, processing: _CycleTask | None) -> Task:
-        """Expose the next image during processing, then copy it; the copy needs the processor too. If processing took
-        longer than the period, the image is too old and is exposed again at the next whole period."""
+        """Expose the next image during processing, then copy it. The copy waits for the processing, because it needs
+        the processor too. If processing took longer than the period, the image is too old and a new image is exposed at
+        the next whole period."""
         tracker, period_s = self._tracker, self.period_ms / 1000
         exposure_ms = min(tracker.exposure_ms, tracker.imager.longest_ms(self.period_ms))
         frame = tracker.capture(slot, exposure_ms, sky_start_s)

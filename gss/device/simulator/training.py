@@ -27,7 +27,8 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "false_stars": (1, 500),
 }
 USUAL: Mapping[str, float] = {"overheat": 30.0, "clock_drift": 100.0, "clock_jump": 10.0, "false_stars": 20.0}
-"""Default sizes, used for the value 0, which would have no effect: °C, parts per million, seconds, stars."""
+"""Default sizes of faults, in °C, parts per million, seconds or stars. They replace the value 0, which would have no
+effect."""
 FLIPPED_BITS = 3
 CONTROL = {"orbit": "zenith", "inertial": "inertial", "slew": "slew", "tumble": "tumble", "earth_fixed": "ground"}
 STALL_S = 0.5

@@ -57,8 +57,8 @@ def vector_report(
     angles_rad = attitude_angles_rad(solution.attitude.cam_from_icrs, elements)
     days = (utc_s - J2000_UTC_S) / DAY_S
     vectors = matched_vectors(result, elements, angles_rad, days, orbit.speed_m_s)
-    # Stars that only confirm the match can be fainter than the stars used for it. They have no catalogue row and are
-    # not sent.
+    # Stars that only confirm the match can be fainter than the stars used for matching. Such stars have no catalogue
+    # row and are not sent.
     named = np.concatenate([row, np.full(len(detection.centroids) - len(row), -1)])
     stars = named[solution.matches.centroid]
     items: list[Row] = [

@@ -74,8 +74,8 @@ class Precondition:
 class CommandDefinition:
     """One command.
 
-    ``any_dictionary``: the device accepts the command even if the dictionaries differ. ``simulator_only``: a real unit
-    rejects the command with ``unknown_command``.
+    ``any_dictionary``: True if the device accepts the command even if the dictionaries differ. ``simulator_only``: True
+    if a real unit rejects the command with ``unknown_command``.
     """
 
     name: str
@@ -207,7 +207,8 @@ class Dictionary:
         raise NotFound("unknown command", expected=", ".join(c.name for c in self.commands), got=name)
 
     def command_of_code(self, code: int) -> CommandDefinition | None:
-        """Return a command by its code. Returns None for an unknown code, because codes are received from the line."""
+        """Return a command by its code. Return None for an unknown code, because codes are received from the line and
+        can be wrong."""
         return next((c for c in self.commands if c.code == code), None)
 
     def packet(self, name: str) -> PacketDefinition:

@@ -111,7 +111,7 @@ class Conversion:
 class TelemetryField(Item):
     """One telemetry value.
 
-    ``valid``: range of valid values; a packet with a value outside of it is dropped. ``stale_after_s``: 0 = never
+    ``valid``: range of valid values; a packet with a value outside this range is dropped. ``stale_after_s``: 0 = never
     stale. ``page``: page of the console that shows the field. ``persistence``: number of consecutive samples that must
     agree before the limit state changes. ``sets``: limits by limit set, active while the set is selected. ``action``:
     what the operator should do when a limit is violated.

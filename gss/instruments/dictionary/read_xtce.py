@@ -102,7 +102,7 @@ class _XtceReader:
         for key in ("limit_sets", "same_layout_as"):
             if key in self._facts:
                 content[key] = self._facts[key]
-        # In an edited document the layout has changed, so the stated hash does not apply.
+        # If the document was edited, the stated hash is that of the original layout and does not apply.
         layout = layout_hash({key: value for key, value in content.items() if key != "same_layout_as"})
         stated = self._facts.get("layout") == layout.hex()
         if not stated:
@@ -277,8 +277,8 @@ class _XtceReader:
 
 
 def dictionary_of(name: str, data: bytes, byte_order: str | None) -> Dictionary:
-    """Return the dictionary in a package's document. Raises BadInput if the byte order of its numbers differs from
-    ``byte_order``, unless that is None (the driver defines it)."""
+    """Return the dictionary in a package's document. Raises BadInput if the byte order of the numbers differs from
+    ``byte_order``. None: the driver defines the byte order, so it is not compared."""
     read = read_xtce(name, data)
     if None not in (byte_order, read.byte_order) and byte_order != read.byte_order:
         raise BadInput(

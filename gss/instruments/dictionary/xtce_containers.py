@@ -252,7 +252,7 @@ class Containers:
             row["purpose"] = long or short
 
     def _list(self, parameter: Element, name: str, row_name: str, count: Row) -> Row:
-        """Return a list that is exported as bytes; a container describes its row."""
+        """Return a list that is exported as bytes. A separate container describes a row of the list."""
         container = self._containers.get(row_name)
         if container is None:
             raise parameter.error(f"unknown container of rows {row_name}"[:120])
@@ -264,7 +264,7 @@ class Containers:
         return row | {"count": count["type"]} | {k: facts[k] for k in ("slots", "purpose") if k in facts}
 
     def _repeated(self, owner: str, entry: Element, count: Row) -> Row:
-        """Return a list that is exported as a repeated container; the number before it is the count."""
+        """Return a list that is exported as a repeated container. The number before the container is the count."""
         repeat = entry.checked("RepeatEntry", "containerRef").need("RepeatEntry").checked("Count").need("Count")
         name = entry.get("containerRef")
         container = self._containers.get(name)

@@ -13,8 +13,8 @@ FAMILY = "http://www.omg.org/spec/XTCE/"
 """Start of the namespaces of XTCE 1.2 and later."""
 ANCILLARY, JSON_TYPE = "gss", "application/json"
 ROLE = "role_of_container"
-"""Key for the role of a container or parameter, with one of the values below. Without it, a container with a comparison
-is a packet."""
+"""Key for the role of a container or parameter, with one of the values below. If the key is missing, a container with a
+comparison is a packet."""
 HEADER, TELEMETRY, EVENT, SERVICE = "header", "telemetry", "event", "service"
 RETURNS, STAGE, ROW, CHECKSUM = "returns", "stage", "row", "checksum"
 LEVELS = {Hazard.WATCH: "user1", Hazard.WARNING: "vital", Hazard.CRITICAL: "critical"}

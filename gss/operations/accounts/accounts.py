@@ -22,8 +22,8 @@ from gss.operations.clock import Monotonic, Now
 from gss.store.engine import Database
 
 REMEMBERED_S = 1.0
-"""Time for which an identity is cached. Changes by this process apply immediately, changes by other processes within this
-time."""
+"""Time for which an identity is cached. Changes by this process apply immediately. Changes by other processes apply
+after at most this time."""
 STORE_DOWN_S = 600.0
 """While the database cannot be read, identities that were verified within this time are accepted, so that ABORT can be sent."""
 MAX_REMEMBERED = 1000
@@ -39,7 +39,7 @@ class Rules(Protocol):
 
 
 def open_account_service(database: Database, rules: Rules, now: Now, monotonic_s: Monotonic) -> AccountService:
-    """Create the account service from the settings, with a clock that never goes back."""
+    """Create the account service from the settings. Its clock never goes back."""
     passwords = Passwords(rules.password_passes, rules.password_memory_kib)
     lifetimes = Lifetimes(timedelta(minutes=rules.session_idle_minutes), timedelta(hours=rules.session_hours))
     forward = ForwardClock(now, monotonic_s, time_floor(database))
@@ -68,7 +68,7 @@ class AccountService:
         self._lock = threading.Lock()
 
     def close(self) -> None:
-        """Close the database, which can differ from the unit's database."""
+        """Close the account database. It can be a different database from that of the unit."""
         self._database.close()
 
     def _forget(self) -> None:
@@ -112,8 +112,8 @@ class AccountService:
         return reason
 
     def require(self, name: str, permission: str) -> None:
-        """Raise NotPermitted if the user or token with this name does not have the permission at present. Work that continues
-        after its request uses this check."""
+        """Raise NotPermitted if the user or token with this name does not have the permission now. Work that continues
+        after its HTTP request uses this check."""
         role, permissions = self._permissions(name)
         if permission not in permissions:
             raise not_permitted(permission, role)
@@ -142,7 +142,8 @@ class AccountService:
             raise
         with self._lock:
             self._remembered.pop(hashed, None)
-            if caller is not None and changes == self._changes:  # after a change, the identity can be outdated
+            # If accounts changed meanwhile, this identity can be outdated.
+            if caller is not None and changes == self._changes:
                 self._remembered[hashed] = (read_s, caller)
             while len(self._remembered) > MAX_REMEMBERED:
                 self._remembered.popitem(last=False)

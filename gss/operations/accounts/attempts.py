@@ -19,8 +19,9 @@ MAX_KEYS = 10_000
 
 @dataclass(frozen=True)
 class Brake:
-    """A rate limit. ``free``: number of failures without a wait. After these, the wait doubles from one second up to
-    ``longest_s``. ``forget_s``: time after the last failure at which all failures are removed."""
+    """A rate limit. ``free``: number of failures after which waits begin. The first wait is one second. Each further
+    failure doubles the wait, up to ``longest_s``. ``forget_s``: time after the last failure at which all failures are
+    removed."""
 
     free: int
     longest_s: float

@@ -25,9 +25,9 @@ from gss.store.models import AuditRow
 Result = Literal["done", "denied", "failed", "unknown"]
 """Result of an action. ``unknown``: the server ended before it recorded the result."""
 FIRST = "0" * 64
-"""Previous hash in the first row."""
+"""Value in the first row in place of the previous row's hash."""
 ONCE = "milliseconds"
-"""Time resolution of the hashes in older rows. These hashes are still valid."""
+"""Time resolution with which older versions computed the hashes of rows. These hashes are still valid."""
 TRIES = 50
 HINT = "compare the log with a backup; if the database was replaced on purpose, run gss audit accept"
 FIELDS = ("seq", "at", "who", "role", "action", "target", "result", "detail", "address", "previous", "hash")
@@ -62,7 +62,7 @@ class AuditService:
             choices.write(session, choices.AUDIT_ANCHOR, {"file": str(self._anchors.path)}, self._now(), "gss")
         with self._database.unit_of_work() as session:
             last = store.last(session)
-        if last is not None:  # an older version without anchors wrote the rows up to this one
+        if last is not None:  # a version without anchors wrote the rows up to this row
             self._anchor(Anchor(last.seq, last.hash, iso_z(self._now())))
 
     def accept(self, user: str, reason: str) -> None:
@@ -148,7 +148,8 @@ class AuditService:
         return self._difference([newest]) if newest else ""
 
     def _verify_anchors(self) -> tuple[str, str]:
-        """Return the first contradiction between log and anchor file, and a text that states which rows the file confirms."""
+        """Return the first difference between the log and the anchor file ("" if there is none), and a text that states
+        which rows the file confirms."""
         lowest, highest, problem = 0, 0, ""
         try:
             for batch in self._anchors.batches():

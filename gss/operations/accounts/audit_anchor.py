@@ -1,8 +1,9 @@
 """Anchors of the audit log: number and hash of each row, appended to a file outside the database.
 
-The hash chain alone does not show that its end was truncated or that it was rewritten with new hashes. A comparison with the
-file shows both, unless the file was also changed. Lines are only appended. The comparison begins at the last *accepted* line,
-which is written, for example, after the database was replaced with an older copy on purpose.
+The hash chain alone does not show whether its last rows were removed, or whether all rows were rewritten with new
+hashes. A comparison with the file shows both, unless the file was also changed. Lines are only appended. The comparison
+begins at the last *accepted* line, which is written, for example, after the database was replaced with an older copy on
+purpose.
 """
 
 from __future__ import annotations

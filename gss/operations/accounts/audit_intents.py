@@ -100,9 +100,8 @@ class AuditIntents:
             file = (self._folder / f"{uuid.uuid4().hex}.jsonl").open("a")
             fcntl.flock(file, fcntl.LOCK_EX)
             self._file = file
-            weakref.finalize(
-                self, file.close
-            )  # for services that are built but never started and therefore never stopped
+            # Closes the file of a service that was created but never started, because such a service is never stopped.
+            weakref.finalize(self, file.close)
         self._file.write(json.dumps(values) + "\n")
         self._file.flush()
         os.fdatasync(self._file.fileno())
@@ -118,7 +117,8 @@ class AuditIntents:
 
 
 def _open_intents(file: TextIO) -> Iterator[Intent]:
-    """Yield the intents that began and did not end. A truncated last line is ignored, because its change did not start."""
+    """Yield the intents that began and did not end. A truncated last line is ignored, because a change starts only
+    after its line was written completely."""
     begun: dict[int, Intent] = {}
     for line in file:
         try:

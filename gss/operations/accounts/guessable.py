@@ -8,7 +8,7 @@ import unicodedata
 LONGEST = 200
 """Maximum length of a password, in characters."""
 MIN_LETTERS = 5
-"""Minimum number of letters in addition to common words and the user name."""
+"""Minimum number of letters that remain after common words and the user name are removed."""
 MIN_DIFFERENT = 5
 SEQUENCE_SHARE = 0.7
 """A password is a sequence if at least this fraction of its character pairs are neighbours on a keyboard or in the alphabet."""
@@ -65,8 +65,8 @@ def _neighbours(plain: str) -> int:
 
 
 def _without_words(plain: str, name: str) -> str:
-    """Return the letters of a password without common words and the user name. If it contains none of these, return all
-    characters."""
+    """Return the letters of a password without common words and the user name. If the password contains none of these,
+    return all of its characters."""
     letters = "".join(c for c in plain.translate(AS_LETTERS) if c.isalpha())
     remaining = letters
     for word in ("".join(c for c in name.lower() if c.isalpha()), *WORDS):

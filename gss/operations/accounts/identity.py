@@ -37,8 +37,8 @@ class CallerIdentity:
         require(self.permissions, permission, self.role)
 
     def require_all(self, role: str, scopes: Iterable[str]) -> None:
-        """Raise NotPermitted if the caller does not have all permissions of the role with these scopes, because callers cannot
-        grant permissions that they do not have."""
+        """Raise NotPermitted unless the caller has all permissions of the role, restricted to these scopes. Callers
+        cannot grant permissions that they do not have."""
         for permission in sorted(permissions_of(role, scopes)):
             self.require(permission)
 

@@ -22,7 +22,7 @@ from gss.store.models import SignIn, User
 SEEN_EVERY = timedelta(minutes=1)
 """Minimum interval between updates of ``last_seen``."""
 DEVICE_LASTS = timedelta(days=90)
-"""If the user signed in with the same browser within this time, failed attempts by others do not delay the user."""
+"""Failed attempts by others do not delay a user who signed in with the same browser within this time."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ class SignInService:
     def sign_in(
         self, name: str, password: str, *, address: str, agent: str = "", old_key: str = "", device: str = ""
     ) -> NewSession:
-        """Authenticate a user and start a session. ``old_key``: key of the browser's previous session, which is ended to prevent
-        session fixation. ``device``: device cookie of the browser. Raises RateLimited during a wait, and NotSignedIn, which
-        shows neither whether the name exists nor whether the password was wrong."""
+        """Authenticate a user and start a session. ``old_key``: key of the browser's previous session, which is ended
+        to prevent session fixation. ``device``: device cookie of the browser. Raises RateLimited during a wait, and
+        NotSignedIn, which does not reveal whether the name or the password was wrong."""
         row = self._named(name)
         keys = self._brakes(name, row, address, device)
         self._attempts.begin(keys)

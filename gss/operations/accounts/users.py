@@ -127,9 +127,10 @@ class UserService:
         keep_created: bool = False,
         caller_id: int | None = None,
     ) -> Changed:
-        """Change the role or the enabled state of a user. Disabling a user ends all sessions of the user. If an admin is demoted
-        or disabled, the unused links of this admin become invalid, and the users that this admin created are disabled, except
-        the user ``caller_id``. ``keep_created``: keep these links and users. Raises Conflict for the last enabled admin."""
+        """Change the role or the enabled state of a user. Disabling a user ends all sessions of the user. If an admin
+        is demoted or disabled, the unused links that this admin created become invalid, and the users that this admin
+        created are disabled, except the user ``caller_id``. ``keep_created``: True to keep these links and users.
+        Raises Conflict for the last enabled admin."""
         if role is not None:
             checked_role(role)
         with self._database.unit_of_work() as session:
@@ -178,8 +179,8 @@ class UserService:
             raise _used_link()
 
     def _fresh(self, kind: str, key: str) -> OneTimeLink:
-        """Return a valid link without marking it as used. Callers do this before slow work, and mark the link as used later, in
-        the same transaction as the change. Raises NotPermitted if the link is not valid."""
+        """Return a valid link without marking the link as used. Callers check the link before slow work, and mark it as
+        used in the transaction of the change. Raises NotPermitted if the link is not valid."""
         with self._database.unit_of_work() as session:
             link = store.fresh_link(session, kind, key_hash(key), self._now())
         if link is None:

@@ -67,8 +67,8 @@ class Voiding:
         self._session.flush()
 
     def _made_with(self, token: ApiToken, reason: str) -> None:
-        """Withdraw the users and links that were created with a token. Only its lifetime is searched, because another token can
-        have the same name later."""
+        """Withdraw the users and links that were created with a token. Only accounts created during the token's
+        lifetime are searched, because a later token can have the same name."""
         self._made_by(TOKEN_PREFIX + token.name, token.created, token.revoked or self._now, reason)
 
     def _made_by(self, maker: str, since: datetime, until: datetime, reason: str) -> None:

@@ -48,8 +48,8 @@ BankSource = Literal["asked", "sensor", "usual"]
 
 @dataclass(frozen=True)
 class BuildJob(JobRequest):
-    """Job that builds a catalogue. ``at``: time of the request; the days of use begin at this time if the request has no start.
-    ``bank_bytes``: size of the bank at that time."""
+    """Job that builds a catalogue. ``at``: time of the request; the period of use begins at this time if the request
+    has no start. ``bank_bytes``: size of the bank at that time."""
 
     asked: CatalogueRequest
     at: datetime
@@ -152,8 +152,8 @@ class CatalogueService:
         return work
 
     def _with_bank(self, request: BuildRequest) -> tuple[BuildRequest, BankSource]:
-        """Return the request with the bank size of the connected sensor if it has that camera, otherwise of the instrument's
-        package; and the source of the bank size."""
+        """Return the request with a bank size, and the source of this size. The size is that of the connected sensor if
+        the sensor has the requested camera, otherwise that of the instrument's package."""
         hello = self._link.hello
         if request.bank_bytes is not None:
             return request, "asked"

@@ -55,9 +55,10 @@ class MapStar(TypedDict):
 
 
 class EnvelopeValues(TypedDict):
-    """Envelope. ``fraction``: fraction of the time in which each sky pixel is in the field of view, HEALPix ring order; 0 if
-    never. ``sweep``: outlines of the field along the orbit. ``boresights``: boresights of these fields. ``sweep_over``: the time
-    that they cover, one orbit or the validity. ``sweep`` is [] for the whole sky and for catalogues of older versions."""
+    """Envelope. ``fraction``: for each sky pixel in HEALPix ring order, fraction of the time in which the pixel is in
+    the field of view. ``sweep``: outlines of the field of view along the orbit. ``boresights``: boresights of these
+    outlines. ``sweep_over``: time span of the outlines, one orbit or the period of validity. ``sweep`` is [] for the
+    whole sky and for catalogues of older versions."""
 
     nside: int
     fraction: list[float]
@@ -69,7 +70,7 @@ class EnvelopeValues(TypedDict):
 
 
 class ChoiceValues(TypedDict):
-    """The selection of stars and its maps."""
+    """Result of the star selection, with maps."""
 
     funnel: list[FunnelValues]
     sky: list[MapStar]
@@ -133,8 +134,8 @@ class SizeValues(TypedDict):
 
 
 class WandererValues(TypedDict):
-    """The Sun or another moving body. ``share``: fraction of the days on which it is in the envelope. ``way``: its path in
-    degrees, from the first to the last day."""
+    """The Sun or another moving body. ``share``: fraction of the days on which the body is in the envelope. ``way``:
+    path of the body in degrees, from the first to the last day."""
 
     name: str
     brightest_mag: float
@@ -160,7 +161,8 @@ class CatalogueReport(PreviewReport):
 
 
 class StoredReport(BaseModel):
-    """Report of a stored catalogue. One that was read back from the device has none; older ones lack parts."""
+    """Report of a stored catalogue. A catalogue that was read back from the device has no report. Reports stored by
+    older versions lack parts."""
 
     funnel: list[FunnelValues]
     sky: list[MapStar]

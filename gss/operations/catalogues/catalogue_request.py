@@ -66,9 +66,9 @@ class OccultationRequest(Request):
 
 class ScreeningRequest(Request):
     """Rules of the screening list. ``action``: off, list (only list the stars) or drop. Reasons: close doubles
-    (``doubles``), variable stars (``variables``), high proper motion (``fast``). A star is also listed if the ring at
-    ``arc_deg`` ± ``tolerance_deg`` around it contains more than ``most_companions`` stars, or if more than ``most_false``
-    false triples are expected."""
+    (``doubles``), variable stars (``variables``), high proper motion (``fast``). A star is also listed if more than
+    ``most_companions`` stars are at the distance ``arc_deg`` ± ``tolerance_deg`` from it, or if more than
+    ``most_false`` false triples are expected."""
 
     action: Literal["off", "list", "drop"] = "off"
     doubles: bool = True
@@ -101,14 +101,15 @@ class CatalogueHead(Request):
 
 class CatalogueRequest(Request):
     """Build request. Angles are in degrees. ``orbit``: none selects the whole sky, unless ``pointing`` needs no orbit.
-    ``inclination_max_deg``: upper limit of the inclination; null: same as ``inclination_deg``. ``altitude_km``: with
-    elements, the node drifts over the days of use; null: the node limits are fixed. ``roll_deg``, ``pitch_deg``,
-    ``yaw_deg``: limits; null: usual limits of the law. ``faint_mag``: null: the camera's limit. ``body_from_cam``: nine
-    numbers by rows that replace the mounting of the law. ``mounting_deg``: alternatively, three rotations about x, y and z in
-    this order from the body axes to the camera axes. ``heads``: alternatively, the mountings of several heads; the envelope
-    is the union of the envelopes of all heads. ``off_nadir_deg``: off-nadir angle of a target law. ``thinning``: shape of
-    the fields in which the ``brightest_per_field`` stars are kept: circles, or upright frames of the camera's shape.
-    ``reduced``: null: no reduced catalogue, unless the format requires one, which then uses the camera's frame."""
+    ``inclination_max_deg``: upper limit of the inclination; null: same as ``inclination_deg``. ``altitude_km``:
+    altitude from which the drift of the node over the days of use is computed; null: the node limits are fixed.
+    ``roll_deg``, ``pitch_deg``, ``yaw_deg``: limits; null: usual limits of the law. ``faint_mag``: null: the camera's
+    limit. ``body_from_cam``: nine numbers by rows that replace the mounting of the law. ``mounting_deg``:
+    alternatively, three rotations about x, y and z in this order from the body axes to the camera axes. ``heads``:
+    alternatively, the mountings of several heads; the envelope is the union of the envelopes of all heads.
+    ``off_nadir_deg``: off-nadir angle of a target law. ``thinning``: shape of the fields in which the
+    ``brightest_per_field`` stars are kept: circles, or upright frames of the camera's shape. ``reduced``: null: no
+    reduced catalogue, unless the format requires one, which then uses the camera's frame."""
 
     name: str = Field(default="", max_length=60)
     profile: str = Field(default="", max_length=40, description="Instrument; empty: that of the unit on the line.")
@@ -249,8 +250,9 @@ def _head(head: CatalogueHead) -> tuple[float, ...]:
 
 
 def _occultation(occultation: OccultationRequest, baffle: Baffle, height_m: float | None) -> Occultation:
-    """Return the occultation settings. Missing angles are taken from the baffle: for the Sun its Sun limit; for the Moon, whose
-    stray light is negligible compared with the Sun's, the angle within which light falls directly on the lens."""
+    """Return the occultation settings. Missing angles are taken from the baffle. For the Sun, this is the Sun limit of
+    the baffle. For the Moon, whose stray light is negligible compared with that of the Sun, it is the angle within
+    which light falls directly on the lens."""
     if occultation.earth and height_m is None:
         raise BadInput(
             "occultation by the Earth needs the altitude",
@@ -308,7 +310,8 @@ def _corrections(
     corrections = spec.corrections
     velocity = None
     if corrections.orbital_aberration:
-        # For several heads the mean velocity is used, because each head sees a star at a different point of the orbit.
+        # With several heads, the mean velocity is used, because each head observes a star from a different point of the
+        # orbit.
         velocity = orbital_velocity(
             None if spec.heads else attitude, pole_of(planes_of(orbit, start, spec.days)), height_m
         )

@@ -1,4 +1,5 @@
-"""Camera design: evaluation of a camera that was edited on the page or in the terminal, either quickly or in full as a job."""
+"""Camera design: evaluates a camera that a user edited on the page or in the terminal. The quick evaluation answers a
+request. The full evaluation is a job."""
 
 from __future__ import annotations
 
@@ -134,7 +135,7 @@ def answer(
         try:
             report = design(request, stars, effort, each=pool.map, progress=_by_percent(progress))
         finally:
-            # After a cancellation, queued work must not run.
+            # A cancelled job must not start the queued work.
             pool.shutdown(wait=True, cancel_futures=True)
     own_row = () if request.camera in [r.camera for r in documents] else (_row(request.camera, stars),)
     return record_of(report, base, (*own_row, *documents), 1000 * (time.perf_counter() - start_s))

@@ -286,8 +286,8 @@ def _shade(report: DesignReport) -> list[FigureValue]:
         result.append(
             _figure(group, key, f"{body.name} in the field", imaged_e_s(body, etendue), "e/s", "Moniteq 1983 Table 5.2")
         )
-    # The table is for 20 µm pixels behind f/1.4. Light through the baffle is spread over the field, so the light of a pixel is
-    # proportional to its etendue.
+    # The table is for 20 µm pixels behind f/1.4. Light that passes the baffle is spread over the whole field, so the
+    # light on a pixel is proportional to the etendue of the pixel.
     share = etendue / pixel_etendue_cm2_sr(20, 20, 1.4)
     for beyond_deg in STRAY_BEYOND_DEG:
         area_cm2 = effective_area_cm2(

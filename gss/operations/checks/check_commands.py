@@ -28,7 +28,7 @@ BREAK: dict[tuple[str, str], Orders] = {
     ("mode", "ne"): (("STOP_CYCLE", {}), ("SET_MODE", {"mode": "standby"})),
     ("cycle_running", "eq"): (("SET_MODE", {"mode": "lost_in_space"}), ("START_CYCLE", {})),
 }
-"""Commands that make a precondition on a housekeeping field fail."""
+"""Commands that violate a precondition on a housekeeping field."""
 RESTORE: Orders = (("STOP_CYCLE", {}), ("SET_MODE", {"mode": "lost_in_space"}))
 HARD = (Hazard.WARNING, Hazard.CRITICAL)
 NOT_CARRIED_OUT: dict[str, str] = {
@@ -171,7 +171,7 @@ def _raw(argument: Argument, value: float | None, probe: Probe, command: Command
 
 
 def _check_life(findings: Findings, subject: str, command: CommandDefinition, answer: CommandOutcome) -> None:
-    """Check the order of stages, the codes of reports, and that a final report arrives in time."""
+    """Check the order of stages and the codes of reports, and check that a final report arrives in time."""
     stages = [r.stage for r in answer.reports]
     ranks = [ORDER.get(s, -1) for s in stages]
     in_order = bool(stages) and stages[0] == "accepted" and ranks == sorted(ranks) and stages.count("accepted") == 1

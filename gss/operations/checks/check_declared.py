@@ -24,9 +24,8 @@ def check_declared(device: DirectDevice, instrument: Instrument, *, write: bool)
     with_command = [o for o in operations.names() if operations.require(o).command is not None]
     stop = [o for o in with_command if o is Operation.STOP_CYCLE]
     cases += [_check_operation(device, operations, o, write) for o in with_command if o not in stop]
-    cases += _check_telemetry(
-        device, instrument
-    )  # before STOP_CYCLE: some sensors report an attitude only in the cycle
+    # Runs before STOP_CYCLE, because some sensors report an attitude only while the cycle runs.
+    cases += _check_telemetry(device, instrument)
     cases += [_check_operation(device, operations, o, write) for o in stop]
     device.disturb(NOISE)
     cases.append(_after_noise(device, instrument))

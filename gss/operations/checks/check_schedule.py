@@ -1,4 +1,5 @@
-"""Conformance checks of the schedule, of power switching and of training commands. No entry remains in the schedule."""
+"""Conformance checks of the schedule, of power switching and of training commands. The checks leave no entry in the
+schedule."""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ def device_time_s(probe: Probe) -> float:
 
 
 def is_due(late_s: float) -> bool:
-    """True if a packet was not sent before its time. ``late_s``: time of the packet minus scheduled time. A difference within
-    the resolution of the header's time is ignored."""
+    """True if a packet was not sent before its scheduled time. ``late_s``: time of the packet minus scheduled time. An
+    early packet within the resolution of the header's time is accepted."""
     return late_s > -HEADER_STEP_S
 
 

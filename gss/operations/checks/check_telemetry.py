@@ -26,7 +26,8 @@ SAME_WITHIN_RAD = 2e-4
 
 
 def possible_range(field: TelemetryField) -> tuple[float, float]:
-    """Return the lowest and highest possible value of a field. They follow from its name, its unit or its critical limits."""
+    """Return the lowest and highest possible value of a field. The name, the unit or the critical limits of the field
+    determine them."""
     for start, bounds in BY_NAME:
         if field.name.startswith(start):
             return bounds

@@ -1,5 +1,5 @@
-"""Conformance checks of transfers and of ABORT. Only :func:`check_writing` and :func:`check_table_writing` write to flash.
-They restore its content."""
+"""Conformance checks of transfers and of ABORT. Only :func:`check_writing` and :func:`check_table_writing` write to
+flash, and both restore the previous content."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def check_writing(probe: Probe, findings: Findings) -> None:
         ).data
         old_content = probe.device.download("catalogue", number, _silent).data if bank["state"] == "committed" else b""
         if bank["sha256"] == active["sha256"]:
-            # The device would already have this content and write nothing.
+            # The device would recognize the content that it already has and would not write it.
             probe.order("ERASE_BANK", {"bank": name})
         try:
             _check_upload(probe, findings, name, image)

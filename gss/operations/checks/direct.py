@@ -112,7 +112,7 @@ class DirectDevice:
         return events
 
     def disturb(self, data: bytes) -> None:
-        """Write bytes to the line that are not a valid packet."""
+        """Write bytes that are not a valid packet to the line."""
         self._stream.write(data)
 
     def _meet(self) -> HelloReceived:

@@ -119,8 +119,8 @@ class Probe:
         return sent_id
 
     def wait(self, done: Callable[[Packet], bool], within_s: float) -> list[Packet]:
-        """Return the packets received until ``done`` is True for a packet or until the timeout. If ``done`` was True, that
-        packet is the last one."""
+        """Return the packets received until ``done`` is True for a packet or until the timeout. If ``done`` was True
+        for a packet, this packet is the last in the list."""
         return self._collect(len(self.tap.packets), done, within_s)
 
     def _collect(self, start: int, done: Callable[[Packet], bool], within_s: float) -> list[Packet]:
@@ -169,7 +169,7 @@ class Probe:
             received = self._collect(max(at, start), lambda p: self._reports_on(p, sent_id), window_s)
             if not received or not self._reports_on(received[-1], sent_id):
                 break
-            # Several reports can arrive in one turn. All new reports are processed in order.
+            # Several reports can arrive in one read, so all new reports are processed in order.
             new_reports = [p for p in self.tap.packets[start:] if self._reports_on(p, sent_id)][len(reports) :]
             now_s = self._now_s()
             for packet in new_reports:

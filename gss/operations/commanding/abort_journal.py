@@ -1,4 +1,5 @@
-"""File of the ABORTs that are not stored in the database. It preserves them if the server ends while the database is locked."""
+"""File of the ABORTs that are not yet stored in the database. The file preserves these ABORTs if the server ends while
+the database is locked."""
 
 from __future__ import annotations
 
@@ -34,17 +35,17 @@ class AbortJournal:
     def __init__(self, path: Path) -> None:
         self._path, self._lock = path, threading.Lock()
         self._recorded_early: set[int] = set()
-        """Request ids that were recorded before ``add`` was called, because the dispatcher can be faster than the thread that
-        issued the ABORT."""
+        """Request ids of ABORTs whose row was stored before ``add`` was called. This happens if the dispatcher is
+        faster than the thread that issued the ABORT."""
         self._open: dict[int, IssuedAbort] = {entry.request_id: entry for entry in self._read()}
 
     def entries(self) -> list[IssuedAbort]:
-        """Return the ABORTs that are not recorded, oldest first."""
+        """Return the ABORTs whose rows are not stored yet, oldest first."""
         with self._lock:
             return [self._open[number] for number in sorted(self._open)]
 
     def add(self, entry: IssuedAbort) -> None:
-        """Add a queued ABORT if it is not recorded already."""
+        """Add a queued ABORT unless its row is already stored."""
         with self._lock:
             if entry.request_id in self._recorded_early:
                 self._recorded_early.remove(entry.request_id)
@@ -53,7 +54,7 @@ class AbortJournal:
             self._write()
 
     def remove(self, request_id: int) -> None:
-        """Remove an ABORT after it was recorded in the database."""
+        """Remove an ABORT whose row was stored in the database."""
         with self._lock:
             if self._open.pop(request_id, None) is None:
                 self._recorded_early.add(request_id)

@@ -1,4 +1,4 @@
-"""ABORT: queued for the line immediately, and recorded when the store is available."""
+"""ABORT: the command is queued for the line immediately, and its row is stored when the store is available."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ RECORD_WITHIN_S = 10.0
 
 @dataclass(frozen=True)
 class AbortReceipt:
-    """Receipt of an ABORT that is at the head of the line's queue. ``at``: time at which it was queued. ``recorded``: resolves to
-    its row."""
+    """Receipt of an ABORT that was inserted at the head of the line's queue. ``at``: time at which it was queued.
+    ``recorded``: resolves to its row."""
 
     request_id: int
     at: datetime
@@ -67,7 +67,7 @@ class Aborts:
         """
         self._link.roles.operations.require(Operation.ABORT)
         with self._link.lock:
-            if not self._link.line_is_open:  # the session would send it at the next contact
+            if not self._link.line_is_open:  # the session would send ABORT at the next contact
                 raise Conflict(
                     "ABORT was not sent: the line is down", got=self._link.reason, hint="open the port first"
                 )
@@ -80,8 +80,9 @@ class Aborts:
         return AbortReceipt(issued.request_id, issued.at, issued.recorded)
 
     def stops(self, request_id: int, count: int | None) -> bool:
-        """True if an ABORT stops the command with this id: it was issued after the id was reserved, or the number of ABORTs is
-        no longer ``count`` (None: not checked). The caller must hold ``LinkService.lock``."""
+        """True if an ABORT stops the command with this id. This is the case if ABORT was issued after the id was
+        reserved, or if the number of ABORTs is no longer ``count`` (None: not checked). The caller must hold
+        ``LinkService.lock``."""
         return request_id < self._newest_id or count not in (None, self.count)
 
     def record(self, issued: AbortIssued) -> None:

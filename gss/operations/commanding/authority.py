@@ -4,7 +4,8 @@ reason. Each change is recorded.
 A hand-over needs both users: a user requests authority and the holder accepts, or the holder offers it and the named user
 accepts. Only one request or offer can wait for an answer at a time.
 
-The holder remains the holder after a restart of the server. Commands of the server itself and ABORT do not need authority.
+The holder remains the holder after a restart of the server. ABORT and commands that the server sends on its own behalf
+do not need authority.
 """
 
 from __future__ import annotations
@@ -109,8 +110,9 @@ class AuthorityService:
         return self.state()
 
     def offer(self, user: str, to: str, note: str) -> AuthorityState:
-        """Offer authority to the user ``to``. Raises Conflict if the caller does not hold authority or a request or offer waits for
-        an answer, NotFound if ``to`` is not another enabled user whose role has the permission to hold authority."""
+        """Offer authority to the user ``to``. Raises Conflict if the caller does not hold authority, or if a request or
+        offer waits for an answer. Raises NotFound unless ``to`` is another enabled user whose role has the permission
+        to hold authority."""
         checked_note = _note(note)
         with self._lock, self._database.unit_of_work() as session:
             row = _of_holder(store.holder(session), user, "offer")
@@ -128,8 +130,8 @@ class AuthorityService:
         return self.state()
 
     def accept(self, user: str, note: str) -> AuthorityState:
-        """Accept a request (as the holder) or an offer (as the named user), which hands authority over. Raises Conflict if no
-        request or offer waits for this user's answer."""
+        """Hand authority over by accepting a request (as the holder) or an offer (as the named user). Raises Conflict
+        if no request or offer waits for this user's answer."""
         checked_note = _note(note)
         with self._lock, self._database.unit_of_work() as session:
             row = store.holder(session)
@@ -163,8 +165,8 @@ class AuthorityService:
         return self.state()
 
     def break_(self, user: str, reason: str) -> AuthorityState:
-        """Take authority from another user, and record the reason. Raises BadInput without a valid reason, Conflict if no other
-        user holds authority."""
+        """Take authority from another user, and record the reason. Raises BadInput if the reason is not valid, Conflict
+        if no other user holds authority."""
         checked_reason = " ".join(reason.split())
         if not 0 < len(checked_reason) <= MAX_REASON_LENGTH:
             raise BadInput(

@@ -17,7 +17,8 @@ YES = "yes"
 
 @dataclass(frozen=True)
 class PreconditionState:
-    """Current state of a precondition. ``met``: None if unknown. ``value``: telemetry value on which it depends, as text."""
+    """Current state of a precondition. ``met``: None if unknown. ``value``: text of the telemetry value that the
+    precondition tests."""
 
     text: str
     met: bool | None
@@ -40,8 +41,9 @@ class Risk:
 
 @dataclass(frozen=True)
 class DryRun:
-    """Result of a dry run. ``problems``: reasons why the command cannot be sent, except a missing confirmation. ``groups``: (label,
-    bytes) of the packet before framing; empty if the arguments are not valid. ``holder``: holder of command authority."""
+    """Result of a dry run. ``problems``: reasons why the command cannot be sent, except a missing confirmation.
+    ``groups``: labelled parts (label, bytes) of the packet before framing; empty if the arguments are not valid.
+    ``holder``: holder of command authority."""
 
     problems: tuple[str, ...]
     preconditions: tuple[PreconditionState, ...]
@@ -83,8 +85,8 @@ def subsystems_of(
 def _carried(
     operations: StandardOperations, command: CommandDefinition, arguments: Mapping[str, Any]
 ) -> tuple[CommandDefinition, dict[str, Value]] | None:
-    """Return the command that SCHEDULE stores on board and its arguments. Return None for other commands and if the scheduled
-    command cannot be decoded."""
+    """Return the command that SCHEDULE stores on board, with its arguments. Return None if ``command`` is not SCHEDULE
+    or if the scheduled command cannot be decoded."""
     if operations.of_command(command.name) is not Operation.SCHEDULE:
         return None
     return scheduled(operations.dictionary, operations.given(Operation.SCHEDULE, arguments))
@@ -107,8 +109,8 @@ def scheduled(
 
 
 def check_confirmation(risk: Risk, confirm: str) -> None:
-    """Raise BadInput if a hazardous command is not confirmed. A critical command needs its typed name. A command with the hazard
-    warning needs "yes" or its name."""
+    """Raise BadInput if a hazardous command is not confirmed. For the hazard critical, the user must type the name of
+    the command. For the hazard warning, "yes" or the name is sufficient."""
     if risk.hazard is Hazard.CRITICAL and confirm != risk.name:
         raise BadInput(f"{risk.name} is critical and was not confirmed", expected=f"the name {risk.name} typed")
     if risk.hazard is Hazard.WARNING and confirm not in (YES, risk.name):

@@ -159,7 +159,7 @@ class CommandRecorder:
 
     def _write(self, command: Command, event: CommandUpdate, at: datetime) -> None:
         if event.stage is Stage.UNKNOWN and command.result == "unknown":
-            return  # already recorded when the server started
+            return  # the start of this server already recorded the command as unknown
         detail = " ".join(word for word in (event.reason, event.detail) if word)
         if event.reason == WITHDRAWN:
             self._end(command.id, WITHDRAWN, event.detail)
@@ -168,7 +168,8 @@ class CommandRecorder:
         stage = self._stage(str(event.stage), detail, at)
         values: dict[str, object] = {"result": stage.stage, "attempts": max(command.attempts, event.attempt)}
         if command.result == "resolved":
-            values.pop("result")  # the operator's resolution remains; the late stage is only added to the stages
+            # Keep the operator's resolution as the result; only add the late stage to the list of stages.
+            values.pop("result")
         if detail or event.stage in FINAL_STAGES:
             values["detail"] = detail  # a final stage without detail clears the text of the unknown result
         if event.late:

@@ -41,7 +41,8 @@ SOFTWARE = "gss"
 SERVER = "server"
 """Source of commands that the server sends on its own behalf. These commands do not need command authority."""
 REMEMBERED_IDS = 64
-"""Number of latest request ids whose results the device stores. The device would execute a command with an older id again."""
+"""Number of request ids whose results the device stores, counted from the latest id. The device would execute a command
+with an older id again."""
 
 
 Permits = Callable[[str, str], None]
@@ -252,8 +253,9 @@ class CommandService:
         return self._aborts.issue(user, source)
 
     def retry(self, command_id: int, *, user: str) -> Command:
-        """Send a command again with the same bytes and request id. This is permitted only if its result is unknown, and if the
-        command is idempotent or the device still stores the result of this id, so that it is not executed twice."""
+        """Send a command again with the same bytes and request id. The result of the command must be unknown. In
+        addition, the command must be idempotent, or the device must still store the result of this id, so that the
+        device does not execute the command twice."""
         row = self.get(command_id)
         self.check_permitted(user, row.name, row.arguments)
         self._authority.check(user)
@@ -325,7 +327,7 @@ class CommandService:
             return store.get(session, command_id)
 
     def view(self, row: Command) -> CommandView:
-        """Return the row with its current idempotency and retry state."""
+        """Return the row, with the information whether the command is idempotent and can be retried now."""
         return CommandView(row, self.idempotent(row.name), self.can_retry(row))
 
     def handle(self, batch: LineBatch) -> list[CommandCompleted]:

@@ -31,8 +31,8 @@ from gss.store.models import Command
 
 @dataclass(frozen=True)
 class Entry:
-    """One row of the device's schedule. ``at`` and ``uncertainty_s`` are None if the clocks are not correlated. ``command`` is
-    None if the bytes cannot be decoded with the host's dictionary."""
+    """One row of the device's schedule. ``at`` (UTC) and ``uncertainty_s`` are None if the clocks are not correlated.
+    ``command`` is None if the bytes cannot be decoded with the host's dictionary."""
 
     schedule_id: int
     at_device_s: float
@@ -133,8 +133,8 @@ class ScheduleService:
             self._commands.query(operations.command(Operation.LIST_SCHEDULE))
 
     def clock_jumped(self, _jump_s: float) -> None:
-        """Discard the clock correlation, because the server's clock was set. Otherwise the correlation would be wrong until enough
-        new packets have arrived."""
+        """Discard the clock correlation after a jump of the server's clock. An old correlation would be wrong until
+        enough new packets have arrived."""
         with self._lock:
             self._clock.restart()
 
@@ -177,7 +177,8 @@ class ScheduleService:
     # --- orders -------------------------------------------------------------------------------------------------
 
     def plan(self, name: str, arguments: Mapping[str, Any], *, at: datetime | None, at_device_s: float | None) -> Plan:
-        """Return the plan for scheduling a command: the arguments of SCHEDULE, problems and warnings. Nothing is sent."""
+        """Return the plan for scheduling a command: the arguments of SCHEDULE, the problems and the warnings. Does not
+        send anything."""
         now_s = self._now().timestamp()
         return make_plan(
             self._link.roles.operations, self.clock(), now_s, name, arguments, at=at, at_device_s=at_device_s

@@ -1,4 +1,4 @@
-"""Decoder of raw captures. It uses the receivers and readers of the live line, but has no session state.
+"""Decoder of raw captures. The decoder uses the receivers and readers of the live line, but has no session state.
 
 Bytes sent by the ground are also decoded, so a replay shows commands with their names and arguments.
 """
@@ -44,11 +44,11 @@ class Replayed:
 
 
 class CaptureDecoder:
-    """Decodes the records of one contact, which must be fed in order. Packets that cannot be decoded are counted and raise no
-    exception.
+    """Decodes the records of one contact, which must be fed in order. Packets that cannot be decoded are counted; they
+    do not raise an exception.
 
-    ``foreign``: number of packets with another dictionary, which are not decoded. ``transfer_packets``: number of transfer
-    packets, which are not decoded.
+    ``foreign``: number of packets of a device with another dictionary; these packets are not decoded.
+    ``transfer_packets``: number of transfer packets, which are not decoded.
     """
 
     def __init__(self, dictionary: Dictionary, framing: str = "cobs") -> None:

@@ -104,7 +104,8 @@ def _attitude(database: Database, detail: ContactDetail, role: AttitudeRole) -> 
 
 
 def _pointing_deg(values: Mapping[str, Value]) -> tuple[float, float, float] | None:
-    """Return (ra, dec, roll) as reported, otherwise from the quaternion; None without either."""
+    """Return the reported (ra, dec, roll), or compute it from the quaternion if the angles are missing. Return None if
+    both are missing."""
     angles = [values.get(name) for name in ("ra_deg", "dec_deg", "roll_deg")]
     ra_deg, dec_deg, roll_deg = (float(v) if isinstance(v, int | float) else math.nan for v in angles)
     if math.isfinite(ra_deg + dec_deg + roll_deg):

@@ -265,7 +265,7 @@ class ContactService:
         ]
         if all(gap.explained for gap in silences):
             return silences
-        late = self._record(row.id).late  # packets that arrived late show that no packet is missing
+        late = self._record(row.id).late  # intervals in which packets arrived late
         return [gap if gap.explained else _if_late(gap, late) for gap in silences]
 
     def _happenings(self, row: Contact, end: datetime) -> list[Happening]:
@@ -282,7 +282,7 @@ class ContactService:
                 happenings.append(Happening(event.at.timestamp(), names[name], text))
             elif event.kind == TELEMETRY_STORE and event.text.startswith((UNSTORED, STORED_AGAIN)):
                 happenings.append(Happening(event.at.timestamp(), NOT_STORED, event.text))
-        # The event that the line was closed is recorded shortly after the end of the contact.
+        # The event "line closed" is recorded shortly after the end of the contact.
         with self._database.unit_of_work() as session:
             cause = store.closing_cause(session, row.id)
         if cause is not None and cause not in BY_US:
@@ -323,13 +323,14 @@ class ContactService:
         return self._without_removed(check)
 
     def _clock_jumps(self, start: datetime, end: datetime) -> list[Event]:
-        """Return jumps of the ground's clock near a contact. The search includes ``JUMPS_WITHIN`` before and after the contact,
-        because a clock that is set back by days records the jump at a time days away."""
+        """Return jumps of the ground's clock near a contact. The search includes ``JUMPS_WITHIN`` before and after the
+        contact: if the clock is set by days, the recorded time of the jump is days away from the contact."""
         with self._database.unit_of_work() as session:
             return store.clock_jumps(session, min(start, end) - JUMPS_WITHIN, max(start, end) + JUMPS_WITHIN)
 
     def _without_removed(self, check: RecordCheck) -> RecordCheck:
-        """Return the check with retention as the cause of unexplained gaps in the time that retention has thinned."""
+        """Return the check after setting the cause of unexplained gaps to retention where retention has thinned the
+        packets."""
         removed = self._removed_before()
         if removed is None:
             return check

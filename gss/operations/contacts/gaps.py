@@ -13,13 +13,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 PERIOD_S = 1.0
-"""Longest period of housekeeping (ICD). For a device with a shorter period, the period is measured from its record."""
+"""Longest housekeeping period that the ICD permits. If a device uses a shorter period, the period is measured from the
+record."""
 MIN_STEPS = 20
-"""Minimum number of steps of the device's clock from which a period is measured."""
+"""Minimum number of intervals between packets for measuring the period."""
 GAP_PERIODS = 1.5
 LATE_S = 3.0
 SLACK_S = 1.5
-"""Time tolerance for assigning events to gaps. Counters are read once a second, so an event can be recorded later."""
+"""Time tolerance for assigning events to gaps. Counters are read once a second, so an event can be recorded up to a
+second late."""
 UNEXPLAINED = "unexplained"
 RESTARTED, CLOCK_SET, CLOCK_JUMPED = "restarted", "clock set", "clock jumped"
 RESETS = (RESTARTED,)

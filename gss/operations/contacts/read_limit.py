@@ -1,4 +1,5 @@
-"""Limits the number of requests that read whole contacts at the same time: a long contact takes seconds and much memory."""
+"""Limits the number of requests that read whole contacts at the same time, because reading a long contact takes seconds
+and much memory."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from gss.domain.errors import Busy
 
 
 class ReadLimit:
-    """Lets up to ``most`` threads read at the same time; another one waits up to ``wait_s`` seconds."""
+    """Permits up to ``most`` threads to read at the same time. A further thread waits up to ``wait_s`` seconds."""
 
     def __init__(self, most: int = 2, wait_s: float = 15.0) -> None:
         self._most, self._wait_s = most, wait_s

@@ -62,7 +62,8 @@ class _Counts:
 
 @dataclass
 class _Controls:
-    """The operator's settings, which the thread reads between two records. ``seek_s``: time to seek to."""
+    """Settings of the operator. The playback thread reads them between two records. ``seek_s``: time to seek to, None
+    if no seek is requested."""
 
     speed: float | None
     paused: bool = False
@@ -247,7 +248,7 @@ class _Pace:
         self._anchor: tuple[float, float, float] | None = None
 
     def forget(self) -> None:
-        """Reset the time reference, because time during a pause does not count."""
+        """Discard the time reference. Called after a pause, whose duration must not count as playback time."""
         self._anchor = None
 
     def left_s(self, at_s: float, speed: float | None) -> float:

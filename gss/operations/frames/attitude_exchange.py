@@ -29,8 +29,8 @@ MEAN_STEPS = 20
 
 @dataclass(frozen=True)
 class ComparedAttitude:
-    """Comparison of one frame's attitude with the attitude of another system. ``residual_rad`` (3,): residual rotation about the
-    camera's axes after the mean rotation between both systems was removed."""
+    """Comparison of one frame's attitude with the attitude of another system. ``residual_rad`` (3,): rotation about the
+    camera's axes that remains after the mean rotation between both systems was removed."""
 
     frame_id: int
     at: datetime

@@ -1,7 +1,7 @@
 """Compilation of the solver's loops before a frame needs them.
 
-The loops are compiled at their first use and cached on disk. This takes more than a minute of processor time, once per
-installation. Solving small test frames with all methods that the chains use compiles all loops.
+The loops are compiled at their first use and cached on disk. The compilation takes more than a minute of processor
+time, once per installation. Solving small test frames with all methods that the chains use compiles all loops.
 """
 
 from __future__ import annotations

@@ -24,7 +24,8 @@ KEPT_IN_MEMORY = 4
 MAX_BYTES = 256 << 20
 """Maximum size of an unpacked dark frame: twice the size of a half-precision map of the largest detector."""
 GREYS = 16
-"""Number of grey levels in the picture. More levels cannot be distinguished and would compress badly, because they are noise."""
+"""Number of grey levels in the picture. Further levels cannot be distinguished, and would only enlarge the file with
+noise."""
 
 
 class Bytes(Protocol):
@@ -80,8 +81,8 @@ def pattern_of(dark: DarkCalibration, even: Response | None = None) -> DarkPatte
 
 
 def as_bytes(pattern: DarkPattern) -> bytes:
-    """Return a map as compressed bytes in half precision. The resolution is 1 DN at a level of 2048 DN, and much better for
-    ordinary pixels."""
+    """Return a map as compressed bytes in half precision. Half precision resolves 1 DN at a level of 2048 DN, and much
+    smaller steps at the level of ordinary pixels."""
     buffer = io.BytesIO()
     small = np.clip(pattern.pattern_dn, -60000, 60000).astype(np.float16)
     np.savez_compressed(

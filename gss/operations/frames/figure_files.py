@@ -1,6 +1,6 @@
-"""On-disk cache of the blind solver's dictionaries, so that a new process does not need to rebuild them.
-
-The name of a file is the hash of its source data. A damaged or incompatible file is rebuilt and overwritten.
+"""On-disk cache of the blind solver's pattern dictionaries. A new process then does not need to rebuild them. The name
+of a file is the hash of the data from which the dictionary was built. A damaged or incompatible file is rebuilt and
+overwritten.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ class FigureFiles:
         level = _read(path, sky, radius_rad)
         if level is None:
             level = build_level(sky, radius_rad)
-            with contextlib.suppress(OSError):  # with a full or read-only disk, the dictionary is rebuilt next time
+            # If the disk is full or read-only, the next process rebuilds the dictionary.
+            with contextlib.suppress(OSError):
                 _write(path, level)
         return level
 

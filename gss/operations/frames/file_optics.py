@@ -9,8 +9,8 @@ from typing import Any
 from gss.domain.errors import BadInput
 
 RAW_TAGS = (0xC612, 0xC614)
-"""TIFF tags of DNG version and unique camera model. A file with them begins with a small preview, which decoders return as the
-image."""
+"""TIFF tags "DNG version" and "unique camera model". A file with these tags begins with a small preview, which decoders
+return as the image."""
 INCH_MM, UNIT_MM = 25.4, {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 """Millimetres per unit of EXIF's FocalPlaneResolutionUnit."""
 PIXEL_UM, FOCAL_MM, F_NUMBER = (1e-1, 200.0), (0.1, 10_000.0), (0.1, 200.0)
@@ -32,7 +32,8 @@ def check_not_raw(image: Any, data: bytes, name: str) -> None:
 
 
 def picture_optics(exif: Mapping[int, Any], inner: Mapping[int, Any], size: tuple[int, int]) -> dict[str, str]:
-    """Return the optical data in the EXIF blocks. The pixel size is omitted if the image was resized after the exposure."""
+    """Return the optical data in the EXIF blocks. The result has no pixel size if the image was resized after the
+    exposure."""
     values = {
         "focal_mm": _within(inner.get(0x920A), FOCAL_MM),
         "f_number": _within(inner.get(0x829D), F_NUMBER),

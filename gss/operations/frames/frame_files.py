@@ -30,8 +30,8 @@ MAX_EXPOSURE_S = 86_400.0
 FIRST_YEAR, LAST_YEAR = 1900, 2200
 MIN_SIDE_PX, ABSURD = 8, 1e30
 WITHOUT_ABERRATION = "without_aberration"
-"""Key in ``source`` of a frame whose file states that its sky was rendered without aberration. GSS exports of simulated frames
-state this."""
+"""Key in ``source`` of a frame whose file states that the sky was rendered without aberration. Files of simulated
+frames that GSS exported state this."""
 JPEG_END, RESTART = b"\xff\xd9", re.compile(rb"\xff[\xd0-\xd7]")
 FOREIGN = bytes(range(1, 200)) * 20
 """Arbitrary bytes that contain no JPEG marker."""
@@ -144,8 +144,8 @@ def _read_picture(data: bytes, name: str) -> tuple[NDArray[np.generic], JsonObje
 
 
 def _check_complete(data: bytes, image: Any, name: str) -> None:
-    """Raise BadInput if a JPEG file contains less coded data than its header states. The decoder would invent the missing pixels.
-    In a complete image, additional data before the end marker do not change the pixels."""
+    """Raise BadInput if a JPEG file contains less coded data than its header states. The decoder would fill the missing
+    pixels with invented values. In a complete image, additional data before the end marker do not change the pixels."""
     from PIL import Image
 
     end, restarts = data.rfind(JPEG_END), RESTART.findall(data)
@@ -189,7 +189,8 @@ def _luminance(image: Any, name: str) -> NDArray[np.generic]:
         raise BadInput(
             f"{name} is not an image", expected="rows and columns, grey or colour", got=f"shape {first.shape}"
         )
-    # The image is converted in bands, because all channels of a large image as floats would need sixteen times its memory.
+    # The image is converted in bands, because floats for all channels of a large image would need sixteen times the
+    # memory of the image.
     grey = np.empty((image.height, image.width), first.dtype if first.dtype.kind == "u" else np.float32)
     for row in range(0, image.height, BAND_ROWS):
         end_row = min(row + BAND_ROWS, image.height)
@@ -241,8 +242,8 @@ def _first_plane(hdu: Any, name: str) -> NDArray[np.generic]:
 
 
 def _check_tiles(hdu: Any, name: str) -> None:
-    """Raise BadInput if the first plane of a tile-compressed image is too large when unpacked. All tiles that the plane touches
-    are unpacked completely."""
+    """Raise BadInput if the first plane of a tile-compressed image is too large when unpacked. Decoding unpacks all
+    tiles that contain a part of the plane, so their complete size counts."""
     tile = [min(side, length) for side, length in zip(hdu.tile_shape, hdu.shape, strict=True)]
     tiles = math.prod(-(-length // side) for side, length in zip(tile[-2:], hdu.shape[-2:], strict=True))
     unpacked = tiles * math.prod(tile) * abs(int(hdu.header["BITPIX"])) // 8
@@ -297,7 +298,8 @@ def _is_plausible_s(exposure_s: float) -> bool:
 
 
 def _plausible(moment: datetime) -> datetime:
-    """Return the time if its year is plausible for a photograph. Raises ValueError otherwise, as an unreadable date does."""
+    """Return the time if its year is plausible for a photograph. Raises ValueError otherwise, the same error as for an
+    unreadable date."""
     if not FIRST_YEAR <= moment.year <= LAST_YEAR:
         raise ValueError(f"no photograph was taken in {moment.year}")
     return moment

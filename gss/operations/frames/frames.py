@@ -35,13 +35,14 @@ from gss.store.models import Frame, Solution
 Pixels = NDArray[np.generic]
 SOLVES_AT_ONCE = 2
 SAME_FRAME = timedelta(minutes=1)
-"""Maximum difference between two times of the same frame, which can be determined with different clock correlations."""
+"""Maximum difference between two times of the same frame. The times can differ because they can come from different
+clock correlations."""
 
 
 @dataclass(frozen=True)
 class FrameDetail:
-    """A frame with its solutions, newest first. ``on_board``: latest result of the sensor. ``ground``: operational ground
-    solution, with which it is compared."""
+    """A frame with its solutions, newest first. ``on_board``: latest result of the sensor. ``ground``: operational
+    ground solution, with which the on-board result is compared."""
 
     frame: Frame
     solutions: list[Solution]
@@ -82,7 +83,7 @@ class FrameService:
             return store.attitude_pairs(session, limit)
 
     def stop(self) -> None:
-        """Finish the current solution and drop the waiting frames, which a user can rerun from the page."""
+        """Finish the current solution and drop the waiting frames. A user can solve them later."""
         self.queue.stop()
 
     def warm(self, profile_name: str) -> None:
@@ -112,7 +113,7 @@ class FrameService:
         self._bus.record(
             "frame", "ok", f"Frame {frame.id} stored, no. {frame.number} on board{missing}", frame_id=frame.id
         )
-        if frame.complete and frame.profile is not None:  # a thumbnail does not match a known camera
+        if frame.complete and frame.profile is not None:  # a thumbnail has no profile and cannot be solved
             self.queue.add(frame, pixels)
         return frame
 
@@ -142,8 +143,8 @@ class FrameService:
         return self._parsing.parse(read_frame, data, name, classes=(ImportedFrame,), subject=name)
 
     def has_number(self, number: int, taken: datetime) -> bool:
-        """True if a frame of the sensor with this number is stored and was taken within ``SAME_FRAME`` of ``taken``. Another frame
-        can have the same number if the sensor's clock was set back."""
+        """True if a frame of the sensor with this number is stored and was taken within ``SAME_FRAME`` of ``taken``.
+        The time is compared because another frame can have the same number if the sensor's clock was set back."""
         with self._database.unit_of_work() as session:
             return store.has_number(session, number, taken - SAME_FRAME, taken + SAME_FRAME)
 
@@ -188,8 +189,8 @@ class FrameService:
         return frame.id
 
     def newest_in_slot(self, slot: int, bits: int) -> Frame | None:
-        """Return the latest stored image from a slot of image memory, None if there is none. The slot can contain another image
-        now."""
+        """Return the latest stored image from a slot of image memory, None if there is none. Meanwhile the slot can
+        contain another image."""
         with self._database.unit_of_work() as session:
             return store.newest_in_slot(session, slot, bits)
 

@@ -85,7 +85,7 @@ class Sequencer:
     def _as_on_board(
         self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken_at: datetime | None
     ) -> tuple[SolveResult, RateRecord | None]:
-        """Solve an image of a sequence in the modes of a sensor's chain."""
+        """Solve an image of a sequence with a sensor's chain and its modes."""
         if self._system is None:
             self._system = SystemSequencer(request.chain, self._hint)
         result = self._system.solve(solver, pixels, request)

@@ -18,8 +18,8 @@ def compile_command() -> list[str]:
 
 
 class LoopCompiler:
-    """Runs ``command`` in a child process if the loops are not compiled yet. ``are_compiled`` checks that; it imports numba, which
-    takes a second, so it runs on the compiler's thread."""
+    """Runs ``command`` in a child process if the loops are not compiled yet. ``are_compiled``: returns True if the
+    loops are compiled. It imports numba, which takes a second, so this class calls it on a separate thread."""
 
     def __init__(self, command: Sequence[str], are_compiled: Callable[[], bool], bus: EventBus) -> None:
         self._command, self._are_compiled, self._bus = command, are_compiled, bus
@@ -29,11 +29,12 @@ class LoopCompiler:
         self.state = "not checked"
 
     def start(self) -> None:
-        """Start in the background."""
+        """Start the compilation in the background."""
         self._thread.start()
 
     def stop(self) -> None:
-        """End the child. The next server starts it again; loops that are compiled are kept."""
+        """End the child process. Loops that are already compiled remain cached, and the next server compiles the other
+        loops."""
         with self._lock:
             self._stopped.set()
             if self._process is not None:
@@ -44,7 +45,7 @@ class LoopCompiler:
     def _run(self) -> None:
         try:
             compiled = self._are_compiled()
-        except Exception as error:  # numba raises many types where its cache cannot be written; numpy solves meanwhile
+        except Exception as error:  # numba raises many types of exceptions; numpy then solves frames
             self.state = f"not compiled: {type(error).__name__}: {error}"
             return
         if compiled:

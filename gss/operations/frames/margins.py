@@ -18,8 +18,8 @@ from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.last_attitude import LastAttitude
 
 CURRENT_S = 10.0
-"""Maximum age of an attitude that is checked. With an older attitude the alarms remain unchanged, because the camera can point
-elsewhere."""
+"""Maximum age of an attitude that is checked. An older attitude does not change the alarms, because the camera can have
+moved since then."""
 EVERY = timedelta(seconds=5)
 LEVELS = {"Sun": State.WARNING, "Moon": State.WATCH, "Earth limb": State.WARNING}
 
@@ -46,8 +46,8 @@ class MarginWatch:
         self._checked: datetime | None = None
 
     def tick(self) -> None:
-        """Raise, update or clear the alarms. This is done at most once per ``EVERY``, because the position of the camera is read
-        from the store."""
+        """Raise, update or clear the alarms. The check runs at most once per ``EVERY``, because it reads the position
+        of the camera from the store."""
         now, report = self._now(), self._attitude.report()
         if self._checked is not None and abs(now - self._checked) < EVERY:
             return

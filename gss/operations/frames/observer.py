@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from gss.store.models import Frame
 
 EPOCH_STEP_YR = 0.25
-"""Step between epochs, so that frames of a season share their star and pair tables. In half a step the fastest star moves by
-1.3″."""
+"""Step between epochs. Frames of the same step share their star and pair tables. The fastest star moves by 1.3″ in half
+a step."""
 IMPORT_S = 5.0
-"""An imported file without a date has the time of its import. If both times differ by more than this, the file has a date."""
+"""Difference between the time of a frame and the time of its import above which the time came from the file. A file
+without a date gets the time of its import."""
 
 
 @dataclass(frozen=True)

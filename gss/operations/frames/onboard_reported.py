@@ -1,5 +1,5 @@
-"""The sensor's report on a frame and its prior knowledge, as JSON values that are stored with the result. With them the frame can
-be replayed at any time."""
+"""The sensor's report on a frame and the sensor's prior knowledge, as JSON values. They are stored with the result, so
+the frame can be replayed at any time."""
 
 from __future__ import annotations
 
@@ -86,7 +86,8 @@ def _prior_from(prior: Mapping[str, Any]) -> PriorState:
             for a in prior["series"]
         )
     else:
-        # Results of earlier versions have attitudes without times. They are treated as equally spaced.
+        # Results that earlier versions stored have attitudes without times. These attitudes are treated as equally
+        # spaced in time.
         listed = [prior["quaternion"], *prior["earlier"]] if prior["quaternion"] is not None else []
         series = tuple(TimedAttitude(array(q), math.nan) for q in listed)
     return PriorState(

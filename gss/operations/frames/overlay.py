@@ -36,7 +36,7 @@ class RegionOverlay(TypedDict):
 
 
 class StarOverlay(TypedDict):
-    """A measured star. If it was matched, with its catalogue star and the residual."""
+    """A measured star. A matched star also has its catalogue star and the residual."""
 
     index: int
     col_px: float
@@ -215,7 +215,8 @@ def grid(camera: Camera, cam_from_icrs: Array) -> list[GridLine]:
 
 
 def _pieces(camera: Camera, cam_from_icrs: Array, ra: Array, dec: Array, label: str) -> list[GridLine]:
-    """Return the parts of one line that are on the detector, including a margin, so that the lines reach its edge."""
+    """Return the parts of one line that are on the detector or within a margin around it. The margin lets the lines
+    reach the edge of the detector."""
     cam = unit_from_ra_dec(ra, dec) @ cam_from_icrs.T
     ahead = cam[:, 2] > math.cos(min(1.4, camera.half_diagonal_rad * 1.3 + 0.02))
     if not ahead.any():

@@ -1,5 +1,5 @@
-"""Position of the camera. The first available source is used: the orbit sent to the sensor, the imported orbit of the spacecraft,
-the TLE of the active catalogue."""
+"""Position of the camera. It is computed from the first available source in this order: the orbit sent to the sensor,
+the imported orbit of the spacecraft, the TLE of the active catalogue."""
 
 from __future__ import annotations
 

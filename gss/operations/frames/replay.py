@@ -62,7 +62,8 @@ class ReplayService:
         except GssError as error:
             self._frames.set_replay(on_board.id, f"not replayed: {error}")
             return
-        except Exception as error:  # the thread must survive, and the defect is displayed instead of the comparison
+        # The thread must continue after a defect, which is displayed instead of the comparison.
+        except Exception as error:
             self._frames.set_replay(on_board.id, f"not replayed: internal error, {type(error).__name__}: {error}")
             return
         self._frames.set_replay(on_board.id, text)

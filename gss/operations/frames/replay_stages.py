@@ -18,7 +18,8 @@ from gss.domain.rotation import matrix_from_quaternion
 from gss.operations.frames.onboard_results import OnboardRecord
 from gss.pipeline.chains.onboard import Detection
 
-# Tolerances: positions, flux, weights and sigmas are sent as 32-bit floats, the quaternion as 64-bit.
+# Tolerances. The device sends positions, flux, weights and sigmas as 32-bit floats, and the quaternion as 64-bit
+# floats.
 WIRE_PX, WIRE_SHARE, WIRE_QUATERNION = 1e-4, 1e-6, 1e-12
 REASON_BYTES = 200
 """Maximum length of a reason in a packet."""
@@ -154,7 +155,7 @@ def _places(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
 
 
 def _light(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
-    centroids = rerun.result.centroids  # the peak is sent as an integer
+    centroids = rerun.result.centroids  # the device sends the peak as an integer
     for k, row in enumerate(record.centroids[: len(centroids)]):
         on_ground = {
             "flux_dn": float(centroids.flux_dn[k]),

@@ -1,7 +1,8 @@
 """Web files of the Rerun viewer, extracted from the installed SDK so that the page and the recordings have the same version.
 
-The library of the SDK contains the viewer and can serve it. A separate Python process serves it once on loopback. The three files
-are copied, and the process is stopped. The cache folder is named after the version of the SDK.
+The library of the SDK contains the viewer and can serve it. To extract the viewer, a separate Python process serves it
+on loopback, the three files are copied, and the process is stopped. The cache folder is named after the version of the
+SDK.
 """
 
 from __future__ import annotations

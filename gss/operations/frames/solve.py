@@ -31,18 +31,20 @@ from gss.pipeline.identify import near
 
 CHAINS = (reference.NAME, *SYSTEMS)
 TRACKING_RADIUS_RAD = float(np.radians(0.3))
-"""A hint with at most this uncertainty is used for tracking (Erlank 2013 §4.5)."""
+"""Maximum uncertainty of a hint for tracking mode (Erlank 2013 §4.5)."""
 BLIND_FOV_RAD = (float(np.radians(4.0)), float(np.radians(60.0)))
 FOV_SLACK = 1.08
 """Margin for a field of view that is "known to 5 %", measured as an angle on the sky or as pixels × scale."""
 DEFAULT_EPOCH_JYEAR = 2026.5
 USUAL_PER_FRAME, MAX_PER_FRAME = 25, 100
-"""Number of stars per average frame for identification: assumed for a camera without photometry, and maximum. More stars make
-identification slower but not better. Fainter stars are identified after the attitude is known."""
+"""Number of stars per average frame for identification: assumed number for a camera without photometry, and maximum.
+More stars would make identification slower but not more reliable. Fainter stars are matched after the attitude is
+known."""
 MAX_PAIRS = 2_000_000
 """Approximate maximum size of a pair table. Building a larger table takes minutes."""
 DEEPER_MAG = 1.0
-"""If a frame shows more stars than the catalogue contains, a second catalogue that is deeper by this many magnitudes is used."""
+"""Additional depth, in magnitudes, of a second catalogue. It is used if a frame shows more stars than the first
+catalogue contains."""
 
 
 @dataclass(frozen=True)

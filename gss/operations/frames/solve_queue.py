@@ -36,7 +36,8 @@ class SolveQueue:
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solve")
         self._unsolved: deque[_Unsolved] = deque()
         self.skipped = 0
-        """Number of frames since the server started that were not solved because frames arrived too fast."""
+        """Number of frames that were dropped without a solution since the server started, because frames arrived too
+        fast."""
 
     def __len__(self) -> int:
         return len(self._unsolved)

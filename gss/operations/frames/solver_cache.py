@@ -24,8 +24,8 @@ from gss.skytables.pairs import distance_table
 
 T = TypeVar("T")
 FIGURES_JYEAR, FIGURES_STEP_YR = 2026.0, 10.0
-"""First epoch of the blind solver's dictionaries, and step between epochs. In half a step, nine of ten stars to V 7 move by less
-than 0.6″, the fastest by 27″."""
+"""First epoch of the blind solver's dictionaries, and step between epochs. In half a step, nine of ten stars to V 7
+move by less than 0.6″. The fastest star moves by 27″."""
 
 
 class SolverCache:
@@ -70,8 +70,8 @@ class SolverCache:
 
     def level(self, epoch_jyear: float) -> Callable[[float], PatternLevel]:
         """Return a function that returns the cached figure dictionary of a radius."""
-        # Figures tolerate the proper motion of several years, so all frames of a decade use one dictionary. The attitude is
-        # computed with the positions at the frame's epoch.
+        # Star figures tolerate the proper motion of several years, so all frames of a decade share one dictionary. The
+        # attitude is computed with the star positions at the frame's epoch.
         year = FIGURES_JYEAR + FIGURES_STEP_YR * round((epoch_jyear - FIGURES_JYEAR) / FIGURES_STEP_YR)
         sky = self.sky(year)
         if self._files is None:
@@ -80,7 +80,8 @@ class SolverCache:
         return lambda radius_rad: self._once(("figures", radius_rad, year), lambda: files(radius_rad))
 
     def bank(self, profile: CameraProfile, epoch_jyear: float) -> OnboardCatalogue:
-        """Return a catalogue like the one in a flash bank of this camera: stars to its limit and their distances, not quantised."""
+        """Return a catalogue like the one in a flash bank of this camera: the stars to the magnitude limit of the
+        camera, and their distances without quantisation."""
 
         def build() -> OnboardCatalogue:
             stars = self.stars(epoch_jyear).brighter_than(profile.sensor.faint_limit_mag)

@@ -1,5 +1,5 @@
-"""Solution of an image sequence in the same manner as the processor of a system: with its modes, attitude history and chained
-attitudes."""
+"""Solution of an image sequence as the processor of a system solves it: with the modes, the attitude history and the
+chained attitudes of this system."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from gss.pipeline.chains.systems import system
 from gss.pipeline.identify import near
 
 MAX_CHAINED = 5
-"""Maximum number of successive frames whose attitude is chained by relative rotation. It is limited because errors accumulate and
-no star is identified."""
+"""Maximum number of successive frames whose attitude is chained by relative rotation. The number is limited because
+errors accumulate while no star is identified."""
 FRAME_STEP_S = 1.0
 """Assumed time between the images of a sequence. All five systems take images at equal steps."""
 

@@ -28,7 +28,7 @@ from gss.store.models import FusedRow, HeadPairRow
 
 TICK_S = 0.5
 RELOAD_S = 5.0
-"""Interval at which spacecraft are read again from the store, because another process can change them."""
+"""Interval at which the stored spacecraft are read again, because other processes can change them."""
 STORED_EVERY_S = 10.0
 KEPT = timedelta(days=30)
 CLEANED_EVERY_S = 3600.0

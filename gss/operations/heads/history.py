@@ -1,4 +1,4 @@
-"""Stored comparisons of heads: those of a time span, and the latest ones."""
+"""Stored comparisons of heads, read by time span or as the latest comparison of each head."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class HeadHistory:
         self._database, self._now = database, now
 
     def pairs(self, spacecraft_id: int, hours: float) -> list[StoredPair]:
-        """Return the comparisons of the last ``hours``, oldest first, approximately ``MAX_POINTS`` at most. Raises BadInput for
-        an invalid time span, NotFound for an unknown spacecraft."""
+        """Return the comparisons of the last ``hours``, oldest first, thinned to about ``MAX_POINTS``. Raises BadInput
+        for an invalid time span, NotFound for an unknown spacecraft."""
         max_hours = KEPT / timedelta(hours=1)
         if not 0 < hours <= max_hours:
             raise BadInput(

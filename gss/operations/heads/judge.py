@@ -13,12 +13,13 @@ from gss.operations.heads.mountings import HOUR_S, Source, SpacecraftSetup
 from gss.operations.heads.tracker import HeadTracker, PairResult
 
 UNLIKELY = 1e-5
-"""If the probability of a difference is below this value, the difference is inconsistent with the stated covariances."""
+"""Probability below which a difference between heads is inconsistent with the stated covariances."""
 RAISED_AFTER, CLEARED_AFTER = 3, 10
-"""Numbers of consecutive comparisons that raise the agreement alarm and that clear it."""
+"""Number of consecutive inconsistent comparisons that raises the agreement alarm, and number of consecutive consistent
+comparisons that clears it."""
 FROM: Mapping[Source, str] = {"on board": "from its sensor", "ground": "solved on the ground"}
 SIGNIFICANT = 3.0
-"""A misalignment or drift violates its limit if it exceeds the limit by this number of standard deviations."""
+"""Number of standard deviations by which a misalignment or drift must exceed its limit to raise an alarm."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,8 @@ Source = Literal["on board", "ground"]
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Component = Annotated[float, Field(ge=-1.01, le=1.01)]
 MIN_ARCSEC, MAX_ARCSEC = 1e-3, 648_000.0
-"""Valid range of an attitude's standard deviations. Matrices with values outside it cannot be inverted reliably."""
+"""Valid range of an attitude's standard deviations. A covariance with values outside this range cannot be inverted
+reliably."""
 Sigma = Annotated[float, Field(ge=MIN_ARCSEC, le=36_000)]
 UNIT_LENGTH = 1e-3
 
@@ -54,10 +55,11 @@ class HeadRequest(Request):
 
 
 class SpacecraftRequest(Request):
-    """A spacecraft with its heads. Misalignments are relative to the first head. ``source``: source of the compared attitudes.
-    ``tolerance_s``: largest difference between the time of an attitude and the time of comparison. ``stale_s``: a head without
-    attitudes for this time is silent. ``largest_rate_deg_s``: largest rate of the body; it determines the uncertainty of a head
-    whose rate is unknown. If it is null, attitudes of such heads are not used. Exceeded limits raise alarms; null: no alarm."""
+    """A spacecraft with its heads. Misalignments are relative to the first head. ``source``: source of the compared
+    attitudes. ``tolerance_s``: largest difference between the time of an attitude and the time of comparison.
+    ``stale_s``: a head without attitudes for this time is silent. ``largest_rate_deg_s``: largest rate of the body,
+    from which the uncertainty of a head with unknown rate is computed; null: attitudes of such heads are not used. A
+    value above its limit raises an alarm; a limit of null raises no alarm."""
 
     name: str = Field(min_length=1, max_length=40)
     heads: list[HeadRequest] = Field(min_length=1, max_length=MAX_HEADS)

@@ -1,7 +1,7 @@
 """Comparison of the heads of one spacecraft: fused attitude, differences and misalignments, updated with each new attitude.
 
-Heads measure at different times. The heads are compared at the times of the first usable head's attitudes. The attitudes of all
-other heads are calculated for these times after each head has reported a later attitude.
+Heads measure at different times. They are compared at the times at which the first usable head measured. After each
+other head has reported a later attitude, its attitude is calculated for these times.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CubeStar units: at rest, the mean errors of 18 heads with different stars were 0
 heads and a body rate of 0.02°/s, errors 20 s to 100 s apart had a correlation of 0.1 to 0.05 sigma², which vanished after
 300 s."""
 CLOCK_BACK_S = 60.0
-"""If an attitude is older than the latest one by more than this time, a clock was set back."""
+"""If a new attitude is older than the latest attitude by more than this time, a clock was set back."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,9 @@ class PairResult:
 
 
 def drift_sigma(estimate: Misalignment, lasting_rad2: Array) -> Array:
-    """Return the (3,) standard deviation of the drift, rad/s. Errors that do not average out can have changed by their standard
-    deviation since the estimate began. ``lasting_rad2``: (3,) variances of these errors."""
+    """Return the (3,) standard deviation of the drift, rad/s. It includes errors that do not average out, because these
+    can have changed by their standard deviation since the estimate began. ``lasting_rad2``: (3,) variances of these
+    errors."""
     since_s = max(estimate.time_s - estimate.began_s, 1.0)
     return np.asarray(np.sqrt(estimate.drift_sigma_rad_s**2 + lasting_rad2 / since_s**2))
 
@@ -77,7 +78,8 @@ class HeadsResult:
 
 @dataclass
 class _Series:
-    """Attitudes of one head, oldest first. ``problem``: reason why its latest attitude cannot be used, "" otherwise."""
+    """Received attitudes of one head, oldest first. ``problem``: reason why its latest attitude cannot be used, ""
+    otherwise."""
 
     attitudes: deque[MeasuredAttitude] = field(default_factory=lambda: deque(maxlen=KEPT))
     newest_s: float | None = None

@@ -21,9 +21,9 @@ from gss.store.instruments import UseCount
 
 @dataclass(frozen=True)
 class Installed:
-    """An instrument and its use. ``configured``: True if the server's line uses this instrument. ``connected``: True if the
-    connected device reports this profile. ``in_use``: version that the server loaded at its start, None if the instrument is
-    not configured."""
+    """An instrument and its use. ``configured``: True if the server's line uses this instrument. ``connected``: True if
+    the connected device reports this profile. ``in_use``: version that the server loaded at its start, None if the
+    server's line does not use this instrument."""
 
     instrument: Instrument
     uses: Sequence[UseCount]

@@ -113,7 +113,7 @@ class FrameIntake:
             self._transfers.download("frame", slot, f"frame {number}", facts=facts)
             self._refused = ""
         except GssError as error:
-            # If the disk is full, the error is the same for all frames and is reported once.
+            # A full disk causes the same error for all frames, so the error is reported once.
             if error.message != self._refused:
                 self._bus.record("transfer", "watch", f"Frame {number} was not fetched: {error}")
             self._refused = error.message
@@ -142,13 +142,13 @@ class FrameIntake:
         return row is not None and row.content == "image_file"
 
     def _part_arrived(self, event: PartArrived) -> None:
-        """Store the received part of an interrupted download: once while the download can continue and once when it has
-        ended."""
+        """Store the received part of an interrupted download. It is stored once while the download can still continue,
+        and once when the download has ended."""
         transfer, update = event.transfer, event.update
         if self._content_is_file or (transfer.frame_id is not None and update.state is TransferState.LINK_LOST):
             return  # a part of a file cannot be displayed
         if (transfer.options.get("stored") or {}).get("sha256") == update.sha256:
-            return  # all received data are from the stored frame that was offered to the device
+            return  # all data of this part come from the frame that was already stored and was offered to the device
         held_bytes = [(a * update.chunk_size, (b + 1) * update.chunk_size) for a, b in event.ranges]
         event.answers.accept(lambda: self._store(transfer, event.data, update.frame_number, held_bytes))
 
@@ -219,7 +219,8 @@ class FrameIntake:
             return now
         correlation = self._clock()
         if correlation is not None:
-            # Using the correlation for all frames of a contact preserves their intervals on the device's clock.
+            # If one correlation is used for all frames of a contact, their times keep the intervals of the device's
+            # clock.
             return min(now, datetime.fromtimestamp(correlation.utc_of(float(info["frame_time_s"])), UTC))
         return now - timedelta(seconds=max(0.0, newest.device_time_s - float(info["frame_time_s"])))
 

@@ -35,10 +35,11 @@ class FrameFacts:
 
 
 class FrameRecords:
-    """Joins stored frames with the results that the device reported for them. Either can arrive first.
+    """Joins stored frames with the results that the device reported for them. The frame or its results can arrive
+    first.
 
-    Frames are identified by the device's frame numbers. All data are discarded when the device restarts, because it can then
-    reuse numbers.
+    Frames are identified by the device's frame numbers. All data are discarded when the device restarts, because the
+    device can then reuse numbers.
     """
 
     def __init__(

@@ -15,7 +15,7 @@ from gss.instruments.operations import Operation, StandardOperations
 from gss.pipeline.chains.apriori import Apriori, KnownOrbit, PriorState
 
 TAKES_BACK_DEG = 180.0
-"""SET_APRIORI with this uncertainty or more withdraws the a-priori angles."""
+"""SET_APRIORI with an uncertainty of at least this value withdraws the a-priori angles."""
 
 
 class SensorKnowledge:

@@ -104,8 +104,8 @@ class UploadedImages:
                 self._completed(event.name, event.arguments, event.values)
 
     def _sent(self, transfer: Transfer, done: TransferDone) -> None:
-        """Process a completed upload: request the number of the image on board. If a solution was requested, it starts after
-        that."""
+        """Process a completed upload: request the number of the image on board, and then start the solution if it was
+        requested."""
         if transfer.frame_id is not None:
             self._remember(done.sha256, transfer.frame_id)
         if transfer.options.get("solve"):

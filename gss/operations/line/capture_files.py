@@ -29,7 +29,8 @@ def capture_files(folder: Path, contact_id: int | None = None) -> list[Path]:
     """Return the files of a contact, or of all contacts if ``contact_id`` is None, in the order in which they were written."""
     name_matches = [(NAME.fullmatch(p.name), p) for p in folder.glob("contact-*.raw*")]
     numbered = sorted((int(m[1]), int(m[2]), p) for m, p in name_matches if m and contact_id in (None, int(m[1])))
-    # If the program stopped while it compressed a file, both forms exist. The compressed form sorts last and is complete.
+    # Both forms exist if the program stopped after the compressed file was complete and before the plain file was
+    # removed. The compressed form sorts last, so it replaces the plain form here.
     return list({plain_name(p): p for _, _, p in numbered}.values())
 
 

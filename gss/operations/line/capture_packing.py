@@ -52,7 +52,8 @@ class CapturePacking:
     def _closed(self) -> Iterator[Path]:
         """Yield the plain files that are no longer written. Empty files are omitted, because they can be new."""
         sized = [file for file in capture_sizes(self._capture.folder) if file.bytes and file.path.suffix == ".raw"]
-        written = self._capture.written_path  # read after the list, so that a file created later is not in the list
+        # Read after the folder was listed, so a file created meanwhile is not in the list.
+        written = self._capture.written_path
         yield from (path for path, _ in sized if path != written)
 
 

@@ -1,8 +1,9 @@
 """Estimation of the relation between UTC and the device's clock, with its uncertainty, from the arrival times of packets.
 
-Each packet contains the device time at which it was created, and arrives shortly afterwards. The difference (received − device
-time) is the clock offset plus a delay that is never negative. Therefore the smallest differences are the most accurate ones (as
-in NTP's clock filter, RFC 5905 §10), and their slope is the drift. All times are in seconds; UTC is Unix time.
+Each packet contains the device time at which it was created, and arrives shortly afterwards. The difference (received −
+device time) is the clock offset plus a delay that is never negative. Therefore the samples with the smallest
+differences are the most accurate (as in NTP's clock filter, RFC 5905 §10). The slope of the smallest differences is the
+drift. All times are in seconds; UTC is Unix time.
 """
 
 from __future__ import annotations
@@ -18,16 +19,17 @@ JUMP_S = 1.0
 JUMPED_AFTER = 5
 """Number of consecutive late samples after which a clock jump is assumed. Fewer late samples mean that the line stalled."""
 MIN_DELAY_S = 0.05
-"""Constant delay on the line and in the reader. It cannot be determined from the differences."""
+"""Assumed constant delay on the line and in the reader. The differences do not show this delay, because it adds to the
+clock offset."""
 UNKNOWN_DRIFT = 100e-6
 MIN_DRIFT = 1e-6
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """Relation of the two clocks: the device's clock shows ``device_s`` at ``utc_s``. ``drift``: seconds that the device's clock
-    gains per second, None if unknown. ``uncertainty_s``: uncertainty at ``utc_s``. It grows by ``drift_uncertainty`` per second
-    before and after ``utc_s``."""
+    """Relation of the two clocks: the device's clock shows ``device_s`` at ``utc_s``. ``drift``: seconds that the
+    device's clock gains per second, None if unknown. ``uncertainty_s``: uncertainty at ``utc_s``. The uncertainty grows
+    by ``drift_uncertainty`` for each second before or after ``utc_s``."""
 
     utc_s: float
     device_s: float
@@ -57,8 +59,8 @@ class ClockTracker:
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self._minima: deque[tuple[float, float]] = deque()
-        """Sliding-window minimum: the sample with the smallest difference, then the smallest of the samples after it, and so
-        on."""
+        """Sliding-window minimum: the sample with the smallest difference, followed by the sample with the smallest
+        difference among the later samples, and so on."""
         self._late: list[tuple[float, float]] = []
 
     def restart(self) -> None:

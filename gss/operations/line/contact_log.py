@@ -72,7 +72,7 @@ class ContactLog:
         self.dictionary_acknowledged = True
 
     def counters_of(self, now: LinkCounters) -> LinkCounters:
-        """Return ``now`` minus the counters at the start of this contact."""
+        """Return the counts of this contact: ``now`` minus the counters at the start of the contact."""
         start = self.counted_from
         return LinkCounters(
             _difference(now.sent, start.sent), _difference(now.received, start.received), now.last_good_s

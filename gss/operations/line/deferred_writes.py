@@ -12,8 +12,8 @@ log = logging.getLogger("gss.store")
 
 
 class DeferredWrites:
-    """A queue of writes. Each write must be atomic, because the next ``run`` repeats a write that raised StoreDown before it
-    calls the later writes. Not thread-safe; only the dispatch thread uses it."""
+    """A queue of writes. Each write must be atomic: if a write raises StoreDown, the next ``run`` repeats this write
+    first. Not thread-safe; only the dispatch thread uses it."""
 
     def __init__(self) -> None:
         self._writes: deque[Callable[[], object]] = deque()

@@ -25,8 +25,8 @@ log = logging.getLogger("gss.link")
 T = TypeVar("T")
 
 MAX_WAITING = 20_000
-"""Maximum number of waiting events, about five minutes of a busy line. If it is exceeded, telemetry is dropped and remains only
-in the raw capture."""
+"""Maximum number of waiting events, about five minutes of a busy line. While more events wait, telemetry is dropped
+from the queue and remains only in the raw capture."""
 IDLE_S = 0.02
 """Interval of the periodic calls if no events arrive."""
 STOP_WITHIN_S = 5.0

@@ -15,7 +15,7 @@ from gss.operations.line.raw_capture import RECORD, Retention, capture_name
 from gss.store.durable import sync_path
 
 REMEMBERED = 8
-"""Number of recent contacts for which the list of capture files is kept in memory."""
+"""Number of latest contacts whose lists of capture files are kept in memory."""
 SYNC_EVERY_S = 1.0
 """Interval of flushes to the disk. A power failure loses at most the bytes since the last flush."""
 
@@ -146,9 +146,9 @@ class RawCapture:
         return [{"file": name, "bytes": size} for name, size in list(self._sizes.items())]
 
     def write(self, unix_s: float, direction: int, data: bytes) -> None:
-        """Append one record, unbuffered: the record has been passed to the operating system when the call returns. Raises
-        OSError if it cannot be written (disk full). The file then contains no part of the record, and the next record can be
-        written."""
+        """Append one record, unbuffered: the record has been passed to the operating system when the call returns.
+        Raises OSError if it cannot be written (disk full). In this case no part of the record is in the file, and the
+        next record can be written."""
         if not data:
             return
         if self._size >= self._retention.file_bytes:
@@ -174,7 +174,8 @@ class RawCapture:
         """Flush the files that were written since the last call, and their directory entries, to the disk."""
         waiting = list(self._unsynced)
         for path in waiting:
-            self._unsynced.discard(path)  # before the flush, so that the next call flushes bytes written meanwhile
+            # Remove the path before the flush, so that the next call flushes bytes written during this flush.
+            self._unsynced.discard(path)
             with contextlib.suppress(FileNotFoundError):  # removed by retention
                 sync_path(path)
         if waiting:

@@ -32,7 +32,7 @@ class LineClosed:
 
 @dataclass(frozen=True)
 class LinkFault:
-    """A fault on the ground side of the line, which is to be recorded."""
+    """A fault on the ground side of the line. The contact log records it."""
 
     severity: str
     text: str
@@ -40,7 +40,7 @@ class LinkFault:
 
 @dataclass(frozen=True)
 class AbortIssued:
-    """ABORT was inserted at the head of the line's queue. ``withdrawn``: commands that were therefore removed from the queue.
+    """ABORT was inserted at the head of the line's queue. ``withdrawn``: commands that ABORT removed from the queue.
     ``recorded``: resolves to the row of the command when it is stored."""
 
     request_id: int

@@ -205,7 +205,7 @@ class LinkService:
             self._thread.start()
             return
         stalled_s, stream = self.monotonic_s() - self._round_s, self._stream
-        self._round_s = self.monotonic_s()  # wait for the same time before the watchdog acts again
+        self._round_s = self.monotonic_s()  # the watchdog acts again only after a further ``stalled_after_s``
         hangs = stream is not None and stream is self._closed_by_watch
         consequence = (
             "its port is closed, so the driver of the instrument hangs: restart the server"

@@ -40,7 +40,8 @@ def capture_name(contact_id: int) -> str:
 
 
 def read_capture(file: BinaryIO | PackedReader) -> Iterator[Record]:
-    """Yield all complete records of a file. Stop without an error at a truncated or invalid record, which a crash can cause."""
+    """Yield the records of a file. Stop without an error at the first truncated or invalid record, which a crash can
+    cause."""
     while len(head := file.read(RECORD.size)) == RECORD.size:
         unix_s, direction, length = RECORD.unpack(head)
         if direction not in (RECEIVED, SENT) or length > MAX_RECORD_LENGTH:
@@ -52,8 +53,9 @@ def read_capture(file: BinaryIO | PackedReader) -> Iterator[Record]:
 
 
 def read_captures(paths: Iterable[Path], unread: Callable[[Path, int], None] | None = None) -> Iterator[Record]:
-    """Yield the records of several files in order. After a truncated file, the next file is read. ``unread``: called with each
-    file whose end could not be read and the number of skipped bytes. For a damaged compressed file this is its size on disk."""
+    """Yield the records of several files in order. After a truncated file, the next file is read. ``unread``: called
+    with each file whose end could not be read and the number of skipped bytes. For a damaged compressed file, this
+    number is the size of the file on disk."""
     for path in paths:
         with open_capture(path) as file:
             complete_end = 0

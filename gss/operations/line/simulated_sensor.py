@@ -17,7 +17,8 @@ from gss.domain.errors import GssError
 WAIT_S = 60.0
 BUSY_HINT = "the machine is probably busy; start the server again later"
 AGAIN_S = (1.0, 2.0, 5.0, 15.0, 30.0)
-"""Pauses before successive restarts. If a process ran for longer than the last of these times, the sequence starts again."""
+"""Pauses in seconds before successive restarts. After a process has run for longer than the last pause, the sequence
+starts again."""
 log = logging.getLogger("gss.simulator")
 
 
@@ -33,7 +34,8 @@ class SimulatedSensor:
         command = [sys.executable, "-m", "gss.device.simulator", "--instrument", str(package), "--pty"]
         command += ["--state-dir", str(folder), "--baud", str(baud), "--seed", str(seed)]
         command += ["--symlink", str(self._line), *shlex.split(options)]
-        # The simulator's standard input closes in any case when the server ends, so the simulator always ends with it.
+        # The operating system closes the simulator's standard input when the server ends for any reason, and the
+        # simulator then ends too.
         command += ["--exit-with-stdin"]
         if framing:
             command += ["--framing", framing]
@@ -87,7 +89,7 @@ class SimulatedSensor:
         raise GssError("the simulator ended before it was ready", hint=f"see {self._log_path}")
 
     def _keep_running(self, report: Callable[[str], object]) -> None:
-        """Restart the process whenever it ends without ``stop``, after increasing pauses."""
+        """Restart the process each time it ends, unless ``stop`` was called. The waiting time increases."""
         tries = 0
         while True:
             with contextlib.suppress(subprocess.TimeoutExpired):

@@ -1,5 +1,5 @@
-"""Notification service. It creates notifications of alarms and events by the rules, sends them on one thread per target, and
-records their results."""
+"""Notification service. It creates notifications of alarms and events according to the rules, sends the notifications
+on one thread per target, and records the results."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ MAX_TRIES = 8
 FIRST_RETRY = timedelta(seconds=30)
 LAST_RETRY = timedelta(minutes=15)
 LINES = 40
-"""Maximum number of notifications listed in one message. The message states how many more there are."""
+"""Maximum number of notifications that one message lists. The message states the number of the notifications that it
+does not list."""
 KEPT = timedelta(days=90)
 Send = Callable[[Target, OutgoingMessage], str]
 

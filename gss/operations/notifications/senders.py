@@ -74,7 +74,7 @@ class Sender:
             if mail.security == "tls"
             else smtplib.SMTP(mail.server, mail.port, timeout=TIMEOUT_S)
         )
-        with closing(server):  # QUIT is omitted because its answer contains no result for the message
+        with closing(server):  # QUIT is not sent, because its answer says nothing about the message
             if mail.security == "starttls":
                 server.starttls(context=secure)
             if mail.user:

@@ -1,4 +1,5 @@
-"""Parsing of untrusted files in child processes. A file that hangs or crashes a library or fills the memory ends only the child.
+"""Parsing of untrusted files in child processes. If a file makes a library hang, crash or exhaust the memory, only the
+child process ends.
 
 All uploads and command-line files that a library decodes are parsed here. Short texts (a TLE, a manifest, rows of bench
 measurements) are limited in length and parsed in the server process.
@@ -163,8 +164,8 @@ class ParseProcesses:
             ) from error
 
     def _release(self, child: _Child, reply: bytes) -> None:
-        """Keep the child for reuse if it could read its file. A child that rejected a file can occupy much memory and is
-        ended."""
+        """Keep the child for reuse if it could read its file. End a child that rejected a file, because it can occupy
+        much memory."""
         with self._lock:
             if self._idle is None and not self._stopped and not reply.startswith(REFUSED):
                 self._idle = child
@@ -242,14 +243,15 @@ class _Child:
         return self._files > 1 and self.code == 0
 
     def ask(self, job: bytes, data: bytes) -> tuple[bytes, bytearray] | None:
-        """Send a job and return text and data of the answer. Return None if there is no answer; the process has then ended."""
+        """Send a job and return the text and the data of the answer. Return None if the child process ended without an
+        answer."""
         self._files += 1
         timer = threading.Timer(self._limits.wall_s, self._time_out)
         timer.start()
         answer = None
         try:
             answer = self._talk(job, data)
-        except OSError:  # the child closed its end
+        except OSError:  # the child closed its end of the pipe
             pass
         finally:
             timer.cancel()
@@ -258,7 +260,7 @@ class _Child:
         return answer
 
     def _await_end(self) -> None:
-        """Wait for the exit code, which shows why there is no answer, then close the pipes."""
+        """Wait for the end of the process, whose exit code shows why there is no answer, then close the pipes."""
         if not self.reply_too_large:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(timeout=EXIT_WITHIN_S)

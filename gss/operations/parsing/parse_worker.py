@@ -31,8 +31,8 @@ READ, REFUSED = b"+", b"-"
 """First byte of an answer. READ: a result as plain data follows. REFUSED: an error as JSON follows."""
 MAX_TEXT_LENGTH = 4000
 NICE = 5
-"""Niceness of the child. The line and ABORT have a higher priority. A still lower priority could let a small file reach the
-limit of elapsed time on a busy machine."""
+"""Niceness of the child. The line and ABORT have a higher priority. With an even lower priority, a small file could
+reach the limit of elapsed time on a busy machine."""
 MAX_FILES = 64
 
 

@@ -83,8 +83,8 @@ def _plain(value: object, buffers: list[memoryview], end: list[int]) -> Any:
 
 
 def _texts(value: Mapping[int, str], inner: Any) -> list[Any]:
-    """Encode a mapping of numbers to texts as three arrays, because millions of texts as JSON would block the interpreter for
-    seconds."""
+    """Encode a mapping of numbers to texts as three arrays. Converting millions of texts to JSON would block the
+    interpreter for seconds."""
     parts = [text.encode("utf-8", "replace") for text in value.values()]
     lengths = np.array([len(part) for part in parts], np.int64)
     return [inner(np.array(list(value), np.int64)), inner(lengths), inner(b"".join(parts))]

@@ -16,7 +16,7 @@ from gss.store.models import Station
 
 MAX_DAYS = 14.0
 UNDER_WAY = timedelta(minutes=30)
-"""The search begins this long ago, so that the rise of a pass in progress is correct."""
+"""The search begins this long before the present, so that the rise of a pass in progress is found."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
-"""Items of a pass plan: a procedure, a download or an upload. Each item is started once. The service of its kind starts,
-pauses and stops it and reports its state."""
+"""Items of a pass plan: a procedure, a download or an upload. Each item is started once. A service for the type of item
+starts, pauses and stops the item and reports its state."""
 
 from __future__ import annotations
 
@@ -109,7 +109,8 @@ class ItemControl:
         return replace(item, reviewed_sha256=self._hash(item))
 
     def _hash(self, item: PlanItem) -> str:
-        """Return the SHA-256 of the procedure's text. Return "" for a transfer, because its content has a hash already."""
+        """Return the SHA-256 of the procedure's text. Return "" for a transfer, because the content of a transfer has a
+        separate hash."""
         if item.procedure_id is None:
             return ""
         return hashlib.sha256(self._procedures.get(item.procedure_id).text.encode()).hexdigest()
@@ -184,7 +185,7 @@ class ItemControl:
         return f"run {item.started_id} was interrupted; resume it on the page Procedures"
 
     def stop(self, item: PlanItem, *, user: str) -> None:
-        """Stop a run. A transfer is paused instead, because its stored chunks remain usable."""
+        """Stop a run. A transfer is only paused, so its stored chunks remain usable."""
         if item.started_id is None:
             return
         with contextlib.suppress(GssError):

@@ -22,9 +22,10 @@ from gss.operations.passes.plans import ACTIVE, PlanService, items_of
 from gss.store.models import PassPlan
 
 SIGNAL_S = 5.0
-"""A signal is present if the last good packet is not older than this. Units send a packet every second."""
+"""Maximum age of the last good packet while a signal is considered present. Units send a packet every second."""
 EARLY = timedelta(minutes=2)
-"""A signal up to this long before the predicted rise belongs to the pass, because predictions and horizons are not exact."""
+"""A signal that appears up to this time before the predicted rise belongs to the pass, because predictions and horizon
+masks are not exact."""
 NEXT_DAYS = 7.0
 IN_PROGRESS = ("starting", "running")
 RESTARTED = "the server restarted while an item was in progress; check the unit and create a new plan"
@@ -165,7 +166,7 @@ class PlanRunner:
         self._record(row, "watch", f"{state}: {reason}")
 
     def _over(self, row: PassPlan, reason: str) -> None:
-        """Let the plan wait for the next pass over the same station if ``resume`` is set; otherwise end it."""
+        """If ``resume`` is set, let the plan wait for the next pass over the same station; otherwise end the plan."""
         if row.resume:
             try:
                 coming = self._table.coming(NEXT_DAYS, row.station_id).passes

@@ -133,7 +133,7 @@ class PlanService:
         return row
 
     def change(self, plan_id: int, items: Sequence[PlanItem] | None = None, **values: Any) -> PassPlan:
-        """Change columns of a plan, and its items if given. Return the row."""
+        """Change columns of a plan, and also its items unless ``items`` is None. Return the row."""
         with self._database.unit_of_work() as session:
             row = store.get_plan(session, plan_id)
             for name, value in values.items():

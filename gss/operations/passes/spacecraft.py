@@ -21,8 +21,8 @@ NEAREST = 5
 """Maximum number of imported orbits that are tried for a time in the past."""
 DAY = timedelta(days=1)
 WATCH_DAYS, WARNING_DAYS, REFUSED_DAYS = 3.0, 7.0, 14.0
-"""Ages of a TLE in days. In a low orbit the error of predicted times is about a second after three days and up to a minute
-after two weeks."""
+"""Ages of a TLE, in days, at which its state changes. In a low orbit the error of predicted times is about a second
+after three days and up to a minute after two weeks."""
 OrbitState = Literal["ok", "watch", "warning", "critical"]
 
 
@@ -75,8 +75,9 @@ class SpacecraftService:
         return orbit
 
     def orbit_at(self, moment: datetime) -> tuple[str, Trajectory] | None:
-        """Return the name of the spacecraft and an imported orbit that is valid at a time, None if there is none. The active
-        orbit is preferred, then the orbit of the same spacecraft with the nearest epoch."""
+        """Return the name of the spacecraft and an imported orbit that is valid at a time, None if there is none. If
+        several orbits are valid, the active orbit is used, otherwise the orbit of the same spacecraft with the nearest
+        epoch."""
         rows = self.history(1)
         if not rows:
             return None

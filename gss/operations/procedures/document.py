@@ -109,7 +109,8 @@ class ProcedureDocument:
 
 @dataclass
 class _Section:
-    """A heading with the action blocks below it. ``line``, ``end``: index of its first line, and of the line after its last."""
+    """A heading with the action blocks below it. ``line``: index of the first line of the section. ``end``: index of
+    the line after the last."""
 
     heading: str
     line: int

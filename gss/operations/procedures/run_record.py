@@ -24,8 +24,8 @@ FORMAT, VERSION = "gss-procedure-record", 1
 
 @dataclass(frozen=True)
 class StepEntry:
-    """Record of a step that was run. ``by``: user who ran it. ``detail``: result or reason. ``values``: telemetry values that a
-    condition used. ``due``: time at which a wait or a check ends at the latest. Times are ISO 8601, UTC."""
+    """Record of a step that was run. ``by``: user who ran it. ``detail``: result or reason. ``values``: telemetry
+    values that a condition used. ``due``: latest time at which a wait or a check ends. Times are ISO 8601, UTC."""
 
     step: str
     title: str
@@ -173,7 +173,7 @@ class ProcedureRecorder:
 
     @staticmethod
     def _ended(entry: dict[str, object], at: datetime, reason: str) -> dict[str, object]:
-        """Return an entry for the end of the run: an entry in progress becomes failed."""
+        """Return the columns of an entry at the end of the run. An entry in progress becomes failed."""
         if entry["state"] not in ("sending", "running"):
             return entry
         detail = f"{entry['detail']}; {reason}".removeprefix("; ")

@@ -2,9 +2,9 @@
 it needs an operator. If the line is lost, an automatic run pauses until an operator continues it, or until the next acquisition of
 signal for the run of a pass plan.
 
-An entry is stored before its step is executed, so the run continues after a restart of the server: a wait continues, and a command
-is looked up in the record of commands and never sent twice. The run of a pass plan is interrupted instead, because its plan has
-ended; an operator can resume it. ABORT ends the run.
+An entry is stored before its step is executed, so the run continues after a restart of the server: a wait continues,
+and a command is looked up in the record of commands and never sent twice. A run of a pass plan becomes interrupted
+instead, because the plan has ended. An operator can resume the run. ABORT ends the run.
 """
 
 from __future__ import annotations
@@ -147,9 +147,9 @@ class ProcedureRunner:
     def run_step(
         self, run_id: int, step_id: str, *, user: str, answer: str = "", confirm: str = "", note: str = ""
     ) -> ProcedureRun:
-        """Run the current step. ``step_id``: id of the current step, so that a late click does not run another step. Raises
-        Conflict, BadInput, NotPermitted. A condition that is not met and a command that cannot be sent are recorded as
-        entries."""
+        """Run the current step. ``step_id``: id of the step that the user saw as current. A late click therefore cannot
+        run another step. Raises Conflict, BadInput, NotPermitted. A condition that is not met and a command that cannot
+        be sent are recorded as entries."""
         with self._lock:
             run = self._check_current(run_id, step_id)
             request = StepRequest(user, answer, confirm, note.strip())
@@ -191,8 +191,8 @@ class ProcedureRunner:
         self._commands.check_line()
 
     def hold(self, run_id: int) -> None:
-        """Suspend a run until ``release``, because the signal is lost. No further step is run and no check is evaluated. A command
-        that was sent is still monitored. Has no effect on a run that is not active."""
+        """Suspend a run until ``release`` after a loss of signal. No further step is run and no check is evaluated. A
+        command that was sent is still monitored. Has no effect on a run that is not active."""
         with self._lock:
             active = self._active
             if active is not None and active.id == run_id and active.held_since is None:
@@ -305,7 +305,7 @@ class ProcedureRunner:
             self._wake.clear()
             try:
                 self.tick()
-            except GssError as error:  # the store is down, or a command was rejected, which is recorded
+            except GssError as error:  # the store is down, or a command was rejected; the rejection is already recorded
                 log.warning("procedure: %s", error)
 
     def tick(self) -> None:

@@ -224,7 +224,7 @@ class StepActions:
         )
 
     def continue_step(self, run: ActiveRun, row: ProcedureRun, entry: StepEntry) -> ProcedureRun:
-        """Update the step in progress, and end it if it is done."""
+        """Update the step in progress, and end the step if its action has ended."""
         step = run.document.step(row.current)
         if entry.kind == "command":
             return self._follow(run, step)

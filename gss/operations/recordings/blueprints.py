@@ -23,7 +23,7 @@ def blueprint(use: Use) -> Any:
 
     sky = rrb.Spatial3DView(origin="/sky", name="Sky", line_grid=rrb.LineGrid3D(visible=False))
     picture = rrb.Spatial2DView(origin="/camera/image", name="Frame", contents=["/camera/image/**"])
-    # On the frame page the plot is so small that a legend would cover the lines; the cursor shows the names instead.
+    # On the frame page the plot is small and a legend would cover the lines. There, the cursor shows the names.
     legend = rrb.PlotLegend(visible=use is not Use.FRAME)
     attitude = rrb.TimeSeriesView(origin="/attitude", name="Attitude, arcseconds", plot_legend=legend)
     stars = rrb.TimeSeriesView(origin="/stars", name="Stars")

@@ -24,8 +24,8 @@ class Lanes:
         self._last_packet: datetime | None = None
 
     def telemetry(self, received: datetime, values: Mapping[str, Any]) -> None:
-        """Record the states in a packet. Also record that the link was silent if the previous packet is older
-        than SILENT_AFTER."""
+        """Record the states in a packet. If the previous packet is older than SILENT_AFTER, also record that the link
+        was silent in between."""
         last = self._last_packet
         if last is not None and received - last > SILENT_AFTER:
             self._change(last + SILENT_AFTER, "link", "no packets")

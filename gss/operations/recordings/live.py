@@ -1,4 +1,5 @@
-"""Live recordings: new frames, attitudes, commands, events and packets are sent in pieces when they arrive."""
+"""Live recordings: new frames, attitudes, commands, events and packets are sent to the viewer in pieces as they
+arrive."""
 
 from __future__ import annotations
 

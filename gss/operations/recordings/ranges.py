@@ -7,7 +7,7 @@ from gss.operations.requests import MAX_ID
 
 MAX_PER_RANGE = 10_000
 MAX_DIGITS = 100
-"""Longer numbers are rejected without conversion."""
+"""Maximum number of digits. Longer numbers are rejected without conversion."""
 
 
 def ids_of(text: str) -> list[int]:

@@ -99,8 +99,8 @@ class Recorder:
     # --- drawing --------------------------------------------------------------------------------------------------
 
     def _at(self, moment: datetime, frame_id: int | None = None) -> None:
-        """Set the time of the following entries. Entries without a frame are assigned to the previous frame, so that
-        they appear on both timelines."""
+        """Set the time of the following entries. Entries without a frame are assigned to the previous frame and
+        therefore appear on both timelines."""
         self._frame_id = frame_id if frame_id is not None else self._frame_id
         self._stream.reset_time()
         if self._frame_id is not None:
@@ -109,7 +109,7 @@ class Recorder:
 
     def _state(self, moment: datetime, path: str, state: str | None) -> None:
         """Write the state of a lane; None ends it."""
-        import pyarrow as pa  # imported here because rerun, which uses it, is also imported late
+        import pyarrow as pa  # imported late like rerun, which imports pyarrow
 
         self._at(moment)
         self._stream.log(path, self._rr.StateChange(state=pa.array([state], pa.string())))

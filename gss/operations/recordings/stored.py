@@ -18,12 +18,13 @@ from gss.store import commands, events, frames, telemetry
 from gss.store.engine import Database
 
 MAX_PICTURES = 60
-"""Maximum number of pictures. If there are more frames, only every n-th frame has its picture, because a viewer loads
-the complete recording."""
+"""Maximum number of pictures. With more frames, only every n-th frame has a picture, because a viewer loads the
+complete recording."""
 MAX_LINES = 5000
 MAX_PACKETS = 3600
 MAX_SPAN = timedelta(days=2)
-"""Longest time span with telemetry and log. A longer recording contains only the frames, unless it is of a contact."""
+"""Longest time span for which telemetry and log are included. A longer recording contains only the frames, unless it is
+a recording of a contact."""
 PLOTTED = (
     "sensor_temperature",
     "processor_temperature",

@@ -36,7 +36,7 @@ from gss.store.models import PassPlan, ProcedureRun
 
 PERSON, SECOND = "rehearsal", "second person"
 BUSY_STEP_S, QUIET_STEP_S, NO_SIGNAL_STEP_S = 0.02, 0.1, 1.0
-"""Time steps while the ground sends, while it waits, and while no signal is present."""
+"""Lengths of a time step while the ground sends, while the ground waits, and while no signal is present."""
 MIN_STEP_S = 0.001
 BUSY_FOR_S = 1.0
 """Time advances in small steps for this long after the ground has sent something."""

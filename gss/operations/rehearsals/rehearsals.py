@@ -1,5 +1,5 @@
 """Rehearses pass plans as jobs. Each rehearsal runs in a separate process, with a folder that contains a copy of the
-plan. It has no access to the server's line, database and settings.
+plan. The process has no access to the server's line, database or settings.
 """
 
 from __future__ import annotations
@@ -136,8 +136,8 @@ class RehearsalService:
 
     @staticmethod
     def _run(folder: Path, progress: Callable[[float, str], None]) -> RehearsalReport:
-        """Run a rehearsal process, which writes one JSON object per line. It does not inherit the settings of this
-        server."""
+        """Run a rehearsal process, which writes one JSON object per line. The process does not inherit the settings of
+        this server."""
         environment = {name: value for name, value in os.environ.items() if not name.startswith("GSS_")}
         command = [sys.executable, "-m", "gss", "rehearse", "--prepared", str(folder)]
         with (folder / "rehearsal.log").open("w+b") as log:

@@ -1,7 +1,7 @@
 """Mission time of a rehearsal, the simulated unit that follows this time, and the line between ground and unit.
 
-Time advances in steps, and only after ground and unit have finished all work that was due. A rehearsal therefore runs
-as fast as the machine permits, and its results do not depend on the load of the machine.
+Time advances in steps. Each step begins only after ground and unit have finished all work that was due. Therefore a
+rehearsal runs as fast as the machine permits, and its results do not depend on the load of the machine.
 """
 
 from __future__ import annotations

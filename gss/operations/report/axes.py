@@ -27,8 +27,8 @@ def decades(low: float, high: float) -> list[float]:
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Return the powers of ten from low to high. If there are fewer than three, also return their double and
-    fivefold."""
+    """Return the powers of ten from low to high. If there are fewer than three, also return twice and five times each
+    power."""
     powers = decades(low, high)
     if len(powers) >= 3:
         return powers

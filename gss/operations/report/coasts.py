@@ -1,4 +1,5 @@
-"""Coasts as coarse polygons of (east, north) in degrees, for orientation on a small map."""
+"""Coastlines as coarse polygons of (longitude, latitude) in degrees, east and north positive, for orientation on a
+small map."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
-"""The parts of a report. They contain only plain values, because a report is stored as JSON, sent to pages and rendered
-later.
-
-All values are already in the unit that is stated with them.
+"""The parts of a report. A part contains only plain values, because a report is stored as JSON, sent to pages and
+rendered later. Each value is already in the unit that is stated beside it.
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ Number = float | None
 
 
 class ReportPart:
-    """Base class of the parts. The API document describes all their fields as always present."""
+    """Base class of the parts. The API document states that all fields are always present."""
 
     __pydantic_config__: ClassVar = ConfigDict(json_schema_serialization_defaults_required=True)
 
@@ -70,7 +68,8 @@ class Plot(ReportPart):
 
 @dataclass(frozen=True)
 class Arrows(ReportPart):
-    """Vectors over the detector: (col, row) and (d col, d row) in pixels. Arrows are drawn ``scale`` times as long."""
+    """Vectors over the detector: (col, row) and (d col, d row) in pixels. Each arrow is drawn ``scale`` times longer
+    than its vector."""
 
     title: str
     columns: int

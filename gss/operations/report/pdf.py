@@ -21,10 +21,11 @@ if TYPE_CHECKING:
 
 FONTS = Path(__file__).parent.parent.parent / "web" / "fonts"
 FACES = {"latin": "ibm-plex-sans-latin", "greek": "ibm-plex-sans-greek"}
-"""Font of the console, from the built pages. Its glyphs are in two files."""
+"""Font of the console, which is part of the built pages. Its glyphs are split over two files."""
 PLAIN = str.maketrans({"≤": "<=", "≥": ">=", "→": "to", "√": "root ", "⁻": "-", "₁": "1", "₂": "2", "₃": "3"})
 BARE = str.maketrans({"σ": "sigma", "χ": "chi", "µ": "u", "″": '"', "′": "'", "−": "-", "×": "x", "Δ": "d", "ρ": "r"})
-"""Replacements for an installation without built pages, which can only use the glyphs of the standard PDF fonts."""
+"""Replacements of characters for an installation without built pages. There, only the glyphs of the standard PDF fonts
+are available."""
 MARGIN, LINE, LEADING = 42.0, 12.0, 1.3
 MAX_ROWS = 400
 """Maximum number of rows of a table. The report states the number of omitted rows; the CSV file contains all rows."""
@@ -128,7 +129,7 @@ class _Sheet:
         self.y += height + 4
 
     def table(self, table: Table) -> None:
-        """Add a table. Columns that do not fit are wrapped; the heading is repeated on each page."""
+        """Add a table. Text in columns that are too narrow is wrapped. The heading is repeated on each page."""
         if table.title:
             self.room(4 * LINE)
             self.words(table.title, bold=True, gap=2)

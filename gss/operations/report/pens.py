@@ -9,7 +9,7 @@ from typing import Protocol
 Point = tuple[float, float]
 INK, SOFT, HAIR = "#1b222a", "#5a6672", "#c9d0d8"
 COLOURS = ("#0a66ad", "#b04f00", "#11704a", "#6a43bf", "#8a6d00")
-"""Colours of the series, in order. The labels distinguish the series as well."""
+"""Colours of the series, in order. Labels also identify the series, so colour is not the only distinction."""
 
 
 class Pen(Protocol):
@@ -63,7 +63,8 @@ class SvgPen:
         )
 
     def dots(self, points: Sequence[Point], colour: str, radius: float) -> None:
-        # All dots are zero-length strokes with round caps in one path, so that thousands of dots need one element.
+        # Dots are drawn as zero-length strokes with round caps. All dots are in one path, so thousands of dots need
+        # only one element.
         path = " ".join(f"M{x:.1f},{y:.1f}h0" for x, y in points)
         self._parts.append(f"<path d='{path}' stroke='{colour}' stroke-width='{2 * radius:g}' stroke-linecap='round'/>")
 

@@ -25,8 +25,8 @@ class TableLayout:
 
 
 def table_layout(rows: Sequence[Sequence[str]], across: float, measure: Measure) -> TableLayout:
-    """Lay out rows of equal length in a width of ``across`` points. Columns that are wider than their share are
-    wrapped."""
+    """Lay out rows with equal numbers of cells in a width of ``across`` points. Cells of columns that are wider than
+    their share are wrapped."""
     for size in SIZES:
         full_widths = [max(measure(r[k], size) for r in rows) + GAP for k in range(len(rows[0]))]
         word_widths = [
@@ -57,7 +57,8 @@ def _shared(full_widths: Sequence[float], word_widths: Sequence[float], across: 
             for k in open_columns:
                 widths[k] = share
             break
-        # Columns that need more than a share are settled first, because they leave less for the others.
+        # Columns that need more than an equal share for their longest word are set first, because they reduce the share
+        # of the other columns.
         large = [k for k in settled if word_widths[k] >= share]
         for k in large or settled:
             widths[k] = word_widths[k] if large else full_widths[k]

@@ -40,8 +40,8 @@ KINDS = (
 )
 FRAME_KINDS = KINDS[:-1]
 DEEPER_MAG = 4.0
-"""Number of magnitudes fainter than the profile's limit up to which catalogue stars are searched for, so that the true
-limit lies within the range."""
+"""Stars are searched for up to this number of magnitudes below the profile's limit, so that the range includes the true
+limit."""
 FOUND_PX = 2.5
 EDGE_PX = 8.0
 
@@ -169,8 +169,8 @@ def detected_stars(
     result: SolveResult, solver: Solver, shot: Shot, faintest_mag: float
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return the magnitudes of the catalogue stars on the detector up to ``faintest_mag``, and for each star whether a
-    centroid was detected at its predicted position. A star with a brighter star nearby is excluded, because the
-    centroid could belong to the brighter star."""
+    centroid was detected at its predicted position. A star close to a brighter star is excluded, because a centroid
+    near it could belong to the brighter star."""
     assert result.attitude is not None  # noqa: S101 - the caller has checked it
     stars = apparent_stars(solver, shot).brighter_than(faintest_mag)
     cam = stars.icrs @ result.attitude.cam_from_icrs.T

@@ -114,7 +114,7 @@ class MovingRequest(Request):
     """Moving objects in stored frames of one sequence. ``objects``: two-line elements of objects to identify;
     ``orbit``: TLE, OMM or OEM of the spacecraft with the camera; ``site``: latitude and longitude in degrees and height
     in metres of a camera on the ground. Without orbit and site, the imported orbit is used if it covers the frames.
-    ``top_rate_deg_s``: maximum rate to search for."""
+    ``top_rate_deg_s``: maximum angular rate of the objects to search for."""
 
     kind: Literal["moving"]
     profile: str = Field(max_length=40)
@@ -128,7 +128,7 @@ class MovingRequest(Request):
 
     @property
     def top_rate_rad_s(self) -> float:
-        """Maximum rate to search for, in radians per second."""
+        """Maximum angular rate of the objects to search for, in radians per second."""
         return math.radians(self.top_rate_deg_s)
 
     @property
@@ -147,7 +147,7 @@ class MovingRequest(Request):
 
 class HealthRequest(Request):
     """Health of a sensor from ordinary frames of a mission. ``orbit``: TLE, OMM or OEM of the spacecraft, or the
-    element sets of the complete mission. Without it, the imported orbits are used if they cover the frames."""
+    element sets of the complete mission. If it is missing, the imported orbits are used if they cover the frames."""
 
     kind: Literal["health"]
     profile: str = Field(max_length=40)

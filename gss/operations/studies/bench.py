@@ -46,7 +46,8 @@ MAX_POINTS = 2000
 MIN_SETTINGS = 4
 ZERO_C_K = 273.15
 STEADY_SIGMA_PX = 0.02
-"""Minimum σ in px of a centre or focal length measured on a bench, because clamps and tables have play."""
+"""Minimum σ, in px, of a centre or focal length measured on a bench. It allows for the mechanical play of clamps and
+tables."""
 
 
 def centre(dots_px: Rows) -> CalibrationInput:

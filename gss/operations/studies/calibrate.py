@@ -31,7 +31,7 @@ from gss.pipeline.calibration.self_calibrate import calibrate_camera
 from gss.pipeline.calibration.sightings import FrameStars
 
 PSF_SHOTS = 8
-"""Number of shots whose star widths are measured. More shots would take longer without a better result."""
+"""Number of shots whose star widths are measured. More shots would take longer and would not improve the result."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,8 @@ def from_stars(
         )
 
     geometry = fit(solved.stars, 0.5)
-    # With a wrong initial geometry, stars at the edge are not matched, so the shots are solved again with the fitted geometry.
+    # If the initial geometry is wrong, stars at the edge are not matched. Therefore the shots are solved again with the
+    # fitted geometry.
     solved_again = solve_shots(
         solver, shots, profile, fov_rad, lambda share, text: progress(0.6 + 0.15 * share, text), camera=geometry.camera
     )
@@ -98,7 +99,7 @@ def from_stars(
         try:
             light = calibrate_photometry(solved.stars, geometry.camera, gain_e_per_dn=gain_e_per_dn)
             result["photometry"] = report.photometry(light)
-        except BadInput as error:  # the geometry is also stored without photometry
+        except BadInput as error:  # store the geometry even if the photometry fails
             result["photometry_problem"] = str(error)
     if psf:
         progress(0.92, "Measuring the spots")
@@ -122,8 +123,8 @@ def _first_solved(
     fov_rad: float | None,
     progress: ProgressCallback,
 ) -> SolvedFrame:
-    """Solve the shots with the documented camera. If fewer than half are solved, the documented lens is probably wrong,
-    so the shots are also solved with only the width of its field of view. Return the solution with more matched
+    """Solve the shots with the documented camera. If fewer than half are solved, the documented lens is probably wrong.
+    In this case also solve the shots from the width of the field of view alone. Return the solution with more matched
     stars."""
     if profile is None:
         return solve_shots(solver, shots, None, fov_rad, progress)

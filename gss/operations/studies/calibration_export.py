@@ -37,8 +37,8 @@ def _json(row: Calibration) -> bytes:
 
 
 def _ecsv(row: Calibration) -> bytes:
-    """Return Enhanced CSV 1.0 (astropy APE 6): one row per parameter of the geometry, or per value without a
-    geometry."""
+    """Return Enhanced CSV 1.0 (astropy APE 6). It has one row per parameter of the geometry, or, if the calibration has
+    no geometry, one row per value."""
     parameters = row.result.get("geometry", {}).get("parameters") or [
         {"name": name, "value": value, "sigma": None, "unit": ""}
         for name, value in row.values.items()

@@ -48,7 +48,8 @@ from gss.store.models import Calibration, DeviceTable, Job
 
 STEPS = 1000
 FOREIGN = "foreign"
-"""Camera name of calibrations without a profile, which can be used for a frame but not sent to a sensor."""
+"""Camera name of calibrations without a profile. Such a calibration can be used for a frame, but not sent to a
+sensor."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ class CalibrationService:
         profile = self._camera(calibration_request)
         camera_name = profile.name if profile else FOREIGN
         shots = self._shots.of(calibration_request.frames)
-        # The settings of a focus run are in the order of frame_ids, so this order is restored.
+        # The lens settings of a focus run are in the order of frame_ids, so the frames are returned to this order.
         if isinstance(calibration_request, BenchCalibration):
             position = {frame_id: k for k, frame_id in enumerate(calibration_request.frames)}
             shots.sort(key=lambda shot: position[shot.frame_id or 0])
@@ -195,8 +196,9 @@ class CalibrationService:
         return replace(calibration, result=calibration.result | {"dark_frame": dark}) if dark else calibration
 
     def from_health(self, analysis_id: int, *, user: str) -> Calibration:
-        """Store the calibration that a health analysis proposes: values of the sensor, and bad pixels in addition to
-        those of the active dark frame. Raises NotFound, and BadInput for another kind of analysis."""
+        """Store the calibration that a health analysis proposes. It contains values of the sensor, and the bad pixels
+        of the active dark frame together with the new bad pixels. Raises NotFound, and BadInput for another kind of
+        analysis."""
         with self._database.unit_of_work() as session:
             analysis = store.analysis(session, analysis_id)
         if analysis.kind != "health":
@@ -226,8 +228,8 @@ class CalibrationService:
         return row
 
     def _with_bad(self, camera_name: str, bad_pixels: NDArray[np.intp]) -> DarkPattern:
-        """Return the active dark frame with additional bad pixels; without an active dark frame, a map that only
-        replaces the bad pixels."""
+        """Return the active dark frame with additional bad pixels. If there is no active dark frame, return a map that
+        only replaces the bad pixels."""
         key, profile = self.book.dark_of(camera_name), self.book.profile(camera_name)
         if not key:
             flat = np.zeros((profile.camera.rows, profile.camera.columns), np.float32)

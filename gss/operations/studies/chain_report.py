@@ -35,7 +35,8 @@ MAX_BINS = 24
 
 @dataclass(frozen=True)
 class Failure:
-    """A frame without a solution, or with a different solution. ``kind``: no solution, wrong or differs."""
+    """A frame without a solution, or with a solution that is wrong or differs from that of the other chain. ``kind``:
+    no solution, wrong or differs."""
 
     frame_id: int
     kind: str
@@ -182,7 +183,7 @@ def _differences(judged: Sequence[_Judged], compared: str) -> Plot | None:
 
 
 def _histogram(title: str, values: Sequence[float]) -> Plot | None:
-    """Return a histogram with logarithmic bins. Differences below a thousandth of an arcsecond count in the first
+    """Return a histogram with logarithmic bins. Differences below a thousandth of an arcsecond are counted in the first
     bin."""
     if not values:
         return None
@@ -224,8 +225,8 @@ def _over_sky(runs: Sequence[FrameRun], other_by_frame: Mapping[int, FrameRun]) 
 
 
 def _reasons(runs: Sequence[FrameRun]) -> Section:
-    """Count the reasons of frames without a solution. Numbers in a reason are replaced, so that similar reasons count
-    together."""
+    """Count the reasons of frames without a solution. Numbers in a reason are replaced by a placeholder, so reasons
+    that differ only in their numbers are counted together."""
     counts: dict[str, int] = {}
     for run in runs:
         if not run.solved:

@@ -1,5 +1,5 @@
-"""Runs long work on a Dask cluster. If a worker dies, the scheduler reruns its work on another worker. Each result is
-used only once."""
+"""Runs long work on a Dask cluster. If a worker dies, the scheduler reruns its work on another worker. Even then, each
+result is used only once."""
 
 from __future__ import annotations
 
@@ -73,7 +73,8 @@ class DaskExecutor:
             while True:
                 max_queued = AHEAD * max(1, self.workers)
                 while len(running) < max_queued and (item := next(remaining, _END)) is not _END:
-                    # Each item has a unique key, so that equal items are separate and results of another run are never used.
+                    # Each item has a unique key. Equal items therefore give separate results, and results of another
+                    # run are never used.
                     key = f"{run}-{submitted}"
                     running.append(
                         client.submit(_on_worker, gss.__version__, work, item, run, submitted, key=key, pure=False)
@@ -153,7 +154,7 @@ _END = object()
 
 
 def _on_worker(version: str, work: Work[Any, Any], item: Any, run: str, number: int) -> Any:
-    """Run one item on a worker. Raises Conflict if its version differs."""
+    """Run one item on a worker. Raises Conflict if the worker has another version of the program."""
     if gss.__version__ != version:
         raise Conflict(
             "a worker of the cluster runs another version of GSS",

@@ -24,7 +24,8 @@ Waiting = Callable[[float], None]
 end the run."""
 
 AHEAD = 3
-"""Number of queued items per worker. It keeps the workers busy, and a cancelled run still ends quickly."""
+"""Number of queued items per worker. It is large enough to keep the workers busy, and small enough for a cancelled run
+to end quickly."""
 LOOK_S = 0.25
 MAX_DEATHS = 3
 

@@ -136,7 +136,7 @@ def _trend_plot(figure: FigureCourse) -> Plot:
         low, high = float(np.min(figure.values)), float(np.max(figure.values))
         for sign in (-1, 1):
             level = figure.reference + sign * figure.tolerance
-            # A tolerance far outside the values would compress the plot to a line.
+            # A tolerance that is far outside the values is not drawn, because it would compress the values to a line.
             if low - (high - low) <= level <= high + (high - low):
                 levels.append(Level(level, "tolerance"))
     return Plot(figure.name[0].upper() + figure.name[1:], "UTC", figure.unit or "stars", series, levels, time=True)

@@ -84,7 +84,8 @@ def times(estimate: Estimate, factor: float) -> Estimate:
 
 
 def with_error(estimate: Estimate) -> str:
-    """Return a value with half of its interval, both with the decimals of the error at two significant digits."""
+    """Return a value with its error, which is half of the interval. The error has two significant digits, and the value
+    has as many decimals as the error."""
     half = (estimate.high - estimate.low) / 2
     if not np.isfinite(half) or half <= 0:
         return number(estimate.value, 3)
@@ -93,7 +94,7 @@ def with_error(estimate: Estimate) -> str:
 
 
 def interval(estimate: Estimate, digits: int = 3) -> str:
-    """Return the bounds of an estimate; the value and the lower bound if there is no upper bound."""
+    """Return the bounds of an estimate. If there is no upper bound, return the value and the lower bound."""
     if not np.isfinite(estimate.high):
         return f"{number(estimate.value, digits)}, at least {number(estimate.low, digits)}"
     return f"{number(estimate.low, digits)} – {number(estimate.high, digits)}"

@@ -1,5 +1,5 @@
-"""Solves uploaded lists of measured stars as a job. The file and the results are blobs, which a database row
-references.
+"""Solves uploaded lists of measured stars as a job. The file and the results are stored as blobs. A database row
+references the blobs.
 
 The lists are read twice: at the upload, so that an invalid file is rejected immediately, and by the job, which uses
 only its stored request. Workers receive batches of lists and return results, as in reprocessing.
@@ -99,8 +99,8 @@ class ListRow(_Pointing, ListRecord):
 
 
 class ListRunService:
-    """Stores uploaded lists, solves them as a job and returns their results. ``upkeep_lock``: lock file of a running
-    backup, which needs every blob that its rows reference."""
+    """Stores uploaded lists, solves them as a job and returns their results. ``upkeep_lock``: lock file that a running
+    backup locks. Meanwhile no blob may be deleted, because a backup needs every blob that its rows reference."""
 
     def __init__(
         self,
@@ -169,8 +169,8 @@ class ListRunService:
             return store.get(session, run_id)
 
     def remove(self, run_id: int) -> None:
-        """Delete a run with its file and its results. If its job is running, it fails when it ends. Raises NotFound,
-        and Conflict during a backup."""
+        """Delete a run with its file and its results. A job of this run that is in progress fails at its end. Raises
+        NotFound, and Conflict during a backup."""
         with self._storing, named_lock(self._upkeep_lock, "a backup or a removal is running"):
             with self._database.unit_of_work() as session:
                 keys = store.remove(session, run_id)
@@ -180,8 +180,8 @@ class ListRunService:
                 self._blobs.delete(key)
 
     def results(self, run: ListRun, offset: int = 0, limit: int | None = None) -> Iterator[ListRow]:
-        """Return a row of values for each list from ``offset`` on. Other rows are not decoded. Raises NotFound if the
-        run has not been solved."""
+        """Return one row of values for each list from ``offset`` on. Rows before ``offset`` are not decoded. Raises
+        NotFound if the run has not been solved."""
         if not run.results_sha256:
             raise NotFound(
                 "these star lists have no results",

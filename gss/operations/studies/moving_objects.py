@@ -35,7 +35,7 @@ from gss.pipeline.moving.spots import FrameSpots, find_spots
 from gss.pipeline.moving.tracklets import Tracklet, link
 
 MAX_REJECTED = 2000
-"""Maximum number of rejected sources in the record. All rejected sources are counted."""
+"""Maximum number of rejected sources that the record lists. The counts in the record include all rejected sources."""
 UNKNOWN_PLACE = "position of the camera not known"
 
 

@@ -21,12 +21,12 @@ MAX_LISTED = 100
 
 @dataclass(frozen=True)
 class TrackRecord:
-    """One object. ``streak``: True if it is in only one frame, so that its direction of motion is not known. ``name``:
-    the identified object. ``times_s`` (n,): Unix seconds of mid exposure; ``ra_rad``, ``dec_rad`` (n,): in the system
-    of the star catalogue, with ``covariance_rad2`` (n, 2, 2) east and north; ``rate_rad_s`` (2,): east and north at the
-    middle of the track, with ``rate_covariance``; ``chance``: expected number of such tracks by accident;
-    ``ends_ra_rad``, ``ends_dec_rad``, ``ends_sigma_rad`` (n, 2): both ends of the trail in the order of the motion, NaN
-    for a point source."""
+    """One object. ``streak``: True for a trail in a single frame, whose direction of motion is not known. ``name``: the
+    identified object. ``times_s`` (n,): Unix seconds of mid exposure; ``ra_rad``, ``dec_rad`` (n,): in the system of
+    the star catalogue, with ``covariance_rad2`` (n, 2, 2) east and north; ``rate_rad_s`` (2,): east and north at the
+    middle of the track, with ``rate_covariance``; ``chance``: expected number of such tracks formed by unrelated
+    sources; ``ends_ra_rad``, ``ends_dec_rad``, ``ends_sigma_rad`` (n, 2): both ends of the trail in the order of the
+    motion, NaN for a point source."""
 
     label: str
     streak: bool
@@ -150,7 +150,8 @@ def _notes(record: MovingRecord, camera: Camera) -> list[Note]:
 
 
 def _sky(tracks: list[TrackRecord]) -> Plot:
-    """Plot declination against right ascension, which is continuous near the first object."""
+    """Plot declination against right ascension. The right ascension is continuous in the neighbourhood of the first
+    object."""
     first_ra_rad = float(tracks[0].ra_rad[0])
     series = []
     for track in tracks[:MAX_DRAWN]:

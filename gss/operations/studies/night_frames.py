@@ -74,7 +74,7 @@ class StoredShots:
 
     def of(self, ids: Sequence[int], aberration: bool | None = None) -> list[Shot]:
         """Return the frames with the given ids, oldest first. Raises BadInput if a frame has missing rows.
-        ``aberration``: whether aberration is corrected; None: corrected if the time of observation is known, except in
+        ``aberration``: True to correct aberration; None: correct it if the time of observation is known, except in
         frames of the simulator, which contain no aberration."""
         with self._database.unit_of_work() as session:
             rows = [store.get(session, i) for i in ids]

@@ -27,7 +27,7 @@ from gss.pipeline.calibration.sky_figures import SkyFigures, sky_figures
 
 LENSES = ("pinhole", "brown-2", "brown-4", "brown-5")
 SAME_FIELD = 0.1
-"""Maximum difference of pointings that show the same field, as a share of the field of view."""
+"""Maximum difference between the pointings of photographs of the same field, as a share of the field of view."""
 SAME_ROLL_RAD = float(np.radians(10.0))
 BELOW_MATCHED_MAG = 1.0
 WIDTH_STARS = 200

@@ -15,10 +15,10 @@ from gss.pipeline.calibration.lens_models import BROWN
 from gss.pipeline.calibration.robust import robust_sigma
 
 REFRACTION = 4e-4
-"""Relative error of the scale due to refraction, which compresses the sky by 2.8e-4 at the zenith and vertically by
-twice this value at 45°."""
+"""Relative error of the scale caused by refraction. Refraction compresses the sky by 2.8e-4 at the zenith. At an
+elevation of 45°, it compresses the vertical direction by twice this value."""
 ABERRATION = 6e-5
-"""Relative error of the scale for an unknown date, because aberration changes the scale by up to 1e-4 during a year."""
+"""Relative error of the scale if the date is unknown. Aberration changes the scale by up to 1e-4 during a year."""
 CENTRE_SHARE = 0.12
 """Standard deviation of the distance of an unknown camera's optical axis from the middle, as a share of the width."""
 BRIGHT_RANGE_MAG = 8.0
@@ -26,8 +26,8 @@ MAX_BITS = 16
 TYPICAL_PITCH_MM, TYPICAL_F_NUMBER = 0.005, 2.0
 TYPICAL = "typical of a small camera; the photographs do not determine it"
 SHAPE = 0.01
-"""Relative error of a star's width because a star is not exactly a Gaussian."""
-MEDIAN = 1.2533  # standard error of a median over that of a mean
+"""Relative error of a star's width. It allows for the difference between the image of a star and a Gaussian."""
+MEDIAN = 1.2533  # ratio of the standard error of a median to the standard error of a mean
 
 
 @dataclass(frozen=True)
@@ -107,8 +107,8 @@ def camera_file(measured: PhotographCamera, stated: Stated, origin: str) -> Came
 
 
 def spread_factor(measured: PhotographCamera) -> float:
-    """Return the factor for all uncertainties of the geometry. Photographs of one field have the same errors, so they
-    count as one measurement."""
+    """Return the factor for all uncertainties of the geometry. Photographs of one field have the same errors, so
+    together they count as only one measurement."""
     return math.sqrt(len(measured.photographs.used)) if measured.same_field else 1.0
 
 
@@ -278,7 +278,8 @@ def _width(measured: PhotographCamera, numbers: _Numbers) -> FileNumber:
 
 
 def converter_bits(measured: PhotographCamera) -> tuple[int, str]:
-    """Return the number of bits of the converter, with the reason. A file with 16 bits often contains only 12 or 14."""
+    """Return the number of bits of the converter, with the reason. A file with 16 bits per pixel often contains only 12
+    or 14 significant bits."""
     file_bits = min(max(s.photograph.shot.bits for s in measured.photographs.used), MAX_BITS)
     largest, times = measured.sky.largest_dn, measured.sky.largest_count
     bits = math.ceil(math.log2(largest + 1)) if largest >= 1 else file_bits

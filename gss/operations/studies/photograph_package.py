@@ -25,8 +25,8 @@ from gss.operations.studies.photograph_numbers import Stated, camera_file, model
 from gss.operations.studies.photographs import Photograph, PhotographRow, SortedPhotographs, sort_out, words_of
 
 WORSE_TOGETHER = 2.0
-"""Limit of the ratio between the residual of all photographs together and the residual of each photograph alone. A
-higher ratio indicates different cameras."""
+"""Maximum ratio of the residual of all photographs fitted together to the residual of each photograph fitted alone. A
+higher ratio indicates photographs of different cameras."""
 MAX_NOTES = 3900
 
 
@@ -123,8 +123,8 @@ def _with_date(photographs: Sequence[Photograph], taken: datetime | None) -> lis
 
 
 def _with_exposure(photographs: Sequence[Photograph], stated_s: float | None) -> list[Photograph]:
-    """Set the exposure stated by the user for photographs without an exposure. If it is not stated, remove all
-    exposures unless every photograph has one, because otherwise magnitudes cannot be compared."""
+    """Set the exposure stated by the user for photographs without an exposure. If the user states no exposure and a
+    photograph has none, remove the exposures of all photographs, because magnitudes cannot be compared then."""
     all_stated = all(p.shot.exposure_s for p in photographs)
     return [
         p

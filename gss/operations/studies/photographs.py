@@ -19,7 +19,7 @@ from gss.pipeline.calibration.screening import SCALE_GAP, STREAK_PX
 from gss.pipeline.calibration.sightings import FrameStars
 
 FEWEST = 3
-"""Minimum number of solved photographs for a calibration, because cross-validation needs three."""
+"""Minimum number of solved photographs for a calibration. Cross-validation needs three photographs."""
 MIN_SPOTS = 5
 MAX_REASONS = 20
 
@@ -129,7 +129,7 @@ def _row(name: str, result: SolveResult | None, reason: str) -> PhotographRow:
 
 
 def _without_copies(photographs: Sequence[Photograph], sorting: _Sorting) -> list[Photograph]:
-    """Return the photographs without copies, because a copy would count as an independent measurement."""
+    """Return the photographs without duplicates. A duplicate would be treated as an independent measurement."""
     name_by_key: dict[str, str] = {}
     different = []
     for photograph in photographs:

@@ -3,9 +3,9 @@ cancelling.
 
 Workers receive blob keys and return plain values. Only this process writes the database: it stores the results of each
 batch and the checkpoint of the job in one transaction, in the order of the frames. An interrupted job therefore leaves
-only complete solutions, and continues after them when the server restarts. The same frames, chain and version give the
-same values on any number of workers. Overlays other than stars and regions are derived from attitude and camera, and
-are computed on request.
+only complete solutions, and continues with the next frame when the server restarts. The same frames, chain and version
+give the same values on any number of workers. Overlays other than stars and regions are derived from attitude and
+camera, and are computed on request.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class ReprocessProgress:
         """Count the results of a batch."""
         self.counts = self.counts or {}
         for row in rows:
-            # In a set, the verdict "none" and the outcome "none" count once.
+            # A set is used because the verdict "none" and the outcome "none" must be counted only once.
             for key in {row["outcome"], row.get("verdict")}:
                 if key:
                     self.counts[key] = self.counts.get(key, 0) + 1

@@ -1,5 +1,5 @@
-"""Input of the performance sheet of a simulated unit. Its frames are solved by its chain and compared with the
-truth."""
+"""Input of the performance sheet of a simulated unit. The chain of the unit solves rendered frames, and the results are
+compared with the truth."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def simulated_input(
 
     observations = _sky(bench, unit, rng, step)
     scores = [assess(o.result, o.truth, profile.camera) for o in observations]
-    # The chain must solve the pointing of the next runs, so that the noise can be measured.
+    # The noise is measured at one pointing, so the chain must be able to solve this pointing.
     solved = [o.moment for o in observations if o.result.attitude is not None] or [o.moment for o in observations]
     start = solved[0].cam_from_icrs
     top = SLEW_PX * profile.camera.pixel_rad / profile.sensor.exposure_s

@@ -34,8 +34,8 @@ class WarmPool:
 
     @contextmanager
     def borrowed(self) -> Iterator[ProcessPoolExecutor]:
-        """Provide the processes for one job. If the job raises an exception, the processes end, because a process can
-        have died or can still be running abandoned work."""
+        """Provide the processes for one job. If the job raises an exception, the processes end, because one of the
+        processes can have died, or can still be running work that is no longer needed."""
         with self._lock:
             self._stop_timer()
             if self._pool is None:
@@ -43,7 +43,8 @@ class WarmPool:
             pool, self._users = self._pool, self._users + 1
         try:
             yield pool
-        except BaseException:  # also if the generator of the caller is closed or the job is cancelled
+        # Includes the exceptions raised when the caller closes its generator or the job is cancelled.
+        except BaseException:
             self._end(pool)
             raise
         finally:
@@ -83,8 +84,8 @@ class WarmPool:
 
 
 def _fork_server() -> ForkServerContext:
-    """Return a context that forks from a process without threads, because a fork of this process could copy a lock that
-    another thread has acquired."""
+    """Return a context that forks workers from a process without threads. A fork of the server process could copy a
+    lock that another thread has acquired."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(PRELOADED))
     return context

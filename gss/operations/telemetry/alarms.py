@@ -121,7 +121,7 @@ class AlarmService:
             self._telemetry.board.clock_jumped(now, jump_s)
 
     def watch(self, key: Key, state: State, value: float, text: str, limit: str, *, judged: bool = True) -> None:
-        """Update an alarm of another service. OK with ``judged`` False ends an alarm whose condition can no longer be checked."""
+        """Update an alarm of another service. OK without ``judged`` ends an alarm that cannot be checked any more."""
         with self._lock:
             if state is not State.OK or key in self._open:
                 self._update(key, state, value, text, limit, judged=judged)
@@ -150,7 +150,7 @@ class AlarmService:
             self._raise_again(row, state, value, text, limit)
         elif row.packet == MARGIN and row.value is not None and value < row.value:
             with self._database.unit_of_work() as session:
-                self._open[key] = store.set_value(session, row.id, value)  # for other alarms, telemetry shows the value
+                self._open[key] = store.set_value(session, row.id, value)  # telemetry has the value of other alarms
 
     def _raise(
         self, key: Key, level: State, value: float, text: str, limit: str, *, over: datetime | None = None
@@ -239,7 +239,7 @@ class AlarmService:
             return self._record_action(row, user, "unshelved", note, shelved_until=None, shelved_by="")
 
     def clear(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
-        """Close an alarm manually. Raises Conflict while its value is out of limits and current."""
+        """Close an alarm manually. Raises Conflict while current telemetry is out of limits."""
         with self._lock:
             row = self._require_open(alarm_id)
             if row.state in ("raised", "acked") and self._is_fresh(row):
@@ -344,7 +344,7 @@ class AlarmService:
 
 
 def _sort_key(view: AlarmView) -> tuple[bool, int, bool, datetime, int]:
-    """Return the sort key of an open alarm. An unacknowledged alarm counts with its worst level, because it latches."""
+    """Return the sort key of an open alarm. Alarms latch, so an unacknowledged alarm has its worst level."""
     row = view.row
     level = view.level if row.state == "acked" else State(row.worst)
     return view.shelved, -ORDER[level], row.state == "acked", row.raised, row.id

@@ -138,8 +138,8 @@ class Archive:
         raise NotFound("unknown telemetry field", got=key, hint="see the dictionary")
 
     def history(self, keys: Sequence[str], start: datetime, end: datetime, points: int) -> list[TelemetrySeries]:
-        """Return each field over a span with at most ``points`` samples, preserving spikes. Enumerations are returned
-        as their numbers, yes as 1. Raises BadInput for fields that cannot be plotted."""
+        """Return each field over a span, decimated to at most ``points`` samples without loss of spikes. Enumerations
+        are returned as their numbers, and yes is returned as 1. Raises BadInput for fields that cannot be plotted."""
         columns = self._checked(keys, start, end)
         for column in columns:
             if isinstance(column.field, Group) or kind(column.field) not in PLOTTED:
@@ -158,7 +158,8 @@ class Archive:
         self, packet: str, fields: Sequence[TelemetryField], start: datetime, end: datetime, points: int
     ) -> list[Thinner]:
         """Return the decimated fields, from rollups if these are fine enough for the plot, otherwise from packets.
-        Rollups are also used if packets were removed or thinned, because the rollups then contain more samples."""
+        Rollups are also used if retention removed or thinned the packets, because the rollups then contain more
+        samples."""
         stretches = self._rollups.read(packet, [f.name for f in fields], start, end)
         sample_count = sum(int(stretch.of[fields[0].name].count.sum()) for stretch in stretches)
         coarse = (end - start).total_seconds() / max(1, points // 2) >= 2 * BUCKET_S

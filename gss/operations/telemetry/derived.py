@@ -59,8 +59,8 @@ def kinds_of(definitions: TelemetryDefinitions) -> dict[str, ValueKind]:
 def evaluate(
     expression: Expression, fresh_s: Mapping[str, float], received: Received, at: datetime
 ) -> tuple[Evaluation, dict[str, Quantity | None]]:
-    """Return the value of an expression at a time, and the values that it used. ``fresh_s``: age in seconds up to which
-    the values of each packet are current; 0: always."""
+    """Return the value of an expression at a time, and the field values from which it was computed. ``fresh_s``: age in
+    seconds up to which the values of each packet are current; 0: no limit."""
     values: dict[str, Quantity | None] = {}
     for reference in expression.references:
         latest, limit_s = received(reference.packet), fresh_s[reference.packet]
@@ -93,7 +93,7 @@ class DerivedRequest(Request):
 @dataclass(frozen=True)
 class ComputedParameter:
     """A derived parameter with its parsed expression. ``fresh_s``: age in seconds up to which the values of each packet
-    are current; 0: always."""
+    are current; 0: no limit."""
 
     row: DerivedParameter
     expression: Expression
@@ -130,8 +130,8 @@ class DerivedParameters:
         self.load()
 
     def load(self) -> None:
-        """Read the definitions from the database. A definition that the dictionary no longer supports stays stored but
-        is not computed."""
+        """Read the definitions from the database. A definition that the dictionary no longer supports remains stored,
+        but its values are not computed."""
         parameters = {}
         for row in self.every():
             with suppress(BadInput):  # ``problem`` reports the reason
@@ -306,8 +306,8 @@ class DerivedParameters:
         return computed
 
     def trial(self, text: str, received: Received) -> tuple[ValueKind, Sequence[str], Evaluation]:
-        """Evaluate an expression with the latest packets, regardless of their age. Return kind, references and value.
-        Raises BadInput."""
+        """Evaluate an expression with the latest packets of any age. Return the kind of the result, the referenced
+        fields and the value. Raises BadInput."""
         expression, kind = self.check(text)
         values: dict[str, Quantity | None] = {}
         for reference in expression.references:

@@ -1,4 +1,5 @@
-"""Detects that housekeeping is missing because a transfer occupies the channel on which the ground requests it."""
+"""Detects missing housekeeping that is caused by a transfer: the transfer occupies the channel on which the ground
+requests housekeeping."""
 
 from __future__ import annotations
 

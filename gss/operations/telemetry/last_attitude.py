@@ -23,16 +23,16 @@ from gss.operations.line.line_events import LineBatch, ServiceEvent
 
 SOLVED = "solved"
 RECEPTION_SIGMA_S = 1.0
-"""Uncertainty in seconds of an attitude's time if only the time of reception is known: line and processing delay it by
-up to about this time."""
+"""Uncertainty in seconds of an attitude's time if only the time of reception is known. The line and the processing on
+board delay a report by up to about this time."""
 Clock = Callable[[], Correlation | None]
 
 
 @dataclass(frozen=True)
 class ReportedAttitude:
     """Boresight of the last solved attitude. ``age_s``: time since its reception on the ground; ``sigma_cross_arcsec``:
-    None if the sensor does not report it; ``newest_outcome``: outcome of the latest report, which can be a later report
-    without a solution."""
+    None if the sensor does not report it; ``newest_outcome``: outcome of the latest report, which can be later than
+    this attitude and have no solution."""
 
     ra_deg: float
     dec_deg: float

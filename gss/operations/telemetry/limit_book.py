@@ -82,7 +82,8 @@ class LimitBook:
         """Return the active rule of a field."""
         rules, key = self._rules, (packet, field.name)
         rule = rules.get(key)
-        if rule is None:  # a change replaces this cache, so the new cache cannot contain an old rule
+        # Every change replaces this cache, so a rule computed before the change cannot enter the new cache.
+        if rule is None:
             rule = rules[key] = self._chosen.get(f"{packet}.{field.name}") or self.given(field)
         return rule
 

@@ -1,5 +1,5 @@
-"""Checks telemetry against limits with persistence. The states depend only on the packets, so that replays can use this
-code."""
+"""Checks telemetry against limits with persistence. The states depend only on the packets, so a replay of stored
+packets computes the same states."""
 
 from __future__ import annotations
 
@@ -199,8 +199,8 @@ class LimitCheck:
 
     def states(self, key: Key) -> tuple[FieldState, FieldState]:
         """Return the state of a field after persistence, and the state of its latest sample alone. The first state is
-        "stale" if the sample is out of limits in an iteration that has ended, because it is neither an alarm nor a good
-        value."""
+        "stale" if the sample is out of limits but belongs to an iteration that has ended. Such a sample neither raises
+        an alarm nor confirms a good value."""
         with self._lock:
             sample = self._samples.get(key, State.OK)
             if key in self._unjudged and sample is not State.OK:

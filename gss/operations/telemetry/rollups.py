@@ -1,6 +1,6 @@
-"""Rollups: minimum and maximum of each field in every ten seconds, with their times. With them, a plot of a week needs
-only a few hundred rows and still shows every spike. A background thread computes the rollup of each hour after the hour
-has ended."""
+"""Rollups: minimum and maximum of each field for each interval of ten seconds, with the times of both. A plot of a week
+then reads only a few hundred rows and still shows every spike. A background thread computes the rollup of each hour
+after the hour has ended."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SETTLE_S = 60.0
 """Delay in seconds after which an ended hour counts as complete."""
 LOOK_S = 60.0
 HOURS_AT_ONCE = 400
-"""Maximum number of hours computed per pass. An old store needs several passes."""
+"""Maximum number of hours computed per pass. A store with a long history needs several passes."""
 MOMENT = timedelta(microseconds=1)
 """Resolution of a stored time."""
 EARLIEST = datetime(1970, 1, 2, tzinfo=UTC)
@@ -151,8 +151,8 @@ class Rollups:
         return count
 
     def _missing(self, packet: str, end_hour: int) -> Iterator[int]:
-        """Yield the hours before ``end_hour`` that have packets but no rollup. Each gap without packets needs one index
-        lookup."""
+        """Yield the hours before ``end_hour`` that have packets but no rollup. A gap without packets costs one index
+        lookup, however long it is."""
         with self._database.unit_of_work() as session:
             done_hours = store.done_hours(session, packet, 0, end_hour)
         self._newest[packet] = done_hours[-1] if done_hours else None

@@ -36,7 +36,7 @@ DURABLE_EVERY_S = 1.0
 TELEMETRY_STORE = "telemetry"
 """Kind of the events that report whether telemetry is stored."""
 UNSTORED, STORED_AGAIN = "telemetry is not stored", "telemetry is stored again"
-"""Beginnings of the texts of these events. The check of a contact's record reads them."""
+"""First words of the texts of these events. The check of a contact's record searches for these words."""
 OLD_EVERY_S = 60.0
 
 
@@ -125,7 +125,7 @@ class TelemetryBoard:
         text: str = state
         if age_s is not None and field.stale_after_s and age_s > field.stale_after_s:
             state, text = "stale", f"stale {age_s:.0f} s"
-        elif state == "stale":  # the value is still received, but is of an iteration that has ended
+        elif state == "stale":  # the sensor still sends the value, but from an iteration that has ended
             text = "cycle stopped"
         alarm = self._alarms.get(key)
         return FieldValue(
@@ -261,7 +261,8 @@ class TelemetryService:
             self.unstored += len(packets)
 
     def _is_durable(self, batch: LineBatch) -> bool:
-        """True once per ``DURABLE_EVERY_S``: waiting for the disk with every batch would cost more than the commits."""
+        """True once per ``DURABLE_EVERY_S``. A wait for the disk in every batch would take longer than the commits
+        themselves."""
         if batch.at_s < self._durable_due_s:
             return False
         self._durable_due_s = batch.at_s + DURABLE_EVERY_S

@@ -128,8 +128,8 @@ def _parquet(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) ->
 
 
 def _arrow_type(pa: Any, column: Column, form: str) -> Any:
-    """Return the type of a column. It does not depend on the values, so that files of different spans can be read
-    together."""
+    """Return the Arrow type of a column. The type does not depend on the values, so files of different time spans can
+    be read together."""
     item = column.field
     if isinstance(item, Group) or form == "formatted":
         return pa.string()

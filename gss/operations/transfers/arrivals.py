@@ -1,5 +1,6 @@
-"""Received content of transfers: the events that report it, the answers of the services that store it, and the thread
-on which they store it. Content is stored in order of arrival, and a slow store does not delay telemetry."""
+"""Received content of transfers: events that report received content, answers of the services that store the content,
+and the thread that runs the storing. Content is stored in order of arrival, and a slow store does not delay
+telemetry."""
 
 from __future__ import annotations
 
@@ -27,8 +28,7 @@ content must wait."""
 class Writer:
     """Runs one job at a time on a background thread. An event is recorded each time the queue is full.
 
-    It does not use ThreadPoolExecutor, because Python waits for the threads of an executor at exit and a store can
-    hang.
+    ThreadPoolExecutor is not used, because Python waits at exit for the threads of an executor, and the store can hang.
     """
 
     def __init__(self, monotonic_s: Monotonic, bus: EventBus, max_waiting: int = MAX_WAITING) -> None:

@@ -237,8 +237,8 @@ class BankHistoryService:
 
     @staticmethod
     def _period(session: Any, row: BankHistory) -> BankPeriod:
-        """Return a row with its catalogue. The catalogue is looked up for each query, because it can be stored after
-        the row."""
+        """Return a row with its catalogue. Each query looks the catalogue up, because the catalogue can be stored later
+        than the row."""
         return BankPeriod(row, catalogues.by_sha256(session, row.sha256) if row.sha256 else None)
 
 

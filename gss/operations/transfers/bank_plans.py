@@ -1,4 +1,4 @@
-"""Planned content of the banks, and the time that is covered by valid catalogues."""
+"""Planned content of the banks, and the period for which valid catalogues are available."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ WARNING_DAYS = 1.0
 
 @dataclass(frozen=True)
 class Cover:
-    """State of the cover by valid catalogues. ``until``: end of the cover, None if there is no end or it is unknown."""
+    """Period for which valid catalogues are available, with its alarm level. ``until``: end of the period, None if
+    there is no end or the end is unknown."""
 
     state: State
     text: str
@@ -86,7 +87,7 @@ def activations(
 
 
 def cover(periods: Sequence[BankPeriod], planned: Sequence[Planned], now: datetime, watch_days: float) -> Cover:
-    """Return the cover by the active catalogue and the catalogues that are planned to follow it."""
+    """Return the period covered by the active catalogue and by the catalogues that are planned to follow it."""
     active = next((s for s in periods if s.row.ended is None and s.row.state in (ACTIVE, TRIAL)), None)
     if active is None:
         return Cover(State.WATCH, "the device has not reported an active bank", None)

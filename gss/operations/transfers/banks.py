@@ -130,8 +130,9 @@ class BankService:
 
 def recognise(bank: OnboardCatalogue, stars: StarTable) -> list[int]:
     """Return the Hipparcos number of each row: the brightest star within 5′ that is not assigned to another row. The
-    distance of 5′ covers 60 years of α Centauri's motion. The stars of a close pair are assigned in order of
-    brightness; if the format contains no magnitudes, in row order, which is also by brightness."""
+    distance of 5′ is the proper motion of α Centauri in 60 years. Rows are assigned in order of brightness, which
+    matters for close pairs. If the format contains no magnitudes, the row order is used, because rows are sorted by
+    brightness."""
     tree = cKDTree(stars.icrs)
     chord = 2 * np.sin(SAME_STAR_WITHIN_RAD / 2)
     near_rows = tree.query_ball_point(np.asarray(bank.icrs, float), chord)

@@ -38,8 +38,8 @@ class Shape:
 
 @dataclass(frozen=True)
 class DeviceImage:
-    """Image with its received parts. ``pixels``: (rows, columns), 0 for missing pixels; ``rows_held``: inclusive row
-    ranges with received pixels; ``boxes``: received rectangles if only a part was requested; ``complete``: True for a
+    """Image with its received parts. ``pixels``: (rows, columns), 0 for missing pixels; ``rows_held``: inclusive ranges
+    of received rows; ``boxes``: received rectangles if only a part of the image was requested; ``complete``: True for a
     full image without gaps."""
 
     pixels: Pixels
@@ -49,8 +49,8 @@ class DeviceImage:
 
 
 def shape_of(info: Mapping[str, Any], columns: int, rows: int, bits: int) -> Shape:
-    """Return the format from the report of the image. Values that the report does not contain are those of the
-    detector."""
+    """Return the format from the report of the image. For values that the report does not contain, use the values of
+    the detector."""
     return Shape(int(info.get("columns") or columns), int(info.get("rows") or rows), int(info.get("bits") or bits or 8))
 
 

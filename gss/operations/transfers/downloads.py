@@ -1,4 +1,4 @@
-"""Downloads requested by an operator, with the image memory or bank and the part of an image to download."""
+"""Downloads requested by an operator: a whole image, a part of an image, or the content of a bank."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Downloads:
             return None
         try:
             data = wire_bytes(self._frames.pixels(frame), Shape(hello.columns, hello.rows, hello.bits))
-        except GssError:  # the stored image cannot be used, because its pixels were removed or it is of another sensor
+        except GssError:  # the stored image cannot be used: its pixels were removed, or another sensor took it
             return None
         return StoredContent(frame.id, frame.number, data)
 

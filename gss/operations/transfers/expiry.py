@@ -18,7 +18,7 @@ NAME_LENGTH = 60
 
 
 class ExpiryWatch:
-    """Checks the validity of the active catalogue, also while the line is closed."""
+    """Checks how long the active catalogue is valid, even while the line is closed."""
 
     def __init__(self, history: BankHistoryService, alarms: AlarmService, now: Now, watch_days: float) -> None:
         self._history, self._alarms, self._now, self._watch_days = history, alarms, now, watch_days

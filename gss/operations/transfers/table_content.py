@@ -44,8 +44,8 @@ def defaults(kind: str, profile: CameraProfile) -> dict[str, Scalar]:
 
 
 def _triplet_defaults(profile: CameraProfile) -> dict[str, Scalar]:
-    """Return the default values: 3′ and 25 % as by Liebe, neighbours within half the field of view, and the faintest
-    magnitude for which a star list that is complete to the camera's limit is sufficient."""
+    """Return the default values: tolerances of 3′ and 25 % (Liebe), neighbours within half the field of view, and the
+    faintest magnitude for which a star list that is complete to the camera's limit is sufficient."""
     deepest_mag = profile.sensor.faint_limit_mag + 2.5 * math.log10(1 - BRIGHTNESS_ERROR)
     return {
         "uncertainty_arcsec": 180.0,
@@ -67,7 +67,8 @@ def table_bytes(kind: str, profile: CameraProfile, changes: Mapping[str, Any]) -
 
 
 def _changed(kind: str, values: dict[str, Scalar], changes: Mapping[str, Any]) -> dict[str, Scalar]:
-    # Another distortion model or chain has other values, so the defaults do not apply and the user must state all values.
+    # If the distortion model or the chain differs from the default, the default values do not apply, and the user must
+    # state all values.
     selector = {"calibration": "distortion", "parameters": "chain"}.get(kind, "")
     if selector in changes and changes[selector] != values[selector]:
         values = {} if kind == "parameters" else {k: v for k, v in values.items() if k not in _model_values()}

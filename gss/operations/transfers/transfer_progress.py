@@ -80,7 +80,7 @@ class TransferProgress:
         )
 
     def note(self, row_id: int, line: str = "", live: TransferUpdate | None = None, **values: Any) -> Transfer:
-        """Change columns of a row, append a line to its log, and publish the row."""
+        """Change columns of a transfer's row, append a line to the transfer's log, and publish the row."""
         if not line and "state" in values and live is None:
             line = f"{values['state']}: {values['reason']}" if values.get("reason") else str(values["state"])
         with self._database.unit_of_work() as session:

@@ -31,8 +31,8 @@ from gss.store.engine import Database
 from gss.store.models import Transfer
 
 STORE_WITHIN_S = 5.0
-"""Maximum time in seconds that a stopping server waits for content to be stored. After this time, the download must be
-completed again from its stored part."""
+"""Maximum time in seconds that a stopping server waits for content to be stored. If the time expires, the next server
+resumes the download from its stored part."""
 
 HELD_CHUNK_BYTES = 1024
 """Chunk size of stored content. The session converts it to the chunk size of the line."""
@@ -231,7 +231,8 @@ class TransferService:
         return self._progress.busy(direction)
 
     def in_use(self, kind: str, sha256: str) -> None:
-        """Record that the device uses a content: its upload becomes active, other active uploads become committed."""
+        """Record which content the device uses: set the upload of this content to active, and other active uploads to
+        committed."""
         with self._database.unit_of_work() as session:
             changed_rows = store.mark_active(session, kind, sha256)
         for row in changed_rows:

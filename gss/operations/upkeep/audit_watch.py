@@ -31,7 +31,7 @@ class AuditWatch:
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop the background thread. A complete verification in progress is not awaited and ends with the process."""
+        """Stop the background thread. Do not wait for a complete verification in progress; it ends with the process."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(timeout=1)
@@ -43,8 +43,8 @@ class AuditWatch:
         log.info("the audit log has %d rows, last hash %s", verdict.rows, verdict.last_hash)
 
     def compare(self) -> None:
-        """Compare the log with its latest anchor. After a problem, verify the log completely, because only this shows
-        that the problem is solved."""
+        """Compare the log with its latest anchor. If the last check found a problem, verify the log completely, because
+        only a complete verification shows that the problem is solved."""
         if self.problem:
             self.verify()
         else:

@@ -95,8 +95,8 @@ class BackupService:
         return result | {"removed": removed}
 
     def needed_bytes(self) -> int:
-        """Estimate the bytes that the next backup will write. Only the database counts, because the size of new blobs
-        is not known in advance."""
+        """Estimate the bytes that the next backup will write. Only the size of the database is used, because the size
+        of new blobs is not known in advance."""
         with self._database.unit_of_work() as session:
             return store.database_bytes(session)
 
@@ -143,7 +143,7 @@ class BackupService:
             try:
                 with open_capture(path) as capture:
                     data = capture.read()
-            except FileNotFoundError:  # the oldest captures are removed while new ones are written
+            except FileNotFoundError:  # the line removes the oldest captures when it writes new captures
                 continue
             key = capture_keys[plain_name(path)] = pool.put(data)
             copied[key] = len(data)
@@ -155,8 +155,8 @@ class BackupService:
 
     def _copy(self, pool: BlobStore, key: str) -> int | None:
         """Copy a blob into the pool and return its size. Return None if the source is missing or damaged; the store
-        check reports such blobs. Raises StoreDown if the blob store does not respond, because its blobs can be intact.
-        Blobs that an earlier backup copied are read and verified, to detect disk errors."""
+        check reports such blobs. Raises StoreDown if the blob store does not respond, because the blob can then be
+        intact. Blobs that an earlier backup copied are read and verified, to detect disk errors."""
         if pool.exists(key):
             try:
                 return len(pool.get(key))
@@ -214,8 +214,8 @@ class BackupService:
 
     def prune(self, keep: int, just_made: str) -> list[str]:
         """Remove all backups except the latest ``keep``, which include ``just_made``, and the blobs that no remaining
-        backup needs. Nothing is removed while the clock is in doubt. Backups dated in the future are neither counted
-        nor removed."""
+        backup needs. Does not remove anything while the clock is in doubt. Backups dated in the future are neither
+        counted nor removed."""
         doubt = self._trust.state().doubt
         if doubt:
             self._bus.record("upkeep", "warning", f"Old backups were not removed: the server's clock is {doubt}")

@@ -20,7 +20,7 @@ from gss.store.engine import Database
 
 KEEP_EVERY = timedelta(minutes=10)
 BEHIND = timedelta(hours=1)
-"""A clock that is set back by less than this time is not in doubt, because small corrections are normal."""
+"""Maximum time by which the clock can be set back without being in doubt. Small corrections are normal."""
 SEEN_WITHIN = timedelta(minutes=15)
 """Maximum difference between the time that a user confirms and the clock at the arrival of the confirmation."""
 DAY = timedelta(days=1)

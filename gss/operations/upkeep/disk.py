@@ -1,4 +1,4 @@
-"""Disk space: large writes are rejected before the disk is full, so that no file is written only in part.
+"""Disk space: large writes are rejected before the disk is full, so no file is left incomplete.
 
 Below ``watch`` an alarm is raised. Below ``stop`` imports, downloads, builds and backups are rejected. Below a quarter
 of ``stop`` decoded telemetry is no longer stored; the raw capture, which has priority and can be decoded later, still

@@ -20,10 +20,10 @@ YOUNGEST_DAYS = 1 / 24
 
 @dataclass(frozen=True)
 class Forecast:
-    """Forecast of disk usage. ``bytes_per_day``: growth of data that retention does not limit, over the last week or
-    the shorter life of the store; None if the store is too young. ``full_in_days``: None if the growth is unknown or
-    zero. ``backups_bytes``: backups on the same disk, which count as used but not as growing. ``next_removal``: None if
-    nothing will be removed."""
+    """Forecast of disk usage. ``bytes_per_day``: growth of the data that retention does not limit, averaged over the
+    last week or the age of the store, whichever is shorter; None if the store is too young. ``full_in_days``: None if
+    the growth is unknown or zero. ``backups_bytes``: backups on the same disk, which count as used but not as growing.
+    ``next_removal``: None if nothing will be removed."""
 
     database_bytes: int
     frames_bytes: int
@@ -63,7 +63,7 @@ def _forecast(database: Database, retention: RetentionService, disk: DiskGuard, 
     for path, size in files:
         with contextlib.suppress(FileNotFoundError):
             new_captures += size if path.stat().st_mtime >= since.timestamp() else 0
-    # For a store younger than a week, growth is averaged over its life.
+    # For a store younger than a week, growth is averaged over the age of the store.
     days = LOOK_BACK_DAYS if oldest_row is None else min(LOOK_BACK_DAYS, (now - oldest_row) / DAY)
     new_bytes = 0.0
     if not (policy.frames_gb or policy.frames_days):

@@ -13,13 +13,13 @@ from gss.operations.requests import Request
 from gss.store import upkeep as store
 
 ARRIVED_FACTOR = 1.5
-"""A daily removal removes about as much data as arrived since the last run. Up to this multiple of the arrived data is
-not unusual, regardless of the share."""
+"""Multiple of the data that arrived since the last run up to which a removal is not unusual, even if it removes a large
+share. A daily removal normally removes about as much data as arrived."""
 ARRIVED_WITHIN = timedelta(days=2)
-"""Maximum age of the last run for this rule. After a longer pause, most of the stored data would count as arrived since
-the run."""
+"""Maximum age of the last run for the rule of ``ARRIVED_FACTOR``. After a longer pause, most of the stored data would
+have arrived since the last run."""
 FEW = {"frames": 100, "frames_bytes": 100_000_000, "packets": 20_000, "events": 2_000}
-"""Amounts that are never unusual, so that removals from small stores need no confirmation."""
+"""Amounts up to which a removal is never unusual. Removals from small stores therefore need no confirmation."""
 CONFIRM_WITHIN = timedelta(hours=1)
 COUNTS = ("frames", "frames_bytes", "packets", "to_thin", "events")
 LABELS = {

@@ -26,8 +26,8 @@ from gss.store.dump import SQLITE, load
 from gss.store.engine import Database, known_schemas, migrate, open_engine
 
 NEW_IDS = 1_000_000
-"""Number of command ids skipped after a restore, because the device remembers the ids of commands sent after the
-backup."""
+"""Number of command ids that are skipped after a restore, because the device stores the ids of commands that were sent
+after the backup."""
 KEYS_ENDED = (
     "All sessions have ended, and one-time links and tokens are invalid. Users, roles and passwords are those of the backup. "
     "Later changes, for example disabled users, are lost: check Admin, People first."
@@ -193,7 +193,8 @@ def _fill(draft: Path, folder: Path, manifest: Manifest, pool: BlobStore, blobs_
 
 
 def _accept_log(url: str, now: Now, anchors: AnchorFile, name: str) -> None:
-    """Begin a new anchor file, because the rows after the backup are missing intentionally."""
+    """Begin a new anchor file. The restored log does not contain the rows after the backup, and the old anchors would
+    report them as missing."""
     database = Database(open_engine(url))
     try:
         AuditService(database, now, anchors).accept("restore", f"restored from backup {name}")

@@ -156,8 +156,8 @@ class RetentionService:
         return datetime.fromisoformat(at) if at else None
 
     def removed_before(self) -> datetime | None:
-        """Return the time before which retention can have caused gaps in housekeeping; None if it has not removed or
-        thinned packets."""
+        """Return the time before which gaps in housekeeping can be caused by retention; None if retention has not
+        removed or thinned packets."""
         choice = retention_choice(self._database, DONE)
         moments = [datetime.fromisoformat(choice[k]) for k in ("packets_before", "thinned_before") if choice.get(k)]
         return max(moments, default=None)
@@ -170,8 +170,8 @@ class RetentionService:
             return self._remove(request, run)
 
     def _remove(self, request: RemovalJob, run: JobRun) -> JobResult:
-        """Remove data in steps. The checkpoint contains the removed amounts and the blobs whose rows are already
-        marked."""
+        """Remove data in steps. The checkpoint contains the removed amounts, and the blobs that must still be deleted
+        because their rows are already marked."""
         self._trust.require("retention")
         policy, confirmed = request.policy, request.confirmed
         progress = run.checkpoint or {"at": (confirmed.at if confirmed else self._now()).isoformat(), "pending": []}
@@ -216,7 +216,8 @@ class RetentionService:
             removed["frames"] += len(group)
             with self._database.unit_of_work() as session:
                 store.remove_pixels(session, [p.frame_id for p in group], at)
-                # Rows are changed before blobs are deleted, so that a crash leaves unused blobs, but never a row without its blob.
+                # Rows are changed before blobs are deleted. A crash can therefore leave an unused blob, but never a row
+                # whose blob is missing.
                 run.keep({"at": at.isoformat(), "pending": keys, "removed": removed}, session)
             self._delete_blobs(keys, removed)
 

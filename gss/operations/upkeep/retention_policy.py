@@ -21,7 +21,7 @@ DAY = timedelta(days=1)
 
 
 class RetentionPolicy(Request):
-    """Retention policy; 0 keeps data without limit."""
+    """Retention policy. A limit of 0 means that there is no limit."""
 
     frames_days: float = Field(
         default=0, ge=0, le=36_500, description="Age at which pixels are deleted; metadata and solutions are kept."

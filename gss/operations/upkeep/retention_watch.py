@@ -52,7 +52,7 @@ class DailyRetention:
         if self._next is None:
             last = self._retention.last_run()
             self._next = now if last is None else last + DAY
-        # A clock that was set back must not delay the next run for years.
+        # After the clock was set back, the last run can be in the future. It must not delay the next run.
         self._next = min(self._next, now + DAY)
         if now < self._next or not self._clocks.steady() or self._trust.state().doubt:
             return

@@ -112,7 +112,7 @@ class StatusService:
         self._counts: deque[tuple[float, int, int]] = deque()
         self._last_sent: tuple[int, float] = (0, 0.0)
         self._last_bytes: tuple[int, float] = (0, -UP_WITHIN_S)
-        self._lock = threading.Lock()  # requests and the ticker use it concurrently
+        self._lock = threading.Lock()  # requests and the status thread call header() concurrently
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="status", daemon=True)
         self._tickers = tuple(tickers)

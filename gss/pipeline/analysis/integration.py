@@ -1,5 +1,5 @@
-"""Noise equivalent angle against integration time. The noise decreases with more light until another error dominates
-(Moniteq 1983 §4.4)."""
+"""Noise equivalent angle as a function of the integration time. The noise decreases with more light until another error
+dominates (Moniteq 1983 §4.4)."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ MIN_TIMES = 2
 
 @dataclass(frozen=True)
 class NeaCurve:
-    """Curve of k integration times, ascending. ``exposure_s`` (k,); frame-to-frame noise ``across_rad`` and
-    ``about_rad`` (k,) with its relative σ ``relative_sigma`` (k,); ``frames``; ``matches`` (mean). ``exponent`` ±
-    ``exponent_sigma``: across ∝ tᵉ; −0.5 if photon noise dominates, −1 if read-out noise dominates, 0 if neither
-    dominates."""
+    """Noise for k ascending integration times ``exposure_s`` (k,). ``across_rad``, ``about_rad`` (k,): frame-to-frame
+    noise across and about the boresight; ``relative_sigma`` (k,): relative σ of the noise; ``frames``: number of
+    frames; ``matches``: mean number of matches. ``exponent`` ± ``exponent_sigma``: exponent e of across ∝ tᵉ. It is
+    −0.5 if photon noise dominates, −1 if read-out noise dominates, and 0 if neither dominates."""
 
     exposure_s: Array
     across_rad: Array

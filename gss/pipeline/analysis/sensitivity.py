@@ -22,9 +22,10 @@ RIDGE = 1e-6
 @dataclass(frozen=True)
 class Sensitivity:
     """Detection limit of a camera. ``mag_50`` ± ``sigma_50``: magnitude at which half of the stars are detected;
-    ``mag_90``: at which nine of ten are detected; ``width_mag``: difference between the two. ``ceiling``: detected
-    share of bright stars, below 1 if stars are missed at every magnitude. Per bin: ``edges_mag`` (k+1,), ``stars``,
-    ``found``, and the 95 % interval ``low``, ``high`` of the share."""
+    ``mag_90``: magnitude at which nine of ten stars are detected; ``width_mag``: difference between both magnitudes.
+    ``ceiling``: detected share of bright stars, which is below 1 if stars are missed at every magnitude. For each of k
+    bins with the edges ``edges_mag`` (k+1,): numbers of ``stars`` and of detected stars (``found``), and the bounds
+    ``low``, ``high`` of the 95 % interval of the detected share."""
 
     mag_50: float
     sigma_50: float
@@ -90,7 +91,8 @@ def detection_limit(v_mag: Array, detected: NDArray[np.bool_]) -> Sensitivity:
 
 
 def _logistic(v: Array, hit: NDArray[np.bool_], ceiling: float) -> tuple[float, float, Array]:
-    """Fit level and slope of p = ceiling / (1 + exp(−(level + slope·(V − mean)))) by Fisher scoring; the covariance refers to V."""
+    """Fit p = ceiling / (1 + exp(−(level + slope·V))) by Fisher scoring. Return level, slope and their (2, 2)
+    covariance."""
     middle = float(v.mean())
     design = np.column_stack([np.ones(len(v)), v - middle])
     beta = np.array([0.0, -2.0])

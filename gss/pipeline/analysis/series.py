@@ -15,15 +15,15 @@ from gss.pipeline.calibration.advice import Advice
 
 FEWEST = 5
 GAP_TIMES = 3.0
-"""A time step longer than this multiple of the median step is a gap."""
+"""Multiple of the median time step above which a step is a gap."""
 POOR_SHARE = 0.8
 
 
 @dataclass(frozen=True)
 class AttitudeSeries:
-    """Attitudes of n frames in order of time. ``quaternion`` (n, 4) cam_from_icrs, rows of NaN without an attitude;
-    ``covariance_rad2`` (n, 3, 3) in camera axes, NaN if the chain does not provide it; ``centroids``, ``matches`` (n,)
-    counts; ``residual_px`` (n,) rms, NaN if unknown."""
+    """Attitudes of n frames in order of time. ``quaternion`` (n, 4): cam_from_icrs, a row of NaN for a frame without an
+    attitude; ``covariance_rad2`` (n, 3, 3) in camera axes, NaN if the chain does not provide it; ``centroids``,
+    ``matches`` (n,) counts; ``residual_px`` (n,) rms, NaN if unknown."""
 
     times_s: Array
     quaternion: Array

@@ -26,7 +26,8 @@ class SlewTest:
     """Result of a slew test over m intervals between frames. ``times_s`` (m,) midpoints; ``rate_rad_s`` (m, 3) in
     camera axes, ``speed_rad_s`` (m,) its magnitude. ``commanded_rad_s``: commanded speed. ``mean_speed_rad_s`` ±
     ``mean_sigma_rad_s``; ``axis`` (3,) mean unit vector; ``sigma_rad_s`` (3,): scatter along this axis and along two
-    axes across it; ``claimed_rad_s``: rms σ of one rate from the covariances of the attitudes."""
+    axes perpendicular to it; ``claimed_rad_s``: rms σ of one rate, computed from the covariances that the chain
+    reports."""
 
     times_s: Array
     rate_rad_s: Array
@@ -135,7 +136,7 @@ def _advice(measured_rate: float, sigma: float, commanded: float, axis: Array, r
 
 
 def _doubts(rate: Array, sigma: Array, claimed: float) -> list[Advice]:
-    """Return warnings if the attitudes do not follow a constant rotation."""
+    """Return warnings if the attitudes do not fit a constant rotation."""
     advice: list[Advice] = []
     speed = np.linalg.norm(rate, axis=1)
     moving = rate[speed > 0] / speed[speed > 0, None]

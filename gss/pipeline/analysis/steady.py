@@ -1,5 +1,5 @@
-"""Accuracy of a camera at a constant rate or at rest. A constant rotation is fitted; the residuals are noise (Erlank
-2013 §6.1).
+"""Accuracy of a camera that rotates at a constant rate or is at rest. A constant rotation is fitted to the attitudes,
+and the residuals are the noise (Erlank 2013 §6.1).
 
 A camera fixed to the Earth rotates once per sidereal day about the celestial pole; a camera fixed to the sky does not
 rotate. Both use the same fit: C(t) = exp(−[ω·t]×)·C₀ with a constant ω in camera axes.
@@ -21,7 +21,8 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import robust_sigma
 
 SIDEREAL_RAD_S = 7.2921158553e-5
-"""Rotation rate of the Earth relative to the stars; precession is smaller by a factor of 10⁷."""
+"""Rotation rate of the Earth relative to the stars. Precession is neglected, because it is slower by a factor of
+10⁷."""
 STRAY_SIGMAS = 5.0
 ROUNDS = 6
 FREEDOM = 6
@@ -31,15 +32,15 @@ CONFIDENCE = 0.95
 BODY_AXES = ("across, x", "across, y", "about")
 SKY_AXES = ("RA · cos Dec", "Dec", "rotation")
 WANDER = 1.5
-"""If the scatter over the whole run exceeds the frame-to-frame scatter by this factor, a warning reports slow errors."""
+"""Ratio of the scatter over the whole run to the frame-to-frame scatter above which a warning reports slow errors."""
 
 
 @dataclass(frozen=True)
 class AxisFigures:
     """Statistics of one angle. ``sigma_rad``: standard deviation from the constant rotation, with its 95 % interval
     ``low_rad``, ``high_rad`` (frames assumed independent); ``noise_rad``: frame-to-frame noise (NEA); ``claimed_rad``:
-    rms of the σ reported by the chain, NaN if it reports none; ``drift_rad_s``, ``drift_sigma_rad_s``: slope of the
-    fitted line and its σ."""
+    rms of the σ that the chain reports, NaN if the chain reports no σ; ``drift_rad_s``, ``drift_sigma_rad_s``: slope of
+    the fitted line and its σ."""
 
     name: str
     sigma_rad: float
@@ -175,7 +176,7 @@ def axis_figures(
     (3,), see :class:`AxisFigures`."""
     good = deviation[keep]
     sigma, freedom = _sigma(good), max(1, len(good) - int(PER_DEGREE))
-    # Twice the inverse of the incomplete gamma function is the quantile of χ².
+    # The quantile of χ² is twice the inverse of the incomplete gamma function.
     low, high = (
         np.sqrt(freedom / (2 * gammaincinv(freedom / 2, q))) for q in ((1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2)
     )
@@ -227,8 +228,8 @@ def _warnings(
 
 
 def _jumps(times_s: Array, deviation: Array) -> int:
-    """Count steps between two levels. At a step, the medians of the five frames before and after differ by far more
-    than the noise."""
+    """Count steps between two levels. A step is a time at which the medians of the five frames before and after differ
+    by far more than the noise."""
     half = 5
     if len(times_s) < 4 * half:
         return 0

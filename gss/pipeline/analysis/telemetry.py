@@ -1,7 +1,6 @@
-"""Performance from attitudes in telemetry, without frames or stars, for any smooth motion.
-
-Each attitude is compared with the midpoint of its two neighbours. A constant rotation gives zero, and white noise of σ
-gives σ·√1.5. The noise can therefore be measured on a moving satellite, unless the satellite vibrates.
+"""Performance computed from the attitudes in telemetry, without frames or stars, for any smooth motion. Each attitude
+is compared with the midpoint of its two neighbours. For a constant rotation the difference is zero, and for white noise
+of σ it is σ·√1.5. Therefore the noise can be measured on a moving satellite, unless the satellite vibrates.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ MIDDLE_VARIANCE = 1.5
 
 @dataclass(frozen=True)
 class TelemetryFigures:
-    """Performance figures from telemetry. ``noise_rad`` (3,) robust σ of one attitude per camera axis; ``claimed_rad``
-    (3,) rms of the reported σ, NaN if not reported. ``times_s`` (m,), ``deviation_rad`` (m, 3) from the neighbours'
-    midpoint. ``rate_rad_s`` (m,) angular speed. ``availability``: share of frames with an attitude;
-    ``longest_outage_s``; ``mean_matches``."""
+    """Performance figures from telemetry. ``noise_rad`` (3,): robust σ of one attitude per camera axis; ``claimed_rad``
+    (3,): rms of the reported σ, NaN if it is not reported. ``deviation_rad`` (m, 3): differences from the midpoints of
+    the neighbours at the times ``times_s`` (m,). ``rate_rad_s`` (m,) angular speed. ``availability``: share of frames
+    with an attitude; ``longest_outage_s``; ``mean_matches``."""
 
     noise_rad: Array
     claimed_rad: Array

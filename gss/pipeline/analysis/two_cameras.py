@@ -14,7 +14,8 @@ from gss.pipeline.analysis.steady import AxisFigures, axis_figures
 from gss.pipeline.calibration.advice import Advice
 
 APART_S = 0.05
-"""Frames are simultaneous if their times differ by at most this, or by a fortieth of the median step."""
+"""Two frames are simultaneous if their times differ by at most this time or by at most a fortieth of the median
+step."""
 AXES = ("x", "y", "z")
 
 
@@ -22,8 +23,8 @@ AXES = ("x", "y", "z")
 class Consistency:
     """Relative mounting of two cameras. ``second_from_first`` (4,): mean relative mounting. ``times_s`` (m,);
     ``deviation_rad`` (m, 3) from the mean, in the second camera's axes; ``axes``: statistics of the deviations, with
-    ``claimed_rad`` from both cameras' covariances. ``chi``: ratio of measured to claimed rms, 1 if the covariances are
-    realistic."""
+    ``claimed_rad`` from both cameras' covariances. ``chi``: ratio of the measured rms to the claimed rms; it is 1 if
+    the covariances are realistic."""
 
     second_from_first: Array
     times_s: Array

@@ -95,8 +95,9 @@ def _measured(sensor: Sensor, figures: DetectorFigures) -> Sensor:
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of two cameras over the detector: ``rms_px`` (per axis) and ``max_px`` (length). The best small
-    rotation ``rotation_rad``, which is the attitude difference between the two calibrations, is removed first."""
+    """Difference of two cameras over the detector: ``rms_px`` per axis, and largest length ``max_px``.
+    ``rotation_rad``: best-fitting small rotation. It is the attitude difference between the two calibrations, and is
+    removed before the difference is computed."""
 
     rms_px: float
     max_px: float

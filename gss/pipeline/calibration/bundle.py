@@ -1,9 +1,9 @@
 """Joint fit of one camera and the attitudes of all frames: bundle adjustment with the attitudes eliminated.
 
-Each star depends on the three angles of its frame and on the few camera parameters, so the normal equations have arrow
-structure: 3 x 3 blocks of the frames, a border, and a small corner. The Schur complement of the blocks is the
-information about the camera alone (Triggs et al. 2000 §6.1), and its inverse is the camera's covariance including the
-errors of all attitudes.
+The position of a star depends on the three angles of its frame and on the few camera parameters. Therefore the matrix
+of the normal equations consists of a 3 x 3 block for each frame, a border, and a small corner block. The Schur
+complement of the frame blocks is the information about the camera alone (Triggs et al. 2000 §6.1). Its inverse is the
+covariance of the camera including the errors of all attitudes.
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ def adjust(
     rounds: int = ROUNDS,
     used: NDArray[np.bool_] | None = None,
 ) -> Adjusted:
-    """Fit all (f, 3, 3) attitudes and the free parameters by Levenberg–Marquardt, with Huber loss and rejection beyond
-    5 σ of the measured scatter. ``used``: fixed selection of stars, which replaces the rejection."""
+    """Fit all (f, 3, 3) attitudes and the free parameters by Levenberg–Marquardt with Huber loss. Stars beyond 5 σ of
+    the measured scatter are rejected. ``used``: fixed selection of stars, with which no star is rejected."""
     prior_values = priors or {}
     turns, damping, rejecting = cam_from_icrs, 1e-3, used is None
     keep = np.ones(len(stars), bool) if used is None else used
@@ -124,7 +124,8 @@ def _finished(
         keep = _kept(stars, length, scale)
     freedom = 2 * int(keep.sum()) - 3 * stars.frames - len(vector.free)
     chi2 = float(np.sum(np.minimum(length[keep], HUBER * scale) ** 2)) / max(1, freedom)
-    # The stated errors are included with a small weight, which matters if few stars determine the size of the errors.
+    # The stated errors are included with a small weight. They have an effect only if few stars determine the size of
+    # the errors.
     spread = float(np.sqrt((chi2 * max(0, freedom) + 20.0) / (max(0, freedom) + 20.0)))
     normal = _normal(stars, vector, turns, residual, np.where(keep, 1 / (stars.sigma_px * spread) ** 2, 0.0), priors)
     covariance, attitudes = _covariances(normal)
@@ -150,8 +151,8 @@ def _scale(length: Array, stars: StarStack, parameters: int, keep: NDArray[np.bo
 
 
 def _kept(stars: StarStack, length: Array, scale: float) -> NDArray[np.bool_]:
-    """Return a mask of the stars within the limit. Each frame keeps at least its best two stars, so that its block can
-    be solved."""
+    """Return a mask of the stars within the limit. Each frame keeps at least its two best stars, because the equations
+    of its block cannot be solved with fewer."""
     keep = length < REJECT * scale
     short = np.flatnonzero(np.add.reduceat(keep.astype(int), stars.first) < 2)
     for f in short:
@@ -259,7 +260,7 @@ def _covariances(normal: _Normal) -> tuple[Array, Array]:
 
 
 def _scaled_inverse(matrix: Array) -> Array:
-    """Return the inverse. Directions not determined by the data have a very large variance instead of a wrong variance."""
+    """Return the inverse. Directions that the data do not determine get a very large variance."""
     if not len(matrix):
         return matrix
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))

@@ -27,8 +27,9 @@ UPRIGHT_RAD = 0.25
 @dataclass(frozen=True)
 class CheckerboardCalibration:
     """Result of a checkerboard calibration. ``values`` and ``sigma`` of the parameters ``names``; σ is 0 if a parameter
-    was not fitted. ``found``: per image, True if the board was detected; ``rms_px``: per image and axis, NaN without a
-    board; ``residual_rms_px``: of all images, per axis. ``covered``: share of the field covered by corners."""
+    was not fitted. ``found``: for each image, True if the board was detected; ``rms_px``: residual for each image per
+    axis, NaN if no board was detected; ``residual_rms_px``: residual of all images per axis. ``covered``: share of the
+    field covered by corners."""
 
     camera: Camera
     names: tuple[str, ...]

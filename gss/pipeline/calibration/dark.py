@@ -29,10 +29,11 @@ Frames = Sequence[NDArray[Any]] | NDArray[Any]
 @dataclass(frozen=True)
 class DarkCalibration:
     """Calibration from dark frames. (rows, columns) maps ``median_dn`` and ``noise_map_dn`` (standard deviation over
-    the frames). ``noise_dn``: noise of the typical pixel. ``pattern_sigma_dn``: fixed spread of pixels, corrected for
-    noise; ``column_sigma_dn`` and ``row_sigma_dn``: fixed spread of complete columns and rows. ``hot`` (k, 2) col, row
-    with ``hot_excess_dn`` (k,) above their neighbours, hottest first; ``noisy`` (m, 2) three times noisier than the
-    typical pixel. ``level_dn``: median of each frame."""
+    the frames). ``noise_dn``: noise of the typical pixel. ``pattern_sigma_dn``: fixed differences between pixels as a
+    standard deviation, corrected for noise; ``column_sigma_dn`` and ``row_sigma_dn``: the same for complete columns and
+    rows. ``hot`` (k, 2): col, row of hot pixels, hottest first, and ``hot_excess_dn`` (k,): their excess over
+    neighbouring pixels; ``noisy`` (m, 2): pixels that are three times noisier than the typical pixel. ``level_dn``:
+    median of each frame."""
 
     exposure_s: float
     frames: int
@@ -62,8 +63,8 @@ def calibrate_dark(frames: Frames, exposure_s: float) -> DarkCalibration:
     median = np.median(cube, axis=0)
     noise = cube.std(axis=0, ddof=1)
     typical_noise = float(np.sqrt(np.mean(_middle(noise**2))))
-    # A median of integers hides patterns below one digital number, so the pattern is computed from means without cosmic
-    # rays.
+    # A median of integers does not show patterns below one digital number. Therefore the pattern is computed from means
+    # from which cosmic rays were removed.
     strays = cube.max(axis=0) - median > RAY_SIGMAS * max(typical_noise, 0.3)
     steady = np.where(strays, median, cube.mean(axis=0)).astype(float)
     middle = float(np.median(steady))
@@ -96,7 +97,7 @@ def calibrate_dark(frames: Frames, exposure_s: float) -> DarkCalibration:
 
 
 def _spread_beyond(line: Array, spread: float, other: int) -> float:
-    """Return the spread of columns or rows in excess of the averaged spread of their pixels."""
+    """Return the spread of columns or rows that exceeds the expected spread of averages of their pixels."""
     variance = float(np.var(line)) - spread**2 / other
     return float(np.sqrt(max(variance, 0.0)))
 
@@ -133,7 +134,7 @@ def _advice(cube: NDArray[np.float32], level: Array, alone: Array, noise: float)
         advice.append(
             Advice("bias", "many pixels are zero: part of the noise is clipped", "increase the bias of the read-out")
         )
-    # Large smooth structure in dark frames indicates stray light or heat.
+    # A large, smooth structure in dark frames indicates stray light or a heat source.
     rows, columns = alone.shape
     if min(rows, columns) >= 32:
         blocks = alone[: rows // 8 * 8, : columns // 8 * 8].reshape(8, rows // 8, 8, columns // 8)

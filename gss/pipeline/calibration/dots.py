@@ -15,7 +15,7 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import fit_linear
 
 MIN_TURNS = 6
-ROUND = 5.0  # minimum ratio of radius to scatter of a circle; positions without a circle have a ratio of about two
+ROUND = 5.0  # minimum ratio of radius to scatter of a circle; random positions give a ratio of about two
 FULL_BOX_PX = 20.0  # Jacobs' dot stayed within 12 x 12 px
 TURN_COVERED = 2 / 3
 MAX_PX = 1e6
@@ -41,8 +41,8 @@ def optical_centre(dots_px: Array) -> OpticalCentre:
     """Find the optical axis on the detector from (n, 2) positions of one dot near it while the camera is rotated about
     the axis.
 
-    The dot moves on a circle around the centre. If the play of the clamp is larger than the circle, the middle of the
-    bounding box is used, as in the document.
+    The dot moves on a circle around the centre. If the mechanical play of the clamp is larger than the circle, the
+    middle of the bounding box is used, as in the document.
     """
     dots = _checked(dots_px)
     box = np.ptp(dots, axis=0)
@@ -102,9 +102,9 @@ class DetectorTilt:
 
 
 def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: float) -> DetectorTilt:
-    """Fit eq. 6.15 by least squares to the distance between a dot near the optical centre and one far out, from (n, 2)
-    positions of both dots while the camera is rotated. ``camera``: centre and plate scale; ``focal_mm``: focal length
-    of the camera."""
+    """Fit eq. 6.15 by least squares to the distance between a dot near the optical centre and a dot far from it.
+    ``inner_px``, ``outer_px``: (n, 2) positions of both dots while the camera is rotated. ``camera``: centre and plate
+    scale; ``focal_mm``: focal length of the camera."""
     inner, outer = _checked(inner_px, still=True), _checked(outer_px)
     if inner.shape != outer.shape:
         raise BadInput(

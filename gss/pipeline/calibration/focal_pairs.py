@@ -25,7 +25,7 @@ def focal_from_pair(first: Array, second: Array, separation_true_rad: float) -> 
     no pinhole camera images this separation at these positions.
 
     (u₁·u₂ + f²)² = cos²θ·(|u₁|² + f²)(|u₂|² + f²) is quadratic in f². The equation is scaled by sin²θ relative to the
-    document's a, b, c, which lose precision for small angles.
+    document's coefficients a, b and c, which lose precision for small angles.
     """
     u1, u2 = np.asarray(first, float), np.asarray(second, float)
     dot, first2, second2 = float(u1 @ u2), float(u1 @ u1), float(u2 @ u2)

@@ -22,9 +22,9 @@ FARTHEST = 1e6
 class FocusAdvice:
     """Advice on the focus. ``pixel_over_sigma``: d/σ of Moniteq. ``verdict``: "sharp", "good" or "soft".
     ``best_sigma_px``: width with the smallest total error of a mean locator at ``snr``. ``snr``: signal-to-noise ratio
-    of the brightest pixel of a star with the same light and σ 1; NaN: the width is from Moniteq's range.
-    ``interpolation_px``: sampling error only (rms over sub-pixel positions, best window); ``error_px``: error with
-    noise."""
+    of the brightest pixel of a star with the same light and a width of σ = 1 px; NaN: the width is taken from Moniteq's
+    range. ``interpolation_px``: error from sampling alone (rms over sub-pixel positions, best window); ``error_px``:
+    error from sampling and noise."""
 
     sigma_px: float
     pixel_over_sigma: float
@@ -48,7 +48,7 @@ def focus_advice(sigma_px: float, snr: float = float("nan")) -> FocusAdvice:
         widths = np.geomspace(0.25, 5.0, 60)
         errors = np.array([centroid_error_px(float(w), snr)[0] for w in widths])
         best = float(widths[int(np.argmin(errors))])
-        # In Huffman's curve, the error is within a tenth of its minimum over a range of widths.
+        # In Huffman's curve, a range of widths has an error within a tenth of the minimum.
         flat = widths[errors < 1.1 * errors.min()]
         low, high = float(flat.min()), float(flat.max())
     error, window = centroid_error_px(sigma_px, snr)
@@ -75,7 +75,7 @@ def interpolation_error_px(sigma_px: float, window: int) -> float:
 
 def centroid_error_px(sigma_px: float, snr: float) -> tuple[float, int]:
     """Return (error per axis, window) of the best window, for a star whose brightest pixel has ``snr`` at σ 1 px. The
-    error is from sampling and read-out noise, without shot noise; only from sampling if ``snr`` is NaN."""
+    error contains sampling and read-out noise, but not shot noise. If ``snr`` is NaN, it contains only sampling."""
     peak_share = float(np.diff(ndtr(np.array([-0.5, 0.5])))[0]) ** 2
     best = (np.inf, WINDOWS[0])
     for window in WINDOWS:
@@ -84,7 +84,8 @@ def centroid_error_px(sigma_px: float, snr: float) -> tuple[float, int]:
         if np.isfinite(snr):
             column = np.arange(window) - (window - 1) / 2
             inside = float(ndtr(window / 2 / sigma_px) - ndtr(-window / 2 / sigma_px)) ** 2
-            # Noise is √(Σp² over the window plus the typical sub-pixel offset) divided by the light inside the window.
+            # The noise is √(Σp² over the window plus the typical sub-pixel offset), divided by the light inside the
+            # window.
             spread = window * float(np.sum(column**2)) + window**2 / 12
             noise = float(np.sqrt(spread)) * peak_share / max(snr, 1e-9) / inside
         total = float(np.hypot(systematic, noise))

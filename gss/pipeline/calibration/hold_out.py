@@ -16,8 +16,8 @@ MIN_FRAMES = 3
 
 def held_out(stars: StarStack, fit: Adjusted, priors: Mapping[str, Prior], folds: int) -> ResidualFigures | None:
     """Cross-validate by frame: fit the camera to the other frames, then only the attitude of each held-out frame.
-    Residuals are corrected for the degrees of freedom of the attitude, so that they are comparable with the scatter of
-    a star. None with fewer than three frames."""
+    Residuals are corrected for the degrees of freedom of the attitude and are therefore comparable with the scatter of
+    a star. Return None with fewer than three frames."""
     if stars.frames < MIN_FRAMES or folds < 2:
         return None
     count = min(folds, stars.frames)

@@ -41,7 +41,7 @@ UNITS = {"focal_px": "px", "centre_col_px": "px", "centre_row_px": "px"} | dict.
 @dataclass(frozen=True)
 class Vector:
     """Parameters of a camera with one lens model, by name. ``free``: names of the fitted parameters. ``focal_mm``:
-    scale of the polynomial in millimetres; it affects no other parameter."""
+    scale of the polynomial in millimetres; it does not affect other parameters."""
 
     model: str
     columns: int
@@ -62,7 +62,7 @@ class Vector:
         return replace(self, free=tuple(n for n in self.free if n not in names))
 
     def value(self) -> Array:
-        """Return the (p,) free parameters to which ``moved`` adds its step. Focal length and aspect are logarithms."""
+        """Return the (p,) free parameters as ``moved`` uses them: focal length and aspect as logarithms."""
         return np.array([self._inside(n) for n in self.free])
 
     def _inside(self, name: str) -> float:
@@ -90,7 +90,8 @@ class Vector:
 
 
 def vector_of(camera: Camera, model: str, focal_mm: float = float("nan")) -> Vector:
-    """Return the initial vector: the camera's geometry, and those of its lens coefficients that the model has."""
+    """Return the initial vector: the geometry of the camera, and the lens coefficients of the camera that are also in
+    the model."""
     lens = camera.distortion
     focal = float(np.sqrt(camera.focal_col_px * camera.focal_row_px))
     values = {
@@ -120,8 +121,8 @@ def difference_steps(vector: Vector) -> Array:
 
 
 def most_allowed_sigma(vector: Vector) -> Array:
-    """Return the (p,) standard deviations above which a parameter counts as undetermined: half a percent of the focal
-    length, a fiftieth of the detector for the centre, and one pixel at the corner for a coefficient."""
+    """Return the (p,) standard deviations above which a parameter is undetermined: half a percent for the focal length,
+    a fiftieth of the detector for the centre, and one pixel at the corner for a coefficient."""
     camera = vector.camera()
     corner = float(np.tan(min(camera.half_diagonal_rad, 1.2)))
     reach_px = 1.0 / vector.values["focal_px"]

@@ -38,12 +38,12 @@ class PhotometricCalibration:
     ``k_illum_lux_per_dn``: illuminance per summed brightness at ``exposure_s`` (eq. C.2, 6.24). ``k_area``: eq. C.1, 0
     with σ NaN if no threshold was given.
 
-    ``vignetting``: light = 1 + v₂ρ² + v₄ρ⁴, ρ = distance from the optical centre over that of the corner;
-    ``corner_loss`` = 1 − light at ρ = 1. ``linearity``: change of measured magnitude per catalogue magnitude, 1 =
-    linear. ``saturation_mag``: V of a star whose peak reaches ``saturation_dn``, NaN if unknown. ``sigma_mag``:
-    standard deviation of measured − catalogue; ``robust_sigma_mag``: the same from the median. ``frame_offset_mag``:
-    (frames,) light of each frame relative to the median frame, negative if light was lost. Per star, ``error_mag``:
-    measured − catalogue, ``used``: in the fit.
+    ``vignetting``: light = 1 + v₂ρ² + v₄ρ⁴, where ρ is the distance from the optical centre divided by the distance of
+    the corner; ``corner_loss`` = 1 − light at ρ = 1. ``linearity``: change of measured magnitude per catalogue
+    magnitude, 1 = linear. ``saturation_mag``: V of a star whose peak reaches ``saturation_dn``, NaN if unknown.
+    ``sigma_mag``: standard deviation of measured − catalogue; ``robust_sigma_mag``: the same from the median.
+    ``frame_offset_mag``: (frames,) light of each frame relative to the median frame, negative if light was lost. Per
+    star, ``error_mag``: measured − catalogue, ``used``: in the fit.
     """
 
     zero_point_mag: float
@@ -226,7 +226,8 @@ def _as_light(rho2_mag: float, rho4_mag: float) -> tuple[float, float]:
 def _saturation(
     light: Light, frames: Sequence[FrameStars], used: NDArray[np.bool_], zero: float, exposure_s: float
 ) -> tuple[float, float]:
-    """Return the saturation level of a peak, and the V at which a typical star reaches it at the typical exposure."""
+    """Return the peak level of saturation, and the V magnitude at which a typical star reaches this level at the
+    typical exposure."""
     limit = min((f.saturation_dn for f in frames), default=float("inf"))
     share = light.peak_dn[used] / light.flux_dn[used]
     share = share[np.isfinite(share) & (share > 0)]

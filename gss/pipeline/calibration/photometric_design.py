@@ -23,8 +23,8 @@ MAG = 2.5 / float(np.log(10))
 
 @dataclass(frozen=True)
 class Light:
-    """Measurements of the n stars of all frames. ``rho``: distance from the optical centre divided by that of the
-    farthest corner. ``below_dn``: n·Δth of eq. C.1."""
+    """Measurements of the n stars of all frames. ``rho``: distance from the optical centre divided by the distance of
+    the farthest corner. ``below_dn``: n·Δth of eq. C.1."""
 
     frame: NDArray[np.intp]
     hip: Ids

@@ -2,7 +2,7 @@
 2001 §2.2).
 
 The difference of two equal exposures contains no fixed pattern, so half its variance is the noise variance of one
-frame. If the variance is below the line, the full well or the converter's limit is reached.
+frame. A variance below this line shows that the full well or the limit of the converter is reached.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class FlatPair:
 
 @dataclass(frozen=True)
 class PhotonTransfer:
-    """Result of a photon transfer measurement. ``read_noise_e``: includes quantisation; NaN if the darkest level is far
-    above it. ``bias_dn``: from the dark pair, NaN without a dark pair. ``response_sigma``: relative spread of the
-    pixels' response. ``full_well_e``: signal at which the variance starts to decrease, NaN if not reached. Per level:
-    ``signal_dn`` above the bias, ``variance_dn2`` of one frame, ``fitted``. ``nonlinearity``: largest relative
-    deviation of the variance of a fitted level from the line."""
+    """Result of a photon transfer measurement. ``read_noise_e``: read noise including quantisation; NaN if the noise of
+    the darkest level is far above the read noise. ``bias_dn``: bias from the dark pair, NaN without a dark pair.
+    ``response_sigma``: relative spread of the pixels' response. ``full_well_e``: signal at which the variance starts to
+    decrease, NaN if not reached. Per level: ``signal_dn`` above the bias, ``variance_dn2`` of one frame, ``fitted``.
+    ``nonlinearity``: largest relative deviation of the variance of a fitted level from the line."""
 
     gain_e_per_dn: float
     gain_sigma: float
@@ -59,8 +59,8 @@ class PhotonTransfer:
 def photon_transfer(
     pairs: Sequence[FlatPair], dark_pair: FlatPair | None = None, saturation_dn: float | None = None
 ) -> PhotonTransfer:
-    """Measure from pairs at several levels. ``dark_pair``: dark frames of the shortest exposure, which give bias and read noise
-    directly."""
+    """Measure from pairs at several levels. ``dark_pair``: two dark frames of the shortest exposure, from which bias
+    and read noise are measured directly."""
     levels = [_level(p) for p in pairs]
     dark = None if dark_pair is None else _level(dark_pair)
     bias = 0.0 if dark is None else dark[0]
@@ -127,12 +127,12 @@ def _advice(with_dark: bool, departure: float, full_well_e: float) -> list[Advic
 
 
 def _level(pair: FlatPair) -> tuple[float, float, float, int]:
-    """Return mean, variance of one frame, variance of the fixed pattern, and number of pixels, without outliers (hot pixels,
-    cosmic rays)."""
+    """Return the mean, the variance of one frame, the variance of the fixed pattern, and the number of pixels. Outliers
+    (hot pixels, cosmic rays) are excluded."""
     first, second = np.asarray(pair.first, float), np.asarray(pair.second, float)
     if first.shape != second.shape or first.ndim != 2:
         raise BadInput("a pair is two frames of one size", expected=str(first.shape), got=str(second.shape))
-    # Scale one of the frames, because the lamp can change between the frames.
+    # Scale one frame to the level of the other, because the lamp can change between the frames.
     second = second * (np.median(first) / np.median(second)) if np.median(second) > 0 else second
     difference, mean = first - second, (first + second) / 2
     keep = _unstray(difference) & _unstray(mean)
@@ -143,7 +143,7 @@ def _level(pair: FlatPair) -> tuple[float, float, float, int]:
 
 def _unstray(values: Array) -> NDArray[np.bool_]:
     middle = np.median(values)
-    # Differences of integers often have a median deviation of zero.
+    # The median deviation of differences of integers is often zero.
     spread = max(1.4826 * float(np.median(np.abs(values - middle))), MIN_SPREAD_DN)
     return np.asarray(np.abs(values - middle) < CLIP_SIGMAS * spread)
 
@@ -165,7 +165,7 @@ def _rising(signal: Array, variance: Array) -> NDArray[np.bool_]:
 
 
 def _response(levels: list[tuple[float, float, float, int]], signal: Array) -> float:
-    """Return the spread of the response from the brightest level, at which noise affects the pattern least."""
+    """Return the spread of the response, measured at the brightest level, where noise affects the pattern least."""
     if not len(signal) or signal.max() <= 0:
         return float("nan")
     k = int(np.argmax(signal))

@@ -26,13 +26,14 @@ TILT_SIGMAS = 5.0
 
 @dataclass(frozen=True)
 class PsfField:
-    """Shape of n stars over the field. ``pixels`` (n, 2); ``sigma_px`` (n,) Gaussian σ of the optics without pixel
-    integration (round equivalent), ``ratio`` (n,) long over short axis, ``direction_rad`` (n,) of the long axis from
-    +col to +row.
+    """Shape of n stars over the field. ``pixels`` (n, 2); ``sigma_px`` (n,): σ of a round Gaussian with the same area
+    as the star, without the integration over pixels; ``ratio`` (n,): long axis divided by short axis; ``direction_rad``
+    (n,): direction of the long axis, from +col to +row.
 
-    σ² over the field is fitted as s₀ + s₁x + s₂y + s₃ρ² (x, y in half diagonals, ρ distance over corner): ``surface``
-    and ``surface_sigma`` (4,). ``centre_sigma_px``, ``corner_sigma_px``: from this fit; ``lean``: relative change of σ²
-    from side to side. ``map``: its ``rms_px`` is the σ of each cell."""
+    σ² over the field is fitted as s₀ + s₁x + s₂y + s₃ρ², with x and y in half diagonals and ρ as the distance from the
+    centre divided by that of the corner. ``surface``, ``surface_sigma`` (4,): coefficients and their σ;
+    ``centre_sigma_px``, ``corner_sigma_px``: σ at centre and corner from this fit; ``lean``: relative change of σ² from
+    one side to the other. ``map``: map over the detector, whose ``rms_px`` contains the σ of each cell."""
 
     pixels: Array
     sigma_px: Array
@@ -51,7 +52,8 @@ class PsfField:
 def psf_over_field(
     images: Sequence[NDArray[Any]], camera: Camera, *, e_per_dn: float = 0.0, saturation_dn: float = float("inf")
 ) -> PsfField:
-    """Measure from frames of stars, without saturated, faint and blended stars. Raises BadInput with fewer than a dozen stars."""
+    """Measure star widths in frames of stars. Saturated, faint and blended stars are excluded. Raises BadInput with
+    fewer than a dozen stars."""
     spots: list[Spot] = []
     for image in images:
         detections = find_stars(

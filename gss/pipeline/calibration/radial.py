@@ -17,7 +17,7 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import fit_linear
 from gss.pipeline.calibration.sightings import FrameStars
 
-NEAR_CENTRE_MM = 0.45  # maximum distance from the optical centre of the star that replaces it
+NEAR_CENTRE_MM = 0.45  # maximum distance between the optical centre and the star that represents it
 MIN_STARS = 12
 
 
@@ -40,8 +40,8 @@ class RadialFit:
 def radial_polynomial(
     frames: Sequence[FrameStars], camera: Camera, focal_mm: float, order: int = 3, near_mm: float = NEAR_CENTRE_MM
 ) -> RadialFit:
-    """Fit the polynomial to frames with a star near the optical centre. The camera's tilt is corrected first, but not
-    its polynomial."""
+    """Fit the polynomial to frames with a star near the optical centre. The tilt of the camera is corrected first; its
+    radial polynomial is not."""
     tilt = camera.distortion
     flat = RadialTilt(focal_mm, tilt.tilt_max_rad, tilt.tilt_direction_rad) if isinstance(tilt, RadialTilt) else None
     r_parts, delta_parts, used_frames = [], [], 0

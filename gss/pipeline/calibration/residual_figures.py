@@ -15,8 +15,9 @@ MAP_CELLS = 12
 @dataclass(frozen=True)
 class ResidualFigures:
     """Statistics of residuals. ``rms_px``: per axis; ``noise_px``: rms corrected for the fitted degrees of freedom,
-    i.e. the scatter of one measured star; ``median_px``, ``p95_px``, ``max_px``: of the lengths; ``chi``: rms in units
-    of the stars' stated σ; ``rejected``: number of rejected stars."""
+    which is the scatter of one measured star; ``median_px``, ``p95_px``, ``max_px``: median, 95 % quantile and maximum
+    of the lengths of the residuals; ``chi``: rms in units of the stated σ of the stars; ``rejected``: number of
+    rejected stars."""
 
     stars: int
     rms_px: float

@@ -39,9 +39,9 @@ class Frozen:
 
 @dataclass(frozen=True)
 class ModelFit:
-    """Fit of one lens model to the common stars. ``bic``, ``aicc``: differences from the best, 0 = best;
-    ``held_out_px``: rms per axis of stars in held-out frames, corrected for the degrees of freedom of their
-    attitudes."""
+    """Fit of one lens model to the common stars. ``bic``, ``aicc``: information criteria minus those of the best model,
+    so 0 for the best model; ``held_out_px``: rms per axis of the stars in held-out frames, corrected for the degrees of
+    freedom of the attitudes of these frames."""
 
     model: str
     free_parameters: int
@@ -72,8 +72,8 @@ class FrameFit:
 @dataclass(frozen=True)
 class StarResiduals:
     """Residuals of all input stars. ``frame``: index into the frames used; ``residual_px``: (n, 2) measured − predicted
-    after the calibration; ``before_px``: the same with the start camera and its best attitude; ``used``: False if
-    rejected."""
+    after the calibration; ``before_px``: measured − predicted with the start camera and the attitude that fits it best;
+    ``used``: False if rejected."""
 
     frame: NDArray[np.intp]
     hip: Ids

@@ -1,4 +1,5 @@
-"""Screening of frames for a calibration. Unsuitable frames are excluded with a reason; the remaining frames are checked."""
+"""Screening of frames for a calibration. Unsuitable frames are excluded with a reason, and warnings about the remaining
+frames are returned."""
 
 from __future__ import annotations
 
@@ -122,7 +123,7 @@ def _upright(
 
 
 def is_mirrored(frame: FrameStars, camera: Camera) -> bool:
-    """True if the left-right mirrored frame fits its stars far better than the frame itself."""
+    """True if the frame fits its matched stars far better after left and right are exchanged."""
     flipped = frame.pixels * np.array([-1.0, 1.0]) + np.array([camera.columns - 1.0, 0.0])
     plain, other = (_fit_rms_px(p, frame.icrs, camera) for p in (frame.pixels, flipped))
     return len(frame) >= MIN_STARS and plain > MIRROR_PX and other * MIRROR_GAIN < plain
@@ -158,8 +159,8 @@ def plate_scale(frame: FrameStars, camera: Camera) -> tuple[float, float]:
 def _of_one_scale(
     frames: list[FrameStars], scale: Array, excluded: list[tuple[str, str]], warnings: list[Advice]
 ) -> tuple[list[FrameStars], Array]:
-    """Return the largest group of frames without a gap in their scales. A lens changes its scale gradually; a gap
-    indicates another lens."""
+    """Return the largest group of frames without a gap in their scales. The scale of one lens changes gradually, so a
+    gap indicates another lens."""
     finite = np.flatnonzero(np.isfinite(scale))
     if len(finite) < 2:
         return frames, scale
@@ -193,7 +194,7 @@ def frame_offsets_mag(frames: Sequence[FrameStars]) -> Array:
     zero_points = []
     for f in frames:
         good = np.isfinite(f.flux_dn) & (f.flux_dn > 0) & np.isfinite(f.v_mag) & ~f.saturated
-        # If all fluxes are equal, the centroids were stored without fluxes.
+        # Equal fluxes mean that the centroids were stored without fluxes.
         if good.sum() < MIN_STARS or np.ptp(f.flux_dn[good]) == 0:
             zero_points.append(np.nan)
             continue

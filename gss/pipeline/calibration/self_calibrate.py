@@ -160,8 +160,9 @@ def _without_misfits(
 def _compare(
     stars: StarStack, trials: Mapping[str, _Trial], priors: Mapping[str, Prior], folds: int, progress: Progress
 ) -> tuple[tuple[ModelFit, ...], dict[str, ResidualFigures | None]]:
-    """Compute the information criteria on the stars kept by the best-fitting model. They use the logarithm of the misfit because
-    the size of the errors is unknown too: with few stars a small improvement is not significant."""
+    """Compute the information criteria on the stars kept by the best-fitting model. They use the logarithm of the
+    misfit, because the size of the errors is also unknown. With few stars, a small improvement is therefore not
+    significant."""
     sharpest = min(trials.values(), key=lambda t: t.fit.scale).fit
     sharpest_used = sharpest.used
     scaled = stars.sigma_px[sharpest_used] * sharpest.scale

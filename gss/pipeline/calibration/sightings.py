@@ -22,7 +22,7 @@ class FrameStars:
 
     ``pixels``: (n, 2) col, row. ``sigma_px``: (n,) standard deviation per axis. ``icrs``: (n, 3) apparent unit vectors
     (epoch of the night; with aberration if it matters for a wide field and small errors). ``flux_dn``: above the
-    background. ``streak_px``: length of the trails. ``saturation_dn``: peaks at or above it are saturated.
+    background. ``streak_px``: length of the trails. ``saturation_dn``: level at and above which a peak is saturated.
     """
 
     name: str

@@ -1,7 +1,7 @@
 """Level and noise of the sky in night photographs, and the gain if both vary.
 
-Because of shot noise, the variance of a pixel increases with its level; the slope is 1/gain. Without dark frames the
-bias is unknown, so only the slope is used.
+Because of shot noise, the variance of a pixel increases with its level. The slope of this relation is 1/gain. Without
+dark frames the bias is unknown, so only the slope is used.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ from gss.pipeline.calibration.robust import fit_linear, robust_sigma
 SURE_SIGMAS = 5.0
 MIN_TILES = 30
 NEIGHBOURS = 9
-"""Number of tiles of the background mesh that share pixels, because the mesh is a median of nine tiles."""
+"""Number of tiles that contribute to each value of the background mesh. The values are medians of nine tiles, so
+neighbouring values are correlated."""
 STARS_LEVEL, STARS_GAIN = 0.05, 0.02
-"""Effect of stars that are too faint to be clipped, from simulated photographs: on the level, in units of the noise,
-and on the gain."""
+"""Error caused by stars that are too faint to be clipped: error of the level in units of the noise, and relative error
+of the gain. Measured in simulated photographs."""
 LEVEL_RANGE = 0.05
 """Minimum range of levels, relative to the highest level, that determines the gain."""
 

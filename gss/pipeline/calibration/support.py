@@ -41,7 +41,8 @@ def _sigma(fit: Adjusted, name: str) -> float:
 
 
 def _restarted(start: Vector, fitted: Vector) -> Vector:
-    """Return the initial values as the new start, because a fit along an undetermined direction is a poor starting point."""
+    """Return the initial values as the new start, because the values fitted along an undetermined direction are a poor
+    start."""
     return start.without(tuple(n for n in start.free if n not in fitted.free))
 
 

@@ -21,9 +21,9 @@ MIN_PX = 1.5
 def trail_px(image: NDArray[Any], centroids: Centroids, saturation_dn: float = float("inf")) -> float:
     """Return the length of the trails of a frame in px, accurate to about a quarter; 0 for round stars.
 
-    A star that moves uniformly over L has L²/12 more variance along the motion than across it. If the camera moves, all
-    stars are elongated in nearly the same direction. The result is 0 if they are not (coma, double stars, rotation
-    about the boresight), or if fewer than four stars can be measured.
+    If a star moves uniformly over the length L, its variance along the motion exceeds its variance across the motion by
+    L²/12. If the camera moves, all stars are elongated in nearly the same direction. The result is 0 if the directions
+    differ (coma, double stars, rotation about the boresight), or if fewer than four stars can be measured.
     """
     pick = np.argsort(-np.nan_to_num(centroids.flux_dn), kind="stable")[:BRIGHTEST]
     col, row = (np.rint(v[pick]).astype(np.intp) for v in (centroids.col_px, centroids.row_px))
@@ -45,7 +45,7 @@ def trail_px(image: NDArray[Any], centroids: Centroids, saturation_dn: float = f
     if shapes.good.sum() < FEWEST:
         return 0.0
     moments = shapes.covariance[shapes.good]
-    # Doubling the angle makes opposite directions equal.
+    # The angle is doubled because opposite directions of a trail are equivalent.
     along = (moments[:, 0, 0] - moments[:, 1, 1]) + 2j * moments[:, 0, 1]
     together = abs(np.mean(along / np.maximum(np.abs(along), 1e-12)))
     length = float(np.sqrt(12 * np.median(np.abs(along))))

@@ -1,10 +1,10 @@
 """The chain of the AIM smart camera (Moniteq 1983): coarse mask, mean locator, linked neighbours, differential
 attitude.
 
-The chain normally has an approximate attitude and verifies the stars expected there. According to the document's
-statistics (§2.1), a field of 3.45° has too few stars for a search over the whole sky in about half the cases; the
-reason text of such a frame states this. ``aim_parameters.SOURCES`` documents the choices that the document leaves open
-and the tests added against false attitudes.
+The chain normally has an approximate attitude and verifies the stars that are expected at this attitude. According to
+the document's statistics (§2.1), about half of the fields of 3.45° have too few stars for a search over the whole sky.
+The reason text of such a frame states this. ``aim_parameters.SOURCES`` documents the choices that the document leaves
+open and the tests added against false attitudes.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from gss.pipeline.regions import Pixels
 from gss.pipeline.track.differential import differential_attitude
 from gss.skytables.bank import OnboardCatalogue
 
-# Moniteq 1983 §3.12, T7.1: the converter takes 25 µs per pixel. The report has no execution times, so the times per
-# operation are estimates.
+# Moniteq 1983 §3.12, T7.1: the converter takes 25 µs per pixel. The document does not state execution times, so the
+# times per operation are estimates.
 PIXEL_MS, REGION_MS, OPERATION_MS, ATTITUDE_MS, STAR_MS = 0.025, 1.0, 0.05, 20.0, 5.0
 DENSITY_RADIUS_RAD = float(np.radians(5.0))
 LOOSE, COMPANION = 2.0, 6.0
@@ -45,9 +45,9 @@ def calculate_attitude(
     parameters: AimParameters,
     hint: AttitudePrior | None = None,
 ) -> OnboardSolution:
-    """Compute the attitude by iterated differential correction (Moniteq 1983 §6.2) and reject false ones by residuals, hint and
-    false-match bound. A single camera determines the angle about its axis poorly, as the covariance shows; see
-    :mod:`gss.pipeline.track.cameras_together` for two cameras."""
+    """Compute the attitude by iterated differential correction (Moniteq 1983 §6.2). Reject false attitudes by
+    residuals, hint and false-match bound. A single camera determines the angle about its axis poorly, as the covariance
+    shows; see :mod:`gss.pipeline.track.cameras_together` for two cameras."""
     chosen = matching.selected
     if matching.reason or matching.cam_from_icrs is None:
         return proof.rejected(matching.reason)
@@ -100,8 +100,9 @@ def _may_be_mirrored(
     parameters: AimParameters,
     hint: AttitudePrior | None,
 ) -> str:
-    """Return why the frame could be mirrored, or "". Two stars have no handedness. In tracking, a mirrored pair rarely
-    has the orientation of the expected pair, so two stars must not imply a large rotation from the hint."""
+    """Return why the frame could be mirrored, or "". With two stars, a mirrored frame cannot be detected. In tracking,
+    a mirrored pair rarely has the orientation of the expected pair. Therefore an attitude from two stars is rejected if
+    it is rotated far from the hint."""
     unit = matching.unit_cam[matching.selected]
     if len(unit) > PAIR or matching.mode is not Mode.TRACKING or hint is None or hint.quaternion is None:
         return proof.mirrored(unit, reference, parameters.tolerance_rad)
@@ -119,9 +120,9 @@ def false_match_probability(
 ) -> float:
     """Return a bound on the expected number of accidental identifications with as many stars as this one.
 
-    Every pair of linked stars tried is a hypothesis. A star counts as matched within twice the tolerance, because a
-    close pair determines the roll poorly. The star density is that of the sky around the field; Moniteq 1983 §2.1 uses
-    the mean density of the sky.
+    Every tried pair of linked stars is a hypothesis. A star is matched within twice the tolerance, because a close pair
+    determines the roll poorly. The star density is that of the sky around the field; Moniteq 1983 §2.1 uses the mean
+    density of the sky.
     """
     # Companions within each other's tolerance are not independent evidence and count as one star.
     n, k = len(matching.row), separate_stars(matching.unit_cam[matching.selected], COMPANION * parameters.tolerance_rad)

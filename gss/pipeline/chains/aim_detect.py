@@ -36,8 +36,8 @@ def find_centroids(
 ) -> Detection:
     """Find the spots of the coarse image and compute the centroid of each in its window.
 
-    In tracking, only spots in the windows around predicted stars are used. If there are fewer than two, guidance has
-    failed and the whole image is used, as in the blind search on the same frame (Fig. 6.1 step 3).
+    In tracking, only spots in the windows around predicted stars are used. With fewer than two such spots, guidance has
+    failed, and the whole image is used as in the blind search (Fig. 6.1 step 3).
     """
     p = parameters
     dark_dn = dark_mean_dn(pixels, p.noise_dn)
@@ -76,8 +76,8 @@ def find_centroids(
 
 
 def faintest_dn(catalogue: AimCatalogue, parameters: AimParameters) -> float:
-    """Return the flux below which a star is not in the list: that of a star fainter than the list's limit by half the
-    magnitude error."""
+    """Return the flux below which a star is too faint for the star list. This is the flux of a star that is fainter
+    than the limit of the list by half the magnitude error."""
     limit_mag = catalogue.limit_mag + parameters.magnitude_error / 2
     return float(parameters.dn_at_mag_0 * parameters.light_share * 10 ** (-0.4 * limit_mag))
 

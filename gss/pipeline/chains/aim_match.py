@@ -67,8 +67,8 @@ def prepare(catalogue: OnboardCatalogue, profile: CameraProfile) -> AimCatalogue
 
 @dataclass(frozen=True)
 class PredictedStars:
-    """Stars expected in the field. ``rows``: rows in the star list, their directions in the predicted camera frame (n,
-    3), and ``checks``, the number of stars examined."""
+    """Stars expected in the field: rows in the star list, directions (n, 3) in the predicted camera frame, and
+    ``checks``, the number of examined stars."""
 
     rows: Index
     predicted_cam: Array
@@ -116,7 +116,8 @@ class AimMatching:
 
     @property
     def operations(self) -> int:
-        """Return the number of stars and links examined plus the number of comparisons of tried pairs with spots."""
+        """Return the number of examined stars and links plus the number of comparisons between tried pairs and
+        spots."""
         return self.checks + self.hypotheses * len(self.row)
 
     @property
@@ -168,7 +169,7 @@ def match_stars(
 
 
 def _spots(centroids: Centroids, unit: Array, parameters: AimParameters) -> _Spots:
-    # A centroid outside the distortion's domain has no direction; it keeps its row but is not used.
+    # A centroid outside the domain of the distortion has no direction. It remains in the arrays but is not used.
     good = np.flatnonzero(np.isfinite(unit).all(axis=1))
     flux = np.maximum(centroids.flux_dn[good], 1e-9) / (parameters.dn_at_mag_0 * parameters.light_share)
     saturated = centroids.peak_dn[good] >= 0.97 * parameters.saturation_dn

@@ -27,6 +27,8 @@ SOURCES: dict[str, str] = {
     "Moniteq 1983 §2.1 assumes δ = 0.01°, 0.74 px",
     "capture_rad": "GSS: 0.3°; Moniteq 1983 §6.1 expects shifts below 1° between pictures and predicts them",
     "assisted_radius_rad": "GSS: half diagonal + 5°; 'large subsection of sky' in Moniteq 1983 Fig. 6.1",
+    "max_invalid": "GSS: as in Erlank 2013 §5.3.3, the search stops at more than fifty oversized regions",
+    "gain_e_per_dn": "from the profile's sensor",
     "max_hypotheses": "GSS: number of pairs of linked stars that a blind search tries, best first",
     "max_centroids": "GSS: a field of 3.45° has about ten stars to V 7.5",
     "min_verified": "GSS: four without prior, three with a hint (Moniteq 1983 §2.1 requires three), two in tracking (Fig. 6.1 "
@@ -110,7 +112,8 @@ FAINTEST_AREA_PX = 3.0
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None, window_px: int = 3) -> AimParameters:
-    """Return the parameters for a camera. Position errors scale with the pixel, the bias corrector with the width of the stars."""
+    """Return the parameters for a camera. Position errors are proportional to the size of a pixel, and the bias
+    corrector to the width of the stars."""
     sensor, camera = profile.sensor, profile.camera
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn

@@ -24,7 +24,8 @@ DEFAULT_RADIUS_RAD = float(np.radians(5.0))
 
 @dataclass(frozen=True)
 class KnownOrbit:
-    """Circular orbit: Ω, i, argument of latitude ω′ at ``epoch_s`` of the device clock, altitude (Jacobs 1995 §1.4)."""
+    """Circular orbit (Jacobs 1995 §1.4): Ω, i, altitude, and the argument of latitude ω′ at the device time
+    ``epoch_s``."""
 
     raan_rad: float
     inclination_rad: float
@@ -141,7 +142,7 @@ class PriorState:
         if not self.series:
             return None
         ages_s = tuple(at_s - entry.time_s for entry in self.series)
-        # Without frame times, or after a step of the device's clock, equal time steps are assumed.
+        # Equal time steps are assumed if frame times are missing or the device's clock was set in between.
         if not all(b > a for a, b in pairwise((0.0, *ages_s))):
             ages_s = ()
         return AttitudePrior.from_quaternion(self.series[0].quaternion, self.earlier, ages_s)

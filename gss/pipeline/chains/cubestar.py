@@ -58,9 +58,9 @@ __all__ = [
 def find_centroids(pixels: Pixels, parameters: CubestarParameters, *, fast: bool | None = None) -> Detection:
     """Find the stars in a (rows, columns) frame (Erlank 2013 §4.1, §5.3.3).
 
-    The chip subtracts the mean of its masked rows, so that black is zero (§3.4.4). Frames of other cameras do not have
-    this correction. Therefore the median of the search grid is the black level, for both threshold and centroid
-    weights.
+    The chip subtracts the mean of its masked rows, so its black level is zero (§3.4.4). Frames of other cameras do not
+    have this correction. Therefore the median of the search grid is used as the black level for the threshold and the
+    centroid weights.
 
     ``fast``: see :func:`gss.pipeline.kernels.kernels`; the result is bit-identical.
     """

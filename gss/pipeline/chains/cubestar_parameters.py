@@ -98,7 +98,8 @@ HINT_ERROR_RAD = float(np.radians(5.0))
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> CubestarParameters:
-    """Return the parameters for a camera: the document's values in pixels and counts, and scaled values for angles."""
+    """Return the parameters for a camera. Values in pixels and counts are those of the document; angles are scaled to
+    the camera."""
     sensor, camera = profile.sensor, profile.camera
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn

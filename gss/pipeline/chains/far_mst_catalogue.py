@@ -51,7 +51,7 @@ def far_mst_catalogue(bank: OnboardCatalogue, camera: Camera, brightest: int = B
         reduced = brightest_per_field(icrs, brightness_order(bank), min(fov_h, fov_v) / 2, brightest)
     table = bank.distances
     right_angle = float(np.nextafter(np.float32(np.pi / 2), np.float32(0)))
-    # Pairs beyond 90° do not occur in a frame of this camera, and sin² is ambiguous there.
+    # Pairs beyond 90° are omitted. They do not occur in a frame of this camera, and sin² is ambiguous for them.
     keep = np.flatnonzero(reduced[table.first] & reduced[table.second] & (table.distance_rad <= right_angle))
     distances = DistanceTable(
         table.first[keep], table.second[keep], table.distance_rad[keep], table.min_rad, min(table.max_rad, right_angle)

@@ -14,9 +14,9 @@ from gss.pipeline.chains.far_mst_parameters import FarMstParameters
 from gss.pipeline.regions import Blobs, Pixels
 
 PIXEL_PX2 = 1 / 12
-# Errors measured on rendered frames. The irregular threshold cut adds CUT_PER_SIGMA, per px of the spot's σ, for a star
-# whose peak equals the threshold. The straight cuts of the block grid add BLOCK_PX, at most BLOCK_MOST_PX; this error
-# decreases only with the square root.
+# Errors measured on rendered frames. CUT_PER_SIGMA: error of the irregular threshold cut, per px of the spot's σ, for a
+# star whose peak equals the threshold. BLOCK_PX, at most BLOCK_MOST_PX: error of the straight cuts of the block grid.
+# This error decreases only with the square root of the peak.
 CUT_PER_SIGMA = 0.42
 BLOCK_PX, BLOCK_MOST_PX = 0.85, 0.35
 FLOOR_PX = 0.02
@@ -42,9 +42,10 @@ class Signal:
 
 @dataclass(frozen=True)
 class ClusterMoments:
-    """Moments of m clusters, (m,) each: weighted-sum position, flux, peak, ``aspect`` √(λ1/λ2) of the second moments (including
-    the size of a pixel, so that it is finite for a line of pixels), ``length_px`` of a streak with the longer moment,
-    and ``spread_px2`` Σ (x − x̄)² v and ``lever_px2`` Σ (x − x̄)², both averaged over the axes, for error propagation."""
+    """Moments of m clusters, (m,) each: weighted-sum position, flux and peak. ``aspect``: √(λ1/λ2) of the second
+    moments, which include the size of a pixel, so the ratio is finite for a line of pixels; ``length_px``: length of a
+    streak with the longer moment; ``spread_px2``: Σ (x − x̄)² v, and ``lever_px2``: Σ (x − x̄)², both averaged over the
+    axes, for error propagation."""
 
     col_px: Array
     row_px: Array
@@ -112,8 +113,9 @@ def refine_mle(signal: Signal, noise_dn: float, stars: Centroids, p: FarMstParam
 
     Q = 0 is solved by Fisher scoring, which also gives the Cramér–Rao bound (eq. 4.3) as ``sigma_px``. λ_s is estimated
     as well. As in Winick's model, λ_N is the mean noise count of a pixel (the document states the standard deviation).
-    The square of the read noise R is added to both counts and mean, which gives a Poisson variable of the right
-    variance. Saturated pixels are not used. If the iteration of a star diverges, its weighted sum is used.
+    The square of the read noise R is added to both the counts and the mean, so that the result is a Poisson variable
+    with the correct variance. Saturated pixels are not used. If the iteration of a star diverges, its weighted sum is
+    used.
     """
     if not len(stars):
         return stars

@@ -73,7 +73,7 @@ def _levels(pixels: Pixels, p: FarMstParameters) -> tuple[Array, float]:
 def _above(pixels: Pixels, dark_dn: Array, threshold_dn: float, p: FarMstParameters) -> Mask:
     """Return a mask of the pixels above dark level plus threshold."""
     if dark_dn.ndim == 0 and np.issubdtype(pixels.dtype, np.integer):
-        # Comparing integers with the floor of the level avoids converting the frame to float.
+        # Integer pixels are compared with the floor of the level, so the frame does not need to be converted to float.
         level = int(np.floor(float(dark_dn) + threshold_dn))
         return np.asarray(pixels > level) if level < int(pixels.max()) else np.zeros(pixels.shape, bool)
     return np.asarray(pixels - dark_dn > threshold_dn)

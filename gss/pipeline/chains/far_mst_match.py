@@ -1,7 +1,7 @@
 """Star identification of FAR-MST: n-vertex or pyramid when lost, rate match while tracking (Huffman 2006 ch. 5).
 
-The selector follows Fig. 8.2 as far as it is documented. The choice depends on the number of stars and on the prior
-knowledge. If a matcher fails, the next is tried.
+The choice of matcher follows Fig. 8.2 as far as the figure is documented. It depends on the number of stars and on the
+prior knowledge. If a matcher fails, the next matcher is tried.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def match_stars(
     check_hint(mode, hint)
     used = centroids.take(np.arange(min(len(centroids), parameters.max_centroids)))
     unit = camera.unproject(used.pixels) if len(used) else np.empty((0, 3))
-    # A centroid outside the distortion's domain has no direction; it keeps its row but is not used.
+    # A centroid outside the domain of the distortion has no direction. It remains in the arrays but is not used.
     good = np.flatnonzero(np.isfinite(unit).all(axis=1))
     sigma_rad = np.maximum(used.sigma_px[good], 1e-3) * camera.pixel_rad
     search = _FrameSearch(unit[good], sigma_rad, camera, catalogue, parameters, mode, hint)
@@ -204,8 +204,8 @@ def _figure_only(s: _FrameSearch, figure: Rows, names: Rows) -> Identified:
 
 
 def _track(s: _FrameSearch) -> bool:
-    """Run the rate match with the catalogue, for stars predicted at a constant rate and, in case the rotation stopped,
-    without rotation."""
+    """Run the rate match with the catalogue. Stars are predicted at a constant rate, and also without rotation, because
+    the rotation can have stopped."""
     predictions = _predictions(s.hint)
     for rotation in predictions:
         in_view = stars_in_view(s.catalogue.icrs, rotation, s.camera)

@@ -50,8 +50,8 @@ def relative_attitude(
     """Return the rotation between two frames. ``expected``: (4,) quaternion new from old for the rate match, e.g. the
     rotation of the previous interval.
 
-    With ``acceptance`` "document" the matcher's pairs are the result. Otherwise they are extended to all stars that
-    agree, and the false-match bound must be met, which is impossible with only two stars.
+    With ``acceptance`` "document", the result contains the pairs of the matcher. Otherwise the pairs are extended to
+    all stars that agree, and the false-match bound must be met. Two stars alone cannot meet the bound.
     """
     if method not in METHODS:
         raise BadInput("unknown frame-to-frame matcher", expected=" | ".join(METHODS), got=method)
@@ -68,8 +68,8 @@ def relative_attitude(
 
 
 def chained(attitude: Attitude, relative: Relative) -> Attitude:
-    """Return the attitude of the next frame: q_j = Δq q_i (eq. 7.2). Errors add as ε_j² = ε_i² + ε_ij² (eq. 7.1), here
-    as matrices."""
+    """Return the attitude of the next frame: q_j = Δq q_i (eq. 7.2). Errors are added as ε_j² = ε_i² + ε_ij² (eq. 7.1),
+    with covariance matrices instead of squares."""
     if relative.quaternion is None:
         raise BadInput("there is no rotation to chain", expected="a solved relative attitude", got=relative.reason)
     turn = matrix_from_quaternion(relative.quaternion)
@@ -106,7 +106,7 @@ def _pairs(
     expected: Array | None,
 ) -> Rows:
     (old, old_sigma), (new, new_sigma) = frames
-    # The difference between two measured angles has the noise of four positions.
+    # The difference between two measured angles contains the noise of four positions.
     tolerance = float(p.sigmas * np.sqrt(2 * (np.median(old_sigma) ** 2 + np.median(new_sigma) ** 2)))
     if method == "rate" and expected is not None:
         return rate_match(old, new, matrix_from_quaternion(expected), camera, p.tracking_radius_rad)

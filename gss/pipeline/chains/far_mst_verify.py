@@ -18,10 +18,11 @@ from gss.pipeline.identify.accidental import accidental_bound, chance_within
 from gss.pipeline.track.rate_match import mutual_nearest
 from gss.skytables.kvector import Rows
 
-# The first attitude is from a few stars that are possibly close together, so the search radius starts wider and then
-# shrinks.
+# The first attitude is computed from a few stars, which can be close together. Therefore the search radius is wide at
+# first and then shrinks.
 WIDENINGS = (3.0, 1.5, 1.0)
-# The fit adapts to the stars it collects, so the effective radius for accidental matches is larger than the last radius.
+# The fit adapts to the stars that it collects, so accidental matches can occur within a radius that is larger than the
+# last radius.
 ROOM = 1.5
 
 
@@ -40,7 +41,8 @@ class Identified:
 
     @property
     def share(self) -> float:
-        """Return the identified stars as a share of all centroids or of all stars in view, whichever is fewer."""
+        """Return the number of identified stars divided by the smaller of the number of centroids and the number of
+        stars in view."""
         return self.count / max(1, min(len(self.row), self.in_view))
 
     def bound(self, hypotheses: float) -> float:

@@ -26,11 +26,11 @@ class Mode(StrEnum):
 
 
 def next_mode(mode: Mode, solved: bool) -> Mode:
-    """Return the mode of the next iteration. An attitude leads to tracking; each failure goes back one step.
+    """Return the mode of the next iteration: tracking after an attitude, and the next weaker mode after a failure.
 
     The document states only that the result of the attitude determination sets the flag (§5.3.4) and asks for better
-    rules (§7.2). After a failed tracking frame the previous boresight is still useful, so assisted is tried before lost
-    in space.
+    rules (§7.2). After a failed tracking frame the previous boresight is still useful, so assisted mode follows before
+    lost in space.
     """
     if solved:
         return Mode.TRACKING
@@ -40,9 +40,9 @@ def next_mode(mode: Mode, solved: bool) -> Mode:
 @dataclass(frozen=True)
 class AttitudePrior:
     """Prior attitude: (3,) boresight in ICRS, and the (4,) quaternion cam_from_icrs if the full attitude is known.
-    ``earlier``: quaternions of the iterations before that one, newest first, for predictors. ``ages_s``: times from the
-    last attitude, and from each earlier attitude, to the frame. If a time is missing, all attitudes are assumed to be
-    one second apart."""
+    ``earlier``: quaternions of the iterations before this attitude, newest first, for predictors. ``ages_s``: times
+    from the last attitude, and from each earlier attitude, to the frame. If a time is missing, all attitudes are
+    assumed to be one second apart."""
 
     boresight_icrs: Array
     quaternion: Array | None = None
@@ -63,7 +63,7 @@ class AttitudePrior:
 
     @property
     def steps(self) -> float:
-        """Return the time from the last attitude to the frame, in units of the time between the last two attitudes; 1
+        """Return the time from the last attitude to the frame, divided by the time between the last two attitudes; 1
         without earlier attitudes."""
         return self.ages_s[0] / (self.ages_s[1] - self.ages_s[0]) if self.earlier else 1.0
 

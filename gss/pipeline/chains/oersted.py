@@ -127,7 +127,7 @@ def _objection(
     return (
         proof.misfit(miss_rad, 1.05 * tolerance_rad, camera.pixel_rad)
         or errors_objection(miss_rad, sigma_rad, tolerance_rad, camera.pixel_rad)
-        # Two stars have no handedness. In tracking, only the bound tests them.
+        # With two stars, a mirrored frame cannot be detected. In tracking, two stars are tested only with the bound.
         or (proof.mirrored(unit, reference, tolerance_rad) if len(chosen) > 2 else "")
         or (proof.off_hint(near, cam_from_icrs, _hint_error_rad(camera, parameters)) if near else "")
         or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
@@ -159,9 +159,9 @@ def false_match_probability(
 ) -> float:
     """Return a bound on the expected number of accidental identifications with as many stars as this one.
 
-    A matching triplet is not evidence against an accidental match, because its stars were selected to fit. Therefore
-    every attitude that maps a pair of centroids to a pair of stars counts as a hypothesis, even if it does not result
-    from the triplet table.
+    The stars of a triplet were selected to fit, so a matching triplet does not show that the match is correct.
+    Therefore every attitude that maps a pair of centroids to a pair of stars is counted as a hypothesis, even if it
+    does not result from the triplet table.
     """
     tolerance = parameters.uncertainty_rad
     # Companions within each other's tolerance are not independent evidence and count as one star.

@@ -52,7 +52,8 @@ class OerstedCatalogue:
 def prepare(
     catalogue: OnboardCatalogue, profile: CameraProfile, triplets: TripletTable | None = None
 ) -> OerstedCatalogue:
-    """Prepare the bank with the given triplets, else with the bank's triplets, else with triplets computed from its stars."""
+    """Prepare the bank with the given triplets. If there are none, use the triplets of the bank, otherwise compute
+    triplets from its stars."""
     icrs = catalogue.icrs.astype(float)
     icrs /= np.maximum(np.linalg.norm(icrs, axis=1, keepdims=True), 1e-300)
     if triplets is not None and triplets.stars != len(catalogue):
@@ -79,9 +80,9 @@ def prepare(
 
 
 def limit_mag(v_mag: NDArray[np.floating], profile: CameraProfile) -> float:
-    """Return the magnitude limit of the stars used from a list with magnitudes ``v_mag`` (n,). The list must be deeper
-    than the limit by the brightness uncertainty (the document has 1539 stars for the 1107 it uses), and the detector
-    must detect the stars. Without magnitudes, return the limit of the profile."""
+    """Return the magnitude limit of the stars used from a list with magnitudes ``v_mag`` (n,). The list must reach
+    fainter magnitudes than the limit by the brightness uncertainty (in the document, a list of 1539 stars for 1107 used
+    stars), and the detector must detect the stars. Without magnitudes, return the limit of the profile."""
     finite_mag = v_mag[np.isfinite(v_mag)]
     if not len(finite_mag):
         return profile.sensor.faint_limit_mag
@@ -107,7 +108,7 @@ class OerstedMatching:
 
     @property
     def weight(self) -> Array:
-        """Return (n,) ones, because the document does not weight the least distances."""
+        """Return (n,) ones, because the least-squares fit of the document has no weights."""
         return (self.row >= 0).astype(float)
 
     @property
@@ -136,7 +137,7 @@ def match_stars(
     """
     check_hint(mode, hint)
     unit = camera.unproject(centroids.pixels)
-    # A centroid outside the distortion's domain has no direction; it keeps its row but is not used.
+    # A centroid outside the domain of the distortion has no direction. It remains in the arrays but is not used.
     good = np.flatnonzero(np.isfinite(unit).all(axis=1))
     if mode is Mode.TRACKING and hint is not None:
         return _track(unit, good, camera, catalogue, parameters, hint)
@@ -164,8 +165,8 @@ def _allowed(
 def _initial_fit(
     unit: Array, ballot: TripletVote, camera: Camera, catalogue: OerstedCatalogue, parameters: OerstedParameters
 ) -> Fit | None:
-    """Fit the stars identified by the vote, then the image predicted from them. If too few match, use the best fit that starts
-    from a single triplet."""
+    """Fit the stars identified by the vote, then the image predicted from them. If too few stars match, use the best
+    fit that starts from a single triplet."""
     radii = shrinking_radii_rad(2 * parameters.uncertainty_rad, parameters.uncertainty_rad)
 
     def fit_from(attitude: Array) -> Fit | None:

@@ -129,7 +129,8 @@ class OnboardChain(Protocol):
         """Return the chain's constants for a camera, with the commanded values."""
 
     def prepare(self, catalogue: OnboardCatalogue, profile: CameraProfile) -> Any:
-        """Return the bank as prepared by the processor after reading it: the bank itself, or tables derived from it."""
+        """Return the bank in the form that the processor prepares after reading it: the bank itself, or tables derived
+        from the bank."""
 
     def find_centroids(self, pixels: Pixels, work: Work) -> Detection:
         """Find the stars in a (rows, columns) frame."""

@@ -54,7 +54,8 @@ def listed(parameters: Any, sources: Mapping[str, str]) -> tuple[ChainOption, ..
 
 
 def source_of(name: str, sources: Mapping[str, str]) -> str:
-    """Return the source of a constant. Related constants share a source: min_verified_lost has the source of min_verified."""
+    """Return the source of a constant. Related constants share a source. For example, min_verified_lost has the source
+    of min_verified."""
     if name in sources:
         return sources[name]
     stems = [stem for stem in sources if name.startswith(stem) or stem.startswith(name.rpartition("_")[0] or "–")]

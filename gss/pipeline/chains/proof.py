@@ -86,7 +86,7 @@ def another_focal_length(
 
 
 def boresight_error_rad(hint: AttitudePrior, cam_from_icrs: Array) -> float:
-    """Return the angle between the boresights of hint and attitude."""
+    """Return the angle between the boresight of the hint and the boresight of the attitude."""
     boresight = np.asarray(hint.boresight_icrs, float)
     chord = float(np.linalg.norm(boresight / np.linalg.norm(boresight) - cam_from_icrs[2]))
     return float(2 * np.arcsin(min(1.0, chord / 2)))

@@ -38,11 +38,11 @@ MANY_MORE = 1.5
 FIT_FLOOR_PX = 0.01
 BESIDE_RAD = 0.05  # stars up to this far outside the field can contribute light to it
 CENSUS_PX = 1.0  # the census of focal lengths has steps of half this size
-DEEPER_ACCEPT = ACCEPT / 2  # because a second search is a second chance of a false match
+DEEPER_ACCEPT = ACCEPT / 2  # half of the limit, because a second search can cause a second false match
 EXPLAINED = 0.3
-"""Minimum share of identified stars, relative to the smaller of the numbers of detected and expected stars. True
-matches reach nearly 1. Accidental matches reach a quarter once in a few thousand (mostly mirrored) frames, independent
-of their probability."""
+"""Minimum share of identified stars, relative to the number of detected or expected stars, whichever is smaller.
+Correct matches have a share of nearly 1. In one of a few thousand (mostly mirrored) frames, an accidental match has a
+share of a quarter, whatever its false-match probability."""
 MIRRORED = "the frame is mirrored: only its left-right mirror image matches the sky. The optics or the file mirror it"
 
 
@@ -59,8 +59,8 @@ class KnownSky:
 
 
 def known_sky(sky: SkyCatalogue, camera: Camera, faint_limit_mag: float, merge_px: float = 3.0) -> KnownSky:
-    """Prepare the stars down to the camera's limit and their pair table. Of pairs that the camera cannot resolve, the
-    fainter star is dropped."""
+    """Prepare the stars down to the camera's limit and their pair table. If the camera cannot resolve a pair, the
+    fainter star of the pair is dropped."""
     order = np.argsort(sky.v_mag, kind="stable")
     deep = SkyCatalogue(sky.hip[order], sky.icrs[order], sky.v_mag[order])
     bright = np.arange(np.searchsorted(deep.v_mag, faint_limit_mag, side="right"))
@@ -88,7 +88,7 @@ def solve_known(
 ) -> SolveResult:
     """Solve a (rows, cols) frame of a calibrated camera; with ``sensor`` None, photometry is derived from the frame.
 
-    ``deeper`` returns fainter stars. It is called only if the frame shows many more stars than ``stars`` contains.
+    ``deeper``: returns fainter stars; called only if the frame shows many more stars than ``stars`` contains.
     ``velocity_c``: velocity of the observer relative to the barycentre, ICRS, in units of c, for aberration.
     ``exposure_s``: if given, the rate is measured from trails. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
@@ -209,7 +209,7 @@ def _another_focal_length(view: FrameDetections, camera: Camera, sky: SkyCatalog
     predicted_px = camera.project(sky.icrs[evidence.stars] @ evidence.cam_from_icrs.T)
     coinciding = int((((predicted_px - view.pixels[evidence.rows]) ** 2).sum(1) <= radius_px**2).sum())
     if plenty(coinciding, evidence.predicted, len(view)):
-        return ""  # the verification has already counted the matches of a census
+        return ""  # for a census, the verification has already checked the number of matches
     return focal_objection(view.pixels, evidence.rows, sky.icrs[evidence.stars], sky.icrs, camera, radius_px)
 
 
@@ -238,8 +238,8 @@ def _name_all(
     def fit_to(rows: NDArray[np.intp], stars_of_rows: NDArray[np.intp], sigma_px: Array) -> Refined:
         return refine(view.pixels[rows], deep.icrs[stars_of_rows], sigma_px, camera, start)
 
-    # The search uses errors of at least the accuracy of the lens calibration. The fit weights each star by its centroid
-    # error.
+    # In the search, the error of a star is at least the error of the lens calibration. In the fit, each star is
+    # weighted by its centroid error.
     sigma_px = np.maximum(centroids.sigma_px[view.centroid], FIT_FLOOR_PX)
     first = fit_to(evidence.rows, picked, sigma_px[evidence.rows])
     start = first.cam_from_icrs

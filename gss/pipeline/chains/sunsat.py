@@ -47,8 +47,9 @@ def match_stars(
 ) -> SunsatMatching:
     """Identify stars, lost in space or assisted (Jacobs 1995 ch. 3).
 
-    The document uses the brightest eight stars and the largest group. With acceptance by bound, a group whose attitude does not
-    meet the bound is rejected: other groups of the same size are tried, then the next eight stars, half of them new.
+    The document uses the brightest eight stars and the largest group. With acceptance by bound, a group is rejected if
+    its attitude does not meet the bound. Then other groups of the same size are tried, followed by the next eight
+    stars, of which four are new.
     """
     p = parameters
     first_results: list[SunsatMatching] = []
@@ -86,10 +87,10 @@ def calculate_attitude(
     parameters: SunsatParameters,
     hint: AttitudePrior | None = None,
 ) -> OnboardSolution:
-    """Compute the attitude by TRIAD on the two matched stars farthest apart (§4.1.6.1), and reject false attitudes: every matched
-    star must fit, the boresight must agree with the hint, and an accidental match must be improbable.
-
-    The matches contain the group, in which TRIAD's pair has weight one, and, with zero weight, the stars that only confirm it.
+    """Compute the attitude by TRIAD from the two matched stars that are farthest apart (§4.1.6.1). An attitude is
+    accepted only if every matched star fits, the boresight agrees with the hint, and an accidental match is improbable.
+    The matches contain the group and the stars that only confirm it. The pair used by TRIAD has weight one, all other
+    stars have weight zero.
     """
     p, chosen = parameters, matching.selected
     if matching.reason:
@@ -124,7 +125,7 @@ def _another_focal_length(
     matching: SunsatMatching, centroids: Centroids, catalogue: SunsatCatalogue, camera: Camera, p: SunsatParameters
 ) -> str:
     """Return why the focal length could be wrong, or "". This test is not in the document. It was added because three
-    stars in a corner also fit another focal length, with a wrong boresight."""
+    stars in a corner can also fit another focal length and a wrong boresight."""
     if p.acceptance == "document":
         return ""
     chosen, bank = matching.selected, catalogue.guides.unit
@@ -166,9 +167,9 @@ def _too_probable(probability: float, matching: SunsatMatching, confirming: int,
 def _unlike_the_sky(stars: Census, matching: SunsatMatching, confirming: int, p: SunsatParameters) -> str:
     """Return why the census of expected stars contradicts the match, or "".
 
-    A few stars can fit because of a symmetry of the sky, especially in a mirrored frame; other expected stars are then
-    missing. With many matches, a few missing stars are tolerated. Displaced stars indicate another camera, even if many
-    stars match in one corner.
+    A few stars can fit by chance, especially in a mirrored frame. In this case other expected stars are missing. If
+    many stars match, a few missing stars are tolerated. Displaced stars indicate another camera, even if many stars
+    match in one corner.
     """
     identified = len(matching.selected) + confirming
     if p.acceptance == "document":

@@ -20,10 +20,10 @@ from gss.pipeline.identify.accidental import accidental_bound
 
 Rows = NDArray[np.intp]
 # A star that confirms an attitude lies within two distance tolerances of a guide star of its magnitude. Directions that
-# satisfy two distances within ±d lie in a parallelogram of (2d)² over the sine of its angle, which is smaller than that
-# circle unless the angle is below 20°; the mirrored solution is rejected by the mirror test.
+# satisfy two distances within ±d lie in a parallelogram with the area (2d)² divided by the sine of its angle. This area
+# is smaller than the circle unless the angle is below 20°. The mirror test rejects the mirrored solution.
 CONFIRM_TOLERANCES = 2.0
-# A predicted star counts as seen if a centroid, possibly a blend, is within SEEN_PX, and as at its position if a
+# A predicted star is detected if a centroid, possibly a blend, is within SEEN_PX. It is at its predicted position if a
 # centroid is within THERE_TOLERANCES distance tolerances. A star within SURE_MARGIN_PX of the border can be cut off.
 SEEN_PX, SURE_MARGIN_PX, THERE_TOLERANCES = 6.0, 10.0, 3.0
 
@@ -38,7 +38,7 @@ def confirmed(
     p: SunsatParameters,
 ) -> tuple[Rows, Rows]:
     """Return the indices of unmatched centroids that coincide with predicted ``visible`` guide stars, and the rows of
-    those stars. Nearest pairs are first, and each guide star is used once."""
+    those stars. The nearest pairs are assigned first, and each guide star is used only once."""
     unmatched = np.setdiff1d(np.arange(len(centroids)), matching.selected)
     visible = np.setdiff1d(visible, matching.row[matching.selected])
     if not len(unmatched) or not len(visible):
@@ -80,9 +80,9 @@ def census(
     catalogue: SunsatCatalogue,
     p: SunsatParameters,
 ) -> Census:
-    """Count the expected guide stars that are absent or displaced. Of the guide stars ``looked_for``, only certainly
-    detectable stars count: those of suitable brightness, away from the border and not beyond the end of a scan that
-    stopped early."""
+    """Count the expected guide stars that are absent or displaced. Among the guide stars ``looked_for``, only stars
+    that must be detectable are counted. These have a suitable brightness, are away from the border, and are not beyond
+    the end of a scan that stopped early."""
     guides = catalogue.guides
     bright = (guides.v_mag[looked_for] <= p.sure_mag) & (guides.v_mag[looked_for] >= p.saturating_mag)
     pixels = camera.project(guides.unit[looked_for[bright]] @ cam_from_icrs.T)
@@ -110,9 +110,9 @@ def false_match_probability(
     stars.
 
     Each matching pair of stars defines a hypothesis. Each other star of the frame then coincides by chance with a guide
-    star of its magnitude. The probability follows from the density of guide stars: the larger of the density in view
-    (``visible`` stars) and the density around an average pair, because hypotheses come from dense parts of the sky. In
-    tracking, ``hypotheses`` already accounts for the matched stars.
+    star of its magnitude. The probability is computed from the density of guide stars. The larger of two densities is
+    used: that in view (``visible`` stars), and that around an average pair, because hypotheses come from dense parts of
+    the sky. In tracking, ``hypotheses`` already accounts for the matched stars.
     """
     p, guides, n = parameters, catalogue.guides, len(centroids)
     cap_sr = 2 * np.pi * (1 - np.cos(guides.table.max_rad))

@@ -54,9 +54,9 @@ def dark_rows_dn(pixels: Pixels, clip_dn: float, step_px: int = 3) -> Array:
     """Return the (rows,) dark averages of the rows.
 
     The document averages 43 covered columns of the same row, because the video amplifier's offset drifts while a frame
-    is read (§2.2.1.2). The frames here have no covered columns, so the sky between the stars is used instead: the mean
-    of every third pixel of the row that is within ``clip_dn`` of their median. This mean includes sky light, so Δth is
-    above sky, not above dark.
+    is read (§2.2.1.2). The frames here have no covered columns, so the sky between the stars is used instead. The
+    average is the mean of every third pixel of the row, without pixels that differ from the median by more than
+    ``clip_dn``. It includes sky light, so Δth is relative to the sky and not to the dark level.
     """
     sample = pixels[:, ::step_px]
     middle = np.partition(sample, sample.shape[1] // 2, axis=1)[:, sample.shape[1] // 2].astype(float)
@@ -107,7 +107,7 @@ def shapes(blobs: Blobs) -> RegionShapes:
     du = u - (np.bincount(owner, u, n) / area)[owner]
     dv = v - (np.bincount(owner, v, n) / area)[owner]
     m20, m02, m11 = (np.bincount(owner, w, n) for w in (du * du, dv * dv, du * dv))
-    # Half the two-argument arctangent covers the three cases of eq. 2.8.
+    # Half of the two-argument arctangent gives the results of all three cases of eq. 2.8.
     direction = 0.5 * np.arctan2(2 * m11, m20 - m02)
     c, s = np.cos(direction)[owner], np.sin(direction)[owner]
     along, across = c * du + s * dv, c * dv - s * du
@@ -137,8 +137,8 @@ def _without_bad_shapes(regions: SearchResult, p: SunsatParameters, streak: Stre
 
 
 def _shape_reason(elongation_px: float, direction_rad: float, p: SunsatParameters, streak: Streak | None) -> str:
-    """Return why a region with this elongation is not a star, or "" (eq. 2.9–2.10; without history, the maximum
-    elongation applies)."""
+    """Return why a region with this elongation is not a star, or "" (eq. 2.9–2.10; without an earlier attitude, the
+    maximum elongation applies)."""
     if streak is None:
         if elongation_px < p.max_elongation_px:
             return ""

@@ -5,13 +5,13 @@ ss                star sensor, +y boresight (eq. 1.4–1.9).   body, orbit, cele
 The camera model of :mod:`gss.domain.camera` replaces the conversion by u and v; a test checks this conversion as printed.
 
 Handedness: eqs. 1.3 and 1.6 together give x_ss increasing with the columns and z_ss decreasing with v. A drawing with v
-upwards *is* a mirror image. This is expected, because the document shows the detector from its front, where the lens
+upwards *is* a mirror image. This is correct, because the document shows the front of the detector, on which the lens
 inverts left and right as well as up and down. The bottom row of that drawing is read out first (§2.2.1.2), and a
 television shows the first row at the top. Rows are counted here in read-out order: v = +y of the camera, u = −x, and
 ``SS_FROM_CAM`` is a rotation, not a reflection. Tests check both.
 (The camera profile interprets the calibration of
 app. F with v = −y. With v = +y, its optical centre would be as far below the middle as it is now above it, and its tilt
-direction 234° instead of 126°. Both are possible cameras, and neither is mirrored here.)
+direction 234° instead of 126°. Both cameras are possible, and neither is mirrored here.)
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def orbit_from_celestial(raan_rad: float, inclination_rad: float, latitude_rad: 
     """Return the (3, 3) A_c→o of eq. 1.18: 90° + Ω about z, −i about y′, −90° about x″, −ω′ about y‴.
 
     The text has +ω′ about y‴. This axis is opposite to the orbit normal (§1.4), about which the satellite moves with
-    increasing ω′. With the plus sign, the satellite would move backwards from the node.
+    increasing ω′. With +ω′, the satellite would move backwards from the node.
     """
     first = rotation_y(-inclination_rad) @ rotation_z(np.pi / 2 + raan_rad)
     return np.asarray(rotation_y(-latitude_rad) @ rotation_x(-np.pi / 2) @ first)

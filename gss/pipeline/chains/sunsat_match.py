@@ -40,9 +40,10 @@ class SunsatCatalogue:
 @dataclass(frozen=True)
 class SunsatMatching:
     """Result of MATCH_STARS. (n,) per centroid used: ``unit_cam``, measured ``v_mag``, catalogue ``row`` or −1.
-    ``selected``: matched centroids, empty with a ``reason``. ``looked_for``: guide stars for which a centroid was searched, None
-    for all. ``hypotheses``: number of hypotheses for the false-match bound; ``searched``: number of stars in the uncertainty
-    area; ``rivals``: number of largest groups, ``pairs``: number of matching star pairs."""
+    ``selected``: matched centroids, empty with a ``reason``. ``looked_for``: guide stars for which a centroid was
+    searched, None for all. ``hypotheses``: number of hypotheses for the false-match bound; ``searched``: number of
+    stars in the uncertainty area; ``rivals``: number of groups that have the largest size; ``pairs``: number of
+    matching star pairs."""
 
     mode: Mode
     unit_cam: Array

@@ -15,7 +15,7 @@ NAME = "sunsat"
 FASTEST_RAD_S, FURTHEST_RAD = float(np.radians(0.241)), float(np.radians(2.0))
 OLDEST_ATTITUDE_S = FURTHEST_RAD / FASTEST_RAD_S
 """Jacobs 1995 eq. 3.6: fastest rotation, largest error of the attitude from which tracking starts, and the resulting
-maximum age of that attitude. From an older attitude, stars are matched again without tracking."""
+maximum age of that attitude. If the attitude is older, stars are matched without tracking."""
 
 SOURCES: dict[str, str] = {
     "threshold_dn": "Jacobs 1995 app. C.1: two to four of its levels above the dark average; GSS: 2.5 sigma of the dark "
@@ -45,15 +45,15 @@ SOURCES: dict[str, str] = {
     "improbable and the field must not indicate another focal length",
     "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
     "residual_tolerance_rad": "GSS: largest residual of a matched star in the TRIAD attitude; three distance tolerances",
-    "sure_mag": "GSS: half a magnitude above the catalogue's limit a star is always detected",
-    "saturating_mag": "GSS: three magnitudes above the published bright limit a star may be too large for a valid region",
+    "sure_mag": "GSS: a star 0.5 mag brighter than the catalogue's limit is always detected",
+    "saturating_mag": "GSS: the region of a star 3 mag brighter than the published bright limit can be too large",
     "sure_named": "GSS: below six identified stars, the number of missing expected bright stars must be below half of them, or one",
     "confirm_windows": "GSS: windows searched after three stars match, to detect a false triple",
     "clique_budget": "GSS: maximum steps when a group is split, to bound the cost of every list",
     "hint_error_rad": "Jacobs 1995 §3.5: an initial estimate may be 2° off",
     "uncertain_adcs_px": "Jacobs 1995 eq. 4.20: 53 pixels for 0.5° per axis",
     "uncertain_least_px": "Jacobs 1995 eq. 4.20: two",
-    "uncertain_mm2": "Jacobs 1995 eq. E.26: 12 mm times an error of half a pixel",
+    "uncertain_reach_mm": "Jacobs 1995 eq. E.26: 12 mm times an error of half a pixel",
     "rotation_px": "Jacobs 1995 §4.1.6.3: half of ten pixels of elongation",
     "star_sigma_px": "from the profile: radius of a star above threshold by its magnitude",
     "max_false_tracked": "Jacobs 1995 §4.1.4.1: up to six groups of candidates; at the seventh the first four are dropped",
@@ -140,7 +140,8 @@ def _one_of(parameter: str, got: str, choices: tuple[str, ...]) -> None:
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> SunsatParameters:
-    """Return the parameters for a camera: the document's values in pixels and counts, and scaled values for angles."""
+    """Return the parameters for a camera. Values in pixels and counts are those of the document; angles are scaled to
+    the camera."""
     sensor = profile.sensor
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
@@ -168,8 +169,8 @@ def _level_where_faintest_vanishes_dn(sensor: Sensor, exposure_s: float) -> floa
 
 
 def _illuminance_per_level_lux(sensor: Sensor, exposure_s: float, threshold_dn: float) -> float:
-    """Return k_illum, the ratio of illuminance to brightness (eq. C.1) of Gaussian stars, as geometric mean over the
-    magnitude range."""
+    """Return k_illum, the ratio of illuminance to brightness (eq. C.1) of Gaussian stars. It is the geometric mean over
+    the magnitude range."""
     v_mag = np.linspace(max(sensor.bright_limit_mag, sensor.faint_limit_mag - 3), sensor.faint_limit_mag, 31)
     spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
     level = np.asarray(sensor.star_e(v_mag, exposure_s)) / sensor.gain_e_per_dn / spread_px2 / threshold_dn

@@ -80,11 +80,11 @@ def _in_view(camera: Camera, catalogue: SunsatCatalogue, attitude: Array) -> tup
 
 
 def uncertainty_px(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: AttitudePrior) -> float:
-    """Return the error of an expected position (eq. 4.20). In the first iteration it is the error of another sensor's
-    attitude. Afterwards it is the error of TRIAD, which depends on the separation of the pair used in the last
-    iteration; the pair is reconstructed as the widest pair of the first three stars expected at that time. The
-    prediction multiplies the error by the number of steps ahead. A single attitude is as uncertain as the fastest
-    rotation since its time (eq. 3.6)."""
+    """Return the error of an expected position (eq. 4.20). In the first iteration, it is the error of another sensor's
+    attitude. In later iterations, it is the error of TRIAD, which depends on the separation of the pair in the last
+    iteration. This pair is reconstructed as the widest pair of the first three stars that were expected at that time. A
+    prediction over several steps multiplies the error by their number. The error of a prediction from a single attitude
+    is the fastest rotation since the time of this attitude (eq. 3.6)."""
     if not hint.earlier:
         turned_px = min(FASTEST_RAD_S * hint.ages_s[0], FURTHEST_RAD) / camera.pixel_rad
         return max(p.uncertain_adcs_px, turned_px)
@@ -128,7 +128,7 @@ def _streaks(rate_px_s: Array, v_mag: Array, p: SunsatParameters) -> tuple[Strea
 
     The document expects a region to be longer by the full motion (§2.2.3). However, a motion of a few pixels adds only
     a twelfth of its square to the variance of a spot, which determines the contour. It lengthens the contour of a soft
-    spot by less than the motion, and that of a faint star hardly.
+    spot by less than the motion, and hardly changes the contour of a faint star.
     """
     moved_px = np.linalg.norm(rate_px_s, axis=1) * p.exposure_s
     along_px = np.sqrt(p.star_sigma_px**2 + moved_px**2 / 12)
@@ -141,7 +141,7 @@ def find_in_windows(
     pixels: Pixels, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: AttitudePrior
 ) -> Detection:
     """Find stars in the windows of expected stars, one window at a time until three fit (§4.1.4.1), then a few more for
-    confirmation. Every window is cut from the unmodified frame. A star detected in two windows counts once."""
+    confirmation. Every window is cut from the unmodified frame. A star that is detected in two windows is used once."""
     expected = expected_stars(camera, catalogue, p, hint)
     dark_dn = dark_rows_dn(pixels, p.dark_clip_dn, p.search_step_px)
     window_stars: list[DetectedStars] = []
@@ -253,7 +253,7 @@ def _accidents(
 
     The number of false stars per window is estimated from the candidates beyond the first of each window, plus one. A
     false candidate can be anywhere in its window, so the probability that a distance fits is the share of the window
-    covered by the tolerance. In a flat triangle the third distance follows from the other two.
+    that the tolerance covers. In a flat triangle, the other two distances determine the third.
     """
     if not len(reference) or not counts:
         return 1.0

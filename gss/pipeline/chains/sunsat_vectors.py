@@ -47,10 +47,9 @@ def matched_vectors(
     days_since_j2000: float,
     satellite_m_s: float = SATELLITE_M_S,
 ) -> MatchedVectors:
-    """Return the vectors of a solution; an empty set without a solution, for which the document sends zero. Stars not used by
-    TRIAD are included, because the control's filter weights them itself.
-
-    Catalogue directions are recovered from the residuals, which are exact.
+    """Return the vectors of a solution. Without a solution, return an empty set; the document sends zero in this case.
+    Stars that TRIAD did not use are included, because the filter of the attitude control determines the weights. The
+    catalogue directions are computed from the residuals without loss of precision.
     """
     if result.attitude is None or result.matches is None:
         nothing = np.empty((0, 3))
@@ -74,8 +73,8 @@ def earth_velocity_m_s(days_since_j2000: float) -> Array:
     """Return the (3,) velocity of the Earth around the Sun, in ICRS axes.
 
     The document uses a circular orbit (eq. 7.9–7.10). Here the orbit is an ellipse, whose hodograph is a circle with
-    its centre shifted by the eccentricity. The result is accurate to 30 m/s, or 0.02″, because the Sun's motion and the
-    Moon's perturbation are neglected.
+    its centre shifted by the eccentricity. The motion of the Sun and the perturbation by the Moon are neglected. The
+    result is therefore accurate to 30 m/s, or 0.02″.
     """
     century = days_since_j2000 / 36525.0
     longitude, perihelion = (np.radians(a + b * century) for a, b in (MEAN_LONGITUDE_DEG, PERIHELION_DEG))

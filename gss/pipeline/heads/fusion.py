@@ -1,8 +1,8 @@
 """Attitude of a body from several heads, weighted by their full covariances, and the test of their agreement.
 
-A head measures the two angles across its boresight several times better than the roll about it, so each covariance has
-one large axis. Two heads with different boresights determine all three angles well: rotation about the boresight of the
-first head is a rotation across the boresight of the second (Moniteq 1983 §6.2).
+A head measures the two angles across its boresight several times better than the roll about the boresight, so each
+covariance has one large axis. Two heads with different boresights determine all three angles well, because a rotation
+about the boresight of the first head is a rotation across the boresight of the second (Moniteq 1983 §6.2).
 """
 
 from __future__ import annotations

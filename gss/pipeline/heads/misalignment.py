@@ -1,8 +1,8 @@
 """Misalignment of one head relative to another and its drift, by a Kalman filter over their differences.
 
-State: rotation vector m of the misalignment and its rate of change, in body axes. If the first head's mounting is
-right, the second head's true mounting is exp([m]×)·(nominal mounting). Both states follow a slow random walk, so that
-the estimate follows changes of temperature.
+State: rotation vector m of the misalignment and its rate of change, in body axes. If the mounting of the first head is
+correct, the true mounting of the second head is exp([m]×)·(nominal mounting). Both states follow a slow random walk, so
+that the estimate follows changes of temperature.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from gss.pipeline.track.cameras_together import BodyAttitude
 
 HOUR_S = 3600.0
 GATE_CHI2 = 30.7
-"""A difference with a larger χ² (probability 1e-6 with three degrees of freedom) is rejected."""
+"""Value of χ² above which a difference is rejected. Its probability is 1e-6 for three degrees of freedom."""
 JUMPED_AFTER = 5
-"""After this number of consecutive rejected differences the mounting has changed suddenly, and the filter restarts."""
+"""Number of consecutive rejected differences after which a sudden change of the mounting is assumed and the filter
+restarts."""
 
 
 @dataclass(frozen=True)

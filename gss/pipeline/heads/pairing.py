@@ -1,7 +1,7 @@
 """Attitudes of several heads at a common time, from attitudes measured at different times.
 
 Between or shortly after two attitudes of the same head, the body is assumed to rotate at a constant rate. With a single
-attitude the rate is unknown. The attitude is then used only if a largest rate is stated; the uncertainty covers
+attitude the rate is unknown. The attitude is then used only if a largest rate is stated, and its uncertainty includes a
 rotation at this rate.
 """
 
@@ -17,9 +17,9 @@ from gss.domain.rotation import turn_between, turned
 from gss.pipeline.track.cameras_together import BodyAttitude
 
 MAX_STEP_S = 30.0
-"""Two attitudes that are further apart do not determine the rate between them."""
+"""Maximum time between two attitudes from which a rate is computed."""
 FURTHEST_AHEAD = 1.0
-"""An attitude is extrapolated by at most this multiple of the time between the two before it."""
+"""Maximum extrapolation of an attitude, as a multiple of the time between the two attitudes before it."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,8 @@ def attitude_at(
 
 
 def _around(series: Sequence[MeasuredAttitude], time_s: float) -> tuple[MeasuredAttitude, MeasuredAttitude] | None:
-    """Return the two attitudes before and after the time, else the last two before or first two after it, if they are close."""
+    """Return the two attitudes before and after the time. If one is missing, return the last two before the time or the
+    first two after it. Return None if the two attitudes are too far apart."""
     if len(series) < 2:
         return None
     second = next((k for k, sample in enumerate(series) if sample.time_s >= time_s), len(series) - 1)

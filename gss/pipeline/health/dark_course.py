@@ -24,7 +24,7 @@ MIN_SAMPLES = 20
 class DarkCourse:
     """Dark current of the typical pixel: ``at_reference_e_s`` at ``reference_c`` and the middle of the mission, growth
     per year relative to it, and the temperature increase that doubles it. ``law_known``: False if the temperatures do
-    not determine the law; the figures are then NaN, and ``factor`` uses the law of silicon."""
+    not determine the law. In this case the figures are NaN, and ``factor`` uses the law of silicon."""
 
     reference_c: float
     exponent_k: float
@@ -67,7 +67,8 @@ def dark_course(
             fit_linear(np.column_stack([d, d * years, np.ones(len(t)), *sky]), level, sigma)
             for d in (exposure * _law(e, warm, reference_c) for e in exponents)
         ]
-        # Deviations are limited to the rejection threshold. Otherwise a law could win by rejecting more frames.
+        # Deviations are limited to the rejection threshold. Otherwise a law that rejects more frames would have an
+        # advantage.
         chi2 = np.array([np.sum(np.minimum(np.abs(f.residual / sigma), CLIP_SIGMAS * f.sigma) ** 2) for f in fits])
         k = int(np.argmin(chi2))
         if not 0 < k < len(exponents) - 1:

@@ -28,7 +28,7 @@ COLOUR_STARS = 3
 FOCUS_STARS = 3
 FOCUS_SNR = 20.0
 CLIPPED_SHARE = 0.9
-"""Ratio of peak to saturation above which the light of a star is not measured completely."""
+"""Ratio of peak to saturation level above which the light of a star is not used, because a part of it can be lost."""
 COLOURS = (("blue", -1.0, 0.3), ("white", 0.3, 0.8), ("red", 0.8, 4.0))
 """Name and range of B−V."""
 MIN_ERROR_PX = 0.01
@@ -40,7 +40,7 @@ MIN_APERTURE_SNR = 12.0
 NEIGHBOUR_SHARE = 0.02
 Map = NDArray[np.float32]
 COUNTS = ("matched stars", "sources without a star")
-"""Figures that vary with the part of the sky, so their jumps are not significant."""
+"""Figures that depend on the observed part of the sky. Their jumps are therefore not significant."""
 FIGURES = {
     "focal length": "px",
     "centre column": "px",
@@ -159,8 +159,8 @@ def _lens(result: SolveResult, camera: Camera) -> dict[str, tuple[float, float]]
     half_px = np.hypot(camera.columns, camera.rows) / 2
     from_centre = positions - np.array([camera.centre_col_px, camera.centre_row_px])
     radius2 = np.sum(from_centre**2, axis=1, keepdims=True) / half_px**2
-    # A shift of the centre moves all stars equally. A rotation has the same effect, except for the distortion of the
-    # projection.
+    # A shift of the centre moves all stars equally. A rotation of the camera has nearly the same effect; only the
+    # projection distinguishes the two.
     columns = [
         trail_per_rad(camera, positions) / 1e3,
         from_centre[:, :, None] / half_px,
@@ -181,7 +181,7 @@ def _lens(result: SolveResult, camera: Camera) -> dict[str, tuple[float, float]]
         scale = max(float(np.median(scaled[keep])) / 1.1774, 1e-6)
         keep = scaled < REJECT_SIGMAS * scale
     errors = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows))) * max(scale, 0.3)
-    # One unit of the focal column moves a star at the corner by a pixel.
+    # The column of the focal length is scaled: one unit moves a star at the corner by one pixel.
     to_focal = camera.focal_col_px / half_px
     return {
         "focal length": (camera.focal_col_px + to_focal * float(values[3]), to_focal * float(errors[3])),
@@ -206,8 +206,8 @@ def _focus(pixels: NDArray[Any], sensor: Sensor) -> dict[str, tuple[float, float
 def _light(
     result: SolveResult, frame: HealthFrame, excess_dn: Map, noise_dn: float, sensor: Sensor
 ) -> dict[str, tuple[float, float]]:
-    """Return measured minus catalogue magnitude by colour; positive if light is lost. A wide aperture is used, so that
-    a change of focus is not mistaken for a change of sensitivity."""
+    """Return measured minus catalogue magnitude by colour; positive if light is lost. A wide aperture is used, so a
+    change of focus does not appear as a change of sensitivity."""
     positions, v_mag, b_v = _on_detector(frame, result, 0.0)
     reach = int(np.ceil(APERTURE_SIGMAS * sensor.psf_sigma_px))
     flux = np.full(len(positions), np.nan)

@@ -36,8 +36,8 @@ Progress = Callable[[float, str], None]
 @dataclass(frozen=True)
 class FigureCourse:
     """Course of one figure over the mission: (n,) samples at Unix seconds with standard deviations. ``trend``: None
-    with too few samples. ``reference``: value in the calibration, or the fitted value at the start; ``leaves``: when
-    the figure leaves its tolerance, None without a tolerance; ``filtered``: None without a trend."""
+    with too few samples. ``reference``: value in the calibration, or the fitted value at the start; ``leaves``: time at
+    which the figure leaves its tolerance, None without a tolerance; ``filtered``: None without a trend."""
 
     name: str
     unit: str
@@ -156,8 +156,9 @@ def _second_reading(
 
 
 def _always_full(full: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """True for each of k pixels that is saturated in most frames after its first saturation; its value is then a lower
-    limit. In other pixels, a saturated value is due to a particle or to a frame that was too warm."""
+    """Return a (k,) mask, True for pixels that are saturated in most frames after their first saturation. For these
+    pixels, the value is a lower limit. In other pixels, a saturated value is caused by a particle or by a frame that
+    was too warm."""
     since = np.maximum.accumulate(full, axis=0).sum(axis=0)
     times = full.sum(axis=0)
     return np.asarray((times >= FULL_FRAMES) & (2 * times > since))

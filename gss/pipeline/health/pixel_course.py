@@ -18,13 +18,14 @@ from gss.pipeline.health.trend import DAY_S, TIME_GAIN, Z95, Estimate
 
 STEADY, ANNEALING, GROWING = "steady", "annealing", "growing"
 SURE_GAIN = 45.0
-"""Minimum improvement of χ² by an onset. Onsets are searched for in every candidate and at every frame; this limit
-leaves at most one false pixel per megapixel."""
+"""Minimum improvement of χ² by an onset. Onsets are searched for in every candidate and at every frame. With this
+limit, there is at most one false onset per megapixel."""
 SHAPE_GAIN = 16.0
 """Minimum additional improvement of χ² by annealing or growth over a steady level."""
 HALF_LIFE_GAIN = 3.84
 LAW_ERROR = 0.02
-"""Relative error of the dark law and the temperature, which adds to the noise of a hot pixel."""
+"""Relative error of the dark current caused by errors of the dark law and the temperature. It is added to the noise of
+a hot pixel."""
 CLIP_SIGMAS = 6.0
 MIN_FRAMES = 12
 MIN_EACH_SIDE = 3
@@ -33,7 +34,7 @@ FINE = 61
 YEAR_S = 365.25 * DAY_S
 DEGENERATE = 1e-9
 OFFSET_SPREAD = 0.05
-"""Minimum relative spread of exposure × dark factor that separates an offset from a dark current."""
+"""Minimum relative spread of exposure × dark factor for distinguishing an offset from a dark current."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ def _fit_of(series: PixelSeries) -> _Fit | None:
     if len(measured) < MIN_FRAMES:
         return None
     y = series.excess_dn[measured].astype(float)
-    # A running median follows the pixel but not the particle hits. It also gives the shot noise.
+    # A running median follows the level of the pixel without particle hits. The shot noise is computed from it.
     smooth = np.array([np.median(y[max(0, i - 2) : i + 3]) for i in range(len(y))])
     dark_dn = np.maximum(smooth, 0)
     sigma = np.sqrt(series.noise_dn[measured] ** 2 + dark_dn / series.e_per_dn + (LAW_ERROR * dark_dn) ** 2)
@@ -155,7 +156,7 @@ class _Fit:
             good = det > DEGENERATE * step2 * shape2
             safe = np.where(good, det, 1.0)
             level, shaped = (right * shape2 - rights * cross) / safe, (rights * step2 - right * cross) / safe
-            # The pixel must become brighter at the onset, and the shape must make it brighter.
+            # The pixel must become brighter at the onset, and the added shape must be positive.
             rises = good & (shaped > 0) & (level + np.r_[0.0, np.ones(len(lives_s))] * shaped > 0)
             gain = np.where(rises, right * level + rights * shaped, -np.inf)
             steady[i] = right**2 / step2 if right > 0 and step2 > DEGENERATE * float(drive @ drive) else -np.inf
@@ -163,8 +164,8 @@ class _Fit:
         return _Grid(steady, growing, annealing)
 
     def solve(self, start: int | None = None, shape: str = STEADY, half_life_s: float = 0.0) -> tuple[Array, Array]:
-        """Return values and covariance of the parameters: the level and, unless steady, the shape after the onset; then
-        those before it."""
+        """Return values and covariance of the parameters. The order is: level after the onset; size of the added shape,
+        unless the shape is steady; parameters before the onset."""
         columns: list[Array] = []
         if start is not None:
             after_s = np.maximum(self.t - self.t[start], 0)
@@ -176,7 +177,7 @@ class _Fit:
         values = np.linalg.lstsq(design, self.y / self.sigma, rcond=None)[0]
         if start is not None and shape == ANNEALING:
             after_s = np.maximum(self.t - self.t[start], 0)
-            # The error of the half-life adds to the errors of the levels.
+            # The error of the half-life is added to the errors of the levels.
             slope = values[1] * columns[1] * np.log(2) * after_s / half_life_s
             design = np.column_stack([design, slope])
         covariance = np.linalg.pinv(design.T @ design)[: len(values), : len(values)]
@@ -214,7 +215,7 @@ def _course(
 
 
 def _from_start(fit: _Fit, col: int, row: int, warm_e_s: float) -> PixelCourse | None:
-    """Return a pixel that was warm before the first frame. An offset of its read-out alone does not count."""
+    """Return a pixel that was warm before the first frame. A pixel with only a read-out offset is not warm."""
     values, covariance = fit.solve()
     level = _estimate(values, covariance, np.eye(len(values))[0])
     return PixelCourse(col, row, STEADY, None, level, level) if level.low > warm_e_s else None

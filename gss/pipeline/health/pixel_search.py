@@ -12,7 +12,8 @@ from gss.pipeline.calibration.robust import robust_sigma
 
 Map = NDArray[np.float32]
 TRIMMED = 0.2
-"""Share of the lowest and of the highest values of a pixel that a block ignores, because of particles and uncatalogued stars."""
+"""Share of the lowest values and share of the highest values of a pixel that a block ignores. These values can be
+caused by particles and uncatalogued stars."""
 MAX_BLOCKS = 40
 MIN_FRAMES = 5
 """Minimum number of frames in a block."""
@@ -20,9 +21,9 @@ STEP_SIGMAS = 5.0
 ALWAYS_SIGMAS = 6.0
 MAX_CANDIDATES = 20_000
 SAMPLED = 7
-"""The noise is measured on every pixel with a flat index divisible by this."""
+"""Step between the flat indices of the pixels on which the noise is measured."""
 WINDOWS = (1, 2, 4, 8, MAX_BLOCKS)
-"""Numbers of blocks that are averaged after an onset; small numbers detect pixels that anneal soon."""
+"""Numbers of blocks that are averaged after an onset. Small numbers detect pixels that anneal after a short time."""
 
 
 def block_edges(count: int) -> list[int]:
@@ -69,8 +70,8 @@ def trimmed_mean(values: NDArray[np.float32]) -> Map:
 
 
 def candidates(maps: NDArray[np.float32]) -> NDArray[np.intp]:
-    """Return the flat indices of pixels that are brighter than the others, or become brighter, in (blocks, rows,
-    columns) means.
+    """Return the flat indices of the pixels that are brighter than typical pixels or become brighter. ``maps``:
+    (blocks, rows, columns) means.
 
     This is a preselection. Several candidates per megapixel are false and are rejected by
     :mod:`gss.pipeline.health.pixel_course`.

@@ -17,7 +17,8 @@ MIN_EACH_SIDE = 5
 """Minimum number of samples before and after a jump."""
 MAX_JUMPS = 4
 JUMP_GAIN = 30.0
-"""Minimum improvement of χ² by a jump. Every sample is tested for a jump, so the limit is far above that of a single test."""
+"""Minimum improvement of χ² by a jump. The limit is far above that of a single test, because every sample is tested for
+a jump."""
 TIME_GAIN = 6.0
 """Increase of χ² at the ends of the 95 % interval of a jump's time. It exceeds 3.84 because the time moves in steps."""
 MIN_KELVIN = 3.0
@@ -25,7 +26,7 @@ CLIP_SIGMAS = 5.0
 DRAWS = 2000
 EXIT_SEED = 1
 NEVER_S = 30 * 365.25 * DAY_S
-"""A figure that leaves its tolerance later than this counts as staying within it."""
+"""Time after which a forecast ends. A figure that would leave its tolerance later is reported as staying within it."""
 
 
 @dataclass(frozen=True)
@@ -135,12 +136,14 @@ def _gains(design: Array, y: Array, s: Array, fit: Linear, skip: list[int]) -> A
     n = len(y)
     scale = s * max(_core(fit, s), 1e-12)
     residual = np.clip(fit.residual / scale, -1e3, 1e3)
-    # Isolated outliers must not look like a jump, but the samples after a real one must keep their offset.
+    # Isolated outliers are limited, because they must not look like a jump. Samples after a real jump must keep their
+    # offset.
     smooth = np.array([np.median(residual[max(0, k - 2) : k + 3]) for k in range(n)])
     residual = np.clip(residual, smooth - CLIP_SIGMAS, smooth + CLIP_SIGMAS)
     basis = np.linalg.qr(design / scale[:, None])[0]
     residual = residual - basis @ (basis.T @ residual)
-    # A step at sample k is the sum of all unit vectors from k on, so each product with it is a reversed cumulative sum.
+    # A step at sample k is the sum of all unit vectors from k on. Therefore the products with all steps are a reversed
+    # cumulative sum.
     inverse = 1 / scale
     overlap = np.cumsum((basis * inverse[:, None])[::-1], axis=0)[::-1]
     norm = np.cumsum(inverse[::-1] ** 2)[::-1] - np.sum(overlap**2, axis=1)
@@ -168,8 +171,8 @@ def _best_jump(design: Array, y: Array, s: Array, jump_index: list[int], fit: Li
 def _moved(
     columns: list[Array], smooth: int, jump_index: list[int], y: Array, s: Array, fit: Linear
 ) -> tuple[list[int], list[Array], Linear]:
-    """Search for each jump again with the other jumps fixed, because the first jumps were located before the later ones
-    were known."""
+    """Search for each jump again with the other jumps fixed. The first jumps were located before the later jumps were
+    known."""
     for j in range(len(jump_index)):
         other_columns = [c for i, c in enumerate(columns) if i != smooth + j]
         without = fit_linear(np.column_stack(other_columns), y, s)
@@ -222,8 +225,8 @@ def _trend(
 
 
 def tolerance_exit(trend: Trend, reference: float, tolerance: float, now_s: float) -> ToleranceExit:
-    """Return when the figure, at the mean temperature and without further jumps, is farther than ``tolerance`` from
-    ``reference``. The interval follows from the errors of the fit."""
+    """Return the time at which the figure differs from ``reference`` by more than ``tolerance``, at the mean
+    temperature and without further jumps. The interval is computed from the errors of the fit."""
     mean = np.array(
         [trend.value.value, trend.per_day.value, *([] if trend.per_k is None else [trend.per_k.value])]
         + [j.size.value for j in trend.jumps]

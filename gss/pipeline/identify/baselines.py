@@ -2,7 +2,7 @@
 matrix C).
 
 A baseline is a pair of imaged stars. Its candidates are stored in both directions, p → q and q → p, sorted by p, then
-q. They form a column of the document's matrix S, in which a star can have several partners.
+q. They correspond to a column of the document's matrix S, and a star can have several partners.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class BaselineCandidates:
         return np.stack(np.divmod(self.key, self.stars), axis=1)
 
     def partners(self, of: Rows) -> tuple[Rows, Rows]:
-        """Return every partner of the (n,) stars ``of``, and for each partner the index into ``of`` of its star."""
+        """Return all partners of the (n,) stars ``of``, and for each partner the index of its star in ``of``."""
         low = np.searchsorted(self.key, of * self.stars)
         high = np.searchsorted(self.key, (of + 1) * self.stars)
         count = high - low
@@ -48,8 +48,8 @@ class BaselineCandidates:
 
 @dataclass
 class Baselines:
-    """All baselines of n imaged stars. Columns are computed on first use; ``hits`` counts the directory entries read so far.
-    ``low``, ``high``: (n, n) bounds of the slices of the directory."""
+    """All baselines of n imaged stars. A column is computed at its first use. ``hits``: number of directory entries
+    read up to now. ``low``, ``high``: (n, n) bounds of the slices of the directory."""
 
     directory: Sin2Directory
     low: Rows
@@ -58,7 +58,7 @@ class Baselines:
     _columns: dict[tuple[int, int], BaselineCandidates] = field(default_factory=dict, repr=False)
 
     def column(self, i: int, j: int) -> BaselineCandidates:
-        """Return the candidates of baseline (i, j), which equal those of (j, i)."""
+        """Return the candidates of baseline (i, j). They are equal to those of (j, i)."""
         key = (i, j) if i < j else (j, i)
         if key not in self._columns:
             low, high = int(self.low[key]), int(self.high[key])

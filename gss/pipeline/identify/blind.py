@@ -21,7 +21,7 @@ from gss.pipeline.lens import fit_lens
 from gss.pipeline.refine import Refined
 
 FOV_STEP = 1.22  # ratio between field-of-view hypotheses if perspective matters
-FLAT_FIELD_RAD = np.radians(13.0)  # below this all fields of view give the same figures
+FLAT_FIELD_RAD = np.radians(13.0)  # below this angle, figures do not depend on the field of view
 MIN_FIGURE = 0.06  # of the frame's width
 ACCEPT = 1e-6
 BATCHES = (8, 12, 16, 20)
@@ -30,7 +30,7 @@ STRONG_HITS = 3
 MAX_PROVED = 40
 MAX_CANDIDATES = 40_000
 MAX_FULL_CHECKS = 400
-MAX_UNSETTLED = 15  # maximum number of verified pointings without a lens that fits the single stars
+MAX_UNSETTLED = 15  # maximum number of verified pointings for which no lens fits the single stars
 NO_LENS = (
     "the pointing was identified, but no lens fits the single stars: "
     "the pixels are possibly not square, or the optical axis is far from the middle"
@@ -59,7 +59,8 @@ class Guess:
 
 
 SQUARE = Guess()
-# The steps are small enough that figures keep their codes; the fit in the verification corrects the difference.
+# The steps are small enough for figures to keep their codes. The fit in the verification corrects the remaining
+# difference.
 ASPECTS = tuple(Guess(aspect=1.05 ** (sign * k)) for k in range(1, 7) for sign in (1, -1))
 CENTRES = tuple(
     Guess(right=float(off * np.cos(turn)), down=float(off * np.sin(turn)))
@@ -102,7 +103,7 @@ def identify_blind(
     axes are tried next.
 
     ``fov_range_rad``: (low, high) horizontal field of view; ``level(radius_rad)`` returns the dictionary of one size
-    (the caller caches them). The result identifies every star that can be identified, not only those used in the
+    (the caller caches them). The result contains every star that can be identified, not only the stars used in the
     verification.
     """
     n = len(spots.pixels)
@@ -229,9 +230,8 @@ class _BlindSearch:
             fuller = self._name(settled, ALSO)
             if fuller is None or not _is_better(fuller, settled):
                 break
-            # A standard camera is replaced only by a camera that fits all detections and far better, because real
-            # lenses have more
-            # terms than are fitted.
+            # A standard camera is replaced only by a camera that fits all detections and has far smaller residuals,
+            # because real lenses have more terms than are fitted.
             if not self.also and (self._is_loose(fuller) or fuller.fit.rms_px > FAR_BETTER * settled.fit.rms_px):
                 break
             settled = fuller
@@ -261,8 +261,8 @@ class _BlindSearch:
         return int((settled.rows < among).sum()) < THIN * among
 
     def is_doubtful(self, settled: BlindSolution) -> bool:
-        """True if so few stars of a wide field are identified that the optical axis is possibly off-centre. A narrow
-        field is not sensitive to the position of the axis."""
+        """True if only few stars of a wide field are identified, so the optical axis can be off-centre. In a narrow
+        field, the position of the axis has no effect."""
         return settled.fit.camera.fov_rad[0] > WIDE_RAD and self.is_thin(settled)
 
     def why(self, prefix: str) -> str:
@@ -285,7 +285,7 @@ def _is_better(fuller: BlindSolution, settled: BlindSolution) -> bool:
 
 
 def _rank_batches(n: int) -> Iterator[NDArray[np.int32]]:
-    """Yield (q, 4) quadruples of detections without repetition. Quadruples of the brightest detections are first."""
+    """Yield (q, 4) quadruples of detections without repetition. Quadruples of the brightest detections come first."""
     yielded = 0
     for top in BATCHES:
         top_here = min(top, n)

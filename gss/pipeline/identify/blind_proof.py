@@ -19,7 +19,7 @@ WIDE_STARS = 20
 WIDE_LENS = ("k1", "k2", "p1", "p2")
 ENOUGH_FOR_MORE = 8
 MERGE_PX = 2.5
-BRIGHTNESS_GATE_MAG = 1.8  # largest difference that filter, colour and saturation cause
+BRIGHTNESS_GATE_MAG = 1.8  # largest difference of brightness that filter, colour and saturation can cause
 ACQUIRE = (0.003, 0.008)  # acquisition radii, relative to the frame's width, for a good lens and for strong distortion
 # Coincidences are counted within these fractions of the acquisition radius and among these numbers of the brightest
 # detections. The most significant count is used, with a correction for the number of counts. Small numbers and radii

@@ -30,7 +30,7 @@ MEDIAN_SQUARE = 1.386  # median of the squared length of a two-dimensional norma
 ERROR_MARGIN = 1.3
 FLOOR_PX = 0.05  # errors of lens calibration and proper motion that are not in the error budget
 MAX_GATE_PX = 4.0
-MAX_EXCESS_PX = 1.0  # with more excess scatter, the matches are accidental matches in wide gates
+MAX_EXCESS_PX = 1.0  # if the excess scatter is larger, the matches are accidental matches in wide gates
 BRIGHTNESS_SIGMA = 3.5
 VERIFIED_WINDOW_MAG = 1.8  # wide, because saturation and colour change the brightness of verified stars
 MAX_CHANCE = 5e-4
@@ -73,8 +73,8 @@ class AllMatches:
 class _Expected:
     """m stars that can be detected, with their expected appearance. ``stars``: rows in the catalogue. ``v_mag``: V
     magnitude including companions. ``shift_px``: (m, 2) displacement by companions. ``share``: fraction of the light
-    that comes from the star. ``reach_px``: maximum distance of a detection; a more distant one could be a blend with a
-    comparable companion."""
+    that comes from the star. ``reach_px``: maximum distance of a detection; a more distant detection could be a blend
+    with a comparable companion."""
 
     stars: Rows
     pixels: Array
@@ -91,7 +91,7 @@ def match_all(
     """Match all detections, given a verified ``fit`` and its matches (``rows`` of the spots are ``stars`` of the sky).
 
     ``sky`` is the whole catalogue, brightest first. ``refit(rows, stars, sigma_px)`` fits the attitude, and the camera
-    if it is free, to all matches. Verified matches are tested like the others, but with a wider brightness window.
+    if it is free, to all matches. Verified matches are tested in the same way, but with a wider brightness window.
     Returns None if the number of matches is less than half the number of verified stars, or if the residuals are too
     large. In this case the camera geometry is wrong, although the pointing can be correct.
     """
@@ -143,7 +143,8 @@ def _expect(spots: Spots, sky: SkyCatalogue, fit: Refined, line: FluxLine) -> _E
     a, b = a[a != b], b[a != b]
     if len(a):
         offset = pixels[b] - pixels[a]
-        # Light that a second Gaussian adds to the matched filter of the first; it also shifts the fitted centre.
+        # Light that a second Gaussian adds to the matched filter of the first Gaussian. This light also shifts the
+        # fitted centre.
         overlap = star_light[b] * np.exp(-(offset**2).sum(1) / (4 * spots.psf_sigma_px**2))
         np.add.at(light, a, overlap)
         np.add.at(shift, a, overlap[:, None] * offset)

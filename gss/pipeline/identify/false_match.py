@@ -1,8 +1,8 @@
 """Probability that an identification is accidental (a false match).
 
-It is the expected number of pointings with at least as many coincidences between predicted and detected stars if the
-detections were scattered at random. A binomial tail from the positions and an independent factor from the brightness
-are multiplied with each other and with the number of pointings tried.
+The bound is the expected number of pointings that would have at least as many coincidences between predicted and
+detected stars if the detections were scattered at random. It is the product of a binomial tail from the positions, an
+independent factor from the brightness, and the number of tried pointings.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def brightness_tail(observed_mag: Array, catalogue_mag: Array, spread_mag: float
     """Return the probability that randomly chosen stars agree in relative brightness as well as these pairs.
 
     ``spread_mag``: standard deviation of a random difference, from the catalogue in view and the detections. The zero
-    point is free. The probability is at most 1, so poor photometry cannot make a good match worse.
+    point is fitted. The result is at most 1, so poor photometry cannot make a good match worse.
     """
     m = len(observed_mag)
     if m < 2 or not spread_mag > 0:
@@ -35,8 +35,8 @@ def match_tail(at_least: int, trials: int, chance: float, brightness: float) -> 
     product.
 
     For a discrete tail T_k and an independent uniform brightness tail b, P(T·b ≤ x) ≤ x (1 + number of k with T_k > x),
-    because P(count = k) ≤ T_k. Fisher's x (1 − ln x) is the equivalent for continuous tails; it would be too
-    pessimistic here.
+    because P(count = k) ≤ T_k. For continuous tails, the corresponding formula is Fisher's x (1 − ln x), which would be
+    too pessimistic here.
     """
     met = max(at_least, 0)
     if met > trials:
@@ -52,5 +52,5 @@ def match_tail(at_least: int, trials: int, chance: float, brightness: float) -> 
 
 
 def false_match_probability(hypotheses: float, tail: float) -> float:
-    """Return an upper bound on the probability that any of the hypotheses tried is this good by chance."""
+    """Return an upper bound on the probability that at least one of the tried hypotheses is this good by chance."""
     return float(min(1.0, max(hypotheses, 1.0) * tail))

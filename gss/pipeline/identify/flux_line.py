@@ -10,8 +10,8 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.pipeline.small import median
 
-SLOPE_SIGMA = 0.08  # prior sigma of the slope about 1; a detector is linear, a processed photograph only approximately
-SCATTER_MAG, SCATTER_STARS = 0.35, 4.0  # prior scatter from colour and filter, and its weight in stars
+SLOPE_SIGMA = 0.08  # prior sigma of the slope about 1; the slope differs from 1 mostly in processed photographs
+SCATTER_MAG, SCATTER_STARS = 0.35, 4.0  # prior scatter caused by colour and filter, and its weight as a number of stars
 MIN_SCATTER_MAG = 0.05
 ROUNDS = 8
 SETTLED_MAG = 1e-3  # convergence limit, far below a thirtieth of the narrowest window
@@ -73,7 +73,8 @@ def flux_line(magnitude: Array, v_mag: Array, sigma: Array) -> FluxLine:
 
 
 def _scatter(residual: Array, photons2: float) -> float:
-    """Return the robust scatter in excess of photon noise with variance ``photons2``, combined with the prior for few stars."""
+    """Return the robust scatter that exceeds the photon noise with variance ``photons2``. With few stars, the prior
+    contributes to the result."""
     n = len(residual)
     observed2 = (1.4826 * median(np.abs(residual))) ** 2 - photons2
     mixed = (n * max(observed2, 0.0) + SCATTER_STARS * SCATTER_MAG**2) / (n + SCATTER_STARS)

@@ -1,8 +1,9 @@
 """Detection of a wrong focal length: count matching stars over the whole field at focal lengths around the known one.
 
-With a wrong focal length, the few stars in one corner of the field can still match because their separations agree within the
-tolerance. All may be identified correctly while the boresight is off by the scale error times their distance from the middle.
-At the right focal length many more stars of the bank coincide with centroids; this module counts them.
+With a wrong focal length, a few stars in one corner of the field can still match, because their separations agree
+within the tolerance. All of these stars can be identified correctly, but the boresight is then wrong by the scale error
+multiplied by their distance from the middle. At the correct focal length, many more stars of the bank coincide with
+centroids. This module counts these coincidences.
 """
 
 from __future__ import annotations
@@ -17,20 +18,21 @@ from gss.pipeline.small import best_rotation, distances2
 
 Rows = NDArray[np.intp]
 
-# Adjacent scales differ by half a pixel at 200 px from the middle; with a larger error hardly any match succeeds.
+# Adjacent scales differ by half a pixel at a distance of 200 px from the middle. With a larger error, matching rarely
+# succeeds.
 STEP, LARGEST = 0.0025, 0.03
-# A calibration error of one step is accepted: 1.5 px at 600 px does not make the attitude wrong.
+# A calibration error of one step is accepted, because 1.5 px at a distance of 600 px do not make the attitude wrong.
 AS_KNOWN = (1 + STEP, 1 - STEP)
 OTHERS = tuple(round(1 + sign * k * STEP, 6) for k in range(2, round(LARGEST / STEP) + 1) for sign in (1, -1))
-# Matches with this share of the possible number cannot all be in one corner.
+# If this share of the possible matches is reached, the matches cannot all be in one corner.
 PLENTY = 0.8
-# The first attitude comes from a few stars, perhaps close together: the search radius grows with the distance from them,
-# according to the attitude error.
+# The first attitude is computed from a few stars, which can be close together. Therefore the search radius grows with
+# the distance from these stars according to the attitude error.
 ROUNDS = 4
 MAX_PX = 30.0
 BESIDE_RAD = 0.05
-# Probability of rejecting a correct solution by chance. It can be large, because a false attitude costs far more than
-# the rejection of one frame.
+# Probability of rejecting a correct solution by chance. It can be large, because a false attitude is far worse than the
+# rejection of one frame.
 ACCIDENT = 1e-2
 
 
@@ -126,7 +128,7 @@ def _met(
 
 
 def _lever(positions: Array, fitted: Array, weight: Array, limit: float) -> Array:
-    """Return the (n,) ratios of the prediction error at ``places`` to the error of one star, at most ``limit``. The
+    """Return the (n,) ratios of the prediction error at ``positions`` to the error of one star, at most ``limit``. The
     ratio grows with the distance from the fitted stars."""
     total = float(weight.sum())
     middle = weight @ fitted / total

@@ -27,8 +27,8 @@ def pair_match(before: Array, after: Array, flux_before: Array, flux_after: Arra
     first.
 
     Pairs are tried brightest first. A pair is accepted if exactly one pair of the other frame has the same separation;
-    ambiguous separations do not match. The order of the two stars follows from their brightness, the document's
-    fallback for an unknown motion.
+    ambiguous separations do not match. The order of the two stars is determined by their brightness, which is the
+    method of the document for an unknown motion.
     """
     angles_before, angles_after = angle_matrix_rad(before), angle_matrix_rad(after)
     a, b = np.triu_indices(len(after), 1)
@@ -78,7 +78,8 @@ def candidate_star_matrix(side_a: NDArray[np.bool_], side_b: NDArray[np.bool_], 
 
     The (m, m) symmetric masks mark the pairs of the other frame that are as long as the sides a = 12, b = 23 and c =
     13. Every pair is entered in both orders. Rows with a star that occurs fewer than twice in its column are deleted
-    repeatedly (the document deletes once). Three remaining rows are a match; more than three are ambiguous.
+    repeatedly (the document deletes once). If three rows remain, they are a match. If more rows remain, the result is
+    ambiguous.
     """
     rows = []
     for mask, (p, q) in zip((side_a, side_b, side_c), ((0, 1), (1, 2), (0, 2)), strict=True):

@@ -1,9 +1,10 @@
 """Geometric voting (Kolomenkin 2008, as used in Erlank 2013 §4.3.3 and Algorithm 2).
 
 For each pair of imaged stars, the distance table gives the catalogue pairs of the same separation. Each of the two
-catalogue stars votes for both imaged stars, and each imaged star is assigned the catalogue star with the most votes. In
-a second round, every pair of imaged stars whose assigned catalogue stars have the measured separation gives a
-verification vote. All counts are integers and the lower row wins a tie, so the result is the same on any machine.
+catalogue stars gets a vote for both imaged stars. Each imaged star is assigned the catalogue star with the most votes.
+In a second round, every pair of imaged stars whose assigned catalogue stars have the measured separation gives a
+verification vote. All counts are integers, and in a tie the lower row is used. Therefore the result is the same on any
+machine.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Ballot:
-    """Result of the first round. ``row``: (n,) catalogue row with the most votes for each imaged star, −1 without votes;
-    ``votes``: (n,) their number; ``hits``: number of table entries read for all pairs."""
+    """Result of the first round. ``row``: (n,) catalogue row with the most votes for each imaged star, −1 without
+    votes; ``votes``: (n,) number of votes of this row; ``hits``: number of table entries read for all pairs."""
 
     row: Rows
     votes: Rows
@@ -92,14 +93,16 @@ def mutually_consistent(agree: NDArray[np.int64], chosen: Rows) -> Rows:
     """Return a subset of ``chosen`` in which every pair agrees. The star with the most disagreements is removed
     repeatedly.
 
-    This step is not in the document, whose attitude uses false stars that receive nearly the most votes by chance.
+    This step is not in the document. There, false stars that by chance receive nearly the most votes are used for the
+    attitude.
     """
     chosen = chosen.copy()
     while len(chosen) > 1:
         friends = agree[np.ix_(chosen, chosen)].sum(axis=1)
         if friends.min() == len(chosen) - 1:
             break
-        # Of equal candidates, the star with fewer votes in total is removed, then the later, fainter star.
+        # Among stars with equally many disagreements, the star with fewer votes in total is removed. If the votes are
+        # also equal, the later and fainter star is removed.
         total = agree[chosen].sum(axis=1)
         worst = np.lexsort((-np.arange(len(chosen)), total, friends))[0]
         chosen = np.delete(chosen, worst)

@@ -20,7 +20,8 @@ from gss.skytables.pairs import DistanceTable, expanded
 
 Rows = NDArray[np.intp]
 Flags = NDArray[np.bool_]
-# Parts of one split constellation differ by a few tolerances, unrelated parts of the sky by thousands.
+# Distances between parts of one split constellation differ by a few tolerances; those between unrelated parts of the
+# sky differ by thousands.
 SPLIT_TOLERANCES = 4.0
 
 
@@ -96,8 +97,8 @@ def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits)
     """Find the best group for (n, 3) observed unit vectors with (n,) magnitudes. Stars with NaN are ignored.
 
     If two largest groups do not have two matches in common, the result is ambiguous and rejected (§3.3.5), unless they
-    are parts of one constellation. Of groups that agree, the group with the better quality is used. The mirror test
-    uses vectors because eq. 3.3's right ascensions fail at the poles.
+    are parts of one constellation. Among groups that agree, the group with the best quality is used. The mirror test
+    uses vectors, because the right ascensions of eq. 3.3 fail at the poles.
     """
     graph, entries = _joined_matches(unit, v_mag, guides, limits)
     pairs = len(graph.a) // 2
@@ -149,7 +150,7 @@ def _angle_rad(a: Array, b: Array) -> Array:
 
 
 def _pruned(graph: _Graph, min_confidence: int) -> _Graph:
-    """Remove groups with a confidence below ``least`` repeatedly until no more are removed."""
+    """Repeatedly remove the groups with a confidence below ``min_confidence`` until all remaining groups reach it."""
     while len(graph.observed):
         strong = graph.confidence() >= min_confidence
         if strong.all():

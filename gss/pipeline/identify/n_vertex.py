@@ -49,7 +49,7 @@ def match_figure(figure: tuple[int, ...], baselines: Baselines, unit_cam: Array,
 @lru_cache(maxsize=64)
 def figures(stars: int, vertices: int) -> tuple[tuple[int, ...], ...]:
     """Return all figures of ``vertices`` imaged stars (brightest first). Figures with a narrow range of brightness
-    ranks come first, so that figures without a given false star are reached soon.
+    ranks come first. Therefore figures that do not contain a particular false star are reached soon.
 
     The document's loops (§5.5.2) exclude stars in turn, but are ambiguous as printed. This generalises Mortari's triads
     (i, i + dj, i + dj + dk) to any number of stars, ordered by the widest step.

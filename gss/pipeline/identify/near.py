@@ -1,5 +1,5 @@
-"""Identification with a prior attitude (assisted and tracking modes). Each detection has few candidates, and pairs of
-candidates vote."""
+"""Identification with a prior attitude (assisted and tracking modes). Each detection has only few candidates.
+Candidates of different detections that are consistent vote for each other."""
 
 from __future__ import annotations
 

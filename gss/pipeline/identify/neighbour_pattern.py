@@ -40,7 +40,8 @@ class PairHypotheses:
 
 
 def magnitude_fits(spot_mag: Array, saturated: Mask, star_mag: Array, error_mag: float) -> Mask:
-    """True for spots and stars (…) of equal brightness. Unknown magnitudes fit, and a ``saturated`` spot fits a brighter star."""
+    """True for spots and stars (…) of equal brightness. An unknown magnitude fits any star, and a ``saturated`` spot
+    also fits brighter stars."""
     too_faint, too_bright = spot_mag - star_mag > error_mag, star_mag - spot_mag > error_mag
     return np.asarray(~too_bright & (~too_faint | saturated))
 

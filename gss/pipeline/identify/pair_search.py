@@ -45,7 +45,8 @@ def _pair_order(n: int) -> Iterator[tuple[int, int]]:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return the (3, …) cross product. For a dozen vectors, the overhead of numpy's version exceeds the computation."""
+    """Return the (3, …) cross product. For a dozen vectors, the overhead of numpy's function exceeds the
+    computation."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
@@ -110,7 +111,7 @@ class PairSearch:
         rows = int(count.sum())
         self.joined_rows += rows + ROWS_PER_PAIR
         if rows > ROWS_AT_ONCE:
-            return []  # too many candidates to be evidence, and their join would need gigabytes
+            return []  # too many candidates identify no star; their join would need gigabytes
         h = np.repeat(np.arange(len(a)), count)
         pos = np.arange(len(h)) + (offsets[a] - (np.cumsum(count) - count))[h]
         k, c = anchor_k.take(pos), anchor_c.take(pos)

@@ -1,8 +1,9 @@
 """Dictionary of the blind solver: four-star figures with codes that do not depend on scale, position or roll.
 
-Each figure is expressed relative to its two widest stars, A at 0 and B at 1 of the complex plane; the positions of the
-other two are the code (the idea of Lang et al. 2010, astrometry.net; built here from the star table in memory).
-A mirrored figure has a different code, so a mirrored image is not identified by accident.
+The two stars that are farthest apart define the coordinates: A is at 0 and B is at 1 of the complex plane. The
+positions of the other two stars are the code. The idea is from Lang et al. 2010 (astrometry.net); here the dictionary
+is built from the star table in memory. A mirrored figure has a different code, so a mirrored image is not identified by
+accident.
 """
 
 from __future__ import annotations

@@ -12,7 +12,8 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.pipeline.attitude import profile_matrix
 
-# Residuals distributed evenly over a disc of radius T have an rms of T/2 per axis; those of real stars are far smaller.
+# Residuals that are distributed evenly over a disc of radius T have an rms of T/2 per axis. Residuals of real stars are
+# far smaller.
 EVEN_SHARE = 1 / 3
 SIGMAS = 2.0
 

@@ -3,8 +3,8 @@ table.
 
 The vector of an observed star contains all guide stars of its magnitude. Guide stars without a partner at the right
 distance in the neighbouring vector are removed until nothing changes. The remaining guide stars are combined star by
-star with backtracking. The method is fast and simple, but it detects only constellations of *all* observed stars, so a
-single false star makes it fail.
+star with backtracking. The method is fast and simple, but identifies only constellations that contain *all* observed
+stars. A single false star makes it fail.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Attitude from a single triplet of stars.
 
 This method is not in Liebe 1992, whose candidates must support each other. In a field of ten stars, often only one star
-is far enough from the edge to have a triplet. The star list is then searched for its two neighbours at their distances
-from the candidate.
+is far enough from the edge to have a triplet. For such a triplet, the star list is searched for two neighbours of the
+candidate at the measured distances.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Verification of an identification: the whole field is predicted from it, and the matching detections are counted."""
+"""Verification of an identification: the stars of the whole field are predicted from it, and the detections that match
+are counted."""
 
 from __future__ import annotations
 
@@ -124,8 +125,8 @@ def in_view(
 
 @lru_cache(maxsize=64)
 def reach_cosine(camera: Camera) -> float:
-    """Return the cosine of the angle beyond which no star is on the detector. Cached because the corners need a Newton
-    iteration."""
+    """Return the cosine of the angle beyond which no star is on the detector. The result is cached, because the corners
+    need a Newton iteration."""
     return float(np.cos(min(camera.half_diagonal_rad * 1.02, 1.5)))
 
 

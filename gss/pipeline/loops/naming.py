@@ -138,7 +138,8 @@ def companions(star, v_mag, places, order, count, psf_px, bright, shift, share, 
                 if d2 > widest * widest:
                     continue
                 companion_flux = 10 ** (-0.4 * (v_mag[star[b]] - 5))
-                # Light that a second Gaussian adds to the matched filter of the first; it also shifts the fitted centre.
+                # Light that a second Gaussian adds to the matched filter of the first Gaussian. This light also shifts
+                # the fitted centre.
                 overlap = companion_flux * math.exp(-d2 / (4 * psf_px * psf_px))
                 light += overlap
                 moved_col += overlap * across

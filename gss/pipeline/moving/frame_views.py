@@ -13,9 +13,10 @@ from gss.domain.rotation import vector_from_rotation
 from gss.pipeline.moving.spots import SolvedView
 
 MAX_STEP_S = 20.0
-"""Attitudes farther apart are not used to compute the camera's rate."""
+"""Maximum time between two attitudes from which the camera's rate is computed."""
 UNSTEADY = 0.2
-"""Maximum relative difference of the rates before and after a frame. Beyond it, the rate at the frame is unknown."""
+"""Maximum relative difference between the rates before and after a frame. If it is exceeded, the rate at the frame is
+unknown."""
 STEADY_PX = 1.0
 
 

@@ -48,7 +48,7 @@ def pixel_groups(
         inside = labels[box] == label
         weight = np.where(inside, significance[box], 0.0)
         total = float(weight.sum())
-        # The filter correlates the noise of 4πσ² pixels.
+        # The filter correlates the noise of about 4πσ² neighbouring pixels.
         total_snr = total / np.sqrt(inside.sum() * 4 * np.pi * variance)
         if weight.max() < PEAK_SIGMA and total_snr < SUM_SIGMA:
             continue

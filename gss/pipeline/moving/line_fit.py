@@ -92,7 +92,7 @@ def cut_out(
 
 def fit_line(cut: Cutout, start: Array, free: tuple[int, ...]) -> LineFit | None:
     """Fit by Levenberg–Marquardt from ``start`` (6,): flux, col, row, trail col, trail row, variance of the
-    point-spread function. ``free``: indices of the fitted ones. None if the pixels do not determine these
+    point-spread function. ``free``: indices of the parameters to fit. Return None if the pixels do not determine these
     parameters."""
     p = np.array(start, float)
     fitted = np.array(free)
@@ -113,8 +113,8 @@ def fit_line(cut: Cutout, start: Array, free: tuple[int, ...]) -> LineFit | None
         trial[1:5] = np.clip(trial[1:5], -longest, longest)
         trial[WIDTH] = np.clip(trial[WIDTH], 0.5 * p[WIDTH], 2 * p[WIDTH])
         state = _state(cut, trial)
-        # With shot noise the weights depend on the model. Both ends of a step are compared with the weights of its
-        # start.
+        # With shot noise the weights depend on the model. Therefore χ² before and after a step is computed with the
+        # same weights, those before the step.
         after = float((weight * (cut.value - state[0]) ** 2).sum())
         if after > chi2:
             damping *= 10

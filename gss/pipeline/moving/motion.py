@@ -71,7 +71,8 @@ class SkyMotion:
 
     @property
     def slack_rad(self) -> float:
-        """Return the position error, one span from the middle, due to an acceleration that two sources cannot determine."""
+        """Return the position error at one span from the middle that is caused by an unknown acceleration. Two sources
+        cannot determine an acceleration."""
         return float(ACCELERATION * np.sum(self.rate_rad_s**2) * self.span_s**2)
 
     def at(self, time_s: float) -> tuple[Array, float]:
@@ -81,7 +82,8 @@ class SkyMotion:
         direction = self.centre + (powers @ self.coefficients) @ self.plane
         spread = float(powers @ self.covariance @ powers)
         speed = float(np.hypot(*self.rate_rad_s))
-        # The geometry of a straight pass limits the next power: each derivative has one more factor of the rate.
+        # The next power is limited by the geometry of a straight pass, in which each derivative has one more factor of
+        # the rate.
         nodes = np.sort(np.abs(time_s - self.knots_s))[: len(self.coefficients)]
         model_error_rad = ACCELERATION * speed ** len(self.coefficients) * float(np.prod(nodes)) / 2
         return np.asarray(direction / np.linalg.norm(direction)), float(
@@ -102,7 +104,7 @@ def fit_motion(frames: Sequence[FrameSpots], hits: Sequence[Hit]) -> SkyMotion |
         return None
     plane = tangent(centre[None])[0]
     plane_position = icrs @ plane.T / height[:, None]
-    # Gate and fit use the same error for both axes; for a trail, this is the larger error, along its direction.
+    # Gate and fit use the same error for both axes. For a trail, this is the larger error, which is along the trail.
     sigma: Array = np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
     middle, span = float(times.mean()), float(max(np.ptp(times) / 2, 1e-6))
     best = None

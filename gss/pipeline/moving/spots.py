@@ -35,10 +35,11 @@ LONG_WIDTHS = 5.0
 PIECE_WIDTHS = 2.0
 STRETCHES = (1.0, 1.5, 2.2)
 REACH = 1.3
-"""Half width of the cut-out of a long line, in lengths of the line."""
+"""Half width of the cut-out of a long line, as a multiple of the length of the line."""
 SHARPER = 25.0
 SHARP_SHARE = 0.6
-"""A source narrower than this share of the stars' width, with this improvement of χ², did not come through the lens."""
+"""A source did not come through the lens if its width is below this share of the width of stars and the narrower width
+improves χ² by this value."""
 MAX_HALF_PX = 150
 WIDTH_STARS = 5
 STAR_GATE_PX = 2.0

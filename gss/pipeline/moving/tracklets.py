@@ -24,11 +24,12 @@ from gss.pipeline.moving.spots import FrameSpots, star_trail_px
 SEED_FRAMES = 3
 """Maximum number of frames between the sources of a pair, and between the pair and its third source."""
 MAX_STEP_S = 120.0
-"""Sources farther apart in time are not linked, because the motion between them is too uncertain."""
+"""Maximum time between linked sources. Over a longer time, the motion between them is too uncertain."""
 MAX_MISSES = 3
 MIN_HITS = 3
 MAX_CHANCE = 0.01
-"""A tracklet is accepted if the expected number of accidental tracklets of its quality in the sequence is at most this."""
+"""Maximum expected number of accidental tracklets of the same quality in the sequence. A tracklet with a larger number
+is rejected."""
 SAME_PIXEL_PX = 0.8
 SKY_MOVED_PX = 2.0
 STREAK_SNR = 8.0
@@ -238,7 +239,7 @@ def _chance(
     field_rad2 = camera.columns * camera.rows * camera.pixel_rad**2
     expected = float(pairs)
     for number, hit in enumerate(hits[2:]):
-        # The gate was widest when the motion was fitted to the fewest sources.
+        # The gate is widest when the motion is fitted to the fewest sources.
         sigma_rad = motion.slack_rad if number == 0 else 0.0
         gate = float(gate_rad(frames[hit.frame], np.array([hit.row]), sigma_rad)[0])
         expected *= min(1.0, len(rows[hit.frame]) * np.pi * gate**2 / field_rad2)

@@ -16,7 +16,7 @@ from gss.pipeline.sheet.spatial import StarSightings
 from gss.pipeline.sheet.trials import Trials
 
 BLOCK_PX = 2.0
-"""Frames belong to the same block if the image moves by less than this, so that stars stay at nearly the same pixels."""
+"""Maximum motion of the image within a block of frames. Within a block, stars stay at nearly the same pixels."""
 
 
 def star_sightings(results: Sequence[SolveResult | None], camera: Camera) -> StarSightings | None:
@@ -59,7 +59,8 @@ def pointing_blocks(attitude: Array, camera: Camera) -> NDArray[np.intp]:
 
 
 def trials_of(condition: str, scores: Sequence[Score]) -> Trials:
-    """Count the verdicts under one condition. An imprecise attitude counts as correct; its error is included in the errors."""
+    """Count the verdicts under one condition. An imprecise attitude is counted as correct, and its error is included in
+    the errors."""
     good = [s for s in scores if s.verdict in (Verdict.CORRECT, Verdict.IMPRECISE)]
     false = sum(s.verdict is Verdict.WRONG for s in scores)
     return Trials(condition, len(scores), len(good), false, np.array([s.cross_rad for s in good], float))

@@ -1,7 +1,8 @@
 """Errors against a reference attitude: a second head on the same body, or the attitude of a simulation.
 
-The rotation from the reference is a constant bias plus the effects of temperature, a date error and uncorrected
-aberration. All terms are fitted together to separate them; a term is fitted only if the data excite it.
+The rotation from the reference is the sum of a constant bias and the effects of temperature, a date error and
+uncorrected aberration. All terms are fitted together to separate them. A term is fitted only if the data vary enough to
+determine it.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ class Fitted:
 @dataclass(frozen=True)
 class ReferenceErrors:
     """Errors of a camera relative to a reference. ``bias``: constant rotation, rad, relative to the ``expected``
-    mounting, None if the mounting is unknown. ``drift``: rad per day. ``thermal``: rad/K. ``date_s``: delay of the
-    measurement after the stated time. ``aberration``: remaining share of the aberration, 0 if corrected, 1 if not. A
-    term is None if the data do not excite it. ``rest_rad`` (m, 3): residual rotations."""
+    mounting, None if the mounting is unknown. ``drift``: rad per day. ``thermal``: rad/K. ``date_s``: time from the
+    stated time to the measurement. ``aberration``: share of the aberration that was not corrected, from 0 to 1. A term
+    is None if the data do not vary enough to determine it. ``rest_rad`` (m, 3): residual rotations."""
 
     bias: Fitted | None
     drift: Fitted | None
@@ -62,8 +63,8 @@ class ReferenceInput:
     """Input of the comparison. ``camera``: attitudes under test; ``reference``: attitudes of the reference. ``block``
     (n,): frames with equal labels have their stars at nearly the same pixels. ``expected`` (4,): camera_from_reference
     from ground alignment, None if unknown. ``temperature_c`` (n,), ``velocity_c`` (n, 3): at the camera's times, None
-    if unknown. ``true_reference``: True if the reference has no aberration error, i.e. is not a head of the same
-    kind."""
+    if unknown. ``true_reference``: True if the reference has no aberration error, because it is not a head with the
+    same processing."""
 
     camera: AttitudeSeries
     reference: AttitudeSeries
@@ -140,7 +141,8 @@ def _fitted(
 ) -> tuple[dict[str, Fitted], Array]:
     """Fit (m, 3, p) columns to (m, 3) rotations. Returns the terms by name and the residual rotations."""
     p = design.shape[2]
-    # The error about the boresight is many times larger, so each axis is weighted by its scatter.
+    # The error about the boresight is many times larger than the error across it. Therefore each axis is weighted by
+    # its scatter.
     residual, good = off, np.ones(off.shape, bool)
     for _ in range(WEIGHT_ROUNDS):
         scale = np.array([max(robust_sigma(residual[:, k]), 1e-12) for k in range(3)])

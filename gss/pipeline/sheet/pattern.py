@@ -1,10 +1,10 @@
-"""Error fixed to the pixels: differences of response and dark current, and any other error that recurs when a star
-returns to a pixel.
+"""Error that is fixed to the pixels. It is caused by differences of response and dark current, and by any other error
+that recurs when a star returns to a pixel.
 
 Residuals of one star in two frames have independent noise. If the star is on the same part of a pixel in both frames,
-the covariance of its residuals contains the pixel error and the error of its catalogue position. If it is some pixels
-away, the covariance contains only the catalogue error. The difference of the two covariances is the error of the
-pixels.
+the covariance of its residuals contains the pixel error and the error of its catalogue position. If the star is some
+pixels away in the second frame, the covariance contains only the catalogue error. The difference between the two
+covariances is the error of the pixels.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ MAX_PER_STAR = 40
 @dataclass(frozen=True)
 class PatternError:
     """Attitude error ``value_rad`` (3,) per camera axis with its 95 % interval, and the error per star and axis in
-    pixels that causes it, weighted like the stars in the attitude. ``catalogue_px``: error of a star that is the same
-    over the whole detector. ``pairs``, ``stars``: numbers used."""
+    pixels that causes it, weighted like the stars in the attitude. ``catalogue_px``: error of a star that does not
+    depend on its position on the detector. ``pairs``, ``stars``: numbers of pairs and stars used."""
 
     value_rad: Array
     low_rad: Array
@@ -59,7 +59,7 @@ def pattern_error(sightings: StarSightings, spatial: SpatialErrors, rng: np.rand
         shift = sightings.pixels[rows[first]] - sightings.pixels[rows[second]]
         move = np.linalg.norm(shift, axis=1)
         close, distant = apart & (move < SAME_PX), apart & (move > OTHER_PX)
-        # Share of the pixel's area that is still covered by the star.
+        # Share of the pixel's area that the star covers in both frames.
         share = np.where(close, np.prod(1 - np.minimum(np.abs(shift), 0.5), axis=1), 1.0)
         product = spatial.rest_px[rows[first]] * spatial.rest_px[rows[second]] / (shrunk * share[:, None])
         weight = np.sqrt(spatial.gain2[rows[first]] * spatial.gain2[rows[second]])
@@ -97,8 +97,8 @@ def _estimated(
     value = squares(np.ones(len(near)))
     low, high = interval(squares(draws(np.arange(len(near), dtype=np.intp), rng)))
     angles = [np.sqrt(np.maximum(v[0], 0) * gain2) for v in (value, low, high)]
-    # Rotation about the boresight weights stars differently. The error per star is that of the two axes across the
-    # boresight.
+    # For the rotation about the boresight, the weights of the stars differ. Therefore the error per star is computed
+    # from the two axes across the boresight.
     star = [float(np.sqrt(max(v[0, :2].mean(), 0.0))) for v in (value, low, high)]
     amplitude = float(np.sqrt(max(value[1, :2].mean(), 0.0)))
     return PatternError(angles[0], angles[1], angles[2], star[0], star[1], star[2], amplitude, pairs, stars)

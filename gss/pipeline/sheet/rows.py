@@ -32,7 +32,7 @@ class SheetFigure:
 @dataclass(frozen=True)
 class SheetRow:
     """Row of the sheet. ``conditions``: conditions under which the figures are valid. ``frames``: number of frames
-    used. ``needs``: missing data, if there are no figures."""
+    used. ``needs``: data that are missing if the row has no figures."""
 
     key: str
     title: str

@@ -1,10 +1,10 @@
-"""Spatial errors from the residuals of identified stars: slow over the field, periodic in a pixel, and fixed to
-pixels.
+"""Spatial errors from the residuals of identified stars: errors that vary slowly over the field, errors that are
+periodic in a pixel, and errors that are fixed to pixels.
 
-Residuals are computed after the attitude was fitted to the same stars, so the part of an error that resembles a
-rotation is hidden in each frame. Frames with stars at other positions reveal it. The model of the error is therefore
-projected like the residuals, ``r = P·B·c``, where P removes the rotation absorbed by the fit. The fitted model then
-gives the absorbed rotation of each frame, which is the error of the attitude.
+The attitude of a frame is fitted to the same stars as the residuals. Therefore the residuals of one frame do not show
+the part of an error that acts like a rotation. Frames with stars at other positions show this part. The model of the
+error is projected in the same way as the residuals: ``r = P·B·c``, where P removes the rotation that the fit absorbed.
+The absorbed rotation of each frame is then computed from the fitted model. It is the error of the attitude.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ HARMONICS = 2
 REJECT_SIGMAS = 5.0
 FIRST_REJECT_SIGMAS = 15.0
 MIN_SHARE = 1e-4
-"""Directions of the normal equations with a smaller eigenvalue, relative to the largest, are not observable. They are
-rotations of all frames."""
+"""Minimum eigenvalue of the normal equations, relative to the largest. Directions with a smaller eigenvalue are not
+observable; they are rotations of all frames."""
 MAP_CELLS = 12
 PHASE_POINTS = 41
 
@@ -176,7 +176,7 @@ def _drawn(
     total = normals.sum(axis=0)
     best, observable = _solve(total, rights.sum(axis=0)), _observed(total)
     often = draws(block, rng)
-    # Two matrix products replace a sum per sample.
+    # Two matrix products compute the sums of all samples.
     shaped = observable.T @ normals @ observable
     sums = (often @ shaped.reshape(len(frame_sums), -1)).reshape(len(often), observable.shape[1], observable.shape[1])
     right = often @ (rights @ observable)
@@ -187,9 +187,9 @@ def _drawn(
 def _debiased(
     frame_sums: list[_FrameSums], slow: int, best: Array, drawn: Array, often: Array
 ) -> tuple[Array, Array, Array]:
-    """Return root mean squares over the frames with intervals. The noise of the coefficients adds to a mean square. It
-    is estimated from the spread of the bootstrap samples and subtracted; twice for the samples, which contain it
-    twice."""
+    """Return root mean squares over the frames with intervals. The noise of the coefficients increases a mean square.
+    This noise is estimated from the spread of the bootstrap samples and subtracted. For the samples it is subtracted
+    twice, because they contain it twice."""
     turns, moment = (
         np.array([f.turn for f in frame_sums]),
         sum(f.moment for f in frame_sums) / sum(f.count for f in frame_sums),
@@ -251,8 +251,8 @@ def _design(true_px: Array, camera: Camera, degree: int) -> Array:
 
 
 def _absorbed(sightings: StarSightings, rows: NDArray[Any], camera: Camera) -> tuple[Array, Array, Array]:
-    """Return rotation effect (2k, 3), weights (2k,) and the least-squares rotation per pixel (3, 2k) of the stars
-    ``at`` of a frame."""
+    """Return, for the k stars ``rows`` of a frame, the effect of rotations (2k, 3), the weights (2k,), and the
+    least-squares rotation per pixel (3, 2k)."""
     effect = rotation_effect(camera, sightings.pixels[rows]).reshape(-1, 3)
     weight = np.repeat(sightings.weight[rows] / sightings.weight[rows].mean(), 2)
     gain = np.linalg.pinv(effect.T @ (effect * weight[:, None])) @ (effect * weight[:, None]).T
@@ -262,7 +262,8 @@ def _absorbed(sightings: StarSightings, rows: NDArray[Any], camera: Camera) -> t
 def _frame(
     sightings: StarSightings, rows: NDArray[np.intp], keep: NDArray[np.bool_], camera: Camera, degree: int
 ) -> _FrameSums:
-    """Build the contribution of the stars ``at``; only those in ``keep`` (len(at),) enter the equations."""
+    """Return the contribution of a frame with the stars ``rows``. The equations contain only the stars in the mask
+    ``keep``."""
     effect, weight, gain = _absorbed(sightings, rows, camera)
     design = _design(sightings.pixels[rows] - sightings.residual_px[rows], camera, degree)
     slow = design[keep][:, :, : 2 * _terms(degree)]

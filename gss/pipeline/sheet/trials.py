@@ -67,7 +67,8 @@ def acquisition_row(tried: Trials | None, series: AttitudeSeries) -> SheetRow:
 
 
 def _frames_needed(tried: Trials) -> SheetFigure:
-    """Return the mean number of frames until the first correct attitude, i.e. the inverse of the share."""
+    """Return the mean number of frames until the first correct attitude. It is the inverse of the share of correct
+    attitudes."""
     share = share_figure("", tried.correct, tried.trials)
     mean, low, high = (1 / v if v > 0 else float("inf") for v in (share.value, share.high, share.low))
     return SheetFigure("frames to the first attitude", mean, low, high, "frames")
@@ -79,7 +80,7 @@ def tracking_row(series: AttitudeSeries, camera: Camera) -> SheetRow:
     if not runs:
         return missing(*TRACKING, "at least three frames taken one after the other at equal intervals")
     solved, steps = series.solved, np.diff(series.times_s)
-    # A frame much later than usual is a new acquisition.
+    # A frame that follows after a much longer time than usual is a new acquisition.
     next_soon = solved[:-1] & (steps < 1.5 * float(np.quantile(steps, 0.1)))
     followed = int(np.count_nonzero(next_soon))
     lost = int(np.count_nonzero(next_soon & ~solved[1:]))

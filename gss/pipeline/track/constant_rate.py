@@ -33,7 +33,7 @@ def average_estimates(
 
     The document averages successive estimates, which lags behind a rotating satellite. Here a straight line is fitted
     to the small rotations relative to the newest attitude and evaluated at its time. The newest of one or two attitudes
-    is returned unchanged. A line through n attitudes has about 2/√n of the error of one estimate.
+    is returned unchanged. The error of a line through n attitudes is about 2/√n times the error of one estimate.
     """
     newest = matrix_from_quaternion(quaternions[0])
     if len(quaternions) < 3:

@@ -11,8 +11,8 @@ Index = NDArray[np.intp]
 
 
 def pair_least_distance(unit_cam: Array, predicted_cam: Array, radius_rad: float) -> tuple[Index, Index]:
-    """Pair (n, 3) measured with (m, 3) predicted directions. Returns the rows of the pairs; each row is used once at
-    most.
+    """Pair (n, 3) measured with (m, 3) predicted directions. Returns the rows of the pairs. Each row is used at most
+    once.
 
     The closest pair is chosen first, then the closest pair of the remaining stars, up to ``radius_rad``. Of equal
     distances, the lower rows are chosen. The document pairs the stars of the two images by least distance without

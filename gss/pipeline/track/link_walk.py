@@ -1,9 +1,9 @@
 """Search for the stars in the new field along links from the stars of the last field (Moniteq 1983 §6.1, Fig. 6.1 step
 2b).
 
-On the links of a convex hull, every star except the closest has a neighbour closer to a given point, and the stars
-inside a circle are connected. The walk therefore goes to the centre of the field and spreads from there. It examines
-about a hundred stars, whereas a linear search examines the whole list.
+On the links of a convex hull, every star except the closest to a point has a neighbour that is closer to this point.
+The stars inside a circle are connected by links. Therefore the walk reaches the centre of the field and then spreads to
+all stars of the field. It examines about a hundred stars, whereas a linear search examines the whole list.
 """
 
 from __future__ import annotations

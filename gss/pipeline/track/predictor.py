@@ -11,7 +11,8 @@ from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix, 
 
 EVERY_SECOND_S = (1.0, 2.0, 3.0)
 MAX_CURVED = 1.5
-"""Steps ahead up to which the acceleration is used. Further ahead its error, which grows quadratically, exceeds its benefit."""
+"""Number of steps ahead up to which the acceleration is used. For more steps, the error of the acceleration, which
+grows quadratically, exceeds its benefit."""
 
 
 def weights(ages_s: Sequence[float]) -> Array:

@@ -1,8 +1,8 @@
 """Guidance error of the search-and-track loop (Moniteq 1983 §6.1, Fig. 6.1).
 
 The modes of the chain implement the loop. Tracking verifies the stars expected in the field along the links. A guidance
-error starts a blind search with the same frame. After a frame without an attitude, the next frame is matched with part
-of the sky, and then with the whole sky.
+error starts a blind search with the same frame. After a frame without an attitude, the next frame is matched with a
+part of the sky. If this fails too, the frame after it is matched with the whole sky.
 """
 
 from __future__ import annotations

@@ -32,8 +32,8 @@ class SphereField:
         """Return the right ascension at which an ascending search starts: the leftmost corner, or zero if a pole is inside."""
         if self.pole:
             return 0.0
-        # The leftmost corner is a left end that is neither inside another edge nor a right end. All other left ends
-        # follow within 180°.
+        # The leftmost corner is the left end of an edge, but is neither inside another edge nor the right end of an
+        # edge. The left ends of all other edges follow within 180°.
         reach = np.mod(self.left_rad[None, :] - self.left_rad[:, None], TWO_PI_RAD)
         return float(self.left_rad[int(np.argmin(np.max(np.where(reach > TWO_PI_RAD - 1e-12, 0.0, reach), axis=1)))])
 

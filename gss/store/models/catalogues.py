@@ -52,8 +52,8 @@ class DeviceTable(Base):
 
 
 class BankHistory(Base):
-    """Period in which a device bank had one state and content, starting with the device's first report. ``ended`` None:
-    unchanged. ``told``: time of the device's last report of this content."""
+    """Period in which a device bank had one state and content, starting with the device's first report. ``ended``: None
+    if the content has not changed. ``told``: time of the device's last report of this content."""
 
     __tablename__ = "bank_history"
     id: Mapped[int] = mapped_column(primary_key=True)

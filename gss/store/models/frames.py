@@ -17,7 +17,7 @@ class Frame(Base):
     """Frame: its metadata and the hash of its pixels. Pixels are little-endian, row by row. ``pixels_removed``: time
     when retention deleted the pixels; ``favourite``: true if retention must keep them. ``profile`` and
     ``instrument_version``: name and version (SHA-256) of the instrument; null: unknown. ``stored_bytes``: size of the
-    pixels in the store; null in rows from before version 0011 of the schema, whose pixels are not compressed."""
+    pixels in the store; null in rows of schemas before 0011, whose pixels are not compressed."""
 
     __tablename__ = "frames"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -50,8 +50,8 @@ class Frame(Base):
 class Solution(Base):
     """Result of one chain or of the device for one frame. ``detail``: regions and stars, without overlays that are
     calculated from the attitude. ``operational``: true for the ground result that pages and exports use, at most one
-    per frame. ``camera_name``: assumed camera profile, "field of view" or "blind"; empty in rows from before version
-    0007 of the schema. ``options``: changed constants of the chain, NAME=VALUE, …; empty: none."""
+    per frame. ``camera_name``: assumed camera profile, "field of view" or "blind"; empty in rows of schemas before
+    0007. ``options``: changed constants of the chain, NAME=VALUE, …; empty: none."""
 
     __tablename__ = "solutions"
     __table_args__ = (

@@ -12,9 +12,9 @@ from gss.store.models.base import Base
 
 
 class Spacecraft(Base):
-    """Spacecraft with several heads. ``heads``: each with unit, ``body_from_cam`` (quaternion), ``sigma_rad`` of the
-    mounting, and ``usual_rad``: standard deviations of its attitudes across and about the boresight if the sensor
-    reports none, or null. ``source``: on board or ground."""
+    """Spacecraft with several heads. ``heads``: an entry for each head with the unit, ``body_from_cam`` (quaternion),
+    ``sigma_rad`` of the mounting, and ``usual_rad``. ``usual_rad``: standard deviations of attitudes across and about
+    the boresight, used if the sensor does not report them, or null. ``source``: on board or ground."""
 
     __tablename__ = "spacecraft"
     id: Mapped[int] = mapped_column(primary_key=True)

@@ -1,5 +1,5 @@
-"""Column type for the regions and stars of a solution: packed arrays in the JSON document, a tenth of the size of plain
-text.
+"""Column type for the regions and stars of a solution. They are stored as packed arrays in the JSON document, which
+need a tenth of the space of plain text.
 
 Positions are stored to 1e-5 px, magnitudes to 1e-4, fluxes, residuals and weights to seven digits. Lists without the
 expected fields are stored unchanged. Rows with plain lists, which older versions wrote, are read unchanged.
@@ -75,7 +75,7 @@ def _integers(rows: Rows, name: str, step: float = 1.0) -> bytes:
     """Return a column in multiples of ``step`` as the bytes of an int32 array. Raises ValueError if a number is out of
     range."""
     values = np.round(np.array([row[name] for row in rows], float) / step)
-    if not (np.abs(values) < LARGEST).all():  # also false for NaN, a missing number
+    if not (np.abs(values) < LARGEST).all():  # the comparison is also false for NaN, which represents a missing number
         raise ValueError(name)
     return values.astype("<i4").tobytes()
 
@@ -163,12 +163,12 @@ def _count(count: int) -> bytes:
 
 
 def _decimal(values: NDArray[Any], digits: int) -> list[float]:
-    """Return integer multiples of 10**-digits as the nearest float64, so that 2.06 stays 2.06."""
+    """Return integer multiples of 10**-digits as the nearest float64. For example, 2.06 remains 2.06."""
     return [value / 10**digits for value in values.tolist()]
 
 
 def _shortest(values: NDArray[Any]) -> list[float]:
-    """Return float32 values as float64 with at most seven digits, so that 0.1 stays 0.1."""
+    """Return float32 values as float64 with at most seven digits. For example, 0.1 remains 0.1."""
     return [float(str(value)) for value in values]
 
 

@@ -39,7 +39,7 @@ export interface RawImage {
   columns: number;
   rows: number;
   bits: number;
-  /** Values to paint: the pixel values, or the 16-bit steps of a floating-point image. */
+  /** Values to paint. For an integer image: its pixel values. For a floating-point image: 16-bit steps. */
   pixels: Uint8Array | Uint16Array;
   /** DN of a step: `offset + scale · step`. */
   offset: number;

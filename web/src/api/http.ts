@@ -1,4 +1,7 @@
-/** HTTP access to the server: typed by its OpenAPI document, so that a wrong path or body does not compile. */
+/**
+ * HTTP access to the server. The types are generated from the server's OpenAPI document, so that a wrong path or body
+ * does not compile.
+ */
 import { base, localPath } from '../lib/base';
 import createClient from 'openapi-fetch';
 import type { paths } from './generated/schema';
@@ -30,7 +33,10 @@ const OPEN = [
   '/api/password-links',
   '/api/password-links/check',
 ];
-/** Browsers limit the bodies of requests that outlive their page to 64 KiB; half of it leaves room for several. */
+/**
+ * Browsers permit at most 64 KiB in all bodies of requests that continue after their page is closed. With half of this
+ * as the limit of one body, several requests can continue.
+ */
 const KEEPALIVE_BYTES = 32_768;
 
 function problemOf(status: number, body: unknown): T.Problem {
@@ -54,8 +60,8 @@ function aborted(signal: AbortSignal): Promise<never> {
 }
 
 /**
- * Request that continues after its page is closed if it is a small change, so that ABORT is sent even if the page is
- * closed directly after the key press.
+ * A request that continues after its page is closed if it is a small change. ABORT is therefore sent even if the page
+ * is closed directly after the key press.
  */
 export class OutlivingRequest extends Request {
   constructor(input: RequestInfo | URL, init?: RequestInit) {

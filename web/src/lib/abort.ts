@@ -11,8 +11,8 @@ import { sentence } from './sentence';
 export const WINDOW_MS = 5_000;
 const PAUSE_MS = 500;
 /**
- * Maximum time between the server's answer and the recorded command. The server answers as soon as ABORT is queued for
- * the line; its stages can be shown only after it is recorded.
+ * Maximum time from the server's answer until the command is recorded. The server answers as soon as ABORT is queued
+ * for the line. The page can show the stages of the command only after it is recorded.
  */
 export const RECORD_MS = 10_000;
 /**
@@ -22,8 +22,8 @@ export const RECORD_MS = 10_000;
 export const SEARCH_EVERY_MS = 3_000;
 export const SEARCH_UNTIL_MS = 60_000;
 /**
- * Tolerance for the clocks of page and server, which agree to about a second. A command created up to this long before
- * the press can still belong to it.
+ * Tolerance for the difference between the clocks of page and server, which is about a second. A command that was
+ * created at most this time before the press can belong to the press.
  */
 const CLOCK_MS = 2_000;
 
@@ -73,10 +73,10 @@ function isAnswer(error: unknown): error is ApiError {
 }
 
 /**
- * Return the result of a press after an error. `mayHaveLeft`: an attempt ended without an answer while the server may
- * have been reachable. A browser reports refused and broken connections identically, so a press is "not sent" in only
- * two cases: the server rejected the request, or no connection could be opened. If an earlier attempt may have reached
- * the server, a later rejection does not show whether that attempt was sent.
+ * Return the result of a press after an error. `mayHaveLeft`: true if an attempt ended without an answer, and the
+ * server was perhaps reachable. A browser reports refused and broken connections identically, so a press is "not sent"
+ * in only two cases: the server rejected the request, or no connection could be opened. If an earlier attempt has
+ * perhaps reached the server, a later rejection does not show whether the server sent ABORT for that attempt.
  */
 export function answerOf(error: unknown, mayHaveLeft: boolean, timedOut: boolean): Answer {
   if (isAnswer(error)) {

@@ -63,8 +63,8 @@ export function headerAlarms(reported: readonly Condition[], rows: readonly Open
 }
 
 /**
- * Turn "Cleared, not acknowledged: X" into "X, cleared, not acknowledged", because the header cuts long texts at the
- * end.
+ * Convert "Cleared, not acknowledged: X" to "X, cleared, not acknowledged". The header cuts long texts at the end, so
+ * the subject must come first.
  */
 export function subjectFirst(text: string): string {
   const parts = /^(Cleared, not acknowledged|Acknowledged): (.+)$/.exec(text);

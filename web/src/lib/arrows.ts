@@ -1,7 +1,7 @@
 /**
  * Keyboard navigation: each table or list is one tab stop; the arrow keys, Home and End move inside it. One listener
  * serves all tables and lists below an element, including those added later. Controls in forms keep separate tab stops,
- * because the arrow keys move the text cursor there.
+ * because the arrow keys move the text cursor in fields.
  */
 const GROUPS = 'table, [role="listbox"], [data-arrows]';
 const CONTROLS = 'a[href], button:not(:disabled), [role="option"]';

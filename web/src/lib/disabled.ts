@@ -34,7 +34,7 @@ function hide(): void {
 
 /**
  * Store assignments to `disabled` without applying them, and return a function that applies the last one. A control
- * that is really disabled cannot receive the focus, so its reason could not be reached by keyboard.
+ * with the attribute `disabled` cannot receive the focus. A user without a mouse could then not read the reason.
  */
 function shadowDisabled(control: Control): () => void {
   let stored = control.disabled;

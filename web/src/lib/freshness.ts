@@ -1,8 +1,8 @@
 /**
  * Freshness of indicators. Only this module decides whether an indicator is current; docs/indicators.md lists every
- * indicator with its source. Sources: `server` (command authority, open alarms, state of the port), `device` (mode,
- * cycle, banks and telemetry, which are known only through the line), `record` (an event that stays true, such as
- * "completed 14:02:11Z"; work in progress counts as `server`), `page` (a choice on this page).
+ * indicator with its source. Sources: `server` (command authority, open alarms, state of the port, work in progress),
+ * `device` (mode, cycle, banks and telemetry, which only the line reports), `record` (a past event, such as "completed
+ * 14:02:11Z"), `page` (a choice on this page).
  */
 import { clock, day, span } from './format';
 import type { LampState } from './lamp';

@@ -1,4 +1,4 @@
-/** `unreported`: the source does not report at present, so the state is unknown (lib/freshness.ts decides this). */
+/** `unreported`: the source does not report at present, so the state is unknown. lib/freshness.ts determines this. */
 export type LampState =
   | 'ok'
   | 'watch'

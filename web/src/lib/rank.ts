@@ -8,10 +8,16 @@ export interface Named {
 }
 
 const ORDER = ['page', 'command', 'alarm', 'telemetry', 'help', 'frame', 'contact', 'catalogue'];
-/** Score per letter of a consecutive match; a lower score means scattered letters. */
+/**
+ * Score of each letter if all letters of the query are consecutive in the text. A lower score means that they are
+ * scattered.
+ */
 const RUN = 5;
 
-/** Maximum length of a query for scattered matches: almost any long text contains the letters of a longer query. */
+/**
+ * Maximum length of a query for scattered matches. Almost every long text contains the letters of a longer query in
+ * order.
+ */
 const MAX_SCATTERED_LENGTH = 5;
 
 /**

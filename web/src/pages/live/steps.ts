@@ -5,7 +5,7 @@ export const CHAIN = ['TAKE_IMAGE', 'FIND_CENTROIDS', 'MATCH_STARS', 'CALCULATE_
 const ALL_STEPS = ['RUN_ITERATION', 'START_CYCLE', 'STOP_CYCLE'];
 
 /**
- * Source of a step's result. `own`: the step's own command. `iteration`, `cycle`: a command that runs all steps.
+ * Source of a step's result. `own`: the command of this step. `iteration`, `cycle`: a command that runs all steps.
  * `older`: the latest result belongs to an earlier image or to an earlier result of a preceding step. `none`: no result
  * in this contact.
  */
