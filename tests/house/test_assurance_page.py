@@ -1,4 +1,4 @@
-"""Tests and sections named in docs/assurance.md exist."""
+"""Tests and sections named in docs/assurance.md, and tests named in docs/hardening.md, exist."""
 
 from __future__ import annotations
 
@@ -22,6 +22,20 @@ def test_every_test_that_is_named_exists(root: Path, rows: list[tuple[str, str, 
     assert len(named) > 100
     for path, name in named:
         assert re.search(rf"^(?:async )?def {name}\(", (root / path).read_text(), re.MULTILINE), f"{path}::{name}"
+
+
+def test_every_test_of_a_finding_exists(root: Path) -> None:
+    """Every file and test that docs/hardening.md names exists, and each finding has a commit or is marked as open."""
+    text = (root / "docs" / "hardening.md").read_text()
+    named = re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", text)
+    assert len(named) > 60
+    for path, name in named:
+        source = (root / path).read_text()
+        assert not name or re.search(rf"^(?:async )?def {name}\(", source, re.MULTILINE), f"{path}::{name}"
+    findings = re.findall(r"^\| ([A-Z]+\d+[a-z]?) \| .+ \| .+ \| (.+) \| .+ \|$", text, re.MULTILINE)
+    assert len(findings) > 50
+    for number, commit in findings:
+        assert re.search(r"\b[0-9a-f]{8}\b|\*\*open\*\*|figures: ", commit), number
 
 
 def test_every_promise_names_its_evidence_or_states_that_there_is_none(
