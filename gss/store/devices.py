@@ -45,6 +45,11 @@ def open_contact(session: Session, url: str, now: datetime, capture: str, *, con
     return contact
 
 
+def reopen_contact(session: Session, contact_id: int) -> None:
+    """Remove the end of a contact whose line is open again."""
+    session.get_one(Contact, contact_id).ended = None
+
+
 def last_contact_id(session: Session) -> int:
     """Return the highest contact id; 0 if there is none."""
     return session.scalar(select(func.max(Contact.id))) or 0
@@ -154,9 +159,10 @@ LINE_CLOSED = "Line closed: "
 """Beginning of the event that records why a line was closed; versions up to 0.4 wrote it in lower case."""
 
 
-def closing_cause(session: Session, contact_id: int) -> str | None:
-    """Return why a contact's line was closed, as recorded; None if that was not recorded."""
+def closings(session: Session, contact_id: int) -> list[tuple[datetime, str]]:
+    """Return when and why a contact's line was closed, as recorded, in order of time. A contact whose line was lost for a few
+    seconds has several."""
     closed = func.lower(Event.text).startswith(LINE_CLOSED.lower(), autoescape=True)
-    query = select(Event).where(Event.kind == "link", closed).order_by(Event.seq.desc())
-    event = next((e for e in session.scalars(query.limit(2000)) if e.data.get("contact_id") == contact_id), None)
-    return None if event is None else event.text[len(LINE_CLOSED) :]
+    query = select(Event).where(Event.kind == "link", closed).order_by(Event.seq.desc()).limit(2000)
+    events = [event for event in session.scalars(query) if event.data.get("contact_id") == contact_id]
+    return [(event.at, event.text[len(LINE_CLOSED) :]) for event in reversed(events)]

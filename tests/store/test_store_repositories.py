@@ -249,8 +249,8 @@ def test_the_cause_of_a_closed_line_is_found_in_new_and_old_events(database):
             events.add(session, T0, "link", "watch", text, {"contact_id": contact_id})
         events.add(session, T0, "link", "ok", "Line open on x", {"contact_id": 3})
     with database.unit_of_work() as session:
-        causes = [devices.closing_cause(session, contact_id) for contact_id in (1, 2, 3)]
-    assert causes == ["the cable was cut", "closed by the operator", None]
+        causes = [[cause for _, cause in devices.closings(session, contact_id)] for contact_id in (1, 2, 3)]
+    assert causes == [["the cable was cut"], ["closed by the operator"], []]
 
 
 def test_catalogues_are_found_by_hash_and_unfinished_work_by_state(database):

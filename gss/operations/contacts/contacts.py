@@ -282,11 +282,12 @@ class ContactService:
                 happenings.append(Happening(event.at.timestamp(), names[name], text))
             elif event.kind == TELEMETRY_STORE and event.text.startswith((UNSTORED, STORED_AGAIN)):
                 happenings.append(Happening(event.at.timestamp(), NOT_STORED, event.text))
-        # The event "line closed" is recorded shortly after the end of the contact.
         with self._database.unit_of_work() as session:
-            cause = store.closing_cause(session, row.id)
-        if cause is not None and cause not in BY_US:
-            happenings.append(Happening(end.timestamp(), LINE_LOST, cause))
+            closings = store.closings(session, row.id)
+        for at, cause in closings:
+            if cause not in BY_US:
+                # The last closing is recorded shortly after the end of the contact.
+                happenings.append(Happening(min(at, end).timestamp(), LINE_LOST, cause))
         return happenings
 
     def record(self, contact_id: int) -> RecordCheck:

@@ -127,10 +127,8 @@ def why_silent(
 ) -> str:
     """Return the reason why no good packet was received in an interval of a contact."""
     evidence = _Evidence(counts, happenings)
-    lost, boot = evidence.happened((LINE_LOST,), to_s, to_s), evidence.happened(RESETS, from_s, to_s)
-    if lost is not None:
-        return f"the line was lost ({lost.text})"
-    if boot is not None:
+    boot = evidence.happened(RESETS, from_s, to_s)
+    if boot is not None and evidence.happened((LINE_LOST,), from_s, to_s) is None:
         return "the device restarted" + (f" ({boot.text})" if boot.text else "")
     return evidence.cause(from_s, to_s, contact_id)
 
@@ -157,6 +155,9 @@ class _Evidence:
 
     def cause(self, a_s: float, b_s: float, contact_id: int | None) -> str:
         """Return the reason why packets of an interval are missing."""
+        lost_line = self.happened((LINE_LOST,), a_s, b_s)
+        if lost_line is not None:
+            return f"the line was lost ({lost_line.text})"
         unstored = self.happened((NOT_STORED,), a_s, b_s)
         if unstored is not None:
             return f"not stored by the server: {unstored.text}"
@@ -239,10 +240,7 @@ def _ends(
     if end_s is not None and end_s - last.at_s > LATE_S:
         missing = round((end_s - last.at_s) / period_s)
         cause = evidence.cause(last.at_s, end_s, last.contact_id)
-        closed = evidence.happened((LINE_LOST,), end_s, end_s)
-        if closed is not None:
-            cause = f"the line was lost ({closed.text})"
-        elif cause == UNEXPLAINED:
+        if cause == UNEXPLAINED:
             cause = f"{UNEXPLAINED}: no data until the line was closed"
         gaps.append(Gap(last.at_s, end_s, missing, cause))
     return gaps

@@ -105,16 +105,22 @@ class ContactLog:
             log.exception("not recorded: %s", text)
 
     def _opened(self, event: LineOpened, at: datetime) -> None:
-        self.counted_from, self._next_count_s = event.counters, 0.0
+        self._next_count_s = 0.0
+        if not event.continued:
+            self.counted_from = event.counters
         self._reserved_id, self.contact_id, self._url = event.contact_id, None, event.url
         self._writes.add(partial(self._store_contact, event, at))
         self._writes.run()
         self.is_open = True
-        self.report("ok", f"Line open on {event.url}")
+        again = f" again, contact {event.contact_id} continues" if event.continued else ""
+        self.report("ok", f"Line open on {event.url}{again}")
 
     def _store_contact(self, event: LineOpened, at: datetime) -> None:
         with self._database.unit_of_work() as session:
-            store.open_contact(session, event.url, at, event.capture, contact_id=event.contact_id)
+            if event.continued:
+                store.reopen_contact(session, event.contact_id)
+            else:
+                store.open_contact(session, event.url, at, event.capture, contact_id=event.contact_id)
         if event.contact_id == self._reserved_id:
             self.contact_id = event.contact_id
 

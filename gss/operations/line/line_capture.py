@@ -37,8 +37,8 @@ class LineCapture:
         self._contact_id = 0
 
     def begin(self, contact_id: int) -> str:
-        """Start the capture of a contact and return the prefix of its file names. If the file cannot be created, ``write``
-        retries."""
+        """Start the capture of a contact and return the prefix of its file names. A contact that continues gets a further file.
+        If the file cannot be created, ``write`` retries."""
         self._capture, self._contact_id = None, contact_id
         try:
             self._open()
@@ -47,7 +47,10 @@ class LineCapture:
         return capture_name(contact_id)
 
     def _open(self) -> RawCapture:
-        if self._capture is None:
+        if self._capture is None and (capture := self._captures.get(self._contact_id)):
+            capture.resume()
+            self._capture = capture
+        elif self._capture is None:
             self._capture = RawCapture(self.folder, self._contact_id, self.retention)
             self._captures[self._contact_id] = self._capture
             while len(self._captures) > REMEMBERED:
@@ -184,6 +187,10 @@ class RawCapture:
     def keep_at_most(self, keep_bytes: int) -> None:
         """Set the total size of all captures above which the oldest files are removed."""
         self._retention = replace(self._retention, keep_bytes=keep_bytes)
+
+    def resume(self) -> None:
+        """Continue in a new file. Raises OSError if it cannot be created."""
+        self._file, self._size = self._next(), 0
 
     def close(self) -> None:
         """Close the file."""

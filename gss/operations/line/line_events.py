@@ -14,12 +14,14 @@ from gss.device.session_events import CommandUpdate, LinkCounters, SessionEvent
 @dataclass(frozen=True)
 class LineOpened:
     """The port was opened. ``contact_id``: id reserved for the contact. ``capture``: prefix of the names of its raw capture
-    files. ``counters``: counters of the session at that time."""
+    files. ``counters``: counters of the session at that time. ``continued``: the contact existed before, and its line was lost
+    for a few seconds."""
 
     url: str
     contact_id: int
     capture: str
     counters: LinkCounters
+    continued: bool = False
 
 
 @dataclass(frozen=True)

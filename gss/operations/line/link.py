@@ -33,6 +33,8 @@ READ_BYTES = 65536
 READ_WAIT_S = 0.01
 RETRY_S = 2.0
 REOPEN_S = 0.5
+JOIN_WITHIN_S = 10.0
+"""A lost line that is opened again within this time continues the same contact."""
 
 OpenLine = Callable[[str, int], ByteStream]
 """Opens the line at an address with a bit rate. Raises BadInput, Conflict or LinkDown."""
@@ -81,6 +83,8 @@ class LinkService:
         self.capture = LineCapture(captures, retention or Retention(), now, self._fault)
         self.contact = ContactLog(database, bus, now, self.capture, version_of, own_simulator)
         self._next_contact_id = 1
+        self._lost_line: tuple[str, float] | None = None
+        """Address and time (monotonic) of a line that was lost and not opened again. The next contact can continue it."""
         self._wake = threading.Event()
         self._stopping = False
         self._open_line = open_line
@@ -110,16 +114,17 @@ class LinkService:
         stream.close()
         if url != self.url:
             self.contact.forget_device()
-        self.url, self._reopen = url, True
-        self._wake.set()
+        self.open_later(url)
 
     def open_later(self, url: str) -> None:
         """Switch the link to this port. If the port does not exist, retry until it does."""
+        self._lost_line = None
         self.url, self._reopen = url, True
         self._wake.set()
 
     def close(self) -> None:
         """Close the port."""
+        self._lost_line = None
         self.url, self.reason = "", "closed by the operator"
         self._wake.set()
 
@@ -276,8 +281,11 @@ class LinkService:
         self.reason = reason
 
     def _contact(self, stream: ByteStream, url: str) -> None:
-        contact_id, self._next_contact_id = self._next_contact_id, self._next_contact_id + 1
-        self.events.publish([LineOpened(url, contact_id, self.capture.begin(contact_id), self.counters)])
+        continued = self._continues(url)
+        if not continued:
+            self._next_contact_id += 1
+        contact_id = self._next_contact_id - 1
+        self.events.publish([LineOpened(url, contact_id, self.capture.begin(contact_id), self.counters, continued)])
         self.line_is_open, self.reason = True, ""
         cause = "the port was changed"
         try:
@@ -287,12 +295,19 @@ class LinkService:
             cause = self.reason or cause
         except LinkDown as error:
             cause = str(error)
+            if self.url == url and not self._reopen:
+                self._lost_line = (url, self.monotonic_s())
         except Exception as error:
             cause = f"{type(error).__name__}: {error}"
             raise
         finally:
             stream.close()
             self._end_contact(cause)
+
+    def _continues(self, url: str) -> bool:
+        """True if the last contact was on this line and the line was lost less than ``JOIN_WITHIN_S`` ago."""
+        lost_line, self._lost_line = self._lost_line, None
+        return lost_line is not None and lost_line[0] == url and self.monotonic_s() - lost_line[1] < JOIN_WITHIN_S
 
     def _exchange(self, stream: ByteStream, url: str) -> None:
         while self.url == url and not self._reopen and not self._stopping:

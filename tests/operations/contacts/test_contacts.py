@@ -13,6 +13,7 @@ from gss.operations.contacts.contact_report import _attitude, contact_report
 from gss.operations.contacts.contacts import MAX_LISTED
 from gss.operations.contacts.read_limit import ReadLimit
 from gss.operations.line.capture_files import capture_files
+from gss.operations.line.link import JOIN_WITHIN_S
 from gss.operations.line.raw_capture import Retention, read_captures
 from gss.store.models import Command, TelemetryPacket
 
@@ -174,6 +175,47 @@ def test_a_lost_line_ends_the_contact_and_is_the_cause(station):
     station.wait(lambda: station.link.contact_id is None)
     assert station.contacts.record(first).unexplained == ()
     assert station.contacts.detail(first).row.ended is not None
+
+
+def test_a_line_lost_for_seconds_continues_the_same_contact(station):
+    """If the line is open again within seconds, the contact continues: one row, counters from its start, a further capture
+    file, and the missing packets are explained by the lost line."""
+    first = station.open()
+    station.listen(5)
+    station.sensor.cut = True
+    station.wait(lambda: station.link.contact_id is None)
+    bytes_before = station.contacts.detail(first).row.rx_bytes
+    station.spoil = lambda data: b""
+    station.sensor.cut = False
+    station.listen(4)
+    station.spoil = lambda data: data
+    station.wait(lambda: station.link.hello is not None)
+    assert station.link.contact_id == first
+    assert station.contacts.detail(first).row.ended is None
+    station.listen(6)
+    station.close()
+    detail, record = station.contacts.detail(first), station.contacts.record(first)
+    assert station.contacts.total() == 1
+    assert detail.row.ended is not None
+    assert detail.row.rx_bytes > bytes_before
+    assert len(detail.captures) == 2
+    assert all(file.present for file in detail.captures)
+    (gap,) = record.gaps
+    assert gap.missing >= 3
+    assert gap.cause.startswith("the line was lost (the cable is disconnected")
+    assert any(f"contact {first} continues" in event.text for event in station.bus.after(0, 1000))
+
+
+def test_a_line_lost_for_longer_begins_a_new_contact(station):
+    """If the line is open again after more than ten seconds, a new contact begins."""
+    first = station.open()
+    station.listen(3)
+    station.sensor.cut = True
+    station.wait(lambda: station.link.contact_id is None)
+    station.sensor.now_s += JOIN_WITHIN_S
+    station.sensor.cut = False
+    station.wait(lambda: station.link.contact_id is not None)
+    assert station.link.contact_id == first + 1
 
 
 def test_a_third_concurrent_read_of_a_contact_waits():
