@@ -14,6 +14,8 @@ PROGRAM = "rerun_cli/rerun"
 """Rerun's desktop program. Pages and recordings use only the library; ``pip install --force-reinstall rerun-sdk``
 restores the program."""
 UNUSED = ("setuptools", "pkg_resources", "pyarrow/include", "pyarrow/src")
+UNUSED_LIBRARIES = ("flight", "python_flight", "s3")
+"""Parts of Apache Arrow for remote services. Telemetry files and Rerun use only Arrow's tables and Parquet."""
 PACKAGES_WITH_TESTS = ("astropy", "numpy", "pyarrow", "scipy")
 """Packages whose test suites are removed."""
 IMPORTED = ("astropy/tests",)
@@ -24,7 +26,8 @@ def unneeded(packages: Path) -> list[Path]:
     """Return the files and folders of ``packages`` (a site-packages folder) that GSS never uses."""
     paths = [path for name in (PROGRAM, *UNUSED) if (path := packages / name).exists()]
     suites = [folder for name in PACKAGES_WITH_TESTS for folder in (packages / name).rglob("tests")]
-    return paths + [folder for folder in suites if folder.relative_to(packages).as_posix() not in IMPORTED]
+    libraries = [file for name in UNUSED_LIBRARIES for file in packages.glob(f"pyarrow/libarrow_{name}.so*")]
+    return paths + libraries + [folder for folder in suites if folder.relative_to(packages).as_posix() not in IMPORTED]
 
 
 def size(path: Path) -> int:
