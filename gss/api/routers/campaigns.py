@@ -15,7 +15,6 @@ from gss.api.schemas.jobs import JobOut
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.experiment import share_interval
 from gss.operations.clock import utc_now
-from gss.operations.frames.solution_export import FORMATS, export_solutions
 from gss.operations.report.pdf import as_pdf
 from gss.operations.studies import experiments
 from gss.operations.studies.campaigns import ChainRecord, ExperimentsRequest
@@ -100,5 +99,7 @@ def solutions_table(
     app: App, format: Literal["csv", "parquet"] = "csv", chain: Annotated[str, Query(max_length=30)] = ""
 ) -> Response:
     """Export all stored solutions as a table. ``chain``: only this chain."""
+    from gss.operations.frames.solution_export import FORMATS, export_solutions  # Arrow takes 30 MB of memory
+
     headers = {"Content-Disposition": f"attachment; filename=solutions.{format}"}
     return Response(export_solutions(app.base.database, format, chain), media_type=FORMATS[format], headers=headers)
