@@ -22,6 +22,7 @@ OUTLIER_SIGMA = 4.0
 CORNER_DISTORTION = 0.02  # prior sigma of the distortion of an unknown lens at the corners, relative to the radius
 ASPECT_SIGMA = 0.1  # prior sigma of the log aspect ratio of an unknown camera's pixels
 CENTRE_SIGMA = 0.12  # prior sigma of the optical axis's offset from the middle, relative to the frame's width
+CALIBRATED_CENTRE_PX = 10.0  # prior sigma of the optical axis's offset from its calibration
 STEP = 1e-6
 NOWHERE_PX = 1e9  # residual of a star that the camera cannot image
 MAX_RAD = 0.2  # largest rotation per axis in one step
@@ -57,17 +58,20 @@ def refine(
     *,
     fit_focal: bool = False,
     fit_lens: Sequence[str] = (),
+    calibration: Camera | None = None,
 ) -> Refined:
     """Fit the attitude to (n, 2) pixels of (n, 3) ICRS stars. With ``fit_focal``, also fit a common factor of both
     focal lengths.
 
     ``fit_lens`` names further parameters: the coefficients k1 k2 p1 p2 of a :class:`Brown` lens, the ``aspect`` of the
     two focal lengths, and the optical centre's ``col`` and ``row``. If the stars do not determine them, a prior keeps
-    them near zero, near one and near the middle. The distortion of ``camera`` must be Brown if coefficients are fitted.
+    them near zero, near one and near the middle, or near the values of ``calibration``, if given. The distortion of
+    ``camera`` must be Brown if coefficients are fitted.
     The method is Gauss–Newton with numeric derivatives; outliers beyond 4 robust sigmas have zero weight.
     """
     names = ["x", "y", "z", *(["focal"] if fit_focal else []), *fit_lens]
-    prior = _prior(camera, names)
+    prior = _prior(camera, names, calibration)
+    expected = np.array([value_of(calibration, name) if calibration else 0.0 for name in names])
     weight = 1 / np.asarray(sigma_px, float) ** 2
     used = np.ones(len(pixels), bool)
     residual = np.zeros((len(pixels), 2))
@@ -81,7 +85,7 @@ def refine(
         normal, gradient = weighted @ j, weighted @ residual.ravel()
         if len(names) > 3:
             values = np.array([value_of(camera, n) for n in names])
-            normal, gradient = normal + np.diag(prior), gradient - prior * values
+            normal, gradient = normal + np.diag(prior), gradient - prior * (values - expected)
         step = np.asarray(np.linalg.solve(normal * ridge, gradient), float)
         camera, cam_from_icrs = _moved(camera, cam_from_icrs, step, names)
         if np.abs(step).max() < done and (used == before).all():
@@ -95,14 +99,16 @@ def refine(
     return Refined(camera, cam_from_icrs, residual, np.where(good, weight, 0.0), rms, tuple(names), covariance)
 
 
-def _prior(camera: Camera, names: Sequence[str]) -> Array:
-    """Return the (p,) prior information (1/σ²) on each parameter of a typical lens; 0 for attitude and focal length."""
+def _prior(camera: Camera, names: Sequence[str], calibration: Camera | None) -> Array:
+    """Return the (p,) prior information (1/σ²) on each parameter of a typical lens, or of one near its calibration; 0
+    for attitude and focal length."""
     corner = float(np.tan(min(camera.half_diagonal_rad, 1.2)))
+    centre_px = CALIBRATED_CENTRE_PX if calibration else CENTRE_SIGMA * camera.columns
     loose = {"k1": 1 / corner**2, "k2": 1 / corner**4, "p1": 0.2 / corner, "p2": 0.2 / corner}
     sigma = {name: CORNER_DISTORTION * size for name, size in loose.items()} | {
         "aspect": ASPECT_SIGMA,
-        "col": CENTRE_SIGMA * camera.columns / camera.focal_col_px,
-        "row": CENTRE_SIGMA * camera.columns / camera.focal_row_px,
+        "col": centre_px / camera.focal_col_px,
+        "row": centre_px / camera.focal_row_px,
     }
     return np.array([sigma[name] ** -2 if name in sigma else 0.0 for name in names])
 

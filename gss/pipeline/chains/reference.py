@@ -22,9 +22,11 @@ from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResul
 from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.sensor import Sensor
 from gss.pipeline.detect import Detections, find_stars
+from gss.pipeline.identify.blind_proof import with_aberration
 from gss.pipeline.identify.faint import AllMatches, Spots, match_all
 from gss.pipeline.identify.focal_census import focal_objection, plenty
 from gss.pipeline.identify.near import BoundedPrior, identify_near
+from gss.pipeline.identify.other_lens import identify_other_lens, lens_difference
 from gss.pipeline.identify.pyramid import ACCEPT, PyramidMatch, identify_lost
 from gss.pipeline.identify.verify import RADIUS_SIGMA, Evidence, FrameDetections, SkyCatalogue, field_of
 from gss.pipeline.kernels import ListLoops, kernels
@@ -187,12 +189,13 @@ def _identify_known(
     evidence = result.evidence
     if evidence is None:
         with trace.stage("why not"):
-            reverse = _solves_mirrored(centroids, camera, stars, fast)
-        return replace(base, reason=MIRRORED if reverse else result.reason, timing_s=dict(trace.timing_s))
+            if _solves_mirrored(centroids, camera, stars, fast):
+                return replace(base, reason=MIRRORED, timing_s=dict(trace.timing_s))
+        return _with_other_lens(base, result.reason, stars, velocity_c, trace, fast)
     with trace.stage("focal length"):
         another = _another_focal_length(view, camera, stars.sky, evidence)
     if another:
-        return replace(base, reason=another, timing_s=dict(trace.timing_s))
+        return _with_other_lens(base, another, stars, velocity_c, trace, fast)
     with trace.stage("attitude"):
         matches = _name_all(view, camera, stars, evidence, centroids, detections, velocity_c, fast)
     seen_both = min(len(view), evidence.predicted)
@@ -201,6 +204,21 @@ def _identify_known(
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
     hip = stars.deep.hip[matches.stars]
     answer = solved(base, matches.fit, view.centroid[matches.rows], hip, evidence.false_match_probability)
+    return replace(answer, velocity_c=as_velocity(velocity_c), timing_s=dict(trace.timing_s))
+
+
+def _with_other_lens(
+    base: SolveResult, reason: str, stars: KnownSky, velocity_c: Array | None, trace: Trace, fast: bool | None
+) -> SolveResult:
+    """Solve with a lens near its calibration. The notes state the difference. Without a solution, state ``reason``."""
+    calibrated = base.camera
+    with trace.stage("other lens"):
+        solution = identify_other_lens(base.centroids, calibrated, stars.sky, stars.pairs, fast=fast)
+    if solution is None or len(solution.rows) < EXPLAINED * min(len(base.centroids), solution.predicted):
+        return replace(base, reason=reason, timing_s=dict(trace.timing_s))
+    fit = with_aberration(solution, base.centroids.pixels, stars.sky, velocity_c, calibrated)
+    base = replace(base, notes=(*base.notes, lens_difference(fit, calibrated)))
+    answer = solved(base, fit, solution.rows, stars.sky.hip[solution.stars], solution.false_match_probability)
     return replace(answer, velocity_c=as_velocity(velocity_c), timing_s=dict(trace.timing_s))
 
 

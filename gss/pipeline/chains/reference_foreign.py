@@ -9,18 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.domain.aberration import aberrate
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.results import Centroids, SolveResult
 from gss.pipeline.chains.reference import MIRRORED, as_velocity, mirrored, solved, turning_of, unsolved
 from gss.pipeline.detect import find_stars
 from gss.pipeline.identify.blind import BlindResult, identify_blind
-from gss.pipeline.identify.blind_proof import BlindSolution
+from gss.pipeline.identify.blind_proof import with_aberration
 from gss.pipeline.identify.faint import Spots
 from gss.pipeline.identify.patterns import PatternLevel
 from gss.pipeline.identify.verify import SkyCatalogue
-from gss.pipeline.refine import Refined, refine
 from gss.pipeline.trace import Clock, Trace
 
 
@@ -66,7 +64,7 @@ def solve_foreign(
             )
         is_mirrored = reverse is not None and reverse.placed and not result.placed
         return replace(base, reason=MIRRORED if is_mirrored else result.reason, timing_s=dict(trace.timing_s))
-    fit = _moving(solution, centroids, sky, velocity_c)
+    fit = with_aberration(solution, centroids.pixels, sky, velocity_c)
     turning = None
     if detections.trailed and exposure_s:
         with trace.stage("trails"):
@@ -74,30 +72,6 @@ def solve_foreign(
     answer = solved(base, fit, solution.rows, sky.hip[solution.stars], solution.false_match_probability)
     timing_s = dict(trace.timing_s)
     return replace(answer, velocity_c=as_velocity(velocity_c), turning=turning, timing_s=timing_s)
-
-
-def _moving(solution: BlindSolution, centroids: Centroids, sky: SkyCatalogue, velocity_c: Array | None) -> Refined:
-    """Repeat the fit with aberration applied to the stars."""
-    fit = solution.fit
-    if velocity_c is None:
-        return fit
-    used = fit.weight > 0
-    sigma_px = 1 / np.sqrt(np.where(used, fit.weight, 1.0))
-    free = fit.parameters[4:] if "focal" in fit.parameters else fit.parameters[3:]
-    rows, stars = solution.rows[used], solution.stars[used]
-    icrs = aberrate(sky.icrs[stars], velocity_c)
-    again = refine(
-        centroids.pixels[rows],
-        icrs,
-        sigma_px[used],
-        fit.camera,
-        fit.cam_from_icrs,
-        fit_focal="focal" in fit.parameters,
-        fit_lens=free,
-    )
-    residual_px, weight = fit.residual_px.copy(), np.zeros(len(used))
-    residual_px[used], weight[used] = again.residual_px, again.weight
-    return replace(again, residual_px=residual_px, weight=weight)
 
 
 def _blind(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from gss.domain.aberration import aberrate
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.pipeline.identify.false_match import brightness_tail, false_match_probability, match_tail
@@ -48,18 +49,59 @@ def prove(
     sky: SkyCatalogue,
     hypotheses: float,
     also: tuple[str, ...] = (),
+    calibration: Camera | None = None,
 ) -> BlindSolution | None:
     """Match and refine alternately, from a narrow and from a wide acquisition radius. Return the more certain result.
 
-    ``also``: camera parameters that are free in addition to focal length and lens once enough stars are matched. The
-    false-match probability uses the first prediction, before any fit.
+    ``also``: camera parameters that are free in addition to focal length and lens once enough stars are matched.
+    ``calibration``: camera near which the fitted camera lies; None: an uncalibrated camera. The false-match probability
+    uses the first prediction, before any fit.
     """
     results = [
-        _prove(camera, cam_from_icrs, pixels, magnitude, sigma_px, sky, hypotheses, part * camera.columns, also)
+        _prove(
+            camera,
+            cam_from_icrs,
+            pixels,
+            magnitude,
+            sigma_px,
+            sky,
+            hypotheses,
+            part * camera.columns,
+            also,
+            calibration,
+        )
         for part in ACQUIRE
     ]
     good = [r for r in results if r is not None]
     return min(good, key=lambda r: r.false_match_probability) if good else None
+
+
+def with_aberration(
+    solution: BlindSolution,
+    pixels: Array,
+    sky: SkyCatalogue,
+    velocity_c: Array | None,
+    calibration: Camera | None = None,
+) -> Refined:
+    """Return the fit of a solution, repeated with aberration applied to the stars if the observer's velocity is given."""
+    fit = solution.fit
+    if velocity_c is None:
+        return fit
+    used = fit.weight > 0
+    rows, stars = solution.rows[used], solution.stars[used]
+    again = refine(
+        pixels[rows],
+        aberrate(sky.icrs[stars], velocity_c),
+        1 / np.sqrt(fit.weight[used]),
+        fit.camera,
+        fit.cam_from_icrs,
+        fit_focal="focal" in fit.parameters,
+        fit_lens=fit.parameters[4:] if "focal" in fit.parameters else fit.parameters[3:],
+        calibration=calibration,
+    )
+    residual_px, weight = fit.residual_px.copy(), np.zeros(len(used))
+    residual_px[used], weight[used] = again.residual_px, again.weight
+    return replace(again, residual_px=residual_px, weight=weight)
 
 
 def _is_wide(camera: Camera) -> bool:
@@ -87,6 +129,7 @@ def _prove(
     hypotheses: float,
     acquire_px: float,
     also: tuple[str, ...],
+    calibration: Camera | None,
 ) -> BlindSolution | None:
     count = int(1.5 * len(pixels)) + 5
     sigma = np.maximum(sigma_px, 0.15)
@@ -104,9 +147,11 @@ def _prove(
             first = np.full((len(sky), 2), np.inf)
             first[visible] = predicted
             expected = len(visible)
-        free = also if len(m) >= ENOUGH_FOR_MORE else ()
+        free = also if len(m) >= ENOUGH_FOR_MORE or calibration else ()
         try:
             lens = WIDE_LENS if len(m) >= WIDE_STARS and round_ >= 2 and _is_wide(fit.camera) else ("k1",)
+            if calibration and len(m) < ENOUGH_FOR_MORE:
+                lens = ()
             fit = refine(
                 pixels[m],
                 sky.icrs[visible[p]],
@@ -115,6 +160,7 @@ def _prove(
                 fit.cam_from_icrs,
                 fit_focal=True,
                 fit_lens=(*lens, *free),
+                calibration=calibration,
             )
         except np.linalg.LinAlgError:
             return None
