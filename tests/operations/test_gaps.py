@@ -103,6 +103,17 @@ def test_a_device_that_sends_fifty_times_a_second_misses_as_many_packets_as_it_s
     assert gap.missing == 150
 
 
+def test_packets_that_a_busy_device_sends_late_are_not_missing():
+    """A long step of the device's clock that shorter steps make up for is no gap. A step that remains is a gap."""
+    steps = [0.02] * 60
+    steps[30:33] = [0.032, 0.012, 0.016]
+    for lost, gaps in (0.0, 0), (0.02, 1):
+        times = [sum(steps[:k]) + (lost if k > 45 else 0.0) for k in range(len(steps))]
+        check = check_record([HousekeepingSample(1000 + t, 50 + t, 10 + t, 1) for t in times], [], [])
+        assert [gap.missing for gap in check.gaps] == [1] * gaps
+        assert check.held == len(times)
+
+
 def test_packets_that_the_server_could_not_store_were_not_lost_on_the_line():
     """If an event states that packets were not stored, it is the cause, although sequence counts increased too."""
     stored_again = Happening(

@@ -19,6 +19,8 @@ MIN_STEPS = 20
 """Minimum number of intervals between packets for measuring the period."""
 GAP_PERIODS = 1.5
 LATE_S = 3.0
+CATCH_UP_SAMPLES = 40
+"""Number of packets after a late one in which a device returns to its schedule."""
 SLACK_S = 1.5
 """Time tolerance for assigning events to gaps. Counters are read once a second, so an event can be recorded up to a
 second late."""
@@ -112,9 +114,9 @@ def check_record(
     late: list[Gap] = []
     evidence = _Evidence(counts, happenings)
     period_s = _period_s(samples)
-    for before, after in itertools.pairwise(samples):
+    for i, (before, after) in enumerate(itertools.pairwise(samples)):
         gap = _between(before, after, evidence, period_s)
-        if gap is not None:
+        if gap is not None and (gap.explained or not _catches_up(samples, i, period_s)):
             (gaps if gap.missing else late).append(gap)
     gaps += _ends(samples, evidence, start_s, end_s, period_s)
     gaps.sort(key=lambda gap: gap.from_s)
@@ -179,6 +181,16 @@ def _period_s(samples: Sequence[HousekeepingSample]) -> float:
         if a.contact_id == b.contact_id and b.device_time_s > a.device_time_s
     )
     return min(PERIOD_S, steps[len(steps) // 2]) if len(steps) >= MIN_STEPS else PERIOD_S
+
+
+def _catches_up(samples: Sequence[HousekeepingSample], index: int, period_s: float) -> bool:
+    """True if shorter steps after a long step of the device's clock make up for it. The packets were then sent late by a
+    busy device, and none is missing. ``index``: of the sample before the long step."""
+    first = samples[index]
+    return any(
+        sample.contact_id == first.contact_id and sample.device_time_s - first.device_time_s <= (m + 0.5) * period_s
+        for m, sample in enumerate(samples[index + 2 : index + 2 + CATCH_UP_SAMPLES], 2)
+    )
 
 
 def _between(before: HousekeepingSample, after: HousekeepingSample, evidence: _Evidence, period_s: float) -> Gap | None:
