@@ -25,7 +25,7 @@ STEPS = round(LARGEST / STEP)
 SCALES = (1.0, *(1 + sign * k * STEP for k in range(1, STEPS + 1) for sign in (1, -1)))
 """Focal lengths of the search relative to the calibration, nearest first."""
 CANDIDATE = 1e-2  # limit of a candidate's false-match probability; the verification decides
-LIMIT = ACCEPT / 2  # because there are two verifications
+LIMIT = ACCEPT / 3  # because there are three verifications
 FEW = 5  # with fewer stars, a free focal length leaves too little evidence
 FITTED_SCALES = 325
 """Number of focal lengths in the range that differ by 0.1 px at 500 px. A fitted focal length is as good as the best of
@@ -33,6 +33,7 @@ these, so each is a hypothesis."""
 CENTRE = ("col", "row")
 MAX_CENTRE_PX = 40.0
 """Largest difference of the optical centre, twice what is expected at first light."""
+MIN_SIGMA_PX, RESIDUAL_PENALTY = 0.1, 2.0
 MAX_RMS_PX, MAX_RMS_SIGMA = 0.5, 3.0
 """A correct fit has residuals below the larger of these limits, the second relative to the position errors."""
 
@@ -56,7 +57,7 @@ def identify_other_lens(
         if match.evidence is None:
             continue
         hypotheses = max(1, match.hypotheses)
-        solutions = (
+        fixed, free = (
             prove(
                 scaled,
                 match.evidence.cam_from_icrs,
@@ -65,39 +66,39 @@ def identify_other_lens(
                 centroids.sigma_px,
                 sky,
                 hypotheses * len(SCALES),
-                CENTRE,
+                lens,
                 camera,
-            ),
-            _few_stars(centroids, view, scaled, camera, match.evidence, sky, hypotheses),
+            )
+            for lens in ((), CENTRE)
         )
-        for solution in solutions:
-            if (
-                solution is not None
-                and solution.false_match_probability <= LIMIT
-                and _is_plausible(solution, view, camera)
-            ):
-                return solution
+        few = _few_stars(centroids, view, scaled, match.evidence, sky, hypotheses)
+        found = [
+            solution for solution in (fixed, free, few) if solution is not None and _is_proved(solution, view, camera)
+        ]
+        if found:
+            return max(found, key=lambda solution: _merit(solution, view))
     return None
 
 
 def lens_difference(fit: Refined, calibrated: Camera) -> str:
-    """Describe how a fitted lens differs from its calibration. ``fit`` has a free focal length and optical centre."""
+    """Describe how a fitted lens differs from its calibration. ``fit`` has a free focal length."""
     percent = 100 * (fit.camera.focal_col_px / calibrated.focal_col_px - 1)
     sigma = dict(zip(fit.parameters, np.sqrt(np.diag(fit.covariance)), strict=True))
-    off_col = fit.camera.centre_col_px - calibrated.centre_col_px
-    off_row = fit.camera.centre_row_px - calibrated.centre_row_px
-    return (
-        f"the lens differs from its calibration: focal length {percent:+.2f} ± {100 * sigma['focal']:.2f} %, optical "
-        f"centre {off_col:+.1f} ± {sigma['col'] * fit.camera.focal_col_px:.1f} px in column and "
-        f"{off_row:+.1f} ± {sigma['row'] * fit.camera.focal_row_px:.1f} px in row. Calibrate the camera"
-    )
+    text = f"the lens differs from its calibration: focal length {percent:+.2f} ± {100 * sigma['focal']:.2f} %"
+    if CENTRE[0] in sigma:
+        off_col = fit.camera.centre_col_px - calibrated.centre_col_px
+        off_row = fit.camera.centre_row_px - calibrated.centre_row_px
+        text += (
+            f", optical centre {off_col:+.1f} ± {sigma['col'] * fit.camera.focal_col_px:.1f} px in column and "
+            f"{off_row:+.1f} ± {sigma['row'] * fit.camera.focal_row_px:.1f} px in row"
+        )
+    return f"{text}. Calibrate the camera"
 
 
 def _few_stars(
     centroids: Centroids,
     view: FrameDetections,
     scaled: Camera,
-    calibration: Camera,
     evidence: Evidence,
     sky: SkyCatalogue,
     hypotheses: int,
@@ -117,7 +118,7 @@ def _few_stars(
         stars=evidence.stars[used],
         hypotheses=hypotheses * FITTED_SCALES,
     )
-    fit = None if again is None else _fit(fitted_view, again, sky, fit.camera, CENTRE, calibration)
+    fit = None if again is None else _fit(fitted_view, again, sky, fit.camera)
     if again is None or fit is None:
         return None
     return BlindSolution(
@@ -125,40 +126,33 @@ def _few_stars(
     )
 
 
-def _fit(
-    view: FrameDetections,
-    evidence: Evidence,
-    sky: SkyCatalogue,
-    camera: Camera,
-    lens: tuple[str, ...] = (),
-    calibration: Camera | None = None,
-) -> Refined | None:
-    """Fit attitude, focal length and ``lens``. None with fewer than ``FEW`` stars."""
+def _fit(view: FrameDetections, evidence: Evidence, sky: SkyCatalogue, camera: Camera) -> Refined | None:
+    """Fit attitude and focal length. None with fewer than ``FEW`` stars."""
     rows = evidence.rows
     if len(rows) < FEW:
         return None
+    icrs, start = sky.icrs[evidence.stars], evidence.cam_from_icrs
     try:
-        fit = refine(
-            view.pixels[rows],
-            sky.icrs[evidence.stars],
-            view.sigma_px[rows],
-            camera,
-            evidence.cam_from_icrs,
-            fit_focal=True,
-            fit_lens=lens,
-            calibration=calibration,
-        )
+        fit = refine(view.pixels[rows], icrs, view.sigma_px[rows], camera, start, fit_focal=True)
     except np.linalg.LinAlgError:
         return None
     return fit if int((fit.weight > 0).sum()) >= FEW else None
 
 
-def _is_plausible(solution: BlindSolution, view: FrameDetections, calibration: Camera) -> bool:
-    """True if the fitted camera is near the calibration and its residuals are small."""
+def _merit(solution: BlindSolution, view: FrameDetections) -> float:
+    """Return the number of identified stars minus a penalty for residuals and for a free optical centre, which determines
+    the attitude less well."""
+    excess = max(solution.fit.rms_px / max(view.typical_sigma_px, MIN_SIGMA_PX), 1.0) - 1.0
+    return len(solution.rows) - RESIDUAL_PENALTY * excess - (1.0 if CENTRE[0] in solution.fit.parameters else 0.0)
+
+
+def _is_proved(solution: BlindSolution, view: FrameDetections, calibration: Camera) -> bool:
+    """True if the match is no coincidence, the fitted camera is near the calibration, and the residuals are small."""
     camera = solution.fit.camera
     focal = abs(math.log(camera.focal_col_px / calibration.focal_col_px))
     centre_px = math.hypot(
         camera.centre_col_px - calibration.centre_col_px, camera.centre_row_px - calibration.centre_row_px
     )
     max_rms_px = max(MAX_RMS_PX, MAX_RMS_SIGMA * view.typical_sigma_px)
-    return focal <= LARGEST + STEP and centre_px <= MAX_CENTRE_PX and solution.fit.rms_px <= max_rms_px
+    is_near = focal <= LARGEST + STEP and centre_px <= MAX_CENTRE_PX
+    return solution.false_match_probability <= LIMIT and is_near and solution.fit.rms_px <= max_rms_px
