@@ -149,9 +149,11 @@ def _prove(
             expected = len(visible)
         free = also if len(m) >= ENOUGH_FOR_MORE or calibration else ()
         try:
-            lens = WIDE_LENS if len(m) >= WIDE_STARS and round_ >= 2 and _is_wide(fit.camera) else ("k1",)
+            lens: tuple[str, ...] = ("k1",)
             if calibration and len(m) < ENOUGH_FOR_MORE:
                 lens = ()
+            elif len(m) >= WIDE_STARS and round_ >= 2 and _is_wide(fit.camera):
+                lens = WIDE_LENS
             fit = refine(
                 pixels[m],
                 sky.icrs[visible[p]],
