@@ -131,9 +131,19 @@ def serve(tmp_path: Path, signed_in: Callable[..., dict[str, str]]) -> Iterator[
 
 
 @pytest.fixture
-def run_gss() -> Callable[..., Any]:
-    """Function that starts ``gss`` with these arguments as a child process."""
-    return lambda *arguments: hatch("gss", list(arguments), {}, 2)
+def run_gss() -> Iterator[Callable[..., Any]]:
+    """Function that starts ``gss`` with these arguments as a child process. It is stopped after the test."""
+    started: list[Any] = []
+
+    def run(*arguments: str) -> Any:
+        started.append(hatch("gss", list(arguments), {}, 2))
+        return started[-1]
+
+    yield run
+    for process in started:
+        process.terminate()
+        process.wait(timeout=60)
+        process.stdout.close()
 
 
 class Sensor:

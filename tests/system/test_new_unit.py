@@ -58,34 +58,30 @@ def test_nos3_is_connected_as_documented_beside_faulty_lines(
     that the line is in use; a unit whose line carries noise states that no packet is valid.
     """
     simulator = run_gss(*commands["simulate"][:-1], "0")
-    try:
-        assert simulator.stdout is not None
-        url = next(line for line in simulator.stdout if line.startswith("READY")).split()[1]
-        checked = run_gss(*(url if "://" in word else word for word in commands["check"]))
-        assert checked.stdout is not None
-        findings = checked.stdout.read().splitlines()
-        assert [line for line in findings[1:-1] if not line.startswith("pass ")] == []
-        assert findings[-1].endswith("0 failed")
+    assert simulator.stdout is not None
+    url = next(line for line in simulator.stdout if line.startswith("READY")).split()[1]
+    checked = run_gss(*(url if "://" in word else word for word in commands["check"]))
+    assert checked.stdout is not None
+    findings = checked.stdout.read().splitlines()
+    assert [line for line in findings[1:-1] if not line.startswith("pass ")] == []
+    assert findings[-1].endswith("0 failed")
 
-        unit, _ = commands["serve"][-1].split("@")
-        lines = {unit: url, "TWIN=nos3": url.replace("127.0.0.1", "localhost"), "NOISE=nos3": noise}
-        server = serve(*(word for name, line in lines.items() for word in ("--unit", f"{name}@{line}")))
-        console = server.console
+    unit, _ = commands["serve"][-1].split("@")
+    lines = {unit: url, "TWIN=nos3": url.replace("127.0.0.1", "localhost"), "NOISE=nos3": noise}
+    server = serve(*(word for name, line in lines.items() for word in ("--unit", f"{name}@{line}")))
+    console = server.console
 
-        def links() -> dict[str, Any]:
-            return {u["name"]: u["link"] for u in console.get("/fleet")["units"] if u["current"]}
+    def links() -> dict[str, Any]:
+        return {u["name"]: u["link"] for u in console.get("/fleet")["units"] if u["current"]}
 
-        def faulty(name: str, words: str) -> bool:
-            link = links().get(name)
-            return link is not None and not link["profile"] and any(words in a["text"] for a in link["alarms"])
+    def faulty(name: str, words: str) -> bool:
+        link = links().get(name)
+        return link is not None and not link["profile"] and any(words in a["text"] for a in link["alarms"])
 
-        name, link = console.wait(
-            "an attitude", lambda: next(((n, u) for n, u in links().items() if u["attitude"]), None), LONG_S
-        )
-        assert (link["rx"]["state"], link["simulated"], link["profile"]) == ("up", None, "nos3")
-        other = ({"FM1", "TWIN"} - {name}).pop()
-        console.wait("the line in use", lambda: faulty(other, "another program may be using the line"), LONG_S)
-        console.wait("invalid bytes", lambda: faulty("NOISE", "check the line rate and the instrument"), LONG_S)
-    finally:
-        simulator.terminate()
-        simulator.wait(timeout=60)
+    name, link = console.wait(
+        "an attitude", lambda: next(((n, u) for n, u in links().items() if u["attitude"]), None), LONG_S
+    )
+    assert (link["rx"]["state"], link["simulated"], link["profile"]) == ("up", None, "nos3")
+    other = ({"FM1", "TWIN"} - {name}).pop()
+    console.wait("the line in use", lambda: faulty(other, "another program may be using the line"), LONG_S)
+    console.wait("invalid bytes", lambda: faulty("NOISE", "check the line rate and the instrument"), LONG_S)
