@@ -47,6 +47,12 @@ def register(subparsers: Commands) -> None:
     )
     parser.add_argument("--drift-limit-arcsec-h", type=float, help="raise an alarm above this value (default: none)")
     _with_data(parser).set_defaults(run=set_spacecraft)
+    parser = kinds.add_parser("export", help="write the fused attitudes of the body as a CCSDS AEM or ACM")
+    parser.add_argument("name")
+    parser.add_argument("--from", dest="start", metavar="TIME", required=True, help="start, ISO 8601, UTC by default")
+    parser.add_argument("--to", dest="end", metavar="TIME", required=True, help="end, ISO 8601")
+    parser.add_argument("--format", default="aem", choices=("aem", "acm"), help="default aem; acm includes variances")
+    _with_data(parser).set_defaults(run=export_fused)
     parser = kinds.add_parser("remove", help="delete a spacecraft with the history of its heads")
     parser.add_argument("name")
     _with_data(parser).set_defaults(run=remove_spacecraft)
@@ -89,6 +95,18 @@ def set_spacecraft(arguments: argparse.Namespace) -> int:
         setup = services.heads.book.create(request, user=_user())
     _record(services, "heads_set", setup.name, ", ".join(arguments.head))
     print(f"{setup.name} is stored with {', '.join(head.unit for head in setup.heads)}")
+    return 0
+
+
+def export_fused(arguments: argparse.Namespace) -> int:
+    """Print the fused attitudes of a spacecraft as a CCSDS message."""
+    from gss.cli.records import parse_time
+
+    services = _services(arguments)
+    setup = services.heads.book.named(arguments.name)
+    start, end = parse_time(arguments.start), parse_time(arguments.end)
+    for line in services.heads.history.message(arguments.format, setup.id, start, end):
+        print(line, end="")
     return 0
 
 

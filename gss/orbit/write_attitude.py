@@ -17,6 +17,12 @@ from gss.domain.rotation import quaternion_inverse
 from gss.orbit.attitude import AttitudeHistory
 
 Basis = Literal["DETERMINED_GND", "DETERMINED_OBC"]
+MessageFormat = Literal["aem", "acm"]
+
+
+def attitude_message(kind: MessageFormat, history: AttitudeHistory, basis: Basis, created: datetime) -> Iterator[str]:
+    """Yield the lines of a message. ``basis``: where the attitudes were determined; an AEM does not state it."""
+    return aem_of(history, created) if kind == "aem" else acm_of(history, basis, created)
 
 
 def aem_of(history: AttitudeHistory, created: datetime) -> Iterator[str]:

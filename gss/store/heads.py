@@ -72,6 +72,12 @@ def newest_fused(session: Session, spacecraft_id: int) -> FusedRow | None:
     return session.scalar(query)
 
 
+def fused_between(session: Session, spacecraft_id: int, start: datetime, end: datetime, limit: int) -> list[FusedRow]:
+    """Return the fused attitudes of a time range, oldest first, at most ``limit``."""
+    query = select(FusedRow).where(FusedRow.spacecraft_id == spacecraft_id, FusedRow.at.between(start, end))
+    return list(session.scalars(query.order_by(FusedRow.at, FusedRow.id).limit(limit)))
+
+
 def pairs_between(
     session: Session, spacecraft_id: int, start: datetime, end: datetime, limit: int
 ) -> list[HeadPairRow]:

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
 from gss.cli import main
+from gss.orbit.read_attitude import read_attitude_file
 from gss.settings import Settings
+from gss.store.models import FusedRow
 from gss.wiring.build import build
 
+T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 PATH = "/api/fleet/spacecraft"
 SAT: dict[str, Any] = {
     "name": "SAT",
@@ -77,3 +82,35 @@ def test_wrong_spacecraft_are_refused(client: TestClient) -> None:
     assert client.put(f"{PATH}/{spacecraft['id']}", json=SAT | {"stale_s": 60.0}).json()["stale_s"] == 60
     assert client.delete(f"{PATH}/{spacecraft['id']}").status_code == 204
     assert len(client.get(PATH).json()) == 0
+
+
+def test_fused_attitudes_are_exported_as_ccsds_messages(client: TestClient, tmp_path: Path, capsys: Any) -> None:
+    """AEM and ACM contain the stored attitudes of the body with their variances, over HTTP and in the shell."""
+    spacecraft_id = client.post(PATH, json=SAT).json()["id"]
+    quaternions = np.array([[0.0, 0.0, 0.0, 1.0], [0.6, 0.0, 0.0, 0.8]])
+    variances = [4e-10, 9e-10, 16e-10]
+    with client.app.state.services.base.database.unit_of_work() as session:
+        for k, quaternion in enumerate(quaternions):
+            row = FusedRow(spacecraft_id=spacecraft_id, at=T0 + timedelta(seconds=k), units=["A", "B"])
+            row.quaternion = quaternion.tolist()
+            row.covariance = [variances[0], 0.0, 0.0, variances[1], 0.0, variances[2]]
+            session.add(row)
+    span = {"start": T0.isoformat(), "end": (T0 + timedelta(minutes=1)).isoformat()}
+    path = f"{PATH}/{spacecraft_id}/attitudes"
+    for message_format in ("aem", "acm"):
+        reply = client.get(path, params=span | {"format": message_format})
+        assert reply.status_code == 200, reply.text
+        history = read_attitude_file(reply.content)
+        assert (history.object_name, history.frame) == ("SAT", "SC_BODY_1")
+        assert history.quaternions == pytest.approx(quaternions, abs=1e-9)
+        assert history.times_s == pytest.approx([T0.timestamp(), T0.timestamp() + 1])
+    covariance = reply.text.partition("COV_TYPE = ANGLE\n")[2].splitlines()[0].split()
+    assert [float(v) for v in covariance[1:]] == pytest.approx(np.degrees(np.sqrt(variances)) ** 2, rel=1e-5)
+    words = ["--from", span["start"], "--to", span["end"], "--format", "acm", "--data", str(tmp_path)]
+    assert main(["heads", "export", "SAT", *words]) == 0
+    printed = [line for line in capsys.readouterr().out.splitlines() if "CREATION_DATE" not in line]
+    assert printed == [line for line in reply.text.splitlines() if "CREATION_DATE" not in line]
+    assert client.get(path, params=span | {"end": "2020-01-01T00:00:00Z"}).status_code == 400
+    empty = {"start": "2020-01-01T00:00:00Z", "end": "2020-01-02T00:00:00Z"}
+    assert "There is no attitude in this time" in client.get(path, params=empty).text
+    assert client.get(f"{PATH}/99/attitudes", params=span).status_code == 404

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated
 
 from fastapi import Form, UploadFile
@@ -12,7 +13,8 @@ from gss.api.deps import EXPORT, App, QueryTime, need
 from gss.api.present.attitudes import comparison
 from gss.api.schemas.attitudes import AttitudeComparisonOut
 from gss.domain.errors import BadInput
-from gss.operations.frames.attitude_exchange import AttitudeOrigin, MessageFormat
+from gss.operations.frames.attitude_exchange import AttitudeOrigin
+from gss.orbit.write_attitude import MessageFormat
 
 router = api_router("frames", "/attitudes")
 MAX_BYTES = 20 << 20
@@ -23,7 +25,11 @@ def export_attitudes(
     app: App, start: QueryTime, end: QueryTime, format: MessageFormat = "aem", origin: AttitudeOrigin = "ground"
 ) -> StreamingResponse:
     """Export the attitudes of frames exposed in a span as a CCSDS AEM or ACM in KVN."""
-    lines = app.passes.attitudes.message(format, origin, start, end)
+    return message_file(app.passes.attitudes.message(format, origin, start, end), format)
+
+
+def message_file(lines: Iterator[str], format: MessageFormat) -> StreamingResponse:
+    """Return the response with an attitude message as a file."""
     headers = {"Content-Disposition": f"attachment; filename=attitudes.{format}"}
     return StreamingResponse((line.encode() for line in lines), media_type="text/plain; charset=utf-8", headers=headers)
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated
 
 from fastapi import Query, Request
+from fastapi.responses import Response, StreamingResponse
 from pydantic import Field
 
 from gss.api.api_router import api_router
-from gss.api.deps import App, AuditNote, RowId, User, need
+from gss.api.deps import EXPORT, App, AuditNote, QueryTime, RowId, User, need
 from gss.api.present.heads import heads, history
+from gss.api.routers.attitudes import message_file
 from gss.api.schemas.base import In
 from gss.api.schemas.heads import HeadHistoryOut, HeadsOut
 from gss.operations.heads.mountings import SpacecraftRequest, SpacecraftSetup
+from gss.orbit.write_attitude import MessageFormat
 from gss.wiring.services import Services
 
 if TYPE_CHECKING:  # the module loads the HTTP client, which a server with one unit does not need
@@ -76,6 +79,14 @@ def correct_mounting(
 def read_history(app: App, spacecraft_id: RowId, hours: Annotated[float, Query(gt=0, le=720)] = 1.0) -> HeadHistoryOut:
     """Comparisons of the last hours."""
     return history(app.heads.history.pairs(spacecraft_id, hours))
+
+
+@router.get("/{spacecraft_id}/attitudes", dependencies=[EXPORT], response_class=Response)
+def export_fused_attitudes(
+    app: App, spacecraft_id: RowId, start: QueryTime, end: QueryTime, format: MessageFormat = "aem"
+) -> StreamingResponse:
+    """Export the fused attitudes of the body in a span as a CCSDS AEM or ACM in KVN."""
+    return message_file(app.heads.history.message(format, spacecraft_id, start, end), format)
 
 
 def _out(app: Services, request: Request, setup: SpacecraftSetup) -> HeadsOut:

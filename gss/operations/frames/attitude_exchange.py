@@ -16,12 +16,11 @@ from gss.operations.clock import Now
 from gss.operations.parsing.parse_processes import ParseProcesses
 from gss.orbit.attitude import AttitudeHistory
 from gss.orbit.read_attitude import read_attitude_file
-from gss.orbit.write_attitude import acm_of, aem_of
+from gss.orbit.write_attitude import MessageFormat, attitude_message
 from gss.store.engine import Database
 from gss.store.frame_attitudes import FrameAttitude, attitudes_between
 
 AttitudeOrigin = Literal["ground", "on board"]
-MessageFormat = Literal["aem", "acm"]
 CAMERA_FRAME = "STARTRACKER_1"
 MAX_FRAMES = 100_000
 MEAN_STEPS = 20
@@ -74,9 +73,9 @@ class AttitudeExchange:
     def message(self, kind: MessageFormat, origin: AttitudeOrigin, start: datetime, end: datetime) -> Iterator[str]:
         """Yield the lines of an AEM or ACM of a time span. Raises BadInput before the first line."""
         history = self.history(origin, start, end)
-        if kind == "aem":
-            return aem_of(history, self._now())
-        return acm_of(history, "DETERMINED_GND" if origin == "ground" else "DETERMINED_OBC", self._now())
+        return attitude_message(
+            kind, history, "DETERMINED_GND" if origin == "ground" else "DETERMINED_OBC", self._now()
+        )
 
     def compare(self, data: bytes, origin: AttitudeOrigin) -> AttitudeComparison:
         """Compare all frames in the time span of an AEM or ACM. Raises BadInput if the file is not valid or there is no frame."""

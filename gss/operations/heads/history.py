@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 import numpy as np
 
@@ -13,12 +14,18 @@ from gss.operations.clock import Now
 from gss.operations.heads.head_watch import KEPT, estimate_of
 from gss.operations.heads.mountings import SpacecraftSetup
 from gss.operations.heads.tracker import drift_sigma
+from gss.orbit.attitude import AttitudeHistory
+from gss.orbit.write_attitude import MessageFormat, attitude_message
 from gss.pipeline.heads.misalignment import Misalignment
 from gss.store import heads as store
 from gss.store.engine import Database
 from gss.store.models import FusedRow, HeadPairRow
 
 MAX_POINTS = 600
+MAX_ATTITUDES = 100_000
+BODY_FRAME = "SC_BODY_1"
+DIAGONAL = (0, 3, 5)
+"""Positions of the variances in the upper triangle of a (3, 3) covariance."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,26 @@ class HeadHistory:
             start = end - timedelta(hours=hours)
             rows = store.pairs_between(session, spacecraft_id, start, end + timedelta(minutes=1), MAX_POINTS)
         return [_stored(row) for row in rows]
+
+    def message(self, kind: MessageFormat, spacecraft_id: int, start: datetime, end: datetime) -> Iterator[str]:
+        """Yield the lines of an AEM or ACM with the fused attitudes of the body in a time span. Raises BadInput, NotFound
+        before the first line."""
+        if end < start:
+            raise BadInput("The time span is empty", expected="a start before the end", got=f"{start} … {end}")
+        with self._database.unit_of_work() as session:
+            name = store.get(session, spacecraft_id).name
+            rows = store.fused_between(session, spacecraft_id, start, end, MAX_ATTITUDES + 1)
+        if len(rows) > MAX_ATTITUDES:
+            raise BadInput("There are too many attitudes in this time", expected=f"at most {MAX_ATTITUDES}")
+        row_at = {row.at: row for row in rows}
+        history = AttitudeHistory(
+            name,
+            BODY_FRAME,
+            np.array([at.timestamp() for at in row_at]),
+            np.array([row.quaternion for row in row_at.values()], float).reshape(-1, 4),
+            np.sqrt([[row.covariance[k] for k in DIAGONAL] for row in row_at.values()]).reshape(-1, 3),
+        )
+        return attitude_message(kind, history, "DETERMINED_GND", self._now())
 
     def newest(self, setup: SpacecraftSetup) -> tuple[FusedRow | None, list[StoredPair]]:
         """Return the latest stored fused attitude, and the latest comparison of each head since the last change of the
