@@ -1,8 +1,9 @@
 """Fuzz targets: one function for each parser of untrusted bytes. ``fuzz_one(data)`` raises only on a defect.
 
-Contract of every parser in this module: it returns a result or raises a GssError that states the problem. It never
-raises another exception and never needs much time or memory. Parsers of the line never raise. Formats with checksums
-are tested twice, unchanged and with corrected checksums, because an attacker can also compute checksums.
+Contract of every parser under test: it returns a result or raises a GssError that states the problem. It never raises
+another exception and never needs much time or memory. The deframer, the packet decoder, the session and the capture
+decoder never raise. Formats with checksums are tested twice, unchanged and with corrected checksums, because an
+attacker can also compute checksums.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ RECORD = struct.Struct(">BBHH")
 
 
 def frames(data: bytes) -> None:
-    """Test both framings: no exception, bounded memory, the same packets for every split of the stream, and equal
+    """Test each framing: no exception, bounded memory, the same packets for every split of the stream, and equal
     packets after a round trip."""
     step = 1 + (data[0] if data else 0)
     for name in FRAMINGS:
@@ -71,8 +72,8 @@ def frames(data: bytes) -> None:
 
 
 def packets(data: bytes) -> None:
-    """Test a packet, and its payload with every layout of the dictionary. Decoded data must be equal after a round
-    trip."""
+    """Test the data as a packet, and as a payload with each layout of the dictionary. A decoded packet must be equal
+    after a round trip. An encoded payload must be decodable."""
     for candidate in (data, with_crc(data)):
         packet = decode_packet(candidate)
         if hasattr(packet, "payload"):
@@ -98,8 +99,8 @@ def _converted(packet: Any) -> bool:
 
 
 def _records(data: bytes) -> list[tuple[int, int, int, bytes]]:
-    """Return packets before framing, so that checksums are valid: u8 type, u8 code, u16 request id, u16 length,
-    payload."""
+    """Split the data into records (u8 type, u8 code, u16 request id, u16 length, payload), from which the caller builds
+    packets with valid checksums."""
     records, at = [], 0
     while at + RECORD.size <= len(data) and len(records) < MAX_RECORDS:
         kind, code, request_id, length = RECORD.unpack_from(data, at)
@@ -129,7 +130,8 @@ def session(data: bytes) -> None:
 
 
 def capture(data: bytes) -> None:
-    """Test a raw capture file, and arbitrary line data as one record."""
+    """Test the decoder of captures with the data as a capture file, as one record of line bytes, and as packets with
+    valid checksums."""
     for file in (data, struct.pack("<dBI", 1.7e9, 0, len(data)) + data):
         decoder = CaptureDecoder(load_dictionary())
         for at_s, direction, piece in read_capture(io.BytesIO(file)):
@@ -183,7 +185,8 @@ def dictionary(data: bytes) -> None:
 
 
 def manifest(data: bytes) -> None:
-    """Test a catalogue manifest, unchanged and with corrected hash. A parsed manifest must be usable."""
+    """Test a catalogue manifest, unchanged and with corrected hash. A parsed manifest must be equal after a round trip,
+    and its uses may raise only GssError."""
     text = data.decode("utf-8", "replace")
     for candidate in (text, _with_manifest_sum(text)):
         with suppress(GssError):
@@ -208,7 +211,8 @@ def _with_manifest_sum(text: str) -> str:
 
 
 def bank(data: bytes) -> None:
-    """Test a bank image, unchanged and with corrected checksums. A parsed image must be writable in every format."""
+    """Test a bank image, unchanged and with corrected checksums. The blocks of a parsed image must be the image, and
+    its conversions may raise only GssError."""
     for candidate in (data, _with_bank_sums(data)):
         with suppress(GssError):
             decode(candidate)
@@ -224,7 +228,8 @@ def bank(data: bytes) -> None:
 
 
 def _with_bank_sums(data: bytes) -> bytes:
-    """Return the data with correct body CRC at 56 and header CRC at 60. The body extends to the end of the data."""
+    """Return the data with a correct CRC of the body at byte 56, and of the header at byte 60. The body extends to the
+    end of the data."""
     if len(data) < 64:
         return data
     fixed = bytearray(data)

@@ -1,4 +1,4 @@
-"""Count the bytes, packets and damage on the line, in total and over the last minute."""
+"""Counters of the bytes, packets and damaged packets on the line, and damage rates over the last minute."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ class _Sample:
     damaged: int
 
     def rate_since(self, before: _Sample) -> float:
-        """Return the damage per byte between two samples; 0 if there is too little data for an estimate."""
+        """Return the damage rate per byte since the sample ``before``; 0 if too few packets were damaged for an
+        estimate."""
         packets, damaged = self.packets - before.packets, self.damaged - before.damaged
         if damaged < MIN_LOSSES or packets < damaged:
             return 0.0
@@ -54,9 +55,10 @@ class _Sample:
 
 
 class LineQuality:
-    """Damage per byte of each direction over the last minute.
+    """Damage rate per byte of each direction over the last minute.
 
-    The host counts the packets it receives; the device counts those sent to it and reports them in housekeeping.
+    The host counts the packets that it receives. For the other direction, the device counts the packets that it receives
+    and reports the counts in housekeeping.
     """
 
     def __init__(self) -> None:

@@ -1,5 +1,5 @@
-"""``link.yaml``: the line of a unit. For the driver ``link`` it also describes the protocol, composed of existing
-parts."""
+"""``link.yaml``: settings of the line of a unit. For the driver ``link``, the file also describes the protocol of the
+sensor."""
 
 from __future__ import annotations
 
@@ -18,10 +18,17 @@ SIZES = {"u8": 1, "u16": 2, "u32": 4}
 
 
 class HeaderField(Strict):
-    """One number of a header. ``holds``: content of the field. ``value``: constant in every packet; ``code``: code of
-    the command or packet; ``request_id``: number that the ground counts; ``length``: number of bytes from the start of
-    the header to the end of the packet, plus ``add``; ``any``: not compared. A code can share its field with other
-    bits. ``mask`` selects the bits of the code, and ``value`` sets the other bits, which are not compared."""
+    """One number of a header. ``holds`` selects its content:
+
+    - ``value``: the constant ``value``, in requests and responses.
+    - ``code``: the code of the command or telemetry packet.
+    - ``request_id``: the number of the request, assigned by the ground.
+    - ``length``: the number of bytes from the start of the header to the end of the packet, plus ``add``.
+    - ``any``: any content in a response; in a request, the constant ``value``.
+
+    A code can share its field with other bits. ``mask`` selects the bits of the code. ``value`` sets the other bits of a
+    request; in a response, they are not compared.
+    """
 
     name: ShortName
     type: Literal["u8", "u16", "u32"]
@@ -32,7 +39,8 @@ class HeaderField(Strict):
 
 
 class Acceptance(Strict):
-    """Condition on a response. A response with these bits accepts the request; any other response rejects it."""
+    """Condition for an accepted request: in the response, the bits ``mask`` of the header field ``field`` equal
+    ``equals``. Any other response rejects the request."""
 
     field: ShortName
     mask: Whole
@@ -56,8 +64,8 @@ class Poll(Strict):
 
 
 class PacketFormat(Strict):
-    """Header of the packets of one direction, in the order of the line. ``codes``: values of header fields by command
-    or packet, if a single code is not sufficient."""
+    """Header of the packets in one direction. The fields are in the order of transmission. ``codes``: values of header
+    fields by command or packet, if more than one field identifies a command or packet."""
 
     header: Annotated[tuple[HeaderField, ...], Field(max_length=20)] = ()
     codes: dict[ShortName, dict[ShortName, Whole]] = Field(default_factory=dict)
@@ -87,12 +95,13 @@ class PacketFormat(Strict):
 
 
 class Protocol(Strict):
-    """Protocol of a sensor that the driver ``link`` uses: requests and responses.
+    """Format of the requests and responses of a sensor with the driver ``link``.
 
     ``match``: how a response is assigned to its request: by order (``order``), by code (``code``) or by request number
-    (``request_id``). ``echo``: True if the sensor first returns each request unchanged. ``answers``: telemetry packet
-    in the response, by command; other responses contain the command's return values. ``payload_byte_order``: byte order
-    of the payload, if different from the header. ``pause_s``: pause between an exchange and the next request.
+    (``request_id``). ``echo``: True if the sensor first returns each request unchanged. ``answers``: name of the
+    telemetry packet in the response, for each command with such a response. Other responses contain the return values
+    of the command. ``payload_byte_order``: byte order of the payload, if different from the header. ``pause_s``: pause
+    between an exchange and the next request.
     """
 
     byte_order: ByteOrder = "big"
@@ -120,9 +129,11 @@ class Protocol(Strict):
 
 
 class LinkFile(Noted):
-    """``link.yaml``: the line of the unit. ``baud`` 0: not paced. ``hello_again_s``: pause between attempts to open the
-    session. ``stalled_after_s``: a line that accepts no bytes for this time is closed and opened again. ``protocol``:
-    only for the driver ``link``. ``byte_order``: byte order in the packets of other drivers, used by exports."""
+    """``link.yaml``: settings of the line of the unit. ``baud``: rate of the line; 0: default rate of a serial port,
+    and a simulated line without a rate limit. ``hello_again_s``: pause between attempts to open the session.
+    ``stalled_after_s``: a line that accepts no bytes for this time is closed and opened again. ``protocol``: only for
+    the driver ``link``. ``byte_order``: byte order of the numbers in the packets of other drivers; only exports use
+    it."""
 
     framing: Literal["cobs", "slip", "kiss", "length_prefixed", "sync_and_trailer", "can", "none"] = "cobs"
     baud: Annotated[int, Field(ge=0, le=100_000_000)] = 115_200

@@ -24,7 +24,7 @@ class FrameAttitude:
 
 def attitudes_between(session: Session, origin: str, start: datetime, end: datetime, limit: int) -> list[FrameAttitude]:
     """Return up to ``limit`` attitudes of frames exposed in a time range, oldest first. For the origin ``ground``, use
-    the operational attitude of each frame; for another origin, its newest attitude."""
+    the operational attitude of each frame; for another origin, use the newest attitude of this origin."""
     newest_id = (
         select(func.max(Solution.id))
         .where(Solution.frame_id == Frame.id, Solution.origin == origin, Solution.outcome == "solved")

@@ -54,7 +54,8 @@ async def application(scope: Any, receive: Any, send: Any) -> None:
 
 
 def with_server(visit: Callable[[Connect, Connections], Awaitable[None]], **settings: str) -> None:
-    """Run ``visit`` with a server of few places; it can connect from any loopback address."""
+    """Run ``visit`` with a server that has the low connection limits ``LIMITS``. ``visit`` can connect from any loopback
+    address."""
 
     async def run() -> None:
         connections = Connections(LIMITS)
@@ -105,8 +106,8 @@ def request(path: str) -> bytes:
 
 
 def test_the_oldest_unauthenticated_connection_of_an_address_is_dropped() -> None:
-    """The server drops the oldest connection, idle or in use, and answers the new one. Other addresses are not
-    affected.
+    """The server drops the oldest connection, even with a request begun, and answers the new one. Other addresses are
+    not affected.
     """
 
     async def visit(connect: Connect, connections: Connections) -> None:
@@ -150,7 +151,7 @@ def test_an_authenticated_connection_is_not_dropped_for_others() -> None:
 
 
 def test_users_over_their_limit_lose_idle_connections_only() -> None:
-    """Over the limit of users, an idle connection is dropped; one with a response in progress stays."""
+    """Over the limit for authenticated connections, an idle one is dropped. One with a response in progress stays."""
 
     async def visit(connect: Connect, _connections: Connections) -> None:
         stream, idle = await connect(request("/user/stream")), await connect(request("/user"))
@@ -165,8 +166,8 @@ def test_users_over_their_limit_lose_idle_connections_only() -> None:
 
 
 def test_unauthenticated_connections_drop_no_user_over_the_limit() -> None:
-    """Three users exceed the limit, because none was idle when the third connected. They stay when they are idle
-    later.
+    """Three authenticated connections exceed the limit of two, because none was idle when the third one began. New
+    unauthenticated connections do not drop them, even after they have become idle.
     """
 
     async def visit(connect: Connect, _connections: Connections) -> None:
@@ -223,7 +224,7 @@ def test_an_incomplete_handshake_is_dropped_too(certificate: dict[str, str]) -> 
 
 
 def test_a_failed_handshake_frees_its_place(certificate: dict[str, str], caplog: pytest.LogCaptureFixture) -> None:
-    """Connections that the server closed do not count, so no other connection is dropped for the next one."""
+    """A connection does not count after its TLS handshake has failed, so the next connection displaces no other."""
 
     async def visit(connect: Connect, connections: Connections) -> None:
         for address in ("127.0.0.7", "127.0.0.8", "127.0.0.9"):
@@ -270,7 +271,8 @@ def test_without_descriptors_an_unauthenticated_connection_is_dropped(caplog: py
 
 
 def test_limits_follow_the_setting_and_the_limit_of_open_files() -> None:
-    """Connections use at most half of the descriptors. Behind a proxy, one address may have all connections."""
+    """Connections use at most half of the descriptors. Behind a proxy, one address may have all unauthenticated
+    connections."""
     assert ConnectionLimits.within(800, 20_000, behind_proxy=False) == ConnectionLimits(400, 400, 200)
     assert ConnectionLimits.within(800, 256, behind_proxy=False) == ConnectionLimits(64, 64, 32)
     assert ConnectionLimits.within(800, 20_000, behind_proxy=True).per_address == 400
@@ -303,7 +305,8 @@ print(len(used), stream.read(1, 5.0).decode())
 
 
 def test_a_link_opens_with_nearly_all_descriptors_in_use() -> None:
-    """A link opens while other descriptors are in use: pyserial uses select(), which needs a descriptor below 1024."""
+    """A link opens although nearly all descriptors are in use. pyserial uses select(), which accepts only descriptors
+    below 1024, so the limit of open files must not be higher."""
     command = [sys.executable, "-c", WITH_ALL_DESCRIPTORS]
     completed = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert completed.stdout.endswith(" x\n"), completed.stderr

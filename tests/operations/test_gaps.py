@@ -1,4 +1,4 @@
-"""Each gap of a record has the cause that other records prove, and no other."""
+"""The record check states a cause for a gap only if other records prove this cause."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gss.operations.contacts.gaps import (
 
 
 def steady(n: int, *, without=(), start: float = 1000.0) -> list[HousekeepingSample]:
-    """Return ``n`` seconds of housekeeping samples except ``without``."""
+    """Return one housekeeping sample for each of ``n`` seconds, except for the seconds ``without``."""
     return [HousekeepingSample(start + k, 50.0 + k, 10.0 + k, 1) for k in range(n) if k not in without]
 
 
@@ -53,7 +53,7 @@ def test_stored_and_missing_packets_add_up_to_those_sent(without):
     ],
 )
 def test_counters_explain_only_gaps_of_their_time(counts, cause):
-    """An increase of a counter during a gap explains it. One before it, or in another contact, does not."""
+    """A counter that increases during a gap explains the gap. An increase before the gap or in another contact does not."""
     (gap,) = check_record(steady(30, without={10, 11, 12}), counts, []).gaps
     assert gap.missing == 3
     assert gap.cause.startswith(cause)
@@ -61,7 +61,7 @@ def test_counters_explain_only_gaps_of_their_time(counts, cause):
 
 
 def test_a_restart_a_set_clock_and_a_closed_link_are_causes():
-    """A restart, a set clock and a closed link are recognised as causes by uptime, event and contact."""
+    """The uptime shows a restart, an event shows that the clock was set, and a new contact shows a closed link."""
     before, after = steady(5), [HousekeepingSample(1012.0 + k, 3.0 + k, 1.0 + k, 1) for k in range(5)]
     check = check_record([*before, *after], [], [Happening(1010.0, RESTARTED, "watchdog")])
     assert [(g.missing, g.cause) for g in check.gaps] == [(7, "the device restarted (watchdog)")]
@@ -97,14 +97,15 @@ def test_gaps_at_the_ends_of_a_contact_are_found():
 
 
 def test_a_device_that_sends_fifty_times_a_second_misses_as_many_packets_as_it_sent():
-    """Missing packets are counted with the device's period, not with the longest one of the interface document."""
+    """The number of missing packets follows from the period of the device, not from the longest permitted period."""
     samples = [HousekeepingSample(1000.0 + k / 50, 50.0 + k / 50, 10.0, 1) for k in range(500) if not 100 <= k < 250]
     (gap,) = check_record(samples, [count(1000)], []).gaps
     assert gap.missing == 150
 
 
 def test_packets_that_a_busy_device_sends_late_are_not_missing():
-    """A long step of the device's clock that shorter steps make up for is no gap. A step that remains is a gap."""
+    """A long step of the device's clock is not a gap if shorter steps then make up for it. A step that
+    remains is a gap."""
     steps = [0.02] * 60
     steps[30:33] = [0.032, 0.012, 0.016]
     for lost, gaps in (0.0, 0), (0.02, 1):
@@ -115,7 +116,7 @@ def test_packets_that_a_busy_device_sends_late_are_not_missing():
 
 
 def test_packets_that_the_server_could_not_store_were_not_lost_on_the_line():
-    """If an event states that packets were not stored, it is the cause, although sequence counts increased too."""
+    """If an event states that packets were not stored, this is the cause, even if sequence counts are missing too."""
     stored_again = Happening(
         1012.5, NOT_STORED, "telemetry is stored again; 3 earlier packets are in the raw capture only"
     )

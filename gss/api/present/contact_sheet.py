@@ -1,4 +1,4 @@
-"""Pass report for reading and printing."""
+"""Report of a contact for reading and printing."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from gss.api.schemas.contacts import ReportOut
 from gss.operations.report.parts import Fact, Note, Number, Plot, Report, Section, Series, Table
 
 GAP_SHARE, GAP_S = 0.02, 12.0
-"""A plot line is interrupted between two samples if the time between them exceeds both this share of the span and this
-time in seconds."""
+"""The line of a plot is interrupted between two samples if the time between them exceeds ``GAP_S`` seconds and also the
+share ``GAP_SHARE`` of the plotted time."""
 
 
 def contact_sheet(report: ReportOut) -> Report:
-    """Return the report."""
+    """Return the report of a contact in parts, which can be rendered as HTML or PDF."""
     contact = report.contact
     firmware, profile = report.firmware or "unknown", report.profile or "unknown"
     until = _when(contact.ended) if contact.ended else "still open"

@@ -1,9 +1,10 @@
 """Convert a bank image to C source and back. The source contains constant arrays for firmware, as in CubeStar (Erlank
 2013 §5.3.2).
 
-Every block of the image is one array, in the order of the bytes. Columns are plain arrays, records are structures
-without padding, packed entries are bytes. The concatenated compiled arrays are the image. Decimal numbers have enough
-digits to restore single (9) or double (17) precision exactly.
+Each block of the image becomes one array: of numbers for a column, of structures without padding for records, of bytes
+for bit-packed entries. The arrays have the order of the blocks, so on a little-endian processor the concatenated
+compiled arrays are identical to the image. Decimal numbers have enough digits to restore single (9) or double (17)
+precision exactly.
 """
 
 from __future__ import annotations
@@ -110,9 +111,10 @@ def _wrapped(texts: list[str], per_line: int) -> list[str]:
 
 
 def read_c_source(text: str) -> bytes:
-    """Return the bank image in a source written by :func:`c_source`, checked as in :func:`decode`.
+    """Return the bank image that was converted by :func:`c_source`. The image is checked by :func:`decode`.
 
-    Raises BadInput if the text is not such a source, and CorruptData if a number was changed.
+    Raises BadInput if the text is not such a source, and CorruptData if its layout line is damaged or a number is missing
+    or was changed.
     """
     header = LAYOUT.search(text)
     if header is None:

@@ -1,12 +1,14 @@
-"""oersted: star list and triplet database of Liebe 1992, with one section for each kind of uncertainty.
+"""oersted: star list and triplet database of Liebe 1992, with one section for each kind of constellation.
 
 The database in the paper has 185 000 references in about 1 Mbyte. The paper does not specify the byte layout, so it is
-defined here. A reference is one quantised measurement (class) that a constellation of three stars can produce. Each
-constellation has about a dozen references. The bank stores only the constellations, 8 bytes each, and the processor
-derives the references when it reads the bank. Sections: the classes; constellations of stars that are always detected;
-constellations with a neighbour that may be missed or blended; constellations that arise only from a position error. A
-bank without the last two sections also works, but fewer stars are identified. There is no distance table, because the
-chain does not use one.
+defined here. A reference is one combination of rounded features (two distances and an angle) that a constellation of
+three stars can produce. Each constellation has about a dozen references. The bank stores only the constellations, 8
+bytes each, and the sensor derives the references when it reads the bank.
+
+The section TCLS contains the class widths and limits of the database. TCER contains constellations of stars that are
+always detected, TMAY constellations with a neighbour that may be missed or blended, and TEXC constellations that arise
+only from a position error. A bank without TMAY and TEXC also works, but fewer stars are identified. There is no distance
+table, because the chain does not use one.
 """
 
 from __future__ import annotations

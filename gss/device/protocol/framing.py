@@ -1,7 +1,11 @@
 """Framing on a byte stream: ``cobs`` (default), ``slip`` and ``kiss``.
 
-cobs: ``00`` + COBS(packet) + ``00``. slip (RFC 1055): ``C0`` + packet with C0 as DB DC and DB as DB DD + ``C0``.
-kiss (Chepponis & Karn 1987): slip with a leading byte, ``00`` for data on the first port; other frames are dropped.
+cobs: ``00`` + COBS(packet) + ``00``.
+
+slip (RFC 1055): ``C0`` + packet + ``C0``. Within the packet, C0 is replaced by DB DC, and DB by DB DD.
+
+kiss (Chepponis & Karn 1987): slip with one more byte before the packet. The byte ``00`` marks data for the first port.
+Frames with another byte are dropped.
 
 Each frame has a delimiter on both sides. This costs one byte per frame, but if adjacent frames shared a delimiter,
 damage to the delimiter would destroy both frames.
@@ -29,7 +33,7 @@ class BrokenFrame(ValueError):
 
 
 def encoded_limit(max_packet_bytes: int = MAX_PACKET_BYTES) -> int:
-    """Return the maximum COBS-encoded length of a packet: one extra byte per 254 bytes or part of them."""
+    """Return an upper limit for the COBS-encoded length of a packet: one extra byte, and one per complete 254 bytes."""
     return max_packet_bytes + max_packet_bytes // 254 + 1
 
 

@@ -1,5 +1,5 @@
-"""Rate limits against password guessing. After some free failures, each further failure doubles the wait before the next
-attempt, up to a limit.
+"""Rate limits against password guessing. After a number of failures, the next attempt must wait. Each further failure
+doubles the wait, up to a limit.
 
 There is no lockout: after the wait, the correct password is accepted.
 """
@@ -20,8 +20,8 @@ MAX_KEYS = 10_000
 @dataclass(frozen=True)
 class Brake:
     """A rate limit. ``free``: number of failures after which waits begin. The first wait is one second. Each further
-    failure doubles the wait, up to ``longest_s``. ``forget_s``: time after the last failure at which all failures are
-    removed."""
+    failure doubles the wait, up to ``longest_s``. ``forget_s``: time without a failure after which the count restarts
+    at zero."""
 
     free: int
     longest_s: float
@@ -75,7 +75,7 @@ class Attempts:
             self._failures.pop(key, None)
 
     def _recent(self, key: str, brake: Brake) -> tuple[int, float]:
-        """Return the number of failures of a key and the time of the last one, (0, 0) if they were removed."""
+        """Return the number of failures of a key and the time of the last one; (0, 0) without a failure in ``forget_s``."""
         count, at_s = self._failures.get(key, (0, 0.0))
         return (0, 0.0) if self._now_s() - at_s >= brake.forget_s else (count, at_s)
 

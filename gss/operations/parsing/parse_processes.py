@@ -1,13 +1,14 @@
 """Parsing of untrusted files in child processes. If a file makes a library hang, crash or exhaust the memory, only the
 child process ends.
 
-All uploads and command-line files that a library decodes are parsed here. Short texts (a TLE, a manifest, rows of bench
-measurements) are limited in length and parsed in the server process.
+A file that was uploaded or named on the command line is parsed here if a library decodes it. Short texts (a TLE, a
+manifest, rows of bench measurements) are limited in length and parsed in the server process.
 
-A child is started as a new program, because ``fork`` would copy locks that other threads hold. The start takes 0.1 to 0.6 s,
-mostly for the import of astropy. A child inherits no files, sockets or settings and ends with the server. It is reused only if
-it could read its last file. The limits protect the server from files that are too expensive to read. They are not a sandbox
-against code execution through a defect of a library.
+A child is started as a new program, because ``fork`` would copy locks that other threads hold. The start takes 0.1 to
+0.6 s, mostly for the import of astropy. A child inherits no open files, no sockets and no environment variables that
+can contain secrets. It ends with the server. It is reused only if it could read its last file. The limits protect the
+server from files that are too expensive to read. They are not a sandbox against code execution through a defect of a
+library.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ from gss.operations.parsing.plain_data import decode
 WORKER = "gss.operations.parsing.parse_worker"
 SECRET_SETTINGS = ("GSS_", "AWS_", "PG")
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
-"""Environment that disables thread pools, because their reserved address space counts towards the memory limit."""
+"""Environment variables that reduce the reserved address space, which counts towards the memory limit. They disable
+thread pools, and Arrow then uses the allocator of the system."""
 MAX_REPLY_TEXT = 16 << 20
 EXIT_WITHIN_S = 5.0
 """Maximum time from the end of the child's output to the end of its process."""
@@ -83,7 +85,9 @@ class ParseProcesses:
         returns plain data or one of the dataclasses ``classes``. ``arguments``: JSON values. ``subject``: name of the file in
         messages.
 
-        Raises the BadInput or CorruptData of the function, TooCostly if a limit was reached, and Busy if the queue is full.
+        Raises BadInput or CorruptData from the function. Raises BadInput also if the function failed in another way or the child
+        crashed, TooCostly if a limit was reached, and Busy if the queue is full, no worker became free in time, no child could
+        be started or the server is stopping.
         """
         job: ParseJob = {"function": f"{function.__module__}:{function.__qualname__}", "arguments": arguments}
         with self._turn():
@@ -94,7 +98,7 @@ class ParseProcesses:
         return result
 
     def stop(self) -> None:
-        """End all children. Waiting requests raise Busy."""
+        """End all children. Pending requests raise Busy."""
         with self._lock:
             self._stopped = True
             children, idle, self._idle = list(self._children), self._idle, None
@@ -164,8 +168,8 @@ class ParseProcesses:
             ) from error
 
     def _release(self, child: _Child, reply: bytes) -> None:
-        """Keep the child for reuse if it could read its file. End a child that rejected a file, because it can occupy
-        much memory."""
+        """Keep a child that could read its file for reuse, if no other child is idle. Otherwise end it. A child that
+        rejected a file is always ended, because the rejected file can still occupy much memory."""
         with self._lock:
             if self._idle is None and not self._stopped and not reply.startswith(REFUSED):
                 self._idle = child
@@ -239,7 +243,8 @@ class _Child:
 
     @property
     def ended_idle(self) -> bool:
-        """True if the child ended because of its idle timeout while the next job was being sent."""
+        """True if the child ended normally before it read the next job: its idle timeout expired, or it had read its
+        maximum number of files."""
         return self._files > 1 and self.code == 0
 
     def ask(self, job: bytes, data: bytes) -> tuple[bytes, bytearray] | None:
@@ -260,7 +265,8 @@ class _Child:
         return answer
 
     def _await_end(self) -> None:
-        """Wait for the end of the process, whose exit code shows why there is no answer, then close the pipes."""
+        """Wait until the process ends, because its exit code shows why there is no answer. Kill it if it does not end in
+        time, or at once if its answer was too large. Then close the pipes."""
         if not self.reply_too_large:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(timeout=EXIT_WITHIN_S)

@@ -1,4 +1,4 @@
-"""Loads frames for studies from the store, and solves or stacks frames from the store or from files."""
+"""Loading, solving and stacking of frames for studies. The frames come from the store or from files."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ ProgressCallback = Callable[[float, str], None]
 @dataclass(frozen=True)
 class Shot:
     """One frame of a night. ``pixels``: function that reads the pixels; ``frame_id``: id in the store, None for a file;
-    ``observer``: velocity of the observer, None if it is unknown and aberration is not corrected."""
+    ``observer``: velocity of the observer; None leaves aberration uncorrected."""
 
     name: str
     taken: datetime
@@ -54,9 +54,10 @@ class ShotAccount(TypedDict):
 
 @dataclass(frozen=True)
 class SolvedFrame:
-    """The solved shots with their results and stars. ``account``: an entry for every shot.
+    """The solved shots with their results and stars. ``account``: an entry for every shot, solved or not.
 
-    ``start``: camera used for the solutions: the known camera, or the camera of the first blind solution.
+    ``start``: initial camera for a calibration. It is the camera of the profile or, without a profile, the camera of the
+    first solved shot.
     """
 
     shots: list[Shot]
@@ -74,8 +75,8 @@ class StoredShots:
 
     def of(self, ids: Sequence[int], aberration: bool | None = None) -> list[Shot]:
         """Return the frames with the given ids, oldest first. Raises BadInput if a frame has missing rows.
-        ``aberration``: True to correct aberration; None: correct it if the time of observation is known, except in
-        frames of the simulator, which contain no aberration."""
+        ``aberration``: True or False to correct aberration or not. None corrects it in frames with a known time of
+        observation, except in simulated frames, because the simulator adds aberration only if this is enabled."""
         with self._database.unit_of_work() as session:
             rows = [store.get(session, i) for i in ids]
         incomplete = [row.id for row in rows if not row.complete]
@@ -108,8 +109,8 @@ def solve_shots(
     chain: str = "reference",
     camera: Camera | None = None,
 ) -> SolvedFrame:
-    """Solve shots with a known camera, with a known width of the field of view, or blind. ``camera``: geometry that
-    replaces that of the profile. Raises BadInput if no shot is solved."""
+    """Solve shots with a known camera, with a known width of the field of view, or blind. ``camera``: geometry to use
+    instead of the geometry in the profile. Raises BadInput if no shot is solved."""
     used: list[tuple[Shot, SolveResult, FrameStars]] = []
     account: list[ShotAccount] = []
     for k, shot in enumerate(shots):
@@ -156,7 +157,7 @@ def request_of(
     shot: Shot, profile: CameraProfile | None, fov_rad: float | None, chain: str, camera: Camera | None = None
 ) -> SolveRequest:
     """Return the request to solve a shot with a known camera, with a known width of the field of view, or blind.
-    ``camera``: geometry that replaces that of the profile."""
+    ``camera``: geometry to use instead of the geometry in the profile."""
     request = SolveRequest(
         chain=chain, epoch_jyear=epoch_at(shot.taken), observer=shot.observer, exposure_s=shot.exposure_s
     )

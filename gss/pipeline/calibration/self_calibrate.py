@@ -3,7 +3,8 @@ many frames.
 
 Lens models are compared by the Bayesian information criterion on the same stars. Parameters that the data do not
 determine are fixed and listed. The result is cross-validated on held-out frames. The method is based on Jacobs 1995
-§6.2, who solves one parameter group after the other, and on Pal, Bhat 2014, who solve the camera from stars.
+§6.2 and on Pal, Bhat 2014, who calibrate a camera from stars. Jacobs solves one group of parameters after the other;
+here all parameters are fitted together.
 """
 
 from __future__ import annotations
@@ -58,9 +59,10 @@ def calibrate_camera(
     progress: Progress = _quiet,
 ) -> CameraCalibration:
     """Calibrate from frames with matched stars. ``start``: the camera before calibration. ``models``: lens models to
-    compare; a single model is used without comparison. "radial-tilt" needs ``focal_mm``, the scale of its polynomial in
-    millimetres. ``priors``: bench measurements. Raises BadInput if no frame is suitable or there are fewer equations
-    than unknowns.
+    compare; a single model is used without comparison. "radial-tilt" has a polynomial in millimetres. It is compared
+    only if ``focal_mm`` is given or ``start`` already has this model. ``priors``: bench measurements, by parameter
+    name. Raises BadInput if a model or prior is not valid, no frame is suitable, or there are not more equations than
+    unknowns.
     """
     prior_values = dict(priors or {})
     chosen_models = _models(models, start, focal_mm)
@@ -137,7 +139,8 @@ def _fit_all(
 def _without_misfits(
     screened: ScreenedFrames, stars: StarStack, trials: Mapping[str, _Trial]
 ) -> tuple[ScreenedFrames, StarStack, bool]:
-    """Exclude frames that fit far worse than the median under the best model: misidentified, or from another camera."""
+    """Exclude frames that the best model fits far worse than the median frame. Such a frame is from another camera, or
+    its stars were misidentified. If more than 30 % of the frames are affected, none is excluded."""
     fit = min(trials.values(), key=lambda t: t.fit.scale).fit
     length = np.hypot(fit.residual_px[:, 0], fit.residual_px[:, 1]) / stars.sigma_px
     typical = np.array([float(np.median(length[stars.frame == f])) for f in range(stars.frames)])
@@ -160,18 +163,18 @@ def _without_misfits(
 def _compare(
     stars: StarStack, trials: Mapping[str, _Trial], priors: Mapping[str, Prior], folds: int, progress: Progress
 ) -> tuple[tuple[ModelFit, ...], dict[str, ResidualFigures | None]]:
-    """Compute the information criteria on the stars kept by the best-fitting model. They use the logarithm of the
-    misfit, because the size of the errors is also unknown. With few stars, a small improvement is therefore not
-    significant."""
-    sharpest = min(trials.values(), key=lambda t: t.fit.scale).fit
-    sharpest_used = sharpest.used
-    scaled = stars.sigma_px[sharpest_used] * sharpest.scale
-    equations = max(2 * int(sharpest_used.sum()) - 3 * stars.frames, 2)
+    """Compare the models by information criteria and by cross-validation. The criteria are computed on the stars that
+    the best-fitting model kept. They contain the logarithm of the misfit, because the size of the star errors is
+    unknown too. A small improvement is therefore significant only with many stars."""
+    best_fit = min(trials.values(), key=lambda t: t.fit.scale).fit
+    best_used = best_fit.used
+    scaled = stars.sigma_px[best_used] * best_fit.scale
+    equations = max(2 * int(best_used.sum()) - 3 * stars.frames, 2)
     bic: dict[str, float] = {}
     aicc: dict[str, float] = {}
     outside: dict[str, ResidualFigures | None] = {}
     for k, (model, trial) in enumerate(trials.items()):
-        r = trial.fit.residual_px[sharpest_used]
+        r = trial.fit.residual_px[best_used]
         misfit = equations * float(np.log(max(huber_cost(np.hypot(r[:, 0], r[:, 1]) / scaled), 1e-12) / equations))
         free = len(trial.fit.vector.free)
         bic[model] = misfit + free * float(np.log(equations))
@@ -185,7 +188,7 @@ def _compare(
             len(t.fit.vector.free),
             bic[model] - bic[best],
             aicc[model] - min(aicc.values()),
-            residual_figures(t.fit.residual_px, stars.sigma_px, sharpest_used).rms_px,
+            residual_figures(t.fit.residual_px, stars.sigma_px, best_used).rms_px,
             _rms(outside[model]),
             model == best,
             tuple(f.name for f in t.frozen),
@@ -259,10 +262,10 @@ def _parameters(fit: Adjusted) -> tuple[tuple[Parameter, ...], Array]:
 
 def _advice(fit: Adjusted, trial: _Trial, start: Camera) -> list[Advice]:
     advice: list[Advice] = []
-    believed = vector_of(start, fit.vector.model, 1.0).values["focal_px"]
-    ratio = fit.vector.values["focal_px"] / believed
+    start_focal_px = vector_of(start, fit.vector.model, 1.0).values["focal_px"]
+    ratio = fit.vector.values["focal_px"] / start_focal_px
     if abs(ratio - 1) > PLATE_SCALE:
-        text = f"the focal length is {ratio:.4f} times the value in the profile ({believed:.1f} px)"
+        text = f"the focal length is {ratio:.4f} times the value in the profile ({start_focal_px:.1f} px)"
         advice.append(
             Advice("plate-scale", text, "wrong camera profile, binning or pitch? If not, the calibrated one is right")
         )
@@ -304,8 +307,10 @@ def _frames(screened: ScreenedFrames, stars: StarStack, fit: Adjusted) -> tuple[
                 float(screened.scale[k]),
             )
         )
-    nothing = FrameFit("", float("nan"), 0, 0, float("nan"), np.full(4, np.nan), np.full((3, 3), np.nan), float("nan"))
-    rows += [replace(nothing, name=name, excluded=reason) for name, reason in screened.excluded]
+    excluded_fit = FrameFit(
+        "", float("nan"), 0, 0, float("nan"), np.full(4, np.nan), np.full((3, 3), np.nan), float("nan")
+    )
+    rows += [replace(excluded_fit, name=name, excluded=reason) for name, reason in screened.excluded]
     return tuple(rows)
 
 

@@ -11,16 +11,17 @@ from scipy import ndimage
 from gss.domain.angles import Array
 
 GROUP_SIGMA = 3.0
-"""Level in the filtered frame above which pixels form a group."""
+"""Level above which pixels form a group, in standard deviations of the filtered frame."""
 PEAK_SIGMA = 5.0
 SUM_SIGMA = 8.0
-"""Minimum total significance of a group without a high peak, for example a faint streak."""
+"""Minimum total significance of a group whose peak is lower than ``PEAK_SIGMA``, for example a faint streak."""
 MAX_GROUPS = 60
 
 
 @dataclass(frozen=True)
 class PixelGroup:
-    """Connected group of pixels above the threshold: middle, and first guess of the trail and its flux."""
+    """Connected group of pixels above the threshold. ``col``, ``row``: centre; ``trail`` (2,): initial estimate of the
+    vector from one end of the trail to the other, px; ``flux_dn``: initial estimate of the flux."""
 
     col: int
     row: int
@@ -31,7 +32,8 @@ class PixelGroup:
 def pixel_groups(
     image: NDArray[np.float32], mask: NDArray[np.bool_], noise: float, variance: float
 ) -> list[PixelGroup]:
-    """Return the groups in order of significance, at most ``MAX_GROUPS``."""
+    """Return up to ``MAX_GROUPS`` groups, the most significant one first. ``mask``: True for pixels to ignore;
+    ``noise``: standard deviation of a pixel, DN; ``variance``: of the point-spread function, px²."""
     sigma = float(np.sqrt(variance))
     smooth = ndimage.gaussian_filter(image, sigma, mode="nearest")
     # The noise is measured on the filtered frame, because the noise of neighbouring pixels is correlated on some

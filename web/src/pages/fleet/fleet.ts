@@ -1,4 +1,4 @@
-/** Cells of the Fleet page: state of a unit and age of its last report. */
+/** Cells of a unit on the Fleet page: process, line, alarms, attitude, next pass and active bank. */
 import type { FleetUnit } from '../../api/types';
 import { daysLeft, degrees, fixed, span } from '../../lib/format';
 import { lampOf, type LampState } from '../../lib/lamp';
@@ -9,8 +9,8 @@ export interface Cell {
 }
 
 /**
- * Return the state of a unit's process. A unit that does not report at present is unknown; its text states the age of
- * the last report.
+ * Return the state of a unit's process. If the unit does not report at present, the text states why its process cannot
+ * start, or the cause of its last end and the age of its last report.
  */
 export function processOf(u: FleetUnit): Cell {
   if (u.current) return { state: 'ok', word: 'running' };

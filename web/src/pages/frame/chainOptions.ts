@@ -1,7 +1,7 @@
 /** Changes of a chain's constants for one run. */
 import type { ChainOption } from '../../api/types';
 
-/** Constants with a slider: the first to change if stars are missing or false. */
+/** Constants with a slider. They are the first ones to change if stars are missed or false stars are detected. */
 export const SLIDERS: readonly string[] = ['threshold_dn', 'min_area_px', 'max_area_px'];
 
 /** Return the range of a slider around the default value. Integers have whole steps. */
@@ -12,7 +12,10 @@ export function sliderOf(option: ChainOption): { min: number; max: number; step:
   return { min: step, max: Math.max(4 * value, 10 * step), step };
 }
 
-/** Return the changes after another change. An empty text or the default value removes the change of this constant. */
+/**
+ * Return the changed constants after `name` was set to `text`. A constant whose text is empty or the default value is not
+ * included.
+ */
 export function withChange(
   changed: Readonly<Record<string, string>>,
   options: readonly ChainOption[],
