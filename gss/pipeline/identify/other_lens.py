@@ -147,7 +147,7 @@ def _merit(solution: BlindSolution, view: FrameDetections) -> float:
 
 
 def _is_proved(solution: BlindSolution, view: FrameDetections, calibration: Camera) -> bool:
-    """True if the match is no coincidence, the fitted camera is near the calibration, and the residuals are small."""
+    """True if the match is not accidental, the fitted camera is near the calibration, and the residuals are small."""
     camera = solution.fit.camera
     focal = abs(math.log(camera.focal_col_px / calibration.focal_col_px))
     centre_px = math.hypot(
