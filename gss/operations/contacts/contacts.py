@@ -285,8 +285,7 @@ class ContactService:
         with self._database.unit_of_work() as session:
             closings = store.closings(session, row.id)
         for at, cause in closings:
-            if cause not in BY_US:
-                # The last closing is recorded shortly after the end of the contact.
+            if cause not in BY_US:  # the last closing is recorded shortly after the end of the contact
                 happenings.append(Happening(min(at, end).timestamp(), LINE_LOST, cause))
         return happenings
 

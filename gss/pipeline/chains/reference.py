@@ -211,13 +211,12 @@ def _with_other_lens(
     base: SolveResult, reason: str, stars: KnownSky, velocity_c: Array | None, trace: Trace, fast: bool | None
 ) -> SolveResult:
     """Solve with a lens near its calibration. The notes state the difference. Without a solution, state ``reason``."""
-    calibrated = base.camera
     with trace.stage("other lens"):
-        solution = identify_other_lens(base.centroids, calibrated, stars.sky, stars.pairs, fast=fast)
+        solution = identify_other_lens(base.centroids, base.camera, stars.sky, stars.pairs, fast=fast)
     if solution is None or len(solution.rows) < EXPLAINED * min(len(base.centroids), solution.predicted):
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
-    fit = with_aberration(solution, base.centroids.pixels, stars.sky, velocity_c, calibrated)
-    base = replace(base, notes=(*base.notes, lens_difference(fit, calibrated)))
+    fit = with_aberration(solution, base.centroids.pixels, stars.sky, velocity_c, base.camera)
+    base = replace(base, notes=(*base.notes, lens_difference(fit, base.camera)))
     answer = solved(base, fit, solution.rows, stars.sky.hip[solution.stars], solution.false_match_probability)
     return replace(answer, velocity_c=as_velocity(velocity_c), timing_s=dict(trace.timing_s))
 
