@@ -1,4 +1,4 @@
-"""Faults of the search for wrong attitudes, and lists that once misled a chain and now give no attitude."""
+"""Faults of the search for wrong attitudes, and lists that once misled a chain."""
 
 from __future__ import annotations
 
@@ -47,11 +47,12 @@ ONCE_WRONG = (
 
 
 @pytest.mark.parametrize("numbers", ONCE_WRONG)
-def test_lists_that_misled_a_chain_give_no_attitude(numbers: tuple[int, int, int, int, int]) -> None:
-    """Stars matched in one corner or in a cluster at another focal length give no attitude, whatever the chain."""
+def test_lists_that_misled_a_chain_are_solved_correctly_or_not_at_all(numbers: tuple[int, int, int, int, int]) -> None:
+    """Stars matched in one corner or in a cluster at another focal length give no attitude, or the correct one if the chain
+    determines the focal length."""
     seed, chain, fault, mode, trial = numbers
     tested = subject(SETTINGS[chain], STARS)
-    assert judge(tested, FAULTS[fault], (seed, chain, fault, mode), trial).verdict is Verdict.NONE
+    assert judge(tested, FAULTS[fault], (seed, chain, fault, mode), trial).verdict in (Verdict.NONE, Verdict.CORRECT)
 
 
 def test_a_trial_is_reproducible_from_its_numbers() -> None:
