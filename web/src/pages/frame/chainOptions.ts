@@ -13,8 +13,8 @@ export function sliderOf(option: ChainOption): { min: number; max: number; step:
 }
 
 /**
- * Return the changed constants after `name` was set to `text`. A constant whose text is empty or the default value is not
- * included.
+ * Return the changed constants after `name` was set to `text`. A constant whose text is empty or the default value is
+ * not included.
  */
 export function withChange(
   changed: Readonly<Record<string, string>>,
