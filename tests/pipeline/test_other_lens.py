@@ -68,7 +68,7 @@ def test_another_focal_length_is_measured(sky: reference.KnownSky, scale: float)
         assert result.outcome is Outcome.SOLVED, result.reason
         assert result.camera.focal_col_px / CAMERA.focal_col_px == pytest.approx(scale, abs=2e-3)
         assert np.degrees(np.arccos(min(1.0, result.attitude.cam_from_icrs[2] @ truth[2]))) < 0.3
-        assert any("the lens differs from its calibration: focal length" in note for note in result.notes)
+        assert any("solved with a fitted lens: focal length" in note for note in result.notes)
 
 
 def test_a_displaced_optical_centre_is_measured(sky: reference.KnownSky) -> None:

@@ -43,9 +43,9 @@ def identify_other_lens(
 ) -> BlindSolution | None:
     """Identify a frame at focal lengths within ``LARGEST`` of the calibrated ``camera``. None if no star pattern matches.
 
-    ``pairs``: distance table of ``sky`` for the camera. The camera of the result has the fitted focal length and optical
-    centre, and the fitted ``k1`` of a Brown lens if enough stars are identified. ``fast``: see
-    :func:`gss.pipeline.kernels.kernels`.
+    ``pairs``: distance table of ``sky`` for the camera. The camera of the result has the fitted focal length, the
+    fitted optical centre if the stars require it, and the fitted ``k1`` of a Brown lens if enough stars are identified.
+    ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
     if len(centroids) < FEW:
         return None
@@ -84,7 +84,7 @@ def lens_difference(fit: Refined, calibrated: Camera) -> str:
     """Describe how a fitted lens differs from its calibration. ``fit`` has a free focal length."""
     percent = 100 * (fit.camera.focal_col_px / calibrated.focal_col_px - 1)
     sigma = dict(zip(fit.parameters, np.sqrt(np.diag(fit.covariance)), strict=True))
-    text = f"the lens differs from its calibration: focal length {percent:+.2f} ± {100 * sigma['focal']:.2f} %"
+    text = f"solved with a fitted lens: focal length {percent:+.2f} ± {100 * sigma['focal']:.2f} % from the calibration"
     if CENTRE[0] in sigma:
         off_col = fit.camera.centre_col_px - calibrated.centre_col_px
         off_row = fit.camera.centre_row_px - calibrated.centre_row_px
