@@ -20,7 +20,11 @@ def register(subparsers: Commands) -> None:
     parser = subparsers.add_parser("user")
     subcommands = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     with_data(subcommands.add_parser("list", help="list all users")).set_defaults(run=list_users)
-    p = with_data(subcommands.add_parser("add", help="create a user; without a password a link is printed"))
+    p = with_data(
+        subcommands.add_parser(
+            "add", help="create a user; without a password option, print a one-time link to set the password"
+        )
+    )
     p.add_argument("name")
     p.add_argument("--role", required=True, choices=ROLES)
     _with_password(p)
@@ -130,7 +134,7 @@ def _print_link(store: AccountAdministration, row: User) -> int:
     link = store.accounts.users.password_link(row.id, by=store.user)
     store.record("user_link", row.name)
     address = address_of(store.settings, store.settings.port)
-    print(f"{row.name} sets the password at {address}/welcome#{link.key} until {link.expires:%Y-%m-%d %H:%MZ}, once")
+    print(f"{row.name} can set a password at {address}/welcome#{link.key} once, until {link.expires:%Y-%m-%d %H:%MZ}")
     return 0
 
 

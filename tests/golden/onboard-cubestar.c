@@ -1,5 +1,5 @@
 /* Star catalogue in the cubestar format for cubestar: 49 stars, 116 pairs, epoch J2026.5.
- * Written by gss; the arrays in this order, little endian and without gaps, are the bank image.
+ * Written by gss. The arrays in this order, little-endian and without padding, form the bank image.
  * gss-layout: [["gss_header","|u1",[],64],["gss_stars_id","<i2",[],49],["gss_stars_x","<f4",[],49],["gss_stars_y","<f4",[],49],["gss_stars_z","<f4",[],49],["gss_pairs_first","<i2",[],116],["gss_pairs_second","<i2",[],116],["gss_pairs_distance_rad","<f4",[],116]]
  */
 #include <math.h>

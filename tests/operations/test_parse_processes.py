@@ -147,9 +147,9 @@ def test_a_result_that_is_not_plain_data_is_rejected(text: bytes) -> None:
         ("damaged", CorruptData, "damaged"),
         ("defect", BadInput, "ZeroDivisionError: oh"),
         ("strange", BadInput, "not plain data"),
-        ("hold_interpreter", TooCostly, "limit of processor time.*2 s"),
-        ("allocate", TooCostly, "limit of memory.*1024 MiB"),
-        ("much", TooCostly, "limit of result.*2 MiB"),
+        ("hold_interpreter", TooCostly, "processor time limit.*2 s"),
+        ("allocate", TooCostly, "memory limit.*1024 MiB"),
+        ("much", TooCostly, "result size limit.*2 MiB"),
         ("crash", BadInput, "SIGSEGV"),
         ("leave", BadInput, "exit code 0"),
     ],
@@ -167,7 +167,7 @@ def test_every_failure_is_one_clear_error(
 
 def test_a_waiting_parser_is_ended_by_the_time_limit(parsers: ModuleType) -> None:
     """A child that uses neither processor nor memory is ended by the time limit."""
-    with ParseProcesses(ParseLimits(wall_s=3.0)) as parsing, pytest.raises(TooCostly, match=r"limit of time.*3 s"):
+    with ParseProcesses(ParseLimits(wall_s=3.0)) as parsing, pytest.raises(TooCostly, match=r"time limit.*3 s"):
         parsing.parse(parsers.sleep, b"")
 
 

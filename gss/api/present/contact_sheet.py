@@ -39,7 +39,7 @@ def _notes(report: ReportOut) -> list[Note]:
     missing = report.record.unexplained
     if not missing:
         return []
-    return [Note(f"{missing} gaps have no known cause.", "The section Record names them.")]
+    return [Note(f"{missing} gaps have no known cause.", "See the section Record.")]
 
 
 def _lists(report: ReportOut) -> list[Section]:
@@ -86,7 +86,7 @@ def _lists(report: ReportOut) -> list[Section]:
         _listed(
             "Raw capture",
             ("file", "bytes", "stored"),
-            [(f.file, f"{f.bytes}", "yes" if f.present else "dropped") for f in contact.captures],
+            [(f.file, f"{f.bytes}", "yes" if f.present else "deleted") for f in contact.captures],
         ),
     ]
 
@@ -105,7 +105,7 @@ def _link_facts(report: ReportOut) -> list[Fact]:
         ("telemetry packets", f"{volumes.telemetry_packets}"),
         ("good packets", f"{contact.counters.get('good', 0)}"),
         ("damaged packets", f"{100 * contact.error_rate:.2f} %"),
-        ("missing by sequence count", f"{contact.counters.get('gaps', 0)}"),
+        ("packets missing by sequence count", f"{contact.counters.get('gaps', 0)}"),
         ("bad checksum", f"{contact.counters.get('bad_crc', 0)}"),
         ("too long or short", f"{contact.counters.get('too_long', 0) + contact.counters.get('too_short', 0)}"),
         ("frames", f"{contact.frames}, {volumes.frame_bytes} B"),
@@ -119,7 +119,7 @@ def _attitude_facts(report: ReportOut) -> list[Fact]:
     facts = [
         ("iterations", f"{attitude.iterations}"),
         ("solved", f"{attitude.solved}" + (f" ({100 * attitude.share:.1f} %)" if attitude.share is not None else "")),
-        ("median sigma across", "–" if sigma is None else f"{sigma:.1f}″"),
+        ("median cross-boresight σ", "–" if sigma is None else f"{sigma:.1f}″"),
     ]
     for name, pointing in (("first", attitude.first), ("last", attitude.last)):
         if pointing is not None:
@@ -134,7 +134,7 @@ def _record(report: ReportOut) -> Section:
     text = f"{record.held} of {record.expected} housekeeping packets ({share:.2f} %); {record.unexplained} gaps without a cause"
     gaps = [[_clock(g.start), _clock(g.end), f"{g.missing}", g.cause] for g in record.gaps]
     silences = [[_clock(g.start), _clock(g.end), f"{g.seconds:.1f} s", g.cause] for g in report.contact.gaps]
-    tables = [Table("Missing by sequence", ["from", "to", "missing", "cause"], gaps)]
+    tables = [Table("Packets missing by sequence count", ["from", "to", "missing", "cause"], gaps)]
     if silences:
         tables.append(Table("No good packet for more than 3 s", ["from", "to", "duration", "cause"], silences))
     return Section("Record", text, tables=tables)

@@ -44,7 +44,7 @@ def c_source(image: bytes) -> str:
     lines = [
         f"/* Star catalogue in the {header.format_name} format for {header.profile_name}: {header.stars} stars, "
         f"{header.pairs} pairs, epoch J{header.epoch_jyear:g}.",
-        " * Written by gss; the arrays in this order, little endian and without gaps, are the bank image.",
+        " * Written by gss. The arrays in this order, little-endian and without padding, form the bank image.",
         f" * gss-layout: {layout}",
         " */",
         "#include <math.h>",

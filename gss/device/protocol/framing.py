@@ -61,7 +61,7 @@ def _slip_decode(body: bytes) -> bytes:
 def _kiss_decode(body: bytes) -> bytes:
     packet = _slip_decode(body)
     if packet[:1] != KISS_DATA:
-        raise BrokenFrame("a frame for another port, or no data")
+        raise BrokenFrame("not a data frame for the first port")
     return packet[1:]
 
 

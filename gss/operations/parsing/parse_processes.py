@@ -191,7 +191,7 @@ class ParseProcesses:
         log.error("%s could not be read: %s", subject, error["log"])
         return BadInput(
             f"{subject} cannot be read",
-            expected="a file that the library for its kind can read",
+            expected="a valid file of this format",
             got=error["got"][:200],
             hint="save it again with another program; the server's log has the details",
         )
@@ -202,7 +202,7 @@ class ParseProcesses:
         if child.code == -signal.SIGXCPU:
             return self._too_costly(subject, "processor time", f"{self._limits.cpu_s:g} s")
         if child.reply_too_large:
-            return self._too_costly(subject, "result", f"{self._limits.result_bytes >> 20} MiB of content")
+            return self._too_costly(subject, "result size", f"{self._limits.result_bytes >> 20} MiB of content")
         end = signal.Signals(-child.code).name if child.code < 0 else f"exit code {child.code}"
         log.error("the reader process of %s ended with %s", subject, end)
         return BadInput(
@@ -214,9 +214,9 @@ class ParseProcesses:
 
     def _too_costly(self, subject: str, limit: str, amount: str) -> TooCostly:
         return TooCostly(
-            f"{subject} is too expensive to read: the limit of {limit} was reached",
+            f"{subject} is too expensive to read: the {limit} limit was reached",
             expected=f"at most {amount}",
-            got="more; the reader process was stopped",
+            got="a higher value; the reader process was stopped",
             hint="send a smaller file, or save it uncompressed with another program",
         )
 

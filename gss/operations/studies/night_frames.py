@@ -129,7 +129,7 @@ def solve_shots(
         first_reason = account[0]["reason"] if account else "no frame"
         raise BadInput(
             "no frame could be solved",
-            expected="frames of stars",
+            expected="at least one frame whose stars can be identified",
             got=first_reason,
             hint="check that the frames were taken with this camera",
         )

@@ -98,7 +98,7 @@ def _known_names(priors: Mapping[str, Prior], models: Sequence[str]) -> None:
     if wrong:
         raise BadInput(
             "invalid prior values",
-            expected=f"a value and a σ above zero of {', '.join(sorted(names))}",
+            expected=f"for each of {', '.join(sorted(names))}: a value, and a σ above zero",
             got=", ".join(wrong),
         )
 
@@ -221,7 +221,7 @@ def _result(
     before_figures = residual_figures(before, stars.sigma_px, clean)
     warnings = [*screened.warnings, *poor_data(stars.pixels[fit.used], stars.frames, size), *_advice(fit, trial, start)]
     if after_figures.rms_px > WORSE * before_figures.rms_px:
-        text = f"worse than the camera before: {after_figures.rms_px:.2f} px after {before_figures.rms_px:.2f} px"
+        text = f"the residuals increased from {before_figures.rms_px:.2f} px to {after_figures.rms_px:.2f} px"
         warnings.append(
             Advice(
                 "worse",
@@ -267,14 +267,18 @@ def _advice(fit: Adjusted, trial: _Trial, start: Camera) -> list[Advice]:
     if abs(ratio - 1) > PLATE_SCALE:
         text = f"the focal length is {ratio:.4f} times the value in the profile ({start_focal_px:.1f} px)"
         advice.append(
-            Advice("plate-scale", text, "wrong camera profile, binning or pitch? If not, the calibrated one is right")
+            Advice(
+                "plate-scale",
+                text,
+                "check the profile, the binning and the pixel pitch; if they are right, use the calibrated value",
+            )
         )
     if trial.frozen:
         names = ", ".join(f.name for f in trial.frozen)
         advice.append(
             Advice(
                 "unsupported",
-                f"the stars do not determine {names}; held",
+                f"the stars do not determine {names}; kept at the start value",
                 "use more frames, and stars in a larger part of the field",
             )
         )

@@ -19,7 +19,7 @@ export function processOf(u: FleetUnit): Cell {
   const cause = u.last_end ? `, ended by ${u.last_end}` : '';
   return u.process === 'ended'
     ? { state: 'critical', word: `restarting${cause}; ${last}` }
-    : { state: 'unknown', word: `${u.age_s === null ? 'starting' : 'silent'}${cause}; ${last}` };
+    : { state: 'unknown', word: `${u.age_s === null ? 'starting' : 'no recent report'}${cause}; ${last}` };
 }
 
 export function lineOf(u: FleetUnit): Cell {
@@ -55,7 +55,7 @@ export function passOf(u: FleetUnit, nowMs: number): Cell {
   if (!pass || !u.current) return { state: 'unknown', word: 'unknown' };
   if (!pass.rise || !pass.set) return { state: 'never', word: pass.problem };
   const [rise, set] = [Date.parse(pass.rise), Date.parse(pass.set)];
-  const top = pass.max_elevation_deg === null ? '' : `, to ${degrees(pass.max_elevation_deg, 0)}`;
+  const top = pass.max_elevation_deg === null ? '' : `, max. elevation ${degrees(pass.max_elevation_deg, 0)}`;
   if (rise <= nowMs) return { state: 'progress', word: `${pass.station}, sets in ${span((set - nowMs) / 1000)}${top}` };
   return { state: 'off', word: `${pass.station}, in ${span((rise - nowMs) / 1000)}${top}` };
 }
