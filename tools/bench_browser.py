@@ -42,8 +42,9 @@ def page_load(quick: bool) -> list[BenchTable]:
         rows = asyncio.run(_watch(server, 2 if quick else 7, 5.0 if quick else 20.0))
     conditions = (
         "Debian's chromium, headless, drawn in software, on the server's machine. First view: the Live page from an empty cache "
-        "until its header bar shows the sensor; bytes as received (gzip) of pages, scripts, styles and faces, before the Rerun "
-        "viewer. Late: from the time the server writes into the header bar to the second animation frame after it came."
+        "until its header bar shows the sensor; bytes as received (gzip) of pages, scripts, styles and fonts, without the "
+        "Rerun viewer. Event to pixels: from the time in the server's status message to the second animation frame after "
+        "its arrival."
     )
     return [BenchTable("page_load", "Pages in a browser", conditions, SEED, rows)]
 

@@ -92,10 +92,11 @@ def detection(quick: bool) -> list[BenchTable]:
         for name in finders
     ]
     conditions = (
-        f"{len(frames)} frames of 1024 x 512 px, 8 bits, {STARS} stars over 3 mag, σ {SIGMA_PX:g} px, {E_PER_DN:g} e/DN, "
-        f"read-out 40 e, dark 80 e, not drawn by GSS's renderer. A star counts as detected within "
+        f"{len(frames)} frames of 1024 x 512 px, 8 bits, {STARS} stars that cover a range of 3 mag, σ {SIGMA_PX:g} px, "
+        f"{E_PER_DN:g} e/DN, read-out 40 e, dark 80 e, drawn by a separate program instead of GSS's renderer. "
+        "A star counts as detected within "
         f"{FOUND_WITHIN_PX} px; rms per axis. "
-        "The bound is Cramér–Rao's, of known flux and width."
+        "The bound is the Cramér–Rao bound for known flux and width."
     )
     return [BenchTable("centroid", "Detection and centroids", conditions, FIND_SEED, rows, skipped)]
 

@@ -85,7 +85,7 @@ def _table(optics: Optics, count: int) -> BenchTable:
     conditions = (
         f"{count} random attitudes for each number of false stars; {optics.columns} x {optics.rows} px, no distortion, "
         f"{len(sky)} stars to V {optics.faint_mag}, positions ±{NOISE_PX} px, magnitudes ±0.15; "
-        f"right within {np.degrees(optics.tolerance_rad):.2f}°; one thread. "
+        f"correct within {np.degrees(optics.tolerance_rad):.2f}°; one thread. "
         f"'few' counts lists with fewer than {MIN_STARS} stars."
     )
     return BenchTable("lost_in_space", f"Lost in space, {optics.name}", conditions, SEED, rows, skipped)

@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     from gss.domain.errors import BadInput
 
     if (arguments.frame is None) == (not arguments.files):
-        raise BadInput("nothing to replay given", expected="capture files, or --frame ID", got="both or neither")
+        raise BadInput("no input for the replay", expected="capture files, or --frame ID", got="both or neither")
     return replay_captures(arguments) if arguments.frame is None else replay_frame(arguments)
 
 

@@ -118,7 +118,7 @@ def _choices(item: Item) -> str:
 
 def _command(command: CommandDefinition) -> str:
     facts = [
-        f"Subsystem {command.subsystem}; {'may' if command.idempotent else 'must not'} be repeated; role {command.role}; "
+        f"Subsystem {command.subsystem}; {'may' if command.idempotent else 'must not'} be repeated; "
         f"acceptance within {command.accept_s:g} s, completion within {command.complete_s:g} s."
     ]
     if command.hazard.value != "none":

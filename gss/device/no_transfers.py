@@ -45,7 +45,7 @@ class NoTransfers:
         paused: str = "",
     ) -> int:
         """Raise Conflict."""
-        raise Conflict(f"This sensor cannot send content of the kind {kind}.")
+        raise Conflict(f"This sensor cannot send content of type {kind}.")
 
     def start_upload(
         self,
@@ -58,7 +58,7 @@ class NoTransfers:
         paused: str = "",
     ) -> int:
         """Raise Conflict."""
-        raise Conflict(f"This sensor cannot take content of the kind {kind}.")
+        raise Conflict(f"This sensor cannot receive content of type {kind}.")
 
     def partial(self, transfer_id: int) -> tuple[bytes, Ranges]:
         """Raise NotFound: no transfer exists."""

@@ -126,7 +126,7 @@ class SdoDownloads:
         """Queue a download. Raises Conflict for a kind of content that the sensor cannot send, or for a part of an
         image."""
         if kind not in self._objects or (part is not None and part != Part()):
-            raise Conflict(f"This sensor cannot send content of the kind {kind}.")
+            raise Conflict(f"This sensor cannot send content of type {kind}.")
         download = _Download(self._next_id, kind, slot)
         if paused:
             download.to(TransferState.PAUSED, paused)
@@ -145,7 +145,7 @@ class SdoDownloads:
         paused: str = "",
     ) -> int:
         """Raise Conflict: uploads are not supported."""
-        raise Conflict(f"This sensor cannot take content of the kind {kind}.")
+        raise Conflict(f"This sensor cannot receive content of type {kind}.")
 
     def partial(self, transfer_id: int) -> tuple[bytes, Ranges]:
         """Return the content and its chunk range; both are empty until the download is complete."""

@@ -93,7 +93,7 @@ class CommandQueue:
             raise NotFound("unknown command id", got=str(request_id))
         if record.stage is not Stage.UNKNOWN:
             raise Conflict(
-                "only a command whose fate is unknown can be retried", expected="unknown", got=record.stage.value
+                "only a command whose result is unknown can be retried", expected="unknown", got=record.stage.value
             )
         record.attempt += 1
         self._queue.appendleft(record)

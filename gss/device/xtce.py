@@ -87,7 +87,7 @@ def xtce(
         facts["same_layout_as"] = sorted(h.hex() for h in dictionary.same_layout_as)
     text = _XtceWriter(dictionary, headers, little_endian, repeat_lists, facts).text()
     if read_xtce("the document", text.encode()).dictionary != dictionary:
-        raise BadInput("the XTCE document would not read back to an equal dictionary", got=dictionary.device_model)
+        raise BadInput("the dictionary cannot be written as XTCE without a loss", got=dictionary.device_model)
     return text
 
 

@@ -106,7 +106,7 @@ def _kind(node: ExpressionNode, kinds: Mapping[str, ValueKind]) -> ValueKind:
 
 def _wrong_kind(node: CallNode, expected: str) -> NoReturn:
     name = "-" if node.name == "negative" else node.name
-    raise BadInput(f"The operands of {name} at position {node.at + 1} are of the wrong kind", expected=expected)
+    raise BadInput(f"The operands of {name} at position {node.at + 1} have the wrong type", expected=expected)
 
 
 # --- values -------------------------------------------------------------------------------------------------------

@@ -77,7 +77,7 @@ def test_the_node_of_a_sun_synchronous_orbit_drifts_east():
         (TLE, datetime(2021, 1, 1, tzinfo=UTC), 5, "outside the TLE's validity"),
         (TLE, datetime(2019, 11, 1, tzinfo=UTC), 5, "outside the TLE's validity"),
         (TLE, START, 90, "outside the TLE's validity"),
-        (TLE, START, 0, "the span is empty"),
+        (TLE, START, 0, "the time span is empty"),
         (TLE, datetime(2019, 12, 10), 5, "no time zone"),
     ],
 )

@@ -268,7 +268,7 @@ def test_a_download_survives_silence_and_a_lost_line(oresat: Instrument) -> None
     session.transfers.resume(transfer)
     events = talk(session, unit, 14.0, 3.0)
     assert [e.transfer_id for e in events if isinstance(e, TransferDone)] == [transfer]
-    with pytest.raises(Conflict, match="cannot send content of the kind catalogue"):
+    with pytest.raises(Conflict, match="cannot send content of type catalogue"):
         session.transfers.start_download("catalogue", 0)
     with pytest.raises(Conflict, match="has ended"):
         session.transfers.abort(transfer)

@@ -152,7 +152,7 @@ def test_a_bank_on_trial_is_not_disturbed(line: MemoryLine) -> None:
     put(line, "A", line.memory.content("golden"))
     probe = probe_on(line)
     assert probe.order("ACTIVATE_BANK", {"bank": "A"}).is_("completed")
-    with pytest.raises(Conflict, match="bank A is on trial"):
+    with pytest.raises(Conflict, match="bank A awaits CONFIRM_BANK"):
         check_device.check_device(probe, write=False)
     assert line.memory.record.unconfirmed
 

@@ -27,7 +27,7 @@ def test_matching_success_agrees_with_the_document() -> None:
         assert _percent(row["ours (95 %)"]) >= paper[5] - 9
     assert _percent(rows[0]["ours (95 %)"]) < _percent(rows[3]["ours (95 %)"])
     assert [row["ours wrong"] for row in rows] == [0] * 5
-    assert [row["its wrong"] for row in rows] == [0] * 5
+    assert [row["wrong with our bound"] for row in rows] == [0] * 5
     assert progress[-1] == 1.0
     assert progress == sorted(progress)
 

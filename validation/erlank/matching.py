@@ -163,7 +163,7 @@ COLUMNS = (
     f"with {COARSE_PX} px of error",
     "with twice its tolerance",
     "our chain (95 %)",
-    "images with a false match: document's three",
+    "images with a false match: published acceptance, with 0.3 px, with twice its tolerance",
     "false attitudes: chain",
 )
 NOTES = (

@@ -78,7 +78,7 @@ def jacobs_3_7(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
         "Success of Sunsat's matching algorithm",
         "Jacobs 1995 §3.5, Tables 3-6 and 3-7",
         (
-            "σ place µrad, σ mag; tolerances",
+            "σ position µrad, σ mag; tolerances",
             "paper success %",
             "ours (95 %)",
             "paper failed < 3, ≥ 3 stars",
@@ -86,7 +86,7 @@ def jacobs_3_7(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
             "paper wrong",
             "ours wrong",
             "with our bound (95 %)",
-            "its wrong",
+            "wrong with our bound",
             "document's test, σ on each axis (95 %)",
             "paper mean s",
             "ours mean table entries",

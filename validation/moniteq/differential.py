@@ -57,7 +57,7 @@ def moniteq_differential(stars: StarTable, trials: int, seed: int, progress: Pro
             "linear step, across, ″",
             "repeated, across, ″",
             "repeated, about the first boresight, ″",
-            "its predicted σ, ″",
+            "predicted σ about it, ″",
             "attitudes",
         ),
         tuple(rows),

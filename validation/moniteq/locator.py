@@ -103,7 +103,7 @@ def moniteq_noise(stars: StarTable, trials: int, seed: int, progress: Progress) 
         "moniteq-noise",
         "Noise of the mean locator",
         "Moniteq 1983 §4.3",
-        ("what", "paper", "ours", "more"),
+        ("quantity", "paper", "ours", "remark"),
         tuple(rows),
         (
             "star 43 400 e, dark current 4000 e/s with 1 % variation between pixels, response variation 0.5 %, "
@@ -165,7 +165,7 @@ def moniteq_nea(stars: StarTable, trials: int, seed: int, progress: Progress) ->
         "moniteq-nea",
         "Noise equivalent angle against orbital rate",
         "Moniteq 1983 Table 4.2 and §4.4",
-        ("what", "paper", "ours", "why not"),
+        ("quantity", "paper", "ours", "reason for a difference"),
         tuple(rows),
         (
             f"V 6: {STAR_E_S_CM2:g} e/s per cm²; A {UPPER_A}, B {UPPER_B}, C {UPPER_C}; response 0.5 %; 10.0 and 28.95 cm² of lens",

@@ -60,7 +60,7 @@ def moniteq_screening(stars: StarTable, trials: int, seed: int, progress: Progre
         "moniteq-screening",
         "False matches by chance, and stars to screen out",
         "Moniteq 1983 §2.1–2.3, Table 2.4",
-        ("what", "paper", "Poisson with our density", "counted"),
+        ("quantity", "paper", "Poisson with our density", "counted"),
         rows,
         (
             "ring of ±0.01° at 8°, stars of ±0.5 mag; Hipparcos V",

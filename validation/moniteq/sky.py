@@ -78,7 +78,7 @@ def moniteq_2_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
         "moniteq-2-1",
         "Stars by magnitude and in a field",
         "Moniteq 1983 Tables 2.1 and 2.2",
-        ("what", "paper", "ours (95 %)", "Poisson with our counts", "ours minus paper"),
+        ("quantity", "paper", "ours (95 %)", "Poisson with our counts", "ours minus paper"),
         tuple(rows),
         (f"{trials} random circular fields per row, Hipparcos V; counts of stars and shares of fields",),
         seed,

@@ -81,7 +81,8 @@ def _sum(cells: list[_Cell], trials: int) -> str:
     return (
         f"{trials} random attitudes per chain, fault and mode, a quarter of them for the reference, fewer for "
         "faults that require a search of the whole sky: "
-        f"{trials_run} lists, {answers} answers, {wrong} wrong: with 95 % fewer than {most:.2g} % of answers to such a mixture"
+        f"{trials_run} lists, {answers} answers, {wrong} wrong; upper limit (95 %) for the same "
+        f"mixture of cases: {most:.2g} % of the answers"
     )
 
 
@@ -101,7 +102,7 @@ def _notes(cells: list[_Cell]) -> tuple[str, ...]:
 
 def _conditions() -> tuple[str, ...]:
     described = "; ".join(
-        f"{s.chain}: camera {s.camera}, bank V ≤ {s.bank_mag}, sees to V {s.seen_mag}, {s.noise_px} px, {s.noise_mag} mag"
+        f"{s.chain}: camera {s.camera}, bank V ≤ {s.bank_mag}, measures stars to V {s.seen_mag}, {s.noise_px} px, {s.noise_mag} mag"
         for s in SETTINGS
     )
     return (

@@ -65,7 +65,7 @@ class AttitudeLimits:
             low, high = ordered(name, getattr(self, f"{name}_rad"))
             if high - low > 2 * np.pi + 1e-9:
                 raise BadInput(
-                    f"{name} limits are more than a turn apart",
+                    f"{name} limits are more than 360° apart",
                     expected="at most 360°",
                     got=f"{np.degrees(high - low):g}°",
                 )
@@ -83,7 +83,7 @@ class AttitudeLimits:
                 )
             if np.linalg.det(m.reshape(3, 3)) < 0:
                 raise BadInput(
-                    "the mounting is not a rotation: it mirrors",
+                    "the mounting matrix is a reflection, not a rotation",
                     expected="determinant 1",
                     got="determinant −1",
                     hint="one axis has the wrong sign",
@@ -131,7 +131,9 @@ def mounting_of(body_from_cam: Sequence[float] | None, turns_deg: Sequence[float
     if turns_deg is None:
         return None if body_from_cam is None else tuple(float(x) for x in body_from_cam)
     if body_from_cam is not None:
-        raise BadInput("two mountings were given", expected="either nine numbers or three turns", got="both")
+        raise BadInput(
+            "two mountings were given", expected="either a matrix of nine numbers or three rotations", got="both"
+        )
     if not np.isfinite(turns_deg).all():
         raise BadInput("a rotation of the mounting is not a number", expected="three angles", got=str(list(turns_deg)))
     return tuple(float(x) for x in euler_123(np.radians(turns_deg)).T.ravel())

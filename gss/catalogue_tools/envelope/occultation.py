@@ -81,7 +81,7 @@ class Occultation:
             raise BadInput(
                 "the Earth's disc and margin cover the whole sky",
                 expected="less than 180° together",
-                hint="a smaller margin",
+                hint="use a smaller margin",
             )
 
     @property

@@ -84,7 +84,7 @@ def read_tle(text: str) -> Satrec:
     if len(lines) != 2 or not (lines[0].startswith("1 ") and lines[1].startswith("2 ")):
         raise BadInput(
             "not a two-line element set",
-            expected="a line 1 and a line 2, a name line before",
+            expected="line 1 and line 2, with an optional name line before them",
             got=f"{len(lines)} lines",
         )
     for line in lines:
@@ -165,7 +165,7 @@ def _check_span(satellite: Satrec, start: datetime, end: datetime) -> None:
     epoch = sat_epoch_datetime(satellite)
     before, after = (epoch - start) / timedelta(days=1), (end - epoch) / timedelta(days=1)
     if not end > start:
-        raise BadInput("the span is empty", expected="a positive number of days", got=f"{start} to {end}")
+        raise BadInput("the time span is empty", expected="a positive number of days", got=f"{start} to {end}")
     if before > TLE_VALID_BEFORE_DAYS or after > TLE_VALID_DAYS:
         raise BadInput(
             "the dates are outside the TLE's validity",

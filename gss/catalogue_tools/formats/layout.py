@@ -68,7 +68,7 @@ def whole_numbers(name: str, values: NDArray[np.floating], unit: float, low: int
     if bad.any():
         worst = float(np.asarray(values)[np.argmax(bad)])
         raise BadInput(
-            f"{name} does not fit its whole number",
+            f"{name} does not fit its integer type",
             expected=f"{low * unit:g} to {high * unit:g}",
             got=f"{worst:g}",
         )

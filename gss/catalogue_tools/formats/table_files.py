@@ -192,7 +192,7 @@ def _read_fits(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callabl
     except MemoryError:
         raise
     except Exception as error:  # readers raise arbitrary exceptions for malformed files
-        raise BadInput("not a FITS file", expected="one that export_table wrote", got=str(error)) from None
+        raise BadInput("not a FITS file", expected="a FITS file that GSS exported", got=str(error)) from None
     if LAYOUT not in tables or tables[LAYOUT].get("json", np.empty(0)).dtype.kind not in "iu":
         raise BadInput("not a catalogue in FITS tables", expected="a LAYOUT table", got=", ".join(tables), hint=HINT)
     text = tables[LAYOUT]["json"].astype(np.uint8).tobytes().decode("utf-8", "replace")
@@ -232,7 +232,7 @@ def _read_zip(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callable
         raise
     except Exception as error:  # readers raise arbitrary exceptions for malformed files
         raise BadInput(
-            "not a ZIP of tables", expected="one that export_table wrote", got=str(error), hint=HINT
+            "not a ZIP of tables", expected="a ZIP file that GSS exported", got=str(error), hint=HINT
         ) from None
     if LAYOUT_FILE not in files:
         raise BadInput("not a catalogue in a ZIP of tables", expected=LAYOUT_FILE, got=", ".join(files), hint=HINT)

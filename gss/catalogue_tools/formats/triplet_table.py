@@ -73,7 +73,7 @@ def triplets_of(
             "the star list ends before the detection limit",
             expected=f"stars to V {need:.2f}",
             got=f"V {float(stars.v_mag.max()):.2f}" if len(stars) else "no stars",
-            hint="use a fainter limit of the selection",
+            hint="use a fainter magnitude limit for the selection",
         )
     return build_triplets(
         stars.icrs, stars.v_mag, classes, limit_mag, max_rad, brightness_error=brightness_error, blend_rad=blend_rad

@@ -50,7 +50,7 @@ class Attempts:
                 raise RateLimited(
                     "too many failed sign-in attempts",
                     expected=f"a wait of {wait_s:.0f} s before the next attempt",
-                    hint=f"try again in {wait_s:.0f} s. If you forgot the password, ask an admin to reset it, or run: gss user password NAME",
+                    hint="try again later. If you forgot the password, ask an admin to reset it, or run: gss user password NAME",
                     retry_after_s=wait_s,
                 )
             for key, brake in keys:

@@ -33,9 +33,7 @@ class HashingPool:
     def take(self, work: Callable[[], Done]) -> Future[Done]:
         """Queue ``work`` and return its future. Raises RateLimited if too many sign-ins are waiting."""
         if not self._places.acquire(blocking=False):
-            raise RateLimited(
-                "too many sign-ins are in progress", expected="retry in 2 s", hint="wait", retry_after_s=2.0
-            )
+            raise RateLimited("too many sign-ins are in progress", hint="try again in 2 s", retry_after_s=2.0)
         future = self._threads.submit(work)
         future.add_done_callback(lambda _: self._places.release())
         return future

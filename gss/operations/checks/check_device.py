@@ -98,7 +98,7 @@ def _ready(probe: Probe) -> Mapping[str, Value]:
     status = probe.status()
     if int(status["confirm_left_s"]):
         raise Conflict(
-            f"bank {shown(status['active_bank'])} is on trial",
+            f"bank {shown(status['active_bank'])} awaits CONFIRM_BANK",
             expected="no bank awaiting CONFIRM_BANK",
             hint="confirm it or roll it back first",
         )

@@ -93,7 +93,7 @@ def _check_size(columns: int, rows: int, name: str) -> None:
             f"{name} has too many pixels",
             expected=f"at most {MAX_PIXELS // 1_000_000} megapixels",
             got=f"{columns} x {rows} = {columns * rows / 1e6:.0f} megapixels",
-            hint="cut or bin the image first",
+            hint="crop or bin the image first",
         )
     if max(columns, rows) > MAX_SIDE_PX:
         raise BadInput(

@@ -114,7 +114,7 @@ def _check_free(row: Spacecraft, others: list[Spacecraft]) -> None:
     for unit in _unit_names(row):
         if unit in mounted:
             raise Conflict(
-                "the unit is on another spacecraft", got=f"{unit} on {mounted[unit]}", hint="Remove it there."
+                "the unit belongs to another spacecraft", got=f"{unit} on {mounted[unit]}", hint="Remove it there."
             )
 
 

@@ -92,7 +92,7 @@ def usable(series: AttitudeSeries, quantity: str) -> AttitudeSeries:
         raise BadInput(
             "frames with the same time",
             expected="times that increase from frame to frame",
-            got=f"{int(np.count_nonzero(np.diff(good.times_s) <= 0))} that do not",
+            got=f"{int(np.count_nonzero(np.diff(good.times_s) <= 0))} steps without an increase",
             hint="imported files without a time are dated by their import; add the time to the files",
         )
     return good

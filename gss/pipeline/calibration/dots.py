@@ -118,14 +118,16 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
 
     if np.hypot(*(outer - inner).T).min() < MIN_ARM_PX:
         raise BadInput(
-            "the two dots are one", expected="one dot near the centre, one far out", got="places less than 1 px apart"
+            "the two dots have the same position",
+            expected="one dot near the centre, one far out",
+            got="positions less than 1 px apart",
         )
 
     if np.ptp(outer - inner, axis=0).max() < 1e-6:
         raise BadInput(
             "the dots did not move",
-            expected="places that change as the camera turns",
-            got=f"{len(inner)} times the same places",
+            expected="positions that change when the camera rotates",
+            got=f"{len(inner)} equal pairs of positions",
             hint="measure both dots again after each rotation",
         )
 
@@ -161,7 +163,7 @@ def _checked(dots_px: Array, *, still: bool = False) -> Array:
     if dots.ndim != 2 or dots.shape[1] != 2 or len(dots) < MIN_TURNS or not np.isfinite(dots).all():
         raise BadInput(
             "these are not valid positions of a dot",
-            expected=f"{MIN_TURNS} or more places (col, row), one per turn",
+            expected=f"{MIN_TURNS} or more positions (col, row), one per rotation",
             got=f"{dots.shape}",
             hint="Jacobs took 36, every 10°",
         )
@@ -171,8 +173,8 @@ def _checked(dots_px: Array, *, still: bool = False) -> Array:
     if not np.ptp(dots, axis=0).any() and not still:
         raise BadInput(
             "the dot did not move",
-            expected="places that change as the camera turns",
-            got=f"{len(dots)} times the same place",
+            expected="positions that change when the camera rotates",
+            got=f"{len(dots)} equal positions",
             hint="measure the dot again after each rotation",
         )
     return dots

@@ -101,7 +101,7 @@ def calibrate_photometry(
     if usable.sum() < MIN_STARS:
         raise BadInput(
             "too few stars with a flux and a magnitude",
-            expected=f"{MIN_STARS}, neither clipped nor clouded",
+            expected=f"{MIN_STARS}, not saturated and not dimmed by clouds",
             got=str(int(usable.sum())),
             hint="use more frames, or centroids with fluxes",
         )

@@ -60,7 +60,11 @@ def light_of(frames: Sequence[FrameStars], camera: Camera, threshold_dn: float |
         else [float(t) for t in threshold_dn]
     )
     if len(thresholds) != len(frames):
-        raise BadInput("one threshold per frame", expected=str(len(frames)), got=str(len(thresholds)))
+        raise BadInput(
+            "the number of thresholds differs from the number of frames",
+            expected=str(len(frames)),
+            got=str(len(thresholds)),
+        )
     if not frames:
         raise BadInput("no frames", expected="at least one solved frame", got="0")
     aspect = camera.focal_col_px / camera.focal_row_px

@@ -103,7 +103,7 @@ def _line(
     if slope <= 0:
         raise BadInput(
             "the variance does not increase with the light",
-            expected="noise of photons",
+            expected="photon noise, which increases with the light",
             got=f"slope {slope:g}",
             hint="use raw frames, not processed frames",
         )
@@ -131,7 +131,9 @@ def _level(pair: FlatPair) -> tuple[float, float, float, int]:
     (hot pixels, cosmic rays) are excluded."""
     first, second = np.asarray(pair.first, float), np.asarray(pair.second, float)
     if first.shape != second.shape or first.ndim != 2:
-        raise BadInput("a pair is two frames of one size", expected=str(first.shape), got=str(second.shape))
+        raise BadInput(
+            "the two frames of a pair have different sizes", expected=str(first.shape), got=str(second.shape)
+        )
     # Scale one frame to the level of the other, because the lamp can change between the frames.
     second = second * (np.median(first) / np.median(second)) if np.median(second) > 0 else second
     difference, mean = first - second, (first + second) / 2

@@ -110,7 +110,7 @@ def test_area_factor_corrects_the_loss_below_a_threshold(star_frames: StarFrames
     assert calibration.k_area == pytest.approx(1.7, abs=max(0.1, 4 * calibration.k_area_sigma))
     uncorrected = calibrate_photometry(frames, camera)
     assert calibration.sigma_mag < 0.7 * uncorrected.sigma_mag
-    with pytest.raises(BadInput, match="one threshold per frame"):
+    with pytest.raises(BadInput, match="the number of thresholds differs from the number of frames"):
         calibrate_photometry(frames, camera, threshold_above_dark_dn=[1.0])
 
 
