@@ -1,4 +1,4 @@
-"""The process of a rehearsal: all services on a temporary store, with a clock and a line that reach no real unit."""
+"""The process of a rehearsal: all services on a temporary store, with a stepped clock and a line to a simulated unit only."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gss.wiring.build import build
 from gss.wiring.services import Services
 
 LEAD = timedelta(seconds=10)
-"""Time by which the rehearsal begins before the earliest signal of the pass."""
+"""Time from the start of the rehearsal to the earliest time at which a signal belongs to the pass."""
 
 
 def rehearse(folder: Path, report: Callable[[float, str], None]) -> RehearsalReport:

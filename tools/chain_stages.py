@@ -8,7 +8,7 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class ChainStage:
     """One stage of a chain. ``what``: description; ``where``: module:function under gss.pipeline; ``source``: section
-    of the publication; ``reach``: alternative options that select the stage (the first is tested); ``left_out_by``:
+    of the publication; ``reach``: options that select the stage; of several alternatives, the first is tested; ``left_out_by``:
     option that disables the stage; ``scene``: images that need the stage (see :class:`tools.chains_reach.Scene`);
     ``by_unit``: True if only the simulated unit runs it."""
 
@@ -82,7 +82,7 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             "expected stars and their windows", "chains.sunsat_track:expected_stars", "§4.1.2–4.1.4, §4.1.6.3", TRACKED
         ),
         ChainStage(
-            "search window by window, each from the untouched frame (restores the area)",
+            "search in each window, always on the unchanged frame (the area is restored)",
             "chains.sunsat_track:find_in_windows",
             "§4.1.4.1",
             TRACKED,
@@ -95,7 +95,10 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
         ),
         ChainStage("predictor 2.5, −2, 0.5", "track.predictor:predict_attitude", "§4.1.8, app. E.2", "`--sequence`"),
         ChainStage(
-            "radius of uncertainty, ADCS or TRIAD", "chains.sunsat_track:uncertainty_px", "§4.1.6, eq. 4.20", TRACKED
+            "radius of uncertainty from the ADCS or from TRIAD",
+            "chains.sunsat_track:uncertainty_px",
+            "§4.1.6, eq. 4.20",
+            TRACKED,
         ),
         ChainStage(
             "a-priori attitude of the orbit",
@@ -112,7 +115,7 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             by_unit=True,
         ),
         ChainStage(
-            "GSS: false-match bound, focal-length census",
+            "GSS: false-match bound, test of the focal length",
             "chains.sunsat_bound:false_match_probability",
             "–",
             DOCUMENT,
@@ -191,7 +194,7 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             scene="few",
         ),
         ChainStage("angular rate", "rates:rate_between", "§7.2", "`--sequence --interval S`"),
-        ChainStage("selector of the matcher", "chains.far_mst_match:match_stars", "Fig. 8.2", "`--set matcher=auto`"),
+        ChainStage("selection of the matcher", "chains.far_mst_match:match_stars", "Fig. 8.2", "`--set matcher=auto`"),
         ChainStage("QUEST with covariance", "attitude:quest", "eq. 6.34"),
         ChainStage(
             "q-method, SVD, FOAM",
@@ -207,9 +210,7 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
         ),
     ),
     "oersted": (
-        ChainStage(
-            "threshold, limit of brightness", "chains.oersted:find_centroids", "Liebe 1992, Magnitude-Uncertainty"
-        ),
+        ChainStage("threshold, brightness limit", "chains.oersted:find_centroids", "Liebe 1992, Magnitude-Uncertainty"),
         ChainStage(
             "window centroid (hyperaccuracy)", "hyperaccuracy:hyperaccurate_centroids", "Liebe 1992, Hyperaccuracy"
         ),
@@ -217,7 +218,7 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             "triplets: two nearest neighbours and their angle", "gss.skytables.triplets:features", "Initial Estimate"
         ),
         ChainStage(
-            "data base, quantised, with uncertainties of place and magnitude",
+            "quantised database with uncertainties of position and magnitude",
             "gss.skytables.triplets:build_triplets",
             "Inclusion of Position- and Magnitude-Uncertainty",
         ),
@@ -264,7 +265,7 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             TRACKED + "; `--set window_px=4`",
         ),
         ChainStage("mean locator with dark mean", "mean_locator:mean_locations_px", "§4.1–4.3"),
-        ChainStage("linear correction of its bias", "mean_locator:bias_gain", "§4.2"),
+        ChainStage("linear correction of the locator's bias", "mean_locator:bias_gain", "§4.2"),
         ChainStage("linked neighbour list, convex hull", "gss.skytables.neighbours:neighbour_links", "§6.1"),
         ChainStage("walk along the links", "track.link_walk:walk", "§6.1, Fig. 6.1", TRACKED),
         ChainStage("combinatorial blind search", "identify.neighbour_pattern:pair_hypotheses", "§6.1, Fig. 6.1", LOST),

@@ -12,7 +12,8 @@ FOLDERS = ("domain", "skytables", "instruments", "pipeline", "catalogue_tools")
 
 
 def fingerprint() -> str:
-    """Return twelve hexadecimal digits that identify the sources: ``FOLDERS`` of gss, and this package."""
+    """Return twelve hexadecimal digits that identify the Python files in ``FOLDERS`` of gss and in this package. Other files,
+    for example camera profiles in YAML, are not included."""
     root, own_folder = Path(gss.__file__).parent, Path(validation.__file__).parent
     digest = hashlib.sha256()
     for folder in (*(root / name for name in FOLDERS), own_folder):

@@ -23,9 +23,9 @@ def register(subparsers: Commands) -> None:
     """Add the command."""
     parser = subparsers.add_parser(
         "health",
-        description="Trends of focal length, centre, distortion, focus and sensitivity with jumps and a forecast, warm pixels with "
-        "onset and annealing, dark level and radiation hits. Needs 30 frames or more, of any attitude, weeks to years apart. Exit "
-        "code 0: done, 2: bad input.",
+        description="Report trends of focal length, centre, distortion, focus and sensitivity with jumps and a forecast, warm "
+        "pixels with onset and annealing, dark level and radiation hits. Needs 30 frames or more over weeks to years; any attitude "
+        "is suitable. Exit code 0: done, 2: bad input.",
     )
     parser.add_argument("files", nargs="+", metavar="FRAME", help="frames of one camera with their times in the files")
     parser.add_argument("--camera", metavar="INSTRUMENT", required=True, help=CAMERA_HELP)
@@ -36,7 +36,9 @@ def register(subparsers: Commands) -> None:
     parser.add_argument(
         "--temperatures", metavar="FILE", help="CSV: time in ISO 8601 (UTC), temperature of the unit in °C"
     )
-    parser.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
+    parser.add_argument(
+        "--exposure", type=float, metavar="S", help="exposure time of images whose files do not state it"
+    )
     add_observer(parser)
     add_report_file(parser, ".csv", text="; .csv: warm pixels")
     parser.add_argument("--json", action="store_true", help="print one JSON object")

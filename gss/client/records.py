@@ -47,7 +47,7 @@ class Command(ClientRecord):
 
     @property
     def ended(self) -> bool:
-        """True if only a user can still change the result."""
+        """True if the server waits for no more reports. A late report or a user can still change the result ``unknown``."""
         return self.result in ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
 
 
@@ -155,8 +155,8 @@ class Frame(ClientRecord):
 
 @dataclass(frozen=True)
 class Solution(ClientRecord):
-    """Result of one chain for one frame. ``attitude``: attitude in the format of the server; None without a
-    solution."""
+    """Result of one chain for one frame. ``attitude``: JSON object with ``quaternion`` and other fields; None
+    without a solution."""
 
     id: int
     frame_id: int
@@ -217,7 +217,7 @@ class ProcedureRun(ClientRecord):
 
     @property
     def ended(self) -> bool:
-        """True if the run has ended."""
+        """True if the run is not in progress: it has ended, or a restart of the server interrupted it."""
         return self.state != "running"
 
     @property

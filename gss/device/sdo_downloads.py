@@ -1,10 +1,10 @@
 """Image downloads from a CANopen sensor. Each download reads one object, with the SDO client that commands also use. No
 I/O.
 
-The server cannot continue an interrupted transfer, so a resumed download starts from the beginning. During a download,
-commands and repeated requests wait. The object with the image number is read before and after the image, to detect an
-image that the sensor replaced during the download. A download does not start while the sensor takes images faster than
-they can be read.
+The SDO server of the sensor cannot continue an interrupted transfer, so a resumed download starts from the
+beginning. During a download, commands and repeated requests wait. The object with the image number is read before
+and after the image, to detect an image that the sensor replaced during the download. A download does not start
+while the sensor takes images faster than they can be read.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from gss.domain.errors import Conflict, NotFound
 Object = tuple[int, int]
 SILENT_S = 0.5
 TRIES = 3
-"""Maximum number of attempts if an image arrives damaged, is replaced during the download, or stops at the same
-position as before."""
+"""Maximum number of attempts for an image. A further attempt follows if the image arrives damaged, if the sensor replaces
+it, or if the download stops at the same position as before."""
 SILENT_AGAIN_S = 4.0
 REPORT_EVERY_S = 0.5
 NO_IMAGE = "the sensor has no image: take an image first"

@@ -126,18 +126,18 @@ CANNOT: Mapping[Operation, str] = {
     Operation.READ_BACK: "send the content of a bank",
     Operation.SCHEDULE: "run commands at a later time",
 }
-"""Text of a missing operation, after "cannot". Other operations are described by their key."""
+"""Text that follows "cannot" in the message for a missing operation. Other operations are described by their key."""
 
 
 class ArgumentRow(Strict):
-    """Mapping of a standard argument: the argument ``name`` of the command is ``scale`` times its value."""
+    """Mapping of a standard argument to the argument ``name`` of the command: the value is multiplied by ``scale``."""
 
     name: Name
     scale: Annotated[float, Field(gt=0)] = 1.0
 
 
 class OperationRow(Strict):
-    """Command, or kind of transferred content, of an operation. ``arguments``: arguments of the command by standard
+    """The command of an operation, or the kind of content that it transfers. ``arguments``: arguments of the command by standard
     name; an argument without an entry has the standard name and unit. ``fixed``: arguments with a constant value.
     ``content``: content of a downloaded frame, either the detector's pixels or an image file (PNG, TIFF, JPEG)."""
 
@@ -150,7 +150,7 @@ class OperationRow(Strict):
     @model_validator(mode="after")
     def _one_of_two(self) -> Self:
         if (self.command is None) == (self.transfer is None):
-            raise ValueError("needs either its command or its kind of transfer")
+            raise ValueError("needs either a command or a kind of transfer")
         return self
 
 
@@ -242,7 +242,7 @@ def check_operation(
 ) -> tuple[tuple[str, ...], str] | None:
     """Return path and reason of the first error in the row; None if the row fits the dictionary."""
     if (row.transfer is not None) != (operation in TRANSFERS):
-        return (), "needs its kind of transfer" if operation in TRANSFERS else "needs its command"
+        return (), "needs a kind of transfer" if operation in TRANSFERS else "needs a command"
     if row.transfer is not None:
         return None
     commands = {c.name: c for c in dictionary.commands}

@@ -1,4 +1,5 @@
-"""Reader and writer of CCSDS Orbit Mean-elements Messages (CCSDS 502.0-B-3 §4): KVN, XML, and JSON as in satellite catalogues."""
+"""Reader of CCSDS Orbit Mean-elements Messages (CCSDS 502.0-B-3 §4) in KVN, XML and the JSON of satellite catalogues, and
+writer of their fields."""
 
 from __future__ import annotations
 

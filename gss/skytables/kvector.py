@@ -11,8 +11,8 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 
 Rows = NDArray[np.intp]
-# Fraction of the range by which the line extends beyond both ends. Rounding therefore cannot move an end value out of
-# the line.
+# Fraction of the range by which the line extends beyond both ends, so that rounding cannot place an end value beyond the
+# line.
 SLACK = 1e-9
 
 
@@ -27,8 +27,8 @@ class KVector:
     step: float
 
     def ranges(self, values: Array, low: Array, high: Array) -> tuple[Rows, Rows]:
-        """Return for each of (n,) intervals the slice [from, to) of the ascending ``values`` inside it, both ends
-        included. Each interval needs two look-ups and a comparison with a few neighbouring values."""
+        """Return, for each of (n,) closed intervals, the slice [from, to) of the ascending ``values`` in the interval.
+        Each interval needs two look-ups and a comparison with a few neighbouring values."""
         first = self._count(values, low, strict=True)
         return first, np.maximum(first, self._count(values, high, strict=False))
 

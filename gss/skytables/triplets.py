@@ -146,7 +146,7 @@ def certain_mag(limit_mag: float, brightness_error: float) -> float:
 
 def faintest_mag(limit_mag: float, brightness_error: float) -> float:
     """Return the magnitude beyond which stars are never detected (1 − ``brightness_error`` times the brightness at the
-    limit; 75 % in Liebe 1992). The star list must reach this magnitude."""
+    limit; 75 % in Liebe 1992). A complete triplet table needs a star list to this magnitude."""
     return float(limit_mag - 2.5 * np.log10(1 - brightness_error))
 
 

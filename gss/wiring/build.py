@@ -1,4 +1,4 @@
-"""Creation and connection of the services of all rooms."""
+"""Creation and connection of the services of all folders of ``gss.operations``."""
 
 from __future__ import annotations
 

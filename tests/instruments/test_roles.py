@@ -43,8 +43,8 @@ def test_every_command_is_in_a_subsystem_that_has_a_permission() -> None:
     [
         ("operations:\n  hello: {command: HULLO}\n", "line 2: operations.hello.command", "no command HULLO"),
         ("operations:\n  hullo: {command: HELLO}\n", "line 2: operations.hullo", "Input should be"),
-        ("operations:\n  hello: {}\n", "line 2: operations.hello", "needs either its command"),
-        ("operations:\n  hello: {transfer: frame}\n", "line 2: operations.hello", "needs its command"),
+        ("operations:\n  hello: {}\n", "line 2: operations.hello", "needs either a command"),
+        ("operations:\n  hello: {transfer: frame}\n", "line 2: operations.hello", "needs a command"),
         (
             "operations:\n  take_image:\n    command: TAKE_IMAGE\n    arguments: {slot: {name: place}}\n",
             "line 4: operations.take_image.arguments.slot",

@@ -41,7 +41,7 @@ def test_optics_of_a_photograph_are_read() -> None:
 
 
 def test_a_resized_photograph_states_no_pixel_size() -> None:
-    """For a resized photograph the original size is read, and no pixel size."""
+    """For a resized photograph the source states the original size and no pixel size."""
     source = read_frame(jpeg({0xA20E: 2000.0, 0xA210: 3, 0xA002: 800, 0xA003: 600}), "a.jpg").source
     assert source["original_px"] == "800 x 600"
     assert "pixel_um" not in source
@@ -67,8 +67,8 @@ def test_a_raw_file_is_rejected(tag: dict[int, object]) -> None:
 
 
 def test_the_gain_follows_from_skies_of_different_level() -> None:
-    """From skies with different levels the gain is within four standard deviations. With one level or non-linear files it
-    is not stated."""
+    """From skies with different levels, the measured gain is within four standard deviations of the true gain. With one level or
+    with non-linear files, no gain is measured."""
     rng = np.random.default_rng(4)
     skies = [rng.poisson(2.5 * level, (320, 320)) / 2.5 + rng.normal(100, 3, (320, 320)) for level in (50, 400, 900)]
     measured = sky_figures(skies, linear=True)

@@ -53,7 +53,7 @@ def export_oem(app: App, days: OemDays = 3.0) -> Response:
 
 @router.get("/stations")
 def list_stations(app: App) -> list[StationOut]:
-    """Ground stations, by name."""
+    """Ground stations, sorted by name."""
     return [present.passes.station(row) for row in app.passes.stations.every()]
 
 
@@ -83,7 +83,7 @@ def delete_station(app: App, station_id: RowId, user: User, audit_note: AuditNot
 
 @router.get("/passes")
 def list_passes(app: App, days: Days = 3.0, station: ContactId = None) -> PassesOut:
-    """Current passes and passes of the coming days, by rise. ``station``: id of the only station to include."""
+    """Current passes and passes of the coming days, sorted by rise time. ``station``: include only this station."""
     return present.passes.passes(app.passes.table.coming(days, station))
 
 

@@ -65,8 +65,8 @@ def triplets_of(
     brightness_error: float = 0.25,
     blend_rad: float = 0.0,
 ) -> TripletTable:
-    """Build the triplet table of a star list. The list must contain the faintest star that can be detected (Liebe 1992
-    uses 1539 stars for 1100)."""
+    """Build the triplet table of a star list. Raises BadInput if the list ends before ``limit_mag``. The table is complete
+    only if the list reaches :func:`faintest_mag` (Liebe 1992 uses a list of 1539 stars to detect 1100)."""
     need = faintest_mag(limit_mag, brightness_error)
     if not len(stars) or float(stars.v_mag.max()) < limit_mag:
         raise BadInput(
@@ -90,7 +90,7 @@ def figures(table: TripletTable) -> TripletFigures:
 
 
 def encode_triplets(table: TripletTable, bank_crc32: int = 0) -> bytes:
-    """Encode a table. ``bank_crc32``: CRC-32 of the body of the bank image with its star list."""
+    """Encode a table. ``bank_crc32``: CRC-32 of the body of the bank image that contains the star list of the table."""
     if table.stars > MAX_STARS:
         raise BadInput("too many stars for the triplet table", expected=f"at most {MAX_STARS}", got=str(table.stars))
     body = table.key.astype("<u4").tobytes() + table.star.astype("<u2").tobytes()

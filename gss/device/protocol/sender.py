@@ -24,7 +24,7 @@ from gss.device.protocol.packet import (
 
 
 class LineSender:
-    """Numbers and frames packets. ``bytes`` and ``good`` count the frames produced."""
+    """Numbers and frames packets. ``bytes``, ``good``: number of bytes and of frames produced."""
 
     def __init__(
         self, *, to_device: bool, prefix: int, framing: str = "cobs", signer: PacketSigner | None = None

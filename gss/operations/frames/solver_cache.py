@@ -1,4 +1,5 @@
-"""Cache of sky data for solving: star positions, pair tables, figures, and catalogues like those in a flash bank."""
+"""Cache of sky data for solving: star positions, pair tables, star figures (patterns of neighbouring stars for the blind
+solver), and catalogues like those in a flash bank."""
 
 from __future__ import annotations
 
@@ -69,7 +70,7 @@ class SolverCache:
         return self._once(key, lambda: reference.known_sky(self.sky(epoch_jyear), camera, faint_limit_mag))
 
     def level(self, epoch_jyear: float) -> Callable[[float], PatternLevel]:
-        """Return a function that returns the cached figure dictionary of a radius."""
+        """Return a function from a radius in rad to the dictionary of star figures of that size, which is cached."""
         # Star figures tolerate the proper motion of several years, so all frames of a decade share one dictionary. The
         # attitude is computed with the star positions at the frame's epoch.
         year = FIGURES_JYEAR + FIGURES_STEP_YR * round((epoch_jyear - FIGURES_JYEAR) / FIGURES_STEP_YR)
@@ -91,6 +92,6 @@ class SolverCache:
         return self._once(("bank", profile.camera, profile.sensor.faint_limit_mag, epoch_jyear), build)
 
     def prepared(self, chain: OnboardChain, profile: CameraProfile, epoch_jyear: float) -> Any:
-        """Return the bank of :meth:`bank` in the form that a system's chain prepares."""
+        """Return the catalogue of :meth:`bank`, prepared by the chain of a system."""
         key = ("prepared", chain.name, profile.camera, profile.sensor, epoch_jyear)
         return self._once(key, lambda: chain.prepare(self.bank(profile, epoch_jyear), profile))

@@ -37,7 +37,7 @@ def not_allowed(url: str) -> NotPermitted:
     """Return the error for an address that an operator may not open."""
     return NotPermitted(
         "only an admin may open this address",
-        expected="a device of this machine, a port of it, a host of GSS_LINK_ALLOW, or a line that was open before",
+        expected="a device or a port of this machine, a host of GSS_LINK_ALLOW, or a line that was open before",
         got=url[:200],
         hint="ask an admin to open it once",
     )

@@ -121,8 +121,8 @@ def difference_steps(vector: Vector) -> Array:
 
 
 def most_allowed_sigma(vector: Vector) -> Array:
-    """Return the (p,) standard deviations above which a parameter is undetermined: half a percent for the focal length,
-    a fiftieth of the detector for the centre, and one pixel at the corner for a coefficient."""
+    """Return the (p,) standard deviations above which a parameter is undetermined: half a percent for focal length
+    and aspect, a fiftieth of the detector for the centre, and one pixel at the corner for a coefficient."""
     camera = vector.camera()
     corner = float(np.tan(min(camera.half_diagonal_rad, 1.2)))
     reach_px = 1.0 / vector.values["focal_px"]

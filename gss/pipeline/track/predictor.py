@@ -40,8 +40,9 @@ def predict(samples: Array, ages_s: Sequence[float] = EVERY_SECOND_S) -> Array:
 def predict_attitude(last: Array, earlier: tuple[Array, ...], ages_s: Sequence[float] = EVERY_SECOND_S) -> Array:
     """Predict the present (3, 3) attitude from the last quaternion and the earlier ones, newest first, with their ages.
 
-    The document predicts roll, pitch and yaw relative to the orbit frame. Here the weights are applied to the small rotation
-    vectors relative to the last attitude, which have no singularity; the orbital rotation is part of the motion.
+    The document predicts roll, pitch and yaw relative to the orbit frame. Here the weights are applied to
+    small rotation vectors relative to the last attitude, because these vectors have no singularity. The orbital rotation
+    is part of the motion.
     """
     newest = matrix_from_quaternion(last)
     against = [rotation_vector_rad(matrix_from_quaternion(q) @ newest.T) for q in earlier[:2]]

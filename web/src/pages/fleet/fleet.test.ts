@@ -63,7 +63,10 @@ describe('the fleet', () => {
     };
     const seen: FleetUnit = { ...unit, link: { ...link, next_pass } };
     expect(passOf(seen, at)).toEqual({ state: 'off', word: 'Cape Town, in 10 min 0 s, max. elevation 41°' });
-    expect(passOf(seen, at + 900_000)).toEqual({ state: 'progress', word: 'Cape Town, sets in 5 min 0 s, max. elevation 41°' });
+    expect(passOf(seen, at + 900_000)).toEqual({
+      state: 'progress',
+      word: 'Cape Town, sets in 5 min 0 s, max. elevation 41°',
+    });
     const none = { station: null, rise: null, set: null, max_elevation_deg: null, problem: 'No orbit was imported.' };
     expect(passOf({ ...unit, link: { ...link, next_pass: none } }, at).word).toBe('No orbit was imported.');
     expect(passOf({ ...seen, current: false }, at).state).toBe('unknown');
