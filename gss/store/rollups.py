@@ -55,12 +55,12 @@ def next_received(session: Session, packet: str, at: datetime) -> datetime | Non
     return session.scalar(select(func.min(row.received)).where(row.packet == packet, row.received >= at))
 
 
-def packets_of(session: Session, packet: str, hour: int) -> list[tuple[datetime, JsonObject]]:
-    """Return (received, values) of an hour, oldest first."""
+def packets_of(session: Session, packet: str, start: datetime, end: datetime) -> list[tuple[datetime, JsonObject]]:
+    """Return (received, values) of the packets received from ``start`` to before ``end``, oldest first."""
     row = TelemetryPacket
     query = (
         select(row.received, row.values)
-        .where(row.packet == packet, row.received >= start_of(hour), row.received < start_of(hour + 1))
+        .where(row.packet == packet, row.received >= start, row.received < end)
         .order_by(row.received, row.id)
     )
     return [(at, values) for at, values in session.execute(query)]

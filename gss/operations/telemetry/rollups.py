@@ -31,6 +31,8 @@ BUCKET_S = 10
 SETTLE_S = 60.0
 """Delay in seconds after which an ended hour counts as complete."""
 LOOK_S = 60.0
+SLICE = timedelta(minutes=1)
+"""Span whose packets are read together, a multiple of ``BUCKET_S``. An hour of 50 packets/s would need more than 600 MiB."""
 HOURS_AT_ONCE = 400
 """Maximum number of hours computed per pass. A store with a long history needs several passes."""
 MOMENT = timedelta(microseconds=1)
@@ -171,16 +173,22 @@ class Rollups:
             at = store.start_of(hour + 1)
 
     def _make_hour(self, packet: str, hour: int) -> bool:
+        plotted = self._fields.get(packet, ())
+        parts: dict[str, list[Buckets]] = {item.name: [] for item in plotted}
+        read, start, end = 0, store.start_of(hour), store.start_of(hour + 1)
+        while start < end:
+            with self._database.unit_of_work() as session:
+                rows = store.packets_of(session, packet, start, start + SLICE)
+            start += SLICE
+            read += len(rows)
+            t_s = np.array([at.timestamp() for at, _ in rows])
+            for item in plotted if rows else ():
+                values = [number(item, row.get(item.name)) for _, row in rows]
+                y = np.array([np.nan if v is None else v for v in values], np.float64)
+                parts[item.name].append(buckets(t_s, y))
+        data = {name: Buckets.joined(of_slices).packed(hour) for name, of_slices in parts.items() if of_slices}
         with self._database.unit_of_work() as session:
-            rows = store.packets_of(session, packet, hour)
-        t_s = np.array([at.timestamp() for at, _ in rows])
-        data = {}
-        for item in self._fields.get(packet, ()):
-            values = [number(item, row.get(item.name)) for _, row in rows]
-            y = np.array([np.nan if v is None else v for v in values], np.float64)
-            data[item.name] = buckets(t_s, y).packed(hour)
-        with self._database.unit_of_work() as session:
-            rollup = store.keep(session, packet, hour, data, len(rows))
+            rollup = store.keep(session, packet, hour, data, read)
         if rollup:
             self._newest[packet] = max(hour, self._newest.get(packet) or hour)
         return rollup
