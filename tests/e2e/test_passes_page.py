@@ -80,3 +80,53 @@ def test_an_armed_plan_is_on_every_page_until_it_is_stopped(page, served, tle_of
     expect(page.get_by_test_id("plan-strip")).to_have_count(0)
     (plan,) = [p for p in served.ask("GET", "/pass-plans") if p["name"] == "Evening image"]
     assert (plan["state"], plan["reason"], plan["items"][0]["state"]) == ("stopped", "stopped by admin", "waiting")
+
+
+IMAGE = """# Take an image
+
+## image: Take the image
+
+```command
+TAKE_IMAGE slot=0 exposure_ms=250
+```
+
+## sharp: Continue?
+
+```question
+Was an image taken?
+yes: end
+no: end
+```
+"""
+
+
+def test_a_plan_is_rehearsed_with_a_question_and_a_loss_of_signal(page, served, tle_of, picture):
+    """The report shows both passes on its timeline, the answer to the question, and the completed items."""
+    served.ask("PUT", "/spacecraft", {"text": tle_of(1)})
+    if all(s["name"] != "Longyearbyen" for s in served.ask("GET", "/stations")):
+        served.ask("POST", "/stations", {"latitude_deg": 78.23, "longitude_deg": 15.64, "name": "Longyearbyen"})
+    served.ask("POST", "/procedures", {"text": IMAGE})
+    passes = served.ask("GET", "/passes?days=3")["passes"]
+    long_pass = [p for p in passes if p["station"] == "Longyearbyen" and p["duration_s"] > 400][1]
+    page.goto("/passes?show=plans")
+    if page.get_by_test_id("plan-new").count():
+        page.get_by_test_id("plan-new").click()
+    page.get_by_test_id("plan-pass").select_option(f"{long_pass['station_id']} {long_pass['culmination']}")
+    page.get_by_test_id("plan-name").fill("Night image")
+    page.get_by_test_id("plan-add-procedure").click()
+    page.get_by_test_id("plan-add-download").click()
+    page.get_by_test_id("plan-resume").check()
+    page.get_by_test_id("plan-save").click()
+    page.get_by_text("Answers, losses of signal, and assumptions").click()
+    page.get_by_test_id("rehearse-answers").fill("sharp: yes")
+    page.get_by_test_id("rehearse-losses").fill("1, 30, 1800")
+    page.get_by_test_id("plan-rehearse").click()
+    report = page.get_by_test_id("rehearsal-report")
+    expect(report).to_contain_text("Rehearsal completed", timeout=180_000)
+    expect(report).to_contain_text("question sharp, answered by the rehearsal: yes")
+    expect(report).to_contain_text("paused: loss of signal")
+    timeline = page.get_by_test_id("rehearsal-timeline")
+    expect(timeline.get_by_role("img")).to_have_attribute("aria-label", "Items executed in 2 passes")
+    expect(timeline).to_contain_text("2. Download frame of slot 0")
+    report.scroll_into_view_if_needed()
+    picture("rehearsal")

@@ -47,7 +47,8 @@ The warm start is complete.
 
 
 def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[str], None]) -> None:
-    """The page shows a mistake with its line, runs and records each step, and shows the hash of the record."""
+    """The page shows a mistake with its line, runs and records each step, and shows the hash of the record. A question
+    can be answered while the other steps run automatically."""
     page.goto("/procedures")
     page.get_by_test_id("procedure-new").click()
     page.get_by_test_id("procedure-text").fill(TEXT.replace("GET_STATUS", "GET_STATE"))
@@ -64,6 +65,8 @@ def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[
     expect(page.locator("[data-step=ready]")).to_contain_text("housekeeping.sensor_temperature_c =")
     expect(page.locator("[data-step=dark]")).to_have_attribute("aria-current", "step", timeout=SLOW)
     picture("procedure")
+    page.get_by_test_id("procedure-automatic").click()
+    expect(page.get_by_test_id("procedure-run-view")).to_contain_text("step dark waits for an operator", timeout=SLOW)
     page.get_by_test_id("procedure-answer").filter(has_text="yes").click()
     page.locator("[data-step=signed]").get_by_test_id("procedure-note").fill("all well", timeout=SLOW)
     page.locator("[data-step=signed]").get_by_test_id("procedure-run").click()

@@ -111,9 +111,9 @@ def run(row: ProcedureRun) -> ProcedureRunOut:
     )
 
 
-def run_detail(row: ProcedureRun, operations: StandardOperations) -> ProcedureRunDetailOut:
-    """Return a run with the steps of its procedure."""
+def run_detail(row: ProcedureRun, waiting: str, operations: StandardOperations) -> ProcedureRunDetailOut:
+    """Return a run with the steps of its procedure. ``waiting``: step that waits for an operator, or ""."""
     document = read_procedure(row.text)
     return ProcedureRunDetailOut(
-        **dict(run(row)), introduction=document.introduction, steps=_steps(document, operations)
+        **dict(run(row)), waiting=waiting, introduction=document.introduction, steps=_steps(document, operations)
     )

@@ -151,4 +151,5 @@ def stop_procedure(app: App, run_id: RowId, body: ReasonIn, user: User, audit_no
 
 
 def _detail(app: Services, row: ProcedureRun) -> ProcedureRunDetailOut:
-    return present.procedures.run_detail(row, app.line.link.roles.operations)
+    current, waiting = app.procedures.runs.state(row.id)
+    return present.procedures.run_detail(current, waiting, app.line.link.roles.operations)

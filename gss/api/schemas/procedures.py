@@ -159,7 +159,8 @@ class ProcedureRunOut(Out):
 
 
 class ProcedureRunDetailOut(ProcedureRunOut):
-    """Run with the steps of its procedure."""
+    """Run with the steps of its procedure. ``waiting``: step that waits for an operator, "" if no step waits."""
 
+    waiting: str
     introduction: str
     steps: list[ProcedureStepOut]

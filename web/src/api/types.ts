@@ -143,4 +143,5 @@ export type Plan = S['PlanOut'];
 export type PlanIn = S['PlanIn'];
 export type PlanItem = S['PlanItemOut'];
 export type Rehearsal = S['RehearsalOut'];
+export type RehearsalReport = S['RehearsalReport'];
 export type PlanItemIn = S['PlanItemIn'];

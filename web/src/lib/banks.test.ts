@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { Bank, Timeline, Transfer } from '../api/types';
-import { bankConditions, previousBank, replacedBy, replaces, rollbackText, uploadTargets } from './banks';
+import { bankConditions, previousBank, replacedBy, replaces, rollbackText, uploadTargets, uploadBanks } from './banks';
 
 const bank = (name: string, over: Partial<Bank> = {}): Bank => ({
   bank: name,
@@ -34,6 +34,10 @@ describe('banks', () => {
     expect(uploadTargets(banks).map((b) => b.bank)).toEqual(['C', 'D', 'B']);
     expect(replaces(banks[2])).toBe('');
     expect(replaces(banks[1])).toBe('Replaces orion in bank B.');
+  });
+  it('offers the reported banks for a later upload, and the usual ones before the first report', () => {
+    expect(uploadBanks([bank('golden'), bank('E', { active: true }), bank('D')])).toEqual(['D', 'E']);
+    expect(uploadBanks([])).toEqual(['A', 'B', 'C']);
   });
   it('says when the uploaded content is no longer in its bank', () => {
     expect(replacedBy(up(), [bank('B', { catalogue_id: 7 })], later)).toBe('');

@@ -6,6 +6,9 @@ const WRITABLE = /^[A-Z]$/;
 /** Time within which the device reports its banks after a commit. */
 const SETTLE_MS = 6000;
 
+/** Banks that are offered until the device reports its own. */
+const USUAL = ['A', 'B', 'C'];
+
 const isEmpty = (bank: Bank): boolean => bank.state === 'empty' || bank.state === 'corrupt';
 const expired = (bank: Bank): boolean => bank.days_left !== null && bank.days_left < 0;
 
@@ -16,6 +19,12 @@ const expired = (bank: Bank): boolean => bank.days_left !== null && bank.days_le
 export function uploadTargets(banks: readonly Bank[]): Bank[] {
   const rank = (bank: Bank): number => (isEmpty(bank) ? 0 : expired(bank) ? 1 : 2);
   return banks.filter((b) => !b.active && WRITABLE.test(b.bank)).sort((a, b) => rank(a) - rank(b));
+}
+
+/** Return the names of the banks that accept an upload at a later time, when another bank can be active. */
+export function uploadBanks(banks: readonly Bank[]): string[] {
+  const writable = banks.map((b) => b.bank).filter((name) => WRITABLE.test(name));
+  return writable.length ? writable.sort() : USUAL;
 }
 
 export function contentName(bank: Bank): string {
