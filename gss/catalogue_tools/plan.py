@@ -127,7 +127,7 @@ def _check_distances(shortest_rad: float, longest_rad: float) -> None:
             "the shortest distance is not below the longest",
             expected=f"0° to less than {np.degrees(longest_rad):.4g}°",
             got=f"{np.degrees(shortest_rad):.4g}°",
-            hint="without a longest distance the diagonal of the field is used",
+            hint="leave the longest distance empty to use the diagonal of the field",
         )
 
 

@@ -270,5 +270,7 @@ def _attitude(arguments: argparse.Namespace) -> dict[str, object]:
         and arguments.inclination_deg is None
         and any(limits.values())
     ):
-        raise BadInput("attitude limits without an orbit", hint="--inclination-deg and --raan-deg, --tle or --pointing")
+        raise BadInput(
+            "attitude limits without an orbit", hint="add --inclination-deg and --raan-deg, --tle or --pointing"
+        )
     return {"pointing": arguments.pointing, **limits}

@@ -217,7 +217,7 @@ class OresatWire:
 
     def _emergency(self, data: bytes) -> Answer:
         if len(data) != EMERGENCY_LAYOUT.size:
-            raise CorruptData("an emergency message of wrong size")
+            raise CorruptData("an emergency message has the wrong size")
         self.good += 1
         code, register, details = EMERGENCY_LAYOUT.unpack(data)
         if not code:
@@ -229,7 +229,7 @@ class OresatWire:
 
     def _answered(self, data: bytes) -> Answer | None:
         if len(data) != 8:
-            raise CorruptData("a service data object of wrong size")
+            raise CorruptData("a service data object has the wrong size")
         if not self._client.busy:
             self.unknown += 1
             return None
@@ -289,7 +289,7 @@ class OresatWire:
     def _packet(self, name: str, content: bytes, stage: Stage | None, reply: bytes = b"") -> Answer:
         decoded = decode(self._dictionary.packet(name).fields, content, LITTLE)
         if name == ATTITUDE and not _is_rotation(decoded):
-            raise CorruptData("a quaternion that is not of length 1")
+            raise CorruptData("the length of a quaternion is not 1")
         if name == "clock":
             sensor_s = float(decoded.values["seconds"]) + float(decoded.values["microseconds"]) / 1e6
             self._clock.ahead_s = sensor_s - self._clock.now_s

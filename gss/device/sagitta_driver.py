@@ -116,12 +116,12 @@ class SagittaWire:
         if kind in (REPLY | SET_PARAMETER, REPLY | ACTION) and is_reply and self._request is not None:
             return self._status(self._request, content)
         self.unknown += 1
-        raise CorruptData("no request has this response", got=f"type {kind:#04x}, number {number}")
+        raise CorruptData("the response belongs to no request", got=f"type {kind:#04x}, number {number}")
 
     def _status(self, request: SensorRequest, content: bytes) -> Answer:
         if not content:
             self.undecodable += 1
-            raise CorruptData("a response without status")
+            raise CorruptData("a response has no status")
         self._request = None
         if content[0]:
             return _rejected(content[0])
@@ -133,7 +133,7 @@ class SagittaWire:
             return _rejected(content[0])
         if len(content) < STAMP.size or content[0]:
             self.undecodable += 1
-            raise CorruptData("telemetry without its time, or with an error")
+            raise CorruptData("telemetry lacks its time or reports an error")
         _, _, time_us = STAMP.unpack_from(content)
         return self._packet(number, content[STAMP.size :], stage, time_us / 1e6)
 

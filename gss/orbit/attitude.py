@@ -30,7 +30,7 @@ class AttitudeHistory:
         if not len(self.times_s):
             raise BadInput("There is no attitude in this time", expected="a time with attitudes")
         if not (np.diff(self.times_s) > 0).all():
-            raise BadInput("The attitudes are not in order of time", expected="each later than the one before")
+            raise BadInput("The attitudes are not in order of time", expected="times that increase from line to line")
 
     def at(self, times_s: Array) -> Array:
         """Return (n, 4) quaternions at (n,) Unix seconds, interpolated with a constant rate. NaN outside the time span and between

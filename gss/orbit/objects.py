@@ -93,7 +93,7 @@ def read_objects(text: str) -> list[OrbitingObject]:
         except BadInput as error:
             raise BadInput(
                 f"element set {len(objects) + 1} of the list is not valid",
-                expected="lines of a TLE",
+                expected="the two lines of a TLE",
                 got=str(error)[:200],
             ) from None
         number = lines[k][2:7].strip()

@@ -52,7 +52,9 @@ def read_oem(text: str) -> tuple[str, EphemerisTrajectory]:
             got=str(len(times_s)),
         )
     if not (np.diff(times_s) > 0).all():
-        raise BadInput("the states of the OEM are not in order of time", expected="each later than the one before")
+        raise BadInput(
+            "the states of the OEM are not in order of time", expected="times that increase from line to line"
+        )
     positions = [_teme(np.array(states), m["REF_FRAME"]) for m, states in blocks if states]
     return name, EphemerisTrajectory(times_s, np.concatenate(positions))
 

@@ -65,7 +65,11 @@ def _blocks(text: str) -> list[_Block]:
             blocks.append(_Block(name))
         elif edge == "STOP" and name in BLOCKS:
             if blocks[-1].name != name:
-                raise BadInput(f"Line {number} of the message is not valid", expected="blocks that end", got=statement)
+                raise BadInput(
+                    f"Line {number} of the message is not valid",
+                    expected="the STOP line of the open block",
+                    got=statement,
+                )
             blocks.append(_Block(""))
         elif "=" in statement:
             key, _, value = statement.partition("=")

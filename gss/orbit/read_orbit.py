@@ -60,7 +60,7 @@ def read_orbits(text: str) -> list[Trajectory]:
     if len(ends) < 2 or not lines[ends[0] - 1].startswith("1 "):
         return [read_orbit(text).orbit]
     if len(text) > MAX_CHARACTERS:
-        raise BadInput("the file of element sets is too large", expected=f"at most {MAX_CHARACTERS} characters")
+        raise BadInput("the file of element sets is too long", expected=f"at most {MAX_CHARACTERS} characters")
     starts = [0, *(k + 1 for k in ends[:-1])]
     return [TleTrajectory.of("\n".join(lines[a : b + 1])) for a, b in zip(starts, ends, strict=True)]
 

@@ -136,7 +136,8 @@ def find_peaks(
 
 
 def _unfiltered(image: NDArray[Any], background: Background, gain: float, loops: Kernels) -> Background:
-    """Convert the mesh of a filtered frame to level and noise of single pixels; ``gain``: of the filter on a flat frame."""
+    """Convert the mesh of a filtered frame to level and noise of single pixels; ``gain``: gain of the filter on a flat
+    frame."""
     level = background.scaled(1 / gain, 1.0)
     return level.scaled(1.0, pixel_noise(image, level, loops=loops) / float(np.median(background.noise)))
 

@@ -47,7 +47,7 @@ class BlobStore:
             raise BadInput(
                 "the URL of the blob store contains credentials",
                 expected="s3://bucket/prefix",
-                hint="AWS_* in the environment",
+                hint="set the credentials with AWS_* in the environment",
             )
         try:
             self._fs, root = fsspec.core.url_to_fs(url, **_options(url, timeout_s))

@@ -59,7 +59,7 @@ def open_engine(url: str) -> Engine:
             "the database's URL cannot be used",
             expected="postgresql+psycopg://user:password@host/database, or sqlite:///file",
             got=type(error).__name__,
-            hint="GSS_DATABASE; pip install 'gss-startracker[postgres]'",
+            hint="check GSS_DATABASE; for PostgreSQL run pip install 'gss-startracker[postgres]'",
         ) from None
     engine = create_engine(url, connect_args={"check_same_thread": False})
     event.listen(engine, "connect", _tune_sqlite)

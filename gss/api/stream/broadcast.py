@@ -137,7 +137,7 @@ class Broadcaster:
                     "too many open event streams",
                     expected=f"at most {max_streams} for {owner}",
                     got=str(open_count),
-                    hint="close unused pages or programs; GSS_STREAMS_EACH, GSS_STREAMS_MOST",
+                    hint="close unused pages or programs, or raise GSS_STREAMS_EACH or GSS_STREAMS_MOST",
                     retry_after_s=RETRY_AFTER_S,
                 )
         listener = Listener(name)

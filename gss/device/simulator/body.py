@@ -105,7 +105,7 @@ def head_motion(body: BodyFile, name: str, orbit: Orbit, offset_s: float) -> Mou
     """Return the motion of a head. ``offset_s``: time of the body at simulated time zero. Raises NotFound for an
     unknown head."""
     if name not in body.heads:
-        raise NotFound("the body has no such head", expected=" | ".join(body.heads), got=name, hint="--head NAME")
+        raise NotFound("the body has no such head", expected=" | ".join(body.heads), got=name, hint="use --head NAME")
     head = body.heads[name]
     return MountedHead(
         _motion(body, orbit),

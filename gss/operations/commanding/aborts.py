@@ -69,7 +69,7 @@ class Aborts:
         with self._link.lock:
             if not self._link.line_is_open:  # the session would send ABORT at the next contact
                 raise Conflict(
-                    "ABORT was not sent: the line is down", got=self._link.reason, hint="open the port first"
+                    "ABORT was not sent: the line is down", got=self._link.reason, hint="open the link first"
                 )
             self._newest_id = self._link.session.abort(self._link.monotonic_s())
             self.count += 1

@@ -314,7 +314,7 @@ class CommandService:
         row = self.get(command_id)
         self.check_permitted(user, row.name, row.arguments)
         if row.result != "unknown":
-            raise Conflict("only an unknown command can be marked resolved", got=row.result)
+            raise Conflict("only a command with the result unknown can be marked resolved", got=row.result)
         row = self._recorder.resolve(command_id, f"{user}: {note}")
         self._bus.record("command", "ok", f"{row.name} marked resolved by {user}: {note}", command_id=row.id)
         return row
@@ -346,4 +346,4 @@ class CommandService:
     def check_line(self) -> None:
         """Raise Conflict if the line is down."""
         if not self._link.connected:
-            raise Conflict("the line is down", got=self._link.reason, hint="open the port first")
+            raise Conflict("the line is down", got=self._link.reason, hint="open the link first")

@@ -52,7 +52,7 @@ class UploadedImages:
         upload is not possible."""
         frame, hello = self._frames.get(frame_id), self._link.hello
         if hello is None:
-            raise Conflict("no device has answered", got=self._link.reason or "no answer", hint="open the port first")
+            raise Conflict("no device has answered", got=self._link.reason or "no answer", hint="open the link first")
         if not 0 <= slot < hello.image_slots:
             raise BadInput("unknown image memory", expected=f"0 – {hello.image_slots - 1}", got=str(slot))
         if not frame.complete:

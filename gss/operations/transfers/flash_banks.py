@@ -109,7 +109,7 @@ class FlashBanks:
         answered or the bank is active, and BadInput if the bank does not exist."""
         hello = self._link.hello
         if hello is None:
-            raise Conflict("no device has answered", got=self._link.reason or "silence", hint="open the port first")
+            raise Conflict("no device has answered", got=self._link.reason or "silence", hint="open the link first")
         number = family_of(kind).number(self._link.roles.operations, bank)
         with self._lock:
             report = self._reports.get((kind, bank))

@@ -293,4 +293,4 @@ class TransferService:
 
     def _check_line(self) -> None:
         if not self._link.connected:
-            raise Conflict("the line is down", got=self._link.reason, hint="open the port first")
+            raise Conflict("the line is down", got=self._link.reason, hint="open the link first")

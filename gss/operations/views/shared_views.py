@@ -105,7 +105,11 @@ def _checked(content: ViewRequest) -> ViewRequest:
     """Return the content if its name can be shown and its path is a page of this console. Raises BadInput."""
     name, path = " ".join(content.name.split()), content.path
     if not name or not name.isprintable():
-        raise BadInput("The view has no usable name", expected="printable characters", got=content.name[:40])
+        raise BadInput(
+            "The name of the view contains unprintable characters or is empty",
+            expected="printable characters",
+            got=content.name[:40],
+        )
     is_console_path = path.startswith("/") and not path.startswith(("//", "/\\", "/api/", "/views"))
     if (
         not is_console_path

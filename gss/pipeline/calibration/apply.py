@@ -110,7 +110,7 @@ def camera_difference(first: Camera, second: Camera) -> Difference:
     with the attitude."""
     if (first.columns, first.rows) != (second.columns, second.rows):
         raise BadInput(
-            "cameras of different size cannot be compared",
+            "cameras with different numbers of pixels cannot be compared",
             expected=f"{first.columns} x {first.rows} px",
             got=f"{second.columns} x {second.rows} px",
         )

@@ -74,7 +74,7 @@ def photon_transfer(
             "too few levels of light for a photon transfer curve",
             expected=f"{MIN_LEVELS} below saturation, {MIN_LEVELS - 1} with a dark pair",
             got=str(int(fitted.sum())),
-            hint="pairs of flats from nearly dark to half the converter's range",
+            hint="take pairs of flats from nearly dark to half the converter's range",
         )
     slope, floor, gain_sigma, floor_sigma, departure = _line(signal[fitted], variance[fitted], dark, pixels)
     gain, read2 = 1 / slope, floor if dark is None else dark[1]

@@ -22,7 +22,7 @@ describe('hand-over of command authority', () => {
   it('requests an answer of the other side, and informs the side that waits', () => {
     expect(['ann', 'bob', 'cem'].map((me) => waitingOf(request, me))).toEqual(['answer', 'sent', 'none']);
     expect(['ann', 'bob', 'cem'].map((me) => waitingOf(offer, me))).toEqual(['sent', 'answer', 'none']);
-    expect(waitingText(request, 'ann')).toBe('bob requests command authority since 18:00:00Z: pass begins');
+    expect(waitingText(request, 'ann')).toBe('bob requested command authority at 18:00:00Z: pass begins');
     expect(waitingText(offer, 'ann')).toBe('You offered command authority to bob at 18:00:00Z.');
     expect(waitingText(held('ann'), 'ann')).toBe('');
   });

@@ -21,8 +21,8 @@ export function waitingText(authority: Authority | null, me: string): string {
   switch (waitingOf(authority, me)) {
     case 'answer':
       return transfer.kind === 'request'
-        ? `${transfer.user} requests command authority since ${clock(transfer.at)}${note}`
-        : `${authority.holder ?? ''} offers you command authority since ${clock(transfer.at)}${note}`;
+        ? `${transfer.user} requested command authority at ${clock(transfer.at)}${note}`
+        : `${authority.holder ?? ''} offered you command authority at ${clock(transfer.at)}${note}`;
     case 'sent':
       return transfer.kind === 'request'
         ? `You requested command authority from ${authority.holder ?? ''} at ${clock(transfer.at)}${note}`
