@@ -75,5 +75,5 @@ def is_open(scope: Scope) -> bool:
 
 
 def is_health(scope: Scope) -> bool:
-    """True if the request is the health check, which can bypass the proxy."""
+    """True if the request is the health check, which the server also accepts from addresses other than the proxy."""
     return (scope["method"], scope["path"]) == ("GET", HEALTH)

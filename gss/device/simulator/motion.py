@@ -1,4 +1,4 @@
-"""Further attitude motions: Earth-pointing with an offset, slew to a target, tumble, fixed to the ground."""
+"""Attitude motions: Earth-pointing with an offset, slew to a target, tumble, fixed to the ground."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Tumble:
     """Torque-free motion of a body of revolution.
 
     The body spins about its (3,) axis of symmetry, given in camera axes. This axis precesses around the (3,) angular
-    momentum, given in ICRS. The angular speed is constant, the direction of rotation is not.
+    momentum, given in ICRS. The angular speed is constant, but the axis of rotation changes.
     """
 
     start: Array

@@ -15,7 +15,8 @@ from gss.device.simulator.rejection import Rejection
 from gss.device.simulator.tracker_handlers import TrackerHandlers
 from gss.pipeline.chains.apriori import Apriori, KnownOrbit
 
-TAKES_BACK_DEG = 180.0
+REMOVES_APRIORI_DEG = 180.0
+"""SET_APRIORI with an uncertainty of at least this value removes the a-priori attitude."""
 
 
 class SettingHandlers:
@@ -79,7 +80,7 @@ class SettingHandlers:
         return {}
 
     def set_apriori(self, arguments: Arguments, _: int) -> Returns:
-        if float(arguments["uncertainty_deg"]) >= TAKES_BACK_DEG:
+        if float(arguments["uncertainty_deg"]) >= REMOVES_APRIORI_DEG:
             self._tracker.prior = replace(self._tracker.prior, apriori=None)
             return {}
         names = ("roll_deg", "pitch_deg", "yaw_deg", "uncertainty_deg")

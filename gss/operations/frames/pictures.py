@@ -57,8 +57,8 @@ def png(grey: NDArray[np.uint8] | NDArray[np.uint16], level: int = 1) -> bytes:
 
 
 def thumbnail(pixels: Pixels) -> bytes:
-    """Return a small PNG that shows the stars. Each block of pixels is reduced to its maximum. The highest value that
-    noise causes in a block is black. The brightest 0.2 % of the blocks are white."""
+    """Return a small PNG that shows the stars. Each block of pixels is reduced to its maximum. Values that
+    noise alone can cause in a block are black. The brightest 0.2 % of the blocks are white."""
     factor = max(1, -(-max(pixels.shape) // THUMBNAIL_PX))
     rows, cols = (n // factor * factor for n in pixels.shape)
     if rows == 0 or cols == 0:

@@ -14,7 +14,7 @@ from gss.domain.rotation import quaternion_from_matrix
 from gss.instruments.operations import Operation, StandardOperations
 from gss.pipeline.chains.apriori import Apriori, KnownOrbit, PriorState
 
-TAKES_BACK_DEG = 180.0
+REMOVES_APRIORI_DEG = 180.0
 """SET_APRIORI with an uncertainty of at least this value withdraws the a-priori angles."""
 
 
@@ -65,6 +65,6 @@ class SensorKnowledge:
 
 
 def _apriori(prior_values: Mapping[str, float]) -> Apriori | None:
-    if prior_values["uncertainty_deg"] >= TAKES_BACK_DEG:
+    if prior_values["uncertainty_deg"] >= REMOVES_APRIORI_DEG:
         return None
     return Apriori(*(math.radians(prior_values[f"{a}_deg"]) for a in ("roll", "pitch", "yaw", "uncertainty")))

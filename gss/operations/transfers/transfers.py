@@ -60,7 +60,7 @@ class StoredContent:
 
 
 Start = Callable[[Driver], int]
-"""Starts a transfer in a session and returns its number in the session, without access to store and files."""
+"""Function that starts a transfer in a session and returns its number there. It does not access the store or files."""
 
 
 def prepare(row: Transfer, blobs: BlobStore, partial: HeldPart | None = None, paused: str | None = None) -> Start:

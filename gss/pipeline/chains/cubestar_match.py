@@ -48,9 +48,10 @@ def document_distortion(camera: Camera) -> BrownUndistort:
 
 @dataclass(frozen=True)
 class CubestarMatching:
-    """Result of MATCH_STARS. Per centroid used, (n,): ``row``, the catalogue row with the most votes or −1, ``first_votes``,
-    ``verification_votes``. ``selected``: centroids used for the attitude, empty with a ``reason``. ``searched``: number of stars in
-    the (reduced) catalogue; ``hits``: number of matching table entries."""
+    """Result of MATCH_STARS for n used centroids. ``row``: (n,) catalogue row with the most votes, −1 without a
+    match; ``first_votes``, ``verification_votes``: (n,) votes of the two rounds. ``selected``: centroids used
+    for the attitude, empty with a ``reason``. ``searched``: number of stars in the (reduced) catalogue;
+    ``hits``: number of matching table entries."""
 
     mode: Mode
     unit_cam: Array

@@ -38,8 +38,8 @@ def calculate_attitude(
     catalogue: FarMstCatalogue,
     parameters: FarMstParameters,
 ) -> OnboardSolution:
-    """Compute the attitude from the selected stars with weights 1/σ² (Huffman 2006 eq. 6.34–6.36). No attitude is
-    returned if a star does not fit or the field fits another focal length."""
+    """Compute the attitude from the selected stars with weights 1/σ² (Huffman 2006 eq. 6.34–6.36). With the
+    acceptance ``bound``, no attitude is returned if a star does not fit or the field fits another focal length."""
     probability = matching.false_match_probability
     if matching.reason:
         return proof.rejected(matching.reason, probability)
