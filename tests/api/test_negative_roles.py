@@ -21,7 +21,6 @@ NO_FILES = (
     "thumbnail.png",
     "/raw",
     "re_viewer",
-    "favicon",
     "/rerun/{name}",
     "/api/stream",
     "/api/rerun/live",

@@ -20,7 +20,6 @@ MACHINE_TIME = {
     "operations/catalogues/build_catalogue.py": "how long a build took",
     "operations/catalogues/design.py": "how long a calculation took",
     "operations/clock.py": "the clocks themselves",
-    "operations/frames/rerun_viewer.py": "timeout of a process that starts",
     "operations/studies/dask_executor.py": "timeouts of workers",
     "store/deadline.py": "timeout of the object store",
 }

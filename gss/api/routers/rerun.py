@@ -21,7 +21,7 @@ from gss.operations.recordings.scope import Scope
 from gss.wiring.services import Services
 
 router = api_router("rerun", "/rerun")
-TYPES = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wasm", "favicon.ico": "image/x-icon"}
+TYPES = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wasm"}
 RRD = "application/x-rerun"
 PIECES = "application/x-gss-rrd-pieces"
 NEIGHBOURS = 12

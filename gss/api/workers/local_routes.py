@@ -53,7 +53,6 @@ LOCAL: dict[str, tuple[str, ...]] = {
         "/api/profiles",
         "/api/rerun/re_viewer.js",
         "/api/rerun/re_viewer_bg.wasm",
-        "/api/rerun/favicon.ico",
         "/api/tables/defaults",
         "/api/tables/{table_id}/file.bin",
     ),
