@@ -14,6 +14,7 @@ from fastapi.testclient import TestClient
 from gss.catalogue_tools.onboard import decode, read_c_source
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.catalogue_tools.sources.star_list_export import write_star_list
+from gss.cli import main
 from gss.operations.catalogues.catalogue_files import TYPES, import_file
 from gss.store import bank_history, devices
 from gss.store.models import BankHistory
@@ -332,3 +333,15 @@ def test_banks_by_date(client: TestClient, pair: Any) -> None:
     assert [(c["id"], c["ended"] is None) for c in timeline["contacts"]] == [(contact_id, False)]
     span = {"start": "2026-12-02T00:00:00Z", "end": "2026-12-01T00:00:00Z"}
     assert client.get("/api/catalogues/timeline", params=span).status_code == 400
+
+
+def test_without_a_sensor_the_bank_size_is_that_of_the_package(client: TestClient) -> None:
+    """A preview uses the bank size of the instrument's package, not that of the shipped instruments."""
+    folder = client.app.state.services.base.settings.instruments_folder
+    assert main(["instrument", "new", "small_unit", "--from", "sunsat", "--into", str(folder)]) == 0
+    catalogue = folder / "small_unit" / "catalogue.yaml"
+    catalogue.write_text(catalogue.read_text().replace("bank_bytes: 196608", "bank_bytes: 131072"))
+    body = ORBIT | {"pointing": "sunsat", "format": "sunsat", "faint_mag": 5.0, "days": 3.0}
+    for profile, bank_bytes in (("sunsat", 196_608), ("small_unit", 131_072)):
+        quick = client.post("/api/catalogues/preview", json=body | {"profile": profile}).json()
+        assert (quick["bank_bytes"], quick["bank_source"]) == (bank_bytes, "usual")

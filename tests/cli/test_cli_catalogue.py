@@ -3,6 +3,7 @@
 import argparse
 import hashlib
 import json
+import re
 from datetime import UTC, datetime
 
 import numpy as np
@@ -11,6 +12,7 @@ from astropy.table import Table
 
 from gss.catalogue_tools.manifest import check_image, read_manifest
 from gss.catalogue_tools.onboard import decode
+from gss.cli import main
 from gss.cli.catalogue import register, run_build
 from gss.domain.angles import separation_rad, unit_from_ra_dec
 from gss.domain.errors import BadInput, CorruptData, NotFound
@@ -194,3 +196,27 @@ def test_missing_files_and_unknown_kinds_are_named(two_weeks, tmp_path):
         run_command("show", str(tmp_path / "none.bin"))
     with pytest.raises(BadInput, match=r"csv \| ecsv \| fits"):
         run_command("export", str(two_weeks[0]), "--kind", "papyrus", "--out", str(tmp_path / "x"))
+
+
+def test_the_bank_size_is_that_of_the_package(tmp_path, capsys, monkeypatch):
+    """Without --bank-bytes, a catalogue is built for the banks of the package. A catalogue larger than this bank is rejected,
+    even if it fits the banks of the shipped instruments.
+    """
+    monkeypatch.setenv("GSS_DATA", str(tmp_path))
+    folder = tmp_path / "instruments" / "small_unit"
+    assert main(["instrument", "new", "small_unit", "--from", "sunsat", "--into", str(folder.parent)]) == 0
+    capsys.readouterr()
+    few_stars = ("--mag-limit", "5.5", "--json")
+    assert build(*SUNSAT, *few_stars) == 0
+    shipped = json.loads(capsys.readouterr().out)
+    assert shipped["bank_bytes"] == 196_608
+    unit = ("--profile", "small_unit", *SUNSAT[2:], *few_stars)
+    catalogue = folder / "catalogue.yaml"
+    for bank_bytes, fits in ((shipped["bytes"], True), (shipped["bytes"] - 1, False)):
+        catalogue.write_text(re.sub(r"bank_bytes: \d+", f"bank_bytes: {bank_bytes}", catalogue.read_text()))
+        if fits:
+            assert build(*unit) == 0
+            assert json.loads(capsys.readouterr().out)["bank_bytes"] == bank_bytes
+        else:
+            with pytest.raises(BadInput, match="too large for the bank"):
+                build(*unit)
