@@ -30,6 +30,7 @@ ROOT = Path(__file__).parent.parent
 PHOTOGRAPHS = Path(os.environ.get("GSS_SKY_PHOTOGRAPHS", ROOT.parent / "shared" / "data" / "sky-photographs"))
 
 
+PROXIES = ("nginx", "caddy")
 WAITING = ("system", "contract")
 """Folders whose files mostly wait for servers and lines."""
 RUN_ONCE_MORE = pytest.mark.flaky(reruns=1)
@@ -83,6 +84,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     needs = {
         "browser": (chromium() is not None, "no chromium here: apt install chromium"),
         "postgres": (postgres_bin() is not None, "no PostgreSQL server here: apt install postgresql"),
+        "proxies": (all(map(shutil.which, PROXIES)), "no nginx and Caddy here: apt install nginx-light caddy"),
         "photographs": (PHOTOGRAPHS.is_dir(), "the folder of sky photographs is absent (GSS_SKY_PHOTOGRAPHS)"),
     }
     for marker, (present, reason) in needs.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import secrets
 import signal
 import subprocess
@@ -18,7 +19,8 @@ from gss.operations.clock import utc_now
 from gss.settings import Settings
 from gss.store.engine import Database, open_engine
 
-START_S = 120.0
+START_S = 300.0
+ADDRESS = re.compile(r"https?://[^\s/]+")
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -34,8 +36,12 @@ class Served:
     @property
     def host_and_port(self) -> tuple[str, int]:
         """Host and port of the public socket."""
-        host, port = self.address.removeprefix("http://").rsplit(":", 1)
+        host, port = self.address.partition("://")[2].rsplit(":", 1)
         return host, int(port)
+
+    def log(self) -> str:
+        """Return the log so far."""
+        return (self.folder.parent / f"{self.folder.name}.log").read_text(errors="replace")
 
     def processes(self) -> dict[str, int]:
         """Return name and id of the link process and of each API worker."""
@@ -109,8 +115,7 @@ def served(folder: Path, *arguments: str, **environment: str) -> Iterator[Served
     start_timeout = threading.Timer(START_S, process.kill)
     start_timeout.start()
     try:
-        lines = (line for line in process.stdout if "http://" in line)
-        address = next((line[line.index("http://") :].split("/setup")[0].strip() for line in lines), "")
+        address = next((match[0] for line in process.stdout if (match := ADDRESS.search(line))), "")
         start_timeout.cancel()
         if not address:
             raise RuntimeError(f"the server did not start: {Path(log.name).read_text()[-2000:]}")

@@ -29,3 +29,13 @@ def test_a_client_that_left_before_the_first_block_frees_its_place() -> None:
     with pytest.raises(ClientDisconnect):
         asyncio.run(answer({"type": "http", "asgi": {"spec_version": "2.4"}}, silent, gone))
     assert closed == [True]
+
+
+def test_a_proxy_in_front_of_several_units_does_not_buffer_it_either() -> None:
+    """The response forbids nginx to buffer it, because a path below /units is not among the paths of its example file."""
+    assert Pieces(_nothing(), lambda: None).headers["x-accel-buffering"] == "no"
+
+
+async def _nothing() -> AsyncIterator[bytes]:
+    return
+    yield b""

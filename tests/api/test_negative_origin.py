@@ -15,7 +15,7 @@ from starlette.datastructures import Headers
 
 from gss.api.app import create_app
 from gss.api.connections.admission import ConnectionLimits, Connections
-from gss.api.guard.perimeter import Caller, Perimeter
+from gss.api.guard.perimeter import Caller, Perimeter, host_name
 from gss.api.serving import address_of, greeting, uvicorn_options
 from gss.api.stream import route as stream
 from gss.operations.accounts.users import Link
@@ -172,6 +172,25 @@ def test_of_several_forwarded_lines_the_last_one_counts() -> None:
     headers = Headers(raw=[(name.encode(), value.encode()) for name, value in lines])
     caller = perimeter.caller({"type": "http", "client": ("192.0.2.7", 1)}, headers)
     assert caller == Caller("203.0.113.8", "gss.example.org", True)
+
+
+@pytest.mark.parametrize(
+    ("authority", "name"),
+    [
+        ("localhost", "localhost"),
+        ("LOCALHOST:8181", "localhost"),
+        ("[::1]:8181", "::1"),
+        ("localhost/../x@evil.example", ""),
+        ("localhost?x", ""),
+        ("evil.example@localhost", ""),
+        ("localhost:x", ""),
+        ("localhost:99999", ""),
+        ("[::1", ""),
+    ],
+)
+def test_a_host_is_a_name_with_or_without_a_port(authority: str, name: str) -> None:
+    """A Host with a path, a query, a user name or an invalid port is rejected."""
+    assert host_name(authority) == name
 
 
 def test_with_tls_cookies_are_secure_and_browsers_stay_with_it(proxied: FastAPI) -> None:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import importlib.util
 import os
 import signal
+import ssl
+import subprocess
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -189,3 +192,23 @@ def simulator(tmp_path: Path) -> Iterator[str]:
     sensor = Sensor(tmp_path / "sensor")
     yield sensor.url
     sensor.stop()
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Files of a self-signed certificate for localhost and of its key. ``trust``: settings of a client that trusts it."""
+
+    chain: Path
+    key: Path
+    trust: ssl.SSLContext
+
+
+@pytest.fixture(scope="session")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> Certificate:
+    """Certificate of servers and proxies with TLS."""
+    folder = tmp_path_factory.mktemp("certificate")
+    chain, key = folder / "chain.pem", folder / "key.pem"
+    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost"]
+    names = ["-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"]
+    subprocess.run([*command, *names, "-keyout", key, "-out", chain], check=True, capture_output=True)
+    return Certificate(chain, key, ssl.create_default_context(cafile=chain))

@@ -74,9 +74,9 @@ class Perimeter:
     def refusal(self, caller: Caller, headers: Headers, *, data: bool) -> Refusal | None:
         """Return a refusal for a foreign host name (DNS rebinding) or a foreign origin, else None. ``data``: the path
         is API data, not a page file."""
-        if host_name(f"//{caller.authority}") not in self.names:
+        if host_name(caller.authority) not in self.names:
             names = "localhost, 127.0.0.1, ::1 or one of GSS_PUBLIC_NAMES"
-            return Refusal("unknown host name", names, host_name(f"//{caller.authority}"))
+            return Refusal("unknown host name", names, host_name(caller.authority))
         origin = headers.get("origin")
         own_origin = f"{'https' if caller.secure else 'http'}://{caller.authority}"
         if origin is not None and origin.lower() != own_origin.lower():
@@ -109,12 +109,14 @@ def _last(headers: Headers, name: str) -> str:
     return ",".join(headers.getlist(name)).split(",")[-1].strip()
 
 
-def host_name(address: str) -> str:
-    """Return the host of a URL; "" if it is not valid."""
+def host_name(authority: str) -> str:
+    """Return the host of ``host`` or ``host:port``; "" if the text is not valid or contains anything else, such as a path."""
     try:
-        return (urlsplit(address).hostname or "").lower()
+        parts = urlsplit(f"//{authority}")
+        host = parts.hostname if parts.port != 0 else None
     except ValueError:
         return ""
+    return (host or "").lower() if parts.netloc == authority and "@" not in authority else ""
 
 
 def public_names(settings: Exposure) -> list[str]:

@@ -104,7 +104,7 @@ class Pieces(StreamingResponse):
     """Response that closes its live recording at the end, even if the client disconnects before the first piece."""
 
     def __init__(self, pieces: AsyncIterator[bytes], close: Callable[[], None]) -> None:
-        super().__init__(pieces, media_type=PIECES, headers={"Cache-Control": "no-store"})
+        super().__init__(pieces, media_type=PIECES, headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"})
         self._close = close
 
     async def __call__(self, scope: asgi.Scope, receive: asgi.Receive, send: asgi.Send) -> None:
