@@ -18,7 +18,7 @@ import numpy as np
 from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded
-from gss.pipeline.chains.options import names, source_of
+from gss.pipeline.chains.options import names
 from gss.pipeline.chains.systems import CONSTANT_SOURCES, system
 from tools.chain_stages import STAGES, ChainStage
 from tools.chains_reach import unreached
@@ -80,7 +80,7 @@ def _constants(name: str) -> list[str]:
     sources = CONSTANT_SOURCES[name]
     rows = []
     for constant in names(own):
-        source = source_of(constant, sources).replace("|", "/")
+        source = sources[constant].replace("|", "/")
         rows.append(f"| `{constant}` | {_value(getattr(own, constant))} | {source} |")
     return rows
 

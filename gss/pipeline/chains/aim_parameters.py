@@ -13,6 +13,11 @@ from gss.pipeline.mean_locator import bias_gain, column_shares
 
 NAME = "aim"
 
+MIN_VERIFIED = (
+    "GSS: four without prior, three with a hint (Moniteq 1983 §2.1 requires three), two in tracking (Fig. 6.1 "
+    "step 2f), where two may rotate the attitude by at most capture_rad, because two also match a mirrored frame; with acceptance "
+    "'document' always two (Fig. 6.1 step 3h)"
+)
 SOURCES: dict[str, str] = {
     "threshold_dn": "GSS: five times the noise of a dark pixel above the dark mean; Moniteq 1983 gives no threshold",
     "coarse_block_px": "GSS: 4 x 4, the read-out block of Moniteq 1983 §3.8; Fig. 6.1 states no size for its coarse image",
@@ -21,25 +26,30 @@ SOURCES: dict[str, str] = {
     "gain": "Moniteq 1983 §4.2: linear bias corrector; its factor follows from the star's width "
     "and the window (mean_locator.bias_gain)",
     "dn_at_mag_0": "from the profile's sensor: converts the flux in a window to magnitudes",
-    "light_share": "from the PSF: fraction of a star's light in the window (K of Moniteq 1983 §4.3)",
+    "light_share": "from the profile's sensor: fraction of a star's light in the window (K of Moniteq 1983 §4.3)",
     "magnitude_error": "Moniteq 1983 §2.1: ξ = 0.5 mag",
     "tolerance_rad": "GSS: a quarter of a pixel, ten times the error of V 6, so that faint companions have no effect; "
     "Moniteq 1983 §2.1 assumes δ = 0.01°, 0.74 px",
     "capture_rad": "GSS: 0.3°; Moniteq 1983 §6.1 expects shifts below 1° between pictures and predicts them",
     "assisted_radius_rad": "GSS: half diagonal + 5°; 'large subsection of sky' in Moniteq 1983 Fig. 6.1",
     "max_invalid": "GSS: as in Erlank 2013 §5.3.3, the search stops at more than fifty oversized regions",
+    "saturation_dn": "from the profile's sensor",
+    "min_area_px": "GSS: a single pixel above the threshold is a hot pixel or noise",
+    "max_area_px": "GSS: a star of V −1.5 covers at most 25 pixels; larger regions are the Moon, a reflection or stray light",
+    "floor_px": "GSS: systematic error of the corrected mean locator (1 %) and faint companions",
     "gain_e_per_dn": "from the profile's sensor",
     "max_hypotheses": "GSS: number of pairs of linked stars that a blind search tries, best first",
     "max_centroids": "GSS: a field of 3.45° has about ten stars to V 7.5",
-    "min_verified": "GSS: four without prior, three with a hint (Moniteq 1983 §2.1 requires three), two in tracking (Fig. 6.1 "
-    "step 2f), where two may rotate the attitude by at most capture_rad, because two also match a mirrored frame; with acceptance "
-    "'document' always two (Fig. 6.1 step 3h)",
+    "min_verified_lost": MIN_VERIFIED,
+    "min_verified_assisted": MIN_VERIFIED,
+    "min_verified_tracking": MIN_VERIFIED,
     "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
     "acceptance": "GSS 'proved': residuals and the false-match bound decide; 'document': a pattern of two linked "
     "stars is sufficient, "
     "which according to §2.1 is accidental in one of six cases",
-    "noise": "from the profile's sensor: Moniteq 1983 §4.3's third term; the floor of 0.03 px covers its systematic error "
+    "noise_dn": "from the profile's sensor: Moniteq 1983 §4.3's third term; the floor of 0.03 px covers its systematic error "
     "of 1 % and companions",
+    "max_small_regions": "GSS: regions below min_area_px that a report of a frame lists, to bound its size",
 }
 
 

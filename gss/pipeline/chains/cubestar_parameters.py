@@ -14,6 +14,10 @@ from gss.pipeline.chains.modes import Mode
 
 NAME = "cubestar"
 
+MIN_VERIFIED = (
+    "GSS: four without prior, three with a hint or in tracking, because two stars also match a mirrored frame; "
+    "Erlank 2013 §4.5 requires two in tracking: acceptance 'document'"
+)
 SOURCES: dict[str, str] = {
     "threshold_dn": "Erlank 2013 §5.3.3 gives 6 above black for its camera and a semi-urban sky; GSS: raised until "
     "a star 0.25 mag below the catalogue's limit covers fewer than min_area_px, to match the content of the bank",
@@ -27,8 +31,9 @@ SOURCES: dict[str, str] = {
     "window_px": "Erlank 2013 §4.1.3: 5 x 5",
     "tolerance_rad": "Erlank 2013 §4.3.5: 0.001 rad, about one pixel; other cameras: 1.12 pixels as well",
     "vote_margin": "Erlank 2013 §4.3.3: within one of the most votes",
-    "min_verified": "GSS: four without prior, three with a hint or in tracking, because two stars also match a mirrored frame; "
-    "Erlank 2013 §4.5 requires two in tracking: acceptance 'document'",
+    "min_verified_lost": MIN_VERIFIED,
+    "min_verified_assisted": MIN_VERIFIED,
+    "min_verified_tracking": MIN_VERIFIED,
     "acceptance": "GSS 'proved': no mirror-symmetric pattern, and none if the field indicates another focal length; "
     "'document': without these conditions (Erlank 2013 §4.3–4.5)",
     "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
@@ -36,6 +41,7 @@ SOURCES: dict[str, str] = {
     "assisted_radius_rad": "Erlank 2013 §4.3.4: 35°; other cameras: half diagonal + 5°",
     "undistort": "exact inverse of the camera's model; 'document' is Erlank 2013 eq. 4.1.3–4 with inverted signs",
     "noise": "from the profile's sensor; the floor of 0.05 px is the size of Erlank 2013 §4.1.6's errors without noise",
+    "max_small_regions": "GSS: regions below min_area_px that a report of a frame lists, to bound its size",
 }
 
 

@@ -21,8 +21,14 @@ ATTITUDES = ("quest", "q_method", "svd", "foam")
 ACCEPTANCES = ("bound", "document")
 
 SOURCES: dict[str, str] = {
-    "threshold_dn": "Huffman 2006 §4.1: n·σ_noise; n = 2 of his 1 … 5 leaves a star at the limit the most pixels above the minimum "
-    "of the pre-filter; σ is that of the sensor, or of the frame if larger",
+    "threshold_dn": "Huffman 2006 §4.1: n·σ_noise; if not set, threshold_sigma times σ; "
+    "σ is that of the sensor, or of the frame if larger",
+    "threshold_sigma": "Huffman 2006 §4.1: n of n·σ_noise, 1 … 5; GSS: 2 leaves a star at the limit the most pixels above the "
+    "minimum of the pre-filter",
+    "noise_dn": "from the profile's sensor",
+    "gain_e_per_dn": "from the profile's sensor",
+    "saturation_dn": "from the profile's sensor",
+    "psf_sigma_px": "from the profile's sensor",
     "prefilter": "Huffman 2006 §4.2.2: sliding (starCentroid2) is better above 1.75 σ (Table 8.1), block is starCentroid3",
     "prefilter_count": "Huffman 2006 §4.1 has 9, §4.2.2 more than half of 25, for spots of 10 px at 1 σ; GSS: the smallest "
     "count that passes less than one noise pixel per frame at this n",
@@ -44,7 +50,7 @@ SOURCES: dict[str, str] = {
     "sigmas": "GSS, after dossier §3.15: pairs agree within 3.5 of their standard deviations",
     "floor_px": "GSS: aberration across the frame and the numeric resolution of the bank",
     "tracking_radius_rad": "GSS: 1°, the motion at the lowest published rate of 1°/s and 1 Hz (Huffman 2006 Table 1.3)",
-    "assisted_radius_rad": "half diagonal and 5°",
+    "assisted_radius_rad": "GSS: half diagonal + 5°",
     "attitude_method": "Huffman 2006 §6.1.3 chose QUEST",
     "acceptance": "'document' accepts a unique figure (Huffman 2006 §5.5.4); 'bound' (GSS): all stars identified, a "
     "bound on an accidental identification, and no other focal length indicated by the field",
@@ -53,6 +59,7 @@ SOURCES: dict[str, str] = {
     "min_share": "GSS: with a wrong plate scale a small group can match accidentally; a third of the identifiable stars "
     "must be identified, less in tracking",
     "dark_dn": "Huffman 2006 §4.1: per-pixel median over frames of a sequence; without one, the frame's own median",
+    "max_small_regions": "GSS: regions below min_area_px that a report of a frame lists, to bound its size",
 }
 
 

@@ -13,14 +13,13 @@ from gss.pipeline.chains.modes import Mode
 
 NAME = "oersted"
 
+MIN_VERIFIED = "GSS: four without prior, three with a hint, two in tracking; with acceptance 'document' two"
 SOURCES: dict[str, str] = {
     "threshold_dn": "GSS: five times the noise of a dark pixel above the frame's median; Liebe 1992 states no level, but "
     "detects 8000 stars and uses the 1100 brightest, so that the level detects stars and brightness selects them",
     "dn_at_mag_0": "from the profile's sensor: the flux that converts the brightness limit from a magnitude",
-    "brightness_error": "Liebe 1992, 'Inclusion of Magnitude-Uncertainty': 25 %",
     "uncertainty_rad": "Liebe 1992, 'Inclusion of Position-Uncertainty': 3′ = 1.08 px of its camera; other cameras: "
     "the same number of pixels",
-    "angle_class_rad": "Liebe 1992, ibid.: 5°",
     "window_px": "GSS: the hyperaccuracy technique is not described; 5 x 5 inside a border of one pixel",
     "min_area_px": "GSS: rejects hot pixels",
     "max_area_px": "GSS: the brightest star covers about fifty pixels",
@@ -28,7 +27,9 @@ SOURCES: dict[str, str] = {
     "max_centroids": "GSS: the densest field of 30° has about fifty stars to V 4.5",
     "capture_rad": "GSS: 0.5°; the publication states only that the coarse attitude is known, to 0.1° after the initial estimate",
     "assisted_radius_rad": "GSS: half diagonal + 5°; the publication has no mode with a boresight only",
-    "min_verified": "GSS: four without prior, three with a hint, two in tracking; with acceptance 'document' two",
+    "min_verified_lost": MIN_VERIFIED,
+    "min_verified_assisted": MIN_VERIFIED,
+    "min_verified_tracking": MIN_VERIFIED,
     "triplets_alone": "GSS: number of candidates tried one by one if the vote of Liebe 1992 identifies fewer than five "
     "stars; 0 as published",
     "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
@@ -38,8 +39,10 @@ SOURCES: dict[str, str] = {
     "averaged": "Liebe 1992, 'Predictional Estimate': several successive estimates averaged; 1 disables averaging, "
     "because frames may "
     "be at unequal intervals",
+    "saturation_dn": "from the profile's sensor",
     "noise": "from the profile's sensor; the floor of 0.045 px is the scatter of stars of V 3 to 4 in "
     "rendered frames with all stars to V 7, whose light also falls into the window",
+    "max_small_regions": "GSS: regions below min_area_px that a report of a frame lists, to bound its size",
 }
 
 
@@ -100,8 +103,8 @@ NOISE_SIGMAS = 5.0
 DOCUMENT_UNCERTAINTY_RAD = float(np.radians(0.05))
 OWN_PIXEL_RAD = 8.073e-4
 UNCERTAINTY_PX = DOCUMENT_UNCERTAINTY_RAD / OWN_PIXEL_RAD
-ANGLE_CLASS_RAD = float(np.radians(5.0))
-BRIGHTNESS_ERROR = 0.25
+ANGLE_CLASS_RAD = float(np.radians(5.0))  # Liebe 1992, 'Inclusion of Position-Uncertainty'
+BRIGHTNESS_ERROR = 0.25  # Liebe 1992, 'Inclusion of Magnitude-Uncertainty': 25 %
 BLEND_PX = 3.0
 HINT_ERROR_RAD = float(np.radians(5.0))
 FLOOR_PX = 0.045

@@ -45,26 +45,13 @@ def with_options(parameters: P, options: Mapping[str, str]) -> P:
 
 
 def listed(parameters: Any, sources: Mapping[str, str]) -> tuple[ChainOption, ...]:
-    """Return the constants that can be changed, with their values and sources."""
+    """Return the constants that can be changed, with their values and sources. ``sources`` has an entry for
+    each constant."""
     return tuple(
-        ChainOption(name, _kind(value), _text(value), source_of(name, sources))
+        ChainOption(name, _kind(value), _text(value), sources[name])
         for name in names(parameters)
         for value in (getattr(parameters, name),)
     )
-
-
-def source_of(name: str, sources: Mapping[str, str]) -> str:
-    """Return the source of a constant. Related constants share a source. For example, min_verified_lost has the source
-    of min_verified."""
-    if name in sources:
-        return sources[name]
-    stems = [stem for stem in sources if name.startswith(stem) or stem.startswith(name.rpartition("_")[0] or "–")]
-    if stems:
-        return sources[max(stems, key=len)]
-    return "from the profile's sensor" if name in FROM_SENSOR else "GSS"
-
-
-FROM_SENSOR = ("focal_mm", "exposure_s", "saturation_dn", "noise_dn", "gain_e_per_dn", "psf_sigma_px", "dn_at_mag_0")
 
 
 def as_text(changed: Mapping[str, str]) -> str:

@@ -44,7 +44,7 @@ SOURCES: dict[str, str] = {
     "acceptance": "document: the largest group counts (Jacobs 1995 §3.3.5); bound (GSS): in addition, an accidental group must be "
     "improbable and the field must not indicate another focal length",
     "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
-    "residual_tolerance_rad": "GSS: largest residual of a matched star in the TRIAD attitude; three distance tolerances",
+    "residual_tolerances": "GSS: largest residual of a matched star in the TRIAD attitude; three distance tolerances",
     "sure_mag": "GSS: a star 0.5 mag brighter than the catalogue's limit is always detected",
     "saturating_mag": "GSS: the region of a star 3 mag brighter than the published bright limit can be too large",
     "sure_named": "GSS: below six identified stars, the number of missing expected bright stars must be below half of them, or one",
@@ -55,9 +55,11 @@ SOURCES: dict[str, str] = {
     "uncertain_least_px": "Jacobs 1995 eq. 4.20: two",
     "uncertain_reach_mm": "Jacobs 1995 eq. E.26: 12 mm times an error of half a pixel",
     "rotation_px": "Jacobs 1995 §4.1.6.3: half of ten pixels of elongation",
-    "star_sigma_px": "from the profile: radius of a star above threshold by its magnitude",
-    "max_false_tracked": "Jacobs 1995 §4.1.4.1: up to six groups of candidates; at the seventh the first four are dropped",
+    "star_sigma_px": "from the profile's sensor: width of the star image, widened by the pixel",
     "noise": "from the profile's sensor; the floor of 0.03 px is the measured error of a noise-free centre of gravity",
+    "focal_mm": "from the profile's lens",
+    "exposure_s": "from the profile's sensor, or the exposure of the frame",
+    "max_small_regions": "GSS: regions below min_area_px that a report of a frame lists, to bound its size",
 }
 
 ZERO_LUX = 2.65e-6  # Jacobs 1995 eq. C.4
