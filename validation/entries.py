@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gss.domain.experiment import ExperimentEntry
 from validation.erlank.attitude import erlank_4_4b
+from validation.erlank.budgets import erlank_budgets
 from validation.erlank.catalogue import erlank_3_6, erlank_fig_3_8
 from validation.erlank.centroids import erlank_4_1_6
 from validation.erlank.matching import erlank_4_4, erlank_4_5
@@ -17,9 +18,12 @@ from validation.huffman.magnitudes import huffman_5_3
 from validation.huffman.matching import huffman_8_2
 from validation.jacobs.calibration import jacobs_6
 from validation.jacobs.catalogue import jacobs_5_1, jacobs_5_2
+from validation.jacobs.errors import jacobs_6_1
 from validation.jacobs.matching import jacobs_3_7
 from validation.jacobs.tracking import jacobs_fig_2_7, jacobs_tracking
+from validation.liebe.key_numbers import liebe_4
 from validation.liebe.tables import liebe_2, liebe_3, liebe_18
+from validation.moniteq.budgets import moniteq_2_3, moniteq_budgets
 from validation.moniteq.differential import moniteq_differential
 from validation.moniteq.locator import moniteq_4_2, moniteq_nea, moniteq_noise
 from validation.moniteq.screening import moniteq_screening
@@ -36,10 +40,12 @@ ENTRIES: dict[str, ExperimentEntry] = {
         ExperimentEntry("jacobs-5-2", "Sizes of Sunsat's sub-catalogues", jacobs_5_2, 1, 1991.25),
         ExperimentEntry("jacobs-3-7", "Sunsat's matching: correct, none, wrong", jacobs_3_7, 400, 1991.25),
         ExperimentEntry("jacobs-6", "Calibration of Sunsat's camera", jacobs_6, 20, 1991.25),
+        ExperimentEntry("jacobs-6-1", "Errors by focal length, optical centre and TRIAD", jacobs_6_1, 1, 1991.25),
         ExperimentEntry("jacobs-tracking", "Tracking among false stars", jacobs_tracking, 100, 1991.25),
         ExperimentEntry("jacobs-fig-2-7", "Cost of region growing against area", jacobs_fig_2_7, 20, 1991.25),
         ExperimentEntry("erlank-3-6", "Sky coverage against limiting magnitude", erlank_3_6, 20_000),
         ExperimentEntry("erlank-fig-3-8", "Sky coverage by field and magnitude", erlank_fig_3_8, 20_000),
+        ExperimentEntry("erlank-budgets", "Bank, frame times and power of the unit", erlank_budgets, 1),
         ExperimentEntry("erlank-4-1-6", "Centroid error on artificial images", erlank_4_1_6, 300),
         ExperimentEntry("erlank-4-4", "Matching against magnitude cutoff", erlank_4_4, 500),
         ExperimentEntry("erlank-4-5", "Matching among false stars", erlank_4_5, 500),
@@ -56,7 +62,10 @@ ENTRIES: dict[str, ExperimentEntry] = {
         ExperimentEntry("liebe-2", "Correct initial estimates by kind of error", liebe_2, 500, 1994.95),
         ExperimentEntry("liebe-3", "Accuracy of the predictional estimate by kind of error", liebe_3, 500, 1994.95),
         ExperimentEntry("liebe-18", "Accuracy of the boresight against the number of stars", liebe_18, 10_000, 1994.95),
+        ExperimentEntry("liebe-4", "Key numbers: database and averaged estimates", liebe_4, 10, 1994.95),
         ExperimentEntry("moniteq-2-1", "Stars by magnitude and in a field", moniteq_2_1, 10_000),
+        ExperimentEntry("moniteq-2-3", "Star density by galactic latitude", moniteq_2_3, 1),
+        ExperimentEntry("moniteq-budgets", "Budgets of heat, power and mass", moniteq_budgets, 1),
         ExperimentEntry("moniteq-4-2", "Systematic error of the mean locator", moniteq_4_2, 1),
         ExperimentEntry("moniteq-noise", "Noise of the mean locator", moniteq_noise, 60_000),
         ExperimentEntry("moniteq-nea", "Noise equivalent angle against orbital rate", moniteq_nea, 1),

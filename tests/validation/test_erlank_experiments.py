@@ -8,6 +8,7 @@ import pytest
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.experiment import Experiment
 from validation.erlank.attitude import erlank_4_4b
+from validation.erlank.budgets import erlank_budgets
 from validation.erlank.centroids import erlank_4_1_6
 from validation.erlank.matching import erlank_4_4, erlank_4_5
 from validation.erlank.night import erlank_6_1
@@ -134,3 +135,18 @@ def test_slews_are_tracked_up_to_the_limit_of_the_document() -> None:
         assert float(str(cells["mean rate measured, °/s"]).split()[0]) == pytest.approx(float(rate), abs=0.005)
     assert _percent(rows["0.35, across"]["trackable frames tracked (95 %)"]) == 0.0
     assert _percent(rows["2, across"]["frames with an attitude (95 %)"]) == 0.0
+
+
+def test_bank_times_and_power_agree_with_the_document() -> None:
+    """The bank has the document's 405 stars and, to 42.1°, its 11 486 pairs. Its star list has 5.54 kB, the unit's mean power
+    is 396.2 mW, and the exposures are those of Table D.2."""
+    stars = load_stars(5.0)
+    rows = {str(row[0]): row for row in erlank_budgets(stars, 1, 1, lambda _: None).rows}
+    assert rows["§4.3.1: stars in the bank"][2] == 405
+    assert rows["§4.3.1: limit that gives 11 486 pairs, °"][2] == pytest.approx(42.0, abs=0.15)
+    assert rows["§5.3.2: star list, kB"][2] == 5.54
+    assert rows["eq. 6.3.1: mean power, mW"][2] == pytest.approx(396.2, abs=0.2)
+    table = [row for name, row in rows.items() if name.startswith("Table D.2")]
+    assert len(table) == 5
+    for row in table:
+        assert row[2] == pytest.approx(float(str(row[1])), abs=1)

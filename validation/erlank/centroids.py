@@ -22,7 +22,7 @@ NEAREST = Drawing()
 CASES = (
     ("threshold 1, grid round the nearest pixel", 1.0, NEAREST),
     ("threshold 6 (§5.3.3), nearest pixel", DOCUMENT_THRESHOLD_DN, NEAREST),
-    ("threshold 13 (ours), nearest pixel", 13.0, NEAREST),
+    ("threshold 13, nearest pixel", 13.0, NEAREST),
     ("threshold 25, nearest pixel", 25.0, NEAREST),
     ("threshold 1, pixel before in y", 1.0, Drawing(floor_row=True)),
     ("threshold 6, pixel before in y", DOCUMENT_THRESHOLD_DN, Drawing(floor_row=True)),

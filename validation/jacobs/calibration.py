@@ -236,6 +236,7 @@ def _experiment(
             f"{trials} images of star-rich fields for the calibration and {trials} others; the profile's camera "
             "with tilt, polynomial, noise, fixed pattern and vignetting; stars of V 2.5 to 6, detected by the "
             "chain's region growing",
+            "8 bits and 0.5 s of exposure; the document digitizes to six bits (§2.2) and takes one image a second (§4.2)",
             f"atmosphere: each star ±{FLICKER_MAG:g} mag and {SEEING_RAD / ARCSEC_RAD:g}″ per image; the detector "
             "sees red stars "
             f"{-COLOUR:g} mag per B−V brighter",

@@ -14,13 +14,13 @@ from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.sunsat import calculate_attitude, match_stars
 from gss.pipeline.chains.sunsat_match import SunsatCatalogue, prepare
 from gss.pipeline.chains.sunsat_parameters import SunsatParameters, default_parameters
+from validation.jacobs.catalogue import block_catalogue
 from validation.jacobs.sky import (
     TABLE_3_5,
     Observed,
     bank_of,
     observe,
     random_attitude,
-    sub_catalogue,
     sunsat_camera,
 )
 
@@ -51,7 +51,7 @@ class _Count:
 def jacobs_3_7(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
     """Match ``trials`` random attitudes for each row of Table 3-6."""
     camera = sunsat_camera()
-    stars = sub_catalogue(stars, TABLE_3_5, camera, np.random.default_rng([seed, 99]))
+    stars = block_catalogue(stars, (0.0, 120.0))
     catalogue = prepare(bank_of(stars, camera))
     rows: list[tuple[Cell, ...]] = []
     for k, (sigma_urad, sigma_mag, d_urad, mag) in enumerate(TABLE_3_6):
@@ -93,8 +93,8 @@ def jacobs_3_7(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
         ),
         tuple(rows),
         (
-            f"{trials} random attitudes per row within Table 3-5; sub-catalogue of {len(stars)} stars and "
-            f"{len(catalogue.guides.table)} pairs (paper 540 and 16 281)",
+            f"{trials} random attitudes per row within Table 3-5; sub-catalogue of the whole 1° blocks in view: {len(stars)} "
+            f"stars and {len(catalogue.guides.table)} pairs (paper 540 and 16 281); see jacobs-5-2",
             "the brightest eight stars of the catalogue in 11.17° x 8.32°, normal errors, no false stars, no distortion",
             "wrong: a group with a false match; the chain with the bound also tries the next eight stars and "
             "confirms with all stars in view",

@@ -1,4 +1,4 @@
-"""Elements of Jacobs's simulations: attitudes within limits, the sub-catalogue in view, observed stars with errors."""
+"""Elements of Jacobs's simulations: attitudes within limits, the bank of a sub-catalogue, observed stars with errors."""
 
 from __future__ import annotations
 
@@ -20,8 +20,6 @@ from gss.skytables.pairs import distance_table
 
 LIMITING_MAG = 6.0
 PAIR_MIN_RAD = float(np.radians(0.25))
-# Number of attitudes drawn for a sub-catalogue, and batch size.
-MARKING, BATCH = 12_000, 100
 
 
 @dataclass(frozen=True)
@@ -57,24 +55,6 @@ def random_attitude(limits: AngleRanges, rng: np.random.Generator) -> Array:
         )
     )
     return cam_from_icrs_of(OrbitElements(raan, inclination, latitude), roll, pitch, yaw)
-
-
-def sub_catalogue(stars: StarTable, limits: AngleRanges, camera: Camera, rng: np.random.Generator) -> StarTable:
-    """Return the stars to V 6 that can be in view (§5.2.1). The document steps through all combinations and marks
-    blocks of 1°. This function draws random attitudes. Their number makes the gaps at the edge smaller than these
-    blocks."""
-    bright = stars.brighter_than(LIMITING_MAG)
-    corners = camera.corners()
-    edges = np.cross(corners, np.roll(corners, -1, axis=0))
-    edges *= np.sign(edges @ corners.mean(axis=0))[:, None]
-    in_view = np.zeros(len(bright), bool)
-    for _ in range(MARKING // BATCH):
-        attitudes = np.stack([random_attitude(limits, rng) for _ in range(BATCH)])
-        planes = np.einsum("ei,bij->bej", edges, attitudes)
-        left = np.flatnonzero(~in_view)
-        inside = (np.einsum("bej,nj->nbe", planes, bright.icrs[left]) >= 0).all(axis=2).any(axis=1)
-        in_view[left[inside]] = True
-    return bright.take(np.flatnonzero(in_view))
 
 
 def bank_of(stars: StarTable, camera: Camera) -> OnboardCatalogue:

@@ -115,6 +115,8 @@ def moniteq_noise(stars: StarTable, trials: int, seed: int, progress: Progress) 
             "the report's C.",
             "The bound of 0.16 for B is below the value for d/σ of 2 to 2.5. This has no effect, because the "
             "third term is much larger.",
+            "The curves of Figs. 4.6 to 4.9 are missing from the text. For σ(P), the column 'paper' has values computed again from "
+            "the report's model.",
         ),
     )
 

@@ -89,6 +89,8 @@ def moniteq_2_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
             "many stars are both more frequent than in a Poisson distribution.",
             "The report requires three stars for a reliable identification and does not state how often its field "
             "contains them.",
+            "Table 2.2 prints .982 for no star in 36 square degrees at V 5.5. This is a misprint for .082, which Poisson's law "
+            "gives. Its rows for V 6.5 with 64 and 100 square degrees are omitted: all their probabilities are below 0.3 %.",
         ),
     )
 
