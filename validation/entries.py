@@ -11,11 +11,13 @@ from validation.erlank.matching import erlank_4_4, erlank_4_5
 from validation.erlank.night import erlank_6_1
 from validation.erlank.slew import erlank_6_2
 from validation.health.mission import mission
+from validation.huffman.attitude import huffman_6
 from validation.huffman.catalogue import huffman_5_1, huffman_5_5
 from validation.huffman.centroids import huffman_4_2, huffman_4_4
 from validation.huffman.detection import huffman_7_2
 from validation.huffman.magnitudes import huffman_5_3
 from validation.huffman.matching import huffman_8_2
+from validation.huffman.triangles import huffman_5_4
 from validation.jacobs.calibration import jacobs_6
 from validation.jacobs.catalogue import jacobs_5_1, jacobs_5_2
 from validation.jacobs.errors import jacobs_6_1
@@ -56,7 +58,9 @@ ENTRIES: dict[str, ExperimentEntry] = {
         ExperimentEntry("huffman-4-4", "Centroid error against PSF width and SNR", huffman_4_4, 2_000),
         ExperimentEntry("huffman-5-1", "Limiting magnitude for a number of stars", huffman_5_1, 10_000),
         ExperimentEntry("huffman-5-3", "Magnitudes measured from frames", huffman_5_3, 25),
+        ExperimentEntry("huffman-5-4", "Area and polar moment of star triangles", huffman_5_4, 1_000),
         ExperimentEntry("huffman-5-5", "The eight brightest of every field", huffman_5_5, 10_000),
+        ExperimentEntry("huffman-6", "Attitude methods on a tumbling camera", huffman_6, 1_000),
         ExperimentEntry("huffman-7-2", "Two centroiders at five thresholds", huffman_7_2, 6),
         ExperimentEntry("huffman-8-2", "Matching algorithms on sequences", huffman_8_2, 20),
         ExperimentEntry("liebe-2", "Correct initial estimates by kind of error", liebe_2, 500, 1994.95),

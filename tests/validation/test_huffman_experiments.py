@@ -9,12 +9,21 @@ from gss.catalogue_tools.selection.uniform_density import square_field
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.experiment import Experiment
 from gss.domain.frames import cam_from_icrs
+from validation.huffman.attitude import huffman_6
 from validation.huffman.catalogue import huffman_5_1, huffman_5_5, nth_brightest_mag
 from validation.huffman.centroids import huffman_4_2, huffman_4_4
 from validation.huffman.detection import huffman_7_2
 from validation.huffman.frames import TABLE_5_2, TABLE_7_1, frame, scattered
 from validation.huffman.magnitudes import huffman_5_3
 from validation.huffman.matching import huffman_8_2
+from validation.huffman.triangles import (
+    huffman_5_4,
+    planar_area,
+    planar_moment,
+    sides,
+    spherical_area,
+    spherical_moment,
+)
 
 
 def _no_progress(_: float) -> None:
@@ -146,3 +155,36 @@ def test_the_reduced_catalogue_has_the_size_of_the_document() -> None:
     gss = _cells(experiment, "our stars")
     assert abs(int(str(gss["36° square"])) - 540) < 25
     assert str(_cells(experiment, "frames with fewer than 4 stars")["frame 30.06° x 24.25°"]).startswith("0.0 %")
+
+
+def test_area_and_moment_of_triangles_follow_geometry() -> None:
+    """An octant has π/2 sr and right angles as sides. A small right triangle has the area and moment of the plane, and the
+    sum over 4ⁿ parts is 4⁻ⁿ too small."""
+    octant = np.eye(3)[None]
+    assert spherical_area(octant)[0] == pytest.approx(np.pi / 2)
+    assert sides(octant)[0] == pytest.approx(np.pi / 2)
+    small = np.array([[[0, 0, 1], [3e-3, 0, 1], [0, 4e-3, 1.0]]])
+    small /= np.linalg.norm(small, axis=2, keepdims=True)
+    moment = 6e-6 * (9e-6 + 16e-6 + 25e-6) / 36
+    assert (spherical_area(small)[0], planar_area(small)[0]) == pytest.approx((6e-6, 6e-6), rel=1e-4)
+    assert planar_moment(small)[0] == pytest.approx(moment, rel=1e-4)
+    for depth in (1, 2, 3):
+        assert spherical_moment(small, depth)[0] == pytest.approx(moment * (1 - 4.0**-depth), rel=1e-4)
+
+
+def test_triangles_are_within_three_sigma_and_less_ambiguous_than_angles() -> None:
+    """99.7 % of the measured moments lie within 3 σ, and far fewer triangles than pairs agree with a measurement."""
+    ours = _cells(huffman_5_4(load_stars(5.0), 40, 3, _no_progress), "ours (95 %)")
+    assert float(str(ours["spherical moment: within 3 σ"]).split()[0]) == pytest.approx(99.7, abs=0.25)
+    pairs, spherical, planar = (float(str(cell).split()[0]) for name, cell in ours.items() if "mean" in name)
+    assert max(spherical, planar) < pairs / 3
+
+
+def test_attitude_methods_agree_and_predict_their_errors() -> None:
+    """QUEST, SVD and FOAM differ from the q-method by less than 10⁻³″, and errors agree with the predicted σ."""
+    experiment = huffman_6(load_stars(5.0), 20, 3, _no_progress)
+    assert [row[0] for row in experiment.rows] == ["q-method", "QUEST", "SVD", "FOAM"]
+    for row in experiment.rows:
+        assert float(str(row[6])) < 1e-3
+        assert [float(r) for r in str(row[4]).split(", ")] == pytest.approx([1, 1, 1], abs=0.25)
+        assert float(str(row[3])) > 2 * float(str(row[1]))
