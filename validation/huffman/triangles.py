@@ -105,7 +105,7 @@ def huffman_5_4(stars: StarTable, trials: int, seed: int, progress: Progress) ->
         ("quantity", "paper, %", "ours (95 %)"),
         tuple(rows),
         (
-            f"{trials} random triangles of {len(triangles)} with {MEASUREMENTS} measurements each, as in the document (1000 and 100); "
+            f"{trials} random triangles of {len(triangles)} with {MEASUREMENTS} measurements each (document: 1000 and 100); "
             f"Hipparcos V ≤ {LIMIT_MAG:g}, triangles whose sides fit into half the frame's height",
             f"error of a star {SIGMA_PX:g} px per axis; σ is that of the measurements of the triangle; moment: "
             f"{4**DEPTH} parts of a triangle",
