@@ -72,7 +72,7 @@ def huffman_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> E
         seed,
         (
             "The document proposes to compare QUEST with the q-method and gives no figures. The four methods minimise the same "
-            "loss: they differ by numeric precision only, so accuracy is no reason for a choice.",
+            "loss: they differ by numeric precision only, so accuracy does not decide between them.",
             f"With QUEST, {share_text(required, solved)} of the solved frames meet the required 100″ across and 1080″ in roll "
             "(Table 1.3).",
             "Roll is the weakest axis, as the document states: the stars are at most 19° from the boresight.",
