@@ -150,6 +150,27 @@ class UnitSetup:
     framing: str = ""
     signer: PacketSigner | None = None
 
+    def identity(self, device_time_s: float) -> HelloReceived:
+        """Return the identity of a unit whose protocol does not report one: that of its package."""
+        return HelloReceived(
+            device_model=self.dictionary.device_model,
+            profile=self.instrument,
+            firmware="not reported",
+            serial="",
+            simulated=None,
+            dictionary_hash=self.dictionary.hash_hex,
+            dictionary_match=True,
+            line_baud=self.link.baud,
+            columns=self.columns,
+            rows=self.rows,
+            bits=self.bits,
+            image_slots=0,
+            bank_bytes=0,
+            boot_count=0,
+            last_request_id=0,
+            device_time_s=device_time_s,
+        )
+
 
 Factory = Callable[[UnitSetup], Driver]
 

@@ -34,6 +34,9 @@ from gss.instruments.dictionary.definitions import Value
 from gss.instruments.link_file import Poll
 
 COUNTERS_EVERY_S = 1.0
+GREET_AFTER_S = 3.0
+"""Time without telemetry after which the greeting is sent again. A sensor that answers it without sending telemetry, for
+example in its bootloader, then differs from a silent line."""
 NO_ABORT = "This sensor has no command to abort."
 
 
@@ -85,7 +88,7 @@ class ExchangeWire(Protocol):
 
 class ExchangeSession:
     """A :class:`gss.device.driver.Driver` for requests and responses. ``poll``: requests that the ground repeats;
-    ``greeting``: command that the ground repeats until the first answer."""
+    ``greeting``: command that the ground repeats while the sensor sends no telemetry."""
 
     def __init__(
         self,
@@ -112,6 +115,7 @@ class ExchangeSession:
         self._polled_until_s: float | None = None
         self._free_s = self._counted_s = -1e9
         self._last_good_s: float | None = None
+        self._telemetry_s = -1e9
         self._housekeeping: Mapping[str, Value] | None = None
         self._hello: HelloReceived | None = None
         self._greeted = False
@@ -179,7 +183,7 @@ class ExchangeSession:
         self._wire.restart()
         self._up, self._greeted, self._replies = True, False, []
         self._current, self._polled_until_s, self._free_s = None, None, now_s
-        self._greet_s = now_s
+        self._greet_s, self._telemetry_s = now_s, -1e9
         self._due_s = [now_s] * len(self._polls)
 
     def link_lost(self, now_s: float) -> list[SessionEvent]:
@@ -234,7 +238,8 @@ class ExchangeSession:
         self._events += events
         if records:
             return self._send(SensorRequest(records[0].request_id, self._order_of(records[0])))
-        if self._greeting is not None and not self._greeted and now_s >= self._greet_s:
+        silent = now_s - self._telemetry_s > GREET_AFTER_S
+        if self._greeting is not None and silent and now_s >= self._greet_s:
             self._greet_s = now_s + self._setup.link.hello_again_s
             return self._send_automatic(self._greeting, now_s)
         for k, (order, every_s) in enumerate(self._polls):
@@ -283,6 +288,7 @@ class ExchangeSession:
         content = answer.content
         request_id = request.request_id if request is not None and answer.stage is not None else 0
         time_s = now_s if answer.time_s is None else answer.time_s
+        self._telemetry_s = now_s
         if answer.packet == "housekeeping":
             self._housekeeping = content.values
         self._events.append(Telemetry(answer.packet, time_s, request_id, content.raw, content.values, content.lists))
@@ -293,29 +299,10 @@ class ExchangeSession:
         self._events.append(DeviceEvent(row.name, row.severity, answer.detail, time_s))
 
     def _greet(self, answer: Answer) -> None:
-        """Report the identity of the unit at the first valid frame. The identity is taken from the package, because the
-        protocol does not contain an identity."""
+        """Report the identity of the unit at the first valid frame."""
         if self._greeted:
             return
-        self._greeted, setup = True, self._setup
-        self._hello = HelloReceived(
-            device_model=setup.dictionary.device_model,
-            profile=setup.instrument,
-            firmware="not reported",
-            serial="",
-            simulated=None,
-            dictionary_hash=setup.dictionary.hash_hex,
-            dictionary_match=True,
-            line_baud=setup.link.baud,
-            columns=setup.columns,
-            rows=setup.rows,
-            bits=setup.bits,
-            image_slots=0,
-            bank_bytes=0,
-            boot_count=0,
-            last_request_id=0,
-            device_time_s=answer.time_s or 0.0,
-        )
+        self._greeted, self._hello = True, self._setup.identity(answer.time_s or 0.0)
         self._events.append(self._hello)
 
     def _take_events(self) -> list[SessionEvent]:

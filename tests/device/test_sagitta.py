@@ -121,11 +121,15 @@ def test_the_solution_has_its_published_size_and_flag_position(sagitta: Instrume
 
 
 def test_telemetry_begins_after_boot_and_has_the_attitude_of_the_motion(sagitta: Instrument) -> None:
-    """In the bootloader the unit answers commands but sends no telemetry. After BOOT it sends the attitude of the motion."""
+    """In the bootloader the unit answers commands, and the ground's greeting at least every 3 s, but sends no telemetry.
+    After BOOT it sends the attitude of the motion."""
     session, unit = open_session_of(sagitta), unit_of(sagitta)
     ping = session.submit(session.encode("PING", {"number": 7}))
     before = talk(session, unit, 0.0, 3.0)
     assert session.hello is not None
+    greeted_s = session.counters.last_good_s
+    assert greeted_s is not None
+    assert greeted_s > 1.0
     assert not [e for e in before if isinstance(e, Telemetry)]
     ping_updates = [e for e in before if isinstance(e, CommandUpdate) and e.request_id == ping]
     assert (ping_updates[-1].stage, dict(ping_updates[-1].values)) == (Stage.COMPLETED, {"number": 7})

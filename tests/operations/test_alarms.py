@@ -7,7 +7,7 @@ from datetime import timedelta
 
 import pytest
 
-from gss.device.session_events import DeviceEvent, Telemetry
+from gss.device.session_events import DeviceEvent, DirectionCounters, LinkCounters, Telemetry
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.domain.limits import Limits, State
 from gss.instruments.dictionary.read_dictionary import load_dictionary
@@ -15,7 +15,8 @@ from gss.instruments.roles import default_roles
 from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
-from gss.operations.telemetry.alarms import SIGNAL_LOST_AFTER_S, AlarmService
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.silence import SIGNAL_LOST_AFTER_S
 from gss.operations.telemetry.telemetry import TelemetryService
 
 FIELD = "sensor_temperature_c"  # watch −15 … 45, warning −20 … 55, critical −30 … 65, persistence 3
@@ -256,6 +257,22 @@ def test_silence_on_an_open_line_is_loss_of_signal(harness):
     harness.clock.forward(1)
     harness.alarms.tick()
     assert (harness.only().title, harness.only().row.state) == ("Loss of signal", "raised")
+    harness.receive(20)
+    harness.alarms.tick()
+    assert harness.only().row.state == "cleared"
+
+
+def test_a_sensor_that_answers_without_housekeeping_has_a_separate_alarm(harness, monkeypatch):
+    """A sensor in its bootloader answers and sends no housekeeping. The alarm states this and the remedy."""
+    harness.link.line_is_open, harness.link.contact.is_open, harness.link.contact.contact_id = True, True, 1
+    harness.alarms.tick()
+    monkeypatch.setattr(type(harness.link), "counters", LinkCounters(DirectionCounters(), DirectionCounters(), 0.0))
+    for _ in range(int(SIGNAL_LOST_AFTER_S) + 1):
+        assert harness.alarms.opened() == []
+        harness.clock.forward(1)
+        harness.alarms.tick()
+    assert harness.only().text == "No housekeeping for 5 s, although the sensor answers"
+    assert harness.only().action.startswith("Boot the sensor")
     harness.receive(20)
     harness.alarms.tick()
     assert harness.only().row.state == "cleared"

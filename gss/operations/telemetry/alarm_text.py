@@ -18,6 +18,9 @@ EVENT, LINK, CATALOGUE, STORE, MARGIN, HEADS = "event", "link", "catalogue", "st
 UNMEASURED = (EVENT, LINK, CATALOGUE, STORE, MARGIN, HEADS)
 """Pseudo packet names of alarms without a telemetry field."""
 SIGNAL: Key = (LINK, "housekeeping")
+NO_STATUS: Key = (LINK, "status")
+"""Alarm of a sensor that answers without sending housekeeping."""
+LINK_TITLES = {SIGNAL: "Loss of signal", NO_STATUS: "No housekeeping"}
 
 
 @dataclass(frozen=True)
@@ -42,8 +45,8 @@ def field_of(dictionary: TelemetryDefinitions, row: Alarm) -> TelemetryField | N
 
 def title_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
     """Return the title of an alarm."""
-    if (row.packet, row.field) == SIGNAL:
-        return "Loss of signal"
+    if row.packet == LINK:
+        return LINK_TITLES[row.packet, row.field]
     if row.packet == CATALOGUE:
         return f"Catalogue {row.field}"
     if row.packet == STORE:
@@ -71,11 +74,16 @@ ACTIONS = {
 """Operator actions for alarms that no dictionary describes."""
 
 
+BOOT_ACTION = "Boot the sensor if it starts in a bootloader: see the notes of its instrument. Otherwise check its mode."
+
+
 def action_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
     """Return the operator action for an alarm: from the instrument's dictionary, or from ACTIONS for an alarm of the
     server."""
     if row.packet == EVENT:
         return next((e.action for e in dictionary.events if e.name == row.field), "")
+    if (row.packet, row.field) == NO_STATUS:
+        return BOOT_ACTION
     field = field_of(dictionary, row)
     return field.action if field else ACTIONS.get(row.packet, "")
 

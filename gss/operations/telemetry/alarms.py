@@ -16,7 +16,7 @@ from typing import Any
 from gss.device.session_events import DeviceEvent
 from gss.domain.errors import BadInput, Conflict
 from gss.domain.limits import ORDER, State, worst
-from gss.operations.clock import Now, after_jump
+from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
@@ -26,7 +26,6 @@ from gss.operations.telemetry.alarm_text import (
     HEADS,
     LINK,
     MARGIN,
-    SIGNAL,
     STORE,
     UNMEASURED,
     AlarmView,
@@ -40,14 +39,13 @@ from gss.operations.telemetry.alarm_text import (
     with_unit,
 )
 from gss.operations.telemetry.field_definitions import TelemetryDefinitions
-from gss.operations.telemetry.held_channel import HeldChannel
 from gss.operations.telemetry.limit_check import Judgement, Key
+from gss.operations.telemetry.silence import SilenceCheck
 from gss.operations.telemetry.telemetry import Judged, TelemetryService
 from gss.store import alarms as store
 from gss.store.engine import Database
 from gss.store.models import Alarm
 
-SIGNAL_LOST_AFTER_S = 5.0
 SEVERE = (State.WARNING, State.CRITICAL)
 SHELF_MAX = timedelta(hours=24)
 
@@ -67,8 +65,7 @@ class AlarmService:
         self._dictionary, self._telemetry, self._link = dictionary, telemetry, link
         self._database, self._bus, self._now = database, bus, now
         self._open = telemetry.open_alarms
-        self._contact: tuple[int | None, datetime] = (None, now())
-        self._channel = HeldChannel(link)
+        self._silence = SilenceCheck(link, telemetry, now)
         self._lock = threading.RLock()
 
     def start(self) -> None:
@@ -111,13 +108,13 @@ class AlarmService:
             for row in list(self._open.values()):
                 if row.shelved_until is not None and row.shelved_until <= now:
                     self._change(row, "ok", f"{title_of(self._dictionary, row)}: no longer shelved", shelved_until=None)
-            self._check_signal(now)
+            self._check_signal()
 
     def clock_jumped(self, jump_s: float) -> None:
         """Correct the stored times of reception after the server's clock jumped by ``jump_s``."""
         now = self._now()
         with self._lock:
-            self._contact = (self._contact[0], after_jump(self._contact[1], now, jump_s))
+            self._silence.clock_jumped(now, jump_s)
             self._telemetry.board.clock_jumped(now, jump_s)
 
     def watch(self, key: Key, state: State, value: float, text: str, limit: str, *, judged: bool = True) -> None:
@@ -126,18 +123,11 @@ class AlarmService:
             if state is not State.OK or key in self._open:
                 self._update(key, state, value, text, limit, judged=judged)
 
-    def _check_signal(self, now: datetime) -> None:
-        contact_id = self._link.contact_id if self._link.connected else None
-        if contact_id != self._contact[0]:
-            self._contact = (contact_id, now)
-        newest = self._telemetry.board.latest(self._link.roles.quantities.status.packet)
-        last_received = self._contact[1] if newest is None else max(newest[0], self._contact[1])
-        silent_s, paused = (now - last_received).total_seconds(), self._channel.held_within(SIGNAL_LOST_AFTER_S)
-        lost = contact_id is not None and silent_s > SIGNAL_LOST_AFTER_S and not paused
-        if lost or SIGNAL in self._open:
-            state, value = State.WARNING if lost else State.OK, round(silent_s, 1)
-            limit = f"no housekeeping for {SIGNAL_LOST_AFTER_S:g} s" if lost else ""
-            self._update(SIGNAL, state, value, f"Loss of signal: no housekeeping for {value:g} s", limit, judged=True)
+    def _check_signal(self) -> None:
+        for found in self._silence.check():
+            if found.missing or found.key in self._open:
+                state, limit = (State.WARNING, found.limit) if found.missing else (State.OK, "")
+                self._update(found.key, state, found.silent_s, found.text, limit, judged=True)
 
     def _update(self, key: Key, state: State, value: float, text: str, limit: str, *, judged: bool) -> None:
         row = self._open.get(key)

@@ -17,7 +17,8 @@ from gss.operations.contacts.contacts import ContactService
 from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
-from gss.operations.telemetry.alarms import SIGNAL_LOST_AFTER_S, AlarmService
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.silence import SIGNAL_LOST_AFTER_S
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.store import devices
