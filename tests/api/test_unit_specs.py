@@ -54,6 +54,20 @@ def test_an_instrument_that_is_not_installed_is_refused(registry: Registry) -> N
     assert "cubestar" in str(raised.value)
 
 
+def test_an_invalid_package_does_not_stop_the_other_units(tmp_path: Path) -> None:
+    """A unit whose package is installed but invalid is accepted: its own process reports the reason."""
+    (tmp_path / "mine").mkdir()
+    units = parse_units("FM1=nos3@simulator,EM=mine@simulator", Registry(tmp_path))
+    assert [unit.instrument for unit in units] == ["nos3", "mine"]
+
+
+def test_two_names_of_one_port_are_one_address(registry: Registry, tmp_path: Path) -> None:
+    """A serial port and a link to it are the same address."""
+    (tmp_path / "by-id").symlink_to("/dev/ttyUSB0")
+    with pytest.raises(BadInput, match="two units have the same address"):
+        parse_units(f"A=nos3@/dev/ttyUSB0,B=nos3@{tmp_path / 'by-id'}", registry)
+
+
 @pytest.mark.parametrize("options", [{"device": "/dev/tty1"}, {"simulator": "aim"}, {"workers": 2}])
 def test_options_for_a_single_unit_cannot_be_used_with_several(options: dict[str, object]) -> None:
     """A line, a simulator and API workers are options of a server with one unit."""

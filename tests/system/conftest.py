@@ -17,6 +17,7 @@ import httpx2
 import pytest
 
 START_S = 60.0
+LONG_S = 600.0
 _specification = importlib.util.spec_from_file_location("gss_nursery", Path(__file__).with_name("nursery.py"))
 assert _specification is not None
 assert _specification.loader is not None
@@ -131,6 +132,42 @@ def serve(tmp_path: Path, signed_in: Callable[..., dict[str, str]]) -> Iterator[
     for server in started:
         if server.process.poll() is None:
             server.stop()
+
+
+class Units:
+    """Client of a server with units."""
+
+    def __init__(self, server: Server) -> None:
+        self.server, self.console = server, server.console
+
+    def fleet(self) -> dict[str, Any]:
+        return {unit["name"]: unit for unit in self.console.get("/fleet")["units"]}
+
+    def http(self, name: str) -> httpx2.Client:
+        """A client of one unit."""
+        return httpx2.Client(
+            base_url=f"{self.console.address}/units/{name}/api", headers=self.console.headers, timeout=30
+        )
+
+    def connected(self, *names: str) -> dict[str, Any]:
+        """Wait until these units have a line and telemetry; return the fleet."""
+
+        def there() -> dict[str, Any] | None:
+            units = self.fleet()
+            good = all(units[n]["current"] and units[n]["link"]["rx"]["state"] == "up" for n in names)
+            return units if good else None
+
+        return self.console.wait(f"{names} to be connected", there, LONG_S)
+
+
+@pytest.fixture
+def start_units(serve: Callable[..., Server]) -> Callable[..., Units]:
+    """Factory of a server with units, each given as NAME=INSTRUMENT@ADDRESS."""
+
+    def start(*specifications: str, **environment: str) -> Units:
+        return Units(serve(*(word for text in specifications for word in ("--unit", text)), **environment))
+
+    return start
 
 
 @pytest.fixture

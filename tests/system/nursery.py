@@ -177,6 +177,7 @@ def _live(order: dict[str, Any], descriptors: list[int]) -> None:
             os.close(source)
         os.environ.clear()
         os.environ.update(order["environment"])
+        sys.path[:0] = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
         sys.stdout = os.fdopen(1, "w", closefd=False)
         sys.stderr = os.fdopen(2, "w", closefd=False)
         sys.argv = [order["what"], *order["arguments"]]

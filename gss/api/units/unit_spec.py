@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 from dataclasses import dataclass
@@ -43,7 +44,9 @@ def parse_units(text: str, instruments: Registry) -> tuple[UnitSpec, ...]:
         "two units have the same name", [u.name.lower() for u in units], "names that differ in more than case"
     )
     _check_unique(
-        "two units have the same address", [u.address for u in units if not u.simulated], "one unit per address"
+        "two units have the same address",
+        [_line_of(u.address) for u in units if not u.simulated],
+        "one unit per address",
     )
     return units
 
@@ -59,8 +62,14 @@ def _unit(text: str, instruments: Registry) -> UnitSpec:
         )
     if address != SIMULATOR:
         parse_line_address(address)
-    instruments.get(instrument)
+    if instrument not in instruments.names():  # the process of the unit reports an invalid package
+        instruments.get(instrument)
     return UnitSpec(name, instrument, address)
+
+
+def _line_of(address: str) -> str:
+    """Return the address, or the path of the port to which it is a link (/dev/serial/by-id/…)."""
+    return os.path.realpath(address) if address.startswith("/") else address
 
 
 def _check_unique(message: str, values: list[str], expected: str) -> None:

@@ -33,6 +33,7 @@ READ_BYTES = 65536
 READ_WAIT_S = 0.01
 RETRY_S = 2.0
 REOPEN_S = 0.5
+REPORT_EVERY_S = 60.0
 JOIN_WITHIN_S = 10.0
 """A lost line that is opened again within this time continues the same contact."""
 
@@ -48,8 +49,9 @@ class LinkService:
     not wait for the store, a file or the network.
 
     ``session``: session of the instrument's driver, by default a session of the driver ``gss``. ``rules``: settings of the line.
-    The line thread is considered to hang if it has not completed a cycle for ``rules.stalled_after_s``. ``version_of`` and
-    ``own_simulator``: see :class:`ContactLog`. ``open_line``: replaces the function that opens real ports.
+    The line thread is considered to hang if it has not completed a cycle for ``rules.stalled_after_s``; ``stall`` is then the
+    report, otherwise "". ``version_of`` and ``own_simulator``: see :class:`ContactLog`. ``open_line``: replaces the function
+    that opens real ports.
     """
 
     def __init__(
@@ -91,7 +93,9 @@ class LinkService:
         self._stream: ByteStream | None = None
         self._closed_by_watch: ByteStream | None = None
         self._round_s = monotonic_s()
+        self.stall = ""
         self._reopen = False
+        self._last_failure: tuple[str, float] = ("", 0.0)
         self._thread = threading.Thread(target=self._run, name="link", daemon=True)
 
     def start(self) -> None:
@@ -217,7 +221,8 @@ class LinkService:
             if hangs
             else "the port was closed"
         )
-        self._fault(f"the link thread made no progress for {stalled_s:.0f} s; {consequence}")
+        self.stall = f"The link thread made no progress for {stalled_s:.0f} s; {consequence}"
+        self._fault(self.stall)
         self._closed_by_watch = stream
         if stream is not None:
             stream.close()
@@ -227,14 +232,21 @@ class LinkService:
 
     def _run(self) -> None:
         while not self._stopping:
-            self._round_s = self.monotonic_s()
+            self._round_s, self.stall = self.monotonic_s(), ""
             try:
                 self._once()
             except Exception as error:  # the thread that owns the port must survive any fault
                 log.exception("the contact failed")
                 self.line_is_open, self.reason = False, f"{type(error).__name__}: {error}"
-                self._fault(f"the contact was ended: {self.reason}")
+                self._report_failure(f"the contact was ended: {self.reason}")
                 self._pause(RETRY_S)
+
+    def _report_failure(self, text: str) -> None:
+        """Report the failure of a contact; the same text at most once per ``REPORT_EVERY_S``, as it can recur for hours."""
+        last_text, last_s = self._last_failure
+        if text != last_text or self.monotonic_s() - last_s > REPORT_EVERY_S:
+            self._last_failure = (text, self.monotonic_s())
+            self._fault(text)
 
     def _once(self) -> None:
         """Open the line and serve it until the contact ends."""
@@ -295,14 +307,18 @@ class LinkService:
             cause = self.reason or cause
         except LinkDown as error:
             cause = str(error)
-            if self.url == url and not self._reopen:
-                self._lost_line = (url, self.monotonic_s())
+            self._can_continue(url)
         except Exception as error:
             cause = f"{type(error).__name__}: {error}"
+            self._can_continue(url)
             raise
         finally:
             stream.close()
             self._end_contact(cause)
+
+    def _can_continue(self, url: str) -> None:
+        if self.url == url and not self._reopen:
+            self._lost_line = (url, self.monotonic_s())
 
     def _continues(self, url: str) -> bool:
         """True if the last contact was on this line and the line was lost less than ``JOIN_WITHIN_S`` ago."""
@@ -311,7 +327,7 @@ class LinkService:
 
     def _exchange(self, stream: ByteStream, url: str) -> None:
         while self.url == url and not self._reopen and not self._stopping:
-            self._round_s = self.monotonic_s()
+            self._round_s, self.stall = self.monotonic_s(), ""
             data = stream.read(READ_BYTES, READ_WAIT_S)
             self.capture.write(RECEIVED, data)
             now_s = self.monotonic_s()

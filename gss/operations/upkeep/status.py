@@ -208,6 +208,8 @@ class StatusService:
 
     def _line_alarms(self, rx: DirectionState, match: bool | None) -> Conditions:
         conditions: Conditions = {}
+        if self._link.stall:
+            conditions["stall"] = ("critical", self._link.stall)
         if not self._link.connected:
             conditions["line"] = ("warning", f"Line down: {self._link.reason}")
         elif rx.state == "down":

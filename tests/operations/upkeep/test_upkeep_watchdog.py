@@ -19,7 +19,7 @@ from gss.instruments.roles import default_roles
 from gss.operations.frames import solve_queue as room
 from gss.operations.line import link as link_room
 from gss.operations.line.dispatcher import Dispatcher, LineEventQueue
-from gss.operations.line.link import LinkService
+from gss.operations.line.link import REPORT_EVERY_S, LinkService
 from gss.store.models import Frame
 
 STALLED_AFTER_S = 5.0
@@ -100,7 +100,7 @@ def test_the_port_of_a_hanging_reader_is_closed_and_reopened(line, bus):
     wait_for(lambda: len(opened) == 2 and opened[1].reading.is_set())
     assert link.alive()
     wait_for(lambda: link.contact_id == 1)
-    assert any("made no progress for 6 s" in event.text for event in bus.after(0, 100))
+    assert any("The link thread made no progress for 6 s" in event.text for event in bus.after(0, 100))
 
 
 class FaultyDriver(HostSession):
@@ -161,17 +161,24 @@ def faulty_line(database, bus, clock, tmp_path):
 
 
 def test_a_driver_that_raises_ends_the_contact_with_the_reason(faulty_line, bus):
-    """If a driver raises an exception, the contact ends with the reason, the received bytes are in the capture, and the
-    port is opened again."""
+    """If a driver raises an exception, the contact is interrupted with the reason, the received bytes are in the capture,
+    and the port is opened again. Further attempts belong to the same contact and repeat the report once a minute."""
 
     def fault() -> None:
         raise ValueError("no such field")
 
-    link, opened, _ = faulty_line(fault)
-    wait_for(lambda: len(opened) >= 2)
+    link, opened, now_s = faulty_line(fault)
+
+    def reports() -> int:
+        return [e.text for e in bus.after(0, 100)].count("the contact was ended: ValueError: no such field")
+
+    wait_for(lambda: len(opened) >= 3)
     assert link.alive()
     assert opened[0].closed.is_set()
-    wait_for(lambda: any("the contact was ended: ValueError: no such field" in e.text for e in bus.after(0, 100)))
+    wait_for(lambda: reports() == 1)
+    assert link.contact_id in (1, None)
+    now_s[0] += REPORT_EVERY_S + 1
+    wait_for(lambda: reports() == 2)
     captured = b"".join(path.read_bytes() for path in link.capture.folder.rglob("*") if path.is_file())
     assert b"garbage" in captured
 
@@ -184,10 +191,12 @@ def test_a_driver_that_hangs_is_reported(faulty_line, bus):
     for _ in range(2):
         now_s[0] += STALLED_AFTER_S + 1
         link.watch()
+    assert "the driver of the instrument hangs" in link.stall
     released.set()
     assert opened[0].closed.is_set()
     wait_for(lambda: any("the driver of the instrument hangs: restart the server" in e.text for e in bus.after(0, 100)))
     wait_for(lambda: len(opened) >= 2)
+    wait_for(lambda: not link.stall)
 
 
 def test_a_reader_that_died_is_restarted_and_reported(line, bus, monkeypatch):
