@@ -25,7 +25,12 @@ def register(subparsers: Commands) -> None:
     parser.add_argument("files", nargs="*", metavar="FRAME", help="frames of the unit in order of time")
     parser.add_argument("--camera", metavar="INSTRUMENT", help=CAMERA_HELP)
     parser.add_argument("--simulate", action="store_true", help="render the frames of a simulated unit instead")
-    parser.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
+    parser.add_argument(
+        "--chain",
+        default="",
+        metavar="NAME",
+        help="chain to run (default: the chain of the unit, or reference if it has none)",
+    )
     parser.add_argument(
         "--second", nargs="+", default=[], metavar="FRAME", help="frames of a second head, taken at the same times"
     )
@@ -56,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     from gss.operations.frames.solve import Solver
     from gss.operations.requests import request_from
-    from gss.operations.studies.analyse import run_frames
+    from gss.operations.studies.analyse import chain_for, run_frames
     from gss.operations.studies.analysis_requests import SheetRequest
     from gss.operations.studies.sheet_frames import sheet_of_frames, sheet_of_simulation
 
@@ -80,17 +85,21 @@ def run(arguments: argparse.Namespace) -> int:
     )
     profile, solver = camera(arguments.camera), Solver(registry().camera)
     if request.simulated:
-        sheet = sheet_of_simulation(solver, profile, arguments.chain, arguments.seed, show_progress)
+        chain = chain_for(arguments.chain, profile)
+        sheet = sheet_of_simulation(solver, profile, chain, arguments.seed, show_progress)
     else:
-        first = run_frames(solver, _shots(arguments, arguments.files), profile, arguments.chain, show_progress)
+        chain = chain_for(arguments.chain, profile)
+        first = run_frames(solver, _shots(arguments, arguments.files), profile, chain, show_progress)
         other = camera(arguments.second_camera) if arguments.second_camera else profile
         second = (
-            run_frames(solver, _shots(arguments, arguments.second), other, arguments.chain, show_progress)
+            run_frames(
+                solver, _shots(arguments, arguments.second), other, chain_for(arguments.chain, other), show_progress
+            )
             if arguments.second
             else None
         )
         sheet = sheet_of_frames(
-            first, second=second, mounting=tuple(mounting) if mounting else None, seed=arguments.seed
+            solver, first, second=second, mounting=tuple(mounting) if mounting else None, seed=arguments.seed
         )
     write_report(arguments, sheet.report, json.dumps(sheet.figures, ensure_ascii=False, allow_nan=False))
     return 0

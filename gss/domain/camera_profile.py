@@ -50,5 +50,4 @@ def pupil_cm2(focal_mm: float, f_number: float) -> float:
 def zero_point_e_s(focal_mm: float, f_number: float, transmission: float, efficiency: float) -> float:
     """Return the electrons per second from a star of V = 0: 10³ photons/(s cm² Å) over 3000 Å (Erlank 2013 eq. 3.4.2),
     times lens transmission and quantum efficiency."""
-    aperture_cm2 = np.pi / 4 * (focal_mm / 10 / f_number) ** 2
-    return float(aperture_cm2 * transmission * 3000 * 1e3 * efficiency)
+    return pupil_cm2(focal_mm, f_number) * transmission * 3000 * 1e3 * efficiency

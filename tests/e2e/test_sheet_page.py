@@ -48,6 +48,7 @@ def test_a_sheet_is_made_from_frames(page: Page, imported: str, picture: Callabl
     page.goto("/sheet")
     page.get_by_test_id("sheet-camera").select_option("cubestar")
     page.get_by_test_id("sheet-frames").fill(imported)
+    page.get_by_test_id("sheet-chain").select_option("reference")
     page.get_by_test_id("sheet-start").click()
     expect(page.get_by_test_id("sheet-row")).to_have_count(1, timeout=180_000)
     expect(page.get_by_test_id("sheet-field-of-view")).to_contain_text("one star", timeout=60_000)

@@ -209,6 +209,7 @@ def test_a_performance_sheet_of_a_night_states_what_it_lacks(server: AnalysisSer
     assert "second head" in rows["bias"]["needs"]
     assert all(r["needs"] for r in rows.values() if not r["measured"])
     assert row.result["figures"]["source"] == "frames"
+    assert row.result["figures"]["chain"] == "cubestar"
     assert server.services.studies.analyses.export(row.id, "pdf").startswith(b"%PDF")
     assert b"Thermo-elastic error" in server.services.studies.analyses.export(row.id, "html")
 
@@ -245,8 +246,10 @@ def test_impossible_searches_are_rejected(more: dict[str, Any], words: str) -> N
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({}, "frames or a simulated unit"),
-        ({"simulated": True, "frame_ids": [1]}, "frames or a simulated unit"),
+        ({}, "frames, a simulated unit or a contact"),
+        ({"simulated": True, "frame_ids": [1]}, "frames, a simulated unit or a contact"),
+        ({"simulated": True, "contact": 1}, "frames, a simulated unit or a contact"),
+        ({"contact": 1, "other_ids": [2], "other_profile": "cubestar"}, "second head"),
         ({"frame_ids": [1, 1]}, "frames cannot be used"),
         ({"frame_ids": [1], "other_ids": [2]}, "second head"),
         ({"frame_ids": [1], "mounting": [0.5, 0.0, 0.0, 0.0]}, "unit quaternion"),

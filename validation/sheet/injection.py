@@ -18,18 +18,30 @@ from gss.domain.rotation import quaternion_from_matrix, turn_between
 from gss.domain.sensor import Defects
 from gss.domain.stars import StarTable
 from gss.instruments.registry import shipped_camera
+from gss.pipeline.ageing import Radiation
 from gss.pipeline.chains import reference
 from gss.pipeline.chip import make_chip
 from gss.pipeline.identify.verify import SkyCatalogue
+from gss.pipeline.sheet.ageing import ageing_of
 from gss.pipeline.sheet.rows import SheetFigure
 from gss.pipeline.sheet.sheet import PerformanceSheet, performance_sheet
 from gss.pipeline.sheet.spatial import rotation_effect
-from gss.pipeline.sheet.unit import Moment, Observation, RenderedUnit, observe, scan, sheet_input, slew, staring
+from gss.pipeline.sheet.unit import (
+    Moment,
+    Observation,
+    RenderedUnit,
+    kept_frames,
+    observe,
+    scan,
+    sheet_input,
+    slew,
+    staring,
+)
 
 CAMERA = Camera.from_fov(384, 288, float(np.radians(14.0)))
 LIMIT_MAG = 6.0
 EXPOSURE_S = 0.2
-FIELD_K1 = 0.3
+FIELD_K1 = 0.05
 BIAS_RAD = (20 * ARCSEC_RAD, -20 * ARCSEC_RAD, 60 * ARCSEC_RAD)
 THERMAL_RAD_K = (2 * ARCSEC_RAD, -2 * ARCSEC_RAD, 4 * ARCSEC_RAD)
 DATE_S = 0.05
@@ -41,23 +53,30 @@ SIZES = {"1": (1.0, ""), "share": (0.01, "%")}
 SPEED_C = 1e-4
 TOP_RATE_RAD_S = float(np.radians(0.4))
 WARM_K = 10.0
-MAIN = {
-    "bias": "x",
-    "thermo-elastic": "x",
-    "field-of-view": "one star",
-    "pixel": "one star, fixed",
-    "temporal-noise": "x",
-    "aberration": "remaining share",
-    "date": "date error",
-    "acquisition": "none",
-    "tracking": "loss per frame",
-}
-"""Figure of each row that is compared."""
+DARK_FACTOR, TRANSMISSION, HITS_PER_FRAME = 10.0, 0.8, 3.0
+HIT_E = 20_000.0
+"""Mean charge of a particle. It is so large that hardly any particle is below the threshold of the count."""
+MAIN = (
+    ("bias", "x"),
+    ("thermo-elastic", "x"),
+    ("field-of-view", "one star"),
+    ("pixel", "one star, fixed"),
+    ("temporal-noise", "x"),
+    ("aberration", "remaining share"),
+    ("date", "date error"),
+    ("acquisition", "none"),
+    ("tracking", "loss per frame"),
+    ("end-of-life", "dark current"),
+    ("end-of-life", "light lost"),
+    ("end-of-life", "particle hits per frame"),
+)
+"""Rows and figures that are compared. The first figure of a row is that of its error, unless the case names another."""
 
 
 @dataclass(frozen=True)
 class _Case:
-    """One injected error. ``row``: row that must detect it, "" for none. ``injected``: size in the unit of the figure,
+    """One injected error. ``row``: row that must detect it, "" for none; ``figure``: its figure, "" for the row's only
+    figure. ``injected``: size in the unit of the figure,
     None if it is computed from the frames. ``covered``: one frame in this number shows no star. ``beside``: other rows
     that the error must change."""
 
@@ -68,6 +87,12 @@ class _Case:
     corrected: bool = True
     covered: int = 0
     beside: tuple[str, ...] = ()
+    figure: str = ""
+
+    @property
+    def main(self) -> tuple[str, str]:
+        """Row and figure that must detect the error."""
+        return next(m for m in MAIN if m[0] == self.row and self.figure in ("", m[1]))
 
 
 def injection(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
@@ -81,7 +106,8 @@ def injection(stars: StarTable, trials: int, seed: int, progress: Progress) -> E
     calm: PerformanceSheet | None = None
     for k, case in enumerate(cases):
         seen = _observations(case, sky, trials, seed, lambda s, k=k: progress((k + s) / len(cases)))  # type: ignore[misc]
-        sheet = performance_sheet(sheet_input(seen, CAMERA), np.random.default_rng([seed, 2]))
+        ageing = ageing_of(kept_frames(seen, alone, EXPOSURE_S), cases[0].unit.sensor, np.random.default_rng([seed, 3]))
+        sheet = performance_sheet(sheet_input(seen, CAMERA, ageing), np.random.default_rng([seed, 2]))
         calm = sheet if calm is None else calm
         rows.append(_row(case, sheet, calm, seen))
     progress(1.0)
@@ -101,8 +127,9 @@ def injection(stars: StarTable, trials: int, seed: int, progress: Progress) -> E
         (
             "The injected size of the field error is computed for the stars that the attitudes use. The injected "
             "size of the noise is the scatter of the attitude errors at rest.",
-            "A lens error rotates the attitude by an angle that depends on the stars in the field, so it also "
-            "changes rows that compare attitudes. The other errors change no other row.",
+            "A lens error rotates the attitude by an angle that depends on the stars in the field, so it can also "
+            "change rows that compare attitudes.",
+            "Particles next to a star, and particles that leave too little charge, are not counted.",
             "A spread of the pixel response has no size in pixels of position, so its row is only compared with "
             "the unit without error.",
         ),
@@ -131,6 +158,27 @@ def _cases(stars: StarTable) -> list[_Case]:
         # Nine of ten frames are solved. After one of the nine, the covered frame follows.
         _Case(
             "every tenth frame covered", "tracking", unit, 1 / (COVERED - 1), covered=COVERED, beside=("acquisition",)
+        ),
+        _Case(
+            f"dark current x {DARK_FACTOR:g}",
+            "end-of-life",
+            replace(unit, sensor=replace(sensor, dark_current_e_s=DARK_FACTOR * sensor.dark_current_e_s)),
+            DARK_FACTOR * sensor.dark_current_e_s,
+            figure="dark current",
+        ),
+        _Case(
+            "transmission loss",
+            "end-of-life",
+            replace(unit, sensor=replace(sensor, zero_point_e_s=TRANSMISSION * sensor.zero_point_e_s)),
+            1 - TRANSMISSION,
+            figure="light lost",
+        ),
+        _Case(
+            "radiation hits",
+            "end-of-life",
+            replace(unit, radiation=Radiation(hits_s=HITS_PER_FRAME / EXPOSURE_S, hit_e=HIT_E)),
+            HITS_PER_FRAME,
+            figure="particle hits per frame",
         ),
     ]
 
@@ -183,14 +231,16 @@ def _surrounded(moment: Moment, phase: float) -> Moment:
 
 def _row(case: _Case, sheet: PerformanceSheet, calm: PerformanceSheet, seen: list[Observation]) -> tuple[Cell, ...]:
     moved = [
-        key
-        for key, name in MAIN.items()
-        if key not in (case.row, *case.beside) and not _meet(_figure(sheet, key, name), _figure(calm, key, name))
+        f"{key}, {name}" if key == "end-of-life" else key
+        for key, name in MAIN
+        if (not case.row or (key, name) != case.main)
+        and key not in case.beside
+        and not _meet(_figure(sheet, key, name), _figure(calm, key, name))
     ]
     beside = ", ".join(moved) or "none"
     if not case.row:
         return (case.title, "–", None, None, None, None, beside)
-    figure = _figure(sheet, case.row, MAIN[case.row])
+    figure = _figure(sheet, *case.main)
     if figure is None:
         return (case.title, case.row, case.injected, None, "not measured", "no", beside)
     injected = case.injected
@@ -201,7 +251,7 @@ def _row(case: _Case, sheet: PerformanceSheet, calm: PerformanceSheet, seen: lis
     size, unit = (ARCSEC_RAD, "″") if figure.unit.startswith("rad") else SIZES.get(figure.unit, (1.0, figure.unit))
     inside = None if injected is None else "yes" if figure.low <= injected <= figure.high else "no"
     if injected is None:
-        inside = "moved" if not _meet(figure, _figure(calm, case.row, MAIN[case.row])) else "not moved"
+        inside = "moved" if not _meet(figure, _figure(calm, *case.main)) else "not moved"
     return (
         case.title,
         f"{case.row}, {figure.name}",

@@ -9,7 +9,7 @@ import numpy as np
 
 from gss.catalogue_tools.envelope.field import FieldShape
 from gss.domain.camera import Brown, Camera
-from gss.domain.camera_profile import CameraProfile
+from gss.domain.camera_profile import CameraProfile, pupil_cm2
 from gss.domain.errors import BadInput
 from gss.domain.sensor import Sensor
 
@@ -170,7 +170,7 @@ class DesignCamera:
     @property
     def aperture_cm2(self) -> float:
         """Area of the entrance pupil."""
-        return float(np.pi / 4 * (self.pupil_mm / 10) ** 2)
+        return pupil_cm2(self.focal_mm, self.f_number)
 
     @property
     def zero_point_e_s(self) -> float:

@@ -11,7 +11,7 @@ from collections import deque
 
 import numpy as np
 
-from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.device.link_framing import DelimitedFramer
 from gss.device.protocol.codec import LITTLE, encode, fixed_bytes
 from gss.device.sagitta_driver import (
@@ -35,9 +35,12 @@ PING, BOOT, REBOOT, SET_TIME, TAKE_FRAME = 0, 1, 7, 14, 15
 SOLUTION, TEMPERATURE, CENTROIDS, MATCHES = 24, 27, 37, 40
 MOUNTING, CAMERA, SUBSCRIPTION = 6, 9, 18
 SIGMA_ARCSEC = (2.0, 2.0, 10.0)
+SIGMA_PX = 0.15
+"""Error of a star's position per axis. With 16 stars it is equivalent to ``SIGMA_ARCSEC``."""
 FASTEST_RAD_S = float(np.radians(1.0))
 SEND_S = 0.2
 ROWS = 16
+FAINTEST_MAG = 6.0
 FAILED = 2
 BOOTED = "booted"
 DIALECTS = (BOOTED,)
@@ -58,6 +61,7 @@ class SagittaUnit:
 
     def __init__(self, world: UnitWorld) -> None:
         self._world, self._framer = world, DelimitedFramer("slip")
+        self._catalogue = propagate(load_stars(FAINTEST_MAG), world.environment.epoch_jyear)
         self._packets = {row.code: row for row in world.instrument.dictionary.telemetry}
         self._set: dict[int, bytes] = {}
         self._running = BOOTED in world.dialects
@@ -151,12 +155,13 @@ class SagittaUnit:
 
     def _stars(self, now_s: float) -> list[dict[str, Value]]:
         """Return the brightest stars in the field, brightest first, in millimetres from the centre of the detector."""
-        camera, stars = self._world.instrument.profile.camera, load_stars(6.0)
+        camera, stars = self._world.instrument.profile.camera, self._catalogue
         pixels: Array = camera.project(stars.icrs @ self._world.environment.motion.at(now_s).cam_from_icrs.T)
         inside = np.flatnonzero(camera.contains(pixels))[:ROWS]
+        rng = np.random.default_rng(np.random.SeedSequence([self._world.seed, int(now_s * 1e3), 1]))
         centre = np.array([(camera.columns - 1) / 2, (camera.rows - 1) / 2])
         pitch_mm = self._world.instrument.profile.pitch_col_mm
-        places = (pixels[inside] - centre) * pitch_mm
+        places = (pixels[inside] + SIGMA_PX * rng.normal(size=(len(inside), 2)) - centre) * pitch_mm
         return [
             {
                 "x_mm": float(x),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from PIL import Image
 
 from gss.operations.report.draw import WIDTH, draw, height_of
-from gss.operations.report.parts import Drawing, Note, Picture, Report, Section, Table
+from gss.operations.report.parts import Drawing, Fact, Note, Picture, Report, Section, Table
 from gss.operations.report.pens import INK, SOFT, Point
 from gss.operations.report.table_layout import TableLayout, table_layout
 
@@ -27,6 +27,7 @@ BARE = str.maketrans({"σ": "sigma", "χ": "chi", "µ": "u", "″": '"', "′": 
 """Replacements of characters for an installation without built pages. There, only the glyphs of the standard PDF fonts
 are available."""
 MARGIN, LINE, LEADING = 42.0, 12.0, 1.3
+FACT_SIZE, FACT_GAP = 9.0, 14.0
 MAX_ROWS = 400
 """Maximum number of rows of a table. The report states the number of omitted rows; the CSV file contains all rows."""
 
@@ -94,16 +95,28 @@ class _Sheet:
         self.y += 4
         if section.text:
             self.words(section.text)
-        for fact in section.facts:
-            self.room(LINE)
-            self.y += LINE
-            self.put(MARGIN, self.y, f"{fact.label} {fact.note}".strip(), colour=SOFT)
-            self.put(self.pdf.w - MARGIN, self.y, f"{fact.value} {fact.unit}".strip(), anchor="end")
+        self.facts(section.facts)
         self.y += 4
         for drawing in section.drawings:
             self.drawing(drawing)
         for table in section.tables:
             self.table(table)
+
+    def facts(self, facts: Sequence[Fact]) -> None:
+        """Add values in a column beside their labels, each with its note. A note that does not fit moves to the next line."""
+        column = MARGIN + max((self._width(f.label, FACT_SIZE) for f in facts), default=0.0) + FACT_GAP
+        for fact in facts:
+            value = f"{fact.value} {fact.unit}".strip()
+            beside = column + self._width(value, FACT_SIZE) + FACT_GAP
+            fits = beside + self._width(fact.note, FACT_SIZE) <= self.pdf.w - MARGIN
+            self.room(LINE if fits else 2 * LINE)
+            self.y += LINE
+            self.put(MARGIN, self.y, fact.label, colour=SOFT)
+            self.put(column, self.y, value)
+            if fact.note and not fits:
+                self.y += LINE
+            if fact.note:
+                self.put(beside if fits else column, self.y, fact.note, colour=SOFT)
 
     def _drawn_height(self, drawing: Drawing) -> float:
         return 0.0 if isinstance(drawing, Picture) else height_of(drawing)

@@ -27,6 +27,7 @@ from gss.pipeline.analysis.steady import celestial_fixed, earth_fixed
 from gss.pipeline.analysis.telemetry import telemetry_statistics
 from gss.pipeline.analysis.two_cameras import two_cameras
 from gss.pipeline.calibration.plain_values import as_record
+from gss.pipeline.chains import reference
 
 KINDS = (
     "earth-fixed",
@@ -83,6 +84,11 @@ def check_kind(kind: str, commanded_rad_s: float | None, other_count: int) -> No
             expected="a second camera for two-cameras, and only for this analysis",
             got=counted(other_count, "frame"),
         )
+
+
+def chain_for(chain: str, profile: CameraProfile) -> str:
+    """Return the given chain. If it is empty, return the chain of the unit, or the reference chain if it has none."""
+    return chain or profile.chain or reference.NAME
 
 
 def run_frames(

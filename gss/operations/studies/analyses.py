@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
-from typing import Any
-
-import numpy as np
 
 from gss import __version__
-from gss.domain.angles import ARCSEC_RAD, Array
-from gss.domain.errors import BadInput, NotFound
+from gss.domain.camera_profile import CameraProfile
+from gss.domain.errors import NotFound
 from gss.domain.words import counted
-from gss.instruments.telemetry_roles import Status
 from gss.operations.clock import Now
 from gss.operations.contacts.contacts import ContactService
 from gss.operations.events import EventBus
+from gss.operations.frames.observer import epoch_at
 from gss.operations.frames.solve import Solver
 from gss.operations.jobs import JobKind, JobResult, JobRun, JobService, Progress, Work
 from gss.operations.report.html import as_html
 from gss.operations.report.parts import report_from
 from gss.operations.report.pdf import as_pdf
 from gss.operations.requests import as_stored
-from gss.operations.studies.analyse import AnalysisResult, AnalysisRun, analyse, analyse_telemetry, run_frames
+from gss.operations.studies.analyse import (
+    AnalysisResult,
+    AnalysisRun,
+    analyse,
+    analyse_telemetry,
+    chain_for,
+    run_frames,
+)
 from gss.operations.studies.analysis_requests import (
     AnalysisJob,
     AnalysisRequest,
@@ -38,6 +41,7 @@ from gss.operations.studies.analysis_requests import (
 from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.moving_objects import moving_objects, place_of_orbit
 from gss.operations.studies.night_frames import Shot, StoredShots
+from gss.operations.studies.reported import attitudes_of, star_lists_of, temperatures
 from gss.operations.studies.sensor_health import (
     Surroundings,
     bad_pixel_table,
@@ -45,16 +49,13 @@ from gss.operations.studies.sensor_health import (
     places_below,
     sensor_health,
 )
-from gss.operations.studies.sheet_frames import NEAR_S, sheet_of_frames, sheet_of_simulation
+from gss.operations.studies.sheet_frames import sheet_of_frames, sheet_of_simulation, sheet_of_telemetry
 from gss.orbit.trajectory import Trajectory
-from gss.pipeline.analysis.series import AttitudeSeries
 from gss.store import studies as store
-from gss.store import telemetry
 from gss.store.engine import Database
 from gss.store.models import Analysis, Job
 
 STEPS = 1000
-MAX_ATTITUDES = 500_000
 EXPORTS = {
     "json": "application/json",
     "html": "text/html; charset=utf-8",
@@ -62,18 +63,6 @@ EXPORTS = {
     "tdm": "text/plain; charset=utf-8",
     "csv": "text/csv; charset=utf-8",
 }
-COLUMNS = (
-    "frame_time_s",
-    "outcome",
-    "quaternion_x",
-    "quaternion_y",
-    "quaternion_z",
-    "quaternion_w",
-    "sigma_cross_arcsec",
-    "sigma_roll_arcsec",
-    "centroids",
-    "matched",
-)
 
 
 class AnalysisService:
@@ -116,6 +105,10 @@ class AnalysisService:
         if isinstance(analysis_request, TelemetryAnalysis):
             self._contacts.detail(analysis_request.contact)
             kind, subject = "telemetry", f"contact {analysis_request.contact}"
+        elif isinstance(analysis_request, SheetRequest) and analysis_request.contact is not None:
+            self._book.profile(analysis_request.profile)
+            self._contacts.detail(analysis_request.contact)
+            kind, subject = "sheet", f"contact {analysis_request.contact}"
         elif isinstance(analysis_request, MovingRequest | HealthRequest):
             self._book.profile(analysis_request.profile)
             shots = self._shots.of(analysis_request.frame_ids)
@@ -175,15 +168,35 @@ class AnalysisService:
             progress(round(0.92 * STEPS * completed), STEPS, text)
 
         if request.simulated:
-            return sheet_of_simulation(self._solver, profile, request.chain, request.seed, report)
+            chain = chain_for(request.chain, profile)
+            return sheet_of_simulation(self._solver, profile, chain, request.seed, report)
+        if request.contact is not None:
+            return self._sheet_of_contact(request.contact, profile, request.seed)
         run, second = self._runs(request, shots, other_shots, progress)
         progress(round(0.92 * STEPS), STEPS, "Calculating the rows")
         mounting = None if request.mounting is None else tuple(request.mounting)
         warmth = None
         if second is not None:
-            status = self._book.status_of(request.profile)
+            status = self._book.quantities_of(request.profile).status
             warmth = temperatures(self._database, status, run.shots[0].taken, run.shots[-1].taken)
-        return sheet_of_frames(run, second=second, mounting=mounting, temperature=warmth, seed=request.seed)
+        return sheet_of_frames(
+            self._solver, run, second=second, mounting=mounting, temperature=warmth, seed=request.seed
+        )
+
+    def _sheet_of_contact(self, contact_id: int, profile: CameraProfile, seed: int) -> AnalysisResult:
+        """Return the sheet of the attitudes and star lists that the sensor reported during a contact."""
+        detail, roles = self._contacts.detail(contact_id), self._book.quantities_of(profile.name)
+        start = detail.row.started
+        end = max(detail.end, start + timedelta(seconds=1))
+        return sheet_of_telemetry(
+            self._solver,
+            profile,
+            attitudes_of(self._database, roles.attitude, contact_id, start, end),
+            star_lists_of(self._database, roles.centroids, profile, contact_id, start, end),
+            f"attitudes and star lists of {profile.name}, contact {contact_id}, {start:%Y-%m-%d %H:%M}Z",
+            epoch_jyear=epoch_at(start),
+            seed=seed,
+        )
 
     def _moving(self, request: MovingRequest, shots: list[Shot], progress: Progress) -> AnalysisResult:
         def report(completed: float, text: str) -> None:
@@ -215,7 +228,7 @@ class AnalysisService:
         orbit = orbit_within(trajectories) if trajectories else imported_orbit
         profile = self._book.profile(request.profile)
         run = run_frames(self._solver, shots, profile, request.chain, lambda s, t: report(0.5 * s, t))
-        status = self._book.status_of(request.profile)
+        status = self._book.quantities_of(request.profile).status
         unit_temperatures = temperatures(self._database, status, run.shots[0].taken, run.shots[-1].taken)
         surroundings = Surroundings(unit_temperatures, places_below(orbit))
         return sensor_health(self._solver, run, surroundings, lambda s, t: report(0.5 + 0.5 * s, t))
@@ -230,19 +243,20 @@ class AnalysisService:
             progress(round(STEPS * completed), STEPS, text)
 
         profile = self._book.profile(request.profile)
-        run = run_frames(self._solver, shots, profile, request.chain, lambda s, t: report(share * s, t))
+        chain = chain_for(request.chain, profile)
+        run = run_frames(self._solver, shots, profile, chain, lambda s, t: report(share * s, t))
         if not other_shots:
             return run, None
         camera = self._book.profile(request.other_profile)
-        second = run_frames(
-            self._solver, other_shots, camera, request.chain, lambda s, t: report(share + (0.9 - share) * s, t)
-        )
+        chain = chain_for(request.chain, camera)
+        second = run_frames(self._solver, other_shots, camera, chain, lambda s, t: report(share + (0.9 - share) * s, t))
         return run, second
 
     def _of_contact(self, request: TelemetryAnalysis) -> AnalysisResult:
         detail = self._contacts.detail(request.contact)
         end = max(detail.end, detail.row.started + timedelta(seconds=1))
-        series = attitudes_of(self._database, request.contact, detail.row.started, end)
+        role = self._contacts.quantities.attitude
+        series = attitudes_of(self._database, role, request.contact, detail.row.started, end)
         return analyse_telemetry(
             series, f"attitudes of contact {request.contact}, {detail.row.started:%Y-%m-%d %H:%M}Z"
         )
@@ -276,47 +290,3 @@ class AnalysisService:
         head = {"id": row.id, "kind": row.kind, "title": row.title, "author": row.author, "tool": row.tool}
         content = head | {"created": row.created.isoformat(), "request": row.request} | row.result
         return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False).encode()
-
-
-def attitudes_of(database: Database, contact_id: int, start: datetime, end: datetime) -> AttitudeSeries:
-    """Return the attitudes of a contact in order of device time, one per frame. Raises BadInput if there are none or
-    too many."""
-    attitudes: dict[float, tuple[Any, ...]] = {}
-    for row in telemetry.rows(database, "attitude", COLUMNS, start, end, contact_id=contact_id):
-        if row.values[0] is not None:
-            attitudes[float(row.values[0])] = row.values
-        if len(attitudes) > MAX_ATTITUDES:
-            raise BadInput("too many attitudes", expected=f"up to {MAX_ATTITUDES}", hint="select a shorter contact")
-    if not attitudes:
-        raise BadInput(
-            "this contact has no attitudes", expected="attitude packets", hint="start the cycle, or request attitudes"
-        )
-    rows = [attitudes[t] for t in sorted(attitudes)]
-    n = len(rows)
-    quaternion, covariance = np.full((n, 4), np.nan), np.full((n, 3, 3), np.nan)
-    for k, values in enumerate(rows):
-        q = np.array([_number(v) for v in values[2:6]])
-        if str(values[1]) == "solved" and abs(np.linalg.norm(q) - 1) < 1e-3:
-            quaternion[k] = q / np.linalg.norm(q)
-        cross, roll = (_number(v) * ARCSEC_RAD for v in values[6:8])
-        covariance[k] = np.diag([cross**2, cross**2, roll**2]) if cross > 0 else np.nan
-    counts = np.array([[int(v or 0) for v in values[8:10]] for values in rows], np.intp)
-    return AttitudeSeries(
-        np.array(sorted(attitudes)), quaternion, covariance, counts[:, 0], counts[:, 1], np.full(n, np.nan)
-    )
-
-
-def temperatures(database: Database, status: Status, start: datetime, end: datetime) -> tuple[Array, Array] | None:
-    """Return Unix seconds and °C of the unit's temperatures during a time span and shortly before and after it; None if
-    the unit does not report its temperature."""
-    if not (status.packet and status.sensor_temperature):
-        return None
-    margin = timedelta(seconds=NEAR_S)
-    rows = telemetry.rows(database, status.packet, (status.sensor_temperature,), start - margin, end + margin)
-    by_time = {r.received.timestamp(): float(r.values[0]) for r in rows if r.values[0] is not None}
-    return np.array(sorted(by_time)), np.array([by_time[t] for t in sorted(by_time)])
-
-
-def _number(value: Any) -> float:
-    """Return a value as a number; NaN if the packet does not contain it."""
-    return math.nan if value is None else float(value)

@@ -75,15 +75,17 @@ class TelemetryAnalysis(Request):
 
 
 class SheetRequest(Request):
-    """Performance sheet of stored frames or of a simulated unit. ``other_*``: frames of a second head on the same body,
-    taken at the same times; ``mounting``: quaternion camera from second head, scalar last, as measured on the
-    ground."""
+    """Performance sheet of stored frames, of a simulated unit, or of the attitudes and star lists that the sensor
+    reported during a contact. ``chain``: empty for the chain of the unit, or the reference chain if it has none.
+    ``other_*``: frames of a second head on the same body, taken at the same times; ``mounting``: quaternion camera from
+    second head, scalar last, as measured on the ground."""
 
     kind: Literal["sheet"]
     profile: str = Field(max_length=40)
     simulated: bool = False
+    contact: Id | None = None
     frame_ids: ManyIds = Field(default=[])
-    chain: str = Field(default="reference", max_length=30)
+    chain: str = Field(default="", max_length=30)
     other_profile: str = Field(default="", max_length=40)
     other_ids: ManyIds = Field(default=[])
     mounting: Annotated[list[Annotated[float, Field(ge=-1, le=1)]], Field(min_length=4, max_length=4)] | None = None
@@ -92,15 +94,18 @@ class SheetRequest(Request):
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        check_chain(self.chain)
+        if self.chain:
+            check_chain(self.chain)
         check_different(self.frame_ids)
         check_different(self.other_ids)
-        if self.simulated == bool(self.frame_ids):
-            got = "both" if self.simulated else "neither"
+        inputs = sum((self.simulated, bool(self.frame_ids), self.contact is not None))
+        if inputs != 1:
             raise BadInput(
-                "a performance sheet needs frames or a simulated unit", expected="one of these inputs", got=got
+                "a performance sheet needs frames, a simulated unit or a contact",
+                expected="one of these inputs",
+                got="none" if inputs == 0 else str(inputs),
             )
-        if self.other_ids and (self.simulated or not self.other_profile):
+        if self.other_ids and (not self.frame_ids or not self.other_profile):
             raise BadInput(
                 "the input of a second head is incomplete",
                 expected="the profile and frames of the second head, and frames of the unit",

@@ -9,7 +9,7 @@ from gss.device.table_use import calibrated
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import NotFound
 from gss.instruments.registry import Registry
-from gss.instruments.telemetry_roles import Status
+from gss.instruments.telemetry_roles import Quantities
 from gss.operations.clock import Now
 from gss.operations.frames.dark_frames import DARK
 from gss.store import choices, studies
@@ -41,10 +41,9 @@ class CameraBook:
             active = self._used.get(name)
         return self._instruments.camera(name) if active is None else active[1]
 
-    def status_of(self, name: str) -> Status:
-        """Return the quantities that contain the state in the telemetry of an instrument. Raises NotFound for an
-        unknown name."""
-        return self._instruments.get(name).roles.quantities.status
+    def quantities_of(self, name: str) -> Quantities:
+        """Return the standard quantities in the telemetry of an instrument. Raises NotFound for an unknown name."""
+        return self._instruments.get(name).roles.quantities
 
     def profiles(self) -> dict[str, CameraProfile]:
         """Return all active cameras by name, for workers in other processes."""

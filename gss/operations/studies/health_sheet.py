@@ -281,7 +281,11 @@ def _proposal(proposal: Proposal, profile: CameraProfile) -> Section:
     if not proposal.changes:
         return Section("Proposed calibration", f"No value of {profile.name} has changed significantly; {bad_pixels}.")
     rows = [[c.name, number(c.old, 7), number(c.new.value, 7), interval(c.new, 7), c.unit] for c in proposal.changes]
-    text = f"Values at the time of the last frame, at the mean temperature, and {bad_pixels}. All other values are unchanged."
+    text = (
+        f"Values at the time of the last frame, at the mean temperature, and {bad_pixels}. All other values are unchanged. "
+        "Store the calibration to create a table of these values for the sensor. The table of a sensor contains no bad "
+        "pixels; ground reruns replace them."
+    )
     return Section(
         "Proposed calibration", text, [], [], [Table("Changes", ["value", "now", "proposed", "95 %", "unit"], rows)]
     )

@@ -16,7 +16,7 @@ from gss.operations.frames.solve import Solver
 from gss.operations.studies.analyse import DEEPER_MAG, AnalysisResult, AnalysisRun, subject_of
 from gss.operations.studies.health_sheet import health_report
 from gss.operations.studies.night_frames import ProgressCallback, apparent_stars
-from gss.operations.studies.sheet_frames import temperature_near
+from gss.operations.studies.reported import temperature_near
 from gss.orbit.read_orbit import orbit_covering
 from gss.orbit.trajectory import Trajectory, earth_fixed_km
 from gss.pipeline.calibration.plain_values import as_record

@@ -6,20 +6,27 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.domain.camera_profile import CameraProfile
+from gss.operations.clock import processor_s
+from gss.operations.frames.measured_lists import StarLists, StarListSolver
 from gss.operations.frames.solve import Solver
 from gss.operations.studies.analyse import AnalysisResult, AnalysisRun, subject_of
 from gss.operations.studies.night_frames import ProgressCallback
+from gss.operations.studies.reported import temperature_at
+from gss.operations.studies.sensor_health import Surroundings, health_frames
 from gss.operations.studies.sheet_record import SheetSource, as_sheet_record, sheet_report
 from gss.operations.studies.sheet_simulation import simulated_input
+from gss.pipeline.analysis.series import AttitudeSeries
+from gss.pipeline.sheet.ageing import ageing_of
 from gss.pipeline.sheet.collect import pointing_blocks, star_sightings
 from gss.pipeline.sheet.heads import ReferenceInput
 from gss.pipeline.sheet.sheet import SheetInput, performance_sheet
 
-NEAR_S = 600.0
-"""Maximum distance in seconds between a frame and the nearest packet for the interpolation of temperature."""
+ON_BOARD = "of the unit, on board"
+"""Chain of attitudes that the unit reported."""
 
 
 def sheet_of_frames(
+    solver: Solver,
     run: AnalysisRun,
     *,
     second: AnalysisRun | None = None,
@@ -45,7 +52,13 @@ def sheet_of_frames(
             None if temperature is None else temperature_at(series.times_s, *temperature),
             velocity,
         )
-    sheet_input = SheetInput(profile.camera, series, star_sightings(run.results, profile.camera), reference)
+    sheet_input = SheetInput(
+        profile.camera,
+        series,
+        star_sightings(run.results, profile.camera),
+        reference,
+        ageing=ageing_of(health_frames(solver, run, Surroundings()), profile.sensor, np.random.default_rng([seed, 65])),
+    )
     chain = next((r.chain for r in run.results if r is not None), "")
     return _sheet(
         sheet_input, profile, SheetSource(profile.name, profile.title, chain, "frames", subject_of(run), seed)
@@ -61,22 +74,28 @@ def sheet_of_simulation(
     return _sheet(sheet_input, profile, SheetSource(profile.name, profile.title, chain, "simulated", subject, seed))
 
 
+def sheet_of_telemetry(
+    solver: Solver,
+    profile: CameraProfile,
+    series: AttitudeSeries,
+    lists: StarLists | None,
+    subject: str,
+    *,
+    epoch_jyear: float,
+    seed: int,
+) -> AnalysisResult:
+    """Return the performance sheet of attitudes that a sensor reported. The spatial errors are those of its star
+    lists, which the ground solves; None if the sensor reported no star lists."""
+    sightings = None
+    if lists is not None:
+        star_solver = StarListSolver(
+            profile.camera, profile.sensor.faint_limit_mag, epoch_jyear, solver.cache, processor_s
+        )
+        sightings = star_sightings([result for result, _ in star_solver.solve(lists)], profile.camera)
+    sheet_input = SheetInput(profile.camera, series, sightings)
+    return _sheet(sheet_input, profile, SheetSource(profile.name, profile.title, ON_BOARD, "telemetry", subject, seed))
+
+
 def _sheet(sheet_input: SheetInput, profile: CameraProfile, source: SheetSource) -> AnalysisResult:
     sheet = performance_sheet(sheet_input, np.random.default_rng([source.seed, 64]))
     return AnalysisResult("sheet", sheet_report(sheet, source, profile.camera), as_sheet_record(sheet, source))
-
-
-def temperature_at(times_s: Array, at_s: Array, celsius: Array) -> Array | None:
-    """Return the (n,) temperatures at (n,) times; None if a time has no packet within NEAR_S."""
-    temperatures_c = temperature_near(times_s, at_s, celsius)
-    return temperatures_c if np.isfinite(temperatures_c).all() else None
-
-
-def temperature_near(times_s: Array, at_s: Array, celsius: Array) -> Array:
-    """Return the (n,) temperatures at (n,) times; NaN for times without a packet within NEAR_S."""
-    if not len(at_s):
-        return np.full(len(times_s), np.nan)
-    index = np.clip(np.searchsorted(at_s, times_s), 1, max(1, len(at_s) - 1))
-    last = np.minimum(index, len(at_s) - 1)
-    gap = np.minimum(np.abs(at_s[last] - times_s), np.abs(at_s[index - 1] - times_s))
-    return np.where(gap <= NEAR_S, np.interp(times_s, at_s, celsius), np.nan)

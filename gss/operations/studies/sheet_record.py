@@ -31,26 +31,28 @@ USER_UNITS: dict[str, tuple[str, float]] = {
     "share": ("%", 0.01),
     "px": ("px", 1.0),
     "frames": ("frames", 1.0),
+    "e/s": ("e/s", 1.0),
     "1": ("", 1.0),
 }
 """User unit of each internal unit, and its size in internal units."""
+SOURCES = {"frames": "frames of the unit", "simulated": "simulated unit", "telemetry": "telemetry of the unit"}
 SIGNS = {"arcsec": "″", "arcsec/K": "″/K", "arcsec/day": "″/day", "deg/s": "°/s", "deg/s²": "°/s²"}
 
 
 @dataclass(frozen=True)
 class SheetSource:
-    """Subject of a sheet. ``source``: frames or simulated; ``seed``: seed of the intervals and of simulated frames."""
+    """Subject of a sheet. ``source``: frames, simulated or telemetry; ``seed``: seed of the intervals and of simulated frames."""
 
     unit: str
     title: str
     chain: str
-    source: Literal["frames", "simulated"]
+    source: Literal["frames", "simulated", "telemetry"]
     subject: str
     seed: int
 
 
 class BoundedValue(TypedDict):
-    """One figure with its interval. ``unit``: arcsec, arcsec/K, arcsec/day, deg/s, deg/s², s, %, px, frames, or "" for
+    """One figure with its interval. ``unit``: arcsec, arcsec/K, arcsec/day, deg/s, deg/s², s, %, px, frames, e/s, or "" for
     a number. ``low``, ``high``: None without a bound."""
 
     name: str
@@ -83,7 +85,7 @@ class SheetValues(TypedDict):
     unit: str
     title: str
     chain: str
-    source: Literal["frames", "simulated"]
+    source: Literal["frames", "simulated", "telemetry"]
     subject: str
     seed: int
     confidence: float
@@ -131,7 +133,7 @@ def sheet_report(sheet: PerformanceSheet, source: SheetSource, camera: Camera) -
     table = [line for row in rows for line in _lines(row)]
     facts = [
         Fact("unit", source.title),
-        Fact("source", "simulated" if source.source == "simulated" else "frames of the unit"),
+        Fact("source", SOURCES[source.source]),
         Fact("processing", f"chain {source.chain}"),
         Fact("detector", f"{camera.columns} x {camera.rows} px, {number(camera.pixel_rad / ARCSEC_RAD, 3)}″ per pixel"),
         Fact("intervals", f"{100 * CONFIDENCE:.0f} %", "", f"bootstrap or Wilson, seed {source.seed}"),

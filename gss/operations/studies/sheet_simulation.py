@@ -20,6 +20,7 @@ from gss.pipeline.chip import make_chip
 from gss.pipeline.readout import HotPixel
 from gss.pipeline.render import FalseStar
 from gss.pipeline.score import Score, assess
+from gss.pipeline.sheet.ageing import ageing_of
 from gss.pipeline.sheet.collect import trials_of
 from gss.pipeline.sheet.sheet import SheetInput
 from gss.pipeline.sheet.trials import Trials
@@ -29,6 +30,7 @@ from gss.pipeline.sheet.unit import (
     Moment,
     Observation,
     RenderedUnit,
+    kept_frames,
     scan,
     sheet_input,
     slew,
@@ -38,6 +40,9 @@ from gss.pipeline.veil import Veil, halo, sun_stray
 
 SCAN_FRAMES, STARE_FRAMES, SLEW_FRAMES, EACH_FRAMES = 60, 60, 24, 8
 MAX_SCAN_FRAMES, WANTED_STARS = 180, 700
+SCAN_STEP_S, PAUSE_S = 100.0, 1000.0
+PIXEL_FRAMES = 24
+"""Number of frames whose pixels are kept for the ageing."""
 STARE_PX = 0.03
 SLEW_PX = 2.0
 """Smear in pixels at the maximum rate of the slew."""
@@ -105,16 +110,25 @@ def simulated_input(
     solved = [o.moment for o in observations if o.result.attitude is not None] or [o.moment for o in observations]
     start = solved[0].cam_from_icrs
     top = SLEW_PX * profile.camera.pixel_rad / profile.sensor.exposure_s
+    begin_s = observations[-1].moment.time_s + PAUSE_S
     runs = (
-        ("steady", staring(start, STARE_FRAMES, profile.camera, STARE_PX, 1e4)),
-        ("slew", slew(start, SLEW_FRAMES, top, 2e4)),
+        ("steady", staring(start, STARE_FRAMES, profile.camera, STARE_PX, begin_s)),
+        ("slew", slew(start, SLEW_FRAMES, top, begin_s + STARE_FRAMES + PAUSE_S)),
     )
     for title, run in runs:
         for k, moment in enumerate(run):
             step(f"{title}, frame {k + 1} of {len(run)}")
             observations.append(_observed(bench, unit, in_orbit(moment), rng))
     return replace(
-        sheet_input(observations, profile.camera),
+        sheet_input(
+            observations,
+            profile.camera,
+            ageing_of(
+                kept_frames(observations, unit.stars, profile.sensor.exposure_s),
+                profile.sensor,
+                np.random.default_rng([seed, 66]),
+            ),
+        ),
         acquisition=trials_of("pointings uniform over the sky, at rest, simulated", scores),
         aged=tuple(_aged(bench, seed, step)),
         disturbed=tuple(_disturbed(bench, unit, conditions, seed, step)),
@@ -126,9 +140,9 @@ def _sky(bench: _Bench, unit: RenderedUnit, rng: np.random.Generator, step: Call
     observations: list[Observation] = []
     stars = 0
     while len(observations) < SCAN_FRAMES or (stars < WANTED_STARS and len(observations) < MAX_SCAN_FRAMES):
-        moment = in_orbit(scan(1, rng, 100.0 * len(observations))[0])
+        moment = in_orbit(scan(1, rng, SCAN_STEP_S * len(observations))[0])
         step(f"Sky, frame {len(observations) + 1}")
-        observations.append(_observed(bench, unit, moment, rng))
+        observations.append(_observed(bench, unit, moment, rng, keep=len(observations) < PIXEL_FRAMES))
         matches = observations[-1].result.matches
         stars += 0 if matches is None else int(np.count_nonzero(matches.weight > 0))
     return observations
@@ -141,9 +155,13 @@ def in_orbit(moment: Moment) -> Moment:
     return replace(moment, velocity_c=velocity, temperature_c=CALIBRATED_C + SWING_K * math.sin(phase))
 
 
-def _observed(bench: _Bench, unit: RenderedUnit, moment: Moment, rng: np.random.Generator) -> Observation:
+def _observed(
+    bench: _Bench, unit: RenderedUnit, moment: Moment, rng: np.random.Generator, *, keep: bool = False
+) -> Observation:
+    """Render and solve a frame. ``keep``: True to keep its pixels."""
     rendered = unit.frame(moment, rng)
-    return Observation(moment, bench.solver.solve(rendered.pixels, bench.request(moment)), rendered.truth)
+    result = bench.solver.solve(rendered.pixels, bench.request(moment))
+    return Observation(moment, result, rendered.truth, rendered.pixels if keep else None)
 
 
 def _scores(

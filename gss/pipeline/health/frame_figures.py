@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
@@ -38,6 +39,7 @@ BESIDE_PX = 20.0
 APERTURE_SIGMAS = 5.0
 MIN_APERTURE_SNR = 12.0
 NEIGHBOUR_SHARE = 0.02
+PARTICLE_SIGMAS = 8.0
 Map = NDArray[np.float32]
 COUNTS = ("matched stars", "sources without a star")
 """Figures that depend on the observed part of the sky. Their jumps are therefore not significant."""
@@ -203,11 +205,30 @@ def _focus(pixels: NDArray[Any], sensor: Sensor) -> dict[str, tuple[float, float
     return {"PSF width": _middle(widths, 0.05)} if len(widths) >= FOCUS_STARS else {}
 
 
+def count_hits(excess_dn: Map, usual_dn: Map, noise_dn: float, e_per_dn: float) -> int:
+    """Count connected groups of pixels above their usual value. NaN pixels are ignored."""
+    limit = usual_dn + PARTICLE_SIGMAS * np.sqrt(noise_dn**2 + np.maximum(usual_dn, 0) / e_per_dn)
+    return int(ndimage.label(excess_dn > limit, structure=np.ones((3, 3)))[1])
+
+
 def _light(
     result: SolveResult, frame: HealthFrame, excess_dn: Map, noise_dn: float, sensor: Sensor
 ) -> dict[str, tuple[float, float]]:
-    """Return measured minus catalogue magnitude by colour; positive if light is lost. A wide aperture is used, so a
-    change of focus does not appear as a change of sensitivity."""
+    """Return the light lost by colour."""
+    off, b_v = lost_light_mag(result, frame, excess_dn, noise_dn, sensor)
+    figures = {}
+    for name, low, high in COLOURS:
+        in_range = off[(b_v >= low) & (b_v < high)]
+        if len(in_range) >= COLOUR_STARS:
+            figures[f"light of {name} stars"] = _middle(in_range, FLUX_ERROR_MAG)
+    return figures
+
+
+def lost_light_mag(
+    result: SolveResult, frame: HealthFrame, excess_dn: Map, noise_dn: float, sensor: Sensor
+) -> tuple[Array, Array]:
+    """Return measured minus catalogue magnitude of the (m,) bright stars of a frame, positive if light is lost, and their
+    B−V. A wide aperture is used, so a change of focus does not appear as a change of sensitivity."""
     positions, v_mag, b_v = _on_detector(frame, result, 0.0)
     reach = int(np.ceil(APERTURE_SIGMAS * sensor.psf_sigma_px))
     flux = np.full(len(positions), np.nan)
@@ -226,13 +247,7 @@ def _light(
         if cut.max() < CLIPPED_SHARE * sensor.saturation_dn - sensor.bias_dn:
             flux[k] = cut.sum()
     good = flux > 0
-    off = sensor.magnitude(flux[good] * sensor.gain_e_per_dn, frame.exposure_s) - v_mag[good]
-    figures = {}
-    for name, low, high in COLOURS:
-        in_range = off[(b_v[good] >= low) & (b_v[good] < high)]
-        if len(in_range) >= COLOUR_STARS:
-            figures[f"light of {name} stars"] = _middle(in_range, FLUX_ERROR_MAG)
-    return figures
+    return sensor.magnitude(flux[good] * sensor.gain_e_per_dn, frame.exposure_s) - v_mag[good], b_v[good]
 
 
 def _middle(values: Array, min_sigma: float) -> tuple[float, float]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
@@ -15,15 +14,21 @@ from gss.domain.errors import BadInput
 from gss.domain.sensor import Sensor
 from gss.pipeline.health.dark_course import DarkCourse, dark_course
 from gss.pipeline.health.filtered import FilteredCourse, filtered_course
-from gss.pipeline.health.frame_figures import COUNTS, FIGURES, HealthFrame, frame_figures, over_sky
+from gss.pipeline.health.frame_figures import (
+    COUNTS,
+    FIGURES,
+    HealthFrame,
+    count_hits,
+    frame_figures,
+    over_sky,
+)
 from gss.pipeline.health.pixel_course import PixelCourse, PixelSeries, pixel_course
-from gss.pipeline.health.pixel_search import BlockMaps, Map, block_edges, candidates
+from gss.pipeline.health.pixel_search import BlockMaps, block_edges, candidates
 from gss.pipeline.health.trend import MAX_JUMPS, MIN_SAMPLES, ToleranceExit, Trend, fit_trend, tolerance_exit
 
 MIN_FRAMES = 30
 WARM_SIGMAS = 3.0
 """A pixel is warm if its dark current exceeds the noise of one frame by this factor."""
-PARTICLE_SIGMAS = 8.0
 FULL_FRAMES = 3
 LENS_TOLERANCE_PX = 0.2
 """Displacement at the corner of the detector."""
@@ -150,7 +155,7 @@ def _second_reading(
         dark = sky.dark_dn.ravel()
         values[k], full[k] = dark[followed], pixels.ravel()[followed] >= sensor.saturation_dn
         dark[followed] = np.nan
-        particles[k] = _hits(dark.reshape(pixels.shape), maps[block[k]], sky.noise_dn, sensor.gain_e_per_dn)
+        particles[k] = count_hits(dark.reshape(pixels.shape), maps[block[k]], sky.noise_dn, sensor.gain_e_per_dn)
     values[full & ~_always_full(full)] = np.nan
     return values, particles
 
@@ -162,12 +167,6 @@ def _always_full(full: NDArray[np.bool_]) -> NDArray[np.bool_]:
     since = np.maximum.accumulate(full, axis=0).sum(axis=0)
     times = full.sum(axis=0)
     return np.asarray((times >= FULL_FRAMES) & (2 * times > since))
-
-
-def _hits(excess_dn: Map, usual_dn: Map, noise_dn: float, e_per_dn: float) -> int:
-    """Count connected groups of pixels above their usual value. NaN pixels are ignored."""
-    limit = usual_dn + PARTICLE_SIGMAS * np.sqrt(noise_dn**2 + np.maximum(usual_dn, 0) / e_per_dn)
-    return int(ndimage.label(excess_dn > limit, structure=np.ones((3, 3)))[1])
 
 
 def _figure(

@@ -19,7 +19,7 @@ REPLICATES = 300
 
 @dataclass(frozen=True)
 class SheetFigure:
-    """Number with its 95 % interval. ``unit``: rad, rad/K, rad/d, rad/s, s, px, share, rad/s², mag or 1. The report
+    """Number with its 95 % interval. ``unit``: rad, rad/K, rad/d, rad/s, s, px, share, rad/s², e/s, mag or 1. The report
     converts these units for users."""
 
     name: str

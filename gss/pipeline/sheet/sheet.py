@@ -10,12 +10,20 @@ from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.pipeline.analysis.series import AttitudeSeries
+from gss.pipeline.sheet.ageing import Ageing
 from gss.pipeline.sheet.heads import Fitted, ReferenceErrors, ReferenceInput, reference_errors
 from gss.pipeline.sheet.noise import TemporalNoise, temporal_noise
 from gss.pipeline.sheet.pattern import PatternError, pattern_error
 from gss.pipeline.sheet.rows import SheetFigure, SheetRow, axis_rows, counted_conditions, missing
 from gss.pipeline.sheet.spatial import SpatialErrors, StarError, StarSightings, spatial_errors
-from gss.pipeline.sheet.trials import END_OF_LIFE, ROBUSTNESS, Trials, acquisition_row, condition_row, tracking_row
+from gss.pipeline.sheet.trials import (
+    ROBUSTNESS,
+    Trials,
+    acquisition_row,
+    condition_row,
+    end_of_life_row,
+    tracking_row,
+)
 
 BIAS = ("bias", "Bias", "mean rotation from the reference, relative to the mounting from ground alignment")
 THERMAL = ("thermo-elastic", "Thermo-elastic error", "rotation from the reference, regressed on temperature")
@@ -41,14 +49,15 @@ DATE = ("date", "Measurement date error", "rotation from the reference, regresse
 @dataclass(frozen=True)
 class SheetInput:
     """Data of one unit. ``series``: attitudes in order of time; ``residuals``: stars of the same frames, None if there
-    are none. ``reference``: input of the rows that need a second head. ``acquisition``, ``aged``, ``disturbed``: trials
-    with a known truth."""
+    are none. ``reference``: input of the rows that need a second head. ``ageing``: ageing measured in the frames.
+    ``acquisition``, ``aged``, ``disturbed``: trials with a known truth."""
 
     camera: Camera
     series: AttitudeSeries
     residuals: StarSightings | None = None
     reference: ReferenceInput | None = None
     acquisition: Trials | None = None
+    ageing: Ageing | None = None
     aged: tuple[Trials, ...] = ()
     disturbed: tuple[Trials, ...] = ()
 
@@ -86,9 +95,7 @@ def performance_sheet(sheet_input: SheetInput, rng: np.random.Generator) -> Perf
         _date_row(reference, apart),
         acquisition_row(sheet_input.acquisition, sheet_input.series),
         tracking_row(sheet_input.series, sheet_input.camera),
-        condition_row(
-            END_OF_LIFE, sheet_input.aged, "a simulation of the aged unit, or the trend of several months of frames"
-        ),
+        end_of_life_row(sheet_input.ageing, sheet_input.aged),
         condition_row(ROBUSTNESS, sheet_input.disturbed, "frames with the disturbance; a simulated unit has them"),
     )
     return PerformanceSheet(rows, spatial, noise, reference, tuple(p for p in (problem, apart) if p))

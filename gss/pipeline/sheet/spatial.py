@@ -143,7 +143,7 @@ def spatial_errors(sightings: StarSightings, camera: Camera, rng: np.random.Gene
     best, drawn, often = _drawn(frame_sums, sightings.block[[int(sightings.frame[at[0]]) for at in frames]], rng)
     residual_rest = _rest(sightings, frames, camera, best[:slow], degree)
     residual_rest[~keep] = np.nan
-    value, low, high = _debiased(frame_sums, slow, best, drawn, often)
+    value, low, high = _debiased(frame_sums, _rotations(camera, degree), best, drawn, often)
     columns, rows, field = _map(camera, best[:slow], degree)
     within = np.linspace(-0.5, 0.5, PHASE_POINTS)
     return SpatialErrors(
@@ -185,16 +185,19 @@ def _drawn(
 
 
 def _debiased(
-    frame_sums: list[_FrameSums], slow: int, best: Array, drawn: Array, often: Array
+    frame_sums: list[_FrameSums], rotations: Array, best: Array, drawn: Array, often: Array
 ) -> tuple[Array, Array, Array]:
-    """Return root mean squares over the frames with intervals. The noise of the coefficients increases a mean square.
-    This noise is estimated from the spread of the bootstrap samples and subtracted. For the samples it is subtracted
-    twice, because they contain it twice."""
+    """Return root mean squares over the frames with intervals. The star error is without the rotation common to all
+    stars, which the residuals do not determine; ``rotations``: slow coefficients of each rotation. The noise of the
+    coefficients increases a mean square. This noise is estimated from the spread of the bootstrap samples and
+    subtracted. For the samples it is subtracted twice, because they contain it twice."""
     turns, moment = (
         np.array([f.turn for f in frame_sums]),
         sum(f.moment for f in frame_sums) / sum(f.count for f in frame_sums),
     )
-    ones = np.ones(len(frame_sums))
+    ones, slow = np.ones(len(frame_sums)), len(rotations)
+    with_rotation = moment @ rotations
+    moment = moment - with_rotation @ np.linalg.solve(rotations.T @ with_rotation, with_rotation.T)
 
     def squares(c: Array, weight: Array) -> Array:
         parts = []
@@ -209,6 +212,16 @@ def _debiased(
     low, high = interval(np.array([squares(c, w) for c, w in zip(drawn, often, strict=True)]) - 2 * noise)
     value, bottom, top = (np.sqrt(np.maximum(v, 0)) for v in (squares(best, ones) - noise, low, high))
     return value, np.minimum(bottom, value), np.maximum(top, value)
+
+
+def _rotations(camera: Camera, degree: int) -> Array:
+    """Return the (slow, 3) slow coefficients of the image motion per radian of rotation about each camera axis."""
+    cells = (np.arange(2 * degree + 2) + 0.5) / (2 * degree + 2)
+    across, down = np.meshgrid(cells * camera.columns - 0.5, cells * camera.rows - 0.5)
+    pixels = np.column_stack([across.ravel(), down.ravel()])
+    slow = 2 * _terms(degree)
+    design = _design(pixels, camera, degree)[:, :, :slow].reshape(-1, slow)
+    return np.asarray(np.linalg.lstsq(design, rotation_effect(camera, pixels).reshape(-1, 3), rcond=None)[0])
 
 
 def _inliers(residual_px: Array, used: NDArray[np.bool_], sigmas: float) -> NDArray[np.bool_]:

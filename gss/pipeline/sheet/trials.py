@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.rotation import turn_between
 from gss.pipeline.analysis.series import AttitudeSeries
+from gss.pipeline.sheet.ageing import MIN_FRAMES, Ageing
 from gss.pipeline.sheet.noise import steady_runs
 from gss.pipeline.sheet.rows import SheetFigure, SheetRow, counted_conditions, missing, share_figure
 
@@ -23,7 +25,8 @@ TRACKING = (
 END_OF_LIFE = (
     "end-of-life",
     "End of life",
-    "frames rendered with an aged detector and lens, solved and compared with the truth",
+    "level, star brightness and particle hits of the frames against the calibration; frames rendered with an aged "
+    "detector and lens, compared with the truth",
 )
 ROBUSTNESS = ("robustness", "Robustness", "frames rendered with each disturbance, solved and compared with the truth")
 
@@ -81,7 +84,8 @@ def tracking_row(series: AttitudeSeries, camera: Camera) -> SheetRow:
         return missing(*TRACKING, "at least three frames taken one after the other at equal intervals")
     solved, steps = series.solved, np.diff(series.times_s)
     # A frame that follows after a much longer time than usual is a new acquisition.
-    next_soon = solved[:-1] & (steps < 1.5 * float(np.quantile(steps, 0.1)))
+    soon = steps < 1.5 * float(np.quantile(steps, 0.1))
+    next_soon = solved[:-1] & soon
     followed = int(np.count_nonzero(next_soon))
     lost = int(np.count_nonzero(next_soon & ~solved[1:]))
     rates, accelerations = [], []
@@ -99,8 +103,8 @@ def tracking_row(series: AttitudeSeries, camera: Camera) -> SheetRow:
         figures += [
             SheetFigure("largest acceleration tracked", top_acceleration, top_acceleration, float("inf"), "rad/s²")
         ]
-    outage = _longest_outage_s(series)
-    figures += [SheetFigure("longest loss", outage, outage, outage, "s")]
+    outage = _longest_outage_s(series, soon)
+    figures += [SheetFigure("longest loss", outage, outage, float("inf"), "s")]
     text = "rates and accelerations are observed values, not limits"
     return SheetRow(*TRACKING, text, len(series), tuple(figures))
 
@@ -116,16 +120,26 @@ def _motion(run: AttitudeSeries) -> tuple[Array, Array]:
     return np.linalg.norm(rate, axis=1), np.where(size > 5 * noise, size, 0.0) / step[1:, 0]
 
 
-def _longest_outage_s(series: AttitudeSeries) -> float:
-    times_s = series.times_s[series.solved]
-    steps = np.diff(series.times_s)
-    usual = float(np.median(steps)) if len(steps) else 0.0
+def _longest_outage_s(series: AttitudeSeries, soon: NDArray[np.bool_]) -> float:
+    """Return the longest time without an attitude between two attitudes. ``soon`` (n − 1,): False where a frame follows so
+    late that it is a new acquisition."""
     longest = 0.0
-    for a, b in pairwise(times_s):
-        inside = int(np.count_nonzero((series.times_s > a) & (series.times_s < b)))
-        if inside:
-            longest = max(longest, float(b - a) - usual)
+    for a, b in pairwise(np.flatnonzero(series.solved)):
+        if b > a + 1 and soon[a:b].all():
+            longest = max(longest, float(series.times_s[b] - series.times_s[a + 1]))
     return longest
+
+
+def end_of_life_row(ageing: Ageing | None, aged: tuple[Trials, ...]) -> SheetRow:
+    """Return the row with the ageing of the frames, and the results of a simulated aged unit."""
+    simulated = condition_row(END_OF_LIFE, aged, f"at least {MIN_FRAMES} frames with their pixels, or a simulated unit")
+    if ageing is None:
+        return simulated
+    measured = tuple(f for f in (ageing.dark_e_s, ageing.loss, ageing.hits) if f is not None)
+    conditions = counted_conditions(
+        ["dark current if the sky is as in the calibration; light lost on average over the field", simulated.conditions]
+    )
+    return SheetRow(*END_OF_LIFE, conditions, ageing.frames + simulated.frames, (*measured, *simulated.figures))
 
 
 def condition_row(head: tuple[str, str, str], tried: tuple[Trials, ...], needs: str) -> SheetRow:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,13 @@ from gss.domain.rotation import (
 )
 from gss.domain.sensor import Sensor
 from gss.domain.stars import StarTable
+from gss.pipeline.ageing import Radiation, particle_hits
 from gss.pipeline.analysis.series import AttitudeSeries, series_of
 from gss.pipeline.chip import Chip
+from gss.pipeline.health.frame_figures import HealthFrame
 from gss.pipeline.readout import HotPixel
 from gss.pipeline.render import FalseStar, Lights, Rendered, render
+from gss.pipeline.sheet.ageing import Ageing
 from gss.pipeline.sheet.collect import pointing_blocks, star_sightings
 from gss.pipeline.sheet.heads import ReferenceInput
 from gss.pipeline.sheet.sheet import SheetInput
@@ -62,7 +66,8 @@ class Disturbance:
 @dataclass(frozen=True)
 class RenderedUnit:
     """True properties of a unit. ``camera``: real lens; ``chip``: detector. ``bias_rad`` (3,) and ``thermal_rad_k``
-    (3,): deviation of the mounting from the nominal mounting. ``date_s``: delay of a frame after its stated time."""
+    (3,): deviation of the mounting from the nominal mounting. ``date_s``: delay of a frame after its stated time.
+    ``radiation``: particles hit the detector at its rate ``hits_s``."""
 
     camera: Camera
     sensor: Sensor
@@ -72,6 +77,7 @@ class RenderedUnit:
     bias_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     thermal_rad_k: tuple[float, float, float] = (0.0, 0.0, 0.0)
     date_s: float = 0.0
+    radiation: Radiation | None = None
 
     def frame(
         self, at: Moment, rng: np.random.Generator, disturbed: Disturbance | None = None, dark_factor: float = 1.0
@@ -83,6 +89,9 @@ class RenderedUnit:
         velocity = np.array(at.velocity_c)
         stars = replace(self.stars, icrs=aberrate(self.stars.icrs, velocity)) if velocity.any() else self.stars
         extra = disturbed if disturbed is not None else Disturbance()
+        hits: list[HotPixel] = []
+        if self.radiation is not None:
+            hits, _ = particle_hits(self.radiation, self.radiation.hits_s, self.exposure_s, self.camera, rng)
         return render(
             stars,
             self.camera,
@@ -93,7 +102,7 @@ class RenderedUnit:
             rate_rad_s=rate,
             chip=self.chip,
             false_stars=extra.false_stars,
-            hot_pixels=extra.hot_pixels,
+            hot_pixels=(*extra.hot_pixels, *hits),
             lights=extra.lights,
             veil=extra.veil,
             dark_factor=dark_factor,
@@ -102,11 +111,12 @@ class RenderedUnit:
 
 @dataclass(frozen=True)
 class Observation:
-    """One solved frame of a simulated unit."""
+    """One solved frame of a simulated unit. ``pixels``: None if the frame was not kept."""
 
     moment: Moment
     result: SolveResult
     truth: Truth
+    pixels: NDArray[Any] | None = None
 
 
 def observe(
@@ -121,11 +131,20 @@ def observe(
     for k, at in enumerate(moments):
         progress(k)
         drawn = unit.frame(at, rng)
-        observations.append(Observation(at, solve(drawn.pixels, at), drawn.truth))
+        observations.append(Observation(at, solve(drawn.pixels, at), drawn.truth, drawn.pixels))
     return observations
 
 
-def sheet_input(observations: Sequence[Observation], camera: Camera) -> SheetInput:
+def kept_frames(observations: Sequence[Observation], stars: StarTable, exposure_s: float) -> list[HealthFrame]:
+    """Return the frames whose pixels were kept, for the rows that need pixels."""
+    return [
+        HealthFrame(f"frame {k + 1}", o.moment.time_s, exposure_s, partial(np.asarray, o.pixels), o.result, stars)
+        for k, o in enumerate(observations)
+        if o.pixels is not None
+    ]
+
+
+def sheet_input(observations: Sequence[Observation], camera: Camera, ageing: Ageing | None = None) -> SheetInput:
     """Return the input of the sheet. The reference is the attitude of the body, which is known in a simulation.
     ``camera``: the assumed camera."""
     moments = [o.moment for o in observations]
@@ -149,6 +168,7 @@ def sheet_input(observations: Sequence[Observation], camera: Camera) -> SheetInp
             np.array([m.velocity_c for m in moments]),
             true_reference=True,
         ),
+        ageing=ageing,
     )
 
 
