@@ -9,6 +9,11 @@ import type { LampState } from './lamp';
 
 export type Source = 'server' | 'device' | 'record' | 'page';
 /**
+ * Source of a lamp. `housekeeping`: a state that only the housekeeping of the device reports. It is not current if
+ * housekeeping is missing while other packets arrive, for example during a long download.
+ */
+export type LampSource = Source | 'housekeeping';
+/**
  * `offline`: the server cannot be reached. `unknown`: never reported, or the line is closed and no report can arrive.
  */
 export type Freshness = 'fresh' | 'ageing' | 'stale' | 'offline' | 'unknown';
@@ -55,7 +60,7 @@ export function lastReport(source: Source, c: Conditions): number | null {
 }
 
 /** Return the source on which a lamp depends: work in progress is valid only while the server reports it. */
-export function sourceOf(state: LampState, source: Source): Source {
+export function sourceOf<S extends LampSource>(state: LampState, source: S): S | 'server' {
   return source === 'record' && state === 'progress' ? 'server' : source;
 }
 

@@ -13,11 +13,15 @@ const DRAWN: Record<string, [Source, ...string[]]> = {
   Mode: [
     'device',
     'components/shell/Header: isCurrent(current.housekeeping)',
-    'components/shell/Header: from="device"',
+    'components/shell/Header: {#if !device}<StateLamp state="ok" from="housekeeping"',
   ],
-  Bank: ['device', 'components/shell/Header: state={bankState} from="device"'],
-  Dictionary: ['device', 'components/shell/Header: from="device"'],
-  'Worst alarm': ['server', 'components/shell/Header: lampOf(worst.level)} from="server"'],
+  Bank: ['device', 'components/shell/Header: state={bankState} from="housekeeping"'],
+  Dictionary: ['device', 'components/shell/Header: from="housekeeping"'],
+  'Worst alarm': [
+    'server',
+    'components/shell/Header: lampOf(worst.level)} from="server"',
+    'components/shell/Header: live.alarmsRead',
+  ],
   UTC: ['server', "components/shell/Header: server ? day(utc) : 'browser clock'"],
   Authority: ['server', 'components/shell/AuthorityCell: from="server"'],
   'Authority bar (request, offer)': ['server', 'components/shell/AuthorityBar: from="server"'],
@@ -36,7 +40,7 @@ const DRAWN: Record<string, [Source, ...string[]]> = {
   'On board − ground over time; where a frame points; solved field of view': ['record', 'pages/live/DifferenceStrip: '],
   'Next pass, alarms of the summary': ['server', 'pages/live/PhoneSummary: from="server"'],
   'Alarms "Angle to Sun, Moon, Earth limb"': ['server', 'pages/telemetry/MonitorPanel: from="server"'],
-  'active bank of a catalogue': ['device', 'pages/catalogues/Page: from="device"'],
+  'active bank of a catalogue': ['device', 'pages/catalogues/Page: from="housekeeping"'],
   'settings on board, schedule on board': [
     'device',
     "pages/commands/SchedulePanel: isCurrent('device')",
@@ -55,7 +59,7 @@ const DRAWN: Record<string, [Source, ...string[]]> = {
   ],
   'Banks: coverage and confirmation; tables on board; active faults': [
     'device',
-    'components/device/BanksPanel: from="device"',
+    'components/device/BanksPanel: from="housekeeping"',
     'components/device/TablesPanel: from="device"',
     'pages/commands/TrainingPanel: from="device"',
   ],

@@ -46,13 +46,15 @@ class Current {
     return rules.isCurrent(source === 'server' ? this.server : this.device);
   }
 
-  lamp(state: LampState, source: rules.Source): LampState {
+  lamp(state: LampState, source: rules.LampSource): LampState {
     const effective = rules.sourceOf(state, source);
     return effective === 'server'
       ? rules.lampWhen(state, this.server)
       : effective === 'device'
         ? rules.lampWhen(state, this.device)
-        : state;
+        : effective === 'housekeeping'
+          ? rules.lampWhen(state, this.housekeeping)
+          : state;
   }
 }
 

@@ -33,8 +33,11 @@ class Live {
   authority = $state.raw<T.Authority | null>(null);
   /** Open alarms, most urgent first. */
   alarms = $state.raw<T.AlarmRow[]>([]);
+  /** True after the first load of the alarms. Before that, an empty list does not mean that there are no alarms. */
+  alarmsRead = $state(false);
   schedule = $state.raw<T.Schedule | null>(null);
-  onBoardTables = $state.raw<T.OnBoardTable[]>([]);
+  /** Tables that the sensor reported; null before the first load. */
+  onBoardTables = $state.raw<T.OnBoardTable[] | null>(null);
   limitsTick = $state(0);
   procedureTick = $state(0);
   replay = $state.raw<T.Replay | null>(null);
@@ -223,6 +226,7 @@ class Live {
       ),
       api.alarms(true).then((v) => {
         this.alarms = byUrgency(merged('alarm', v, this.alarms, updates));
+        this.alarmsRead = true;
       }),
       api.schedule().then(
         unlessUpdated('schedule', (v) => {

@@ -1,5 +1,6 @@
 /** Requests of the derived-parameter page. The browser loads them only with this page. */
 import { body, http } from '../../api/http';
+import type { FieldDefinition } from '../../api/types';
 import type { components } from '../../api/generated/schema';
 
 type S = components['schemas'];
@@ -40,4 +41,35 @@ export function rangeText(value: readonly (number | null)[]): string {
   const [low, high] = [value[0] ?? null, value[1] ?? null];
   if (low === null && high === null) return '–';
   return `${low ?? ''} … ${high ?? ''}`.trim();
+}
+
+/**
+ * Return examples of derived parameters from the telemetry of the connected sensor: a power from a voltage and a
+ * current, and a difference of two temperatures.
+ */
+export function examples(fields: readonly FieldDefinition[]): Partial<Derived>[] {
+  const own = fields.filter((f) => f.page !== 'derived');
+  const ofUnit = (unit: string): FieldDefinition[] => own.filter((f) => f.unit === unit);
+  const [volt] = ofUnit('V');
+  const [milliampere] = ofUnit('mA');
+  const [warm, cold] = ofUnit('°C');
+  const key = (f: FieldDefinition): string => `${f.packet}.${f.name}`;
+  const found: Partial<Derived>[] = [];
+  if (volt && milliampere)
+    found.push({
+      name: 'power',
+      title: `Power from ${volt.title} and ${milliampere.title}`,
+      expression: `${key(volt)} * ${key(milliampere)}`,
+      unit: 'mW',
+      decimals: 1,
+    });
+  if (warm && cold)
+    found.push({
+      name: 'temperature_difference',
+      title: `${warm.title} minus ${cold.title}`,
+      expression: `${key(warm)} - ${key(cold)}`,
+      unit: 'K',
+      decimals: 1,
+    });
+  return found;
 }

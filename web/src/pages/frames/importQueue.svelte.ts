@@ -6,6 +6,9 @@ import { TimeLeft } from '../../lib/timeLeft';
 
 const IMAGES = /\.(fits?|fts|png|tiff?|jpe?g)$/i;
 
+const byName = new Intl.Collator('en', { numeric: true });
+const nameOf = (file: File): string => file.webkitRelativePath || file.name;
+
 export interface RejectedFile {
   file: File;
   profile: string;
@@ -44,10 +47,13 @@ export class ImportQueue {
 
   constructor(private readonly send: (file: File, profile: string) => Promise<FrameDetail>) {}
 
-  /** Add files. If the queue has ended, its results are cleared first. */
+  /**
+   * Add files in the order of their names, because a browser returns the files of a folder in no order and a night is
+   * numbered. If the queue has ended, its results are cleared first.
+   */
   add(files: readonly File[], profile: string): void {
     if (!this.sending && !this.waiting.length) this.clear();
-    const images = files.filter((file) => IMAGES.test(file.name));
+    const images = files.filter((file) => IMAGES.test(file.name)).sort((a, b) => byName.compare(nameOf(a), nameOf(b)));
     this.leftOut += files.length - images.length;
     this.waiting = [...this.waiting, ...images.map((file) => ({ file, profile }))];
     void this.work();

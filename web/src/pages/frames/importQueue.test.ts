@@ -17,10 +17,17 @@ describe('the import queue', () => {
     });
     queue.add([file('a.fits'), file('bad.png'), file('notes.txt'), file('b.JPG')], 'cubestar');
     await vi.waitFor(() => expect(queue.working).toBe(false));
-    expect(sent).toEqual(['a.fits', 'bad.png', 'b.JPG']);
-    expect(queue.stored.map((f) => f.id)).toEqual([1, 3]);
+    expect(sent).toEqual(['a.fits', 'b.JPG', 'bad.png']);
+    expect(queue.stored.map((f) => f.id)).toEqual([1, 2]);
     expect(queue.rejected.map((r) => r.reason)).toEqual(['bad.png cannot be read']);
     expect([queue.leftOut, queue.total]).toEqual([1, 3]);
+  });
+  it('sends the files in the order of their names', async () => {
+    const sent: string[] = [];
+    const queue = new ImportQueue((one) => Promise.resolve(stored(sent.push(one.name))));
+    queue.add([file('sky-10.fits'), file('sky-9.fits'), file('sky-1.fits')], '');
+    await vi.waitFor(() => expect(queue.stored.length).toBe(3));
+    expect(sent).toEqual(['sky-1.fits', 'sky-9.fits', 'sky-10.fits']);
   });
   it('waits while the server does not answer, and loses nothing', async () => {
     let answers = false;
