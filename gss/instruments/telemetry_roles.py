@@ -21,7 +21,7 @@ Axes = tuple[Name, Name, Name, Name]
 Quaternion = tuple[float, float, float, float]
 AxisName = Literal["+x", "+y", "+z", "-x", "-y", "-z"]
 CAMERA_AXES = ("+x", "+y", "+z")
-NOT_A_FIELD = ("packet", "order", "rotation", "camera_axes", "stars")
+NOT_A_FIELD = ("packet", "order", "rotation", "camera_axes", "entry")
 UNITS = {"_ms": "ms", "_deg": "deg", "_arcsec": "arcsec", "_dn": "DN", "_deg_s": "deg/s", "_s": "s"}
 """Unit of a quantity by the suffix of its name. If the sensor uses another unit, the dictionary must define a
 conversion."""
@@ -166,11 +166,11 @@ class StarEntry(Strict):
 
 
 class ItemList(PacketRole):
-    """A list with one entry per star or byte. ``stars``: fields of an entry, if the entries are measured stars."""
+    """A list with one entry per star or byte. ``entry``: fields of an entry, if the entries are measured stars."""
 
     frame_number: Name = ""
     items: Name = ""
-    stars: StarEntry | None = None
+    entry: StarEntry | None = None
     regions_invalid: Name = ""
     background_dn: Name = ""
 
@@ -288,13 +288,13 @@ def check_packet(role: PacketRole, packets: Mapping[str, PacketDefinition]) -> t
         field, unit = layout[name], _unit(quantity)
         if not isinstance(field, Group) and unit and field.unit and field.unit != unit:
             return (quantity,), f"{name} is in {field.unit}, not {unit}; give the field a conversion in the dictionary"
-    if isinstance(role, ItemList) and role.stars is not None:
+    if isinstance(role, ItemList) and role.entry is not None:
         items = layout.get(role.items)
         if not isinstance(items, Group):
             return ("items",), f"{role.packet} has no list {role.items or '(empty)'}"
-        missing = [name for name in role.stars.names() if name not in {i.name for i in items.items}]
+        missing = [name for name in role.entry.names() if name not in {i.name for i in items.items}]
         if missing:
-            return ("stars",), f"the entries of {role.items} have no field {missing[0]}"
+            return ("entry",), f"the entries of {role.items} have no field {missing[0]}"
     return None
 
 

@@ -61,11 +61,11 @@ def star_lists_of(
 ) -> StarLists | None:
     """Return the measured stars that the sensor reported during a contact, one list per packet in order of reception.
     None if it reported none. Raises BadInput if there are too many."""
-    if role.stars is None:
+    if role.entry is None:
         return None
     first, stars = [0], list[tuple[float, float, float]]()
     for row in telemetry.rows(database, role.packet, (role.items,), start, end, contact_id=contact_id):
-        stars += _stars(row.values[0] or [], role.stars, profile)
+        stars += _stars(row.values[0] or [], role.entry, profile)
         first.append(len(stars))
         if len(first) > MAX_LISTS:
             raise BadInput("too many star lists", expected=f"up to {MAX_LISTS}", hint="select a shorter contact")
