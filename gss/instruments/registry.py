@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import tempfile
 import threading
@@ -13,10 +14,19 @@ from pathlib import Path
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, Conflict, GssError, NotFound
 from gss.instruments.package import Instrument, load_instrument
-from gss.instruments.package_source import Files, read_folder, read_zip, write_folder, write_zip
+from gss.instruments.package_source import (
+    Files,
+    is_package_file,
+    read_folder,
+    read_zip,
+    write_folder,
+    write_zip,
+)
 
 SHIPPED = Path(__file__).parent / "shipped"
 HISTORY = ".versions"
+PACKAGE_NAME = re.compile(r"[a-z][a-z0-9_-]{1,15}")
+VERSION_FILE = re.compile(rf"{PACKAGE_NAME.pattern}-[0-9a-f]+\.zip")
 Signature = tuple[tuple[str, int, int], ...]
 
 
@@ -202,6 +212,20 @@ def _signature(folder: Path) -> Signature:
     """Return names, times and sizes of the files in a folder. The result changes if a file changes."""
     stats = [(p.relative_to(folder).as_posix(), p.stat()) for p in sorted(folder.rglob("*")) if p.is_file()]
     return tuple((name, s.st_mtime_ns, s.st_size) for name, s in stats)
+
+
+def is_installed_file(name: str) -> bool:
+    """True if a folder of user packages may contain a file with this relative path."""
+    package, _, file = name.partition("/")
+    if package == HISTORY:
+        return VERSION_FILE.fullmatch(file) is not None
+    return PACKAGE_NAME.fullmatch(package) is not None and is_package_file(file)
+
+
+def installed_files(folder: Path) -> dict[str, Path]:
+    """Return the files of the user packages in a folder, with their earlier versions, by relative path."""
+    paths = {p.relative_to(folder).as_posix(): p for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {name: path for name, path in paths.items() if is_installed_file(name)}
 
 
 def _replace(new: Path, folder: Path) -> None:

@@ -74,7 +74,18 @@ def open_upkeep(
     disk, jobs, captures, trust, link = base.disk, base.jobs, base.captures, base.trust, line.link
     alarms, folder, schedule = telemetry.alarms, settings.backups_folder, commanding.schedule
     backups = BackupService(
-        database, settings.database_url, blobs, captures, folder, base.upkeep_lock, disk, jobs, bus, utc_now, trust
+        database,
+        settings.database_url,
+        blobs,
+        captures,
+        settings.instruments_folder,
+        folder,
+        base.upkeep_lock,
+        disk,
+        jobs,
+        bus,
+        utc_now,
+        trust,
     )
     pages, streams, watch = PageCheck(database, bus), StreamCounts(), AuditWatch(accounts.audit, alarms)
     clocks = ClockWatch(bus, now, base.clock.monotonic_s, [alarms.clock_jumped, schedule.clock_jumped])

@@ -1,4 +1,5 @@
-"""Backups of a running server: a consistent copy of the database and of all blobs that it references.
+"""Backups of a running server: a consistent copy of the database, of all blobs that it references, and of the instrument
+packages of the user.
 
 Each backup is a folder with a copy of the database and a manifest. Frames, images and captures are stored as files
 named by their hashes in a folder that all backups share, so that each backup copies only new files. A backup is atomic:
@@ -20,6 +21,7 @@ from typing import Any
 from gss import __version__
 from gss.domain.callbacks import no_progress
 from gss.domain.errors import BadInput, CorruptData, GssError, NotFound
+from gss.instruments.registry import installed_files
 from gss.operations.clock import Now, iso_z
 from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
@@ -57,6 +59,7 @@ class BackupService:
         url: str,
         blobs: BlobStore,
         captures: Path,
+        packages: Path,
         folder: Path,
         lock: Path,
         disk: DiskGuard,
@@ -66,7 +69,8 @@ class BackupService:
         trust: ClockTrust,
     ) -> None:
         self._trust = trust
-        self._database, self._url, self._blobs, self._captures = database, url, blobs, captures
+        self._database, self._url, self._blobs = database, url, blobs
+        self._captures, self._packages = captures, packages
         self._folder, self._lock, self._disk = folder, lock, disk
         self._jobs, self._bus, self._now = jobs, bus, now
         jobs.register(JobKind("backup", BackupJob, self._job, renewed=self._renewed))
@@ -147,10 +151,24 @@ class BackupService:
                 continue
             key = capture_keys[plain_name(path)] = pool.put(data)
             copied[key] = len(data)
+        package_keys: dict[str, str] = {}
+        for name_in_folder, path in installed_files(self._packages).items():
+            data = path.read_bytes()
+            key = package_keys[name_in_folder] = pool.put(data)
+            copied[key] = len(data)
         progress(total, total, "Writing the manifest")
         self._sync_pool(copied)
         return Manifest(
-            name, iso_z(at), __version__, schema, kind, file.stat().st_size, sha256_of(file), copied, capture_keys
+            name,
+            iso_z(at),
+            __version__,
+            schema,
+            kind,
+            file.stat().st_size,
+            sha256_of(file),
+            copied,
+            capture_keys,
+            package_keys,
         )
 
     def _copy(self, pool: BlobStore, key: str) -> int | None:

@@ -1,4 +1,4 @@
-"""Manifest of a backup: the copy of the database, and the hashes of its blobs and raw captures."""
+"""Manifest of a backup: the copy of the database, and the hashes of its blobs, raw captures and instrument packages."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import BinaryIO
 
 from gss.domain.callbacks import no_progress
 from gss.domain.errors import BadInput, CorruptData, NotFound
+from gss.instruments.registry import is_installed_file
 
 FORMAT = "gss-backup 1"
 MANIFEST, SEAL = "manifest.json", "manifest.sha256"
@@ -25,8 +26,8 @@ BLOCK = 1 << 20
 
 @dataclass(frozen=True)
 class Manifest:
-    """Content of a backup. ``blobs``: size in bytes by hash; ``captures``: hash by file name; ``schema``: migration of
-    the database."""
+    """Content of a backup. ``blobs``: size in bytes by hash; ``captures``: hash by file name; ``packages``: hash by path
+    of the installed instrument packages; ``schema``: migration of the database."""
 
     name: str
     created: str
@@ -37,6 +38,7 @@ class Manifest:
     database_sha256: str
     blobs: dict[str, int] = field(default_factory=dict)
     captures: dict[str, str] = field(default_factory=dict)
+    packages: dict[str, str] = field(default_factory=dict)
     format: str = FORMAT
 
     @property
@@ -73,13 +75,19 @@ def read_manifest(folder: Path) -> Manifest:
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise CorruptData("the backup's manifest cannot be read", got=str(error)[:200]) from None
     # The names are used as paths, so their format must be checked.
-    keys = [*manifest.blobs, manifest.database_sha256, *manifest.captures.values()]
+    files = {**manifest.captures, **manifest.packages}
+    keys = [*manifest.blobs, manifest.database_sha256, *files.values()]
     if manifest.kind not in DATABASE or not all(SHA256.fullmatch(key) for key in keys):
         raise CorruptData("the manifest of the backup contains an invalid hash", got=str(folder))
-    if not NAME.fullmatch(manifest.name) or not all(CAPTURE.fullmatch(name) for name in manifest.captures):
+    names_are_valid = (
+        NAME.fullmatch(manifest.name)
+        and all(CAPTURE.fullmatch(name) for name in manifest.captures)
+        and all(is_installed_file(name) for name in manifest.packages)
+    )
+    if not names_are_valid:
         raise CorruptData("the manifest of the backup contains an invalid file name", got=str(folder))
-    if not set(manifest.captures.values()) <= set(manifest.blobs):
-        raise CorruptData("captures named in the manifest are missing from the backup", got=str(folder))
+    if not set(files.values()) <= set(manifest.blobs):
+        raise CorruptData("files named in the manifest are missing from the backup", got=str(folder))
     return manifest
 
 
@@ -93,8 +101,9 @@ def _check_kinds(manifest: Manifest) -> None:
         manifest.kind,
         manifest.database_sha256,
     )
-    numbers, tables = (manifest.database_bytes, *manifest.blobs.values()), (manifest.blobs, manifest.captures)
-    texts = (*text_fields, *manifest.captures.values())
+    numbers = (manifest.database_bytes, *manifest.blobs.values())
+    tables = (manifest.blobs, manifest.captures, manifest.packages)
+    texts = (*text_fields, *manifest.captures.values(), *manifest.packages.values())
     if not all(isinstance(v, str) for v in texts) or not all(isinstance(v, int) and v >= 0 for v in numbers):
         raise TypeError("a text or number has the wrong type")
     if not all(isinstance(table, dict) for table in tables):

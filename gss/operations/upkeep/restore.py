@@ -40,6 +40,8 @@ MAX_UNPACKED = 100
 """Maximum ratio of unpacked to packed size. Databases and captures compress by at most a factor of ten."""
 SPARE_BYTES = 256 << 20
 """Disk space in bytes that must remain free after unpacking."""
+PACKAGES = "instruments"
+"""Folder of the instrument packages of the user in a data folder, the default of GSS_PACKAGES."""
 OnStep = Callable[[str], None]
 
 
@@ -182,14 +184,18 @@ def _verified(folder: Path, manifest: Manifest) -> BlobStore:
 def _fill(draft: Path, folder: Path, manifest: Manifest, pool: BlobStore, blobs_url: str) -> None:
     if manifest.kind == SQLITE:
         shutil.copyfile(folder / manifest.database, draft / "gss.db")
-    captures = set(manifest.captures.values())
+    captures, packages = set(manifest.captures.values()), set(manifest.packages.values())
     target = BlobStore(blobs_url or str(draft / "blobs"))
     for key in manifest.blobs:
-        if key not in captures:
+        if key not in captures | packages:
             target.put(pool.get(key))
     (draft / "captures").mkdir()
     for name, key in manifest.captures.items():
         (draft / "captures" / name).write_bytes(pool.get(key))
+    for name, key in manifest.packages.items():
+        path = draft / PACKAGES / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(pool.get(key))
 
 
 def _accept_log(url: str, now: Now, anchors: AnchorFile, name: str) -> None:

@@ -136,7 +136,7 @@ def store(database, bus, clock, tmp_path) -> Iterator[UpkeepStore]:
     trust.start()
     retention = RetentionService(database, blobs, jobs, bus, link, lock, clock, trust, 0.2)
     url = f"sqlite:///{tmp_path / 'gss.db'}"
-    captures, folder = tmp_path / "captures", tmp_path / "backups"
-    backups = BackupService(database, url, blobs, captures, folder, lock, disk, jobs, bus, clock, trust)
+    captures, packages, folder = tmp_path / "captures", tmp_path / "instruments", tmp_path / "backups"
+    backups = BackupService(database, url, blobs, captures, packages, folder, lock, disk, jobs, bus, clock, trust)
     yield UpkeepStore(tmp_path, database, blobs, jobs, retention, backups, link, disk, clock, room, trust)
     jobs.stop()

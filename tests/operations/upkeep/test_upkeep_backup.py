@@ -6,6 +6,7 @@ import hashlib
 import json
 import shutil
 import tarfile
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
@@ -13,6 +14,8 @@ import pytest
 from sqlalchemy import select
 
 from gss.domain.errors import BadInput, Conflict, CorruptData, GssError, NotFound, StoreDown
+from gss.instruments.package_source import read_folder
+from gss.instruments.registry import SHIPPED, Registry
 from gss.operations.accounts.audit import AuditService
 from gss.operations.accounts.audit_anchor import ANCHORS, AnchorFile
 from gss.operations.jobs import Cancelled
@@ -55,6 +58,29 @@ def test_a_backup_is_restored_completely(store, clock, tmp_path):
     (capture,) = (tmp_path / "captures").glob("*.raw")
     assert (tmp_path / "new" / "captures" / capture.name).read_bytes() == capture.read_bytes()
     database.close()
+
+
+def test_instrument_packages_of_the_user_are_in_the_backup(store, clock, tmp_path):
+    """A restored installation has the user's packages with their earlier versions, but no file that is not part of a
+    package. A manifest that names another path is rejected."""
+    registry = Registry(tmp_path / "instruments")
+    files = {**read_folder(SHIPPED / "nos3")}
+    files["instrument.yaml"] = files["instrument.yaml"].replace(b"id: nos3", b"id: mine")
+    first = registry.add(files)
+    files["instrument.yaml"] = files["instrument.yaml"].replace(b"title: ", b"title: New ")
+    second = registry.add(files)
+    (tmp_path / "instruments" / "mine" / ".swp").write_bytes(b"editor")
+    made = store.backups.make()
+    done = restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
+    restored = Registry(tmp_path / "new" / "instruments")
+    assert restored.versions("mine") == (second.version, first.version)
+    assert restored.version("mine", first.version).dictionary == first.dictionary
+    assert not (tmp_path / "new" / "instruments" / "mine" / ".swp").exists()
+    assert done.files == len(made.blobs) == len(made.packages)
+    outside = replace(made, packages={"mine/../../escape": next(iter(made.blobs))})
+    outside.write(tmp_path / "backups" / made.name)
+    with pytest.raises(CorruptData, match="invalid file name"):
+        restore(tmp_path / "backups" / made.name, tmp_path / "other", clock)
 
 
 def test_command_ids_after_a_restore_are_above_all_used_ones(store, clock, tmp_path):
