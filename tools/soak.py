@@ -171,6 +171,8 @@ async def soak(
             min_offset_s = min(min_offset_s, offset_s)
             sample.line_late_s = offset_s - min_offset_s
             report.samples.append(sample)
+            if watching is not None and watching.done():
+                watching.result()  # raises if no browser could open the page, instead of after hours
             if sample.at_s >= next_line_s:
                 next_line_s += 60.0
                 say(_line(report))
