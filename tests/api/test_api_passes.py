@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Callable, Iterator
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -167,3 +168,33 @@ def test_a_plan_is_made_checked_and_deleted(http: TestClient, tle_of: TleOf) -> 
     assert http.post(f"/api/pass-plans/{plan['id']}/stop").json()["state"] == "stopped"
     assert http.delete(f"/api/pass-plans/{long['id']}").status_code == 204
     assert [p["id"] for p in http.get("/api/pass-plans").json()] == [plan["id"]]
+
+
+def test_a_catalogue_is_compared_with_the_imported_orbit(http: TestClient, tle_of: TleOf) -> None:
+    """A catalogue for the orbit is left after its days of use; the orbit of another plane is outside; a catalogue of the
+    whole sky does not depend on the orbit."""
+
+    def built(**changes: object) -> int:
+        reply = http.post("/api/catalogues", json={"profile": "cubestar", "faint_mag": 2.2, **changes})
+        assert reply.status_code == 202, reply.text
+        while (job := http.get(f"/api/jobs/{reply.json()['id']}").json())["state"] in ("queued", "running"):
+            time.sleep(0.05)
+        assert job["state"] == "done", job["text"]
+        return int(job["result"]["catalogue_id"])
+
+    def compared(catalogue_id: int) -> dict[str, str]:
+        return dict(http.get(f"/api/catalogues/{catalogue_id}/orbit").json())
+
+    bound, free = built(orbit="tle", tle=tle_of(1), days=30), built()
+    assert compared(free)["state"] == "independent"
+    assert compared(bound)["text"] == "Not compared with the orbit: no orbit was imported."
+    http.put("/api/spacecraft", json={"text": tle_of(1)})
+    inside = compared(bound)
+    assert inside["state"] == "inside"
+    assert 29 < (datetime.fromisoformat(inside["leaves"]) - datetime.now(UTC)) / timedelta(days=1) < 33
+    assert "leaves the envelope on" in inside["text"]
+    other = built(orbit="elements", inclination_deg=97.6, raan_deg=[10, 20], days=30)
+    outside = compared(other)
+    assert (outside["state"], outside["leaves"]) == ("outside", None)
+    assert "outside the envelope. Build a catalogue for this orbit." in outside["text"]
+    assert http.get("/api/catalogues/999/orbit").status_code == 404

@@ -305,7 +305,7 @@ def test_selected_rows_can_be_converted_to_the_frame() -> None:
         (lambda: Corrections(aberration_days=-1.0), "days of mean"),
         (lambda: Corrections(unknown_b_v=float("nan")), "colour is out of range"),
         (lambda: OrbitVelocity((0.0, 0.0, 7400.0)), "orbital speed"),
-        (lambda: MeanOrbitVelocity(7.4, (0.0, 0.0, 0.0)), "no length"),
+        (lambda: MeanOrbitVelocity(7.4, (0.0, 0.0, 0.0)), "is a zero vector"),
         (lambda: corrections_of({"proper_motions": True}), "unknown correction"),
         (lambda: corrections_of({"doubles": {"policy": "none"}}), "policy"),
         (lambda: corrected(load_stars(3.0), Corrections(instrument_magnitude=True), YEAR), "needs the camera"),

@@ -111,7 +111,7 @@ def test_a_missing_report_gives_unknown_and_a_retry_keeps_the_id(console):
     retried = console.end(console.commands.retry(row.id, user="ann"))
     assert (retried.result, retried.request_id, retried.attempts) == ("completed", row.request_id, 2)
     assert console.sensor.memory.record.frames == frames + 1
-    with pytest.raises(Conflict, match="only a command whose fate is unknown"):
+    with pytest.raises(Conflict, match="only a command whose result is unknown"):
         console.commands.retry(row.id, user="ann")
 
 
@@ -146,7 +146,7 @@ def test_an_operator_resolves_an_unknown_command(console):
     settled = console.commands.resolve(row.id, "seen in telemetry", user="bob")
     assert (settled.result, settled.resolved_note) == ("resolved", "bob: seen in telemetry")
     assert len(console.sensor.written) == written
-    with pytest.raises(Conflict, match="only an unknown"):
+    with pytest.raises(Conflict, match="only a command with the result unknown"):
         console.commands.resolve(row.id, "again", user="bob")
 
 

@@ -19,6 +19,7 @@ from gss.api.schemas.base import MAX_ID
 from gss.api.schemas.catalogue_history import CatalogueDiffOut, StarListOut, TimelineOut
 from gss.api.schemas.catalogues import (
     CatalogueDetailOut,
+    CatalogueOrbitOut,
     CatalogueOut,
     ListMappingIn,
     PreviewOut,
@@ -29,6 +30,7 @@ from gss.api.schemas.transfers import TransferOut
 from gss.catalogue_tools.sources.star_list_mapping import ListMapping
 from gss.domain.errors import BadInput
 from gss.operations.catalogues.catalogue_request import CatalogueRequest
+from gss.operations.passes.catalogue_orbit import catalogue_orbit
 from gss.operations.report.html import as_html
 from gss.operations.report.parts import Report
 from gss.operations.report.pdf import as_pdf
@@ -122,6 +124,19 @@ def add_source(
 def read_catalogue(app: App, catalogue_id: RowId) -> CatalogueDetailOut:
     """Catalogue with its maps and quality."""
     return present.catalogues.catalogue_detail(app.catalogues.catalogues.get(catalogue_id), app.transfers.banks.views())
+
+
+@router.get("/{catalogue_id}/orbit")
+def compare_with_orbit(app: App, catalogue_id: RowId) -> CatalogueOrbitOut:
+    """Whether the imported orbit is inside the envelope of the catalogue, and until when."""
+    return CatalogueOrbitOut.model_validate(
+        catalogue_orbit(
+            app.catalogues.catalogues.get(catalogue_id),
+            app.passes.spacecraft.current(),
+            app.base.clock.now(),
+            timedelta(days=app.base.settings.catalogue_watch_days),
+        )
+    )
 
 
 @router.get("/{catalogue_id}/report.html", response_class=HTMLResponse, dependencies=[EXPORT])

@@ -62,6 +62,15 @@ class CatalogueOut(Out):
     banks: list[str]
 
 
+class CatalogueOrbitOut(Out):
+    """Comparison of a catalogue with the imported orbit. ``leaves``: time at which the orbit leaves the envelope of the catalogue;
+    null: not within a year, or outside already."""
+
+    state: Literal["independent", "unknown", "inside", "leaving", "outside"]
+    leaves: Utc | None
+    text: str
+
+
 class CatalogueDetailOut(CatalogueOut, StoredReport):
     """Stored catalogue with its request, manifest, maps and quality report. ``instrument_version``: SHA-256 of the
     instrument package with which the catalogue was built; null: unknown."""

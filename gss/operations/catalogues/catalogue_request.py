@@ -157,7 +157,7 @@ class CatalogueRequest(Request):
 def build_request(spec: CatalogueRequest, camera: CameraProfile, user: str, now: datetime) -> BuildRequest:
     """Return the builder's request in radians and metres. If the request has an attitude but no start, the days of use begin at
     ``now``."""
-    orbit, attitude = _orbit(spec), _attitude(spec)
+    orbit, attitude = orbit_of(spec), _attitude(spec)
     start = moment(spec.start) or (None if attitude is None else now)
     height_m = altitude_m(orbit, None if spec.altitude_km is None else 1000 * spec.altitude_km)
     return BuildRequest(
@@ -215,7 +215,8 @@ def moment(text: str) -> datetime | None:
     return at if at.tzinfo else at.replace(tzinfo=UTC)
 
 
-def _orbit(spec: CatalogueRequest) -> ElementsOrbit | TleOrbit | None:
+def orbit_of(spec: CatalogueRequest) -> ElementsOrbit | TleOrbit | None:
+    """Return the orbit of a request, None without an orbit."""
     if spec.orbit == "elements":
         low = spec.inclination_deg
         high = low if spec.inclination_max_deg is None else spec.inclination_max_deg

@@ -46,7 +46,7 @@ def field_of(dictionary: TelemetryDefinitions, row: Alarm) -> TelemetryField | N
 def title_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
     """Return the title of an alarm."""
     if row.packet == LINK:
-        return LINK_TITLES[row.packet, row.field]
+        return LINK_TITLES.get((row.packet, row.field), row.field)  # another version can have stored other alarms
     if row.packet == CATALOGUE:
         return f"Catalogue {row.field}"
     if row.packet == STORE:

@@ -211,6 +211,8 @@ const catalogues = {
   catalogues: () => body(GET('/api/catalogues')),
   catalogue: (catalogue_id: number) =>
     body(GET('/api/catalogues/{catalogue_id}', { params: { path: { catalogue_id } } })),
+  catalogueOrbit: (catalogue_id: number) =>
+    body(GET('/api/catalogues/{catalogue_id}/orbit', { params: { path: { catalogue_id } } })),
   build: (request: T.CatalogueRequest) => body(POST('/api/catalogues', { body: request })),
   preview: (request: T.CatalogueRequest, ambiguity: boolean, signal?: AbortSignal) =>
     body(

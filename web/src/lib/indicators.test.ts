@@ -63,6 +63,10 @@ const DRAWN: Record<string, [Source, ...string[]]> = {
     'components/device/TablesPanel: from="device"',
     'pages/commands/TrainingPanel: from="device"',
   ],
+  'Banks: orbit in the envelope of the active catalogue': [
+    'server',
+    'components/device/OrbitFit: state={LAMPS[compared.state]} word={compared.text} from="server"',
+  ],
   'Contact "open"': ['server', 'pages/contacts/Page: from="server"'],
   'Packets stored, gaps': ['record', 'pages/contacts/ContactPanel: contact-coverage'],
   'Command stages and results, job and transfer results': ['record', 'components/status/StateLamp: current.lamp('],
