@@ -93,7 +93,7 @@ def test_photon_transfer_without_a_dark_pair_gives_a_warning(profile_of: Profile
     assert {w.code for w in transfer.warnings} == {"no-dark", "no-full-well"}
     with pytest.raises(BadInput, match="too few levels"):
         photon_transfer(pairs[:2])
-    with pytest.raises(BadInput, match="one size"):
+    with pytest.raises(BadInput, match="have different sizes"):
         photon_transfer([FlatPair(pairs[0].first, pairs[0].second[:50])])
     smooth = [FlatPair(*(gaussian_filter(f.astype(float), 2) for f in (p.first, p.second))) for p in pairs]
     assert photon_transfer(smooth).gain_e_per_dn > 50  # smoothed frames lack photon noise, so the gain is too high
