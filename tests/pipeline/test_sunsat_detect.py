@@ -35,10 +35,9 @@ NO_STARS = load_stars(3.0).take(np.zeros(0, np.intp))
 
 
 def test_every_constant_has_a_source() -> None:
-    """Each field of the parameters is in SOURCES, possibly under the document's name."""
-    renamed = {"residual_tolerances": "residual_tolerance_rad"}
+    """Each field of the parameters is in SOURCES."""
     unsourced = {"focal_mm", "exposure_s", "max_small_regions"}
-    names = {renamed.get(f, f) for f in SunsatParameters.__dataclass_fields__} - unsourced
+    names = set(SunsatParameters.__dataclass_fields__) - unsourced
     assert names <= set(SOURCES)
 
 
