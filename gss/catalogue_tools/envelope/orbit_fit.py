@@ -46,4 +46,4 @@ def _outside_rad(planes: OrbitRanges, inclination_rad: float, raan_rad: Array) -
     from_middle = np.abs(wrap_pi_rad(raan_rad - (low + high) / 2))
     node = np.maximum(0.0, from_middle - (high - low) / 2) * np.sin(inclination_rad)
     lowest, highest = planes.inclination_rad
-    return np.hypot(max(0.0, lowest - inclination_rad, inclination_rad - highest), node)
+    return np.asarray(np.hypot(max(0.0, lowest - inclination_rad, inclination_rad - highest), node))
