@@ -12,6 +12,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from gss.settings import Settings
+from gss.store.models import Catalogue
 from gss.wiring.build import build
 
 TleOf = Callable[[float], str]
@@ -197,4 +198,7 @@ def test_a_catalogue_is_compared_with_the_imported_orbit(http: TestClient, tle_o
     outside = compared(other)
     assert (outside["state"], outside["leaves"]) == ("outside", None)
     assert "outside the envelope. Build a catalogue for this orbit." in outside["text"]
+    with http.app.state.services.base.database.unit_of_work() as session:  # type: ignore[attr-defined]
+        session.get(Catalogue, free).request = {}
+    assert compared(free)["text"].startswith("Not compared with the orbit: it was read back from the unit")
     assert http.get("/api/catalogues/999/orbit").status_code == 404

@@ -34,10 +34,12 @@ def catalogue_orbit(
     catalogue: Catalogue, current: CurrentOrbit | None, now: datetime, warning: timedelta
 ) -> CatalogueOrbit:
     """Compare a catalogue with the active orbit. ``warning``: time before leaving at which the state becomes leaving."""
+    if not catalogue.request:
+        return _unknown("it was read back from the unit, so its build request is not known")
     try:
         request = CatalogueRequest.model_validate(catalogue.request)
     except ValidationError:
-        return _unknown("its build request is not stored")
+        return _unknown("its build request cannot be read")
     if request.orbit == "none" or request.pointing not in ORBIT_LAWS:
         return CatalogueOrbit("independent", None, "The catalogue does not depend on the orbit.")
     if current is None:
