@@ -11,7 +11,7 @@ from gss.catalogue_tools.envelope.orbits import OrbitRanges, from_tle
 from gss.domain.angles import Array, wrap_pi_rad
 
 DRIFT_DAYS = 1.0
-"""Time over which the drift of the node is computed. It is constant to a percent over a year."""
+"""Time over which the drift of the node is computed. It is then extrapolated linearly."""
 LOOK_DAYS, STEP_DAYS = 366.0, 0.05
 
 
