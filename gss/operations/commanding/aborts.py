@@ -18,6 +18,8 @@ from gss.operations.line.line_events import AbortIssued
 from gss.operations.line.link import LinkService
 from gss.store.models import Command
 
+ABORT_WITHIN_S = 2.0
+"""Maximum time that ABORT waits for a driver that hangs."""
 RECORD_WITHIN_S = 10.0
 """Maximum time to wait for the row of an ABORT. It exceeds the time that the store waits for a lock."""
 
@@ -62,11 +64,11 @@ class Aborts:
     def issue(self, user: str, source: str) -> AbortReceipt:
         """Queue ABORT before all other packets, without checks and without waiting for the store.
 
-        Commands that are waiting in the queue are withdrawn, because they must not run after the ABORT. If the line is down,
-        raises Conflict and nothing is sent.
+        Commands that are waiting in the queue are withdrawn, because they must not run after the ABORT. If the line is down
+        or the driver hangs, raises Conflict and nothing is sent.
         """
         self._link.roles.operations.require(Operation.ABORT)
-        with self._link.lock:
+        with self._link.lock.within(ABORT_WITHIN_S, "ABORT was not sent"):
             if not self._link.line_is_open:  # the session would send ABORT at the next contact
                 raise Conflict(
                     "ABORT was not sent: the line is down", got=self._link.reason, hint="open the link first"

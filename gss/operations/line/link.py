@@ -25,6 +25,7 @@ from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.line_capture import LineCapture
 from gss.operations.line.line_events import LineBatch, LineClosed, LineOpened, LinkFault
 from gss.operations.line.raw_capture import RECEIVED, SENT, Retention
+from gss.operations.line.session_lock import FOREVER, SessionLock
 from gss.store.engine import Database
 
 log = logging.getLogger("gss.link")
@@ -45,8 +46,8 @@ class LinkService:
     """Opens a port, keeps it open, and feeds the host session.
 
     There are two locks, which must be acquired in this order. ``hold_events`` prevents the services from handling events while a
-    row is stored. ``lock`` protects the session. The line thread acquires only ``lock``, so a thread that holds ``lock`` must
-    not wait for the store, a file or the network.
+    row is stored. ``lock`` protects the session; to acquire it raises Conflict if the driver hangs. The line thread acquires only
+    ``lock``, so a thread that holds ``lock`` must not wait for the store, a file or the network.
 
     ``session``: session of the instrument's driver, by default a session of the driver ``gss``. ``rules``: settings of the line.
     The line thread is considered to hang if it has not completed a cycle for ``rules.stalled_after_s``; ``stall`` is then the
@@ -74,7 +75,7 @@ class LinkService:
         self._rules = rules or LinkFile()
         self.dictionary, self.roles = dictionary, roles
         self.session: Driver = session or HostSession(dictionary, hello_again_s=self._rules.hello_again_s)
-        self.lock = threading.RLock()
+        self.lock = SessionLock()
         self.url = ""
         self.line_is_open = False
         """True while bytes can be sent. ``connected`` becomes True later, when the services were notified of the contact."""
@@ -216,11 +217,8 @@ class LinkService:
         stalled_s, stream = self.monotonic_s() - self._round_s, self._stream
         self._round_s = self.monotonic_s()  # the watchdog acts again only after a further ``stalled_after_s``
         hangs = stream is not None and stream is self._closed_by_watch
-        consequence = (
-            "its port is closed, so the driver of the instrument hangs: restart the server"
-            if hangs
-            else "the port was closed"
-        )
+        end = "its port is closed, so the driver of the instrument hangs: restart the server"
+        consequence = end if hangs else "the port was closed"
         self.stall = f"The link thread made no progress for {stalled_s:.0f} s; {consequence}"
         self._fault(self.stall)
         self._closed_by_watch = stream
@@ -301,7 +299,7 @@ class LinkService:
         self.line_is_open, self.reason = True, ""
         cause = "the port was changed"
         try:
-            with self.lock:
+            with self.lock.within(FOREVER):
                 self.session.link_up(self.monotonic_s())
             self._exchange(stream, url)
             cause = self.reason or cause
@@ -331,7 +329,7 @@ class LinkService:
             data = stream.read(READ_BYTES, READ_WAIT_S)
             self.capture.write(RECEIVED, data)
             now_s = self.monotonic_s()
-            with self.lock:
+            with self.lock.within(FOREVER):
                 events = list(self.session.feed(data, now_s)) if data else []
                 out, polled = self.session.poll(now_s)
             self.events.publish(
@@ -343,7 +341,7 @@ class LinkService:
 
     def _end_contact(self, cause: str) -> None:
         self.line_is_open, self.reason = False, cause
-        with self.lock:
+        with self.lock.within(FOREVER):
             events = self.session.link_lost(self.monotonic_s())
         self.events.publish([*events, self.counters])
         self.capture.end()

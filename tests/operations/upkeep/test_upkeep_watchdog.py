@@ -12,12 +12,18 @@ import pytest
 
 from gss.device.session import HostSession
 from gss.device.session_events import SessionEvent
-from gss.domain.errors import LinkDown
+from gss.domain.errors import Conflict, LinkDown
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.package_files import LinkFile
 from gss.instruments.roles import default_roles
+from gss.operations.commanding import aborts as aborts_room
+from gss.operations.commanding.abort_journal import AbortJournal
+from gss.operations.commanding.aborts import Aborts
+from gss.operations.commanding.command_record import CommandRecorder, CommandView
 from gss.operations.frames import solve_queue as room
 from gss.operations.line import link as link_room
+from gss.operations.line import session_lock as lock_room
+from gss.operations.line.deferred_writes import DeferredWrites
 from gss.operations.line.dispatcher import Dispatcher, LineEventQueue
 from gss.operations.line.link import REPORT_EVERY_S, LinkService
 from gss.store.models import Frame
@@ -197,6 +203,33 @@ def test_a_driver_that_hangs_is_reported(faulty_line, bus):
     wait_for(lambda: any("the driver of the instrument hangs: restart the server" in e.text for e in bus.after(0, 100)))
     wait_for(lambda: len(opened) >= 2)
     wait_for(lambda: not link.stall)
+
+
+def test_abort_and_other_requests_end_with_an_error_while_a_driver_hangs(
+    faulty_line, bus, database, clock, tmp_path, monkeypatch
+):
+    """A driver that hangs holds the session. ABORT then reports that it was not sent, is not counted and not recorded; other
+    threads get the same reason. Afterwards the session can be used again."""
+    monkeypatch.setattr(aborts_room, "ABORT_WITHIN_S", 0.05)
+    monkeypatch.setattr(lock_room, "LOCK_WITHIN_S", 0.05)
+    hanging, released = threading.Event(), threading.Event()
+    link, opened, _ = faulty_line(lambda: hanging.set() or released.wait(30))
+    wait_for(hanging.is_set)
+    writes, journal = DeferredWrites(), AbortJournal(tmp_path / "aborts.jsonl")
+    recorder = CommandRecorder(database, bus, clock, lambda row: CommandView(row, False, False), link.events, writes)
+    aborts = Aborts(link, recorder, bus, clock, writes, journal)
+    with pytest.raises(
+        Conflict, match=r"ABORT was not sent: the driver of the instrument has not responded for 0.05 s"
+    ):
+        aborts.issue("op", "abort")
+    assert (aborts.count, journal.entries()) == (0, [])
+    with pytest.raises(Conflict, match="nothing was sent: the driver"), link.lock:
+        pytest.fail("the session is in use")
+    released.set()
+    wait_for(lambda: len(opened) == 1 and link.alive())
+    monkeypatch.undo()
+    aborts.issue("op", "abort")
+    assert aborts.count == 1
 
 
 def test_a_reader_that_died_is_restarted_and_reported(line, bus, monkeypatch):
