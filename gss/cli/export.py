@@ -42,6 +42,11 @@ def register(subparsers: Commands) -> None:
         "--repeat-lists", action="store_true", help="write lists as repeated containers, if the reader supports them"
     )
     xtce.set_defaults(run=export_xtce)
+    cosmos = subcommands.add_parser("cosmos", help="write commands and telemetry as definitions of OpenC3 COSMOS")
+    instruments.add_option(cosmos)
+    cosmos.add_argument("--out", required=True, type=Path, metavar="FOLDER", help="folder for cmd.txt and tlm.txt")
+    cosmos.add_argument("--target", default="", help="name of the target in COSMOS; default the device model")
+    cosmos.set_defaults(run=export_cosmos)
     openapi = subcommands.add_parser("openapi", help="write the OpenAPI document of the HTTP interface")
     openapi.add_argument("--out", type=Path, help="file to write; standard output without it")
     openapi.set_defaults(run=export_openapi)
@@ -106,6 +111,18 @@ def export_xtce(arguments: argparse.Namespace) -> int:
     from gss.device.xtce import xtce_of
 
     return _write(xtce_of(instruments.chosen(arguments), repeat_lists=arguments.repeat_lists), arguments.out)
+
+
+def export_cosmos(arguments: argparse.Namespace) -> int:
+    """Write the dictionary as definitions of COSMOS."""
+    from gss.device.cosmos import cosmos_files
+
+    files = cosmos_files(instruments.chosen(arguments), arguments.target)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        (arguments.out / name).write_text(text)
+    print(f"{arguments.out}: {', '.join(files)}")
+    return 0
 
 
 def export_openapi(arguments: argparse.Namespace) -> int:
