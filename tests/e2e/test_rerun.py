@@ -24,8 +24,8 @@ def pick_the_image(page: Page, box) -> None:
     """Click on the picture until the viewer reports it.
 
     The viewer finds the entity below the pointer some drawings after the pointer moved, and a drawing takes seconds on
-    a busy machine. A button that is held for more than 0.8 s between two drawings is no click, so it is released at
-    once.
+    a busy machine. The viewer ignores a click if the button is held for more than 0.8 s between two drawings, so it
+    is released immediately.
     """
     for wait_ms, across in product((500, 2000, 5000, 10_000), (0.8, 0.72, 0.88)):
         y = box["y"] + box["height"] * 0.25
