@@ -1,4 +1,4 @@
-"""CCSDS packets to and from the NOS3 star tracker software with the driver ``link``, also over UDP."""
+"""CCSDS packets to and from the NOS3 star tracker software with the driver ``link``, also over TCP, UDP and ZeroMQ."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 import yaml
+import zmq
 
 from gss.device.driver import Driver, UnitSetup
 from gss.device.link_driver import open_session
-from gss.device.session_events import CommandUpdate, Stage, Telemetry
-from gss.device.transport import open_stream
+from gss.device.session_events import CommandUpdate, SessionEvent, Stage, Telemetry
+from gss.device.transport import ByteStream, open_stream
 from gss.domain.errors import LinkDown
 from gss.instruments.dictionary.read_dictionary import parse_dictionary
 from gss.instruments.link_file import LinkFile
@@ -117,6 +118,50 @@ def test_packets_over_udp_reach_the_session(session: Driver) -> None:
         stream.close()
         with pytest.raises(LinkDown):
             stream.read(10, 0.01)
+
+
+def answered(session: Driver, stream: ByteStream) -> None:
+    """Read from the line until the response has completed the request and its packet was decoded."""
+    events: list[SessionEvent] = []
+    for _ in range(100):
+        events += session.feed(stream.read(65536, 0.1), 0.1)
+        if any(isinstance(e, CommandUpdate) and e.stage is Stage.COMPLETED for e in events):
+            break
+    packets = {e.packet: e.values for e in events if isinstance(e, Telemetry)}
+    assert set(packets) == {"housekeeping", "attitude"}
+    assert [packets["attitude"][f"q{k}"] for k in range(4)] == [0.5, -0.5, 0.5, 0.5]
+    assert [e.stage for e in events if isinstance(e, CommandUpdate)] == [Stage.COMPLETED]
+    stream.close()
+
+
+def test_packets_over_tcp_reach_the_session(session: Driver) -> None:
+    """A mission-control system receives a request and sends packets in pieces without relation to their borders."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        stream = open_stream(f"socket://127.0.0.1:{listener.getsockname()[1]}")
+        remote, _ = listener.accept()
+        with remote:
+            remote.settimeout(10)
+            session.submit(session.encode("REQUEST_DATA", {}))
+            stream.write(session.poll(0.0)[0])
+            assert remote.recv(8, socket.MSG_WAITALL) == bytes.fromhex("19 36 C0 00 00 01 01 10")
+            both = bytes.fromhex(HOUSEKEEPING + DATA)
+            for k in range(0, len(both), 11):
+                remote.sendall(both[k : k + 11])
+            answered(session, stream)
+
+
+def test_packets_over_zeromq_reach_the_session(session: Driver) -> None:
+    """A mission-control system receives a request as one message and sends one packet per message."""
+    with zmq.Context() as context, context.socket(zmq.DEALER) as remote:
+        remote.setsockopt(zmq.RCVTIMEO, 10_000)
+        remote.setsockopt(zmq.LINGER, 0)
+        stream = open_stream(f"zmq://127.0.0.1:{remote.bind_to_random_port('tcp://127.0.0.1')}")
+        session.submit(session.encode("REQUEST_DATA", {}))
+        stream.write(session.poll(0.0)[0])
+        assert remote.recv() == bytes.fromhex("19 36 C0 00 00 01 01 10")
+        for packet in (HOUSEKEEPING, DATA):
+            remote.send(bytes.fromhex(packet))
+        answered(session, stream)
 
 
 def test_without_a_peer_a_udp_line_is_silent() -> None:

@@ -18,7 +18,7 @@ def transfer(view: TransferView) -> TransferOut:
     row, live = view.row, view.live
     chunks = -(-row.size // row.chunk_size) if row.chunk_size else 0
     stored = [(int(a), int(b)) for a, b in row.stored]
-    stored_bytes = min(row.size, sum(b - a + 1 for a, b in stored) * row.chunk_size)
+    in_chunks = sum(b - a + 1 for a, b in stored) * row.chunk_size
     names = "id direction kind target subject state reason size chunk_size resent sha256 created finished log"
     return TransferOut(
         **{name: getattr(row, name) for name in names.split()},
@@ -32,7 +32,7 @@ def transfer(view: TransferView) -> TransferOut:
         table_id=row.table_id,
         chunks=chunks,
         stored=stored,
-        stored_bytes=stored_bytes,
+        stored_bytes=min(row.size, live.stored_bytes if live else in_chunks),
         rate_bytes_s=live.rate_bytes_s if live else None,
         line_share=live.line_share if live else None,
         left_s=live.left_s if live else None,

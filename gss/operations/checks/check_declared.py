@@ -5,7 +5,7 @@ Hazardous commands are sent only if ``write`` is True. Commands without values f
 
 from __future__ import annotations
 
-from gss.device.session_events import LinkCounters, Telemetry
+from gss.device.session_events import LinkCounters
 from gss.domain.errors import BadInput, Conflict, LinkDown
 from gss.instruments.dictionary.definitions import Hazard
 from gss.instruments.operations import Operation, StandardOperations
@@ -49,14 +49,13 @@ def _check_operation(device: DirectDevice, operations: StandardOperations, opera
 
 
 def _check_telemetry(device: DirectDevice, instrument: Instrument) -> list[Case]:
-    """Check that each packet of a standard quantity arrives and contains the fields that the package names."""
+    """Check that each packet of a standard quantity has arrived and contains the fields that the package names."""
     roles = instrument.roles.quantities.roles()
     longest_s = max((instrument.dictionary.packet(r.packet).stale_after_s for r in roles.values()), default=0.0)
     events = device.watch(max(WATCH_LEAST_S, min(longest_s, 20.0)))
-    received = {e.packet: e for e in events if isinstance(e, Telemetry)}
     cases = []
     for name, role in roles.items():
-        packet = received.get(role.packet)
+        packet = device.packets.get(role.packet)
         subject = f"{name} ({role.packet})"
         if packet is None:
             cases.append(Case(subject, False, "no packet was received"))

@@ -15,6 +15,7 @@ from gss.device.session_events import (
     HelloReceived,
     SessionEvent,
     Stage,
+    Telemetry,
     TransferDone,
     TransferState,
     TransferUpdate,
@@ -49,6 +50,8 @@ class DirectDevice:
         monotonic_s: Monotonic,
     ) -> None:
         self._stream, self._session, self._dictionary, self._now_s = stream, session, dictionary, monotonic_s
+        self.packets: dict[str, Telemetry] = {}
+        """Latest packet of each kind, also those that answered a command."""
         self._session.link_up(monotonic_s())
         self.hello = self._meet()
 
@@ -131,6 +134,7 @@ class DirectDevice:
         out, polled = self._session.poll(self._now_s())
         if out:
             self._stream.write(out)
+        self.packets |= {event.packet: event for event in events + polled if isinstance(event, Telemetry)}
         return events + polled
 
     def _events(self) -> Iterator[SessionEvent | None]:
