@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gss.device.simulator.attitude_control import ControlledBody
 from gss.device.simulator.environment import Environment
 from gss.device.simulator.faults import FaultRates
 from gss.device.simulator.motion import EarthFixed, EarthPointing, Tumble
@@ -63,6 +64,19 @@ def test_motions_start_at_the_given_attitude() -> None:
     for kind, rate_deg_s in (("inertial", 0.0), ("slew", 0.5), ("tumble", 0.5)):
         world = _environment("--motion", kind, "--attitude", "200,-33.9,15", "--rate-deg-s", "0.5")
         assert np.degrees(world.rate_rad_s(7.0)) == pytest.approx(rate_deg_s)
+
+
+def test_an_attitude_control_needs_sunsats_mounting() -> None:
+    """Motion "controlled" starts at --roll-pitch-yaw on the orbit. Other mountings are rejected, because the matched vectors
+    are in Sunsat's body axes."""
+    world = _environment(
+        "--instrument", "sunsat", "--motion", "controlled", "--roll-pitch-yaw", "1,0,135", "--altitude-km", "800"
+    )
+    assert isinstance(world.motion, ControlledBody)
+    assert world.motion.orbit == world.orbit
+    assert np.degrees(world.motion.error_rad(0.0)) == pytest.approx(1.0)
+    with pytest.raises(GssError, match="Sunsat's body axes"):
+        _environment("--instrument", "cubestar", "--motion", "controlled")
 
 
 def test_orbits_come_from_elements_or_a_file(tmp_path: Path) -> None:

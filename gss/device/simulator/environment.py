@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from gss.catalogue_tools.corrections.ephemeris import DAY_S, LIGHT_KM_S, Bodies, bodies_at, earth_pole_icrs
+from gss.device.simulator.attitude_control import ControlledBody
 from gss.device.simulator.body import MountedHead
 from gss.device.simulator.faults import LineControl
 from gss.device.simulator.motion import EarthFixed, EarthPointing, SlewTo, Tumble
@@ -21,6 +22,7 @@ from gss.device.simulator.orbit import (
     Orbit,
     Zenith,
 )
+from gss.device.simulator.reports import Report
 from gss.domain.angles import Array
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
@@ -53,7 +55,7 @@ class Environment:
         self.line = line or LineControl(seed=seed)
         # Motion that "zenith" restores: the initial motion if it is Earth-pointing or that of a body with several
         # heads, otherwise an Earth-pointing motion on the initial orbit.
-        sky_bound = isinstance(motion, Zenith | EarthPointing | MountedHead)
+        sky_bound = isinstance(motion, Zenith | EarthPointing | MountedHead | ControlledBody)
         flown = CircularOrbit() if self.orbit.grounded else self.orbit
         self._home: tuple[Motion, Orbit] = (motion if sky_bound else EarthPointing(flown), flown)
         self.aberration = aberration
@@ -125,6 +127,11 @@ class Environment:
             self.motion, self.orbit = on_the_ground(now, self.epoch_jyear, time_s)
         else:
             self.motion = SlewTo(now, cam_from_icrs(ra_rad, dec_rad, roll_rad), time_s, duration_s)
+
+    def receive(self, report: Report, time_s: float) -> None:
+        """Pass a packet that the unit sends at ``time_s`` to the attitude control, if the body has one."""
+        if isinstance(self.motion, ControlledBody):
+            self.motion.receive(report, time_s)
 
     def rate_rad_s(self, time_s: float) -> float:
         """Return the camera's angular speed in rad/s."""

@@ -74,7 +74,8 @@ class SimulatedDevice:
         self.power = power or Power(PowerRow())
         self._verifier = PacketVerifier(keys, memory.record.accepted_counter) if keys else None
         self._receiver = LineReceiver(from_device=False, framing=framing, verifier=self._verifier)
-        self._outbox = Outbox(dictionary, framing)
+        world = tracker.sky.environment
+        self._outbox = Outbox(dictionary, lambda report: world.receive(report, self.sky_s), framing)
         self._loader = Loader(
             dictionary,
             memory,

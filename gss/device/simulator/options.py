@@ -9,6 +9,7 @@ import numpy as np
 
 from gss.catalogue_tools.envelope.attitude import BODY_FROM_CAM, ORBIT_LAWS
 from gss.device.protocol.framing import FRAMINGS
+from gss.device.simulator.attitude_control import ControlledBody
 from gss.device.simulator.body import ShiftedOrbit, head_motion, read_body
 from gss.device.simulator.environment import Environment, on_the_ground
 from gss.device.simulator.faults import FaultRates, LineControl
@@ -25,7 +26,8 @@ from gss.instruments.registry import shipped_registry
 
 DEFAULT_EPOCH_JYEAR = 2026.0
 MOTION_WORDS = (
-    "zenith, nadir: on an orbit, camera to the zenith; other motions begin at --attitude (default: from the instrument)"
+    "zenith, nadir: on an orbit, camera to the zenith; controlled: an attitude control turns the body by the matched vectors "
+    "that the unit sends; other motions begin at --attitude (default: from the instrument)"
 )
 FAULT_WORDS = "share of 64-byte pieces"
 
@@ -77,11 +79,16 @@ def _add_sky(group: argparse._ArgumentGroup) -> None:
     add("--epoch", type=float, metavar="JYEAR", help="Julian year of the sky (default 2026.0, or the TLE's)")
     add(
         "--motion",
-        choices=("zenith", "nadir", "inertial", "slew", "tumble", "ground"),
+        choices=("zenith", "nadir", "inertial", "slew", "tumble", "ground", "controlled"),
         help=MOTION_WORDS,
     )
     add("--attitude", metavar="RA,DEC,ROLL", help="boresight and roll in degrees; ground: declination is the latitude")
-    add("--rate-deg-s", type=float, default=0.05, help="angular rate of slew and tumble (default 0.05)")
+    add(
+        "--rate-deg-s",
+        type=float,
+        default=0.05,
+        help="angular rate of slew and tumble, drift about each body axis of controlled (default 0.05)",
+    )
     add("--tle", type=Path, metavar="FILE", help="orbit from a two-line element set")
     add("--altitude-km", type=float, default=600.0, help="altitude of the circular orbit (default 600)")
     add("--inclination-deg", type=float, default=97.8, help="inclination of the circular orbit (default 97.8)")
@@ -229,6 +236,8 @@ def make_motion(
     kind = arguments.motion or (instrument.simulator or SimulatorFile()).motion
     if kind in ("zenith", "nadir") and arguments.attitude is None:
         return _earth_pointing(arguments, instrument.about.mounting, orbit), orbit
+    if kind == "controlled":
+        return _controlled(arguments, instrument.about.mounting, orbit), orbit
     ra, dec, roll = _angles(arguments.attitude or "84,5,0", "RA,DEC,ROLL")
     if not -90 <= dec <= 90:
         raise BadInput("declination is out of range", expected="−90 – 90", got=f"{dec:g}")
@@ -268,6 +277,24 @@ def _earth_pointing(arguments: argparse.Namespace, built_in: Mounting, orbit: Or
     if isinstance(orbit, CircularOrbit) and mounting == "zenith" and not any(body):
         return Zenith(orbit.altitude_km, orbit.inclination_rad, orbit.raan_rad, orbit.start_rad)
     return EarthPointing(orbit, BODY_FROM_CAM[mounting].T, (roll, pitch, yaw))
+
+
+def _controlled(arguments: argparse.Namespace, built_in: Mounting, orbit: Orbit) -> Motion:
+    """Return a body that starts at --roll-pitch-yaw and is turned to the instrument's attitude. The matched vectors are in
+    the body axes of Jacobs 1995 §1.3, so the control works with this mounting only."""
+    if built_in.camera != "sunsat" or arguments.mounting not in (None, "sunsat") or arguments.attitude is not None:
+        raise BadInput(
+            "the attitude control uses matched vectors in Sunsat's body axes",
+            expected="an instrument with the mounting sunsat, and neither another --mounting nor --attitude",
+            got=built_in.camera if arguments.mounting is None else arguments.mounting,
+            hint="use --instrument sunsat, and --roll-pitch-yaw for the attitude at the start",
+        )
+    target = np.radians(built_in.at_rest_deg)
+    start = target
+    if arguments.roll_pitch_yaw:
+        start = np.radians(_angles(arguments.roll_pitch_yaw, "ROLL,PITCH,YAW"))
+    drift_rad_s = float(np.radians(arguments.rate_deg_s))
+    return ControlledBody(orbit, BODY_FROM_CAM["sunsat"].T, target, start, drift_rad_s)
 
 
 def _angles(text: str, option: str) -> tuple[float, float, float]:

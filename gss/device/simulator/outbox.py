@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
 from gss.device.protocol.codec import encode
 from gss.device.protocol.packet import PacketType
@@ -21,10 +22,11 @@ def short_text(text: str) -> str:
 
 
 class Outbox:
-    """Queue of framed packets. ``time_s``: device time of the packets, set by the owner."""
+    """Queue of framed packets. ``time_s``: device time of the packets, set by the owner. ``listener``: also receives every
+    telemetry packet, as the spacecraft does."""
 
-    def __init__(self, dictionary: Dictionary, framing: str = "cobs") -> None:
-        self._dictionary = dictionary
+    def __init__(self, dictionary: Dictionary, listener: Callable[[Report], None], framing: str = "cobs") -> None:
+        self._dictionary, self._listener = dictionary, listener
         self._sender = LineSender(to_device=False, prefix=dictionary.prefix, framing=framing)
         self._frames: deque[bytes] = deque()
         self.time_s = 0.0
@@ -33,6 +35,7 @@ class Outbox:
         """Queue a telemetry packet."""
         name, values, lists = report
         packet = self._dictionary.packet(name)
+        self._listener(report)
         self._push(PacketType.TELEMETRY, packet.code, request_id, encode(packet.fields, values, lists))
 
     def event(self, name: str, text: str, request_id: int = 0) -> None:
