@@ -37,6 +37,25 @@ def register(subparsers: Commands) -> None:
     parser.add_argument(
         "--false-stars", type=int, default=0, metavar="N", help="number of spots that are not catalogue stars"
     )
+    parser.add_argument(
+        "--star-colours",
+        action="store_true",
+        help="brightness by colour index and spectral response of the camera instead of V",
+    )
+    parser.add_argument(
+        "--corner-blur-px",
+        type=float,
+        default=0.0,
+        metavar="PX",
+        help="field curvature: additional width (1 sigma) of a star image in the corner (default: 0)",
+    )
+    parser.add_argument(
+        "--row-skew-ms",
+        type=float,
+        default=0.0,
+        metavar="MS",
+        help="rolling shutter: time from the exposure of the first row to that of the last row (default: 0)",
+    )
     parser.add_argument("--no-noise", action="store_true", help="render the expected values")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of noise and false stars (default: 1)")
     parser.add_argument("--epoch", type=float, metavar="YEAR", help="Julian year of the star positions (default: now)")
@@ -65,6 +84,9 @@ def run(arguments: argparse.Namespace) -> int:
             not arguments.no_noise,
             arguments.seed,
             julian_year(utc_now()) if arguments.epoch is None else arguments.epoch,
+            arguments.star_colours,
+            arguments.corner_blur_px,
+            arguments.row_skew_ms,
         ),
     )
     arguments.out.write_bytes(png(drawn.pixels))

@@ -60,7 +60,9 @@ class Defects:
     fixed offsets of pixels and of whole columns. ``dark_sigma``: relative spread of the dark current. ``hot_share``:
     fraction of pixels with an additional dark current, exponentially distributed with mean ``hot_e_s`` electrons per
     second. ``dead_share``: fraction of pixels without response. ``corner_loss``: fraction of light lost in the corner; the
-    loss grows with the square of the distance from the optical centre.
+    loss grows with the square of the distance from the optical centre. ``corner_blur_px``: additional standard deviation
+    of a star image in the corner of a lens with a curved field; the defocus grows with the square of the same distance.
+    ``row_skew_ms``: time from the exposure of the first row to that of the last row of a rolling shutter.
     """
 
     response_sigma: float = 0.0
@@ -71,6 +73,8 @@ class Defects:
     hot_e_s: float = 0.0
     dead_share: float = 0.0
     corner_loss: float = 0.0
+    corner_blur_px: float = 0.0
+    row_skew_ms: float = 0.0
 
 
 NO_DEFECTS = Defects()

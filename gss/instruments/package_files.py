@@ -114,6 +114,8 @@ class DefectsRow(Sourced):
     hot_e_s: NotNegative = 0.0
     dead_share: Fraction = 0.0
     corner_loss: Fraction = 0.0
+    corner_blur_px: Annotated[float, Field(ge=0, le=20)] = 0.0
+    row_skew_ms: Annotated[float, Field(ge=0, le=2000)] = 0.0
 
     def defects(self) -> Defects:
         """Return the values without their source."""
@@ -174,10 +176,12 @@ class PowerRow(Noted):
 class SimulatorFile(Strict):
     """``simulator.yaml``: properties of the simulated unit. ``program``: entry point in the group ``gss.simulators``
     for a third-party unit; by default the shared simulator. ``motion``: default motion of a simulation; "inertial" for
-    a camera whose long exposure needs a satellite at rest."""
+    a camera whose long exposure needs a satellite at rest. ``star_colours``: True if the brightness of a rendered star
+    depends on its colour index and the spectral response of the camera (Liebe 1992); otherwise stars have their V."""
 
     program: Annotated[str, Field(max_length=40)] = ""
     motion: Literal["zenith", "inertial"] = "zenith"
+    star_colours: bool = False
     defects: DefectsRow | None = None
     timing: UnitTiming = UnitTiming()
     power: PowerRow = PowerRow()

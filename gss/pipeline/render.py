@@ -7,7 +7,7 @@ integrated over each pixel. The caller supplies the random generator, so a frame
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.domain.results import Truth
 from gss.domain.rotation import quaternion_from_matrix, rotation_from_vector
-from gss.domain.sensor import Sensor
+from gss.domain.sensor import NO_DEFECTS, Defects, Sensor
 from gss.domain.stars import StarTable
 from gss.pipeline.chip import Chip
 from gss.pipeline.readout import FixedPattern, HotPixel, Image, expose
@@ -28,6 +28,7 @@ STAMP_SIGMAS = 5.0
 BLUR_STEP_SIGMAS = 0.5
 MAX_BLUR_STEPS = 400
 FAINTEST_E = 0.05
+ROLLING_STEPS = 3
 # A trail is drawn as overlapping spots. If a spot has less light than this value, each pixel receives far less than one
 # electron from it.
 FAINTEST_STEP_E = 0.05
@@ -77,22 +78,30 @@ def render(
     veil: Veil | None = None,
     chip: Chip | None = None,
     dark_factor: float = 1.0,
+    defects: Defects = NO_DEFECTS,
 ) -> Rendered:
     """Render one exposure of the ``stars`` (their ``icrs`` as given, no propagation) at an attitude.
 
     ``rate_rad_s``: angular velocity of the camera relative to ICRS in camera axes; ``cam_from_icrs``: attitude at
     mid-exposure. Without ``noise`` the frame is the rounded expectation. The truth lists, brightest first, the stars whose
     mid-exposure position lies on the detector, including faint ones and those hidden by the Earth. ``lights``, ``veil``: other
-    light; ``chip``: detector defects; ``dark_factor`` multiplies the dark current (temperature). Raises :class:`BadInput` if
-    the exposure is not positive or the trails are too long to draw.
+    light; ``chip``: detector defects; ``dark_factor`` multiplies the dark current (temperature). ``defects``: field curvature
+    and rolling shutter, whose attitude is that of the middle row; the other values are in ``chip``. Raises :class:`BadInput`
+    if the exposure is not positive or the trails are too long to draw.
     """
     if not exposure_s > 0:
         raise BadInput("invalid exposure", expected="more than 0 s", got=f"{exposure_s} s")
     rate = np.asarray(rate_rad_s, float)
-    near = stars_near(
-        stars, camera, cam_from_icrs, STAMP_SIGMAS * sensor.psf_sigma_px, float(np.linalg.norm(rate)) * exposure_s
+    skew_s = defects.row_skew_ms / 1000
+    margin_px = STAMP_SIGMAS * (sensor.psf_sigma_px + defects.corner_blur_px)
+    near = stars_near(stars, camera, cam_from_icrs, margin_px, float(np.linalg.norm(rate)) * (exposure_s + skew_s))
+    if skew_s > 0:
+        near = replace(near, icrs=_rolled(near.icrs, camera, cam_from_icrs, rate, skew_s))
+        if lights is not None:
+            lights = replace(lights, icrs=_rolled(lights.icrs, camera, cam_from_icrs, rate, skew_s))
+    light = _expected_light(
+        near, camera, sensor, cam_from_icrs, exposure_s, rate, false_stars, lights, defects.corner_blur_px
     )
-    light = _expected_light(near, camera, sensor, cam_from_icrs, exposure_s, rate, false_stars, lights)
     if veil is not None and veil.blocked is not None:
         light[veil.blocked] = 0.0
     pixels = expose(
@@ -136,6 +145,7 @@ def _expected_light(
     rate_rad_s: Array,
     false_stars: Sequence[FalseStar],
     lights: Lights | None,
+    corner_blur_px: float,
 ) -> Array:
     """Return the (rows, columns) expected electrons of starlight."""
     icrs, v_mag = stars.icrs, stars.v_mag
@@ -152,7 +162,39 @@ def _expected_light(
     if false_stars:
         positions.append(np.array([[f.col_px, f.row_px] for f in false_stars], float))
         portions.append(sensor.star_e(np.array([f.v_mag for f in false_stars]), exposure_s))
-    return spots(camera.rows, camera.columns, np.concatenate(positions), np.concatenate(portions), sensor.psf_sigma_px)
+    pixels = np.concatenate(positions)
+    sigma_px: Array | float = sensor.psf_sigma_px
+    if corner_blur_px > 0:
+        sigma_px = np.hypot(sigma_px, corner_blur_px * corner_share(pixels, camera))
+    return spots(camera.rows, camera.columns, pixels, np.concatenate(portions), sigma_px)
+
+
+def corner_share(pixels: Array, camera: Camera) -> Array:
+    """Return the squared distance of (n, 2) pixels from the optical centre, 1 in the farthest corner. The sag of a curved
+    field, and with it the width of a defocused star image, grows in this way (Huffman 2006 §2.3, Fig. 2.4)."""
+    centre = np.array([camera.centre_col_px, camera.centre_row_px])
+    focal = np.array([camera.focal_col_px, camera.focal_row_px])
+    corners = np.array([[c, r] for c in (0, camera.columns - 1) for r in (0, camera.rows - 1)])
+    farthest = np.max(np.sum(((corners - centre) / focal) ** 2, axis=1))
+    return np.asarray(np.sum(((pixels - centre) / focal) ** 2, axis=1) / farthest)
+
+
+def _rolled(icrs: Array, camera: Camera, cam_from_icrs: Array, rate_rad_s: Array, skew_s: float) -> Array:
+    """Return (n, 3) directions displaced by the rotation of the camera from the middle row's exposure to the exposure of
+    the row on which each star is. Stars beyond the first and last rows move with these rows."""
+    to_cam = np.asarray(cam_from_icrs)
+    still = icrs @ to_cam.T
+    speed_rad_s = float(np.linalg.norm(rate_rad_s))
+    if speed_rad_s == 0:
+        return icrs
+    axis, turned = rate_rad_s / speed_rad_s, still
+    for _ in range(ROLLING_STEPS):
+        row = np.nan_to_num(camera.project(turned)[:, 1], nan=camera.rows / 2)
+        late_s = (np.clip(row / (camera.rows - 1), 0.0, 1.0) - 0.5) * skew_s
+        angle = -speed_rad_s * late_s[:, None]
+        along = (still @ axis)[:, None] * axis
+        turned = along + (still - along) * np.cos(angle) + np.cross(axis, still) * np.sin(angle)
+    return np.asarray(turned @ to_cam)
 
 
 def longest_trail_s(camera: Camera, sensor: Sensor, rate_rad_s: ArrayLike) -> float:
@@ -186,17 +228,18 @@ def _paths(
     return camera.project(np.einsum("tij,nj->nti", rotations, at_middle))
 
 
-def spots(rows: int, columns: int, pixels: Array, electrons: Array, sigma_px: float) -> Array:
+def spots(rows: int, columns: int, pixels: Array, electrons: Array, sigma_px: Array | float) -> Array:
     """Return the (rows, columns) sum of Gaussian spots integrated over the pixels. ``pixels``: (n, 2) col, row; NaN
-    positions are skipped."""
-    half = int(np.ceil(STAMP_SIGMAS * sigma_px))
+    positions are skipped. ``sigma_px``: common or (n,)."""
+    widths_px = np.broadcast_to(np.asarray(sigma_px, float), electrons.shape)
+    half = int(np.ceil(STAMP_SIGMAS * float(np.max(widths_px[np.isfinite(widths_px)], initial=0.0))))
     drawn = np.isfinite(pixels).all(axis=1) & (electrons > FAINTEST_E / max(1, len(electrons)))
     drawn &= (pixels > -half - 1).all(axis=1) & (pixels < np.array([columns + half, rows + half])).all(axis=1)
-    pixels, electrons = pixels[drawn], electrons[drawn]
+    pixels, electrons, widths_px = pixels[drawn], electrons[drawn], widths_px[drawn, None]
     corner = np.rint(pixels).astype(np.intp) - half
     offsets = np.arange(2 * half + 1)
-    across = _pixel_shares(corner[:, :1] + offsets - pixels[:, :1], sigma_px)
-    down = _pixel_shares(corner[:, 1:] + offsets - pixels[:, 1:], sigma_px) * electrons[:, None]
+    across = _pixel_shares(corner[:, :1] + offsets - pixels[:, :1], widths_px)
+    down = _pixel_shares(corner[:, 1:] + offsets - pixels[:, 1:], widths_px) * electrons[:, None]
     # The image is padded by one stamp on every side to avoid clipping of spots.
     pad = 2 * half + 2
     width = columns + 2 * pad
@@ -207,7 +250,7 @@ def spots(rows: int, columns: int, pixels: Array, electrons: Array, sigma_px: fl
     return np.ascontiguousarray(flat.reshape(-1, width)[pad : pad + rows, pad : pad + columns])
 
 
-def _pixel_shares(distance_px: Array, sigma_px: float) -> Array:
+def _pixel_shares(distance_px: Array, sigma_px: Array) -> Array:
     """Return the share of a one-dimensional Gaussian in a pixel whose centre is ``distance_px`` away."""
     scale = 1.0 / (np.sqrt(2.0) * sigma_px)
     return np.asarray(0.5 * (erf((distance_px + 0.5) * scale) - erf((distance_px - 0.5) * scale)))

@@ -286,3 +286,23 @@ def test_the_fastest_tumble_can_be_rendered(name: str) -> None:
     assert np.array_equal(fast.truth.hip, still.truth.hip)
     assert fast.truth.v_mag == pytest.approx(still.truth.v_mag)
     assert len(_centroids_of(sky, fast.pixels)) < len(_centroids_of(sky, still.pixels)) or name == "aim"
+
+
+def test_colours_change_the_brightness_of_stars_only_on_request() -> None:
+    """With star colours a red star is brighter for Oersted's detector and a white one has its V (Liebe 1992); the default
+    renders V."""
+    profile = shipped_camera("oersted")
+    motion = Inertial.pointing(*np.radians([84.0, 2.0, 0.0]))
+    plain, coloured = (
+        SimulatedSky(profile, motion, 2026.0, 1, star_colours=on).expose(0.0, 0.1, 1) for on in (False, True)
+    )
+    betelgeuse, rigel = 27989, 24436
+    change = {
+        hip: float(coloured.truth.v_mag[coloured.truth.hip == hip][0] - plain.truth.v_mag[plain.truth.hip == hip][0])
+        for hip in (betelgeuse, rigel)
+    }
+    assert change[betelgeuse] < -0.5
+    assert change[rigel] == pytest.approx(0.0, abs=0.1)
+    col, row = np.rint(plain.truth.pixels[plain.truth.hip == betelgeuse][0]).astype(int)
+    box = np.s_[row - 6 : row + 7, col - 6 : col + 7]
+    assert coloured.pixels[box].astype(float).sum() > plain.pixels[box].astype(float).sum()

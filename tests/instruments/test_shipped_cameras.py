@@ -58,6 +58,8 @@ EXPECTED: dict[str, dict[str, Any]] = {
             "hot_e_s": 1500.0,
             "dead_share": 5e-06,
             "corner_loss": 0.2,
+            "corner_blur_px": 0.0,
+            "row_skew_ms": 0.0,
         },
         "baffle": {
             "sun_limit_rad": 0.4904375198104066,
@@ -107,6 +109,8 @@ EXPECTED: dict[str, dict[str, Any]] = {
             "hot_e_s": 2000.0,
             "dead_share": 2e-05,
             "corner_loss": 0.35,
+            "corner_blur_px": 0.0,
+            "row_skew_ms": 0.0,
         },
         "baffle": {
             "sun_limit_rad": 0.7853981633974483,
@@ -156,6 +160,8 @@ EXPECTED: dict[str, dict[str, Any]] = {
             "hot_e_s": 4000.0,
             "dead_share": 2e-05,
             "corner_loss": 0.2,
+            "corner_blur_px": 0.0,
+            "row_skew_ms": 0.0,
         },
         "baffle": {
             "sun_limit_rad": 0.6981317007977318,
@@ -205,6 +211,8 @@ EXPECTED: dict[str, dict[str, Any]] = {
             "hot_e_s": 1000.0,
             "dead_share": 5e-06,
             "corner_loss": 0.4,
+            "corner_blur_px": 0.0,
+            "row_skew_ms": 0.0,
         },
         "baffle": {
             "sun_limit_rad": 0.7853981633974483,
@@ -254,6 +262,8 @@ EXPECTED: dict[str, dict[str, Any]] = {
             "hot_e_s": 5000.0,
             "dead_share": 2e-05,
             "corner_loss": 0.1,
+            "corner_blur_px": 0.0,
+            "row_skew_ms": 0.0,
         },
         "baffle": {
             "sun_limit_rad": 0.3490658503988659,

@@ -16,6 +16,7 @@ from gss.domain.camera import Brown, Camera
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion, rotation_from_vector
+from gss.domain.sensor import Defects
 from gss.domain.stars import StarTable
 from gss.instruments.registry import shipped_camera
 from gss.pipeline.render import FalseStar, FixedPattern, HotPixel, expose, render, spots
@@ -246,3 +247,58 @@ def test_world_coordinates_convert_back_to_unit_vectors() -> None:
     """The world coordinates that the WCS tests use convert back to the catalogue's vectors."""
     ra, dec = ra_dec_from_unit(_sky().icrs)
     np.testing.assert_allclose(unit_from_ra_dec(ra, dec), _sky().icrs, atol=1e-14)
+
+
+def _width_px(light: Array) -> float:
+    """Return the standard deviation of the columns of a spot."""
+    column = np.arange(light.shape[1])
+    share = light.sum(axis=0) / light.sum()
+    middle = float(share @ column)
+    return float(np.sqrt(share @ (column - middle) ** 2))
+
+
+def test_a_curved_field_widens_stars_towards_the_corner() -> None:
+    """The additional width is zero on the axis and a quarter of the corner's at half the distance. The light of the star is
+    unchanged (Huffman 2006 Fig. 2.4)."""
+    camera = shipped_camera("far_mst").camera
+    half_way = np.array([[camera.centre_col_px, camera.centre_row_px], [camera.columns / 4, camera.rows / 4]])
+    stars = replace(_sky().take(np.arange(2)), icrs=camera.unproject(half_way), v_mag=np.array([4.0, 4.0]))
+    drawn = (
+        render(
+            stars,
+            camera,
+            NOISELESS,
+            np.eye(3),
+            1.0,
+            np.random.default_rng(1),
+            noise=False,
+            defects=Defects(corner_blur_px=8.0),
+        ).pixels.astype(float)
+        - NOISELESS.bias_dn
+    )
+    pixel2 = NOISELESS.psf_sigma_px**2 + 1 / 12
+    for (col, row), blur_px in zip(np.rint(half_way).astype(int), (0.0, 2.0), strict=True):
+        stamp = drawn[row - 40 : row + 41, col - 40 : col + 41]
+        assert _width_px(stamp) == pytest.approx(np.sqrt(pixel2 + blur_px**2), rel=0.03)
+        assert stamp.sum() * NOISELESS.gain_e_per_dn == pytest.approx(float(NOISELESS.star_e(4.0, 1.0)), rel=0.01)
+
+
+def test_a_rolling_shutter_shears_a_turning_field() -> None:
+    """Each star is where the attitude at the time of its row puts it; the middle row has the attitude of the frame. A camera
+    at rest is not affected."""
+    rate, skew_s = np.array([0.0, 0.05, 0.0]), 0.4
+    attitude, rng = _attitude(5), np.random.default_rng(1)
+    defects = Defects(row_skew_ms=1000 * skew_s)
+    still = render(_sky(), CAMERA, SENSOR, attitude, 0.01, rng, noise=False, rate_rad_s=rate).truth
+    rolled = render(_sky(), CAMERA, SENSOR, attitude, 0.01, rng, noise=False, rate_rad_s=rate, defects=defects).truth
+    common, a, b = np.intersect1d(still.hip, rolled.hip, return_indices=True)
+    assert len(common) > 30
+    moved = np.linalg.norm(rolled.pixels[b] - still.pixels[a], axis=1)
+    assert moved.max() > 8
+    rows = {int(h): i for i, h in enumerate(_sky().hip)}
+    for hip, pixel in zip(rolled.hip, rolled.pixels, strict=True):
+        late_s = (np.clip(pixel[1] / (CAMERA.rows - 1), 0, 1) - 0.5) * skew_s
+        at_row = rotation_from_vector(-rate * late_s) @ attitude
+        assert CAMERA.project(_sky().icrs[rows[int(hip)]][None] @ at_row.T)[0] == pytest.approx(pixel, abs=0.01)
+    rest = render(_sky(), CAMERA, SENSOR, attitude, 0.01, rng, noise=False, defects=defects).truth
+    assert np.array_equal(rest.pixels, still.pixels)

@@ -7,6 +7,7 @@ The constant C of the document is set so that a star of B−V = 0 has the same m
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -14,7 +15,8 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.response import SpectralResponse
+from gss.domain.response import SpectralResponse, response_of
+from gss.domain.stars import StarTable
 
 # Planck's hc/k, in nanometres times kelvin.
 HC_OVER_K_NM_K = 1.438776877e7
@@ -49,6 +51,12 @@ def instrument_minus_v(b_v: Array, response: SpectralResponse, unknown_b_v: floa
     grid, correction = _table(response)
     colour = np.where(np.isnan(b_v), unknown_b_v, b_v)
     return np.asarray(np.interp(colour, grid, correction))
+
+
+def as_seen_by(stars: StarTable, profile: CameraProfile) -> StarTable:
+    """Return the table with the magnitude of the camera instead of V (Liebe 1992, "Correction to CCD-sensitivity"). Stars
+    without a colour index are white, which is the zero point of the magnitude."""
+    return replace(stars, v_mag=stars.v_mag + instrument_minus_v(stars.b_v, response_of(profile), 0.0))
 
 
 def roll_off_mag(profile: CameraProfile, which: str) -> float:

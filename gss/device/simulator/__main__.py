@@ -74,7 +74,8 @@ def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Term
         burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
     real = own_lens(camera, arguments.lens_off, arguments.seed)
     world = make_environment(arguments, real, instrument, clock.utc_zero_s() + began_s - memory.record.time_base_s)
-    sky = SimulatedSky(real, world.motion, world.epoch_jyear, arguments.seed, world)
+    colours = arguments.star_colours or behaviour.star_colours
+    sky = SimulatedSky(real, world.motion, world.epoch_jyear, arguments.seed, world, star_colours=colours)
     serial = f"SIM-{arguments.seed:04d}"
     identity = Identity(serial=serial, line_baud=baud)
     tracker = StarTracker(camera, sky, memory, behaviour.timing)

@@ -65,6 +65,11 @@ def _add_sky(group: argparse._ArgumentGroup) -> None:
         help="real: planets, Moon, Sun, Earth, stray light, defects",
     )
     add(
+        "--star-colours",
+        action="store_true",
+        help="brightness of stars by colour index and spectral response of the camera (default: from the instrument)",
+    )
+    add(
         "--aberration",
         action="store_true",
         help="stars at their apparent positions; ground results then differ by up to 26″",

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gss.catalogue_tools.corrections.corrections import aberrate
 from gss.catalogue_tools.corrections.ephemeris import Bodies, BodyDisc
+from gss.catalogue_tools.corrections.instrument_magnitude import as_seen_by
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.device.simulator.environment import Environment
 from gss.device.simulator.orbit import Motion, Pose
@@ -42,7 +43,8 @@ class SimulatedExposure:
 
 
 class SimulatedSky:
-    """Renders exposures. Seed and frame number determine the noise; time and environment determine the scene."""
+    """Renders exposures. Seed and frame number determine the noise; time and environment determine the scene.
+    ``star_colours``: stars have the magnitude of the camera instead of V, also in the truth."""
 
     def __init__(
         self,
@@ -51,11 +53,15 @@ class SimulatedSky:
         epoch_jyear: float,
         seed: int,
         environment: Environment | None = None,
+        *,
+        star_colours: bool = False,
     ) -> None:
         self._profile, self._seed = profile, seed
         self.environment = environment or Environment(profile, motion, epoch_jyear, seed)
         faintest = min(profile.sensor.faint_limit_mag + FAINTER_MAG, DEEPEST_MAG)
         self._stars = propagate(load_stars(faintest), epoch_jyear)
+        if star_colours:
+            self._stars = as_seen_by(self._stars, profile)
 
     def expose(self, mid_time_s: float, exposure_s: float, frame_number: int) -> SimulatedExposure:
         """Return an image with mid-exposure at ``mid_time_s`` (simulated time)."""
@@ -77,6 +83,7 @@ class SimulatedSky:
             veil=self._veil(pose, mid_time_s),
             chip=world.chip,
             dark_factor=world.dark_factor,
+            defects=world.defects,
         )
         return SimulatedExposure(drawn.pixels, drawn.truth)
 
