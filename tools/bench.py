@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     unknown = [name for name in options.sections if name not in SECTIONS]
     if unknown:
-        parser.error(f"unknown section {', '.join(unknown)}; there are {', '.join(SECTIONS)}")
+        parser.error(f"unknown section {', '.join(unknown)}; valid sections: {', '.join(SECTIONS)}")
     at_start = machine()
     output = sys.stderr if options.json else sys.stdout
     tables: list[BenchTable] = []

@@ -23,7 +23,8 @@ DESCRIBED = (
 )
 """Tests that read the descriptions of instruments. They run if a YAML file of ``gss/instruments`` has changed."""
 MAX_FILES = 25
-"""Maximum number of test files that run within a minute. Tests that name the most changed modules run first."""
+"""Maximum number of test files to run, which limits the run to about a minute. Files that name the most changed modules
+run first."""
 
 
 def changed_files(base: str) -> list[str]:

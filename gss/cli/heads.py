@@ -70,7 +70,7 @@ def list_spacecraft(arguments: argparse.Namespace) -> int:
     from gss.api.schemas.heads import HeadsOut
 
     services = _services(arguments)
-    stored = [_stored(services, setup) for setup in services.heads.book.every()]
+    stored = [_stored(services, setup) for setup in services.heads.book.list_all()]
     if arguments.json:
         print(TypeAdapter(list[HeadsOut]).dump_json(stored, indent=1).decode())
         return 0
@@ -88,7 +88,7 @@ def set_spacecraft(arguments: argparse.Namespace) -> int:
     values |= {"source": arguments.source.replace("-", " "), "heads": [_head(text) for text in arguments.head]}
     request = request_from(SpacecraftRequest, values)
     services = _services(arguments)
-    id_by_name = {stored.name: stored.id for stored in services.heads.book.every()}
+    id_by_name = {stored.name: stored.id for stored in services.heads.book.list_all()}
     if request.name in id_by_name:
         setup = services.heads.book.change(id_by_name[request.name], request, user=_user())
     else:

@@ -69,7 +69,7 @@ def list_passes(arguments: argparse.Namespace) -> int:
     from gss.api.present.passes import passes
 
     services = _services(arguments)
-    table = passes(services.passes.table.coming(arguments.days, _station_id(services, arguments.station)))
+    table = passes(services.passes.table.upcoming(arguments.days, _station_id(services, arguments.station)))
     if arguments.json:
         print(table.model_dump_json(indent=1))
         return 1 if table.problem else 0
@@ -93,7 +93,7 @@ def write_calendar(arguments: argparse.Namespace) -> int:
     from gss.operations.passes.pass_calendar import calendar
 
     services = _services(arguments)
-    table = services.passes.table.coming(arguments.days, _station_id(services, arguments.station))
+    table = services.passes.table.upcoming(arguments.days, _station_id(services, arguments.station))
     if table.problem:
         print(f"gss: {table.problem}", file=sys.stderr)
         return 1
@@ -133,7 +133,7 @@ def orbit(arguments: argparse.Namespace) -> int:
 
 def list_stations(arguments: argparse.Namespace) -> int:
     """Print the ground stations."""
-    for row in _services(arguments).passes.stations.every():
+    for row in _services(arguments).passes.stations.list_all():
         position = (
             f"{math.degrees(row.latitude_rad):+9.4f}° {math.degrees(row.longitude_rad):+10.4f}° {row.height_m:6.0f} m"
         )
@@ -191,7 +191,7 @@ def _station_id(services: Services, name: str | None) -> int | None:
 def _station(services: Services, name: str) -> Station:
     from gss.domain.errors import NotFound
 
-    row = next((row for row in services.passes.stations.every() if row.name == name), None)
+    row = next((row for row in services.passes.stations.list_all() if row.name == name), None)
     if row is None:
         raise NotFound("no such ground station", got=name, hint="run gss passes stations to list them")
     return row

@@ -36,7 +36,7 @@ def register(subparsers: Commands) -> None:
 def list_tokens(arguments: argparse.Namespace) -> int:
     """Print name, role and expiry of each token."""
     with account_store(arguments) as store:
-        for row in store.accounts.tokens.every():
+        for row in store.accounts.tokens.list_all():
             state = f"revoked {row.revoked:%Y-%m-%d}" if row.revoked else f"until {row.expires:%Y-%m-%d %H:%MZ}"
             print(f"{row.name:<24} {row.role:<18} {state}  {', '.join(row.scopes)}".rstrip())
     return 0

@@ -67,7 +67,7 @@ def _with_password(parser: argparse.ArgumentParser) -> None:
 def list_users(arguments: argparse.Namespace) -> int:
     """Print name, role and state of each user."""
     with account_store(arguments) as store:
-        for row in store.accounts.users.every():
+        for row in store.accounts.users.list_all():
             state = "on" if row.enabled else "off"
             last_sign_in = f"{row.last_sign_in:%Y-%m-%d %H:%MZ}" if row.last_sign_in else "never"
             print(

@@ -114,7 +114,7 @@ class Client:
         return ended
 
     def commands(self, limit: int = 100) -> list[Command]:
-        """Return the newest commands, newest first."""
+        """Return the latest commands, newest first."""
         return [Command.of(row) for row in self._server.get("/commands", limit=limit)]
 
     def abort(self) -> None:
@@ -202,7 +202,7 @@ class Client:
         return ended
 
     def frames(self, limit: int = 100, **filters: Value) -> list[Frame]:
-        """Return the newest frames, newest first. ``filters``: query parameters of ``GET /api/frames``, for example
+        """Return the latest frames, newest first. ``filters``: query parameters of ``GET /api/frames``, for example
         ``outcome="solved"``."""
         return [Frame.of(row) for row in self._server.get("/frames", limit=limit, **filters)["frames"]]
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 TAKING_IMAGES = ("star_track", "capture")
 STEADY_S = 10.0
-"""Shortest time without a new image before an image is downloaded while the sensor takes images. A download takes longer
-than the pause between two images with the sensor's default settings."""
-REPLACES_IMAGES = "waits until the sensor stops taking images, because each new image replaces the last one"
+"""While the sensor takes images, a download begins only after no new image has appeared for this time, because with the
+sensor's default settings a download takes longer than the pause between two images."""
+REPLACES_IMAGES = "waits until the sensor stops taking images, because each new image replaces the previous one"
 
 
 @dataclass

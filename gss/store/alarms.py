@@ -39,7 +39,7 @@ def still_open(session: Session) -> list[Alarm]:
 
 
 def newest(session: Session, limit: int) -> list[Alarm]:
-    """Return the newest alarms, including closed alarms, newest first."""
+    """Return the latest alarms, including closed alarms, newest first."""
     return list(session.scalars(select(Alarm).order_by(Alarm.id.desc()).limit(limit)))
 
 

@@ -67,18 +67,18 @@ def last(session: Session) -> AuditRow | None:
     return session.scalar(select(AuditRow).order_by(AuditRow.seq.desc()).limit(1))
 
 
-class PlaceTaken(Exception):
+class PositionTaken(Exception):
     """Raised when another row was stored concurrently at the same position of the hash chain. The new row is not
     stored."""
 
 
 def add(session: Session, row: AuditRow) -> None:
-    """Append a row. Raises PlaceTaken if its position in the hash chain is occupied."""
+    """Append a row. Raises PositionTaken if its position in the hash chain is occupied."""
     session.add(row)
     try:
         session.flush()
     except IntegrityError as error:
-        raise PlaceTaken from error
+        raise PositionTaken from error
 
 
 def page(session: Session, filters: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:
@@ -86,9 +86,9 @@ def page(session: Session, filters: AuditFilter, limit: int, before: int | None 
     return paging.newest(session, filters.apply(select(AuditRow)), AuditRow.seq, limit, before)
 
 
-def every(session: Session, filters: AuditFilter) -> Iterator[AuditRow]:
+def iterate_all(session: Session, filters: AuditFilter) -> Iterator[AuditRow]:
     """Yield all matching rows, oldest first, read in batches."""
-    return paging.every(session, filters.apply(select(AuditRow)), AuditRow.seq)
+    return paging.iterate_all(session, filters.apply(select(AuditRow)), AuditRow.seq)
 
 
 def hashes(session: Session, numbers: Iterable[int]) -> dict[int, str]:
@@ -97,7 +97,7 @@ def hashes(session: Session, numbers: Iterable[int]) -> dict[int, str]:
     return {row.seq: row.hash for row in session.execute(query)}
 
 
-def before_the_first(session: Session) -> int:
+def count_before_start(session: Session) -> int:
     """Return the number of rows inserted before the start of the chain."""
     return session.scalar(select(func.count()).select_from(AuditRow).where(AuditRow.seq < 1)) or 0
 

@@ -37,5 +37,5 @@ def put_transfer(session: Session, row: Authority, kind: str, user: str, note: s
 
 
 def newest(session: Session, limit: int) -> list[Authority]:
-    """Return the newest rows, newest first."""
+    """Return the latest rows, newest first."""
     return list(session.scalars(select(Authority).order_by(Authority.id.desc()).limit(limit)))

@@ -25,12 +25,12 @@ def get(session: Session, catalogue_id: int) -> Catalogue:
 
 
 def by_sha256(session: Session, sha256: str) -> Catalogue | None:
-    """Return the newest catalogue with that image hash; a prefix of 8 or more digits is sufficient."""
+    """Return the latest catalogue with that image hash; a prefix of 8 or more digits is sufficient."""
     return session.scalar(
         select(Catalogue).where(Catalogue.sha256.startswith(sha256)).order_by(Catalogue.id.desc()).limit(1)
     )
 
 
 def newest(session: Session, limit: int) -> list[Catalogue]:
-    """Return the newest catalogues, newest first."""
+    """Return the latest catalogues, newest first."""
     return list(session.scalars(select(Catalogue).order_by(Catalogue.id.desc()).limit(limit)))

@@ -114,9 +114,9 @@ def page(session: Session, filters: Filter, limit: int, before: int | None = Non
     return paging.newest(session, filters.apply(select(Command)), Command.id, limit, before)
 
 
-def every(session: Session, filters: Filter) -> Iterator[Command]:
+def iterate_all(session: Session, filters: Filter) -> Iterator[Command]:
     """Yield all matching commands, oldest first, read in batches."""
-    return paging.every(session, filters.apply(select(Command)), Command.id)
+    return paging.iterate_all(session, filters.apply(select(Command)), Command.id)
 
 
 def facets(session: Session) -> dict[str, list[str]]:

@@ -15,7 +15,7 @@ from gss.store import rollups
 from gss.store.models import DerivedParameter, TelemetryPacket
 
 
-def every(session: Session) -> list[DerivedParameter]:
+def list_all(session: Session) -> list[DerivedParameter]:
     """Return all definitions, sorted by name."""
     return list(session.scalars(select(DerivedParameter).order_by(DerivedParameter.name)))
 

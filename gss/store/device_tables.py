@@ -25,12 +25,12 @@ def get(session: Session, table_id: int) -> DeviceTable:
 
 
 def by_sha256(session: Session, kind: str, sha256: str) -> DeviceTable | None:
-    """Return the newest table of that kind with that content."""
+    """Return the latest table of that kind with that content."""
     query = select(DeviceTable).where(DeviceTable.kind == kind, DeviceTable.sha256 == sha256)
     return session.scalar(query.order_by(DeviceTable.id.desc()).limit(1))
 
 
 def newest(session: Session, limit: int, kind: str = "") -> list[DeviceTable]:
-    """Return the newest tables, newest first."""
+    """Return the latest tables, newest first."""
     query = select(DeviceTable).where(DeviceTable.kind == kind) if kind else select(DeviceTable)
     return list(session.scalars(query.order_by(DeviceTable.id.desc()).limit(limit)))

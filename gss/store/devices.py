@@ -94,7 +94,7 @@ def close_left_open(session: Session, now: datetime) -> None:
 
 
 def list_contacts(session: Session, limit: int, offset: int = 0) -> list[tuple[Contact, Device | None, int, int]]:
-    """Return the newest contacts, newest first, each with its device and its numbers of frames and commands."""
+    """Return the latest contacts, newest first, each with its device and its numbers of frames and commands."""
     frames = select(func.count(Frame.id)).where(Frame.contact_id == Contact.id).scalar_subquery()
     commands = select(func.count(Command.id)).where(Command.contact_id == Contact.id).scalar_subquery()
     query = (
@@ -124,7 +124,7 @@ Recorded = TypeVar("Recorded", Frame, Command, Transfer)
 
 
 def recorded(session: Session, kind: type[Recorded], contact_id: int, limit: int) -> tuple[list[Recorded], int]:
-    """Return the newest rows of a contact, oldest first, and their total number. ``kind``: Frame, Command or
+    """Return the latest rows of a contact, oldest first, and their total number. ``kind``: Frame, Command or
     Transfer."""
     of_contact = select(kind).where(kind.contact_id == contact_id)
     newest = session.scalars(of_contact.order_by(kind.id.desc()).limit(limit)).all()

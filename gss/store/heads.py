@@ -12,7 +12,7 @@ from gss.domain.errors import NotFound
 from gss.store.models import FusedRow, HeadPairRow, Spacecraft
 
 
-def every(session: Session) -> list[Spacecraft]:
+def list_all(session: Session) -> list[Spacecraft]:
     """Return all spacecraft, sorted by name."""
     return list(session.scalars(select(Spacecraft).order_by(Spacecraft.name)))
 

@@ -26,7 +26,7 @@ def get(session: Session, job_id: int) -> Job:
 
 
 def newest(session: Session, limit: int) -> list[Job]:
-    """Return the newest jobs, newest first."""
+    """Return the latest jobs, newest first."""
     return list(session.scalars(select(Job).order_by(Job.id.desc()).limit(limit)))
 
 
@@ -42,5 +42,5 @@ def unfinished(session: Session) -> list[Job]:
 
 
 def newest_of_kind(session: Session, kind: str, limit: int) -> list[Job]:
-    """Return the newest jobs of a kind, newest first."""
+    """Return the latest jobs of a kind, newest first."""
     return list(session.scalars(select(Job).where(Job.kind == kind).order_by(Job.id.desc()).limit(limit)))

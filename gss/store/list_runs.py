@@ -31,7 +31,7 @@ def finish(session: Session, run_id: int, *, solved: int, sha256: str, size: int
 
 
 def newest(session: Session, limit: int) -> list[ListRun]:
-    """Return the newest runs, newest first."""
+    """Return the latest runs, newest first."""
     return list(session.scalars(select(ListRun).order_by(ListRun.id.desc()).limit(limit)))
 
 

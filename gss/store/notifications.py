@@ -12,7 +12,7 @@ from gss.store.models import Notification
 
 
 def newest(session: Session, limit: int) -> list[Notification]:
-    """Return the newest rows, newest first."""
+    """Return the latest rows, newest first."""
     return list(session.scalars(select(Notification).order_by(Notification.id.desc()).limit(limit)))
 
 

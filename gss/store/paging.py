@@ -15,12 +15,12 @@ BATCH = 500
 def newest(
     session: Session, query: Select[Row], number: InstrumentedAttribute[int], limit: int, before: int | None
 ) -> list[Row]:
-    """Return the newest rows with numbers below ``before``, newest first."""
+    """Return the latest rows with numbers below ``before``, newest first."""
     query = query.order_by(number.desc()).limit(limit)
     return list(session.scalars(query if before is None else query.where(number < before)))
 
 
-def every(session: Session, query: Select[Row], number: InstrumentedAttribute[int]) -> Iterator[Row]:
+def iterate_all(session: Session, query: Select[Row], number: InstrumentedAttribute[int]) -> Iterator[Row]:
     """Yield all rows, oldest first, read in batches. Rows are expunged after use to limit the memory."""
     last_number = 0
     while rows := list(session.scalars(query.where(number > last_number).order_by(number).limit(BATCH))):

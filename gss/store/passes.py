@@ -15,7 +15,7 @@ ACTIVE = ("armed", "running", "paused", "waiting")
 
 
 def newest_orbits(session: Session, limit: int) -> list[OrbitSet]:
-    """Return the newest orbits, newest first. The first is the active orbit."""
+    """Return the latest orbits, newest first. The first is the active orbit."""
     return list(session.scalars(select(OrbitSet).order_by(OrbitSet.id.desc()).limit(limit)))
 
 
@@ -33,7 +33,7 @@ def add(session: Session, row: OrbitSet | Station | PassPlan) -> None:
     session.flush()
 
 
-def every_station(session: Session) -> list[Station]:
+def list_stations(session: Session) -> list[Station]:
     """Return all stations, sorted by name."""
     return list(session.scalars(select(Station).order_by(Station.name)))
 
@@ -77,7 +77,7 @@ def get_plan(session: Session, plan_id: int) -> PassPlan:
 
 
 def newest_plans(session: Session, limit: int) -> list[PassPlan]:
-    """Return the newest plans, newest first."""
+    """Return the latest plans, newest first."""
     return list(session.scalars(select(PassPlan).order_by(PassPlan.id.desc()).limit(limit)))
 
 

@@ -13,7 +13,7 @@ from gss.store.models import Command, Procedure, ProcedureRun
 RUNNING = "running"
 
 
-def every(session: Session) -> list[Procedure]:
+def list_all(session: Session) -> list[Procedure]:
     """Return all procedures, sorted by name."""
     return list(session.scalars(select(Procedure).order_by(Procedure.name)))
 
@@ -53,7 +53,7 @@ def get_run(session: Session, run_id: int) -> ProcedureRun:
 
 
 def newest_runs(session: Session, limit: int) -> list[ProcedureRun]:
-    """Return the newest runs, newest first."""
+    """Return the latest runs, newest first."""
     return list(session.scalars(select(ProcedureRun).order_by(ProcedureRun.id.desc()).limit(limit)))
 
 

@@ -25,5 +25,5 @@ def get(session: Session, list_id: int) -> StarList:
 
 
 def newest(session: Session, limit: int) -> list[StarList]:
-    """Return the newest lists, newest first."""
+    """Return the latest lists, newest first."""
     return list(session.scalars(select(StarList).order_by(StarList.id.desc()).limit(limit)))

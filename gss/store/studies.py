@@ -25,7 +25,7 @@ def calibration(session: Session, calibration_id: int) -> Calibration:
 
 
 def calibrations(session: Session, limit: int, profile: str = "") -> list[Calibration]:
-    """Return the newest calibrations, newest first. ``profile``: camera to include; "": all."""
+    """Return the latest calibrations, newest first. ``profile``: camera to include; "": all."""
     query = select(Calibration).where(Calibration.profile == profile) if profile else select(Calibration)
     return list(session.scalars(query.order_by(Calibration.id.desc()).limit(limit)))
 
@@ -46,6 +46,6 @@ def analysis(session: Session, analysis_id: int) -> Analysis:
 
 
 def analyses(session: Session, limit: int, kind: str = "") -> list[Analysis]:
-    """Return the newest analyses, newest first. ``kind``: kind to include; "": all."""
+    """Return the latest analyses, newest first. ``kind``: kind to include; "": all."""
     query = select(Analysis).where(Analysis.kind == kind) if kind else select(Analysis)
     return list(session.scalars(query.order_by(Analysis.id.desc()).limit(limit)))

@@ -89,7 +89,7 @@ def _value(name: str) -> ColumnElement[Any]:
 
 
 def newest(session: Session, packet: str, limit: int) -> list[TelemetryPacket]:
-    """Return the newest packets of one kind, newest first."""
+    """Return the latest packets of one kind, newest first."""
     query = (
         select(TelemetryPacket)
         .where(TelemetryPacket.packet == packet)

@@ -27,7 +27,7 @@ def get(session: Session, transfer_id: int) -> Transfer:
 
 
 def newest(session: Session, limit: int) -> list[Transfer]:
-    """Return the newest transfers, newest first."""
+    """Return the latest transfers, newest first."""
     return list(session.scalars(select(Transfer).order_by(Transfer.id.desc()).limit(limit)))
 
 

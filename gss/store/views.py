@@ -9,7 +9,7 @@ from gss.domain.errors import NotFound
 from gss.store.models import SharedView, SharedViewVersion
 
 
-def every(session: Session) -> list[SharedView]:
+def list_all(session: Session) -> list[SharedView]:
     """Return all views, sorted by name."""
     return list(session.scalars(select(SharedView).order_by(SharedView.name)))
 

@@ -1,4 +1,4 @@
-"""Devices whose protocol does not report whether they are simulated"""
+"""devices.simulated can be NULL, for devices whose protocol does not report whether they are simulated"""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def test_an_invalid_link_is_rejected_with_the_message_of_its_use(services: Servi
     used, other = new_link_key(services, "used"), new_link_key(services, "other")
     anonymous.post("/api/password-links", json={"token": used, "password": PASSWORD})
     services.accounts.accounts.users.password_link(
-        next(u.id for u in services.accounts.accounts.users.every() if u.name == "other"), by="test"
+        next(u.id for u in services.accounts.accounts.users.list_all() if u.name == "other"), by="test"
     )
     response = anonymous.post("/api/password-links", json={"token": used, "password": PASSWORD})
     links = [("password", used), ("password", other), ("setup", other), ("password", "guess"), ("setup", "guess")]

@@ -252,7 +252,7 @@ def test_the_first_admin_is_created_with_the_printed_link_only(tmp_path: Path) -
         user = client.post("/api/setup", json=body | {"token": link.key}).json()
         assert (user["name"], user["role"]) == ("ann", "admin")
         assert client.post("/api/setup", json=body | {"token": link.key, "name": "eve"}).status_code == 403
-        assert [user.name for user in services.accounts.accounts.users.every()] == ["ann"]
+        assert [user.name for user in services.accounts.accounts.users.list_all()] == ["ann"]
 
 
 @pytest.mark.parametrize("key", ["", "gss_", "gss_guess", "x" * 5000, "gss_\x7f"])

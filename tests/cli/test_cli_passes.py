@@ -60,7 +60,7 @@ def test_orbit_station_and_passes_without_a_browser(tmp_path: Path, capsys: pyte
     assert main(["passes", "delete-station", "Stellenbosch", *data]) == 0
     services = build(Settings(data=tmp_path))
     actions = [row.action for row in services.accounts.audit.page(AuditFilter(), 10, None)]
-    assert services.passes.stations.every() == []
+    assert services.passes.stations.list_all() == []
     assert actions == ["shell.station_delete", "shell.station_add", "shell.orbit_import"]
 
 

@@ -11,7 +11,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 
 
 def test_a_camera_is_edited_shared_by_link_counted_and_reset(page, picture):
-    """A changed focal length is marked, is part of the address and changes the figures. The full count adds a table.
+    """A changed focal length is marked, appears in the URL and changes the computed values. The full count adds a table.
     Impossible numbers are rejected, and reset restores the documented camera.
     """
     page.goto("/catalogues")

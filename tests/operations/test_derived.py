@@ -155,7 +155,7 @@ def test_invalid_definitions_are_rejected(ground: Ground) -> None:
     ]:
         with pytest.raises(BadInput, match=words):
             ground.derived.add(invalid, user="ann")
-    assert ground.derived.every() == []
+    assert ground.derived.list_all() == []
     ground.derived.add(request(), user="ann")
     with pytest.raises(Conflict, match="exists"):
         ground.derived.add(request(), user="ann")

@@ -27,7 +27,7 @@ def is_equal(a: PatternLevel, b: PatternLevel) -> bool:
 
 
 def test_a_stored_dictionary_equals_the_built_one(tmp_path: Path) -> None:
-    """A stored dictionary is read by the next user of the folder and is bitwise equal to a built one."""
+    """A second reader of the folder loads the stored dictionary, which is bitwise equal to a newly built one."""
     built = build_level(SKY, RADIUS_RAD)
     assert is_equal(FigureFiles(tmp_path).levels(SKY)(RADIUS_RAD), built)
     (path,) = tmp_path.glob("*.npz")
@@ -58,8 +58,8 @@ def test_a_damaged_file_is_rebuilt(tmp_path: Path) -> None:
         assert path.read_bytes() == valid or len(path.read_bytes()) == len(valid)
 
 
-def test_a_folder_that_cannot_be_written_prevents_no_result(tmp_path: Path) -> None:
+def test_a_dictionary_is_built_if_the_folder_cannot_be_written(tmp_path: Path) -> None:
     """If the folder cannot be created, the dictionary is built and not stored."""
-    place = tmp_path / "taken"
-    place.write_text("a file")
-    assert len(FigureFiles(place).levels(SKY)(RADIUS_RAD).stars)
+    file_path = tmp_path / "taken"
+    file_path.write_text("a file")
+    assert len(FigureFiles(file_path).levels(SKY)(RADIUS_RAD).stars)

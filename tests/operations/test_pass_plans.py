@@ -35,7 +35,7 @@ class Mission:
         control = ItemControl(console.procedures, console.procedure_runs, none, none, none, console._permits)
         self.plans = PlanService(self.table, spacecraft, control, console.commands, database, bus, clock)
         self.runner = PlanRunner(self.plans, control, self.table, console.link, console.commands, bus, clock)
-        if not stations.every():
+        if not stations.list_all():
             stations.create(STELLENBOSCH, "", 0, "", user="ann")
             spacecraft.set(tle, name="", source="", user="ann")
 
@@ -49,7 +49,7 @@ class Mission:
         return PlanItem("procedure", "", 30.0, procedure_id=row.id)
 
     def plan(self, *items: PlanItem, resume: bool = False, name: str = "p") -> Any:
-        first = next(p for p in self.table.coming(3).passes if p.at.rise > self.clock.at + timedelta(minutes=5))
+        first = next(p for p in self.table.upcoming(3).passes if p.at.rise > self.clock.at + timedelta(minutes=5))
         return self.plans.create(name, first.station.id, first.at.culmination, items, resume=resume, user="ann")
 
     def at(self, moment: Any) -> None:

@@ -13,7 +13,7 @@ from sqlalchemy.exc import DBAPIError
 
 from gss.operations.accounts.audit import FIELDS, FIRST, AuditService, hash_of
 from gss.operations.accounts.audit_anchor import AnchorFile
-from gss.store.audit import AuditFilter, add, every, last
+from gss.store.audit import AuditFilter, add, iterate_all, last
 from gss.store.models import AuditRow
 
 
@@ -153,7 +153,7 @@ def rewrite_log(database, without: int) -> None:
     """Delete a row and rebuild numbers and hashes of all later ones, so that the chain itself is intact."""
     remove_triggers(database)
     with database.unit_of_work() as session:
-        rows = [AuditRow(**{f: getattr(row, f) for f in FIELDS}) for row in every(session, AuditFilter())]
+        rows = [AuditRow(**{f: getattr(row, f) for f in FIELDS}) for row in iterate_all(session, AuditFilter())]
         session.execute(text("DELETE FROM audit"))
         session.expunge_all()
         previous = FIRST

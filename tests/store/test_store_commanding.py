@@ -55,7 +55,7 @@ def test_a_filter_means_the_same_in_every_database(database_with_commands, filte
     literally, ignoring case."""
     with database_with_commands.unit_of_work() as session:
         assert [row.id for row in commands.page(session, filter_used, 100)] == ids
-        assert [row.id for row in commands.every(session, filter_used)] == ids[::-1]
+        assert [row.id for row in commands.iterate_all(session, filter_used)] == ids[::-1]
 
 
 def test_an_export_in_batches_has_no_gaps_or_duplicates(database_with_commands, monkeypatch):
@@ -63,7 +63,7 @@ def test_an_export_in_batches_has_no_gaps_or_duplicates(database_with_commands, 
     for size in (1, 2, 3, 6, 7):
         monkeypatch.setattr(paging, "BATCH", size)
         with database_with_commands.unit_of_work() as session:
-            rows = [(row.id, [s.stage for s in row.stages]) for row in commands.every(session, Filter())]
+            rows = [(row.id, [s.stage for s in row.stages]) for row in commands.iterate_all(session, Filter())]
         assert rows == [(k, ["queued"]) for k in range(1, 7)]
 
 

@@ -44,7 +44,7 @@ def test_a_name_that_another_request_stored_meanwhile_is_a_conflict(database: Da
 
     with pytest.raises(Conflict, match="another request changed the same data"):
         SharedViews(database, now_after_the_check).create(request, user="bob")
-    assert [row.owner for row in first.every()] == ["ann"]
+    assert [row.owner for row in first.list_all()] == ["ann"]
 
 
 def test_a_violated_rule_that_no_other_request_can_cause_is_a_defect(database: Database) -> None:

@@ -62,14 +62,14 @@ def services(tmp_path: Path, tle_of: Callable[..., str]) -> Any:
 def plan_of(services: Any, *items: PlanItem, resume: bool = True) -> Any:
     """Return a plan for the first long pass over the station."""
     soon = START + timedelta(minutes=5)
-    first = next(p for p in services.passes.table.coming(3).passes if p.at.rise > soon and p.at.duration_s > 240)
+    first = next(p for p in services.passes.table.upcoming(3).passes if p.at.rise > soon and p.at.duration_s > 240)
     return services.passes.plans.create("Day", first.station.id, first.at.culmination, items, resume=resume, user="ann")
 
 
 def test_a_day_with_three_passes_is_rehearsed(services: Any) -> None:
     """Acquisition, a question, an upload that is lost twice and completed in the third pass; nothing of it is in the server's
     record."""
-    procedure, catalogue = services.procedures.procedures.every()[0], services.catalogues.catalogues.newest(1)[0]
+    procedure, catalogue = services.procedures.procedures.list_all()[0], services.catalogues.catalogues.newest(1)[0]
     plan = plan_of(
         services,
         PlanItem("procedure", "", 60.0, procedure_id=procedure.id),

@@ -35,7 +35,7 @@ CATALOGUE_STARS, CATALOGUE_KB = 3000, 70
 
 
 def moniteq_2_3(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Count the stars of bands of galactic latitude, both hemispheres."""
+    """Count the stars in bands of galactic latitude in both hemispheres."""
     pole = unit_from_ra_dec(*GALACTIC_POLE)
     latitude_deg = np.degrees(np.arcsin(np.clip(stars.icrs @ pole, -1, 1)))
     rows: list[tuple[Cell, ...]] = []
@@ -53,8 +53,8 @@ def moniteq_2_3(stars: StarTable, trials: int, seed: int, progress: Progress) ->
         ("limit and band", "paper, stars per square degree", "ours", "stars counted"),
         tuple(rows),
         (
-            "Hipparcos V, positions of the epoch; bands of both hemispheres",
-            "paper: latitudes 0°, 20° and 90°, from a work of 1924",
+            "Hipparcos V, positions at the catalogue epoch; bands in both hemispheres",
+            "paper: latitudes 0°, 20° and 90°, from a publication of 1924",
         ),
         seed,
         (
@@ -87,11 +87,16 @@ def moniteq_budgets(stars: StarTable, trials: int, seed: int, progress: Progress
             "Table 7.1: image controller, W",
             PAPER_CONTROLLER_W,
             round(controller_w, 2),
-            "the entries do not give the total",
+            "the entries do not add up to the printed total",
         ),
         ("Table 7.1: attitude image monitor, W", PAPER_MONITOR_W, round(monitor_w, 2), ""),
         ("Table 7.3: power of a camera with monitor, W", PAPER_SUPPLY_W, round(supply_w, 1), "converter of 80 %"),
-        ("Table 7.2: mass of a camera, g", PAPER_MASS_G, sum(MASSES_G), "the entries do not give the total"),
+        (
+            "Table 7.2: mass of a camera, g",
+            PAPER_MASS_G,
+            sum(MASSES_G),
+            "the entries do not add up to the printed total",
+        ),
         ("Table 7.3: one pixel, ″", 48.5, round(float(np.degrees(camera.pixel_rad)) * 3600, 2), "20 µm, 85 mm"),
         ("Table 7.3: field of view, °", 3.45, round(float(np.degrees(camera.fov_rad[0])), 3), "256 px"),
         (
@@ -115,7 +120,8 @@ def moniteq_budgets(stars: StarTable, trials: int, seed: int, progress: Progress
             "The entries of Table 7.1 add up to 15.2 W, those of Table 7.2 to 6.09 kg. The printed totals are 15.5 W and 6 kg. "
             "With a converter of 80 %, a camera with its monitor needs 22.0 W (22.3 W from the printed total); the report "
             "prints 23 W.",
-            "The catalogue of 3000 stars holds three fifths of the stars to V 6. The report does not state how they are selected.",
+            "The catalogue of 3000 stars contains three fifths of the stars to V 6. The report does not state how they are "
+            "selected.",
             "Figs. 5.4 to 5.6 (shade, cooler) are missing from the text, so the power of the cooler cannot be computed again.",
         ),
     )

@@ -39,7 +39,7 @@ STAR_E_S_CM2, SMEAR_PX = 1.5e3, 0.88
 
 
 def moniteq_4_2(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Compare the mean locator's error against d/σ from the formula and from rendered spots. ``trials``: not used."""
+    """Compare the mean locator's error as a function of d/σ: formula and rendered spots. ``trials`` is not used."""
     rows: list[tuple[Cell, ...]] = []
     for k, (window, ratio, offset, paper) in enumerate(FIGURES):
         progress(k / len(FIGURES))
@@ -48,8 +48,10 @@ def moniteq_4_2(stars: StarTable, trials: int, seed: int, progress: Progress) ->
     offsets = np.linspace(-0.5, 0.5, 201)
     for window, ratio, paper_gain in ((3, 2.0, 1.063), (3, 2.2, 1.042), (3, 2.5, 1.038)):
         gain = bias_gain(ratio, window)
-        left = np.max(np.abs(gain * (offsets + location_error_px(offsets, ratio, window)) - offsets))
-        rows.append((f"N {window}, d/σ {ratio}: corrector", paper_gain, gain, f"largest error then {left:.4f} px"))
+        remaining_px = np.max(np.abs(gain * (offsets + location_error_px(offsets, ratio, window)) - offsets))
+        rows.append(
+            (f"N {window}, d/σ {ratio}: corrector", paper_gain, gain, f"largest remaining error {remaining_px:.4f} px")
+        )
     ratios = np.arange(1.0, 4.01, 0.01)
     largest = np.array([np.max(np.abs(location_error_px(offsets, float(r), 3))) for r in ratios])
     rows.append(
@@ -78,7 +80,8 @@ def _drawn(window: int, ratio: float, offset: float) -> float:
 
 
 def moniteq_noise(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Compare the constants A, B and C with the scatter of noisy windows. ``trials``: windows per row."""
+    """Compare the report's bounds of A, B and C, and its σ(P), with computed values and the scatter of noisy windows. ``trials``:
+    number of windows per row."""
     rows: list[tuple[Cell, ...]] = []
     for name, paper in (("A", UPPER_A), ("B", UPPER_B), ("C", UPPER_C)):
         values = [
@@ -88,8 +91,8 @@ def moniteq_noise(stars: StarTable, trials: int, seed: int, progress: Progress) 
             for y in (0.0, 0.5)
         ]
         rows.append((f"{name}, N 3, d/σ 2 to 2.5: largest", paper, max(values), f"smallest {min(values):.3f}"))
-    for window, least in ((2, 1), (3, 6), (4, 20), (5, 50)):
-        rows.append((f"C, N {window}: least", least, noise_coefficients((0.0, 0.0), 100.0, window).c, None))
+    for window, paper_c in ((2, 1), (3, 6), (4, 20), (5, 50)):
+        rows.append((f"C, N {window}: smallest", paper_c, noise_coefficients((0.0, 0.0), 100.0, window).c, None))
     cases = ((3, 0.0, 0.0083), (3, 0.5, 0.0097), (2, 0.0, 0.0043), (5, 0.0, 0.0230))
     for k, (window, offset, paper_px) in enumerate(cases):
         progress(k / len(cases))
@@ -152,7 +155,9 @@ def moniteq_nea(stars: StarTable, trials: int, seed: int, progress: Progress) ->
             rows.append((f"{lens} mm, {title}: pixels moved in {whole_s} s", MOVED_PX[lens, rate], moved, None))
         rows.append((f"{lens} mm: NEA at rest, {whole_s} s, ″", 1.0, _nea_arcsec(area, whole_s, pixel), None))
         needed = int(np.rint(240.0 / pixel * whole_s / SMEAR_PX))
-        rows.append((f"{lens} mm, low orbit: readings of {SMEAR_PX} px", readings, needed, None))
+        rows.append(
+            (f"{lens} mm, low orbit: number of readings, each with {SMEAR_PX} px of motion", readings, needed, None)
+        )
         single = _nea_arcsec(area, each_s, pixel)
         note = None if lens == 85 else "the printed 5.8 does not follow from the report's own model"
         rows.append((f"{lens} mm, low orbit: NEA of a reading of {each_s} s, ″", one, single, note))
@@ -170,7 +175,8 @@ def moniteq_nea(stars: StarTable, trials: int, seed: int, progress: Progress) ->
         ("quantity", "paper", "ours", "reason for a difference"),
         tuple(rows),
         (
-            f"V 6: {STAR_E_S_CM2:g} e/s per cm²; A {UPPER_A}, B {UPPER_B}, C {UPPER_C}; response 0.5 %; 10.0 and 28.95 cm² of lens",
+            f"V 6: {STAR_E_S_CM2:g} e/s per cm²; A {UPPER_A}, B {UPPER_B}, C {UPPER_C}; response 0.5 %; "
+            "lens areas 10.0 and 28.95 cm²",
         ),
         seed,
         (

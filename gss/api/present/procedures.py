@@ -32,7 +32,7 @@ def all_procedures(service: ProcedureService) -> ProceduresOut:
         package.append(
             PackageProcedureOut(file=file, title=checked.document.title, text=text, mistakes=len(checked.mistakes))
         )
-    return ProceduresOut(stored=[procedure(service, row) for row in service.every()], package=package)
+    return ProceduresOut(stored=[procedure(service, row) for row in service.list_all()], package=package)
 
 
 def procedure(service: ProcedureService, row: Procedure) -> StoredProcedureOut:

@@ -9,8 +9,8 @@ from typing import Any
 from gss.api.schemas.telemetry import (
     CycleOut,
     DerivedOut,
+    DictionaryLimitsOut,
     FieldChoiceOut,
-    GivenLimitsOut,
     LatestOut,
     LimitOut,
     LimitSetOut,
@@ -82,7 +82,7 @@ def limit(book: LimitBook, packet: str, field: TelemetryField) -> LimitOut:
         changed_by=rule.changed_by,
         changed=rule.changed,
         note=rule.note,
-        dictionary=GivenLimitsOut(
+        dictionary=DictionaryLimitsOut(
             watch=dictionary_rule.limits.watch,
             warning=dictionary_rule.limits.warning,
             critical=dictionary_rule.limits.critical,

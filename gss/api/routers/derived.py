@@ -17,7 +17,7 @@ def list_derived(app: App) -> list[DerivedOut]:
     """Derived parameters, by name."""
     return [
         present.telemetry.derived(app.telemetry.telemetry.derived, row)
-        for row in app.telemetry.telemetry.derived.every()
+        for row in app.telemetry.telemetry.derived.list_all()
     ]
 
 

@@ -33,7 +33,7 @@ class CorrectIn(In):
 @router.get("")
 def list_spacecraft(app: App, request: Request) -> list[HeadsOut]:
     """Every spacecraft with its heads and their latest comparison, by name."""
-    return [_out(app, request, setup) for setup in app.heads.book.every()]
+    return [_out(app, request, setup) for setup in app.heads.book.list_all()]
 
 
 @router.post("", status_code=201, dependencies=[need("heads")])

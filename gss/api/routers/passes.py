@@ -54,7 +54,7 @@ def export_oem(app: App, days: OemDays = 3.0) -> Response:
 @router.get("/stations")
 def list_stations(app: App) -> list[StationOut]:
     """Ground stations, sorted by name."""
-    return [present.passes.station(row) for row in app.passes.stations.every()]
+    return [present.passes.station(row) for row in app.passes.stations.list_all()]
 
 
 @router.post("/stations", status_code=201, dependencies=[need("passes")])
@@ -84,7 +84,7 @@ def delete_station(app: App, station_id: RowId, user: User, audit_note: AuditNot
 @router.get("/passes")
 def list_passes(app: App, days: Days = 3.0, station: ContactId = None) -> PassesOut:
     """Current passes and passes of the coming days, sorted by rise time. ``station``: include only this station."""
-    return present.passes.passes(app.passes.table.coming(days, station))
+    return present.passes.passes(app.passes.table.upcoming(days, station))
 
 
 class CalendarResponse(Response):
@@ -96,7 +96,7 @@ class CalendarResponse(Response):
 @router.get("/passes/calendar.ics", dependencies=[EXPORT], response_class=CalendarResponse)
 def export_calendar(app: App, days: Days = 7.0, station: ContactId = None) -> Response:
     """Export the coming passes as an iCalendar file."""
-    text = calendar(app.passes.table.coming(days, station))
+    text = calendar(app.passes.table.upcoming(days, station))
     return CalendarResponse(text.encode(), headers=_file("passes.ics"))
 
 

@@ -34,7 +34,7 @@ NEED = need("procedures")
 
 @router.get("/procedures")
 def list_procedures(app: App) -> ProceduresOut:
-    """Stored procedures, and the procedures in the instrument package of the connected unit."""
+    """Stored procedures, and the procedures in the configured instrument package."""
     return present.procedures.all_procedures(app.procedures.procedures)
 
 

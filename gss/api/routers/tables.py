@@ -40,7 +40,7 @@ def tables_on_board(app: App) -> list[OnBoardTableOut]:
 def table_defaults(
     app: App, kind: Literal["triplets", "calibration", "parameters"], profile: Annotated[str, Query(max_length=40)] = ""
 ) -> TableDefaultsOut:
-    """Default values of a new table for editing. ``profile``: camera; empty: camera of the connected unit."""
+    """Default values of a new table for a camera. If ``profile`` is empty, use the camera of the configured instrument."""
     camera = profile or app.base.settings.unit_instrument
     return TableDefaultsOut(kind=kind, profile=camera, content=dict(app.transfers.tables.defaults(kind, camera)))
 

@@ -13,7 +13,7 @@ ADMIN = need("admin.tokens")
 @router.get("", dependencies=[ADMIN])
 def list_tokens(app: App) -> list[TokenOut]:
     """API tokens, newest first, including expired and revoked tokens."""
-    return [TokenOut.model_validate(row) for row in app.accounts.accounts.tokens.every()]
+    return [TokenOut.model_validate(row) for row in app.accounts.accounts.tokens.list_all()]
 
 
 @router.post("", status_code=201, dependencies=[ADMIN])

@@ -100,7 +100,7 @@ def _retention(app: App) -> RetentionOut:
 @router.get("/admin/backups", dependencies=[need("admin.backup")])
 def list_backups(app: App) -> list[BackupOut]:
     """Backups, newest first."""
-    return [_backup(manifest) for manifest in app.upkeep.backups.every()]
+    return [_backup(manifest) for manifest in app.upkeep.backups.list_all()]
 
 
 @router.post("/admin/backups", status_code=202, dependencies=[need("admin.backup")])

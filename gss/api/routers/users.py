@@ -15,7 +15,7 @@ ADMIN = need("admin.users")
 @router.get("/users", dependencies=[ADMIN])
 def list_users(app: App) -> list[UserOut]:
     """Users, by name."""
-    return [_user(row) for row in app.accounts.accounts.users.every()]
+    return [_user(row) for row in app.accounts.accounts.users.list_all()]
 
 
 @router.post("/users", status_code=201, dependencies=[ADMIN])

@@ -16,7 +16,7 @@ NEED = need("views")
 @router.get("")
 def list_views(app: App) -> list[ViewOut]:
     """Stored views, by name."""
-    return [ViewOut.model_validate(row) for row in app.accounts.views.every()]
+    return [ViewOut.model_validate(row) for row in app.accounts.views.list_all()]
 
 
 @router.post("", status_code=201, dependencies=[NEED])

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
-from gss.api.schemas.telemetry import LevelWord
+from gss.api.schemas.telemetry import LevelName
 
 
 class AlarmRow(Out):
@@ -21,8 +21,8 @@ class AlarmRow(Out):
     field: str
     title: str
     state: Literal["raised", "acked", "cleared", "closed"]
-    level: LevelWord
-    worst: LevelWord
+    level: LevelName
+    worst: LevelName
     value: float | None
     unit: str
     text: str

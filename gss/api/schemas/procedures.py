@@ -68,7 +68,7 @@ class StoredProcedureOut(Out):
 
 
 class PackageProcedureOut(Out):
-    """Procedure in the instrument package of the connected unit. It can be stored as a copy."""
+    """Procedure in the configured instrument package. It can be stored as a copy."""
 
     file: str
     title: str

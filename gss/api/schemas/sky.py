@@ -47,7 +47,7 @@ class FigureOut(Out):
 
 
 class ProfileOut(Out):
-    """Camera profile. ``unit``: true for the camera of the connected unit. ``formats``: catalogue formats, with the
+    """Camera profile. ``unit``: true for the camera of the configured instrument. ``formats``: catalogue formats, with the
     on-board formats of this camera first."""
 
     name: str

@@ -67,7 +67,7 @@ class TableDefaultsOut(Out):
 
 class TableIn(In):
     """New table: values of the camera, overridden by ``content``. Triplets need content.catalogue_id. ``profile``
-    empty: camera of the connected unit."""
+    empty: camera of the configured instrument."""
 
     kind: Literal["calibration", "parameters", "triplets"]
     name: str = Field(default="", max_length=80)

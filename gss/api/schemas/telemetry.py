@@ -12,7 +12,7 @@ from gss.operations.requests import RangeValues
 from gss.operations.telemetry.telemetry import FieldValue
 from gss.operations.telemetry.value_format import Kind
 
-LevelWord = Literal["ok", "watch", "warning", "critical"]
+LevelName = Literal["ok", "watch", "warning", "critical"]
 
 
 class LatestOut(Out):
@@ -80,8 +80,8 @@ class CycleOut(Out):
 RangeOut = tuple[float | None, float | None]
 
 
-class GivenLimitsOut(Out):
-    """Limits from the dictionary, including the active limit set."""
+class DictionaryLimitsOut(Out):
+    """Limits of the dictionary, with the changes of the active limit set."""
 
     watch: RangeOut
     warning: RangeOut
@@ -107,7 +107,7 @@ class LimitOut(Out):
     changed_by: str
     changed: Utc | None
     note: str
-    dictionary: GivenLimitsOut
+    dictionary: DictionaryLimitsOut
 
 
 class LimitSetOut(Out):
@@ -143,7 +143,7 @@ class LimitIn(In):
 
 
 class ExpressionIn(In):
-    """Expression to try: ``packet.field``, numbers, + - * /, comparisons, and, or, not, abs, sqrt, min, max."""
+    """Expression to evaluate: ``packet.field``, numbers, + - * /, comparisons, and, or, not, abs, sqrt, min, max."""
 
     expression: str = Field(max_length=500)
 
@@ -168,7 +168,7 @@ class DerivedOut(Out):
 
 
 class TrialOut(Out):
-    """Result of an expression with the latest values. ``value`` null: unknown; ``reason`` states why."""
+    """Value of an expression, computed from the latest telemetry. If ``value`` is null, ``reason`` states why it is unknown."""
 
     kind: Literal["number", "bool", "text"]
     references: list[str]

@@ -31,14 +31,16 @@ def check_pairs(fmt: BankFormat, stars: int, distances: DistanceTable) -> None:
         return
     ends = np.stack([distances.first, distances.second])
     if ends.min() < 0 or ends.max() >= stars:
-        raise BadInput("a pair names a star that is not in the list", expected=f"0 to {stars - 1}", got=str(ends.max()))
+        raise BadInput(
+            "a pair refers to a star that is not in the list", expected=f"0 to {stars - 1}", got=str(ends.max())
+        )
     largest = float(d.max()) if np.isfinite(d).all() else np.inf
     if largest > fmt.largest_pair_rad:
         raise BadInput(
             f"a distance is too large for the {fmt.name} format",
             expected=f"at most {np.degrees(fmt.largest_pair_rad):.2f}°",
             got=f"{np.degrees(largest):.2f}°",
-            hint="use a smaller largest distance, or a format with wider numbers",
+            hint="reduce the maximum distance of pairs, or use a format with wider numbers",
         )
 
 
@@ -50,7 +52,9 @@ def check_content(icrs: NDArray[np.floating], distances: DistanceTable, stars: i
         raise CorruptData("a star's direction is not a unit vector", expected="length 1", got=f"row {_worst(icrs)}")
     ends = np.stack([distances.first, distances.second])
     if ends.size and (ends.min() < 0 or ends.max() >= stars or np.any(ends[0] == ends[1])):
-        raise CorruptData("a pair names a star that is not in the list", expected=f"0 to {stars - 1}, two different")
+        raise CorruptData(
+            "a pair refers to a star that is not in the list", expected=f"two different rows from 0 to {stars - 1}"
+        )
     step = np.diff(distances.distance_rad)
     if not (np.all(np.isfinite(distances.distance_rad)) and np.all(step >= 0)):
         raise CorruptData("the distance table is not sorted", expected="ascending, finite distances")

@@ -79,7 +79,7 @@ def _check(columns: Columns, stars: int) -> None:
     if not len(columns["star"]):
         return
     if columns["star"].max() >= stars:
-        raise CorruptData("a triplet names a star that is not in the list", expected=f"below {stars}")
+        raise CorruptData("a triplet refers to a star that is not in the list", expected=f"below {stars}")
     fits = (columns["angle_low"] <= columns["angle_high"]) & (columns["angle_high"] <= MAX_ANGLE)
     fits &= np.maximum(columns["first"], columns["second"]) <= MAX_DISTANCE + 1
     if not fits.all():

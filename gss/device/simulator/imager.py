@@ -28,7 +28,7 @@ class ImagerFaults:
 
 
 class Imager:
-    """Image memories, with exposures of the simulated sky.
+    """Simulated camera: exposes the simulated sky into image memories.
 
     ``timing``: times of sensor start, readout, and copying to the processor.
     """
@@ -109,14 +109,14 @@ class Imager:
         time."""
         record = self._memory.record
         record.frames += 1
-        drawn = self._sky.expose(mid_s, exposure_ms / 1000, record.frames)
-        pixels = self._with_faults(self._amplified(drawn.pixels), record.frames)
+        exposure = self._sky.expose(mid_s, exposure_ms / 1000, record.frames)
+        pixels = self._with_faults(self._amplified(exposure.pixels), record.frames)
         self.repeated = (
             self._last is not None and self._last.shape == pixels.shape and bool((self._last == pixels).all())
         )
         self._last = pixels
         bits = self.profile.sensor.bits
-        frame = StoredFrame(record.frames, slot, pixels, exposure_ms, device_s, "captured", mode, bits, drawn.truth)
+        frame = StoredFrame(record.frames, slot, pixels, exposure_ms, device_s, "captured", mode, bits, exposure.truth)
         self.slots[slot] = frame
         return frame
 
@@ -172,7 +172,7 @@ class Imager:
         return self.slots[slot]
 
     def sram(self, address: int, length: int) -> bytes:
-        """Return bytes of the image memories, which follow each other; zeros for empty memories."""
+        """Return bytes of the image memories, which are contiguous. Empty memories read as zeros."""
         out, size = bytearray(), self.frame_size
         for at in range(address, address + length):
             frame = self.slots.get(at // size)

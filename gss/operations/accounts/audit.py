@@ -83,7 +83,7 @@ class AuditService:
         for _ in range(TRIES):
             try:
                 added = self._append(*fields, _fit(address, 60))
-            except store.PlaceTaken:
+            except store.PositionTaken:
                 continue  # another process appended a row with this number, so retry with the next number
             self._anchor(added)
             return added.seq
@@ -125,7 +125,7 @@ class AuditService:
         with self._database.unit_of_work() as session:
             if kind == "csv":
                 yield _csv_line(FIELDS)
-            for row in store.every(session, filters or AuditFilter()):
+            for row in store.iterate_all(session, filters or AuditFilter()):
                 values = row_values(row)
                 if kind == "csv":
                     yield _csv_line([_harmless(str(values[field])) for field in FIELDS])
@@ -182,7 +182,7 @@ class AuditService:
         seq, previous, hash_seen = 0, FIRST, not known_hash
         with self._database.unit_of_work() as session:
             try:
-                for row in store.every(session, AuditFilter()):
+                for row in store.iterate_all(session, AuditFilter()):
                     if row.seq != seq + 1:
                         return AuditVerdict(seq, previous, f"rows {seq + 1} to {row.seq - 1} are missing")
                     if row.previous != previous:
@@ -193,7 +193,7 @@ class AuditService:
                     hash_seen = hash_seen or row.hash == known_hash
             except ValueError as error:  # an invalid time
                 return AuditVerdict(seq, previous, f"a row after row {seq} is unreadable: {error}")
-            strays = store.before_the_first(session)
+            strays = store.count_before_start(session)
         if strays:
             return AuditVerdict(seq, previous, f"{strays} rows precede the first row")
         if not hash_seen:

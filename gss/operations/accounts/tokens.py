@@ -44,7 +44,7 @@ class TokenService:
     def __init__(self, database: Database, now: Now, changed: Callable[[], None]) -> None:
         self._database, self._now, self._changed = database, now, changed
 
-    def every(self) -> list[ApiToken]:
+    def list_all(self) -> list[ApiToken]:
         """Return all tokens including revoked ones, newest first."""
         with self._database.unit_of_work() as session:
             return store.tokens(session)

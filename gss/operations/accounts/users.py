@@ -55,7 +55,7 @@ class UserService:
 
     # --- queries ------------------------------------------------------------------------------------------------
 
-    def every(self) -> list[User]:
+    def list_all(self) -> list[User]:
         """Return all users, sorted by name."""
         with self._database.unit_of_work() as session:
             return store.users(session)

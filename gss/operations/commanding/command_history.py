@@ -60,7 +60,7 @@ class CommandHistory:
         """Yield all matching commands as plain values, oldest first."""
         _check(filters)
         with self._database.unit_of_work() as session:
-            for row in store.every(session, filters):
+            for row in store.iterate_all(session, filters):
                 yield _facts(row)
 
 

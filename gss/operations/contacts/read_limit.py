@@ -11,11 +11,11 @@ from gss.domain.errors import Busy
 
 
 class ReadLimit:
-    """Permits up to ``most`` threads to read at the same time. A further thread waits up to ``wait_s`` seconds."""
+    """Permits up to ``max_readers`` threads to read at the same time. A further thread waits up to ``wait_s`` seconds."""
 
-    def __init__(self, most: int = 2, wait_s: float = 15.0) -> None:
-        self._most, self._wait_s = most, wait_s
-        self._readers = threading.BoundedSemaphore(most)
+    def __init__(self, max_readers: int = 2, wait_s: float = 15.0) -> None:
+        self._max_readers, self._wait_s = max_readers, wait_s
+        self._readers = threading.BoundedSemaphore(max_readers)
 
     @contextmanager
     def reading(self) -> Iterator[None]:
@@ -23,7 +23,7 @@ class ReadLimit:
         if not self._readers.acquire(timeout=self._wait_s):
             raise Busy(
                 "Too many requests read contacts at the same time",
-                expected=f"at most {self._most}",
+                expected=f"at most {self._max_readers}",
                 hint="Try again.",
                 retry_after_s=self._wait_s,
             )

@@ -157,7 +157,7 @@ class HeadWatch:
         """Read the stored spacecraft. For a changed spacecraft, tracking restarts and its alarms are cleared until the next
         comparison."""
         before, after = self._followers, {}
-        for setup in self._book.every():
+        for setup in self._book.list_all():
             previous = before.get(setup.id)
             same = previous is not None and previous.tracker.setup.changed == setup.changed
             after[setup.id] = previous if previous and same else _Follower(HeadTracker(setup, self._resumed(setup)))

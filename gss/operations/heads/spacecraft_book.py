@@ -26,10 +26,10 @@ class SpacecraftBook:
     def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
         self._database, self._bus, self._now = database, bus, now
 
-    def every(self) -> list[SpacecraftSetup]:
+    def list_all(self) -> list[SpacecraftSetup]:
         """Return all spacecraft, sorted by name."""
         with self._database.unit_of_work() as session:
-            return [setup_of(row) for row in store.every(session)]
+            return [setup_of(row) for row in store.list_all(session)]
 
     def get(self, spacecraft_id: int) -> SpacecraftSetup:
         """Return the spacecraft with that id. Raises NotFound."""
@@ -38,7 +38,7 @@ class SpacecraftBook:
 
     def named(self, name: str) -> SpacecraftSetup:
         """Return the spacecraft with that name. Raises NotFound that lists the existing names."""
-        setups = self.every()
+        setups = self.list_all()
         setup = next((candidate for candidate in setups if candidate.name == name), None)
         if setup is None:
             names = " | ".join(candidate.name for candidate in setups)
@@ -48,7 +48,7 @@ class SpacecraftBook:
     def create(self, request: SpacecraftRequest, *, user: str) -> SpacecraftSetup:
         """Store a new spacecraft. Raises Conflict if its name or one of its units is already used."""
         with self._database.unit_of_work() as session:
-            rows = store.every(session)
+            rows = store.list_all(session)
             if len(rows) >= MAX_SPACECRAFT:
                 raise Conflict("too many spacecraft", expected=f"at most {MAX_SPACECRAFT}", hint="Delete one.")
             row = Spacecraft(**row_values(request), user=user, changed=self._now())
@@ -62,7 +62,7 @@ class SpacecraftBook:
         """Replace all values of a spacecraft. Raises NotFound, and Conflict as :meth:`create` does."""
         with self._database.unit_of_work() as session:
             row = store.get(session, spacecraft_id)
-            others = [row_of_other for row_of_other in store.every(session) if row_of_other.id != spacecraft_id]
+            others = [row_of_other for row_of_other in store.list_all(session) if row_of_other.id != spacecraft_id]
             for name, value in row_values(request).items():
                 setattr(row, name, value)
             row.user, row.changed = user, self._now()

@@ -45,11 +45,11 @@ class NextPassWatch:
 
     def _update(self, now: datetime, over: bool) -> None:
         orbit = self._spacecraft.history(1)
-        basis = (*(row.id for row in orbit), *((row.id, row.changed) for row in self._stations.every()))
+        basis = (*(row.id for row in orbit), *((row.id, row.changed) for row in self._stations.list_all()))
         if basis == self._basis and not over and abs(now - self._searched) < SEARCHED_EVERY:
             return
         self._basis, self._searched = basis, now
-        table = self._table.coming(AHEAD_DAYS)
+        table = self._table.upcoming(AHEAD_DAYS)
         if table.passes:
             self._next = NextPass(table.passes[0].at)
         else:

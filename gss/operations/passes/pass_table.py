@@ -48,13 +48,13 @@ class PassService:
     ) -> None:
         self._spacecraft, self._stations, self._budgets, self._now = spacecraft, stations, budgets, now
 
-    def coming(self, days: float, station_id: int | None = None) -> PassTable:
+    def upcoming(self, days: float, station_id: int | None = None) -> PassTable:
         """Return the passes that are in progress or begin within ``days``. Raises BadInput unless 0 < ``days`` ≤ 14, NotFound
         for an unknown station. A missing or outdated orbit is reported in ``problem`` and does not raise."""
         if not 0 < days <= MAX_DAYS:
             raise BadInput("days are out of range", expected=f"above 0, at most {MAX_DAYS:g}", got=f"{days:g}")
         now = self._now()
-        stations = self._stations.every() if station_id is None else [self._stations.get(station_id)]
+        stations = self._stations.list_all() if station_id is None else [self._stations.get(station_id)]
         current = self._spacecraft.current()
         if current is None or not stations:
             problem = "No orbit was imported." if current is None else "There is no ground station."

@@ -87,18 +87,18 @@ class PlanRunner:
         now, signal = self._now(), self._signal()
         if row.state in ("armed", "waiting"):
             if now > row.set:
-                self._over(row, "no signal was acquired in the pass")
+                self._wait_or_end(row, "no signal was acquired in the pass")
             elif signal and now >= row.rise - EARLY:
                 self._begin(row)
         elif row.state == "paused":
             if now > row.set:
-                self._over(row, "the signal was lost and the pass ended")
+                self._wait_or_end(row, "the signal was lost and the pass ended")
             elif signal:
                 self._begin(row)
         elif not signal:
             self._pause(row, "paused", "loss of signal")
         elif now > row.set:
-            self._over(row, "the pass ended before the plan")
+            self._wait_or_end(row, "the pass ended before the plan was complete")
         else:
             self._follow(row)
 
@@ -165,14 +165,14 @@ class PlanRunner:
         row = self._plans.change(row.id, state=state, reason=reason)
         self._record(row, "watch", f"{state}: {reason}")
 
-    def _over(self, row: PassPlan, reason: str) -> None:
+    def _wait_or_end(self, row: PassPlan, reason: str) -> None:
         """If ``resume`` is set, let the plan wait for the next pass over the same station; otherwise end the plan."""
         if row.resume:
             try:
-                coming = self._table.coming(NEXT_DAYS, row.station_id).passes
+                upcoming = self._table.upcoming(NEXT_DAYS, row.station_id).passes
             except GssError:
-                coming = []
-            later = next((coming_pass for coming_pass in coming if coming_pass.at.rise > row.set), None)
+                upcoming = []
+            later = next((coming_pass for coming_pass in upcoming if coming_pass.at.rise > row.set), None)
             if later is not None:
                 self._pause(row, "waiting", f"{reason}; continues at {later.at.rise:%Y-%m-%d %H:%M:%S} UTC")
                 self._plans.change(row.id, rise=later.at.rise, set=later.at.set)

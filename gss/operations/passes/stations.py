@@ -22,10 +22,10 @@ class StationService:
     def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
         self._database, self._bus, self._now = database, bus, now
 
-    def every(self) -> list[Station]:
+    def list_all(self) -> list[Station]:
         """Return all stations, sorted by name."""
         with self._database.unit_of_work() as session:
-            return store.every_station(session)
+            return store.list_stations(session)
 
     def get(self, station_id: int) -> Station:
         """Return the station with that id. Raises NotFound."""
@@ -37,7 +37,7 @@ class StationService:
         checked, url = _named(checked_station(station)), checked_url(line_url)
         with self._database.unit_of_work() as session:
             self._check_name(store.station_named(session, checked.name), None)
-            if len(store.every_station(session)) >= MAX_STATIONS:
+            if len(store.list_stations(session)) >= MAX_STATIONS:
                 raise Conflict("too many ground stations", expected=f"at most {MAX_STATIONS}", hint="Delete one.")
             row = Station(
                 name=checked.name, line_url=url, line_baud=line_baud, note=note, user=user, changed=self._now()

@@ -34,10 +34,10 @@ class ProcedureService:
         self._link, self._unit, self._definitions = link, unit, definitions
         self._database, self._now = database, now
 
-    def every(self) -> list[Procedure]:
+    def list_all(self) -> list[Procedure]:
         """Return all stored procedures, sorted by name."""
         with self._database.unit_of_work() as session:
-            return store.every(session)
+            return store.list_all(session)
 
     def of_package(self) -> dict[str, str]:
         """Return the procedures in the unit's instrument package: file name to text."""

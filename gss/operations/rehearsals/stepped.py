@@ -90,7 +90,7 @@ def stepped_unit(
     command = [sys.executable, "-m", "gss.device.simulator", "--instrument", str(package), *line_option]
     command += ["--baud", str(baud or link.baud), "--seed", str(seed), "--stepped", "--paced", *options]
     with (folder / "simulator.log").open("ab") as log:
-        process = subprocess.Popen(  # noqa: S603 - our own
+        process = subprocess.Popen(  # noqa: S603 - a fixed command of GSS
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True
         )
     timer = threading.Timer(START_WITHIN_S, process.kill)

@@ -133,7 +133,7 @@ class DerivedParameters:
         """Read the definitions from the database. A definition that the dictionary no longer supports remains stored,
         but its values are not computed."""
         parameters = {}
-        for row in self.every():
+        for row in self.list_all():
             with suppress(BadInput):  # ``problem`` reports the reason
                 parameters[row.name] = self._parameter(row)
         self._parameters = parameters
@@ -177,10 +177,10 @@ class DerivedParameters:
 
     # --- definitions --------------------------------------------------------------------------------------------
 
-    def every(self) -> list[DerivedParameter]:
+    def list_all(self) -> list[DerivedParameter]:
         """Return all definitions by name."""
         with self._database.unit_of_work() as session:
-            return store.every(session)
+            return store.list_all(session)
 
     def get(self, name: str) -> DerivedParameter:
         """Return the definition of that name. Raises NotFound."""
@@ -207,7 +207,7 @@ class DerivedParameters:
     def add(self, request: DerivedRequest, *, user: str) -> DerivedParameter:
         """Store a new definition and compute it from the next packet on. Raises BadInput, Conflict."""
         with self._lock:
-            rows = self.every()
+            rows = self.list_all()
             if any(row.name == request.name for row in rows):
                 raise Conflict("A derived parameter with this name exists", got=request.name, hint="Change it.")
             if len(rows) >= MAX_PARAMETERS:

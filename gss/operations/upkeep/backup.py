@@ -206,7 +206,7 @@ class BackupService:
 
     # --- existing backups ---------------------------------------------------------------------------------------
 
-    def every(self) -> list[Manifest]:
+    def list_all(self) -> list[Manifest]:
         """Return all complete backups, latest first."""
         backups = []
         for folder in sorted(self._folder.glob("*"), reverse=True):
@@ -219,7 +219,7 @@ class BackupService:
 
     def newest_at(self) -> datetime | None:
         """Return the time of the latest backup; None if there is no backup."""
-        newest = next(iter(self.every()), None)
+        newest = next(iter(self.list_all()), None)
         return datetime.fromisoformat(newest.created) if newest else None
 
     def get(self, name: str) -> Manifest:
@@ -240,11 +240,13 @@ class BackupService:
             return []
         with named_lock(self._lock, BUSY):
             latest = self._now() + BEHIND
-            dated = [manifest.name for manifest in self.every() if datetime.fromisoformat(manifest.created) <= latest]
+            dated = [
+                manifest.name for manifest in self.list_all() if datetime.fromisoformat(manifest.created) <= latest
+            ]
             expired = [name for name in dated if name != just_made][max(0, keep - 1) :]
             for name in expired:
                 shutil.rmtree(self._folder / name)
-            needed = {key for manifest in self.every() for key in manifest.blobs}
+            needed = {key for manifest in self.list_all() for key in manifest.blobs}
             pool = BlobStore(str(self._folder / POOL))
             for key in list(pool.keys()):
                 if key not in needed:

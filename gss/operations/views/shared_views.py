@@ -43,10 +43,10 @@ class SharedViews:
     def __init__(self, database: Database, now: Now) -> None:
         self._database, self._now = database, now
 
-    def every(self) -> list[SharedView]:
+    def list_all(self) -> list[SharedView]:
         """Return all views, by name."""
         with self._database.unit_of_work() as session:
-            return store.every(session)
+            return store.list_all(session)
 
     def get(self, view_id: int) -> ViewDetail:
         """Return a view with its versions. Raises NotFound."""

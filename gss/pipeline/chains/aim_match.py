@@ -96,7 +96,7 @@ def expected_stars(
 @dataclass(frozen=True)
 class AimMatching:
     """Result of MATCH_STARS. ``mode``: search that gave the result. Per centroid, (n,): ``row`` or −1. ``selected``: centroids for
-    the attitude, empty with a ``reason``; ``cam_from_icrs``: attitude near which they fit. ``guidance_error``: flag of Fig.
+    the attitude, empty with a ``reason``; ``cam_from_icrs``: fitted attitude. ``guidance_error``: flag of Fig.
     6.1. ``hypotheses``: number of linked pairs tried; ``checks``: number of stars and links examined."""
 
     mode: Mode

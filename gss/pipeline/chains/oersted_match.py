@@ -31,7 +31,7 @@ from gss.skytables.bank import OnboardCatalogue
 from gss.skytables.triplets import TripletClasses, TripletTable, build_triplets, faintest_mag
 
 Index = NDArray[np.intp]
-ENOUGH = 5
+MIN_FIT_STARS = 5
 FURTHEST_STEP_RAD = float(np.radians(10.0))
 
 
@@ -52,8 +52,8 @@ class OerstedCatalogue:
 def prepare(
     catalogue: OnboardCatalogue, profile: CameraProfile, triplets: TripletTable | None = None
 ) -> OerstedCatalogue:
-    """Prepare the bank with the given triplets. If there are none, use the triplets of the bank, otherwise compute
-    triplets from its stars."""
+    """Prepare the bank with the given triplets. Without ``triplets``, use those of the bank; if the bank has none,
+    compute them from its stars."""
     icrs = catalogue.icrs.astype(float)
     icrs /= np.maximum(np.linalg.norm(icrs, axis=1, keepdims=True), 1e-300)
     if triplets is not None and triplets.stars != len(catalogue):
@@ -80,9 +80,9 @@ def prepare(
 
 
 def limit_mag(v_mag: NDArray[np.floating], profile: CameraProfile) -> float:
-    """Return the magnitude limit of the stars used from a list with magnitudes ``v_mag`` (n,). The list must reach
-    fainter magnitudes than the limit by the brightness uncertainty (in the document, a list of 1539 stars for 1107 used
-    stars), and the detector must detect the stars. Without magnitudes, return the limit of the profile."""
+    """Return the magnitude limit of the stars used from a list with magnitudes ``v_mag`` (n,). The
+    limit is brighter than the faintest star of the list by the brightness uncertainty (in the document, 1107 of 1539
+    stars are used), and the detector must detect the stars. Without magnitudes, return the limit of the profile."""
     finite_mag = v_mag[np.isfinite(v_mag)]
     if not len(finite_mag):
         return profile.sensor.faint_limit_mag
@@ -92,8 +92,8 @@ def limit_mag(v_mag: NDArray[np.floating], profile: CameraProfile) -> float:
 @dataclass(frozen=True)
 class OerstedMatching:
     """Result of MATCH_STARS. Per centroid, (n,): ``row`` or −1, ``votes`` of other triplets (1 in tracking). ``selected``:
-    centroids for the attitude, empty with a ``reason``; ``cam_from_icrs``: attitude near which they fit. Numbers of ``triplets``
-    measured in the image, matching ``candidates`` in the triplet table, and distances ``compared``."""
+    indices of the centroids used for the attitude; if it is empty, ``reason`` states why. ``cam_from_icrs``: fitted attitude.
+    Counts: ``triplets`` measured in the image, matching ``candidates`` in the triplet table, and distances ``compared``."""
 
     mode: Mode
     unit_cam: Array
@@ -175,7 +175,7 @@ def _initial_fit(
     identified = np.flatnonzero(ballot.row >= 0)
     best = fit_from(svd(unit[identified], catalogue.icrs[ballot.row[identified]])) if len(identified) >= 2 else None
     compared = 0 if best is None else best.compared
-    if best is None or len(best.row) < ENOUGH:
+    if best is None or len(best.row) < MIN_FIT_STARS:
         for k in range(min(parameters.triplets_alone, len(ballot.candidate))):
             triplet = unit[ballot.triplet[ballot.which[k]]]
             for attitude in attitudes_of_triplet(
@@ -257,5 +257,5 @@ def _too_few(centroids: int, triplets: int, verified: int, needed: int, mode: Mo
         return ""
     if mode is not Mode.TRACKING and triplets == 0:
         return f"no triplet among {centroids} centroids is completely inside the frame"
-    stars = "centroid" if centroids == 1 else "centroids"
-    return f"{verified} of {centroids} {stars} verified; {needed} needed in {mode.value.replace('_', ' ')} mode"
+    noun = "centroid" if centroids == 1 else "centroids"
+    return f"{verified} of {centroids} {noun} verified; {needed} needed in {mode.value.replace('_', ' ')} mode"

@@ -1,9 +1,8 @@
 """Blind search for a pattern of linked neighbours (Moniteq 1983 §6.1, Fig. 6.1 step 3).
 
-Two spots give a hypothesis if a link of the star list has their separation and its stars have the spots' brightness.
-The hypothesis defines an attitude. Other spots that coincide with stars at this attitude support the hypothesis. The
-brightest spots are tried first because they have the fewest candidates, and the number of hypotheses is counted and
-limited.
+Two spots and two linked stars form a hypothesis if separation and brightness agree. The hypothesis defines an
+attitude. Other spots that coincide with stars at this attitude support the hypothesis. The brightest spots are tried
+first because they have the fewest candidates. The number of hypotheses is limited.
 """
 
 from __future__ import annotations
@@ -40,8 +39,8 @@ class PairHypotheses:
 
 
 def magnitude_fits(spot_mag: Array, saturated: Mask, star_mag: Array, error_mag: float) -> Mask:
-    """True for spots and stars (…) of equal brightness. An unknown magnitude fits any star, and a ``saturated`` spot
-    also fits brighter stars."""
+    """True for each spot whose brightness agrees with its star (arrays of equal shape). An unknown magnitude fits any star,
+    and a ``saturated`` spot also fits brighter stars."""
     too_faint, too_bright = spot_mag - star_mag > error_mag, star_mag - spot_mag > error_mag
     return np.asarray(~too_bright & (~too_faint | saturated))
 
@@ -55,9 +54,10 @@ def pair_hypotheses(
     allowed: Mask,
     tolerance_rad: float,
     error_mag: float,
-    most: int,
+    max_hypotheses: int,
 ) -> PairHypotheses:
-    """Return at most ``most`` hypotheses that match pairs of (n, 3) spots, brightest first, with links of ``allowed`` stars."""
+    """Return at most ``max_hypotheses`` matches of pairs of (n, 3) spots, brightest first, with links of ``allowed``
+    stars."""
     i, j = np.triu_indices(len(unit_cam), 1)
     # The pairs of the brightest spots are first: 01, 02, 12, 03 …
     order = np.lexsort((i, j))
@@ -73,7 +73,7 @@ def pair_hypotheses(
     fits = magnitude_fits(spot_mag[i[pair]], saturated[i[pair]], star_mag[both_orders[:, 0]], error_mag)
     fits &= magnitude_fits(spot_mag[j[pair]], saturated[j[pair]], star_mag[both_orders[:, 1]], error_mag)
     index = np.flatnonzero(fits)
-    used = index[:most]
+    used = index[:max_hypotheses]
     return PairHypotheses(
         i[pair[used]], j[pair[used]], both_orders[used, 0], both_orders[used, 1], checks, len(index) - len(used)
     )
@@ -106,8 +106,8 @@ def supporters(
     tolerance_rad: float,
     error_mag: float,
 ) -> NDArray[np.intp]:
-    """Return the (h,) numbers of spots that coincide with a star of similar brightness at the attitude of each
-    hypothesis.
+    """Return, for each hypothesis, the number of spots that coincide with a star of similar brightness at its attitude
+    (h,).
 
     A close pair determines the roll poorly, so the tolerance grows with the distance from its midpoint, up to a factor
     of three.

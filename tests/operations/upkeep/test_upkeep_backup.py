@@ -105,9 +105,9 @@ def test_the_second_backup_copies_only_new_bytes_and_old_ones_are_deleted(store,
     after = {p: p.stat().st_mtime_ns for p in (tmp_path / "backups" / "blobs").rglob("*") if p.is_file()}
     assert {p: t for p, t in after.items() if p in before} == before
     assert len(after) == len(before) + 1
-    assert [made.name for made in store.backups.every()] == [second.name, first.name]
+    assert [made.name for made in store.backups.list_all()] == [second.name, first.name]
     assert store.backups.prune(1, second.name) == [first.name]
-    assert [made.name for made in store.backups.every()] == [second.name]
+    assert [made.name for made in store.backups.list_all()] == [second.name]
     restore(tmp_path / "backups" / second.name, tmp_path / "new", clock)
 
 
@@ -133,7 +133,7 @@ def test_all_content_of_a_backup_is_on_disk_before_it_is_renamed(store, tmp_path
     synced, really = [], backup._sync_one
 
     def sync(path):
-        synced.append((path, bool(store.backups.every())))
+        synced.append((path, bool(store.backups.list_all())))
         really(path)
 
     monkeypatch.setattr(backup, "_sync_one", sync)
@@ -299,7 +299,7 @@ def test_a_backup_killed_while_it_is_made_is_absent_and_the_next_one_cleans_up(s
         store.backups.make(until)
     shutil.rmtree(tmp_path / "backups")
     shutil.move(tmp_path / "left", tmp_path / "backups")
-    assert store.backups.every() == []
+    assert store.backups.list_all() == []
     made = store.backups.make()
     restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
     assert sorted(p.name for p in (tmp_path / "backups").iterdir()) == sorted([made.name, "blobs"])
@@ -317,7 +317,7 @@ def test_an_unavailable_store_ends_the_backup(store, monkeypatch):
     monkeypatch.setattr(store.blobs, "get", silent)
     with pytest.raises(StoreDown, match="does not respond"):
         store.backups.make()
-    assert [made.name for made in store.backups.every()] == [first_backup.name]
+    assert [made.name for made in store.backups.list_all()] == [first_backup.name]
 
 
 def test_two_simultaneous_backups_are_rejected_and_a_full_disk_makes_none(store, tmp_path):
@@ -333,7 +333,7 @@ def test_two_simultaneous_backups_are_rejected_and_a_full_disk_makes_none(store,
     store.room[0] = store.disk.stop_bytes + 1000
     with pytest.raises(StoreDown, match="nearly full"):
         store.backups.start(user="ann")
-    assert store.backups.every() == []
+    assert store.backups.list_all() == []
 
 
 def test_the_check_of_the_store_reports_each_kind_of_damage(store, tmp_path):

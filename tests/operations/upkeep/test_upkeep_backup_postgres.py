@@ -131,7 +131,7 @@ def test_an_unreachable_server_leaves_no_backup_and_no_password(filled: Any, tmp
     with pytest.raises(StoreDown, match="pg_dump failed") as refused:
         filled.backups.make()
     assert PASSWORD not in str(refused.value)
-    assert filled.backups.every() == []
+    assert filled.backups.list_all() == []
 
 
 def test_a_socket_and_encryption_in_the_url_apply_to_the_dump_too(

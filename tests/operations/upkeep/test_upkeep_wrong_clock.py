@@ -77,7 +77,7 @@ def stored_content(store: Any) -> dict[str, Any]:
         rows = {t.name: session.scalar(select(func.count()).select_from(t)) for t in tables}
         rows["first event"] = session.scalar(select(func.min(Event.seq)))
     files = {p.name for p in (store.folder / "captures").iterdir()}
-    return {"rows": rows, "keys": set(store.blobs.keys()), "files": files, "backups": store.backups.every()}
+    return {"rows": rows, "keys": set(store.blobs.keys()), "files": files, "backups": store.backups.list_all()}
 
 
 @pytest.fixture
@@ -152,7 +152,7 @@ def test_an_operator_confirms_the_clock_and_then_the_removal(mission, bus, clock
     assert (job.state, job.result["removed"]["frames"], job.result["removed"]["packets"]) == ("done", 3, 200)
     server.live(1, 1)
     assert (server.titles(), mission.retention.waiting()) == ([], "")
-    assert len(mission.backups.every()) == 1
+    assert len(mission.backups.list_all()) == 1
 
 
 def test_an_old_confirmation_is_invalid(mission, clock, monkeypatch):
@@ -242,4 +242,4 @@ def test_backups_with_a_wrong_date_replace_no_others(store, clock):
     clock.forward(-HOUR_S / 2)
     earlier = store.backups.make()
     assert store.backups.prune(1, earlier.name) == [made.name]
-    assert {m.name for m in store.backups.every()} == {future.name, earlier.name}
+    assert {m.name for m in store.backups.list_all()} == {future.name, earlier.name}

@@ -3,7 +3,7 @@ import type { Argument, CommandDefinition, Stage } from '../api/types';
 import { collect, parse } from './arguments';
 import { place, zones } from './limits';
 import { countOf, missingBelow, rangesText } from './ranges';
-import { hasEnded, points, resultState, resultWords } from './stages';
+import { hasEnded, points, resultState, resultText } from './stages';
 
 const number = (over: Partial<Argument> = {}): Argument => ({
   name: 'threshold_dn',
@@ -53,8 +53,8 @@ describe('stage lights', () => {
     expect(points([stage('started', 'failed')])[4]?.point).toBe('failed');
   });
   it('show the reason of a refusal beside the word', () => {
-    expect(resultWords({ result: 'rejected', detail: 'above 1 000 ms', late: false })).toBe('rejected: above 1 000 ms');
-    expect(resultWords({ result: 'completed', detail: '', late: true })).toBe('completed, report late');
+    expect(resultText({ result: 'rejected', detail: 'above 1 000 ms', late: false })).toBe('rejected: above 1 000 ms');
+    expect(resultText({ result: 'completed', detail: '', late: true })).toBe('completed, late report');
     expect([resultState({ result: 'unknown' }), resultState({ result: 'sent' })]).toEqual(['unknown', 'progress']);
   });
   it('allow an unknown result to become known, and nothing after an end', () => {

@@ -21,8 +21,8 @@ const RUN = 5;
 const MAX_SCATTERED_LENGTH = 5;
 
 /**
- * Return the quality of a match. 2: consecutive letters or initials in the name. 1: the same in name, kind and note
- * together. 0: scattered letters.
+ * Return the quality of a match. 2: consecutive letters or initials in the name. 1: consecutive letters or initials
+ * in name, kind and note together. 0: scattered letters.
  */
 function band(query: string, place: Named, fullScore: number): number {
   const consecutive = RUN * query.replace(/\s+/g, '').length;

@@ -1,4 +1,4 @@
-/** Stages of a command and their lights. */
+/** Stages of a command and their indicators. */
 import type { Command, Stage } from '../api/types';
 import type { LampState } from './lamp';
 
@@ -56,8 +56,8 @@ export function resultState(command: Pick<Command, 'result'>): LampState {
   }
 }
 
-export function resultWords(command: Pick<Command, 'result' | 'detail' | 'late'>): string {
-  const late = command.late ? ', report late' : '';
+export function resultText(command: Pick<Command, 'result' | 'detail' | 'late'>): string {
+  const late = command.late ? ', late report' : '';
   const failed = command.result === 'rejected' || command.result === 'failed';
   return failed && command.detail ? `${command.result}: ${command.detail}${late}` : `${command.result}${late}`;
 }

@@ -42,7 +42,7 @@ export class Builder {
   texts = $state<Texts>({ ...START });
   corrections = $state<Corrections>({ ...DEFAULT_CORRECTIONS });
   name = $state('');
-  /** If empty, the server uses the camera and the format of the connected unit. */
+  /** If empty, the server uses the camera and the format of the configured instrument. */
   profile = $state('');
   format = $state('');
   orbit = $state<Form['orbit']>('none');
@@ -211,7 +211,7 @@ export class Builder {
   }
 
   /**
-   * Start with the camera of the connected unit, unless a camera is selected. A magnitude limit entered before stays.
+   * Start with the camera of the configured instrument, unless a camera is selected. A magnitude limit entered before stays.
    */
   startWith(cameras: readonly Profile[]): void {
     const own = cameras.find((camera) => camera.unit);

@@ -37,7 +37,7 @@ class Tour {
     other: live.authority?.holder && live.authority.holder !== session.name ? live.authority.holder : '',
     commands: this.contactCommands,
     frames: this.counted.frames,
-    coming: this.downlink ? this.downlink.stored_bytes / Math.max(1, this.downlink.size) : null,
+    receivedShare: this.downlink ? this.downlink.stored_bytes / Math.max(1, this.downlink.size) : null,
     ground: this.counted.ground,
   });
   readonly step = $derived(done(this.facts));

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { done, news, STEPS, type Facts } from './tour';
 
-const start: Facts = { connected: true, mine: false, other: '', commands: [], frames: 0, coming: null, ground: false };
+const start: Facts = { connected: true, mine: false, other: '', commands: [], frames: 0, receivedShare: null, ground: false };
 const ran = (
   name: string,
   values: Record<string, unknown> = {},
@@ -41,7 +41,7 @@ describe('the tour', () => {
   it('reports what delays a step', () => {
     expect(news({ ...start, connected: false })).toContain('link is closed');
     expect(news({ ...start, other: 'ann' })).toContain('ann holds');
-    expect(news({ ...start, mine: true, coming: 0.4 })).toContain('40 %');
+    expect(news({ ...start, mine: true, receivedShare: 0.4 })).toContain('40 %');
     expect(news({ ...start, mine: true, commands: [ran('TAKE_IMAGE', {}, 'rejected')] })).toContain(
       'rejected: because',
     );

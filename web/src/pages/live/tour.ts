@@ -15,7 +15,7 @@ export interface Facts {
   /** Number of device frames stored on the ground. */
   frames: number;
   /** Received fraction of the frame being downlinked, 0 to 1; null if no frame is being downlinked. */
-  coming: number | null;
+  receivedShare: number | null;
   /** True if the latest frame is solved on the ground. */
   ground: boolean;
 }
@@ -86,7 +86,7 @@ export function news(f: Facts): string {
   const step = done(f);
   if (!f.connected) return 'The link is closed. Open it below first.';
   if (step === 0) return f.other ? `${f.other} holds command authority. Request it, or break it with a reason.` : '';
-  if (step === 1 && f.coming !== null) return `Downlinking the frame, ${Math.round(100 * f.coming)} %.`;
+  if (step === 1 && f.receivedShare !== null) return `Downlinking the frame, ${Math.round(100 * f.receivedShare)} %.`;
   if (step === 1 && ran(f, 1)) return 'The image was exposed. The downlink of the frame follows.';
   if (step === 4 && ran(f, 4))
     return 'The sensor has computed its attitude. The ground solution of the frame is in progress.';
