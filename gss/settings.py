@@ -1,4 +1,4 @@
-"""All settings, from GSS_* environment variables. Read only by the command line and the wiring."""
+"""All settings, read from GSS_* environment variables. Only the command line and the wiring use this module."""
 
 from __future__ import annotations
 
@@ -15,17 +15,21 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="GSS_", extra="ignore")
 
     data: Path = Field(
-        default=Path("var"), description="Folder of the database, frames, captures and the simulator's flash."
+        default=Path("var"), description="Data folder: database, frames, captures and the simulator's flash."
     )
-    database: str = Field(default="", description="SQLAlchemy URL; empty: SQLite inside the data folder.")
+    database: str = Field(default="", description="SQLAlchemy URL of the database; empty: SQLite in the data folder.")
     accounts: str = Field(
         default="",
-        description="SQLAlchemy URL of the database with users, sessions and tokens; empty: the same database.",
+        description="SQLAlchemy URL of the database for users, sessions and tokens; empty: GSS_DATABASE.",
     )
     packages: str = Field(
-        default="", description="Folder of your own instrument packages; empty: instruments in the data folder."
+        default="",
+        description="Folder of your own instrument packages; empty: the folder instruments in the data folder.",
     )
-    blobs: str = Field(default="", description="fsspec URL for frames and flash images; empty: inside the data folder.")
+    blobs: str = Field(
+        default="",
+        description="fsspec URL of the store for frames and flash images; empty: the folder blobs in the data folder.",
+    )
     host: str = Field(
         default="127.0.0.1", description="Address to listen on; an address other than loopback needs TLS or a proxy."
     )
@@ -34,51 +38,61 @@ class Settings(BaseSettings):
         default=0,
         ge=0,
         le=16,
-        description="API worker processes beside the process that owns the line; 0: one process does everything.",
+        description="Number of API worker processes in addition to the process that owns the line; 0: a single "
+        "process.",
     )
     device: str = Field(
         default="",
-        description="Port of the sensor to open at start: a tty, or a socket://, rfc2217://, udp://, zmq:// or can:// URL.",
+        description="Port of the sensor to open at start: a tty, or a socket://, rfc2217://, udp://, zmq:// or "
+        "can:// URL.",
     )
     units: str = Field(
         default="",
-        description="Several units, separated by commas: NAME=INSTRUMENT@ADDRESS; the address simulator starts a simulated "
-        "sensor.",
+        description="Several units, separated by commas, each as NAME=INSTRUMENT@ADDRESS; with the address "
+        "simulator, a "
+        "simulated sensor is started.",
     )
     auto_download: bool = Field(
-        default=True, description="Download each new frame automatically; off: frames are downloaded on request only."
+        default=True, description="Download each new frame automatically; false: only on request."
     )
     link_allow: str = Field(
         default="",
-        description="Other hosts and networks on which operators may open a line, separated by commas; admins may open "
-        "any.",
+        description="Additional hosts and networks to which operators can open a line, separated by commas; admins can "
+        "open a line to any host.",
     )
     framing: Literal["", "cobs", "slip"] = Field(
         default="",
-        description="Framing of packets on the line: cobs or slip; empty: as the instrument's package states.",
+        description="Framing of packets on the line: cobs or slip; empty: the framing in the instrument package.",
     )
     link_keys: str = Field(
         default="",
-        description="File of the keys that authenticate packets to the sensor, created with gss link-keys; empty: packets are "
+        description="File of the keys that authenticate packets to the sensor, created with gss link-keys; "
+        "empty: packets are "
         "not signed.",
     )
     simulator: str = Field(
         default="", description="Instrument of a simulated sensor to start and open, for example cubestar."
     )
     instrument: str = Field(
-        default="cubestar", description="Instrument of the unit on the line, and of commands that name none."
+        default="cubestar",
+        description="Instrument of the unit on the line; also the default instrument of the command line.",
     )
-    simulator_baud: int = Field(default=3_000_000, ge=0, description="Line rate of the simulated sensor; 0 is unpaced.")
+    simulator_baud: int = Field(
+        default=3_000_000, ge=0, description="Line rate of the simulated sensor in baud; 0: no limit."
+    )
     simulator_options: str = Field(
         default="",
-        description="Further options of gss simulate for the simulated sensor, for example --sky real.",
+        description="Additional gss simulate options for the simulated sensor, for example --sky real.",
     )
     simulator_seed: int = Field(default=1, description="Seed of the simulated sensor's noise and motion.")
     capture_file_mb: int = Field(
-        default=64, ge=1, le=4096, description="Size at which a raw capture file is closed and the next one is started."
+        default=64,
+        ge=1,
+        le=4096,
+        description="Size in MB at which a raw capture file is closed and a new file is started.",
     )
     capture_keep_mb: int = Field(
-        default=1024, ge=1, description="Total size of the raw capture above which the oldest files are deleted."
+        default=1024, ge=1, description="Total size in MB of the raw capture files above which the oldest are deleted."
     )
     tls_certificate: str = Field(default="", description="Certificate file (PEM, with its chain): enables HTTPS.")
     tls_key: str = Field(default="", description="Private key file of the certificate (PEM).")
@@ -88,67 +102,79 @@ class Settings(BaseSettings):
     )
     trusted_proxies: str = Field(
         default="127.0.0.1,::1",
-        description="Addresses or networks of that proxy; X-Forwarded-* headers from other addresses are ignored.",
+        description="Addresses or networks of the reverse proxy; X-Forwarded-* headers from other addresses are "
+        "ignored.",
     )
     public_names: str = Field(default="", description="Host names of this server in browsers, separated by commas.")
     streams_each: int = Field(
-        default=20, ge=1, description="Event streams (open pages) of one user or token at a time, in each process."
+        default=20,
+        ge=1,
+        description="Maximum number of concurrent event streams (open pages) per user or token in each process.",
     )
     streams_most: int = Field(
-        default=500, ge=1, description="Event streams of all users together at a time, in each process."
+        default=500, ge=1, description="Maximum number of concurrent event streams of all users in each process."
     )
     connections_most: int = Field(
         default=800,
         ge=8,
         le=900,
-        description="Open connections at a time in each process, at most half of the permitted open files (1024, or the "
-        "system's limit if lower); at most half of them without sign-in.",
+        description="Maximum number of concurrent connections in each process, reduced to half of the open-file "
+        "limit if "
+        "that is lower. At most half of them can be unauthenticated.",
     )
     session_idle_minutes: float = Field(
-        default=480, gt=0, le=44_640, description="A session ends after this time without a request."
+        default=480, gt=0, le=44_640, description="A session ends after this time in minutes without a request."
     )
-    session_hours: float = Field(default=24, gt=0, le=744, description="A session ends after this time in any case.")
+    session_hours: float = Field(
+        default=24, gt=0, le=744, description="A session ends this number of hours after sign-in, even if it is active."
+    )
     password_memory_kib: int = Field(
         default=65_536,
         ge=8,
         le=4_194_304,
-        description="Memory of one password hash (argon2id); values below 19456 are weak.",
+        description="Memory in KiB for one password hash (argon2id); values below 19456 are weak.",
     )
-    password_passes: int = Field(default=3, ge=1, le=100, description="Passes of one password hash (argon2id).")
+    password_passes: int = Field(
+        default=3, ge=1, le=100, description="Number of argon2id passes for one password hash."
+    )
     audit_anchor: str = Field(
         default="",
-        description="File to which the hash of every row of the audit log is appended; empty: inside the data folder.",
+        description="File to which the hash of every row of the audit log is appended; empty: audit-anchor.jsonl "
+        "in the data folder.",
     )
-    backups: str = Field(default="", description="Folder of the backups; empty: inside the data folder.")
-    disk_watch_mb: int = Field(default=2048, ge=0, description="Free space below which an alarm is raised.")
+    backups: str = Field(default="", description="Folder of the backups; empty: the folder backups in the data folder.")
+    disk_watch_mb: int = Field(default=2048, ge=0, description="Free space in MB below which an alarm is raised.")
     disk_stop_mb: int = Field(
-        default=256, ge=0, description="Free space below which imports, downloads, builds and backups are rejected."
+        default=256,
+        ge=0,
+        description="Free space in MB below which imports, downloads, builds and backups are rejected.",
     )
     retention_pause_days: float = Field(
         default=30,
         gt=0,
         le=3650,
-        description="Retention and rotation of backups pause if the clock is further ahead of the last trusted time.",
+        description="Retention and backup rotation pause if the clock is more than this number of days ahead of "
+        "the last trusted time.",
     )
     retention_share_percent: float = Field(
         default=20,
         ge=1,
         le=100,
-        description="A removal of a larger share of the frames, packets or events needs confirmation.",
+        description="Deleting more than this percentage of the frames, packets or events needs confirmation.",
     )
     catalogue_watch_days: float = Field(
         default=5.0,
         ge=0,
         le=366,
-        description="Days before expiry of the active catalogue at which the alarm is raised.",
+        description="Number of days before the active catalogue expires at which an alarm is raised.",
     )
     cluster: str = Field(
         default="",
-        description="URL of a Dask scheduler for reprocessing and campaigns; empty: processes of this machine.",
+        description="URL of a Dask scheduler for reprocessing and campaigns; empty: processes on this machine.",
     )
     solve_chain: str = Field(
         default="reference",
-        description="Chain of the operational ground result: runs on every received or imported frame.",
+        description="Chain of the operational ground result; it runs on every received or imported frame.",
     )
 
     notifications: str = Field(

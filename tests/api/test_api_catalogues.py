@@ -318,7 +318,7 @@ def test_banks_by_date(client: TestClient, pair: Any) -> None:
         facts = {"profile": "cubestar", "firmware": "1", "simulated": True, "dictionary_hash": "0"}
         device = devices.remember(session, now, name="FM2", **facts)  # type: ignore[arg-type]
         row = BankHistory(device_id=device.id, bank="B", state="active", sha256=pair[0]["sha256"])
-        row.began = row.told = now - timedelta(days=1)
+        row.began = row.reported = now - timedelta(days=1)
         bank_history.add(session, row)
         contact = devices.open_contact(session, "tcp", now - timedelta(hours=5), "c")
         devices.update_contact(session, contact.id, device_id=device.id)

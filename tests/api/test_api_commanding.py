@@ -70,7 +70,7 @@ def make_console(tmp_path, sensor_in_memory, signed_in, client_of) -> Iterator[C
         services.line.link.open_later(sensor.url)
         console = ConsoleClient(client, services, sensor, signed_in)
         console.wait(lambda: console.request("GET", "/link")["dictionary_match"])
-        console.wait(lambda: console.request("GET", "/schedule")["told"])
+        console.wait(lambda: console.request("GET", "/schedule")["reported"])
         return console
 
     yield make

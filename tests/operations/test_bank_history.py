@@ -128,7 +128,7 @@ def test_a_repeated_report_extends_the_period(harness):
     harness.report("A", "committed", OLD, active=True)
     assert harness.rows() == [("A", "active", "a1", "reported", "", False)]
     (stay,) = harness.history.timeline(harness.clock() - timedelta(days=1), harness.clock()).stays
-    assert stay.row.told - stay.row.began == timedelta(seconds=60)
+    assert stay.row.reported - stay.row.began == timedelta(seconds=60)
 
 
 def test_upload_activation_and_confirmation_are_recorded_with_user_and_cause(harness):

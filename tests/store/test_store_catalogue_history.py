@@ -23,7 +23,7 @@ def add_device(session, name: str, first_seen: datetime):
 def bank_period(device_id: int, bank: str, began: datetime, ended: datetime | None, sha256: str = "") -> BankHistory:
     """Return a period in which a bank had this content."""
     return BankHistory(
-        device_id=device_id, bank=bank, state="held", sha256=sha256, began=began, told=ended or began, ended=ended
+        device_id=device_id, bank=bank, state="held", sha256=sha256, began=began, reported=ended or began, ended=ended
     )
 
 

@@ -134,7 +134,7 @@ def timeline(bank_timeline: Timeline, now: datetime, watch_days: float) -> Timel
 
 def _stay(stay: BankPeriod, now: datetime) -> BankStayOut:
     row, catalogue = stay.row, stay.catalogue
-    names = "bank state sha256 began ended told how user"
+    names = "bank state sha256 began ended reported how user"
     return BankStayOut(
         **{name: getattr(row, name) for name in names.split()},
         name=catalogue.name if catalogue else row.name,

@@ -16,7 +16,7 @@ def schedule(state: ScheduleState) -> ScheduleOut:
     """Return the schedule with the clock correlation."""
     return ScheduleOut(
         entries=[_entry(entry) for entry in state.entries],
-        told=state.listed_at,
+        reported=state.listed_at,
         complete=state.complete,
         clock=_clock(state.clock) if state.clock else None,
     )

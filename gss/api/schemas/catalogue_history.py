@@ -70,7 +70,7 @@ class CatalogueDiffOut(Out):
 
 class BankStayOut(Out):
     """Period in which a bank had one state and content. ``ended``: null if the bank has not changed until the last
-    report; ``told``: time of the last report."""
+    report; ``reported``: time of the last report."""
 
     bank: str
     state: str
@@ -83,7 +83,7 @@ class BankStayOut(Out):
     days_left: float | None
     began: Utc
     ended: Utc | None
-    told: Utc
+    reported: Utc
     how: str
     user: str
 

@@ -41,11 +41,11 @@ class DeviceClockOut(Out):
 
 
 class ScheduleOut(Out):
-    """Schedule ordered by time. ``told``: time of the device's last report; ``complete``: true if this report was
+    """Schedule ordered by time. ``reported``: time of the device's last report; ``complete``: true if this report was
     received completely."""
 
     entries: list[EntryOut]
-    told: Utc | None
+    reported: Utc | None
     complete: bool
     clock: DeviceClockOut | None
 

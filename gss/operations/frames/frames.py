@@ -317,7 +317,7 @@ class FrameService:
             if old is not None:
                 session.delete(old)
         row = self._row(frame, result, "on board", profile.name)
-        row.detail = row.detail | {"told": reported_of(record, frame)}
+        row.detail = row.detail | {"reported": reported_of(record, frame)}
         return self._store(row)
 
     def set_replay(self, solution_id: int, text: str) -> Solution:

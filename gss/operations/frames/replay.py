@@ -73,7 +73,8 @@ class ReplayService:
         """Replay a stored frame and return the comparison of all stages. Raises NotFound if the sensor reported no result for the
         frame, GssError if the ground does not have the bank, the tables or the prior attitude that the sensor used."""
         detail = self._frames.detail(frame_id)
-        reported = None if detail.on_board is None else detail.on_board.detail.get("told")
+        stored = {} if detail.on_board is None else detail.on_board.detail
+        reported = stored.get("reported") or stored.get("told")  # "told": the key that version 0.4 stored
         if reported is None:
             raise NotFound(
                 "nothing to replay",

@@ -170,7 +170,7 @@ class BankHistoryService:
             rows = {row.bank: row for row in store.still_so(session, self._device_id)}
             row = rows.get(bank)
             if row is not None and (row.state, row.sha256) == (state, sha256):
-                row.told = self._now()
+                row.reported = self._now()
                 return
             successor = self._end_and_follow(row, bank=bank, state=state, sha256=sha256, cause=self._cause)
             catalogue = catalogues.by_sha256(session, sha256) if sha256 else None
@@ -194,7 +194,7 @@ class BankHistoryService:
             name=row.name if row is not None and same_content else "",
             catalogue_id=row.catalogue_id if row is not None and same_content else None,
             began=now,
-            told=now,
+            reported=now,
             ended=None,
             how=(cause[0] or "reported")[:HOW_LENGTH],
             user=cause[1],

@@ -53,7 +53,7 @@ class DeviceTable(Base):
 
 class BankHistory(Base):
     """Period in which a device bank had one state and content, starting with the device's first report. ``ended``: None
-    if the content has not changed. ``told``: time of the device's last report of this content."""
+    if the content has not changed. ``reported``: time of the device's last report of this content."""
 
     __tablename__ = "bank_history"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -64,7 +64,7 @@ class BankHistory(Base):
     name: Mapped[str] = mapped_column(String(60), default="")
     catalogue_id: Mapped[int | None] = mapped_column(ForeignKey("catalogues.id"))
     began: Mapped[datetime] = mapped_column(index=True)
-    told: Mapped[datetime]
+    reported: Mapped[datetime]
     ended: Mapped[datetime | None]
     how: Mapped[str] = mapped_column(String(20), default="")
     user: Mapped[str] = mapped_column(String(60), default="")
