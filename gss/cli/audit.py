@@ -63,7 +63,7 @@ def verify(arguments: argparse.Namespace) -> int:
     with account_store(arguments) as store:
         verdict = store.audit.verify(arguments.last_hash)
     if verdict.problem:
-        print(f"the audit log is not intact: {verdict.problem}", file=sys.stderr)
+        print(f"The audit log is not intact: {verdict.problem}", file=sys.stderr)
         return 1
     print(f"{verdict.rows} rows, intact. {verdict.anchors}".strip())
     print(f"Record the last hash elsewhere: {verdict.last_hash}")

@@ -131,7 +131,7 @@ def run_build(arguments: argparse.Namespace, now: Callable[[], datetime] = utc_n
     facts = {**facts_of(built), "elapsed_s": round(perf_counter() - begin, 3)}
     print_facts({**facts, **({"funnel": funnel} if arguments.json else funnel)}, arguments.json)
     if arguments.out is None and not arguments.json:
-        print("nothing was saved. Use --out FILE to save image and manifest", file=sys.stderr)
+        print("Nothing was saved. Use --out FILE to save image and manifest.", file=sys.stderr)
     return 0
 
 

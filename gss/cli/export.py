@@ -90,7 +90,7 @@ def export_fits(arguments: argparse.Namespace) -> int:
     for frame_id in ids_of(arguments.frames):
         detail = services.frames.frames.detail(frame_id)
         if not detail.frame.complete:
-            print(f"frame {frame_id} has missing rows and was skipped", file=sys.stderr)
+            print(f"Frame {frame_id} has missing rows and was skipped", file=sys.stderr)
             continue
         data = fits_file(services.frames.frames.pixels(detail.frame), detail.frame, detail.ground)
         (arguments.out / f"frame-{frame_id}.fits").write_bytes(data)

@@ -28,9 +28,9 @@ def check(arguments: argparse.Namespace) -> int:
 
     rules = read_rules(arguments.file)
     for target in rules.targets:
-        print(f"target {target.name}: {'mail' if target.mail else 'webhook'}, {target.host}")
+        print(f"Target {target.name}: {'mail' if target.mail else 'webhook'}, {target.host}")
     for rule in rules.rules:
-        print(f"rule {rule.name}: {rule.words}")
+        print(f"Rule {rule.name}: {rule.words}")
     return 0
 
 
@@ -50,5 +50,5 @@ def test(arguments: argparse.Namespace) -> int:
         )
     message = OutgoingMessage(secrets.token_hex(16), "ok", "[GSS] ok: test message", "Test message by gss notify test.")
     rejected = Sender(arguments.private).send(target, message)
-    print(f"sent to {target.name}" + (f"; {rejected}" if rejected else ""))
+    print(f"Sent to {target.name}" + (f"; {rejected}" if rejected else ""))
     return 0

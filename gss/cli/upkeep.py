@@ -147,7 +147,7 @@ def backup(arguments: argparse.Namespace) -> int:
             f"{service.folder / manifest.name}: {manifest.total_bytes} bytes, {len(manifest.blobs)} files beside the database"
         )
         for name in removed:
-            print(f"removed {name}")
+            print(f"Removed {name}")
     return 0
 
 

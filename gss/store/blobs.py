@@ -176,7 +176,8 @@ class BlobStore:
                     yield part + base_name
 
     def check(self) -> str:
-        """Return a text which confirms that the store responds. Raises StoreDown if it does not."""
+        """Return the type of the store, or a text that confirms that the object store responds. Raises StoreDown if it
+        does not respond."""
         if self._is_folder:
             return "a folder"
         self._reach_bucket()

@@ -44,7 +44,7 @@ class World:
     def turns(self, seconds: float) -> None:
         for _ in range(max(1, round(seconds / 0.01))):
             self.now_s += 0.01
-            self.terminal.turn(0.001)
+            self.terminal.run_once(0.001)
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ class Turns:
     def __init__(self, clock: SimulatedClock) -> None:
         self.paced, self.clock, self.times_s = True, clock, []  # type: bool, SimulatedClock, list[float]
 
-    def turn(self, wait_s: float, also: list[int] | None = None) -> list[int]:
+    def run_once(self, wait_s: float, extra_handles: list[int] | None = None) -> list[int]:
         self.times_s.append(self.clock())
         return []
 

@@ -12,7 +12,7 @@ from gss.domain.errors import BadInput
 from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.far_mst_centroid import document_sigma_px
 from gss.pipeline.chains.far_mst_detect import clusters, find_centroids, prefiltered
-from gss.pipeline.chains.far_mst_parameters import default_parameters, least_count
+from gss.pipeline.chains.far_mst_parameters import default_parameters, min_prefilter_count
 from gss.pipeline.render import spots
 
 PROFILE = shipped_camera("far_mst")
@@ -78,7 +78,7 @@ def test_the_smallest_count_passes_less_than_one_noise_pixel(sigma: float, count
     """The count is the smallest for which less than one pixel of pure noise is expected to pass. A simulated frame
     agrees.
     """
-    assert least_count(sigma, PIXELS) == count
+    assert min_prefilter_count(sigma, PIXELS) == count
     noise = np.random.default_rng(5).normal(size=(1024, 1280)) > sigma
     assert np.count_nonzero(prefiltered(noise, "sliding", count)) <= 6
 

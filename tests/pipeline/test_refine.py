@@ -22,8 +22,8 @@ def stars(n: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
 
 
 def test_exact_pixels_give_exact_geometry() -> None:
-    """Without noise, attitude and focal length are recovered within rounding errors from a focal length wrong by one
-    per cent.
+    """Without noise, attitude and focal length are recovered within rounding errors although the initial focal length
+    is wrong by one per cent.
     """
     rng = np.random.default_rng(1)
     icrs, pixels, attitude = stars(30, rng)

@@ -77,12 +77,12 @@ def mission(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
             "pixels a day, half of them anneal "
             f"with half-lives of {RADIATION.half_life_days[0]:g} to {RADIATION.half_life_days[1]:g} days, a tenth grows",
             f"{RADIATION.hits_s:g} particles a second, {RADIATION.anomaly_hits_s:g} in the middle of the South Atlantic Anomaly",
-            "focal length, light and width of the stars drift; focal length and light jump once",
+            "focal length, brightness and width of the stars drift; focal length and brightness each change abruptly once",
         ),
         seed,
         (
-            "A damaged pixel is detected if its dark current exceeds the smallest dark current of a warm pixel, "
-            "which a row states.",
+            "A damaged pixel is detected if its dark current exceeds the minimum dark current of a warm pixel. "
+            "A row states this minimum.",
             "Particles next to stars and particles with less charge than the threshold are not counted.",
             "Levels outside their interval are mostly those of annealing pixels whose decay is not significant. "
             "Such a pixel is reported as steady, with its mean level over the decay. The intervals of the other "

@@ -138,8 +138,8 @@ def huffman_4_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
         tuple(rows),
         (
             f"{trials} images of 30 equal stars per magnitude, PSF 10 px, 5 σ, block filter of 13, g = 10, 41 e dark, 40 e read",
-            "rms per axis over all detected stars; the time ratio, if times were measured, is that of whole "
-            "frames including the filter",
+            "rms per axis over all detected stars; time ratio, if measured: processing time of complete frames, "
+            "including the filter",
         ),
         seed,
         (

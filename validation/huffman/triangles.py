@@ -113,9 +113,10 @@ def huffman_5_4(stars: StarTable, trials: int, seed: int, progress: Progress) ->
         seed,
         (
             "Three standard deviations contain 99.7 % of the measurements, as the document states for the spherical moment.",
-            "Area and moment are two numbers of a triangle, an angle is one number of a pair: far fewer candidates agree, so fewer "
-            "pivots are needed. The document states a third of the pivots of the angle method; pivots are not computed here.",
-            f"Eq. 5.9 leaves out the moment of each part about its own centre: with {4**DEPTH} parts the spherical moment is "
+            "A triangle is described by two numbers, area and moment; a pair is described by one angle. Far fewer "
+            "triangles agree by chance, so fewer pivots are needed. The document states a third of the pivots of the "
+            "angle method; pivots are not computed here.",
+            f"Eq. 5.9 omits the moment of each part about the centre of the part. With {4**DEPTH} parts the spherical moment is "
             f"{1 / 4**DEPTH:.0%} too small.",
             "Eq. 5.15 prints the spherical area A_ST in the planar moment. GSS uses the planar area. The chain does not use "
             "these properties, because n-vertex figures use every angle (§5.5.4).",

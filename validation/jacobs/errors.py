@@ -1,4 +1,4 @@
-"""Errors of distances and positions by an inaccurate camera model and by TRIAD (Jacobs 1995 §6.1 and app. E.1)."""
+"""Errors of distances and positions caused by an inaccurate camera model and by TRIAD (Jacobs 1995 §6.1 and app. E.1)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def jacobs_6_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
     ]
     rows: list[tuple[Cell, ...]] = [
         ("Fig. 6-2: focal length 40 µm off, 0.5 mm apart at the centre, px", "a fraction", round(close[0], 3), None),
-        ("Fig. 6-2: the same at the edge, px", "smaller", round(close[1], 3), None),
+        ("Fig. 6-2: focal length 40 µm off, 0.5 mm apart at the edge, px", "smaller", round(close[1], 3), None),
         (
             "Fig. 6-3: focal length 25 µm off, opposite corners, mrad",
             0.23,
@@ -76,7 +76,7 @@ def jacobs_6_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
         ),
         seed,
         (
-            "The text has no values of the figures' curves; it states those in the table.",
+            "The publication states no values for the curves in its figures. The table contains the values stated in its text.",
             "Eq. E.26 is an upper bound. TRIAD maps the first star exactly, so the displacement of this star reduces the error "
             "in the opposite corner: the largest error is below the bound by up to half a pixel. For the closest pair the rotation "
             "is 3°, where the linear formula is 0.3 % too small.",
@@ -104,9 +104,9 @@ def _centre_off(camera: Camera, error_mm: float) -> Camera:
     return replace(camera, centre_col_px=camera.centre_col_px - error_mm / PITCH_MM[0])
 
 
-def _error_rad(true: Camera, estimated: Camera, places_mm: Array) -> float:
-    """Return the true minus the measured separation of two star images, in millimetres from the true centre (eq. 6.1)."""
-    pixels = places_mm / np.array(PITCH_MM) + np.array([true.centre_col_px, true.centre_row_px])
+def _error_rad(true: Camera, estimated: Camera, positions_mm: Array) -> float:
+    """Return the true minus the measured separation of two star images at ``positions_mm`` from the true centre (eq. 6.1)."""
+    pixels = positions_mm / np.array(PITCH_MM) + np.array([true.centre_col_px, true.centre_row_px])
     return _separation_rad(true.unproject(pixels)) - _separation_rad(estimated.unproject(pixels))
 
 
@@ -117,18 +117,18 @@ def _separation_rad(pair: Array) -> float:
 def _triad_error_px(separation_mm: float) -> float:
     """Return the largest error of the expected position of a star in the opposite corner, mean pixels."""
     inward = -CORNER_MM / np.linalg.norm(CORNER_MM)
-    places = np.array([CORNER_MM, CORNER_MM + separation_mm * inward])
-    true, star = _directions(places), _directions(-CORNER_MM[None])[0]
+    positions_mm = np.array([CORNER_MM, CORNER_MM + separation_mm * inward])
+    true, star = _directions(positions_mm), _directions(-CORNER_MM[None])[0]
     angles = np.radians(np.arange(0.0, 360.0, 45.0)) + np.arctan2(inward[1], inward[0])
     shifts = CENTROID_ERROR_PX * MEAN_PITCH_MM * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     worst_mm = 0.0
     for (first, second), order in product(product(shifts, shifts), ([0, 1], [1, 0])):
-        observed = _directions(places + np.array([first, second]))
+        observed = _directions(positions_mm + np.array([first, second]))
         expected = triad(observed[order], true[order]) @ star
         worst_mm = max(worst_mm, float(np.linalg.norm(FOCAL_MM * expected[:2] / expected[2] + CORNER_MM)))
     return worst_mm / MEAN_PITCH_MM
 
 
-def _directions(places_mm: Array) -> Array:
-    v = np.column_stack([places_mm, np.full(len(places_mm), FOCAL_MM)])
+def _directions(positions_mm: Array) -> Array:
+    v = np.column_stack([positions_mm, np.full(len(positions_mm), FOCAL_MM)])
     return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))

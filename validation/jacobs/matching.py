@@ -106,8 +106,8 @@ def jacobs_3_7(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
             "first row, and the figures agree. If it applies to each axis, the figures do not agree.",
             "The publication has no separate row for failures with exactly three stars. They count as failures "
             "with three or more.",
-            "A group of three stars can be accidental. The published acceptance accepts it; the bound accepts it "
-            "only if an accident is improbable.",
+            "Three stars can match by chance. The published rule accepts such a group. The bound accepts it only if "
+            "a match by chance is improbable.",
             "The times are those of a T800 processor. The time is proportional to the number of table entries read.",
         ),
     )

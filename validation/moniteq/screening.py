@@ -64,7 +64,7 @@ def moniteq_screening(stars: StarTable, trials: int, seed: int, progress: Progre
         rows,
         (
             "ring of ±0.01° at 8°, stars of ±0.5 mag; Hipparcos V",
-            f"counted around {len(sample)} stars to V {LIMIT_MAG}",
+            f"neighbours counted around each of {len(sample)} stars to V {LIMIT_MAG}",
         ),
         seed,
         (

@@ -130,8 +130,8 @@ def injection(stars: StarTable, trials: int, seed: int, progress: Progress) -> E
             "A lens error rotates the attitude by an angle that depends on the stars in the field, so it can also "
             "change rows that compare attitudes.",
             "Particles next to a star, and particles that leave too little charge, are not counted.",
-            "A spread of the pixel response has no size in pixels of position, so its row is only compared with "
-            "the unit without error.",
+            "A spread of the pixel response cannot be stated as a position error in pixels, so its row is only "
+            "compared with the unit without error.",
         ),
     )
 

@@ -227,7 +227,7 @@ def shipped_units(
             f"{FAINTER_MAG} mag beyond the camera's limit, V {DEEPEST_MAG:g} at most; with smear, without planets "
             "and stray light",
             f"AIM: the exposure is shortened until a star moves {SMEAR_PX} px",
-            "processor: times of the documents, scaled with the work; not the time of this computer",
+            "processor: times from the documents, scaled with the number of operations; not times of this computer",
         ),
         seed,
         (

@@ -16,8 +16,8 @@ from gss.domain.camera import Camera
 PER_SIDE = 256
 CHART_CELLS = 512
 CHART_INSIDE, CHART_EDGE = 1, 2
-# Distance from a limit within which a cosine is tested again exactly.
-HAIR = 1e-9
+# If a cosine differs from its limit by less than this value, the test is repeated with exact angles.
+COSINE_TOLERANCE = 1e-9
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])
 
 
@@ -60,7 +60,7 @@ class CircularField:
         """:meth:`inside` for separate component arrays of one shape; optimised for millions of directions."""
         limit = np.cos(min(self.radius_rad, np.pi))
         inside = np.asarray(z >= limit)
-        doubtful = np.nonzero(np.abs(z - limit) < HAIR)
+        doubtful = np.nonzero(np.abs(z - limit) < COSINE_TOLERANCE)
         inside[doubtful] = self.inside(np.stack([x[doubtful], y[doubtful], z[doubtful]], axis=-1))
         return inside
 
@@ -81,9 +81,9 @@ class FieldShape:
     def edge(self, along: Array) -> Array:
         """Return (k, 3) camera-frame unit vectors of the outline at (k,) positions in [0, 4); each side has length
         1."""
-        place = np.mod(along, 4.0)
-        side = np.minimum(place.astype(int), 3)
-        part = (place - side)[:, None]
+        position = np.mod(along, 4.0)
+        side = np.minimum(position.astype(int), 3)
+        part = (position - side)[:, None]
         corner = CORNERS[side] * (1 - part) + CORNERS[side + 1] * part
         return self.camera.unproject(corner * [self.camera.columns, self.camera.rows] - 0.5)
 

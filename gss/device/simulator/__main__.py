@@ -125,7 +125,7 @@ def serve(
     handles = [sys.stdin.fileno()] if watch_stdin else []
     try:
         while not stopping:
-            ready = terminal.turn(BUSY_S if terminal.busy else IDLE_S, handles)
+            ready = terminal.run_once(BUSY_S if terminal.busy else IDLE_S, handles)
             if ready:
                 data = os.read(ready[0], 4096)
                 stopping = stopping or not data

@@ -56,7 +56,7 @@ class Paced(Protocol):
 
     paced: bool
 
-    def turn(self, wait_s: float, also: list[int] | None = None) -> list[int]: ...
+    def run_once(self, wait_s: float, extra_handles: list[int] | None = None) -> list[int]: ...
 
 
 class TimeControl:
@@ -88,7 +88,7 @@ class TimeControl:
                 return f"time {self._clock():.6f}"
             if order == "skip" and len(words) == 1:
                 self._clock.advance(_number(words[0], MAX_SKIP_S))
-                self._terminal.turn(0.0)
+                self._terminal.run_once(0.0)
                 return f"time {self._clock():.6f}"
             if order == "run" and len(words) <= 1:
                 self._clock.run(_number(words[0], FASTEST) if words else None)
@@ -106,11 +106,11 @@ class TimeControl:
 
     def _step(self, seconds: float) -> None:
         for _ in range(SETTLE_TURNS):
-            self._terminal.turn(0.0)
+            self._terminal.run_once(0.0)
         ticks = max(1, round(seconds / TICK_S))
         for _ in range(ticks):
             self._clock.advance(seconds / ticks)
-            self._terminal.turn(0.0)
+            self._terminal.run_once(0.0)
             if self._stopping():
                 return
 

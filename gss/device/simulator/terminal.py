@@ -224,17 +224,17 @@ class Terminal:
         self._read_credit = self._write_credit = 0.0
         self._at_s = clock()
 
-    def turn(self, wait_s: float, also: list[int] | None = None) -> list[int]:
-        """Wait up to ``wait_s``, then advance the device once. Returns the handles in ``also`` that are ready."""
+    def run_once(self, wait_s: float, extra_handles: list[int] | None = None) -> list[int]:
+        """Wait up to ``wait_s``, then advance the device once. Returns the ready handles of ``extra_handles``."""
         handles = self._line.wait_handles() if self._may_read() else []
-        ready, _, _ = select.select([*handles, *(also or [])], [], [], wait_s)
+        ready, _, _ = select.select([*handles, *(extra_handles or [])], [], [], wait_s)
         now_s = self._clock()
         self._connect_or_cut(now_s)
         self._refill(now_s)
         self._receive(now_s)
         self._device.advance(now_s)
         self._send(now_s)
-        return [h for h in (also or []) if h in ready]
+        return [h for h in (extra_handles or []) if h in ready]
 
     def _connect_or_cut(self, now_s: float) -> None:
         connected = self._control.connected(now_s)
@@ -283,7 +283,7 @@ class Terminal:
         if self._control.down.stalled(now_s):
             return
         self._out += self._control.down.late(b"", now_s)
-        while self._written(now_s) and (self._pending or self._fetch(now_s)):
+        while self._write_due(now_s) and (self._pending or self._fetch(now_s)):
             share = min(len(self._pending), int(self._write_credit)) if self._limited else len(self._pending)
             if share <= 0:
                 return
@@ -299,7 +299,7 @@ class Terminal:
             self._pending += self._control.down.apply(frame)
         return frame is not None
 
-    def _written(self, now_s: float) -> bool:
+    def _write_due(self, now_s: float) -> bool:
         """Write the bytes that are due. Returns False if the buffer is full.
 
         After ``GIVE_UP_S`` without progress the bytes are lost, as on a wire without a reader.

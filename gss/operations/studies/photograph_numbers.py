@@ -1,4 +1,4 @@
-"""The camera file of a photographed camera: measured numbers with uncertainty, and chosen numbers with the reason."""
+"""Camera file derived from photographs: measured numbers have an uncertainty, chosen numbers have a reason."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from gss.operations.studies.photograph_camera import PhotographCamera
 from gss.pipeline.calibration.lens_models import BROWN
 from gss.pipeline.calibration.robust import robust_sigma
 
-REFRACTION = 4e-4
+REFRACTION_ERROR = 4e-4
 """Relative error of the scale caused by refraction. Refraction compresses the sky by 2.8e-4 at the zenith. At an
 elevation of 45°, it compresses the vertical direction by twice this value."""
-ABERRATION = 6e-5
+ABERRATION_ERROR = 6e-5
 """Relative error of the scale if the date is unknown. Aberration changes the scale by up to 1e-4 during a year."""
 CENTRE_SHARE = 0.12
 """Standard deviation of the distance of an unknown camera's optical axis from the middle, as a share of the width."""
@@ -25,9 +25,9 @@ BRIGHT_RANGE_MAG = 8.0
 MAX_BITS = 16
 TYPICAL_PITCH_MM, TYPICAL_F_NUMBER = 0.005, 2.0
 TYPICAL = "typical of a small camera; the photographs do not determine it"
-SHAPE = 0.01
+SHAPE_ERROR = 0.01
 """Relative error of a star's width. It allows for the difference between the image of a star and a Gaussian."""
-MEDIAN = 1.2533  # ratio of the standard error of a median to the standard error of a mean
+MEDIAN_SIGMA_RATIO = 1.2533  # ratio of the standard error of a median to the standard error of a mean
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def significant(sigma: float) -> float:
 
 
 def rounded(value: float, sigma: float) -> float:
-    """Round a value with an error below a hundredth of its uncertainty."""
+    """Round a value so that the rounding error is below a hundredth of its uncertainty."""
     if not (math.isfinite(sigma) and sigma > 0):
         return float(f"{value:.10g}")
     return float(round(float(value), 3 - math.floor(math.log10(sigma))))
@@ -126,8 +126,8 @@ def _geometry(measured: PhotographCamera, stated: Stated, numbers: _Numbers) -> 
     noise = spread_factor(measured) * math.sqrt(max(relative, 0.0))
     dates_known = all(s.photograph.shot.observer is not None for s in measured.photographs.used)
     systematic = (
-        (0.0 if dates_known or not stated.atmosphere else ABERRATION),
-        (REFRACTION if stated.atmosphere else 0.0),
+        (0.0 if dates_known or not stated.atmosphere else ABERRATION_ERROR),
+        (REFRACTION_ERROR if stated.atmosphere else 0.0),
     )
     sigma = math.hypot(noise, *systematic)
     pitch_mm, pitch_reason = _pitch(stated, camera.focal_col_px)
@@ -270,11 +270,12 @@ def _width(measured: PhotographCamera, numbers: _Numbers) -> FileNumber:
         return chosen(1.0, "px", reason)
     spots = measured.spots
     count, width = len(spots.sigma_px), min(max(spots.typical_sigma_px, 0.05), 50.0)
-    sigma = MEDIAN * robust_sigma(spots.sigma_px) / math.sqrt(count)
+    sigma = MEDIAN_SIGMA_RATIO * robust_sigma(spots.sigma_px) / math.sqrt(count)
     detail = (
-        f"median of {count} stars, FWHM {2.3548 * width:.2f} px without the width of a pixel; 1 % for the star's shape"
+        f"median of {count} stars, FWHM {2.3548 * width:.2f} px without the width of a pixel; "
+        "the uncertainty includes 1 % for the star's shape"
     )
-    return numbers.measured(width, "px", math.hypot(sigma, SHAPE * width), detail)
+    return numbers.measured(width, "px", math.hypot(sigma, SHAPE_ERROR * width), detail)
 
 
 def converter_bits(measured: PhotographCamera) -> tuple[int, str]:

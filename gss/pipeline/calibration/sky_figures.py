@@ -32,7 +32,8 @@ LEVEL_RANGE = 0.05
 @dataclass(frozen=True)
 class SkyFigures:
     """Statistics of the sky. ``level_dn`` ± ``level_sigma`` and ``noise_dn`` ± ``noise_sigma`` of a pixel in the
-    darkest photograph; ``excess_dn``: level of the typical photograph above it, ± ``excess_sigma``. ``gain_e_per_dn`` ±
+    darkest photograph; ``excess_dn`` ± ``excess_sigma``: median level of the photographs minus the darkest
+    level. ``gain_e_per_dn`` ±
     ``gain_sigma``: NaN if the level varies too little. ``largest_dn``: largest pixel value, reached by
     ``largest_count`` pixels."""
 
@@ -58,9 +59,10 @@ def sky_figures(images: Sequence[NDArray[Any]], *, linear: bool) -> SkyFigures:
     gain, gain_sigma = _gain(meshes) if linear else (float("nan"), float("nan"))
     largest = max(float(image.max()) for image in images)
     noise_dn = float(np.median(darkest.noise))
-    # A mesh of equal tiles is set to its mean, and only the noise of its samples remains.
-    of_tiles = float(np.hypot(robust_sigma(darkest.level.ravel()), noise_dn / np.sqrt(SAMPLES_PER_TILE)))
-    level_sigma = float(np.hypot(of_tiles / independent, STARS_LEVEL * noise_dn))
+    # measure_background sets a uniform mesh to its mean. Then the spread of the tiles is zero, and only the noise of the
+    # samples contributes.
+    tile_sigma = float(np.hypot(robust_sigma(darkest.level.ravel()), noise_dn / np.sqrt(SAMPLES_PER_TILE)))
+    level_sigma = float(np.hypot(tile_sigma / independent, STARS_LEVEL * noise_dn))
     spread = robust_sigma(levels) if len(levels) > 1 else 0.0
     return SkyFigures(
         float(levels.min()),

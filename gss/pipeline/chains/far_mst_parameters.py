@@ -23,14 +23,14 @@ ACCEPTANCES = ("bound", "document")
 SOURCES: dict[str, str] = {
     "threshold_dn": "Huffman 2006 §4.1: n·σ_noise; if not set, threshold_sigma times σ; "
     "σ is that of the sensor, or of the frame if larger",
-    "threshold_sigma": "Huffman 2006 §4.1: n of n·σ_noise, 1 … 5; GSS: 2 leaves a star at the limit the most pixels above the "
-    "minimum of the pre-filter",
+    "threshold_sigma": "Huffman 2006 §4.1: n of n·σ_noise, 1 … 5; GSS: with 2, the pre-filter keeps the most pixels of a star at "
+    "the magnitude limit",
     "noise_dn": "from the profile's sensor",
     "gain_e_per_dn": "from the profile's sensor",
     "saturation_dn": "from the profile's sensor",
     "psf_sigma_px": "from the profile's sensor",
     "prefilter": "Huffman 2006 §4.2.2: sliding (starCentroid2) is better above 1.75 σ (Table 8.1), block is starCentroid3",
-    "prefilter_count": "Huffman 2006 §4.1 has 9, §4.2.2 more than half of 25, for spots of 10 px at 1 σ; GSS: the smallest "
+    "prefilter_count": "Huffman 2006 §4.1 uses 9, §4.2.2 more than half of 25, both for spots of 10 px at 1 σ; GSS: the smallest "
     "count that passes less than one noise pixel per frame at this n",
     "min_area_px": "Huffman 2006 §4.2.2: fewer than 4 pixels are a noise spike or a hot pixel",
     "max_area_px": "GSS: V −1.5 smeared over 60 px at the published 15°/s",
@@ -44,7 +44,7 @@ SOURCES: dict[str, str] = {
     "the excess seen in rendered frames",
     "max_centroids": "GSS: twice the average of 16 stars to V 4.5 in the frame",
     "max_vertex_stars": "GSS: figures use the brightest sixteen stars (Huffman 2006 §5.4.4: brightest first)",
-    "matcher": "Huffman 2006 Fig. 8.2: n-vertex with a catalogue, five before four before three stars",
+    "matcher": "Huffman 2006 Fig. 8.2: n-vertex with a catalogue; figures of five stars first, then four, then three",
     "most_figures": "GSS: maximum figures examined for n = 3, 4, 5 before the search fails (Huffman 2006 §5.5.4 tries all)",
     "most_hypotheses": "GSS: maximum identified figures that are completed and rated before the search fails",
     "sigmas": "GSS, after dossier §3.15: pairs agree within 3.5 of their standard deviations",
@@ -59,7 +59,7 @@ SOURCES: dict[str, str] = {
     "min_share": "GSS: with a wrong plate scale a small group can match accidentally; a third of the identifiable stars "
     "must be identified, less in tracking",
     "dark_dn": "Huffman 2006 §4.1: per-pixel median over frames of a sequence; without one, the frame's own median",
-    "max_small_regions": "GSS: regions below min_area_px that a report of a frame lists, to bound its size",
+    "max_small_regions": "GSS: maximum number of regions below min_area_px in the report of a frame, which limits its size",
 }
 
 
@@ -111,12 +111,12 @@ class FarMstParameters:
         ):
             if getattr(self, name) not in choices:
                 raise BadInput(f"unknown {name}", expected=" | ".join(choices), got=str(getattr(self, name)))
-        least = self.threshold_sigma if self.threshold_dn is None else self.threshold_dn
-        if not (least > 0 and self.noise_dn > 0 and 1 <= self.min_area_px <= self.max_area_px):
+        threshold = self.threshold_sigma if self.threshold_dn is None else self.threshold_dn
+        if not (threshold > 0 and self.noise_dn > 0 and 1 <= self.min_area_px <= self.max_area_px):
             raise BadInput(
                 "invalid detection parameters",
                 expected="threshold and noise above zero, 1 ≤ smallest ≤ largest area",
-                got=f"{least}, {self.noise_dn}, {self.min_area_px}, {self.max_area_px}",
+                got=f"{threshold}, {self.noise_dn}, {self.min_area_px}, {self.max_area_px}",
             )
 
 
@@ -136,11 +136,11 @@ def default_parameters(profile: CameraProfile, exposure_s: float | None = None) 
         saturation_dn=float(sensor.saturation_dn),
         psf_sigma_px=sensor.psf_sigma_px,
         assisted_radius_rad=camera.half_diagonal_rad + HINT_ERROR_RAD,
-        prefilter_count=least_count(THRESHOLD_SIGMA, camera.columns * camera.rows),
+        prefilter_count=min_prefilter_count(THRESHOLD_SIGMA, camera.columns * camera.rows),
     )
 
 
-def least_count(threshold_sigma: float, pixels: int) -> int:
+def min_prefilter_count(threshold_sigma: float, pixels: int) -> int:
     """Return the smallest count of 25 for which pure noise leaves less than one pixel per frame after the pre-filter."""
     chance = float(ndtr(-threshold_sigma))
     neighbours = PREFILTER_PX**2 - 1

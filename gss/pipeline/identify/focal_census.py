@@ -41,7 +41,7 @@ def focal_objection(
 ) -> str:
     """Return why the camera's focal length cannot be right, or "".
 
-    ``pixels``: (n, 2) of all centroids; ``matched``: (k,) rows of the identified ones; ``icrs_of_matched``: (k, 3)
+    ``pixels``: (n, 2) of all centroids; ``matched``: (k,) indices of the identified centroids; ``icrs_of_matched``: (k, 3)
     their stars; ``bank``: (m, 3) directions of all stars that the camera can see; ``radius_px``: largest distance of a
     match.
     """

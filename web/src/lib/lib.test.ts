@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { Argument, CommandDefinition, Stage } from '../api/types';
 import { collect, parse } from './arguments';
-import { place, zones } from './limits';
+import { position, zones } from './limits';
 import { countOf, missingBelow, rangesText } from './ranges';
 import { hasEnded, points, resultState, resultText } from './stages';
 
@@ -93,8 +93,8 @@ describe('limit bars', () => {
     expect(z.filter((b) => b.level === 'crit')[1]?.from).toBeGreaterThan(
       z.filter((b) => b.level === 'watch')[1]?.from ?? 1,
     );
-    expect(place(15, limits)).toBeGreaterThan(0.4);
-    expect(place(1000, limits)).toBe(1);
+    expect(position(15, limits)).toBeGreaterThan(0.4);
+    expect(position(1000, limits)).toBe(1);
   });
   it('draw nothing without limits', () => {
     const none = { watch: [null, null], warning: [null, null], critical: [null, null] } as {
@@ -102,6 +102,6 @@ describe('limit bars', () => {
       warning: [null, null];
       critical: [null, null];
     };
-    expect([zones(none), place(1, none)]).toEqual([[], null]);
+    expect([zones(none), position(1, none)]).toEqual([[], null]);
   });
 });

@@ -39,7 +39,7 @@ export function zones(limits: Limits): Zone[] {
   return out;
 }
 
-export function place(value: number, limits: Limits): number | null {
+export function position(value: number, limits: Limits): number | null {
   const domain = domainOf(limits);
   return domain ? Math.min(1, Math.max(0, (value - domain[0]) / (domain[1] - domain[0]))) : null;
 }

@@ -1,7 +1,15 @@
 import { describe, expect, it } from 'vitest';
 import { done, news, STEPS, type Facts } from './tour';
 
-const start: Facts = { connected: true, mine: false, other: '', commands: [], frames: 0, receivedShare: null, ground: false };
+const start: Facts = {
+  connected: true,
+  mine: false,
+  other: '',
+  commands: [],
+  frames: 0,
+  receivedShare: null,
+  ground: false,
+};
 const ran = (
   name: string,
   values: Record<string, unknown> = {},
