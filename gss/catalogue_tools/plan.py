@@ -26,7 +26,7 @@ from gss.catalogue_tools.envelope.orbits import (
     node_rate_rad_s,
 )
 from gss.catalogue_tools.envelope.several_heads import HeadsEnvelope
-from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit, epoch_of
+from gss.catalogue_tools.request import BLOCK_RULES, BuildRequest, ElementsOrbit, TleOrbit, epoch_of
 from gss.domain.angles import Array
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
@@ -174,11 +174,11 @@ def _envelope(
                 got="no orbit",
                 hint="omit the attitude limits for the whole sky",
             )
-        if request.method == "blocks":
-            blocks = BlockEnvelope(shape, limits, planes)
+        if request.method in BLOCK_RULES:
+            blocks = BlockEnvelope(shape, limits, planes, rule=BLOCK_RULES[request.method])
             return blocks if report is None else replace(blocks, report=report)
         return BandEnvelope(shape, limits, planes)
-    if request.method == "blocks":
+    if request.method in BLOCK_RULES:
         raise BadInput(
             "blocks need a pointing law that follows the orbit", expected=" | ".join(ORBIT_LAWS), got=limits.pointing
         )

@@ -40,7 +40,8 @@ EPOCH_TOLERANCE_YR = 10.0
 POINTINGS = 30_000
 MAX_HEADS = 8
 SOURCES = ("hipparcos", "hipparcos_all", "gaia", "list")
-METHODS = ("exact", "blocks")
+BLOCK_RULES = {"blocks": "centre", "whole_blocks": "whole"}
+METHODS = ("exact", *BLOCK_RULES)
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,11 @@ class BuildRequest:
     time zone. ``epoch_jyear`` None: the middle of the validity, or J2000 without dates. ``bank_bytes`` None: the usual
     bank size of the format. ``query_tolerance_px``: half width of the matcher's distance query, for the quality report.
     ``source``: hipparcos, hipparcos_all, gaia, or list with ``star_list``. ``method``: exact, or blocks for the 1°
-    steps of Jacobs 1995. ``k_vector``: also store an index of the distances on board. ``reduced``: frame of a reduced
-    catalogue; the distances are then limited to its stars. None: no reduced catalogue, except for far-mst, which uses
-    the camera's frame. ``heads``: mountings of several heads on the body, each as nine numbers of body_from_cam by
-    rows. The envelope is then the union of the envelopes of all heads, and the mounting in ``attitude`` is not used.
+    steps of Jacobs 1995; whole_blocks marks only blocks that are completely in a field. ``k_vector``: also store an
+    index of the distances on board. ``reduced``: frame of a reduced catalogue; the distances are then limited to
+    its stars. None: no reduced catalogue, except for far-mst, which uses the camera's frame. ``heads``: mountings
+    of several heads on the body, each as nine numbers of body_from_cam by rows. The envelope is then the union of
+    the envelopes of all heads, and the mounting in ``attitude`` is not used.
     """
 
     profile: CameraProfile
@@ -276,7 +278,7 @@ def _check_heads(request: BuildRequest) -> None:
     single = {
         "no limits of attitude": limits is None,
         "another mounting": limits is not None and limits.body_from_cam is not None,
-        "the method blocks": request.method == "blocks",
+        "the method blocks": request.method in BLOCK_RULES,
         "occultation": request.occultation.active,
     }
     conflicting = ", ".join(option for option, has in single.items() if has)

@@ -82,7 +82,9 @@ def _register_build(commands: Subparsers) -> None:
     parser.add_argument(
         "--mounting-deg", type=_three_numbers, metavar="X,Y,Z", help="alternative: rotations from body to camera axes"
     )
-    parser.add_argument("--method", help=" | ".join(METHODS) + " (Jacobs' steps of 1°; default exact)")
+    parser.add_argument(
+        "--method", help=" | ".join(METHODS) + " (Jacobs' steps of 1°, whole_blocks his counts of stars; default exact)"
+    )
     parser.add_argument("--margin-deg", type=float, help="widen the field on every side (default 0.5)")
     parser.add_argument("--mag-limit", type=float, help="faint limit in V (default: limit of the camera)")
     parser.add_argument("--bright-limit", type=float, help="bright limit in V (default -2)")

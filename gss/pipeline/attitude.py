@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike
 
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
+from gss.domain.rotation import rotation_from_vector
 
 NEWTON_STEPS = 8
 NEWTON_CONVERGED = 1e-15
 RAYLEIGH_STEPS = 2
 PARALLEL = 1e-9
+PAD_STEPS = 4
 
 # Multiplying the columns of the profile matrix by a row of signs rotates the reference by 180° about x, y or z; the
 # last row leaves it unchanged.
@@ -106,6 +108,55 @@ def svd(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = N
     u, _, vt = np.linalg.svd(profile_matrix(observed, reference, weights))
     sign = np.linalg.det(u) * np.linalg.det(vt)
     return np.asarray(u @ np.diag([1.0, 1.0, np.sign(sign)]) @ vt)
+
+
+def pad(observed: ArrayLike, reference: ArrayLike, information: Array) -> Array:
+    """Return the (3, 3) cam_from_icrs by Predictive Attitude Determination (Huffman 2006 eq. 6.9–6.14), for anisotropic
+    errors: ``information`` (n, 3, 3) is the inverse covariance R⁻¹ of each observed direction.
+
+    The document predicts from the attitude of the last frame. Here the start is TRIAD on the widest pair of directions, and
+    the correction is repeated, so that the result does not depend on the start.
+    """
+    b, r, _ = _checked(observed, reference, None)
+    widest = np.unravel_index(int(np.argmin(b @ b.T)), (len(b), len(b)))
+    attitude = triad(b[list(widest)], r[list(widest)])
+    for _ in range(PAD_STEPS):
+        predicted = r @ attitude.T
+        cross = _cross_matrices(predicted)
+        right = np.einsum("nij,njk,nk->i", cross, information, b - predicted)
+        turn_rad = np.linalg.solve(np.einsum("nij,njk,nkl->il", cross, information, cross), right)
+        attitude = rotation_from_vector(-turn_rad) @ attitude
+    return np.asarray(attitude)
+
+
+def pad_covariance_rad2(predicted: Array, information: Array) -> Array:
+    """Return the (3, 3) covariance in the camera frame of PAD (Huffman 2006 eq. 6.15). ``predicted``: (n, 3) directions."""
+    cross = _cross_matrices(predicted)
+    return np.asarray(np.linalg.inv(np.einsum("nij,njk,nlk->il", cross, information, cross)))
+
+
+def pixel_information(unit_cam: Array, sigma_rad: Array) -> Array:
+    """Return the (n, 3, 3) inverse covariances of directions whose errors are equal along the rows and columns of the
+    detector. ``sigma_rad``: (n,) error on the optical axis. At the angle θ from the axis, the error is cos²θ of this value
+    towards the axis and cos θ of it around the axis."""
+    axis = np.array([0.0, 0.0, 1.0])
+    across = np.cross(axis, unit_cam)
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.where(length > PARALLEL, across / np.maximum(length, PARALLEL), np.array([1.0, 0.0, 0.0]))
+    radial = np.cross(across, unit_cam)
+    cosine = unit_cam[:, 2]
+    outer = [
+        v[:, :, None] * v[:, None, :] / (sigma_rad * cosine**n)[:, None, None] ** 2
+        for v, n in ((radial, 2), (across, 1))
+    ]
+    return np.asarray(outer[0] + outer[1])
+
+
+def _cross_matrices(v: Array) -> Array:
+    """Return the (n, 3, 3) matrices [v×] (eq. 6.14)."""
+    x, y, z = v.T
+    zero = np.zeros_like(x)
+    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
 
 
 def foam(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:

@@ -59,6 +59,15 @@ def test_the_predicted_number_of_fields_is_correct() -> None:
     assert progress[-1] == pytest.approx(1.0)
 
 
+def test_whole_blocks_are_fewer_than_blocks_with_the_centre_in_view() -> None:
+    """The method whole_blocks marks a part of the blocks that the method blocks marks."""
+    limits = AttitudeLimits("zenith", yaw_rad=(0.0, 0.0))
+    centre, whole = (plan(replace(BLOCKS, attitude=limits, method=m)).base for m in ("blocks", "whole_blocks"))
+    assert isinstance(centre, BlockEnvelope)
+    assert isinstance(whole, BlockEnvelope)
+    assert 0 < whole.marked.sum() < centre.marked.sum()
+
+
 def test_a_long_build_can_be_cancelled_during_a_stage() -> None:
     """The stages for blocks and for thinning call the progress callback, whose exception ends the build."""
 

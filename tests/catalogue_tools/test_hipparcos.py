@@ -6,7 +6,7 @@ import pytest
 from astropy.coordinates import SkyCoord
 from astropy.time import Time
 
-from gss.catalogue_tools.sources.hipparcos import load_stars, photometry, propagate, v_from_hp
+from gss.catalogue_tools.sources.hipparcos import load_stars, photometry, propagate
 from gss.domain.angles import ARCSEC_RAD, separation_rad, unit_from_ra_dec
 from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_MULTIPLE, FLAG_NO_PROPER_MOTION, FLAG_POOR_POSITION, FLAG_VARIABLE
@@ -22,6 +22,9 @@ SIRIUS, VEGA, POLARIS, BETELGEUSE, MIRA, CYG_61_A, BETA_MON, XI_UMA = (
     30867,
     55203,
 )
+
+# g(V−I), fifth order, highest power first: robust fit to the joined table (rms 0.013 mag).
+HP_MINUS_V_OF_V_I = (-0.00868878, 0.06427474, -0.14456331, -0.00350839, 0.25028408, -0.00038726)
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +107,7 @@ def test_variable_and_double_stars_are_flagged(stars):
 def test_v_agrees_with_hipparcos_photometry(stars):
     """Hp − g(V−I) agrees with the V of the table within 0.02 mag rms for constant single stars of V ≤ 6."""
     hipparcos = photometry()
-    error = v_from_hp(hipparcos["hp_mag"], hipparcos["v_i"]) - stars.v_mag
+    error = hipparcos["hp_mag"] - np.polyval(HP_MINUS_V_OF_V_I, hipparcos["v_i"]) - stars.v_mag
     constant_single = ((stars.flags & (FLAG_VARIABLE | FLAG_MULTIPLE)) == 0) & (stars.v_mag <= 6) & np.isfinite(error)
     assert constant_single.sum() > 3500
     assert np.percentile(np.abs(error[constant_single]), 99) < 0.06

@@ -47,8 +47,8 @@ def _attitude_at(step: int) -> Array:
     [
         ("sunsat", "matcher=star_vectors"),
         ("sunsat", "acceptance=document"),
-        *(("far_mst", f"matcher={m}") for m in ("n3", "n4", "n5", "pyramid")),
-        *(("far_mst", f"attitude_method={m}") for m in ("q_method", "svd", "foam")),
+        *(("far_mst", f"matcher={m}") for m in ("n3", "n4", "n5", "pyramid", "pivot")),
+        *(("far_mst", f"attitude_method={m}") for m in ("q_method", "svd", "foam", "pad")),
         *(("far_mst", f"prefilter={m}") for m in ("block", "none")),
         ("far_mst", "centroider=mle"),
         ("cubestar", "acceptance=document"),

@@ -137,7 +137,7 @@ def test_far_mst_lists_are_solved_and_never_wrongly(mode: Mode, false_count: int
     assert verdicts["correct"] >= trials.least(93, 100, of=solved)
 
 
-@pytest.mark.parametrize("matcher", ["n3", "n4", "n5", "pyramid"])
+@pytest.mark.parametrize("matcher", ["n3", "n4", "n5", "pyramid", "pivot"])
 def test_each_matcher_alone_is_never_wrong(matcher: str, trials: Any) -> None:
     """With one false star per list, every single matcher solves nine of ten lists and none wrongly."""
     rng = np.random.default_rng(31)

@@ -29,8 +29,6 @@ FAINTEST_HIPPARCOS_V_MAG = 14.6
 # Expected properties of a valid star table: the epoch J1991.25, and the brightest stars of the sky in the first rows.
 TABLE_EPOCH_JYEAR = 1991.25
 BRIGHTEST_HIP = (32349, 30438, 69673, 71683, 91262)
-# V = Hp − g(V−I), fifth order, highest power first; robust fit to the joined table (rms 0.013 mag).
-HP_MINUS_V_OF_V_I = (-0.00868878, 0.06427474, -0.14456331, -0.00350839, 0.25028408, -0.00038726)
 
 
 def load_stars(v_max: float = FAINTEST_V_MAG) -> StarTable:
@@ -110,11 +108,6 @@ def joined(first: StarTable, second: StarTable) -> StarTable:
         epoch_jyear=first.epoch_jyear,
         names={**second.names, **first.names} if second.names else first.names,
     )
-
-
-def v_from_hp(hp_mag: Array, v_i: Array) -> Array:
-    """Return Johnson V from Hipparcos magnitude and colour, for stars without other photometry: V = Hp − g(V−I)."""
-    return np.asarray(np.asarray(hp_mag) - np.polyval(HP_MINUS_V_OF_V_I, np.asarray(v_i)))
 
 
 def photometry() -> dict[str, Array]:

@@ -134,7 +134,7 @@ class CatalogueRequest(Request):
     mounting_deg: Turns | None = None
     heads: list[CatalogueHead] = Field(default=[], max_length=MAX_HEADS)
     margin_deg: float = Field(default=0.5, ge=0, le=20)
-    method: Literal["exact", "blocks"] = "exact"
+    method: Literal["exact", "blocks", "whole_blocks"] = "exact"
     source: Literal["hipparcos", "hipparcos_all", "gaia", "list"] = "hipparcos"
     star_list: Id | None = None
     corrections: CorrectionsRequest = CorrectionsRequest()

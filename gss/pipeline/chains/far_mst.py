@@ -16,6 +16,9 @@ from gss.pipeline.attitude import (
     covariance_rad2,
     foam,
     foam_covariance_rad2,
+    pad,
+    pad_covariance_rad2,
+    pixel_information,
     q_method,
     quest,
     svd,
@@ -65,7 +68,10 @@ def calculate_attitude(
 
 
 def attitude_of(observed: Array, reference: Array, weight: Array, method: str) -> Array:
-    """Return the (4,) quaternion cam_from_icrs by the named method. All four methods minimise Wahba's loss."""
+    """Return the (4,) quaternion cam_from_icrs by the named method. All methods minimise Wahba's loss, except that "pad" uses
+    the anisotropic errors of directions from pixels."""
+    if method == "pad":
+        return quaternion_from_matrix(pad(observed, reference, pixel_information(observed, weight**-0.5)))
     if method in ("quest", "q_method"):
         return (quest if method == "quest" else q_method)(observed, reference, weight)
     return quaternion_from_matrix((svd if method == "svd" else foam)(observed, reference, weight))
@@ -77,4 +83,6 @@ def covariance_of(observed: Array, reference: Array, sigma_rad: Array, method: s
         return svd_covariance_rad2(observed, reference, sigma_rad)
     if method == "foam":
         return foam_covariance_rad2(observed, reference, sigma_rad)
+    if method == "pad":
+        return pad_covariance_rad2(observed, pixel_information(observed, sigma_rad))
     return covariance_rad2(observed, sigma_rad)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,8 @@ from gss.pipeline.identify.accidental import tracking_hypotheses
 from gss.pipeline.identify.baselines import Baselines, baselines
 from gss.pipeline.identify.frame_matching import angle_matrix_rad
 from gss.pipeline.identify.geometric_voting import mutually_consistent
-from gss.pipeline.identify.n_vertex import figures, match_figure
+from gss.pipeline.identify.n_vertex import figures, match_figure, same_handed
+from gss.pipeline.identify.pivoting import pivot_orders, pivoted
 from gss.pipeline.identify.triad_pyramid import pyramids
 from gss.pipeline.track.constant_rate import extrapolate
 from gss.pipeline.track.rate_match import mutual_nearest
@@ -133,6 +135,9 @@ def _hypotheses(s: _FrameSearch, n: int) -> Iterator[tuple[str, Rows, Rows]]:
         for pyramid in pyramids(s.unit[:n], icrs, s.table, s.p.most_figures[0]):
             yield "pyramid", np.array(pyramid.figure), pyramid.names
         return
+    if s.p.matcher == "pivot":
+        yield from _pivoted(s, n)
+        return
     for vertices in _vertices(s.p.matcher, n):
         for figure in figures(n, vertices)[: s.p.most_figures[vertices - 3]]:
             s.figures += 1
@@ -141,6 +146,18 @@ def _hypotheses(s: _FrameSearch, n: int) -> Iterator[tuple[str, Rows, Rows]]:
                 continue
             for stars in names[:MAX_NAMES_PER_FIGURE]:
                 yield f"{vertices}-vertex", np.array(figure), stars
+
+
+def _pivoted(s: _FrameSearch, n: int) -> Iterator[tuple[str, Rows, Rows]]:
+    """Yield the solutions of pivoting. The document accepts a single solution only."""
+    assert s.table is not None  # noqa: S101 - the caller has built the table
+    for order in islice(pivot_orders(n), s.p.most_figures[0]):
+        s.figures += 1
+        figure, names = pivoted(order, s.table)
+        if s.p.acceptance == "document" and len(names) != 1:
+            continue
+        for stars in same_handed(names, figure, s.unit, s.catalogue.icrs)[:MAX_NAMES_PER_FIGURE]:
+            yield "pivoting", np.array(figure), stars
 
 
 def _vertices(matcher: str, n: int) -> tuple[int, ...]:

@@ -16,8 +16,8 @@ NAME = "far_mst"
 PREFILTERS = ("sliding", "block", "none")
 CENTROIDERS = ("weighted_sum", "mle")
 SIGMA_MODELS = ("measured", "document")
-MATCHERS = ("auto", "n3", "n4", "n5", "pyramid")
-ATTITUDES = ("quest", "q_method", "svd", "foam")
+MATCHERS = ("auto", "n3", "n4", "n5", "pyramid", "pivot")
+ATTITUDES = ("quest", "q_method", "svd", "foam", "pad")
 ACCEPTANCES = ("bound", "document")
 
 SOURCES: dict[str, str] = {
@@ -44,14 +44,15 @@ SOURCES: dict[str, str] = {
     "the excess seen in rendered frames",
     "max_centroids": "GSS: twice the average of 16 stars to V 4.5 in the frame",
     "max_vertex_stars": "GSS: figures use the brightest sixteen stars (Huffman 2006 §5.4.4: brightest first)",
-    "matcher": "Huffman 2006 Fig. 8.2: n-vertex with a catalogue; figures of five stars first, then four, then three",
+    "matcher": "Huffman 2006 Fig. 8.2: n-vertex with a catalogue; figures of five stars first, then four, then three; "
+    "'pivot' is §5.4.1",
     "most_figures": "GSS: maximum figures examined for n = 3, 4, 5 before the search fails (Huffman 2006 §5.5.4 tries all)",
     "most_hypotheses": "GSS: maximum identified figures that are completed and rated before the search fails",
     "sigmas": "GSS, after dossier §3.15: pairs agree within 3.5 of their standard deviations",
     "floor_px": "GSS: aberration across the frame and the numeric resolution of the bank",
     "tracking_radius_rad": "GSS: 1°, the motion at the lowest published rate of 1°/s and 1 Hz (Huffman 2006 Table 1.3)",
     "assisted_radius_rad": "GSS: half diagonal + 5°",
-    "attitude_method": "Huffman 2006 §6.1.3 chose QUEST",
+    "attitude_method": "Huffman 2006 §6.1.3 chose QUEST; 'pad' is §6.1.2",
     "acceptance": "'document' accepts a unique figure (Huffman 2006 §5.5.4); 'bound' (GSS): all stars identified, a "
     "bound on an accidental identification, and no other focal length indicated by the field",
     "max_false_probability": "GSS: largest accepted bound",
