@@ -64,7 +64,7 @@ def write(folder: Path, instrument_name: str) -> int:
 
 def _packet(
     dictionary: Any, chance: random.Random, name: str, kind: Any, code: int, layout: Any, **fixed: str
-) -> dict[str, Any]:
+) -> dict[str, object]:
     from gss.device.cosmos import unique_names
     from gss.device.protocol.codec import decode, encode
     from gss.device.protocol.packet import Packet
@@ -80,7 +80,7 @@ def _packet(
             values[entry.name] = fixed.get(entry.name) or _value(chance, entry)
     payload = encode(layout, values, lists)
     read = decode(layout, payload)
-    expected: dict[str, Any] = {}
+    expected: dict[str, object] = {}
     for item_name, entry in zip(unique_names(layout), layout, strict=True):
         if isinstance(entry, Group):
             expected[f"{item_name}_COUNT"] = len(lists[entry.name])
@@ -91,7 +91,7 @@ def _packet(
     return {"name": name, "bytes": data.hex(), "values": expected}
 
 
-def _command(dictionary: Any, chance: random.Random, command: Any) -> dict[str, Any]:
+def _command(dictionary: Any, chance: random.Random, command: Any) -> dict[str, object]:
     from gss.device.protocol.codec import encode_command
     from gss.device.protocol.packet import Packet, PacketType
     from gss.device.protocol.sender import encode_packet
