@@ -4,6 +4,7 @@ sensor.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import pytest
@@ -54,6 +55,12 @@ def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[
     page.get_by_test_id("procedure-text").fill(TEXT.replace("GET_STATUS", "GET_STATE"))
     mistakes = page.get_by_test_id("procedure-mistakes")
     expect(mistakes).to_contain_text("Line 17: unknown command", timeout=SLOW)
+    page.get_by_label("Close", exact=True).click()
+    page.get_by_test_id("procedure-keep").click()
+    page.keyboard.press("g")
+    page.keyboard.press("l")
+    page.go_back()
+    expect(page.get_by_test_id("procedure-text")).to_have_value(re.compile("GET_STATE"))
     page.get_by_test_id("procedure-text").fill(TEXT)
     expect(mistakes).to_contain_text("No errors", timeout=SLOW)
     page.get_by_test_id("procedure-save").click()
