@@ -333,6 +333,22 @@ def test_implausible_headers_do_not_damage_a_frame(client, cards, key):
         assert client.get(f"/api/frames/{frame['id']}/{view}").status_code == 200, view
 
 
+def test_the_time_of_a_frame_is_known_only_if_the_file_states_it(client):
+    """A file without a time is stored with the time of its import, marked as unknown, and exported without a date."""
+    dated, undated = (fits.PrimaryHDU(np.zeros((8, 8), np.uint8)) for _ in range(2))
+    dated.header["DATE-OBS"] = "2024-03-05T21:10:11"
+    frames, dates = [], []
+    for hdu in (dated, undated):
+        buffer = io.BytesIO()
+        hdu.writeto(buffer)
+        frames.append(import_frame(client, buffer.getvalue(), "small.fits").json())
+        exported = client.get(f"/api/frames/{frames[-1]['id']}/file.fits").content
+        dates.append(fits.getheader(io.BytesIO(exported)).get("DATE-OBS"))
+    assert [frame["time_known"] for frame in frames] == [True, False]
+    assert frames[0]["taken"].startswith("2024-03-05T21:10:11")
+    assert dates == ["2024-03-05T21:10:11.000", None]
+
+
 def test_parallel_imports_of_one_file_store_it_once(client, tmp_path):
     """Parallel imports of the same file all succeed and refer to the same stored content."""
     from concurrent.futures import ThreadPoolExecutor

@@ -29,7 +29,9 @@ def test_world_coordinates_follow_the_camera_over_the_whole_detector(name, movin
     solution was corrected for an aberration of 31″."""
     camera = shipped_camera(name).camera
     attitude = cam_from_icrs(*np.radians([84.0, -60.0, 313.0]))
-    frame = Frame(id=1, number=3, taken=datetime(2026, 12, 1, tzinfo=UTC), exposure_s=0.25, profile=name)
+    frame = Frame(
+        id=1, number=3, taken=datetime(2026, 12, 1, tzinfo=UTC), exposure_s=0.25, profile=name, time_known=True
+    )
     solution = Solution(
         quaternion=quaternion_from_matrix(attitude).tolist(),
         camera=record_of(camera),

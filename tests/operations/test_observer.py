@@ -22,7 +22,7 @@ TLE = """1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927
 
 def frame(**values: Any) -> Any:
     """Return a stored frame with the columns that these tests need."""
-    row = {"source": "device", "taken": MOMENT, "received": MOMENT + timedelta(days=1), "truth": None}
+    row = {"source": "device", "taken": MOMENT, "time_known": True, "truth": None}
     return cast(Any, SimpleNamespace(**(row | values)))
 
 
@@ -46,11 +46,11 @@ def test_an_orbit_adds_its_own_velocity() -> None:
 
 
 def test_a_velocity_needs_a_known_time() -> None:
-    """Frames with a known time have an observer. An import dated by its reception has none, and a simulated frame only on
+    """Frames with a known time have an observer. An import without a time has none, and a simulated frame only on
     request."""
     assert observer_of_frame(frame()) is not None
     assert observer_of_frame(frame(source="import")) is not None
-    assert observer_of_frame(frame(source="import", received=MOMENT)) is None
+    assert observer_of_frame(frame(source="import", time_known=False)) is None
     assert observer_of_frame(frame(truth=[0, 0, 0, 1])) is None
     assert observer_of_frame(frame(truth=[0, 0, 0, 1]), True) is not None
     assert observer_of_frame(frame(), False) is None
@@ -60,7 +60,7 @@ def test_star_positions_are_those_of_the_exposure() -> None:
     """The epoch is the frame's Julian year rounded to a quarter, and None for an unknown time or a simulated sky."""
     assert epoch_of_frame(frame()) == 2008.75
     assert epoch_of_frame(frame(source="import", taken=MOMENT - timedelta(days=120))) == 2008.5
-    assert epoch_of_frame(frame(source="import", received=MOMENT)) is None
+    assert epoch_of_frame(frame(source="import", time_known=False)) is None
     assert epoch_of_frame(frame(truth=[0, 0, 0, 1])) is None
 
 

@@ -181,6 +181,25 @@ def test_earlier_rows_have_an_unknown_instrument_version(database_url):
     check(database_url, before)
 
 
+def test_earlier_imports_at_the_time_of_their_import_have_an_unknown_time(database_url):
+    """Only an imported frame that was taken within five seconds of its import gets an unknown time."""
+    fill_schema(database_url, "0023")
+    engine = open_engine(database_url)
+    metadata = sa.MetaData()
+    rows = [("import", 1.0), ("import", 90.0), ("device", 1.0)]
+    with engine.begin() as connection:
+        metadata.reflect(connection, only=["frames"])
+        table = metadata.tables["frames"]
+        ids = connection.scalars(sa.select(table.c.id).order_by(table.c.id)).all()
+        for frame_id, (source, delay_s) in zip(ids, rows, strict=False):
+            values = {"source": source, "taken": AT, "received": AT + timedelta(seconds=delay_s)}
+            connection.execute(table.update().where(table.c.id == frame_id).values(**values))
+    engine.dispose()
+    migrate(database_url)
+    stored = read(database_url, ["frames"])["frames"]
+    assert [bool(row["time_known"]) for row in stored[: len(rows)]] == [False, True, True]
+
+
 STEPS = [
     {"command": "GET_STATUS", "arguments": {}, "delay_s": 0.0, "condition": None, "note": "first\n# light"},
     {

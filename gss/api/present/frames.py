@@ -55,7 +55,7 @@ def attitude(quaternion: Sequence[float] | None, sigma_rad: Sequence[float | Non
 def frame(row: Frame, best: Solution | None) -> FrameOut:
     """Return a frame with a summary of its operational ground solution."""
     names = (
-        "id number slot source name taken received columns rows bits "
+        "id number slot source name taken time_known received columns rows bits "
         "exposure_s profile mode sha256 complete rows_held contact_id pixels_removed favourite"
     )
     return FrameOut(

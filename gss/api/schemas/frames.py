@@ -26,7 +26,8 @@ class AttitudeOut(Out):
 class FrameOut(Out):
     """Stored frame with its operational ground result (``verdict`` to ``attitude``). ``part``: empty, thumbnail, region
     or star_windows; ``held``: rectangles (first column, first row, columns, rows) with received pixels if only a part
-    was downloaded; empty otherwise."""
+    was downloaded; empty otherwise. ``time_known``: false if the imported file states no time; ``taken`` is then the time
+    of the import."""
 
     id: int
     number: int | None
@@ -34,6 +35,7 @@ class FrameOut(Out):
     source: Literal["device", "import"]
     name: str
     taken: Utc
+    time_known: bool
     received: Utc
     columns: int
     rows: int

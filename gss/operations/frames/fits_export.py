@@ -29,8 +29,9 @@ def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
 
     hdu = fits.PrimaryHDU(np.ascontiguousarray(pixels))
     header = hdu.header
-    header["DATE-OBS"] = frame.taken.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3]
-    header["MJD-OBS"] = (frame.taken - MJD_ZERO).total_seconds() / 86400
+    if frame.time_known:
+        header["DATE-OBS"] = frame.taken.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3]
+        header["MJD-OBS"] = (frame.taken - MJD_ZERO).total_seconds() / 86400
     header["OBJECT"] = f"frame {frame.id}"
     header["CREATOR"] = "gss"
     if frame.exposure_s is not None:

@@ -129,6 +129,7 @@ class FrameService:
             source="import",
             name=name[:200],
             taken=imported.taken_at or self._now(),
+            time_known=imported.taken_at is not None,
             bits=imported.bits,
             exposure_s=imported.exposure_s,
             profile=profile_name or None,

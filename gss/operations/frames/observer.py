@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 EPOCH_STEP_YR = 0.25
 """Step between epochs. Frames of the same step share their star and pair tables. The fastest star moves by 1.3″ in half
 a step."""
-IMPORT_S = 5.0
-"""Difference between the time of a frame and the time of its import above which the time came from the file. A file
-without a date gets the time of its import."""
 
 
 @dataclass(frozen=True)
@@ -81,5 +78,4 @@ def epoch_at(moment: datetime) -> float:
 
 
 def _shows_the_sky_of_its_time(frame: Frame) -> bool:
-    dated = frame.source == "device" or abs(frame.received - frame.taken).total_seconds() > IMPORT_S
-    return dated and frame.truth is None
+    return frame.time_known and frame.truth is None

@@ -17,7 +17,8 @@ class Frame(Base):
     """Frame: its metadata and the hash of its pixels. Pixels are little-endian, row by row. ``pixels_removed``: time
     when retention deleted the pixels; ``favourite``: true if retention must keep them. ``profile`` and
     ``instrument_version``: name and version (SHA-256) of the instrument; null: unknown. ``stored_bytes``: size of the
-    pixels in the store; null in rows of schemas before 0011, whose pixels are not compressed."""
+    pixels in the store; null in rows of schemas before 0011, whose pixels are not compressed. ``time_known``: false if the
+    imported file does not state a time; ``taken`` is then the time of the import."""
 
     __tablename__ = "frames"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -45,6 +46,7 @@ class Frame(Base):
     favourite: Mapped[bool] = mapped_column(default=False)
     instrument_version: Mapped[str | None] = mapped_column(String(64))
     stored_bytes: Mapped[int | None]
+    time_known: Mapped[bool] = mapped_column(default=True)
 
 
 class Solution(Base):

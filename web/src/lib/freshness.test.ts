@@ -1,14 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import {
-  cycleOf,
-  exposureOf,
-  freshnessOf,
-  isTimeUnknown,
-  lampWhen,
-  noteOf,
-  sourceOf,
-  type Conditions,
-} from './freshness';
+import { cycleOf, exposureOf, freshnessOf, lampWhen, noteOf, sourceOf, type Conditions } from './freshness';
 
 const NOW = Date.parse('2026-12-01T18:42:07Z');
 const conditions = (over: Partial<Conditions> = {}): Conditions => ({
@@ -21,12 +12,6 @@ const conditions = (over: Partial<Conditions> = {}): Conditions => ({
 });
 
 describe('age of a frame', () => {
-  it('is unknown for an imported file that was stored with the time of its import', () => {
-    const [taken, received] = ['2026-12-01T18:42:07.000Z', '2026-12-01T18:42:07.400Z'];
-    expect(isTimeUnknown({ source: 'import', taken, received })).toBe(true);
-    expect(isTimeUnknown({ source: 'device', taken, received })).toBe(false);
-    expect(isTimeUnknown({ source: 'import', taken: '2021-03-04T21:00:00Z', received })).toBe(false);
-  });
   it('counts from the exposure, also for a frame that has just arrived', () => {
     expect(exposureOf(NOW - 9_000, conditions())).toMatchObject({ live: true, words: 'live, exposed 9.0 s ago' });
   });

@@ -122,14 +122,3 @@ export function cycleOf(last: boolean | null, atMs: number | null, c: Conditions
       : `unknown, last reported ${word} ${reportTime(atMs, c.nowMs)}`;
   return { running: null, last, words };
 }
-
-/** Longest time between a photograph and its import that cannot be a real one. */
-const IMPORT_MS = 3000;
-
-/**
- * True if the time of exposure is unknown: a file without a time is stored with the time of its import. A photograph
- * cannot be taken, copied and imported in three seconds.
- */
-export function isTimeUnknown(frame: { source: string; taken: string; received: string }): boolean {
-  return frame.source === 'import' && Math.abs(Date.parse(frame.received) - Date.parse(frame.taken)) < IMPORT_MS;
-}
