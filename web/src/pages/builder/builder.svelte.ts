@@ -211,7 +211,8 @@ export class Builder {
   }
 
   /**
-   * Start with the camera of the configured instrument, unless a camera is selected. A magnitude limit entered before stays.
+   * Start with the camera of the configured instrument, unless a camera is selected. A magnitude limit entered before
+   * stays.
    */
   startWith(cameras: readonly Profile[]): void {
     const own = cameras.find((camera) => camera.unit);
