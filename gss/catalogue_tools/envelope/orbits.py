@@ -101,7 +101,7 @@ def read_tle(text: str) -> Satrec:
             "the TLE does not describe an orbit",
             expected="the elements of a satellite in orbit",
             got=SGP4_WORDS.get(satellite.error, f"SGP4 error {satellite.error}"),
-            hint="copy the TLE again",
+            hint="check the pasted lines",
         )
     perigee_m = satellite.altp * EARTH_RADIUS_M
     if perigee_m < MIN_ORBIT_M:
@@ -155,7 +155,7 @@ def _check_line(line: str) -> None:
     total = sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10
     if total != int(line[68]):
         raise BadInput(
-            f"TLE line {line[0]} has a wrong checksum", expected=str(total), got=line[68], hint="copy the TLE again"
+            f"TLE line {line[0]} has a wrong checksum", expected=str(total), got=line[68], hint="check the pasted lines"
         )
 
 

@@ -14,6 +14,7 @@ from gss.domain.camera import Brown, Camera
 from gss.pipeline.identify.blind_candidates import Candidate, look_up
 from gss.pipeline.identify.blind_proof import BlindSolution, prove
 from gss.pipeline.identify.faint import Rows, Spots, match_all
+from gss.pipeline.identify.false_match import not_credible
 from gss.pipeline.identify.patterns import PatternLevel, codes_of, radii_rad
 from gss.pipeline.identify.pyramid import counted
 from gss.pipeline.identify.verify import SkyCatalogue
@@ -272,10 +273,7 @@ class _BlindSearch:
             return f"{prefix}{NO_LENS}"
         if best is None:
             return f"{prefix}no figure of the brightest of {n} stars matches the sky at this field of view"
-        return (
-            f"{prefix}best candidate has {len(best.rows)} of {n} stars, but a false-match probability of "
-            f"{best.false_match_probability:.1e} (limit {self.accept:.0e})"
-        )
+        return prefix + not_credible(len(best.rows), n, best.false_match_probability, self.accept)
 
 
 def _is_better(fuller: BlindSolution, settled: BlindSolution) -> bool:

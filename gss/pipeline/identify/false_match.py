@@ -51,6 +51,15 @@ def match_tail(at_least: int, trials: int, chance: float, brightness: float) -> 
     return float(min(1.0, product * (1 + levels)))
 
 
+def not_credible(matched: int, stars: int, probability: float, limit: float, where: str = "") -> str:
+    """Return the reason why a best candidate with ``matched`` of the ``stars`` was not accepted. ``where``: restriction of the
+    search."""
+    return (
+        f"no credible match: the best candidate{where and f' {where}'} has {matched} of {stars} stars and a false-match "
+        f"probability of {probability:.1e} (limit {limit:.0e})"
+    )
+
+
 def false_match_probability(hypotheses: float, tail: float) -> float:
     """Return an upper bound on the probability that at least one of the tried hypotheses is this good by chance."""
     return float(min(1.0, max(hypotheses, 1.0) * tail))

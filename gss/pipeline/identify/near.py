@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
+from gss.pipeline.identify.false_match import not_credible
 from gss.pipeline.identify.pyramid import PyramidMatch, counted
 from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, verify
 from gss.pipeline.kernels import ListLoops, kernels
@@ -100,10 +101,7 @@ def identify_near(
 
 
 def _too_weak(matched: int, field: FrameDetections, probability: float, accept: float) -> str:
-    return (
-        f"best candidate near the hint has {matched} of {len(field)} stars, but a false-match probability of "
-        f"{probability:.1e} (limit {accept:.0e})"
-    )
+    return not_credible(matched, len(field), probability, accept, "near the hint")
 
 
 def _compiled(

@@ -14,6 +14,7 @@ import numpy as np
 
 from gss.domain.camera import Camera
 from gss.pipeline.identify import pair_search
+from gss.pipeline.identify.false_match import not_credible
 from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, verify
 from gss.pipeline.kernels import ListLoops, kernels
 from gss.skytables.pairs import DistanceTable
@@ -111,10 +112,7 @@ def _why_not(field: FrameDetections, matched: int, probability: float, accept: f
     """Return the reason for the failure. ``matched``: number of stars of the best candidate, 0 without a candidate."""
     if not matched:
         return f"no four of the {len(field)} stars fit the catalogue: another camera than stated, or too few catalogue stars"
-    return (
-        f"best candidate has {matched} of {len(field)} stars, but a false-match probability of "
-        f"{probability:.1e} (limit {accept:.0e})"
-    )
+    return not_credible(matched, len(field), probability, accept)
 
 
 def _too_long(hypotheses: int, matched: int, probability: float) -> str:
