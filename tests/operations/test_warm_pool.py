@@ -93,7 +93,7 @@ def test_a_stored_solution_is_small_and_shows_the_same_sky(tmp_path: Path) -> No
         assert sum(len(str(value)) for value in raw) < 6000
     with database.unit_of_work() as session:
         row = frames.get_solution(session, solution_id)
-    shown = with_overlays(row, stars, known)
+    shown = with_overlays(row, stars, known, None)
     assert shown["regions"] == values["detail"]["regions"]
     assert len(shown["stars"]) == len(values["detail"]["stars"])
     for now, then in zip(shown["stars"], values["detail"]["stars"], strict=True):

@@ -69,7 +69,8 @@ class FramePage(Out):
 
 
 class StarOut(Out):
-    """Centroid with its matched star, if it has one. ``dx/dy_arcsec``: measured − predicted."""
+    """Centroid with its matched star, if it has one. ``dx/dy_arcsec``: measured − predicted. A planet has a name and no
+    ``hip``."""
 
     index: int
     col_px: float

@@ -23,7 +23,7 @@ from gss.operations.frames.observer import epoch_of_frame, observer_of_frame
 from gss.operations.frames.onboard_reported import reported_of
 from gss.operations.frames.onboard_results import OnboardRecord, onboard_result
 from gss.operations.frames.solution_rows import solution_row, with_overlays
-from gss.operations.frames.solve import Solver, SolveRequest
+from gss.operations.frames.solve import Solver, SolveRequest, warm_up_image
 from gss.operations.frames.solve_queue import SolveQueue
 from gss.operations.parsing.parse_processes import ParseProcesses
 from gss.pipeline.chains.systems import on_board
@@ -92,12 +92,7 @@ class FrameService:
 
     def _warm(self, profile_name: str) -> None:
         profile = self._instruments.camera(profile_name)
-        rows, columns = profile.camera.rows, profile.camera.columns
-        spots = np.random.default_rng(1).integers(4, [columns - 4, rows - 4], (12, 2))
-        pixels = np.random.default_rng(2).integers(8, 14, (rows, columns))
-        for col, row in spots:
-            pixels[row - 1 : row + 2, col - 1 : col + 2] += np.array([[9, 30, 9], [30, 90, 30], [9, 30, 9]])
-        image = pixels.astype(np.uint8 if profile.sensor.bits <= 8 else np.uint16)
+        image = warm_up_image(profile)
         for chain in dict.fromkeys((self._chain, on_board(profile).name)):
             try:
                 self._solver.solve(image, SolveRequest(chain=chain, profile=profile_name))
@@ -231,7 +226,7 @@ class FrameService:
         on_board = next((s for s in solutions if s.origin == "on board"), None)
         ground = next((s for s in solutions if s.operational), None)
         for row in solutions:
-            row.detail = with_overlays(row, self._stars, self._documented(frame))
+            self._add_overlays(frame, row)
         return FrameDetail(frame, solutions, on_board, ground)
 
     def solution(self, solution_id: int) -> Solution:
@@ -239,7 +234,7 @@ class FrameService:
         with self._database.unit_of_work() as session:
             row = store.get_solution(session, solution_id)
             frame = store.get(session, row.frame_id)
-        row.detail = with_overlays(row, self._stars, self._documented(frame))
+        self._add_overlays(frame, row)
         return row
 
     # --- solving ------------------------------------------------------------------------------------------------
@@ -255,7 +250,7 @@ class FrameService:
         frame = self.get(frame_id)
         row = self._solved(frame, self.pixels(frame), request)
         row.id, row.operational = 0, False
-        row.detail = with_overlays(row, self._stars, self._documented(frame))
+        self._add_overlays(frame, row)
         return row
 
     def _solve(self, frame: Frame, pixels: Pixels, request: SolveRequest) -> Solution:
@@ -338,6 +333,10 @@ class FrameService:
     def _row(self, frame: Frame, result: SolveResult, origin: str, camera_name: str) -> Solution:
         profile = self._documented(frame)
         return solution_row(frame, profile, result, self._stars, origin, self._now(), camera_name)
+
+    def _add_overlays(self, frame: Frame, row: Solution) -> None:
+        taken = frame.taken if frame.time_known else None
+        row.detail = with_overlays(row, self._stars, self._documented(frame), taken)
 
     def _documented(self, frame: Frame) -> CameraProfile | None:
         """Return the documented camera of a frame, None for an unknown camera."""

@@ -17,6 +17,7 @@ from gss.domain.results import Centroids, SolveResult
 from gss.domain.rotation import matrix_from_quaternion
 from gss.domain.stars import StarTable
 from gss.operations.frames import overlay
+from gss.operations.frames.planets import with_planets
 from gss.operations.frames.scoring import judge
 
 if TYPE_CHECKING:
@@ -138,9 +139,9 @@ def solution_row(
     return Solution(frame_id=frame.id, origin=origin, created=created, camera_name=camera_name, **values)
 
 
-def with_overlays(row: Solution, stars: StarTable, profile: CameraProfile | None) -> JsonObject:
+def with_overlays(row: Solution, stars: StarTable, profile: CameraProfile | None, taken: datetime | None) -> JsonObject:
     """Return the overlays of a stored solution. Overlays derived from its attitude and camera are computed. Rows of older versions
-    contain them."""
+    contain them. ``taken``: time of exposure, with which unmatched stars that are planets get their name; None if unknown."""
     if "grid" in row.detail:
         return row.detail
     if row.quaternion is None or not row.camera:
@@ -154,7 +155,10 @@ def with_overlays(row: Solution, stars: StarTable, profile: CameraProfile | None
     limit = _limit_of(profile, camera)
     velocity_c = row.detail.get("velocity_c")  # a list in the store
     velocity = None if velocity_c is None else (velocity_c[0], velocity_c[1], velocity_c[2])
-    return overlay.describe(camera, stars, limit, centroids, cam_from_icrs, velocity) | row.detail
+    shown = overlay.describe(camera, stars, limit, centroids, cam_from_icrs, velocity) | row.detail
+    if taken is not None:
+        shown["stars"] = with_planets(spots, camera, cam_from_icrs, velocity, taken)
+    return shown
 
 
 def finite(value: float) -> float | None:

@@ -36,7 +36,7 @@ export function labels(
     const [x, y] = at(s, star.col_px, star.row_px);
     if (star.hip !== null || star.flux_dn >= minFlux) marks.push({ x: x - 10, y: y - 10, w: 20, h: 20 });
     if (!show.matched) continue;
-    if (star.hip === null) {
+    if (star.hip === null && star.name === null) {
       if (star.flux_dn >= minFlux)
         add(`c${star.index}`, star.col_px, star.row_px, 6, [[{ text: 'no match', ink: colour('ov-nomatch') }]]);
     } else
