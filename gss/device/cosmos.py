@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from gss.device.protocol.codec import STRUCT, fixed_bytes
 from gss.device.protocol.packet import APID_BASE, CRC_BYTES, PacketType
+from gss.device.xtce import COMPLETED, DRIVER, PRIMARY_BITS, SECONDARY_BITS
 from gss.domain.errors import BadInput
 from gss.domain.limits import OPEN, Limits, Range
 from gss.instruments.dictionary.definitions import (
@@ -33,29 +34,11 @@ from gss.instruments.dictionary.definitions import (
 )
 from gss.instruments.package import Instrument
 
-DRIVER, COMPLETED = "gss", "completed"
 UNLIMITED = 1.0e38
 """Bound of an absent limit: COSMOS requires all four bounds, and accepts no infinity. The yellow bounds are half of it,
 because COSMOS requires that they differ from each other and lie inside the red ones."""
 CRC_BITS = 8 * CRC_BYTES
-PRIMARY_ITEMS = (
-    ("VERSION", 3),
-    ("TYPE", 1),
-    ("SEC_HDR_FLG", 1),
-    ("PKT_APID", 11),
-    ("SEQ_FLGS", 2),
-    ("SRC_SEQ_CTR", 14),
-    ("PKT_LEN", 16),
-)
-SECONDARY_ITEMS = (
-    ("PACKET_TYPE", 8),
-    ("CODE", 8),
-    ("DICTIONARY", 16),
-    ("REQUEST_ID", 32),
-    ("DEVICE_TIME_S", 32),
-    ("DEVICE_TIME_MS", 16),
-)
-HEADER_ITEMS = PRIMARY_ITEMS + SECONDARY_ITEMS
+HEADER_ITEMS = tuple((name, bits) for name, bits, _ in (*PRIMARY_BITS, *SECONDARY_BITS))
 
 
 def cosmos_files(instrument: Instrument, target: str = "") -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Lock of the host session. A driver that hangs never releases it, so that only the line thread waits for it without a limit."""
+"""Lock of the host session. A driver that hangs never releases it, so only the line thread waits for it without a limit."""
 
 from __future__ import annotations
 
