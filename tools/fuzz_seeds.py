@@ -37,7 +37,7 @@ from gss.device.simulator.machine import Identity, SimulatedDevice
 from gss.device.simulator.memory import Memory
 from gss.device.simulator.orbit import Inertial
 from gss.device.simulator.sky import SimulatedSky
-from gss.device.tables import encode_table
+from gss.device.tables import encode_bad_pixels, encode_table
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.golden import build_golden
 from gss.instruments.registry import shipped_camera
@@ -200,6 +200,7 @@ def seeds() -> Iterator[tuple[str, str, bytes]]:
     values = {"distortion": "brown", "focal_length_px": 1000.0, "k1": -0.1}
     yield "device-table", "calibration", encode_table("calibration", "cubestar", values)
     yield "device-table", "parameters", encode_table("parameters", "cubestar", {"chain": "cubestar", "threshold": 30.0})
+    yield "device-table", "bad-pixels", encode_bad_pixels("cubestar", np.array([[300, 200], [7, 9]], np.intp))
     yield "device-table", "triplets", _triplets()
     yield "table-fits", "bank", export_table(small_bank(), "fits")
     yield "table-zip", "bank", export_table(small_bank(), "csv")

@@ -35,7 +35,7 @@ from gss.device.protocol.packet import PacketType
 from gss.device.protocol.receiver import Deframer, decode_packet
 from gss.device.protocol.sender import LineSender, encode_frame, encode_packet, with_crc
 from gss.device.session import HostSession
-from gss.device.tables import decode_table, encode_table
+from gss.device.tables import decode_bad_pixels, decode_table, encode_bad_pixels, encode_table
 from gss.domain.errors import GssError
 from gss.instruments.dictionary.read_dictionary import load_dictionary, parse_dictionary
 from gss.instruments.registry import shipped_camera
@@ -239,7 +239,7 @@ def _with_bank_sums(data: bytes) -> bytes:
 
 
 def device_table(data: bytes) -> None:
-    """Test calibration, parameter and triplet tables, unchanged and with corrected checksums."""
+    """Test calibration, parameter, bad-pixel and triplet tables, unchanged and with corrected checksums."""
     for candidate in (data, _with_table_sums(data)):
         for kind in ("calibration", "parameters"):
             with suppress(GssError):
@@ -249,6 +249,10 @@ def device_table(data: bytes) -> None:
                         decode_table(kind, encode_table(kind, profile, values))[0] == profile,
                         "the round trip changed data",
                     )
+        with suppress(GssError):
+            name, pixels = decode_bad_pixels(candidate)
+            with suppress(GssError):  # the wire format allows names that the encoder rejects
+                require(encode_bad_pixels(name, pixels)[64:] == candidate[64:], "the round trip changed data")
         with suppress(GssError):
             decode_triplets(candidate)
 

@@ -262,13 +262,14 @@ CLAUSES: tuple[Clause, ...] = (
     ),
     Clause(
         "6.13",
-        "Tables (triplets, calibration, parameters) are transferred like catalogues, target 0 = A, 1 = B, 3 = factory."
-        " The active table and the factory tables cannot be written (`bank_active`, `write_protected`).",
+        "Tables (triplets, calibration, parameters, bad pixels) are transferred like catalogues, target 0 = A, 1 = B, 3 = "
+        "factory. The active table and the factory tables cannot be written (`bank_active`, `write_protected`).",
     ),
     Clause(
         "6.14",
         "A table becomes active only by ACTIVATE_TABLE, and stays active only after CONFIRM_TABLE in time and before a "
-        "reset. The device then uses the chain, camera or constants of the table; SET_DETECTION still overrides them.",
+        "reset. The device then uses the chain, camera, constants or bad pixels of the table; SET_DETECTION still overrides "
+        "the constants.",
         "would change the active table",
     ),
     Clause(
@@ -349,7 +350,9 @@ CLAUSES: tuple[Clause, ...] = (
         "Calibrations and parameter sets, little-endian: 4 bytes `GSSK` or `GSSP`, u8 version 1, u8 0, u16 64, 16 "
         "bytes camera profile, 16 bytes distortion model or chain, u16 number of values n, u16 0, u32 length of the "
         "body, 8 bytes 0, u32 CRC-32 of the body, u32 CRC-32 of the 60 bytes before. Body: n times u8 length of a "
-        "name, the name in ASCII, f64 value; names ascending.",
+        "name, the name in ASCII, f64 value; names ascending. Bad pixels: magic `GSSD`, text `median`; n times u16 column, "
+        "u16 row, ascending by row, then by column. Before the detection, each is replaced by the median of the good pixels "
+        "among its eight neighbours; downloaded images are not changed.",
     ),
     Clause(
         "7.4",

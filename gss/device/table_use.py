@@ -6,6 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gss.device.tables import Scalar
 from gss.domain.camera import Brown, BrownUndistort, Camera, Distortion, Pinhole, RadialTilt
 from gss.domain.camera_profile import CameraProfile
@@ -96,6 +99,15 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
     camera = Camera(columns=integers["columns"], rows=integers["rows"], **geometry, distortion=distortion)
     sensor = Sensor(bits=integers["bits"], **{n: numbers[n] for n in sensor_names if n not in WHOLE})
     return replace(profile, camera=camera, sensor=sensor)
+
+
+def check_bad_pixels(profile: CameraProfile, pixels: NDArray[np.integer]) -> None:
+    """Raise BadInput if one of the (k, 2) columns and rows is not on the detector."""
+    columns, rows = profile.camera.columns, profile.camera.rows
+    outside = pixels[((pixels < 0) | (pixels >= (columns, rows))).any(axis=1)]
+    if len(outside):
+        got = f"column {outside[0, 0]}, row {outside[0, 1]}"
+        raise BadInput("a bad pixel is not on the detector", expected=f"{columns} x {rows} px", got=got)
 
 
 def within_reason(name: str, value: float, reference: Scalar) -> None:

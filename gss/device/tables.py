@@ -1,16 +1,17 @@
-"""Encode and decode calibration and parameter tables as stored in the sensor. Used by the ground and the simulator.
+"""Encode and decode calibration, parameter and bad-pixel tables as stored in the sensor. Used by the ground and the simulator.
 
 A table contains one text (the distortion model of a calibration, or the chain of a parameter set) and named numbers.
-Triplet tables have a separate format: ``gss.catalogue_tools.formats.triplet_table``. Little-endian, like bank images.
+A bad-pixel table contains positions instead of named numbers; its text is the replacement of the pixels. Triplet tables
+have a separate format: ``gss.catalogue_tools.formats.triplet_table``. Little-endian, like bank images.
 
 Header, offset type meaning
-     0  4s   magic "GSSK" (calibration) or "GSSP" (parameters)
+     0  4s   magic "GSSK" (calibration), "GSSP" (parameters) or "GSSD" (bad pixels)
      4  u8   format version, 1
      5  u8   0
      6  u16  length of the header, 64
      8  16s  name of the camera profile, UTF-8, padded with zeros
     24  16s  the text, UTF-8, padded with zeros
-    40  u16  number of pairs, n
+    40  u16  number of values or pixels, n
     42  u16  0
     44  u32  length of the body
     48  8s   0
@@ -18,6 +19,7 @@ Header, offset type meaning
     60  u32  CRC-32 of the 60 bytes before
 
 Body: n times u8 length of the name, the name in ASCII, f64 value; names ascending and unique. Values are finite.
+Body of a bad-pixel table: n times u16 column, u16 row; ascending by row, then by column, and unique.
 """
 
 from __future__ import annotations
@@ -27,18 +29,28 @@ import struct
 import zlib
 from collections.abc import Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gss.device.protocol.codec import text_of
 from gss.domain.errors import BadInput, CorruptData
 
 TABLE_FORMAT = 1
-MAGICS = {"calibration": b"GSSK", "parameters": b"GSSP"}
+BAD_PIXELS = "bad_pixels"
+MAGICS = {"calibration": b"GSSK", "parameters": b"GSSP", BAD_PIXELS: b"GSSD"}
 WORDS = {"calibration": "distortion", "parameters": "chain"}
+REPLACEMENT = "median"
+"""Replacement of a bad pixel: the median of the good pixels among its eight neighbours."""
 HEADER = struct.Struct("<4sBBH16s16sHHI8sI")
 HEADER_BYTES = HEADER.size + 4
 NUMBER = struct.Struct("<d")
 MAX_NAME_LENGTH, MAX_PAIRS = 40, 200
 TABLE_BYTES = 4096
 """Size of a calibration or a parameter set in flash: one sector."""
+BAD_PIXEL_BYTES = 8 * TABLE_BYTES
+"""Size of a bad-pixel table in flash: 8176 pixels, which is 1.5 % of the largest detector of the documents."""
+NO_PIXELS: NDArray[np.intp] = np.zeros((0, 2), np.intp)
+PIXEL = np.dtype([("col", "<u2"), ("row", "<u2")])
 
 Scalar = float | int | bool | str
 
@@ -58,23 +70,42 @@ def encode_table(kind: str, profile_name: str, values: Mapping[str, Scalar]) -> 
     body = b"".join(
         bytes([len(name)]) + name.encode("ascii") + NUMBER.pack(number) for name, number in sorted(numbers.items())
     )
+    data = _with_header(kind, profile_name, _fixed(kind, word_name, word), len(numbers), body)
+    if len(data) > TABLE_BYTES:
+        raise BadInput(f"{kind}: too long", expected=f"at most {TABLE_BYTES} B", got=f"{len(data)} B")
+    return data
+
+
+def encode_bad_pixels(profile_name: str, pixels: NDArray[np.integer]) -> bytes:
+    """Return the bytes of a bad-pixel table. ``pixels``: (k, 2) column and row in any order. Raises BadInput if the
+    pixels do not fit into the table."""
+    rows = np.unique(np.asarray(pixels, np.int64).reshape(-1, 2)[:, ::-1], axis=0)
+    most = (BAD_PIXEL_BYTES - HEADER_BYTES) // PIXEL.itemsize
+    if len(rows) > most:
+        raise BadInput("too many bad pixels", expected=f"at most {most}", got=str(len(rows)))
+    if len(rows) and not 0 <= rows.min() <= rows.max() <= 0xFFFF:
+        raise BadInput(
+            "a bad pixel has an impossible position", expected="0 – 65535", got=f"{rows.min()}, {rows.max()}"
+        )
+    body = np.ascontiguousarray(rows[:, ::-1]).astype("<u2").tobytes()
+    return _with_header(BAD_PIXELS, profile_name, _fixed(BAD_PIXELS, "text", REPLACEMENT), len(rows), body)
+
+
+def _with_header(kind: str, profile_name: str, text: bytes, count: int, body: bytes) -> bytes:
     header = HEADER.pack(
         MAGICS[kind],
         TABLE_FORMAT,
         0,
         HEADER_BYTES,
         _fixed(kind, "profile", profile_name),
-        _fixed(kind, word_name, word),
-        len(numbers),
+        text,
+        count,
         0,
         len(body),
         bytes(8),
         zlib.crc32(body),
     )
-    data = header + zlib.crc32(header).to_bytes(4, "little") + body
-    if len(data) > TABLE_BYTES:
-        raise BadInput(f"{kind}: too long", expected=f"at most {TABLE_BYTES} B", got=f"{len(data)} B")
-    return data
+    return header + zlib.crc32(header).to_bytes(4, "little") + body
 
 
 def _word_name(kind: str) -> str:
@@ -102,9 +133,33 @@ def decode_table(kind: str, data: bytes) -> tuple[str, dict[str, Scalar]]:
     """Return the profile name and the values. Raises CorruptData if the bytes are damaged or not a table of this
     kind."""
     word_name = _word_name(kind)
+    profile_name, word, count, body = _without_header(kind, data)
+    values: dict[str, Scalar] = {word_name: word}
+    return profile_name, values | _pairs(kind, body, count)
+
+
+def decode_bad_pixels(data: bytes) -> tuple[str, NDArray[np.intp]]:
+    """Return the profile name and the (k, 2) columns and rows. Raises CorruptData if the bytes are damaged or not a
+    bad-pixel table."""
+    profile_name, text, count, body = _without_header(BAD_PIXELS, data)
+    if text != REPLACEMENT:
+        raise CorruptData("unknown replacement of bad pixels", expected=REPLACEMENT, got=text)
+    if len(body) != count * PIXEL.itemsize:
+        raise CorruptData("the bad-pixel table has a wrong length", expected=f"{count} pixels", got=f"{len(body)} B")
+    cells = np.frombuffer(body, PIXEL)
+    flat = cells["row"].astype(np.int64) << 16 | cells["col"]
+    if (np.diff(flat) <= 0).any():
+        raise CorruptData(
+            "the bad pixels are not in order", expected="ascending rows, then columns, without repetition"
+        )
+    return profile_name, np.column_stack([cells["col"], cells["row"]]).astype(np.intp)
+
+
+def _without_header(kind: str, data: bytes) -> tuple[str, str, int, bytes]:
+    """Return profile name, text, number of entries and body."""
     if len(data) < HEADER_BYTES:
         raise CorruptData(f"not a {kind} table", expected=f"at least {HEADER_BYTES} B", got=f"{len(data)} B")
-    magic, version, _, size, profile, word, pairs, _, body_bytes, _, body_crc = HEADER.unpack_from(data)
+    magic, version, _, size, profile, word, count, _, body_bytes, _, body_crc = HEADER.unpack_from(data)
     if magic != MAGICS[kind]:
         raise CorruptData(f"not a {kind} table", expected=MAGICS[kind].decode(), got=repr(magic))
     if zlib.crc32(data[: HEADER.size]) != int.from_bytes(data[HEADER.size : HEADER_BYTES], "little"):
@@ -114,9 +169,7 @@ def decode_table(kind: str, data: bytes) -> tuple[str, dict[str, Scalar]]:
     body = data[HEADER_BYTES:]
     if len(body) != body_bytes or zlib.crc32(body) != body_crc:
         raise CorruptData(f"body of the {kind} table is damaged", expected=f"{body_bytes} B and a matching CRC-32")
-    values: dict[str, Scalar] = {word_name: _text(kind, word)}
-    values |= _pairs(kind, body, pairs)
-    return _text(kind, profile), values
+    return _text(kind, profile), _text(kind, word), count, body
 
 
 def _text(kind: str, data: bytes) -> str:

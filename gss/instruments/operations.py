@@ -13,7 +13,7 @@ from gss.domain.errors import Conflict
 from gss.instruments.dictionary.definitions import INTEGER_RANGES, Dictionary, Value, Values
 from gss.instruments.quantities import Strict
 
-SLOT, BANK, SCHEDULE_ID = "slot", "bank", "schedule_id"
+SLOT, BANK, TABLE, SCHEDULE_ID = "slot", "bank", "table", "schedule_id"
 AT_S, COMMAND_CODE, LENGTH, PAYLOAD = "at_s", "command_code", "length", "payload"
 RA_DEG, DEC_DEG, ROLL_DEG, UNCERTAINTY_DEG = "ra_deg", "dec_deg", "roll_deg", "uncertainty_deg"
 RAAN_DEG, INCLINATION_DEG, LATITUDE_DEG = "raan_deg", "inclination_deg", "latitude_deg"
@@ -94,11 +94,11 @@ ARGUMENTS: Mapping[Operation, tuple[str, ...]] = {
     Operation.ACTIVATE: (BANK, "confirm_within_s"),
     Operation.CONFIRM: (BANK,),
     Operation.ERASE: (BANK,),
-    Operation.VERIFY_TABLE: ("table", BANK),
-    Operation.ACTIVATE_TABLE: ("table", BANK, "confirm_within_s"),
-    Operation.CONFIRM_TABLE: ("table",),
-    Operation.ROLL_BACK_TABLE: ("table",),
-    Operation.ERASE_TABLE: ("table", BANK),
+    Operation.VERIFY_TABLE: (TABLE, BANK),
+    Operation.ACTIVATE_TABLE: (TABLE, BANK, "confirm_within_s"),
+    Operation.CONFIRM_TABLE: (TABLE,),
+    Operation.ROLL_BACK_TABLE: (TABLE,),
+    Operation.ERASE_TABLE: (TABLE, BANK),
     Operation.SCHEDULE: (AT_S, COMMAND_CODE, LENGTH, PAYLOAD),
     Operation.CANCEL_SCHEDULED: (SCHEDULE_ID,),
     Operation.SET_HINT: (RA_DEG, DEC_DEG, ROLL_DEG, UNCERTAINTY_DEG),
@@ -228,6 +228,15 @@ class StandardOperations:
         """Return the instrument's name for a standard argument."""
         row = self.require(operation)
         return row.arguments[name].name if name in row.arguments else name
+
+    def table_kinds(self) -> tuple[str, ...]:
+        """Return the kinds of tables in the interface; empty if the sensor has no tables."""
+        if not self.has(Operation.VERIFY_TABLE):
+            return ()
+        argument = self.argument(Operation.VERIFY_TABLE, TABLE)
+        return tuple(
+            c.name for c in self.dictionary.command(self.command(Operation.VERIFY_TABLE)).argument(argument).choices
+        )
 
 
 def absence(operation: Operation) -> str:

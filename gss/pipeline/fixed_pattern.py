@@ -1,12 +1,13 @@
 """Dark-frame correction: subtract the fixed pattern and replace bad pixels.
 
-The correction is used for frames that are processed on the ground (Huffman 2006 §4.1). Chains that replicate an
-on-board sensor do not use it.
+The dark pattern is used for frames that are processed on the ground (Huffman 2006 §4.1). Chains that replicate an
+on-board sensor use only the bad pixels of its table (Moniteq 1983 §4.3: a table of defective pixels, which are ignored).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from gss.domain.errors import BadInput
 SAME_EXPOSURE = 0.2
 """Largest relative difference between two exposures up to which the pattern is subtracted. The pattern is mostly dark
 current, which depends on the exposure."""
+Frame = TypeVar("Frame", bound=NDArray[Any])
 NEIGHBOURS = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
 
 
@@ -50,15 +52,17 @@ def clean(
     raw = np.asarray(pixels, np.float32)
     out = raw - pattern.pattern_dn if pattern.fits(exposure_s) else raw.copy()
     out = np.where(raw >= saturation_dn, raw, out)
-    return _without_bad_pixels(out, pattern.bad)
+    return without_bad_pixels(out, pattern.bad)
 
 
-def _without_bad_pixels(image: NDArray[np.float32], bad: NDArray[np.intp]) -> NDArray[np.float32]:
+def without_bad_pixels(image: Frame, bad: NDArray[np.intp]) -> Frame:
+    """Return the (rows, columns) image with the (k, 2) bad pixels, col and row, replaced by the median of their good
+    neighbours. In an image of integers the median is rounded down. A pixel without good neighbours is unchanged."""
     if not len(bad):
         return image
     is_bad = np.zeros(image.shape, bool)
     is_bad[bad[:, 1], bad[:, 0]] = True
-    wide = np.pad(np.where(is_bad, np.nan, image), 1, constant_values=np.nan)
+    wide = np.pad(np.where(is_bad, np.float32(np.nan), image), 1, constant_values=np.nan)
     row, col = bad[:, 1] + 1, bad[:, 0] + 1
     around = np.stack([wide[row + y, col + x] for y, x in NEIGHBOURS])
     repairable = np.isfinite(around).any(axis=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,11 +14,20 @@ from gss.device.table_use import (
     calibrated,
     calibration_values,
     chain_of,
+    check_bad_pixels,
     check_parameters,
     parameter_values,
     parameters_with,
 )
-from gss.device.tables import HEADER_BYTES, TABLE_FORMAT, Scalar, decode_table, encode_table
+from gss.device.tables import (
+    HEADER_BYTES,
+    TABLE_FORMAT,
+    Scalar,
+    decode_bad_pixels,
+    decode_table,
+    encode_bad_pixels,
+    encode_table,
+)
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, CorruptData
 from gss.instruments.registry import shipped_camera, shipped_registry
@@ -107,6 +117,34 @@ def test_a_sealed_table_with_invalid_content_is_rejected(body: bytes) -> None:
     head = encode_table("parameters", "cubestar", {"chain": "x", "a": 1.0, "b": 2.0})[: HEADER_BYTES - 4]
     with pytest.raises(CorruptData):
         decode_table("parameters", sealed(head, body))
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.lists(st.tuples(st.integers(0, 65535), st.integers(0, 65535)), max_size=40))
+def test_bad_pixels_are_restored_without_repetition(pixels: list[tuple[int, int]]) -> None:
+    """Any pixels are restored once each, and any changed byte is detected."""
+    data = encode_bad_pixels("cubestar", np.array(pixels, np.int64).reshape(-1, 2))
+    name, rows = decode_bad_pixels(data)
+    assert (name, {tuple(r) for r in rows.tolist()}, len(rows)) == ("cubestar", set(pixels), len(set(pixels)))
+    for at in (0, 24, 44, len(data) - 1):
+        with pytest.raises(CorruptData):
+            decode_bad_pixels(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
+
+
+@pytest.mark.parametrize("body", [bytes([1, 0, 2, 0, 1, 0, 2, 0]), bytes([2, 0, 2, 0, 1, 0, 2, 0]), b"\1\0\2"])
+def test_bad_pixels_out_of_order_are_rejected(body: bytes) -> None:
+    """Repeated or unordered pixels and an incomplete pixel are rejected despite a valid checksum."""
+    head = encode_bad_pixels("cubestar", np.array([[1, 2], [2, 2]]))[: HEADER_BYTES - 4]
+    with pytest.raises(CorruptData):
+        decode_bad_pixels(sealed(head, body))
+
+
+def test_impossible_bad_pixels_are_rejected() -> None:
+    """Pixels beside the detector, and more pixels than the flash holds, are rejected."""
+    with pytest.raises(BadInput, match="not on the detector"):
+        check_bad_pixels(shipped_camera("cubestar"), np.array([[3, 4], [1024, 4]]))
+    with pytest.raises(BadInput, match="too many"):
+        encode_bad_pixels("cubestar", np.argwhere(np.ones((100, 100), bool)))
 
 
 @pytest.mark.parametrize(

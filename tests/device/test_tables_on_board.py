@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from gss.catalogue_tools.formats.triplet_table import HEADER_VERSION, encode_triplets
@@ -15,7 +16,14 @@ from gss.catalogue_tools.onboard import decode, read_header
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import Stage, TransferUpdate
 from gss.device.table_use import calibration_values, parameter_values
-from gss.device.tables import TABLE_FORMAT, Scalar, encode_table
+from gss.device.tables import (
+    BAD_PIXEL_BYTES,
+    TABLE_FORMAT,
+    Scalar,
+    decode_bad_pixels,
+    encode_bad_pixels,
+    encode_table,
+)
 from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.oersted_match import prepare
 
@@ -51,9 +59,11 @@ def table_info(bench: Bench, table: str, bank: str) -> dict[str, object]:
 
 
 def test_tables_are_listed_with_their_content(bench: Bench) -> None:
-    """The device lists three tables in three banks. The factory's calibration and parameters are active, and CubeStar has
-    no triplets."""
-    assert bench.do("LIST_TABLES").values == {"count": 9}
+    """The device lists four tables in three banks. The factory's calibration, parameters and empty bad-pixel table are
+    active, and CubeStar has no triplets."""
+    assert bench.do("LIST_TABLES").values == {"count": 12}
+    assert table_info(bench, "bad_pixels", "A")["capacity_bytes"] == BAD_PIXEL_BYTES
+    assert decode_bad_pixels(bench.download("bad_pixels", 3))[1].shape == (0, 2)
     for table in ("calibration", "parameters"):
         info = table_info(bench, table, "factory")
         assert (info["state"], info["active"], info["profile"]) == ("committed", True, "cubestar")
@@ -102,6 +112,43 @@ def test_other_parameters_replace_the_chains_constants(bench: Bench) -> None:
     bench.do("SET_DETECTION", threshold_dn=200)
     bench.do("FIND_CENTROIDS")
     assert len(bench.telemetry("centroids")[-1].lists["items"]) < 5
+
+
+def test_bad_pixels_are_replaced_before_the_detection(bench: Bench) -> None:
+    """Groups of hot pixels are false detections. With their table active the detections are those of a detector without
+    hot pixels, and the downloaded image still contains the hot pixels."""
+
+    def stars() -> list[tuple[float, float]]:
+        bench.do("TAKE_IMAGE")
+        bench.do("FIND_CENTROIDS")
+        items = bench.telemetry("centroids")[-1].lists["items"]
+        return [(float(i["col_px"]), float(i["row_px"])) for i in items]
+
+    clean = stars()
+    bench.do("SIM_INJECT", fault="hot_pixels", value=8)
+    hot = np.array([(h.col, h.row) for h in bench.tracker.sky.environment.hot_pixels])
+    assert len(hot) == 8 * 9
+
+    def false(found: list[tuple[float, float]]) -> int:
+        return sum(bool((np.abs(hot - np.array(c)).max(axis=1) < 2).any()) for c in found)
+
+    assert false(clean) == 0
+    assert false(stars()) >= 6, "a group at the edge or beside a star is not a separate detection"
+    table = encode_bad_pixels("cubestar", hot)
+    assert send(bench, "bad_pixels", "A", table).state == "committed"
+    bench.do("SET_MODE", mode="lost_in_space")
+    assert bench.do("ACTIVATE_TABLE", table="bad_pixels", bank="A").stage is Stage.COMPLETED
+    assert bench.status()["bad_pixels_bank"] == "A"
+    masked = stars()
+    assert (false(masked), len(masked)) == (0, len(clean))
+    frame = bench.tracker.imager.stored(0)
+    assert np.median(frame.pixels[hot[:, 1], hot[:, 0]]) > 60
+
+    bench.do("SET_MODE", mode="lost_in_space")
+    bench.do("ROLLBACK_TABLE", table="bad_pixels")
+    assert false(stars()) >= 6
+    bench.do("SIM_INJECT", fault="none")
+    assert false(stars()) == 0
 
 
 def test_parameters_select_the_chain(make_bench: Callable[..., Bench]) -> None:

@@ -20,11 +20,12 @@ from gss.operations.studies.analysis_requests import HealthRequest
 from gss.operations.studies.calibration_sheet import calibration_sheet
 from gss.operations.studies.sensor_health import orbit_within, places_below
 from gss.orbit.read_orbit import read_orbits
+from gss.pipeline.fixed_pattern import DarkPattern
 from gss.pipeline.readout import HotPixel
 from gss.pipeline.render import render
 from gss.settings import Settings
 from gss.store import studies as store
-from gss.store.models import Analysis, Job
+from gss.store.models import Analysis, Calibration, Job
 from gss.wiring.build import build
 from gss.wiring.services import Services
 
@@ -114,6 +115,9 @@ def test_a_drifting_lens_and_a_warm_pixel_become_a_calibration(tmp_path: Path) -
         used = services.studies.calibrations.book.profile("cubestar")
         assert used.camera.focal_col_px == made.values["focal_col_px"]
         assert services.studies.calibrations.table(made.id, user="engineer").kind == "calibration"
+        table = services.studies.calibrations.bad_pixel_table(made.id, user="engineer")
+        assert (table.kind, table.content) == ("bad_pixels", {"pixels": "700,90 300,200"})
+        assert services.studies.calibrations.bad_pixel_table(made.id, user="engineer").id == table.id
         frame = services.studies.analyses._shots.of(ids[-1:])[0]
         _, notes = services.studies.analyses._solver.cleaned(frame.pixels(), used, frame.exposure_s)
         assert notes == ("2 bad pixels replaced by their neighbours",)
@@ -127,6 +131,28 @@ def test_a_drifting_lens_and_a_warm_pixel_become_a_calibration(tmp_path: Path) -
             services.studies.analyses.export(spatial.id, "csv")
     finally:
         services.base.jobs.stop()
+        services.frames.frames.stop()
+        services.base.database.close()
+
+
+def test_a_sensor_without_the_table_gets_no_bad_pixel_table(tmp_path: Path) -> None:
+    """The interfaces of Sagitta, OreSat and NOS3 have no bad-pixel table, so none is created."""
+    services = build(Settings(data=tmp_path))
+    try:
+        pattern = DarkPattern(np.zeros((4, 4), np.float32), np.array([[1, 2]], np.intp), 0.1)
+        for name in ("sagitta", "oresat", "nos3", "cubestar"):
+            row = Calibration(
+                profile=name, kind="health", name="", created=START, author="", tool="", request={}, values={}
+            )
+            row.result = {"dark_frame": services.frames.darks.keep_pattern(pattern)}
+            with services.base.database.unit_of_work() as session:
+                store.add_calibration(session, row)
+            if name == "cubestar":
+                assert services.studies.calibrations.bad_pixel_table(row.id, user="").content == {"pixels": "1,2"}
+            else:
+                with pytest.raises(BadInput, match="no bad-pixel table"):
+                    services.studies.calibrations.bad_pixel_table(row.id, user="")
+    finally:
         services.frames.frames.stop()
         services.base.database.close()
 

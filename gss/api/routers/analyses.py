@@ -59,7 +59,8 @@ def propose_calibration(app: App, user: User, analysis_id: RowId) -> Calibration
     """Store the calibration that a health analysis proposes. It can then be used, or converted to a table, like any
     calibration."""
     row = app.studies.calibrations.from_health(analysis_id, user=user)
-    return present.calibrations.detail(row, False, app.transfers.tables.on_board())
+    takes_bad_pixels = app.studies.calibrations.takes_bad_pixels(row)
+    return present.calibrations.detail(row, False, app.transfers.tables.on_board(), takes_bad_pixels)
 
 
 @router.get("/{analysis_id}/export", response_class=Response, dependencies=[EXPORT])

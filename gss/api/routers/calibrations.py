@@ -83,6 +83,14 @@ def make_table(app: App, user: User, calibration_id: RowId) -> TableDetailOut:
     )
 
 
+@router.post("/{calibration_id}/bad-pixel-table", status_code=201, dependencies=[need("calibrate")])
+def make_bad_pixel_table(app: App, user: User, calibration_id: RowId) -> TableDetailOut:
+    """Create a device table from the bad pixels of a calibration; send it from /tables."""
+    return present.tables.table_detail(
+        app.studies.calibrations.bad_pixel_table(calibration_id, user=user), app.transfers.tables.on_board()
+    )
+
+
 @router.get("/{calibration_id}/export", response_class=Response, dependencies=[EXPORT])
 def export(app: App, calibration_id: RowId, kind: Literal["json", "ecsv", "html", "pdf"] = "json") -> Response:
     """Export a calibration for other programs (json, ecsv), or its report (html, pdf)."""
@@ -96,4 +104,6 @@ def _in_use(app: Services, row: Calibration) -> bool:
 
 
 def _detail(app: Services, row: Calibration) -> CalibrationDetailOut:
-    return present.calibrations.detail(row, _in_use(app, row), app.transfers.tables.on_board())
+    return present.calibrations.detail(
+        row, _in_use(app, row), app.transfers.tables.on_board(), app.studies.calibrations.takes_bad_pixels(row)
+    )

@@ -14,13 +14,14 @@ from gss.api.schemas.tables import (
     TableDefaultsOut,
     TableDetailOut,
     TableIn,
+    TableKind,
     TableOut,
     TableUploadIn,
 )
 from gss.api.schemas.transfers import TransferOut
 
 router = api_router("tables", "/tables")
-Kind = Literal["", "triplets", "calibration", "parameters", "star_list", "distance_table"]
+Kind = Literal["", "star_list", "distance_table"] | TableKind
 
 
 @router.get("")
@@ -37,9 +38,7 @@ def tables_on_board(app: App) -> list[OnBoardTableOut]:
 
 
 @router.get("/defaults")
-def table_defaults(
-    app: App, kind: Literal["triplets", "calibration", "parameters"], profile: Annotated[str, Query(max_length=40)] = ""
-) -> TableDefaultsOut:
+def table_defaults(app: App, kind: TableKind, profile: Annotated[str, Query(max_length=40)] = "") -> TableDefaultsOut:
     """Default values of a new table for a camera. If ``profile`` is empty, use the camera of the configured instrument."""
     camera = profile or app.base.settings.unit_instrument
     return TableDefaultsOut(kind=kind, profile=camera, content=dict(app.transfers.tables.defaults(kind, camera)))

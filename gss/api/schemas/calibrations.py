@@ -34,8 +34,13 @@ class CalibrationOut(Out):
 
 
 class CalibrationDetailOut(CalibrationOut):
-    """Calibration with its results and report."""
+    """Calibration with its results and report. ``bad_pixels``: number of bad pixels; ``bad_pixel_places``: banks of the
+    sensor that contain their table; ``no_bad_pixel_table``: the reason if the sensor has no such table."""
 
+    bad_pixels: int
+    bad_pixel_table_id: int | None
+    bad_pixel_places: list[str]
+    no_bad_pixel_table: str
     request: JsonObject
     values: JsonObject
     result: JsonObject

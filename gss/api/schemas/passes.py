@@ -156,9 +156,9 @@ class PlanItemIn(In):
     kind: ItemKind
     estimated_s: float = Field(gt=0, le=MAX_ITEM_S)
     procedure_id: Id | None = None
-    content: Literal["", "frame", "thumbnail", "star_windows", "catalogue", "triplets", "calibration", "parameters"] = (
-        ""
-    )
+    content: Literal[
+        "", "frame", "thumbnail", "star_windows", "catalogue", "triplets", "calibration", "parameters", "bad_pixels"
+    ] = ""
     slot: int | None = Field(default=None, ge=0, le=255)
     bank: str | None = Field(default=None, min_length=1, max_length=20)
     catalogue_id: Id | None = None

@@ -1,4 +1,4 @@
-"""Calibrations, parameter sets and triplet tables."""
+"""Calibrations, parameter sets, triplet tables and bad-pixel tables."""
 
 from __future__ import annotations
 
@@ -65,11 +65,15 @@ class TableDefaultsOut(Out):
     content: JsonObject
 
 
-class TableIn(In):
-    """New table: values of the camera, overridden by ``content``. Triplets need content.catalogue_id. ``profile``
-    empty: camera of the configured instrument."""
+TableKind = Literal["calibration", "parameters", "triplets", "bad_pixels"]
 
-    kind: Literal["calibration", "parameters", "triplets"]
+
+class TableIn(In):
+    """New table: values of the camera, overridden by ``content``. Triplets need content.catalogue_id. The content of a
+    bad-pixel table is ``pixels``, a text of column,row pairs with spaces between them. ``profile`` empty: camera of the
+    configured instrument."""
+
+    kind: TableKind
     name: str = Field(default="", max_length=80)
     profile: str = Field(default="", max_length=40)
     content: dict[str, Scalar] = Field(default_factory=dict, max_length=200)

@@ -86,6 +86,7 @@ class TransferIn(In):
         "triplets",
         "calibration",
         "parameters",
+        "bad_pixels",
     ]
     slot: int | None = Field(default=None, ge=0, le=255)
     bank: str | None = Field(default=None, max_length=20)

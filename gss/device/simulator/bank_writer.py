@@ -21,8 +21,8 @@ from gss.device.simulator.memory import (
 )
 from gss.device.simulator.rejection import Rejection
 from gss.device.simulator.sessions import WINDOW_CHUNKS, Session
-from gss.device.table_use import calibrated, check_parameters
-from gss.device.tables import TABLE_FORMAT, decode_table
+from gss.device.table_use import calibrated, check_bad_pixels, check_parameters
+from gss.device.tables import BAD_PIXELS, TABLE_FORMAT, decode_bad_pixels, decode_table
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, CorruptData
 from gss.instruments.dictionary.definitions import Dictionary, Value
@@ -197,6 +197,11 @@ class BankWriter:
             table = triplets.decode_triplets(content)
             version = triplets.HEADER_VERSION
             return BankRecord(stars=table.stars, pairs=len(table), format_version=version, profile=self._profile.name)
+        if kind == BAD_PIXELS:
+            name, pixels = decode_bad_pixels(content)
+            self._check_profile(name, kind)
+            check_bad_pixels(self._profile, pixels)
+            return BankRecord(format_version=TABLE_FORMAT, profile=name)
         name, values = decode_table(kind, content)
         self._check_profile(name, kind)
         if kind == "calibration":

@@ -5,6 +5,8 @@ Attributes may be set at any time and affect the next exposure. Times are simula
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from gss.catalogue_tools.corrections.ephemeris import DAY_S, LIGHT_KM_S, Bodies, bodies_at, earth_pole_icrs
@@ -29,10 +31,15 @@ from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
 from gss.domain.sensor import NO_DEFECTS, Defects
 from gss.pipeline.chip import Chip, make_chip
+from gss.pipeline.readout import HotPixel
 
 MOTIONS = ("zenith", "inertial", "slew", "tumble", "ground", "point")
 FASTEST_RAD_S = float(np.radians(20.0))
 DARK_DOUBLING_C = 8.0
+HOT_SIDE_PX = 3
+"""Side of a group of hot pixels. A single hot pixel is rejected by the minimum area of most chains."""
+HOT_LEVEL = (0.3, 0.9)
+"""Signal of hot pixels in the nominal exposure, as a share of the saturation level."""
 MEAN_C, SWING_C, LAG_S = 12.0, 6.0, 600.0
 
 
@@ -62,6 +69,7 @@ class Environment:
         self.planets = self.moon = self.sun = self.earth = self.stray = False
         self.defects: Defects = NO_DEFECTS
         self.temperature_offset_c = 0.0
+        self.hot_pixels: tuple[HotPixel, ...] = ()
         self._chip: tuple[Defects, Chip | None] = (NO_DEFECTS, None)
         self._bodies: tuple[float, Bodies] | None = None
 
@@ -82,6 +90,18 @@ class Environment:
             chip = None if flawless else make_chip(self.defects, self.profile.sensor, self.profile.camera, self.seed)
             self._chip = (self.defects, chip)
         return self._chip[1]
+
+    def set_hot_pixels(self, groups: int) -> None:
+        """Make this number of groups of 3 x 3 pixels hot, at places that depend on the seed; 0 for none."""
+        camera, sensor = self.profile.camera, self.profile.sensor
+        rng = np.random.default_rng([self.seed, HOT_SIDE_PX])
+        full_e_s = sensor.saturation_dn * sensor.gain_e_per_dn / sensor.exposure_s
+        pixels: dict[tuple[int, int], HotPixel] = {}
+        for _ in range(groups):
+            col, row = (int(rng.integers(n - HOT_SIDE_PX + 1)) for n in (camera.columns, camera.rows))
+            for c, r in itertools.product(range(col, col + HOT_SIDE_PX), range(row, row + HOT_SIDE_PX)):
+                pixels[c, r] = HotPixel(c, r, float(rng.uniform(*HOT_LEVEL)) * full_e_s)
+        self.hot_pixels = tuple(pixels.values())
 
     @property
     def dark_factor(self) -> float:

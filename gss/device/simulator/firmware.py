@@ -35,6 +35,7 @@ from gss.instruments.package_files import TYPICAL, UnitTiming
 from gss.pipeline.chains.apriori import PriorState
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded, Detection, OnboardChain, OnboardSolution, Work
+from gss.pipeline.fixed_pattern import without_bad_pixels
 from gss.skytables.bank import OnboardCatalogue
 
 STANDBY = "standby"
@@ -207,7 +208,7 @@ class StarTracker:
             work = replace(work, mode=Mode.LOST_IN_SPACE, hint=None)
         if catalogue is None and self.chain.name in NEED_STARS:
             raise Rejection("bank_corrupt", self.catalogue_problem)
-        return work, self.chain.find_centroids(frame.pixels, work)
+        return work, self.chain.find_centroids(without_bad_pixels(frame.pixels, self.tables.bad_pixels), work)
 
     # Each stage is a task: it yields its duration, and its results become visible afterwards. A command can change the
     # stored results between two stages, so each stage receives the results of the previous stage as arguments.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 BANK_BYTES = 192 * 1024
 BANKS = ("A", "B", "C", "golden")
 GOLDEN = "golden"
-TABLES = ("triplets", "calibration", "parameters")
+TABLES = ("triplets", "calibration", "parameters", "bad_pixels")
 TABLE_BANKS = ("A", "B", "factory")
 FACTORY = "factory"
 TRIPLET_BYTES = 1536 * 1024

@@ -27,7 +27,7 @@ from gss.device.simulator.flash_record import (
     area_name,
     record_from_json,
 )
-from gss.device.tables import TABLE_BYTES
+from gss.device.tables import BAD_PIXEL_BYTES, TABLE_BYTES
 
 __all__ = [
     "BANKS",
@@ -51,11 +51,10 @@ KEPT_REQUESTS = 64
 
 @lru_cache(maxsize=8)
 def _layout(bank_bytes: int) -> dict[str, tuple[int, int]]:
-    """Return offset and capacity of every bank by name: catalogues, then triplets, calibrations, parameters."""
+    """Return offset and capacity of every bank by name: catalogues, then tables."""
     capacities = {**dict.fromkeys(BANKS, bank_bytes)}
-    capacities |= {
-        area_name(t, b): TRIPLET_BYTES if t == "triplets" else TABLE_BYTES for t in TABLES for b in TABLE_BANKS
-    }
+    larger = {"triplets": TRIPLET_BYTES, "bad_pixels": BAD_PIXEL_BYTES}
+    capacities |= {area_name(t, b): larger.get(t, TABLE_BYTES) for t in TABLES for b in TABLE_BANKS}
     offsets, at = {}, 0
     for name, size in capacities.items():
         offsets[name] = (at, size)

@@ -82,6 +82,7 @@ class SimulatedSky:
             lights=self._lights(pose, mid_time_s, min(exposure_s, trail_s)),
             veil=self._veil(pose, mid_time_s),
             chip=world.chip,
+            hot_pixels=[replace(h, rate_e_s=h.rate_e_s * world.dark_factor) for h in world.hot_pixels],
             dark_factor=world.dark_factor,
             defects=world.defects,
         )

@@ -1,4 +1,4 @@
-"""Active tables: read from flash and converted to chain, camera, constants and triplets."""
+"""Active tables: read from flash and converted to chain, camera, constants, triplets and bad pixels."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 from gss.catalogue_tools.formats.triplet_table import bank_crc32_of, decode_triplets
 from gss.device.simulator.flash_record import area_name
 from gss.device.simulator.memory import FACTORY, TABLES, Memory
-from gss.device.table_use import calibrated, chain_of, check_parameters
-from gss.device.tables import Scalar, decode_table
+from gss.device.table_use import calibrated, chain_of, check_bad_pixels, check_parameters
+from gss.device.tables import BAD_PIXELS, NO_PIXELS, Scalar, decode_bad_pixels, decode_table
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, CorruptData
 from gss.pipeline.chains.oersted_match import prepare as prepare_with_triplets
@@ -26,6 +26,7 @@ class Tables:
         self.profile = profile
         self.parameters: dict[str, Scalar] = {}
         self.triplets: TripletTable | None = None
+        self.bad_pixels = NO_PIXELS
         self.chain: OnboardChain = chain_of(profile)
 
     @property
@@ -38,6 +39,7 @@ class Tables:
     def load(self) -> list[str]:
         """Read all tables again. Returns the problems."""
         self.profile, self.parameters, self.triplets = self._default_profile, {}, None
+        self.bad_pixels = NO_PIXELS
         problems = []
         for table in TABLES:
             bank = self._memory.record.tables[table].active
@@ -58,6 +60,10 @@ class Tables:
             values = decode_table(table, content)[1]
             check_parameters(self.profile, values)
             self.parameters = values
+        elif table == BAD_PIXELS:
+            pixels = decode_bad_pixels(content)[1]
+            check_bad_pixels(self._default_profile, pixels)
+            self.bad_pixels = pixels
         else:
             self.triplets = decode_triplets(content)
 

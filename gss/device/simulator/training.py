@@ -17,7 +17,7 @@ from gss.device.simulator.power import Power
 from gss.device.simulator.rejection import Rejection
 from gss.domain.errors import BadInput
 
-LASTING = ("stuck_sensor", "overheat", "stale_attitude", "clock_drift", "blinded", "false_stars")
+LASTING = ("stuck_sensor", "overheat", "stale_attitude", "clock_drift", "blinded", "false_stars", "hot_pixels")
 """Faults that last for their duration or until they are removed. All other faults occur once."""
 LIMITS: Mapping[str, tuple[float, float]] = {
     "bank_corruption": (0, len(BANKS) - 1),
@@ -25,10 +25,17 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "clock_drift": (-100_000.0, 100_000.0),
     "clock_jump": (-1.0e6, 1.0e6),
     "false_stars": (1, 500),
+    "hot_pixels": (1, 100),
 }
-USUAL: Mapping[str, float] = {"overheat": 30.0, "clock_drift": 100.0, "clock_jump": 10.0, "false_stars": 20.0}
-"""Default sizes of faults, in °C, parts per million, seconds or stars. They replace the value 0, which would have no
-effect."""
+USUAL: Mapping[str, float] = {
+    "overheat": 30.0,
+    "clock_drift": 100.0,
+    "clock_jump": 10.0,
+    "false_stars": 20.0,
+    "hot_pixels": 20.0,
+}
+"""Default sizes of faults, in °C, parts per million, seconds, stars or groups of pixels. They replace the value
+0, which would have no effect."""
 FLIPPED_BITS = 3
 CONTROL = {"orbit": "zenith", "inertial": "inertial", "slew": "slew", "tumble": "tumble", "earth_fixed": "ground"}
 STALL_S = 0.5
@@ -146,6 +153,8 @@ class Training:
             flaws.blinded = True
         elif fault == "false_stars":
             flaws.dots = int(value)
+        elif fault == "hot_pixels":
+            self._tracker.sky.environment.set_hot_pixels(int(value))
         elif fault == "stale_attitude":
             self._tracker.stale = True
         elif fault == "clock_drift":
@@ -162,6 +171,8 @@ class Training:
             flaws.blinded = False
         elif fault == "false_stars":
             flaws.dots = 0
+        elif fault == "hot_pixels":
+            self._tracker.sky.environment.set_hot_pixels(0)
         elif fault == "stale_attitude":
             self._tracker.stale = False
         elif fault == "clock_drift":

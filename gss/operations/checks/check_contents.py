@@ -13,12 +13,13 @@ from gss.device.protocol.packet import Packet
 from gss.device.protocol.windows import decode_windows
 from gss.device.session_events import TransferUpdate
 from gss.device.session_transfer import Part
-from gss.device.tables import decode_table
+from gss.device.tables import BAD_PIXELS
 from gss.domain.errors import CorruptData
 from gss.instruments.dictionary.definitions import Value
 from gss.operations.checks.check_findings import Findings, shown
 from gss.operations.checks.probe import Probe
 from gss.operations.transfers.flash_banks import CATALOGUES
+from gss.operations.transfers.table_content import read_back
 
 SIDE_PX = 9
 PIECE_BYTES = 240
@@ -119,8 +120,8 @@ def check_tables(probe: Probe, findings: Findings) -> None:
         if info["active"] and info["state"] == "committed" and table != "triplets":
             with findings.trying("7.3", table):
                 data = probe.device.download(table, table_number(probe, bank), _silent).data
-                name, values = decode_table(table, data)
-                matches_profile = name == probe.device.hello.profile and len(values) > 1
+                name, _, values = read_back(table, data)
+                matches_profile = name == probe.device.hello.profile and (table == BAD_PIXELS or len(values) > 1)
                 findings.check("7.3", f"{table} {bank}", matches_profile, f"{len(values)} values for {name}")
         if info["active"] or bank == "factory":
             _check_protected(probe, findings, info)

@@ -6,8 +6,8 @@ import base64
 import io
 import threading
 import zipfile
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,13 @@ class DarkFrames:
             "exposure_s": pattern.exposure_s,
             "picture": picture_of(pattern.pattern_dn) if pattern.pattern_dn.any() else None,
         }
+
+    def bad_pixels(self, entry: Any) -> NDArray[np.intp]:
+        """Return the (k, 2) bad pixels, col and row, of a calibration's entry; none without an entry, or if the entry is
+        the key of a dark frame that was only used. Raises CorruptData or NotFound."""
+        if not isinstance(entry, Mapping):
+            return np.zeros((0, 2), np.intp)
+        return self.pattern(str(entry["key"])).bad
 
     def pattern(self, key: str) -> DarkPattern:
         """Return the map with this key. Raises CorruptData or NotFound."""

@@ -9,9 +9,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gss.catalogue_tools.formats.triplet_table import decode_triplets
 from gss.device.table_use import calibrated, chain_of, parameters_with
-from gss.device.tables import decode_table
+from gss.device.tables import BAD_PIXELS, NO_PIXELS, decode_bad_pixels, decode_table
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import GssError, NotFound
 from gss.domain.results import SolveResult
@@ -26,6 +29,7 @@ from gss.operations.transfers.device_tables import DeviceTableService
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.oersted_match import prepare as prepare_with_triplets
 from gss.pipeline.chains.onboard import Commanded, OnboardChain, Work, solve
+from gss.pipeline.fixed_pattern import without_bad_pixels
 from gss.pipeline.trace import Trace
 from gss.skytables.bank import OnboardCatalogue
 from gss.store.models import Frame, Solution
@@ -114,7 +118,7 @@ class ReplayService:
             raise GssError("the initial attitude of the sensor was not received")
         work = Work(profile.camera, self._prepared(shelf, frame.bank_sha256 or "", bank), parameters, mode, hint)
         trace = Trace(self._stopwatch_s)
-        result = solve(chain, pixels, work, trace=trace)
+        result = solve(chain, without_bad_pixels(pixels, shelf.bad_pixels), work, trace=trace)
         stages: Any = trace.kept
         return Rerun(result, stages["detection"], stages["matching"])
 
@@ -133,8 +137,9 @@ class ReplayService:
         camera = calibrated(uncalibrated, values["calibration"]) if "calibration" in values else uncalibrated
         parameters = values.get("parameters", {})
         triplets = decode_triplets(table_bytes["triplets"]) if "triplets" in table_bytes else None
+        bad_pixels = decode_bad_pixels(table_bytes[BAD_PIXELS])[1] if BAD_PIXELS in table_bytes else NO_PIXELS
         key = tuple(sorted(used.items()))
-        return Shelf(camera, chain_of(uncalibrated, parameters), parameters, triplets, key)
+        return Shelf(camera, chain_of(uncalibrated, parameters), parameters, triplets, bad_pixels, key)
 
     def _prepared(self, shelf: Shelf, sha256: str, bank: OnboardCatalogue) -> Any:
         """Return the bank in the form that the chain prepares. Only the last prepared bank is cached."""
@@ -149,12 +154,14 @@ class ReplayService:
 
 @dataclass(frozen=True)
 class Shelf:
-    """Effect of the sensor's tables: camera, chain, changed constants of the chain (``parameters``), and triplets."""
+    """Effect of the sensor's tables: camera, chain, changed constants of the chain (``parameters``), triplets, and (k, 2)
+    bad pixels."""
 
     profile: CameraProfile
     chain: OnboardChain
     parameters: Mapping[str, Any]
     triplets: Any
+    bad_pixels: NDArray[np.intp]
     key: tuple[tuple[str, str], ...]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss import __version__
+from gss.device.tables import BAD_PIXELS
 from gss.domain.camera import Camera
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.camera_record import camera_from
@@ -39,6 +40,7 @@ from gss.operations.studies.calibration_requests import (
 from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.night_frames import ProgressCallback, Shot, StoredShots
 from gss.operations.transfers.device_tables import DeviceTableService
+from gss.operations.transfers.table_content import pixel_text
 from gss.pipeline.calibration.apply import Difference, camera_difference
 from gss.pipeline.calibration.bundle import Prior
 from gss.pipeline.fixed_pattern import DarkPattern
@@ -47,6 +49,7 @@ from gss.store.engine import Database
 from gss.store.models import Calibration, DeviceTable, Job
 
 STEPS = 1000
+NO_BAD_PIXEL_TABLE = "The interface of this sensor has no bad-pixel table; ground reruns replace the bad pixels."
 FOREIGN = "foreign"
 """Camera name of calibrations without a profile. Such a calibration can be used for a frame, but not sent to a
 sensor."""
@@ -291,6 +294,29 @@ class CalibrationService:
         with self._database.unit_of_work() as session:
             store.calibration(session, calibration_id).table_id = table.id
         return table
+
+    def bad_pixel_table(self, calibration_id: int, *, user: str) -> DeviceTable:
+        """Return the bad pixels of a calibration as a table for the sensor. The table is created on the first call.
+        Raises BadInput if the calibration has no bad pixels or the sensor has no such table."""
+        row = self.get(calibration_id)
+        if row.bad_pixel_table_id is not None:
+            return self._tables.get(row.bad_pixel_table_id)
+        if not self.takes_bad_pixels(row):
+            raise BadInput(NO_BAD_PIXEL_TABLE, expected="a sensor with this table", got=row.profile)
+        bad_pixels = self._darks.bad_pixels(row.result.get("dark_frame"))
+        if not len(bad_pixels):
+            raise BadInput(
+                "this calibration has no bad pixels", expected="a health analysis or dark frames", got=row.kind
+            )
+        content = {"pixels": pixel_text(bad_pixels)}
+        table = self._tables.create(BAD_PIXELS, row.name, row.profile, content, user=user)
+        with self._database.unit_of_work() as session:
+            store.calibration(session, calibration_id).bad_pixel_table_id = table.id
+        return table
+
+    def takes_bad_pixels(self, row: Calibration) -> bool:
+        """True if the interface of the calibration's sensor has a bad-pixel table."""
+        return self._instruments.has(row.profile) and self._tables.takes(BAD_PIXELS, row.profile)
 
     def _camera_of(self, row: Calibration) -> Camera:
         """Return the camera geometry of a calibration. Raises BadInput if it has none."""

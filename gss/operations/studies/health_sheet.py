@@ -283,8 +283,8 @@ def _proposal(proposal: Proposal, profile: CameraProfile) -> Section:
     rows = [[c.name, number(c.old, 7), number(c.new.value, 7), interval(c.new, 7), c.unit] for c in proposal.changes]
     text = (
         f"Values at the time of the last frame, at the mean temperature, and {bad_pixels}. All other values are unchanged. "
-        "Store the calibration to create a table of these values for the sensor. The table of a sensor contains no bad "
-        "pixels; ground reruns replace them."
+        "Store the calibration to create tables of these values and of the bad pixels for the sensor. If its interface has "
+        "no bad-pixel table, only ground reruns replace the bad pixels."
     )
     return Section(
         "Proposed calibration", text, [], [], [Table("Changes", ["value", "now", "proposed", "95 %", "unit"], rows)]

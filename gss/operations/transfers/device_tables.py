@@ -1,5 +1,5 @@
-"""Creates, stores and uploads the sensor's tables (calibrations, parameter sets, triplets), and returns its reports of
-them."""
+"""Creates, stores and uploads the sensor's tables (calibrations, parameter sets, triplets, bad pixels), and returns its
+reports of them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from gss.store.blobs import BlobStore
 from gss.store.engine import Database
 from gss.store.models import DeviceTable, Transfer
 
-READ_BACK = ("triplets", "calibration", "parameters", "star_list", "distance_table")
+READ_BACK = (*table_content.KINDS, "star_list", "distance_table")
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,10 @@ class DeviceTableService:
     def defaults(self, kind: str, profile_name: str) -> dict[str, Scalar]:
         """Return the initial values of a new table. Raises BadInput or NotFound."""
         return table_content.defaults(kind, self._instruments.camera(profile_name))
+
+    def takes(self, kind: str, profile_name: str) -> bool:
+        """True if the interface of an instrument has this kind of table. Raises NotFound for an unknown instrument."""
+        return kind in self._instruments.get(profile_name).roles.operations.table_kinds()
 
     # --- creation -----------------------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from gss.operations.transfers.transfers import StoredContent, TransferService
 from gss.store.models import Frame
 
 IMAGE_KINDS = ("frame", "thumbnail", "region", "star_windows")
-TABLE_KINDS = ("triplets", "calibration", "parameters")
+TABLE_KINDS = ("triplets", "calibration", "parameters", "bad_pixels")
 DEFAULT_SIDE_PX = 11
 UPLOADED_IMAGE = "image"
 

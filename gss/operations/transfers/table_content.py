@@ -8,20 +8,36 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gss.catalogue_tools.formats.triplet_table import HEADER_VERSION as TRIPLET_FORMAT
 from gss.catalogue_tools.formats.triplet_table import decode_triplets, encode_triplets, figures, triplets_of
 from gss.catalogue_tools.onboard import decode as decode_bank
 from gss.catalogue_tools.onboard import read_header
-from gss.device.table_use import MODELS, calibrated, calibration_values, check_parameters, parameter_values
-from gss.device.tables import TABLE_FORMAT, Scalar, decode_table, encode_table
+from gss.device.table_use import (
+    MODELS,
+    calibrated,
+    calibration_values,
+    check_bad_pixels,
+    check_parameters,
+    parameter_values,
+)
+from gss.device.tables import (
+    BAD_PIXELS,
+    TABLE_FORMAT,
+    Scalar,
+    decode_bad_pixels,
+    decode_table,
+    encode_bad_pixels,
+    encode_table,
+)
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
 from gss.skytables.triplets import TripletClasses
 
 CHAIN_KINDS = ("calibration", "parameters")
-KINDS = (*CHAIN_KINDS, "triplets")
+KINDS = (*CHAIN_KINDS, "triplets", BAD_PIXELS)
 TRIPLET_LIMITS = {
     "uncertainty_arcsec": (1.0, 3600.0),
     "limit_mag": (0.0, 10.0),
@@ -29,7 +45,12 @@ TRIPLET_LIMITS = {
     "brightness_error": (0.0, 0.9),
 }
 BRIGHTNESS_ERROR = 0.25
-FORMATS = {"calibration": TABLE_FORMAT, "parameters": TABLE_FORMAT, "triplets": TRIPLET_FORMAT}
+FORMATS = {
+    "calibration": TABLE_FORMAT,
+    "parameters": TABLE_FORMAT,
+    "triplets": TRIPLET_FORMAT,
+    BAD_PIXELS: TABLE_FORMAT,
+}
 
 
 def defaults(kind: str, profile: CameraProfile) -> dict[str, Scalar]:
@@ -40,6 +61,8 @@ def defaults(kind: str, profile: CameraProfile) -> dict[str, Scalar]:
         return parameter_values(profile)
     if kind == "triplets":
         return _triplet_defaults(profile)
+    if kind == BAD_PIXELS:
+        return {"pixels": ""}
     raise BadInput("unknown kind of table", expected=" | ".join(KINDS), got=kind)
 
 
@@ -56,14 +79,37 @@ def _triplet_defaults(profile: CameraProfile) -> dict[str, Scalar]:
 
 
 def table_bytes(kind: str, profile: CameraProfile, changes: Mapping[str, Any]) -> tuple[bytes, dict[str, Scalar]]:
-    """Return bytes and values of a calibration or parameter set, which has the default values with ``changes``. Raises
-    BadInput with the name of the invalid value."""
+    """Return bytes and values of a calibration, parameter set or bad-pixel table, which has the default values with
+    ``changes``. Raises BadInput with the name of the invalid value."""
     values = _changed(kind, defaults(kind, profile), changes)
+    if kind == BAD_PIXELS:
+        return _bad_pixel_bytes(profile, values)
     if kind == "calibration":
         calibrated(profile, values)
     else:
         check_parameters(profile, values)
     return encode_table(kind, profile.name, values), values
+
+
+def _bad_pixel_bytes(profile: CameraProfile, values: Mapping[str, Scalar]) -> tuple[bytes, dict[str, Scalar]]:
+    unknown = set(values) - {"pixels"}
+    if unknown:
+        raise BadInput("unknown value", expected="pixels", got=", ".join(sorted(unknown)))
+    cells = [text.split(",") for text in str(values["pixels"]).split()]
+    wrong = [",".join(c) for c in cells if len(c) != 2 or not all(n.isdecimal() and len(n) <= 5 for n in c)]
+    if wrong:
+        raise BadInput(
+            "a bad pixel cannot be read", expected="column,row, with spaces between the pixels", got=wrong[0]
+        )
+    pixels = np.array([[int(n) for n in c] for c in cells], np.intp).reshape(-1, 2)
+    check_bad_pixels(profile, pixels)
+    data = encode_bad_pixels(profile.name, pixels)
+    return data, {"pixels": pixel_text(decode_bad_pixels(data)[1])}
+
+
+def pixel_text(pixels: NDArray[np.integer]) -> str:
+    """Return (k, 2) columns and rows as text, the form in which the content of a bad-pixel table is edited."""
+    return " ".join(f"{col},{row}" for col, row in pixels.tolist())
 
 
 def _changed(kind: str, values: dict[str, Scalar], changes: Mapping[str, Any]) -> dict[str, Scalar]:
@@ -124,6 +170,9 @@ def read_back(kind: str, data: bytes) -> tuple[str, int, dict[str, Scalar]]:
     if kind in CHAIN_KINDS:
         profile_name, values = decode_table(kind, data)
         return profile_name, TABLE_FORMAT, values
+    if kind == BAD_PIXELS:
+        profile_name, pixels = decode_bad_pixels(data)
+        return profile_name, TABLE_FORMAT, {"pixels": pixel_text(pixels)}
     if kind == "triplets":
         return "", TRIPLET_FORMAT, _triplet_figures(data)
     return "", 0, {"bytes": len(data)}

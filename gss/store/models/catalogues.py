@@ -35,7 +35,7 @@ class Catalogue(Base):
 
 
 class DeviceTable(Base):
-    """Device table other than a catalogue: triplets, calibration or parameters. The bytes are a blob with the key
+    """Device table other than a catalogue: triplets, calibration, parameters or bad pixels. The bytes are a blob with the key
     ``sha256``."""
 
     __tablename__ = "device_tables"

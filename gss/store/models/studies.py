@@ -13,7 +13,7 @@ from gss.store.models.base import Base
 
 class Calibration(Base):
     """Camera calibration. ``request``: frames and options of the calibration; ``result``: camera, uncertainties,
-    maps."""
+    maps. ``table_id``, ``bad_pixel_table_id``: tables for the sensor, null until they are created."""
 
     __tablename__ = "calibrations"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -28,6 +28,7 @@ class Calibration(Base):
     result: Mapped[JsonObject]
     note: Mapped[str] = mapped_column(Text, default="")
     table_id: Mapped[int | None] = mapped_column(ForeignKey("device_tables.id"))
+    bad_pixel_table_id: Mapped[int | None] = mapped_column(ForeignKey("device_tables.id"))
 
 
 class Analysis(Base):

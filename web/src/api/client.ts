@@ -283,6 +283,8 @@ const studies = {
   useDocumented: (profile: string) => body(POST('/api/calibrations/documented', { body: { profile } })),
   calibrationTable: (calibration_id: number) =>
     body(POST('/api/calibrations/{calibration_id}/table', { params: { path: { calibration_id } } })),
+  badPixelTable: (calibration_id: number) =>
+    body(POST('/api/calibrations/{calibration_id}/bad-pixel-table', { params: { path: { calibration_id } } })),
   proposeCalibration: (analysis_id: number) =>
     body(POST('/api/analyses/{analysis_id}/calibration', { params: { path: { analysis_id } } })),
   analyses: (kind = '') => body(GET('/api/analyses', { params: { query: { kind } } })),
