@@ -18,12 +18,21 @@ from gss.pipeline.identify.near import BoundedPrior
 from gss.pipeline.identify.verify import SkyCatalogue
 from gss.skytables.bank import OnboardCatalogue
 from gss.skytables.pairs import distance_table_of_units
-from tools.bench_scenes import CAMERAS, Array, CentroidList, Optics, star_lists, visible_stars
+from tools.bench_scenes import CAMERAS, Array, CentroidList, Disturbance, Optics, star_lists, visible_stars
 from tools.bench_tables import BenchTable, Value, spread, timed_ms
 
 SEED = 2025
 NOISE_PX = 0.2
-FALSE_STARS = (0, 1, 5, 10)
+FALSE_STARS = {f"{n} false": Disturbance(n) for n in (0, 1, 5, 10, 20)}
+DISTURBANCES = FALSE_STARS | {
+    "40 % missing, 5 false": Disturbance(5, missing=0.4),
+    "50 % missing, 10 false": Disturbance(10, missing=0.5),
+    "0.6 px, 5 false": Disturbance(5, noise_px=0.6),
+    "focal length +0.5 %, 5 false": Disturbance(5, focal_scale=1.005),
+    "focal length −3 %, 5 false": Disturbance(5, focal_scale=0.97),
+    "mirrored, 5 false": Disturbance(5, mirrored=True),
+    "no star, 20 false": Disturbance(20, no_star=True),
+}
 MIN_STARS = 4
 PRIOR_OFF_RAD = float(np.radians(0.5))
 Solver = Callable[[CentroidList], tuple[float, Array | None]]
@@ -44,9 +53,9 @@ def _near_table(optics: Optics, count: int) -> BenchTable:
     sky = visible_stars(optics)
     camera, known_sky = optics.camera, reference.known_sky(sky, optics.camera, optics.faint_mag)
     rows: list[tuple[str, dict[str, Value]]] = []
-    for false_stars in FALSE_STARS:
-        rng = np.random.default_rng(SEED + false_stars)
-        scenes = star_lists(sky, optics, count, false_stars, NOISE_PX, SEED + false_stars)
+    for label, disturbance in FALSE_STARS.items():
+        rng = np.random.default_rng(SEED + disturbance.false_stars)
+        scenes = star_lists(sky, optics, count, disturbance, SEED + disturbance.false_stars)
         answers: list[tuple[float, Array | None]] = []
         for scene in scenes:
             centroids = _centroids(scene, optics)
@@ -59,7 +68,7 @@ def _near_table(optics: Optics, count: int) -> BenchTable:
             answers.append((duration_ms, None if result.attitude is None else result.attitude.cam_from_icrs[2]))
         few = sum(scene.true_stars < MIN_STARS for scene in scenes)
         durations = spread([ms for ms, _ in answers[1:]])
-        rows.append((f"{false_stars} false, reference", durations | _accuracy(answers, scenes, optics) | {"few": few}))
+        rows.append((f"{label}, reference", durations | _accuracy(answers, scenes, optics) | {"few": few}))
     conditions = (
         f"{count} lists as lost in space; the prior attitude is off by up to {np.degrees(PRIOR_OFF_RAD):g}° about any axis; "
         "identification, attitude and covariance together. If the prior gives no solution, the whole sky is searched."
@@ -79,14 +88,15 @@ def _table(optics: Optics, count: int) -> BenchTable:
         except ImportError:
             skipped.append(f"{name} is not installed")
     rows: list[tuple[str, dict[str, Value]]] = []
-    for false_stars in FALSE_STARS:
-        scenes = star_lists(sky, optics, count, false_stars, NOISE_PX, SEED + false_stars)
-        rows += _rows(f"{false_stars} false", scenes, solvers, optics)
+    for label, disturbance in DISTURBANCES.items():
+        scenes = star_lists(sky, optics, count, disturbance, SEED + disturbance.false_stars)
+        rows += _rows(label, scenes, solvers, optics)
     conditions = (
-        f"{count} random attitudes for each number of false stars; {optics.columns} x {optics.rows} px, no distortion, "
-        f"{len(sky)} stars to V {optics.faint_mag}, positions ±{NOISE_PX} px, magnitudes ±0.15; "
+        f"{count} random attitudes for each row; {optics.columns} x {optics.rows} px, no distortion, "
+        f"{len(sky)} stars to V {optics.faint_mag}, positions ±{NOISE_PX} px, magnitudes ±0.15, "
+        "except as the row states; a mirrored list and a list without stars have no correct solution; "
         f"correct within {np.degrees(optics.tolerance_rad):.2f}°; one thread. "
-        f"'few' counts lists with fewer than {MIN_STARS} stars."
+        f"'few' counts lists with fewer than {MIN_STARS} stars; right_of_solvable: percent of the other lists."
     )
     return BenchTable("lost_in_space", f"Lost in space, {optics.name}", conditions, SEED, rows, skipped)
 
@@ -120,9 +130,11 @@ def _accuracy(
             errors_rad.append(2 * float(np.arcsin(min(1.0, half_chord))))
     n = len(scenes)
     correct_errors_rad = [error_rad for error_rad in errors_rad if error_rad <= optics.tolerance_rad]
+    solvable = sum(scene.true_stars >= MIN_STARS for scene in scenes)
     correct = len(correct_errors_rad)
     return {
         "right_percent": 100 * correct / n,
+        "right_of_solvable": 100 * correct / solvable if solvable else None,
         "wrong_percent": 100 * (len(errors_rad) - correct) / n,
         "none_percent": 100 * (n - len(errors_rad)) / n,
         "error_arcsec": float(np.degrees(np.median(correct_errors_rad)) * 3600) if correct_errors_rad else None,

@@ -132,29 +132,46 @@ def visible_stars(optics: Optics) -> SkyCatalogue:
     return SkyCatalogue(table.hip[keep], table.icrs[keep], table.v_mag[keep])
 
 
+@dataclass(frozen=True)
+class Disturbance:
+    """What differs between a list and the camera's model. ``false_stars``: number at random positions; ``missing``:
+    probability that a star is not in the list; ``noise_px``: position error per axis; ``focal_scale``: true focal
+    length as a multiple of the calibrated one; ``mirrored``: columns counted from the other side; ``no_star``: only
+    false stars."""
+
+    false_stars: int = 0
+    missing: float = 0.0
+    noise_px: float = 0.2
+    focal_scale: float = 1.0
+    mirrored: bool = False
+    no_star: bool = False
+
+
 def star_lists(
-    sky: SkyCatalogue, optics: Optics, count: int, false_stars: int, noise_px: float, seed: int
+    sky: SkyCatalogue, optics: Optics, count: int, disturbance: Disturbance, seed: int
 ) -> list[CentroidList]:
     """Return scenes at random attitudes: noisy positions, 0.15 mag of photometric noise, false stars across the
     frame."""
     rng = np.random.default_rng(seed)
-    return [_star_list(rng, sky, optics, false_stars, noise_px) for _ in range(count)]
+    return [_star_list(rng, sky, optics, disturbance) for _ in range(count)]
 
 
 def _star_list(
-    rng: np.random.Generator, sky: SkyCatalogue, optics: Optics, false_stars: int, noise_px: float
+    rng: np.random.Generator, sky: SkyCatalogue, optics: Optics, disturbance: Disturbance
 ) -> CentroidList:
     matrix = Rotation.from_quat(rng.normal(size=4)).as_matrix()
     camera_vectors = sky.icrs @ matrix.T
-    focal = optics.focal_mm / np.array([optics.pitch_col_mm, optics.pitch_row_mm])
+    focal = disturbance.focal_scale * optics.focal_mm / np.array([optics.pitch_col_mm, optics.pitch_row_mm])
     half = np.array([optics.columns, optics.rows]) / 2
     with np.errstate(divide="ignore", invalid="ignore"):
         positions = focal * camera_vectors[:, :2] / camera_vectors[:, 2:]
     inside = np.flatnonzero((camera_vectors[:, 2] > 0) & np.all(np.abs(positions) < half, axis=1))
-    stars = positions[inside] + rng.normal(0, noise_px, (len(inside), 2))
+    stars = positions[inside] + rng.normal(0, disturbance.noise_px, (len(inside), 2))
     star_mag = sky.v_mag[inside] + rng.normal(0, 0.15, len(inside))
-    others = rng.uniform(-half, half, (false_stars, 2))
-    other_mag = rng.uniform(optics.faint_mag - 3, optics.faint_mag, false_stars)
-    magnitude = np.concatenate([star_mag, other_mag])
+    others = rng.uniform(-half, half, (disturbance.false_stars, 2))
+    other_mag = rng.uniform(optics.faint_mag - 3, optics.faint_mag, disturbance.false_stars)
+    seen = rng.uniform(size=len(inside)) >= (1.0 if disturbance.no_star else disturbance.missing)
+    magnitude = np.concatenate([star_mag[seen], other_mag])
     order = np.argsort(magnitude)
-    return CentroidList(matrix, np.concatenate([stars, others])[order], magnitude[order], len(inside))
+    offset_px = np.concatenate([stars[seen], others])[order] * [-1 if disturbance.mirrored else 1, 1]
+    return CentroidList(matrix, offset_px, magnitude[order], int(seen.sum()))
