@@ -156,9 +156,7 @@ def star_lists(
     return [_star_list(rng, sky, optics, disturbance) for _ in range(count)]
 
 
-def _star_list(
-    rng: np.random.Generator, sky: SkyCatalogue, optics: Optics, disturbance: Disturbance
-) -> CentroidList:
+def _star_list(rng: np.random.Generator, sky: SkyCatalogue, optics: Optics, disturbance: Disturbance) -> CentroidList:
     matrix = Rotation.from_quat(rng.normal(size=4)).as_matrix()
     camera_vectors = sky.icrs @ matrix.T
     focal = disturbance.focal_scale * optics.focal_mm / np.array([optics.pitch_col_mm, optics.pitch_row_mm])

@@ -35,7 +35,7 @@ export function parse(a: Argument, text: string): { value: ArgumentValue | null;
   if (a.choices.length || isText(a))
     return text === '' ? { value: null, problem: 'a value is needed' } : { value: text, problem: '' };
   if (isFlag(a)) return { value: text === 'true', problem: '' };
-  const value = Number(text.replace('\u2212', '-').replace(/[\s\u2009]/g, ''));
+  const value = Number(text.replace('\u2212', '-').replace(/\s/g, ''));
   if (text.trim() === '' || !Number.isFinite(value))
     return { value: null, problem: `a number is needed, got ${text === '' ? 'nothing' : `“${text}”`}` };
   const low = a.min !== null && value < a.min;

@@ -16,8 +16,8 @@ import {
 
 describe('numbers', () => {
   it('writes a true minus and a thin group space', () => {
-    expect(fixed(-1204.26, 1)).toBe('\u22121\u2009204.3');
-    expect(fixed(117955)).toBe('117\u2009955');
+    expect(fixed(-1204.26, 1)).toBe('\u22121\u202f204.3');
+    expect(fixed(117955)).toBe('117\u202f955');
     expect(fixed(812)).toBe('812');
   });
   it('never writes a negative zero, and a plus only with sign', () => {
@@ -72,7 +72,7 @@ describe('times and bytes', () => {
     expect([counted(1, 'frame'), counted(0, 'frame'), counted(1200, 'frame')]).toEqual([
       '1 frame',
       '0 frames',
-      '1\u2009200 frames',
+      '1\u202f200 frames',
     ]);
   });
   it('writes disks in units of 1000, flash in units of 1024', () => {

@@ -1,11 +1,11 @@
-/** Format numbers and times: true minus sign, thin space between groups of digits, fixed decimals, UTC with Z. */
+/** Format numbers and times: true minus sign, narrow no-break space between groups of digits, fixed decimals, UTC with Z. */
 
 const MINUS = '\u2212';
-const THIN = '\u2009';
+const NARROW_SPACE = '\u202f'; // no line break in a number
 export const NONE = '–';
 
 function grouped(digits: string): string {
-  return digits.length < 4 ? digits : digits.replace(/\B(?=(\d{3})+(?!\d))/g, THIN);
+  return digits.length < 4 ? digits : digits.replace(/\B(?=(\d{3})+(?!\d))/g, NARROW_SPACE);
 }
 
 /** Format a number with fixed decimals. Null and NaN become a dash; `sign` adds + to positive numbers. */

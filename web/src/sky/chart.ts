@@ -9,6 +9,7 @@ import {
   type GeoProjection,
 } from 'd3-geo';
 import type { Figure, Sky } from '../api/types';
+import { placeLabels, type Box, type Want } from './labels';
 import { ecliptic, pather, skyProjection } from './mollweide';
 
 export interface ChartScene {
@@ -22,6 +23,10 @@ export interface ChartScene {
 }
 /** Maximum distance from the boresight at which a constellation is named. */
 const NAMED_RAD = 0.3;
+const FONT = "11.5px 'IBM Plex Sans'";
+const LINE_PX = 14;
+/** Order in which the names of bodies get a free position; planets come after them. */
+const RANKS: Readonly<Record<string, number>> = { Sun: 1, Moon: 2, Earth: 3 };
 type Colour = (name: string) => string;
 type Body = Sky['bodies'][number];
 
@@ -83,7 +88,7 @@ export function drawChart(
   ground(ctx, projection, colour);
   constellations(ctx, projection, scene, colour);
   dots(ctx, projection, scene, colour('star'));
-  bodies(ctx, projection, scene, colour, w);
+  bodies(ctx, projection, scene, colour);
   if (scene.trail.length > 1) {
     ctx.setLineDash([2, 2.5]);
     ctx.strokeStyle = colour('ac');
@@ -106,16 +111,39 @@ export function drawChart(
   }
   const b = scene.boresight;
   const p = b && visible(projection, scene, b.ra, b.dec);
-  if (!p) return;
-  cross(ctx, p, colour('tx1'));
-  label(
-    ctx,
-    'boresight',
-    p[0] - 8 - textWidth(ctx, 'boresight') > 2 ? p[0] - 8 - textWidth(ctx, 'boresight') : p[0] + 9,
-    p[1] - 8,
-    colour('tx2'),
-    colour,
-  );
+  if (p) cross(ctx, p, colour('tx1'));
+  names(ctx, projection, scene, colour, { x: 2, y: 2, w: w - 4, h: h - 4 });
+}
+
+/** Write the names of the boresight, the bodies and the constellations near the boresight, without overlap. */
+function names(
+  ctx: CanvasRenderingContext2D,
+  projection: GeoProjection,
+  scene: ChartScene,
+  colour: Colour,
+  area: Box,
+): void {
+  ctx.font = FONT;
+  const inks = new Map<string, string>();
+  const wants: Want[] = [];
+  const marks: Box[] = [];
+  const add = (name: string, ra: number, dec: number, size: number, rank: number, ink: string): void => {
+    const p = visible(projection, scene, ra, dec);
+    if (!p) return;
+    inks.set(name, ink);
+    wants.push({ key: name, x: p[0], y: p[1], gap: 8, w: ctx.measureText(name).width, h: LINE_PX, rank });
+    if (size) marks.push({ x: p[0] - size / 2, y: p[1] - size / 2, w: size, h: size });
+  };
+  const b = scene.boresight;
+  if (b) add('boresight', b.ra, b.dec, 12, 0, colour('tx2'));
+  for (const { name, ra_deg, dec_deg } of scene.sky?.bodies ?? [])
+    add(name, ra_deg, dec_deg, name === 'Earth' ? 0 : 8, RANKS[name] ?? 4, colour(name === 'Sun' ? 'watch' : 'tx2'));
+  for (const f of b ? scene.figures : []) {
+    const [ra, dec] = geoCentroid({ type: 'MultiPoint', coordinates: f.lines.flat() });
+    if (b && geoDistance([ra, dec], [b.ra, b.dec]) <= NAMED_RAD) add(f.name, ra, dec, 0, 5, colour('tx3'));
+  }
+  for (const { key, x, y } of placeLabels(wants, marks, area))
+    label(ctx, key, x, y + LINE_PX - 3, inks.get(key) ?? '', colour);
 }
 
 function visible(projection: GeoProjection, scene: ChartScene, ra: number, dec: number): [number, number] | null {
@@ -131,7 +159,7 @@ function visible(projection: GeoProjection, scene: ChartScene, ra: number, dec: 
   return projection([ra, dec]);
 }
 
-/** Draw the constellation lines, fainter than the stars, and the names of the constellations near the boresight. */
+/** Draw the constellation lines, fainter than the stars. */
 function constellations(
   ctx: CanvasRenderingContext2D,
   projection: GeoProjection,
@@ -146,15 +174,6 @@ function constellations(
   pather(projection, ctx)({ type: 'MultiLineString', coordinates: scene.figures.flatMap((f) => f.lines) });
   ctx.stroke();
   ctx.globalAlpha = 1;
-  const b = scene.boresight;
-  for (const f of b ? scene.figures : []) {
-    const middle = geoCentroid({ type: 'MultiPoint', coordinates: f.lines.flat() });
-    if (!b || geoDistance(middle, [b.ra, b.dec]) > NAMED_RAD) continue;
-    const p = visible(projection, scene, middle[0], middle[1]);
-    const at = visible(projection, scene, b.ra, b.dec);
-    const under = p && at && Math.hypot(p[0] - at[0], p[1] - at[1]) < 24 ? at[1] + 20 : (p?.[1] ?? 0) + 4;
-    if (p) label(ctx, f.name, p[0] - textWidth(ctx, f.name) / 2, under, colour('tx3'), colour);
-  }
 }
 
 function dots(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: ChartScene, ink: string): void {
@@ -174,13 +193,7 @@ function dots(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: C
  * Draw the bodies and the circles of their exclusion angles, largest body first, because the Earth is the background of
  * the others.
  */
-function bodies(
-  ctx: CanvasRenderingContext2D,
-  projection: GeoProjection,
-  scene: ChartScene,
-  colour: Colour,
-  width: number,
-): void {
+function bodies(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: ChartScene, colour: Colour): void {
   const path = pather(projection, ctx);
   const circle = (body: Body, radius: number): void => {
     ctx.beginPath();
@@ -199,7 +212,7 @@ function bodies(
     ctx.stroke();
     ctx.setLineDash([]);
     const p = visible(projection, scene, body.ra_deg, body.dec_deg);
-    if (p) bodyMark(ctx, p, body.name, ink, colour, width);
+    if (p && body.name !== 'Earth') bodyMark(ctx, p, body.name, ink);
   }
 }
 
@@ -220,45 +233,22 @@ function hatched(ctx: CanvasRenderingContext2D, ink: string, edge: string): void
   ctx.restore();
 }
 
-function bodyMark(
-  ctx: CanvasRenderingContext2D,
-  [x, y]: [number, number],
-  name: string,
-  ink: string,
-  colour: Colour,
-  width: number,
-): void {
+function bodyMark(ctx: CanvasRenderingContext2D, [x, y]: [number, number], name: string, ink: string): void {
   ctx.fillStyle = ink;
   ctx.strokeStyle = ink;
   ctx.beginPath();
-  if (name !== 'Earth') {
-    ctx.arc(x, y, 4, 0, 7);
-    if (name === 'Sun') ctx.fill();
-    else {
-      ctx.stroke();
-      ctx.beginPath();
-      ctx.arc(x, y, 4, Math.PI / 2, (3 * Math.PI) / 2);
-      ctx.fill();
-    }
+  ctx.arc(x, y, 4, 0, 7);
+  if (name === 'Sun') ctx.fill();
+  else {
+    ctx.stroke();
+    ctx.beginPath();
+    ctx.arc(x, y, 4, Math.PI / 2, (3 * Math.PI) / 2);
+    ctx.fill();
   }
-  const wide = textWidth(ctx, name);
-  label(
-    ctx,
-    name,
-    name === 'Earth' ? x - wide / 2 : x + 8 + wide > width - 2 ? x - 8 - wide : x + 8,
-    y + 4,
-    name === 'Sun' ? ink : colour('tx2'),
-    colour,
-  );
-}
-
-function textWidth(ctx: CanvasRenderingContext2D, text: string): number {
-  ctx.font = "11.5px 'IBM Plex Sans'";
-  return ctx.measureText(text).width;
 }
 
 function label(ctx: CanvasRenderingContext2D, text: string, x: number, y: number, ink: string, colour: Colour): void {
-  ctx.font = "11.5px 'IBM Plex Sans'";
+  ctx.font = FONT;
   ctx.lineWidth = 3;
   ctx.lineJoin = 'round';
   ctx.strokeStyle = colour('chart');
