@@ -2,6 +2,7 @@
 # make check  a minute: lint, types, fast tests of what changed since the last commit
 # make test   all checks and tests, from nothing
 # make evidence  all trials of the statistical tests
+# make never-wrong  hours of lists and frames with faults, without one false attitude (never-wrong-daily: minutes)
 # make bench  figures (never part of the tests)
 # make soak   hours of load with limits (HOURS=24 WORKERS=0 BROWSERS=1)
 PYTHON ?= python3
@@ -11,7 +12,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 PORT ?= $(or $(GSS_PORT),8181)
 SIMULATOR ?= $(or $(GSS_SIMULATOR),cubestar)
 
-.PHONY: run check test lint types unit web web-test kernels evidence bench soak lock clean docs
+.PHONY: run check test lint types unit web web-test kernels evidence never-wrong never-wrong-daily bench soak lock clean docs
 
 run: $(VENV)/.run-installed
 	@$(BIN)/python tools/build_web.py --once
@@ -58,6 +59,16 @@ WORKERS ?= 0
 BROWSERS ?= 1
 soak: $(VENV)/.test-installed web
 	$(BIN)/python -m tools.soak $(HOURS) --workers $(WORKERS) --browsers $(BROWSERS)
+
+# Hours of lists and frames with faults: every wrong attitude is a fault. An interrupted run continues. never-wrong-daily: minutes.
+LISTS ?= 1000000
+FRAMES ?= 10000
+never-wrong: $(VENV)/.test-installed kernels
+	$(BIN)/gss experiments never-wrong --attitudes $(LISTS) --frames $(FRAMES) --workers 2
+
+never-wrong-daily: LISTS := 1000
+never-wrong-daily: FRAMES := 20
+never-wrong-daily: never-wrong
 
 bench: $(VENV)/.test-installed
 	$(BIN)/python -m tools.bench

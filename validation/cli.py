@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     for name in names:
         entry(name)
     shelf = None if arguments.keep is None else ResultStore(arguments.keep)
-    done, took = [], {}
+    done: list[StoredRun] = []
     for name in names:
         if sys.stderr.isatty():
             print(f"… {name}", file=sys.stderr, flush=True)
@@ -106,14 +106,13 @@ def run(arguments: argparse.Namespace) -> int:
             stored_run = StoredRun(experiment, trials, round(time.process_time() - began_s, 1), fingerprint())
             if shelf is not None:
                 shelf.keep(stored_run)
-        done.append(stored_run.experiment)
-        took[name] = stored_run.processor_s
+        done.append(stored_run)
         if arguments.json:
-            print(json.dumps(as_record(done[-1]), ensure_ascii=False, allow_nan=False), flush=True)
+            print(json.dumps(as_record(stored_run.experiment), ensure_ascii=False, allow_nan=False), flush=True)
         elif arguments.page is None:
-            print(as_text(done[-1]) + "\n", flush=True)
+            print(as_text(stored_run.experiment) + "\n", flush=True)
     if arguments.page is not None:
-        arguments.page.write_text(as_page(done, __version__, arguments.share, took), "utf-8")
+        arguments.page.write_text(as_page(done, __version__, arguments.share), "utf-8")
     return 0
 
 

@@ -12,11 +12,11 @@ FOLDERS = ("domain", "skytables", "instruments", "pipeline", "catalogue_tools")
 
 
 def fingerprint() -> str:
-    """Return twelve hexadecimal digits that identify the Python files in ``FOLDERS`` of gss and in this package. Other files,
-    for example camera profiles in YAML, are not included."""
+    """Return twelve hexadecimal digits that identify the Python files and the instrument packages (YAML) in ``FOLDERS``
+    of gss and in this package."""
     root, own_folder = Path(gss.__file__).parent, Path(validation.__file__).parent
     digest = hashlib.sha256()
     for folder in (*(root / name for name in FOLDERS), own_folder):
-        for path in sorted(folder.rglob("*.py")):
+        for path in sorted(p for p in folder.rglob("*") if p.suffix in (".py", ".yaml")):
             digest.update(path.relative_to(folder.parent).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()[:12]

@@ -11,7 +11,8 @@ from gss.cli import main
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.experiment import share_interval
 from validation.entries import ENTRIES
-from validation.result_store import as_page, as_text
+from validation.fingerprint import fingerprint
+from validation.result_store import StoredRun, as_page, as_text
 from validation.run import from_record, run_experiment
 
 
@@ -51,7 +52,9 @@ def test_catalogue_tables_are_close_to_the_papers(name: str) -> None:
 def test_every_experiment_prints_text_and_page() -> None:
     """The text and the page contain the label of each row and the source."""
     experiment = run_experiment("erlank-3-6", trials=50)
-    for text in (as_text(experiment), as_page([experiment], "0")):
+    page = as_page([StoredRun(experiment, 50, 1.2, fingerprint())], "0")
+    assert f"sources {fingerprint()}" in page
+    for text in (as_text(experiment), page):
         assert "Erlank 2013 Table 3.6" in text
         assert all(str(row[0]) in text for row in experiment.rows)
 
