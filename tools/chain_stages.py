@@ -38,6 +38,7 @@ DOCUMENT = "always; with `--set acceptance=document` it rejects nothing"
 STAGES: dict[str, tuple[ChainStage, ...]] = {
     "sunsat": (
         ChainStage("dark average of each row", "chains.sunsat_detect:dark_rows_dn", "Jacobs 1995 §2.2.1.2"),
+        ChainStage("background above the dark average", "chains.sunsat_detect:zero_rows_dn", "§2.2.1.2, app. C.1"),
         ChainStage(
             "every third pixel, 4-connected growing, 10–300 px, edge rule",
             "chains.sunsat_detect:find_stars",

@@ -92,7 +92,7 @@ def export_fits(arguments: argparse.Namespace) -> int:
         if not detail.frame.complete:
             print(f"Frame {frame_id} has missing rows and was skipped", file=sys.stderr)
             continue
-        data = fits_file(services.frames.frames.pixels(detail.frame), detail.frame, detail.ground)
+        data = fits_file(services.frames.frames.picture(detail.frame), detail.frame, detail.ground)
         (arguments.out / f"frame-{frame_id}.fits").write_bytes(data)
         written += 1
     print(f"{arguments.out}: {written} files")

@@ -89,11 +89,12 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.row_skew_ms,
         ),
     )
-    arguments.out.write_bytes(png(drawn.pixels))
+    picture = profile.sensor.dark_columns.join(drawn.pixels, drawn.dark)
+    arguments.out.write_bytes(png(picture))
     if arguments.truth:
         arguments.truth.write_text(json.dumps({arguments.out.name: pointing}) + "\n", "utf-8")
     limit = profile.sensor.faint_limit_mag
     bright = int((drawn.truth.v_mag <= limit).sum())
-    rows, columns = drawn.pixels.shape
+    rows, columns = picture.shape
     print(f"{arguments.out}: {columns} x {rows} px, {bright} stars to V {limit:g}, {arguments.false_stars} false stars")
     return 0

@@ -338,7 +338,8 @@ CLAUSES: tuple[Clause, ...] = (
     Clause(
         "7.1",
         "Images are rows from top to bottom; a pixel has one byte up to eight bits, otherwise two bytes, high byte "
-        "first.",
+        "first. If the detector has dark columns, each row of a captured whole image has them in the order of the read-out; "
+        "`columns` counts the light-sensitive columns only. Uploaded images, thumbnails, regions and windows have none.",
     ),
     Clause(
         "7.2",

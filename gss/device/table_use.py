@@ -20,6 +20,7 @@ from gss.pipeline.chains.systems import SYSTEMS, on_board, system
 
 GEOMETRY = ("columns", "rows", "focal_col_px", "focal_row_px", "centre_col_px", "centre_row_px")
 WHOLE = ("columns", "rows", "bits")
+PHOTOMETRY = tuple(f.name for f in fields(Sensor) if f.name != "dark_columns")
 RADIAL = ("radial_1", "radial_2", "radial_3", "radial_4")
 COMMANDED = ("threshold_dn", "min_area_px", "max_area_px")
 """Constants that SET_DETECTION sets; activating a parameter set replaces their values."""
@@ -51,7 +52,7 @@ def calibration_values(profile: CameraProfile) -> dict[str, Scalar]:
         values |= dict(zip(RADIAL, model.radial, strict=False))
     else:
         values |= {n: float(getattr(model, n)) for n in MODELS[NAMES[type(model)]][1]}
-    return values | {f.name: getattr(profile.sensor, f.name) for f in fields(Sensor)}
+    return values | {name: getattr(profile.sensor, name) for name in PHOTOMETRY}
 
 
 def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraProfile:
@@ -61,10 +62,9 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
     if word not in MODELS:
         raise BadInput("unknown distortion model", expected=" | ".join(MODELS), got=word)
     make, coefficients = MODELS[word]
-    sensor_names = tuple(f.name for f in fields(Sensor))
-    unknown = set(values) - {"distortion", *GEOMETRY, *coefficients, *sensor_names}
+    unknown = set(values) - {"distortion", *GEOMETRY, *coefficients, *PHOTOMETRY}
     optional = {*coefficients, *RADIAL} - {"focal_mm", "tilt_max_rad", "tilt_direction_rad"}
-    missing = {*GEOMETRY, *coefficients, *sensor_names} - optional - set(values)
+    missing = {*GEOMETRY, *coefficients, *PHOTOMETRY} - optional - set(values)
     if unknown or missing:
         wrong = ", ".join(sorted(unknown | missing))
         raise BadInput(
@@ -97,7 +97,8 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
     distortion = make({n: numbers[n] for n in coefficients if n in numbers})
     geometry = {n: numbers[n] for n in GEOMETRY if n not in WHOLE}
     camera = Camera(columns=integers["columns"], rows=integers["rows"], **geometry, distortion=distortion)
-    sensor = Sensor(bits=integers["bits"], **{n: numbers[n] for n in sensor_names if n not in WHOLE})
+    photometry = {n: numbers[n] for n in PHOTOMETRY if n not in WHOLE}
+    sensor = Sensor(bits=integers["bits"], dark_columns=profile.sensor.dark_columns, **photometry)
     return replace(profile, camera=camera, sensor=sensor)
 
 

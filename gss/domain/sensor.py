@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from gss.domain.angles import Array
+from gss.domain.dark_columns import NO_DARK_COLUMNS, DarkColumns
 
 
 @dataclass(frozen=True)
 class Sensor:
     """Photometric model of detector and lens.
 
-    ``zero_point_e_s``: electrons per second from a star of V = 0, summed over its image.
+    ``zero_point_e_s``: electrons per second from a star of V = 0, summed over its image. ``dark_columns``:
+    columns that are shielded from light.
     """
 
     bits: int
@@ -30,6 +32,7 @@ class Sensor:
     exposure_min_s: float
     exposure_max_s: float
     exposure_s: float
+    dark_columns: DarkColumns = NO_DARK_COLUMNS
 
     @property
     def saturation_dn(self) -> int:
@@ -63,6 +66,7 @@ class Defects:
     loss grows with the square of the distance from the optical centre. ``corner_blur_px``: additional standard deviation
     of a star image in the corner of a lens with a curved field; the defocus grows with the square of the same distance.
     ``row_skew_ms``: time from the exposure of the first row to that of the last row of a rolling shutter.
+    ``coupling_px``: time constant of an ac-coupled video amplifier in pixel periods; 0: dc coupled.
     """
 
     response_sigma: float = 0.0
@@ -75,6 +79,7 @@ class Defects:
     corner_loss: float = 0.0
     corner_blur_px: float = 0.0
     row_skew_ms: float = 0.0
+    coupling_px: float = 0.0
 
 
 NO_DEFECTS = Defects()

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from gss.domain.camera import Brown, BrownUndistort, Camera, Distortion, Pinhole, RadialTilt
 from gss.domain.camera_profile import zero_point_e_s
+from gss.domain.dark_columns import DarkColumns
 from gss.domain.sensor import Baffle, Sensor
 from gss.instruments.quantities import (
     Angle,
@@ -17,6 +18,7 @@ from gss.instruments.quantities import (
     Charge,
     Coefficient,
     Coefficients,
+    Covered,
     Decay,
     Gain,
     Length,
@@ -43,7 +45,8 @@ TYPICAL_TRANSMISSION = 0.8
 
 class Geometry(Strict):
     """Geometry of detector and lens. Without a stated centre, the optical axis is at the middle of the detector. Pixel
-    centres are at integer (column, row)."""
+    centres are at integer (column, row). ``dark_left``, ``dark_right``: numbers of columns that are shielded from light and
+    are read out before and after ``columns``."""
 
     columns: Pixels
     rows: Pixels
@@ -53,6 +56,8 @@ class Geometry(Strict):
     f_number: Ratio
     centre_column: Place | None = None
     centre_row: Place | None = None
+    dark_left: Covered | None = None
+    dark_right: Covered | None = None
 
     @model_validator(mode="after")
     def _both_centres(self) -> Self:
@@ -209,7 +214,8 @@ class CameraFile(Strict):
 
     def sensor(self) -> Sensor:
         """Return the photometric model."""
-        detector, limits = self.detector, self.limits
+        detector, limits, geometry = self.detector, self.limits, self.geometry
+        left, right = (int(q.value) if q else 0 for q in (geometry.dark_left, geometry.dark_right))
         return Sensor(
             bits=int(detector.bits.value),
             gain_e_per_dn=detector.gain.value,
@@ -225,6 +231,7 @@ class CameraFile(Strict):
             exposure_min_s=limits.exposure_min.value,
             exposure_max_s=limits.exposure_max.value,
             exposure_s=limits.exposure.value,
+            dark_columns=DarkColumns(left, right),
         )
 
     def _zero_point_e_s(self) -> float:

@@ -116,6 +116,7 @@ class DefectsRow(Sourced):
     corner_loss: Fraction = 0.0
     corner_blur_px: Annotated[float, Field(ge=0, le=20)] = 0.0
     row_skew_ms: Annotated[float, Field(ge=0, le=2000)] = 0.0
+    coupling_px: NotNegative = 0.0
 
     def defects(self) -> Defects:
         """Return the values without their source."""

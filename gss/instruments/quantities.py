@@ -70,6 +70,7 @@ def _check(unit: str, low: float, high: float, whole: bool) -> AfterValidator:
 
 
 Pixels = Annotated[Quantity, _check("px", 8, 20_000, True)]
+Covered = Annotated[Quantity, _check("px", 0, 1000, True)]
 Place = Annotated[Quantity, _check("px", -20_000, 40_000, False)]
 Width = Annotated[Quantity, _check("px", 0.05, 50, False)]
 Length = Annotated[Quantity, _check("mm", 0.1, 10_000, False)]

@@ -55,10 +55,12 @@ class Lights:
 
 @dataclass(frozen=True)
 class Rendered:
-    """A (rows, columns) frame, uint8 for up to eight bits and uint16 above, and its ground truth."""
+    """A (rows, columns) frame, uint8 for up to eight bits and uint16 above, and its ground truth. ``dark``: (rows, n) pixels
+    of the dark columns, None for a detector without them."""
 
     pixels: Image
     truth: Truth
+    dark: Image | None = None
 
 
 def render(
@@ -85,9 +87,9 @@ def render(
     ``rate_rad_s``: angular velocity of the camera relative to ICRS in camera axes; ``cam_from_icrs``: attitude at
     mid-exposure. Without ``noise`` the frame is the rounded expectation. The truth lists, brightest first, the stars whose
     mid-exposure position lies on the detector, including faint ones and those hidden by the Earth. ``lights``, ``veil``: other
-    light; ``chip``: detector defects; ``dark_factor`` multiplies the dark current (temperature). ``defects``: field curvature
-    and rolling shutter, whose attitude is that of the middle row; the other values are in ``chip``. Raises :class:`BadInput`
-    if the exposure is not positive or the trails are too long to draw.
+    light; ``chip``: detector defects; ``dark_factor`` multiplies the dark current (temperature). ``defects``: field curvature,
+    coupling of the video amplifier, and rolling shutter, whose attitude is that of the middle row; the other values are in
+    ``chip``. Raises :class:`BadInput` if the exposure is not positive or the trails are too long to draw.
     """
     if not exposure_s > 0:
         raise BadInput("invalid exposure", expected="more than 0 s", got=f"{exposure_s} s")
@@ -104,7 +106,7 @@ def render(
     )
     if veil is not None and veil.blocked is not None:
         light[veil.blocked] = 0.0
-    pixels = expose(
+    picture = expose(
         light,
         sensor,
         exposure_s,
@@ -115,8 +117,11 @@ def render(
         veil_e_s=None if veil is None else veil.e_s,
         chip=chip,
         dark_factor=dark_factor,
+        dark_columns=sensor.dark_columns,
+        coupling_px=defects.coupling_px,
     )
-    return Rendered(pixels, truth_of(near, camera, cam_from_icrs))
+    pixels, dark = sensor.dark_columns.split(picture, camera.columns)
+    return Rendered(pixels, truth_of(near, camera, cam_from_icrs), dark)
 
 
 def stars_near(

@@ -23,8 +23,9 @@ def test_a_rendered_image_is_solved_at_its_pointing(
     command = ["render", *pointing, "--out", str(out), "--truth", str(truth), "--false-stars", "3", "--epoch", "2026"]
     assert main(command) == 0
     assert "3 false stars" in capsys.readouterr().out
-    shape = shipped_registry().camera(camera).camera
-    assert np.asarray(Image.open(out)).shape == (shape.rows, shape.columns)
+    profile = shipped_registry().camera(camera)
+    columns = profile.camera.columns + profile.sensor.dark_columns.count
+    assert np.asarray(Image.open(out)).shape == (profile.camera.rows, columns)
     assert json.loads(truth.read_text()) == {"orion.png": [84.0, -2.0, 30.0]}
     assert main(["solve", str(out), "--camera", camera, "--epoch", "2026", "--truth", str(truth)]) == 0
 

@@ -84,12 +84,27 @@ def test_the_ground_reproduces_an_iteration_bit_for_bit(make_bench: Make, camera
         commanded = Commanded(threshold_dn, least, most, prior.radius_rad(mode))
         parameters = chain.parameters(profile, frame.exposure_ms / 1000, commanded, mode)
         hint = prior.hint(mode, float(reported["frame_time_s"]))
-        result = solve(chain, frame.pixels, Work(profile.camera, prepared, parameters, mode, hint))
+        result = solve(chain, frame.pixels, Work(profile.camera, prepared, parameters, mode, hint, frame.dark))
         quaternion = np.array([float(reported[f"quaternion_{a}"]) for a in "xyzw"])
         assert result.attitude is not None
         assert (result.attitude.quaternion == quaternion).all()
         prior = prior.after(quaternion, float(reported["frame_time_s"]))
     assert len(prior.earlier) == 2
+
+
+def test_sunsats_image_includes_its_dark_columns(make_bench: Make) -> None:
+    """The image memory and the downloaded image contain 3 + 752 + 40 columns in the order of the read-out (Jacobs 1995
+    §2.2.1.2), and the detection uses the dark columns."""
+    bench = ready_bench(make_bench, "sunsat")
+    bench.do("RUN_ITERATION", seconds=70)
+    frame = bench.tracker.slots[0]
+    picture = np.frombuffer(frame.data, np.uint8).reshape(582, 795)
+    assert (picture[:, 3:755] == frame.pixels).all()
+    assert frame.dark is not None
+    assert (np.delete(picture, slice(3, 755), axis=1) == frame.dark).all()
+    assert bench.tracker.imager.frame_size == picture.size
+    assert bench.tracker.detection is not None
+    assert "43 dark columns" in bench.tracker.detection.notes[0]
 
 
 def test_three_attitudes_in_a_row_are_stored_and_a_failure_clears_them(bench: Bench) -> None:

@@ -125,7 +125,7 @@ def repeat_on_ground(bench: Bench, camera: str, settings: object) -> np.ndarray:
     commanded = Commanded(float(settings["threshold_dn"]) or None, least, most, PriorState().radius_rad(mode))  # type: ignore[index]
     parameters = chain.parameters(profile, frame.exposure_ms / 1000, commanded, mode)
     prepared = chain.prepare(decode(bench.memory.content("B")), profile)
-    result = solve(chain, frame.pixels, Work(profile.camera, prepared, parameters, mode, None))
+    result = solve(chain, frame.pixels, Work(profile.camera, prepared, parameters, mode, None, frame.dark))
     assert result.attitude is not None
     return result.attitude.quaternion
 

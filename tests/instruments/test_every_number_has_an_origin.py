@@ -22,6 +22,8 @@ FROM_DOCUMENTS: dict[str, dict[str, tuple[float | tuple[float, ...], str]]] = {
     "sunsat": {
         "geometry.columns": (752, "§1.1"),
         "geometry.rows": (582, "§1.1"),
+        "geometry.dark_left": (3, "§2.2.1.2"),
+        "geometry.dark_right": (40, "§2.2.1.2"),
         "geometry.pitch_column": (0.0065, "§1.1"),
         "geometry.pitch_row": (0.00625, "§1.1"),
         "geometry.focal_length": (25, "§9.1"),

@@ -30,6 +30,19 @@ def test_a_frame_is_unchanged_by_upload_and_download(shape: Shape) -> None:
     assert (picture.rows_held, picture.boxes, picture.complete) == (((0, 29),), (), True)
 
 
+@pytest.mark.parametrize("shape", [Shape(40, 30, 8, 4), Shape(40, 30, 12, 4)])
+def test_complete_rows_keep_their_dark_columns(shape: Shape) -> None:
+    """A captured image includes its dark columns, an uploaded one has none, and both are unchanged by the download. Missing rows
+    are found with the length of the complete rows."""
+    captured = np.concatenate([noise(shape.bits), noise(shape.bits)[:, :4]], axis=1)
+    for image in (captured, noise(shape.bits)):
+        picture = picture_of("frame", wire_bytes(image, shape), shape, None, [])
+        assert np.array_equal(picture.pixels, image)
+    row = 44 * shape.wire.itemsize
+    part = picture_of("frame", wire_bytes(captured, shape), shape, None, [(2 * row, 5 * row)])
+    assert part.rows_held == ((2, 4),)
+
+
 @pytest.mark.parametrize("shape", [EIGHT, TWELVE])
 def test_an_incomplete_frame_lists_its_complete_rows(shape: Shape) -> None:
     """An incomplete frame lists the rows without a missing byte."""

@@ -54,6 +54,34 @@ def test_world_coordinates_follow_the_camera_over_the_whole_detector(name, movin
     assert (header["INSTRUME"], header["EXPTIME"]) == (name, 0.25)
 
 
+def test_dark_columns_are_exported_and_the_coordinates_remain_at_the_stars():
+    """Complete rows are exported; keywords state the dark columns, and the world coordinates are those of the light-sensitive
+    columns."""
+    profile = shipped_camera("sunsat")
+    attitude = cam_from_icrs(*np.radians([84.0, -60.0, 313.0]))
+    taken, parameters = datetime(2026, 12, 1, tzinfo=UTC), {"dark_columns": [3, 40]}
+    frame = Frame(id=1, taken=taken, time_known=True, profile="sunsat", columns=752, rows=582, parameters=parameters)
+    solution = Solution(
+        quaternion=quaternion_from_matrix(attitude).tolist(),
+        camera=record_of(profile.camera),
+        chain="reference",
+        version="1",
+        matched=9,
+        detail={},
+    )
+    with fits.open(io.BytesIO(fits_file(np.zeros((582, 795), np.uint8), frame, solution))) as file:
+        wcs, header = WCS(file[0].header), file[0].header
+    assert header["NAXIS1"] == 795
+    assert (header["DATASEC"], header["DARKSEC1"], header["DARKSEC2"]) == (
+        "[4:755,1:582]",
+        "[1:3,1:582]",
+        "[756:795,1:582]",
+    )
+    pixel = np.array([[200.0, 300.0]])
+    ra_dec = np.degrees(np.column_stack(ra_dec_from_unit(profile.camera.unproject(pixel) @ attitude)))
+    assert wcs.all_world2pix(ra_dec, 0) - [3, 0] == pytest.approx(pixel, abs=0.1)
+
+
 def true_directions(apparent):
     """Return (n, 3) directions from which erfa's aberration for the observer's velocity gives the apparent ones."""
     true = apparent.copy()

@@ -9,6 +9,7 @@ import pytest
 
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import BadInput
+from gss.domain.sensor import Defects
 from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded
@@ -16,12 +17,13 @@ from gss.pipeline.chains.sunsat import find_in_frame
 from gss.pipeline.chains.sunsat_detect import (
     Streak,
     brightness_dn,
-    dark_rows_dn,
     find_stars,
     gravity_centroids,
     magnitudes,
     moved,
     shapes,
+    sky_rows_dn,
+    zero_rows_dn,
 )
 from gss.pipeline.chains.sunsat_onboard import SunsatChain
 from gss.pipeline.chains.sunsat_parameters import SOURCES, SunsatParameters, default_parameters
@@ -66,15 +68,62 @@ def test_commanded_values_are_used() -> None:
     assert lost.hint_error_rad == PARAMETERS.hint_error_rad
 
 
-def test_dark_average_follows_each_row_and_ignores_stars() -> None:
+def test_sky_level_follows_each_row_and_ignores_stars() -> None:
     """A drifting offset (§2.2.1.2) is measured per row within 0.35 DN, also in rows with stars."""
     rng = np.random.default_rng(1)
     drift = np.linspace(20, 8, 582)
     frame = np.rint(drift[:, None] + rng.normal(0, 1.2, (582, 752)))
     frame[100:110, 300:320] = 200
-    dark = dark_rows_dn(frame.astype(np.uint8), PARAMETERS.dark_clip_dn)
+    dark = sky_rows_dn(frame.astype(np.uint8), PARAMETERS.dark_clip_dn)
     assert np.max(np.abs(dark - drift)) < 0.35
     assert abs(float(np.mean(dark - drift))) < 0.05
+
+
+@pytest.mark.parametrize("background_dn", [0.0, 3.0])
+def test_dark_average_is_the_mean_of_43_dark_columns(background_dn: float) -> None:
+    """The level of a row is its dark average plus the background of the rows around it, also if an object covers most of
+    the row."""
+    rng = np.random.default_rng(3)
+    drift = np.linspace(20, 8, 582)[:, None]
+    dark = np.rint(drift + rng.normal(0, 1.2, (582, 43))).astype(np.uint8)
+    frame = np.rint(drift + background_dn + rng.normal(0, 1.2, (582, 752)))
+    frame[100:110, :500] += 20
+    zero_dn, note = zero_rows_dn(frame.astype(np.uint8), dark, PARAMETERS)
+    assert np.max(np.abs(zero_dn - background_dn - drift[:, 0])) < 5 * 1.25 / np.sqrt(43)
+    assert abs(float(np.mean(zero_dn - drift[:, 0])) - background_dn) < 0.06
+    assert "43 dark columns" in note
+    without = zero_rows_dn(frame.astype(np.uint8), None, PARAMETERS)[0]
+    assert np.abs(without - drift[:, 0])[100:110].min() > 10 + background_dn
+
+
+def test_background_follows_uneven_stray_light() -> None:
+    """Stray light that grows by 20 levels from the first to the last row leaves an error below one level."""
+    rng = np.random.default_rng(4)
+    stray = np.linspace(0, 20, 582)
+    dark = np.rint(10 + rng.normal(0, 1.2, (582, 43))).astype(np.uint8)
+    frame = np.rint(10 + stray[:, None] + rng.normal(0, 1.2, (582, 752))).astype(np.uint8)
+    zero_dn, _ = zero_rows_dn(frame, dark, PARAMETERS)
+    assert np.max(np.abs(zero_dn - 10 - stray)) < 1.5
+    assert np.sqrt(np.mean((zero_dn - 10 - stray) ** 2)) < 0.3
+
+
+def test_stars_of_a_drifting_image_are_found_with_dark_columns() -> None:
+    """The ac-coupled amplifier changes the level of the rows; the stars of the image have the same positions as without
+    the drift."""
+    spots = [FalseStar(100 + 60 * k, 40 + 50 * k, 4.5) for k in range(10)]
+    sensor = replace(SENSOR, background_e_s=600.0)
+    parameters = default_parameters(replace(PROFILE, sensor=sensor))
+    lists = []
+    for coupling_px in (0.0, 57800.0):
+        rng, defects = np.random.default_rng(2), Defects(coupling_px=coupling_px)
+        frame = render(NO_STARS, CAMERA, sensor, np.eye(3), 0.5, rng, false_stars=spots, defects=defects)
+        lists.append(find_in_frame(frame.pixels, parameters, frame.dark).centroids.pixels)
+        lists[-1] = lists[-1][np.argsort(lists[-1][:, 0])]
+        assert frame.dark is not None
+        fall_dn = float(frame.dark[:20:2].mean() - frame.dark[-20:].mean())
+        assert fall_dn > 6 if coupling_px else abs(fall_dn) < 0.3
+    assert len(lists[0]) == len(lists[1]) == 10
+    assert np.max(np.abs(lists[0] - lists[1])) < 0.2
 
 
 def test_drift_of_the_offset_does_not_hide_stars() -> None:
@@ -212,7 +261,7 @@ def test_a_window_gives_the_same_result_as_the_frame() -> None:
     """A star in a part of the frame has the same position and brightness as in the whole frame."""
     rng = np.random.default_rng(5)
     frame = render(NO_STARS, CAMERA, SENSOR, np.eye(3), 0.5, rng, false_stars=[FalseStar(400.3, 200.7, 4.0)]).pixels
-    level = frame - dark_rows_dn(frame, PARAMETERS.dark_clip_dn)[:, None]
+    level = frame - sky_rows_dn(frame, PARAMETERS.dark_clip_dn)[:, None]
     whole_frame = find_stars(level, PARAMETERS)
     # A part that starts at a multiple of three has the same scan grid.
     part = moved(find_stars(level[180:222, 381:420], PARAMETERS), 381, 180)

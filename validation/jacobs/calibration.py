@@ -176,7 +176,7 @@ def _image(
     place = stars.icrs + SEEING_RAD * rng.normal(size=stars.icrs.shape)
     observed = replace(stars, v_mag=seen_mag, icrs=place / np.linalg.norm(place, axis=1, keepdims=True))
     picture = render(observed, profile.camera, profile.sensor, attitude, profile.sensor.exposure_s, rng, chip=chip)
-    centroids = find_in_frame(picture.pixels, replace(parameters, max_found=60)).centroids
+    centroids = find_in_frame(picture.pixels, replace(parameters, max_found=60), picture.dark).centroids
     result = solve_centroids(centroids, start, names)
     saturation_dn = float(profile.sensor.saturation_dn - profile.sensor.bias_dn - 2)
     frame = frame_stars(name, result, stars, exposure_s=parameters.exposure_s, saturation_dn=saturation_dn)

@@ -101,7 +101,7 @@ def _run(stars: StarTable, catalogue: object, false: int, rng: np.random.Generat
             else _other_sensors(attitude, rng)
         )
         tally.starts += not previous
-        work = Work(sunsat.camera, catalogue, parameters, Mode.TRACKING, hint)
+        work = Work(sunsat.camera, catalogue, parameters, Mode.TRACKING, hint, frame.dark)
         result = solve(chain, with_discs(frame.pixels, false, rng), work)
         verdict = assess(result, frame.truth, sunsat.camera).verdict
         tally.frames += 1

@@ -11,6 +11,7 @@ from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.experiment import Cell, Experiment, Progress, share_text
 from gss.domain.results import Centroids, Outcome, SolveResult, Verdict
 from gss.domain.rotation import quaternion_from_matrix, rotation_from_vector
+from gss.domain.sensor import Defects
 from gss.domain.stars import StarTable
 from gss.instruments.golden import build_golden
 from gss.instruments.package import Instrument
@@ -148,11 +149,19 @@ class ShippedUnit:
         """Render and process one frame. Returns the quaternion, None without a solution."""
         profile, chain = self.profile, self.chain
         frame = render(
-            self._sky, profile.camera, profile.sensor, attitude, exposure_s, rng, rate_rad_s=rate_rad_s, chip=self._chip
+            self._sky,
+            profile.camera,
+            profile.sensor,
+            attitude,
+            exposure_s,
+            rng,
+            rate_rad_s=rate_rad_s,
+            chip=self._chip,
+            defects=Defects(coupling_px=profile.defects.coupling_px),
         )
         mode = prior.usable(requested, time_s, chain.oldest_attitude_s)
         parameters = chain.parameters(profile, exposure_s, Commanded(hint_radius_rad=prior.radius_rad(mode)), mode)
-        work = Work(profile.camera, self._catalogue, parameters, mode, prior.hint(mode, time_s))
+        work = Work(profile.camera, self._catalogue, parameters, mode, prior.hint(mode, time_s), frame.dark)
         detection = chain.find_centroids(frame.pixels, work)
         matching = chain.match_stars(detection.centroids, work)
         solution = chain.calculate_attitude(matching, detection.centroids, work)

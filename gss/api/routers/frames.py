@@ -193,7 +193,7 @@ def histogram(app: App, frame_id: RowId) -> HistogramOut:
 def fits_file(app: App, frame_id: RowId) -> Response:
     """Frame as FITS, with the WCS of the operational ground solution."""
     detail = app.frames.frames.detail(frame_id)
-    data = fits_bytes(app.frames.frames.pixels(detail.frame), detail.frame, detail.ground)
+    data = fits_bytes(app.frames.frames.picture(detail.frame), detail.frame, detail.ground)
     headers = {"Content-Disposition": f"attachment; filename=frame-{frame_id}.fits"}
     return Response(data, media_type="application/fits", headers=headers)
 

@@ -194,7 +194,8 @@ class StarTracker:
         requested_mode = Mode.LOST_IN_SPACE if self.mode == STANDBY else Mode(self.mode)
         mode = self.prior.usable(requested_mode, frame.time_s, self.chain.oldest_attitude_s)
         parameters = self._parameters(frame.exposure_ms, self._commanded(mode), mode)
-        return Work(self.tables.profile.camera, catalogue, parameters, mode, self.prior.hint(mode, frame.time_s))
+        hint = self.prior.hint(mode, frame.time_s)
+        return Work(self.tables.profile.camera, catalogue, parameters, mode, hint, frame.dark)
 
     def detect(self, frame: StoredFrame) -> tuple[Work, Detection]:
         """Detect centroids without storing them."""

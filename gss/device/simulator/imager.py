@@ -48,7 +48,13 @@ class Imager:
 
     @property
     def frame_size(self) -> int:
-        """Size of one image in bytes."""
+        """Size in bytes of one image as read out, with the dark columns."""
+        sensor = self.profile.sensor
+        return self.upload_size + self.profile.camera.rows * sensor.dark_columns.count * (1 if sensor.bits <= 8 else 2)
+
+    @property
+    def upload_size(self) -> int:
+        """Size in bytes of an uploaded image, which has no dark columns."""
         camera = self.profile.camera
         return camera.columns * camera.rows * (1 if self.profile.sensor.bits <= 8 else 2)
 
@@ -111,12 +117,25 @@ class Imager:
         record.frames += 1
         exposure = self._sky.expose(mid_s, exposure_ms / 1000, record.frames)
         pixels = self._with_faults(self._amplified(exposure.pixels), record.frames)
+        dark = None if exposure.dark is None else self._amplified(exposure.dark)
         self.repeated = (
             self._last is not None and self._last.shape == pixels.shape and bool((self._last == pixels).all())
         )
         self._last = pixels
-        bits = self.profile.sensor.bits
-        frame = StoredFrame(record.frames, slot, pixels, exposure_ms, device_s, "captured", mode, bits, exposure.truth)
+        sensor = self.profile.sensor
+        frame = StoredFrame(
+            record.frames,
+            slot,
+            pixels,
+            exposure_ms,
+            device_s,
+            "captured",
+            mode,
+            sensor.bits,
+            exposure.truth,
+            dark,
+            sensor.dark_columns,
+        )
         self.slots[slot] = frame
         return frame
 
@@ -173,8 +192,11 @@ class Imager:
 
     def sram(self, address: int, length: int) -> bytes:
         """Return bytes of the image memories, which are contiguous. Empty memories read as zeros."""
-        out, size = bytearray(), self.frame_size
-        for at in range(address, address + length):
-            frame = self.slots.get(at // size)
-            out.append(frame.data[at % size] if frame else 0)
-        return bytes(out)
+        size = self.frame_size
+        first, last = address // size, (address + max(0, length - 1)) // size
+        memory = bytearray()
+        for slot in range(first, last + 1):
+            data = self.slots[slot].data if slot in self.slots else b""
+            memory += data.ljust(size, b"\0")
+        start = address - first * size
+        return bytes(memory[start : start + length])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gss.domain.dark_columns import NO_DARK_COLUMNS, DarkColumns
 from gss.domain.results import Truth
 
 SLOTS = 4
@@ -16,7 +17,9 @@ Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True)
 class StoredFrame:
-    """One image memory. ``time_s``: device time of mid-exposure. ``truth``: only for images of the simulated sky."""
+    """One image memory. ``time_s``: device time of mid-exposure. ``truth``: only for images of the simulated sky.
+    ``dark``: (rows, n) pixels
+    of the dark columns, None for an uploaded image or a detector without them."""
 
     number: int
     slot: int
@@ -27,11 +30,14 @@ class StoredFrame:
     mode: str
     bits: int
     truth: Truth | None = None
+    dark: Pixels | None = None
+    dark_columns: DarkColumns = NO_DARK_COLUMNS
 
     @property
     def data(self) -> bytes:
-        """Pixel bytes, rows from top to bottom; one byte per pixel up to eight bits, otherwise two, high byte first."""
-        return frame_bytes(self.pixels)
+        """Pixel bytes, rows from top to bottom with their dark columns; one byte per pixel up to eight bits, otherwise two,
+        high byte first."""
+        return frame_bytes(self.dark_columns.join(self.pixels, self.dark))
 
 
 def frame_bytes(pixels: Pixels) -> bytes:

@@ -65,9 +65,9 @@ class Openings:
         if kind != "image" or target >= SLOTS:
             raise Rejection("not_found", f"there is no place to write: {kind} {target}")
         self._check_image_memory()
-        if size != self._tracker.imager.frame_size:
-            reason = "too_large" if size > self._tracker.imager.frame_size else "bad_length"
-            raise Rejection(reason, f"an image has {self._tracker.imager.frame_size} B, got {size}")
+        expected = self._tracker.imager.upload_size
+        if size != expected:
+            raise Rejection("too_large" if size > expected else "bad_length", f"an image has {expected} B, got {size}")
         return self._open_image(request_id, target, size, chunk_bytes, digest, now_s)
 
     def _check_image_memory(self) -> None:

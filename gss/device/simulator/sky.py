@@ -10,13 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gss.catalogue_tools.corrections.corrections import aberrate
 from gss.catalogue_tools.corrections.ephemeris import Bodies, BodyDisc
 from gss.catalogue_tools.corrections.instrument_magnitude import as_seen_by
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.device.simulator.environment import Environment
+from gss.device.simulator.images import Pixels
 from gss.device.simulator.orbit import Motion, Pose
 from gss.domain.angles import Array
 from gss.domain.camera_profile import CameraProfile
@@ -36,10 +36,11 @@ NEAR_FIELD_RAD = float(np.radians(1.0))
 
 @dataclass(frozen=True)
 class SimulatedExposure:
-    """One image and the ground truth at mid-exposure."""
+    """One image and the ground truth at mid-exposure. ``dark``: (rows, n) pixels of the dark columns, if the detector has any."""
 
-    pixels: NDArray[np.uint8] | NDArray[np.uint16]
+    pixels: Pixels
     truth: Truth
+    dark: Pixels | None = None
 
 
 class SimulatedSky:
@@ -86,7 +87,7 @@ class SimulatedSky:
             dark_factor=world.dark_factor,
             defects=world.defects,
         )
-        return SimulatedExposure(drawn.pixels, drawn.truth)
+        return SimulatedExposure(drawn.pixels, drawn.truth, drawn.dark)
 
     def _apparent(self, pose: Pose, time_s: float, exposure_s: float) -> StarTable:
         if not self.environment.aberration:

@@ -14,6 +14,7 @@ from gss.domain.camera import Camera, Pinhole
 from gss.domain.camera_record import camera_from
 from gss.domain.frames import ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
+from gss.operations.frames.frame_values import dark_columns_of
 from gss.operations.frames.pictures import Pixels
 from gss.store.models import Frame, Solution
 
@@ -22,18 +23,25 @@ GRID_POINTS = 41
 SIP_ORDER = 7
 
 
-def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
-    """Return a frame as a FITS file. If the solution has an attitude, the header contains a gnomonic WCS of catalogue positions.
-    SIP polynomials describe the camera's distortion, and aberration if the solution was corrected for it."""
+def fits_file(picture: Pixels, frame: Frame, solution: Solution | None) -> bytes:
+    """Return the complete rows of a frame as a FITS file. If the rows have dark columns, DATASEC and DARKSECn state which
+    columns are light-sensitive and dark. If the solution has an attitude, the header contains a gnomonic WCS of catalogue
+    positions. SIP polynomials describe the camera's distortion, and aberration if the solution was corrected for it."""
     from astropy.io import fits
 
-    hdu = fits.PrimaryHDU(np.ascontiguousarray(pixels))
+    hdu = fits.PrimaryHDU(np.ascontiguousarray(picture))
     header = hdu.header
     if frame.time_known:
         header["DATE-OBS"] = frame.taken.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3]
         header["MJD-OBS"] = (frame.taken - MJD_ZERO).total_seconds() / 86400
     header["OBJECT"] = f"frame {frame.id}"
     header["CREATOR"] = "gss"
+    dark = dark_columns_of(frame)
+    if dark.count:
+        first, last = dark.left + 1, dark.left + frame.columns
+        header["DATASEC"] = f"[{first}:{last},1:{frame.rows}]"
+        for k, (a, b) in enumerate(((1, dark.left), (last + 1, last + dark.right))):
+            header[f"DARKSEC{k + 1}"] = f"[{a}:{b},1:{frame.rows}]"
     if frame.exposure_s is not None:
         header["EXPTIME"] = (frame.exposure_s, "s")
     if frame.profile:
@@ -47,6 +55,7 @@ def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
             camera_from(solution.camera), attitude, None if velocity_c is None else np.array(velocity_c, float)
         )
         header.update(_world_coordinates(view))
+        header["CRPIX1"] += dark.left
         header["HISTORY"] = f"attitude by {solution.chain} {solution.version}, {solution.matched} stars"
     buffer = io.BytesIO()
     hdu.writeto(buffer)

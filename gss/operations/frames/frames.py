@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.camera_profile import CameraProfile
+from gss.domain.dark_columns import NO_DARK_COLUMNS, DarkColumns
 from gss.domain.errors import BadInput, GssError, NotFound
 from gss.domain.results import SolveResult
 from gss.domain.stars import StarTable
@@ -19,6 +20,7 @@ from gss.instruments.registry import Registry
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frames.frame_files import ImportedFrame, read_frame
+from gss.operations.frames.frame_values import dark_columns_of, frame_values
 from gss.operations.frames.observer import epoch_of_frame, observer_of_frame
 from gss.operations.frames.onboard_reported import reported_of
 from gss.operations.frames.onboard_results import OnboardRecord, onboard_result
@@ -35,8 +37,7 @@ from gss.store.models import Frame, Solution
 Pixels = NDArray[np.generic]
 SOLVES_AT_ONCE = 2
 SAME_FRAME = timedelta(minutes=1)
-"""Maximum difference between two times of the same frame. The times can differ because they can come from different
-clock correlations."""
+"""Maximum difference between two times of the same frame, which can be from different clock correlations."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +100,6 @@ class FrameService:
             except Exception as error:  # after a failure, only the first frame is slower
                 self._bus.record("solution", "warning", f"The {chain} chain could not run: {error}")
 
-    # --- storing ------------------------------------------------------------------------------------------------
-
     def add_from_device(self, pixels: Pixels, values: Mapping[str, Any]) -> Frame:
         """Store a downlinked frame and queue it for solving. ``values``: columns of its row."""
         frame, pixels = self._add(pixels, source="device", **values)
@@ -145,19 +144,13 @@ class FrameService:
             return store.has_number(session, number, taken - SAME_FRAME, taken + SAME_FRAME)
 
     def _add(self, pixels: Pixels, **values: Any) -> tuple[Frame, Pixels]:
-        """Store the pixels and the row of a frame. Return the row, and the pixels in the form that :meth:`pixels` returns."""
+        """Store the pixels and the row of a frame. Return the row, and the pixels in the form that :meth:`picture` returns."""
         little = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<"))
         byte_view = little.data.cast("B")  # avoids another copy of a large frame's bytes
         key = self._blobs.put(byte_view, little.itemsize)
-        rows, columns = little.shape
-        row: dict[str, object] = {
-            "received": self._now(),
-            "name": "",
-            "complete": True,
-            "rows_held": [[0, rows - 1]],
-            "parameters": {},
-        }
-        row |= {"columns": columns, "rows": rows, "dtype": little.dtype.str, "sha256": key} | values
+        documented = self._instruments.find_camera(values.get("profile"))
+        row: dict[str, object] = {"received": self._now(), "name": "", "complete": True, "sha256": key}
+        row |= frame_values(little, documented, values)
         row["stored_bytes"] = self._blobs.size(key)
         row["instrument_version"] = self._instruments.version_of(values.get("profile"))
         with self._database.unit_of_work() as session:
@@ -168,8 +161,6 @@ class FrameService:
         little = little.view()
         little.flags.writeable = False
         return frame, little
-
-    # --- queries ------------------------------------------------------------------------------------------------
 
     def get(self, frame_id: int) -> Frame:
         """Return the frame with that id. Raises NotFound."""
@@ -190,8 +181,19 @@ class FrameService:
         with self._database.unit_of_work() as session:
             return store.newest_in_slot(session, slot, bits)
 
+    def dark_columns(self, profile_name: str) -> DarkColumns:
+        """Return the dark columns of a documented camera; none for an unknown camera."""
+        profile = self._instruments.find_camera(profile_name)
+        return profile.sensor.dark_columns if profile else NO_DARK_COLUMNS
+
     def pixels(self, frame: Frame) -> Pixels:
-        """Return a frame as a (rows, columns) array. Raises NotFound if retention removed its pixels."""
+        """Return the light-sensitive pixels of a frame as a (rows, columns) array. Raises NotFound if retention removed
+        them."""
+        return dark_columns_of(frame).split(self.picture(frame), frame.columns)[0]
+
+    def picture(self, frame: Frame) -> Pixels:
+        """Return the complete rows of a frame, with the dark columns if the frame has any. Raises NotFound if retention removed
+        its pixels."""
         if frame.pixels_removed is not None:
             raise NotFound(
                 "the pixels of this frame were removed; its metadata and solutions are kept",
@@ -199,7 +201,7 @@ class FrameService:
                 hint="to view them, restore an earlier backup into another folder",
             )
         data = np.frombuffer(self._blobs.get(frame.sha256), np.dtype(frame.dtype))
-        return data.reshape(frame.rows, frame.columns)
+        return data.reshape(frame.rows, frame.columns + dark_columns_of(frame).count)
 
     def page(self, limit: int, offset: int, **filters: Any) -> tuple[int, list[tuple[Frame, Solution | None]]]:
         """Return the total number of frames, and one page of frames with their operational ground solutions."""
@@ -237,18 +239,16 @@ class FrameService:
         self._add_overlays(frame, row)
         return row
 
-    # --- solving ------------------------------------------------------------------------------------------------
-
     def solve(self, frame_id: int, request: SolveRequest) -> Solution:
         """Run a chain on a stored frame, store the result and return it with its overlays. The result becomes the operational
         solution if the frame has none and the result is from the configured chain with the frame's camera."""
         frame = self.get(frame_id)
-        return self.solution(self._solve(frame, self.pixels(frame), request).id)
+        return self.solution(self._solve(frame, self.picture(frame), request).id)
 
     def preview(self, frame_id: int, request: SolveRequest) -> Solution:
         """Run a chain on a stored frame and return the result with its overlays, without storing it. Its id is 0."""
         frame = self.get(frame_id)
-        row = self._solved(frame, self.pixels(frame), request)
+        row = self._solved(frame, self.picture(frame), request)
         row.id, row.operational = 0, False
         self._add_overlays(frame, row)
         return row
@@ -286,7 +286,7 @@ class FrameService:
     def _solve_on_arrival(self, frame: Frame, stored_pixels: Pixels | None) -> None:
         frame_id = frame.id
         try:
-            pixels = self.pixels(frame) if stored_pixels is None else stored_pixels
+            pixels = self.picture(frame) if stored_pixels is None else stored_pixels
             request = SolveRequest(
                 chain=self._chain,
                 profile=frame.profile,

@@ -68,6 +68,10 @@ def draw(profile: CameraProfile, request: RenderRequest) -> Rendered:
         rng,
         rate_rad_s=request.rate_rad_s,
         noise=request.noise,
-        defects=Defects(corner_blur_px=request.corner_blur_px, row_skew_ms=request.row_skew_ms),
+        defects=Defects(
+            corner_blur_px=request.corner_blur_px,
+            row_skew_ms=request.row_skew_ms,
+            coupling_px=profile.defects.coupling_px,
+        ),
         false_stars=[FalseStar(float(c), float(r), float(v)) for (c, r), v in zip(positions, v_mag, strict=True)],
     )

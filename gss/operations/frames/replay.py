@@ -112,11 +112,13 @@ class ReplayService:
         shelf = self._shelf(frame)
         profile, chain, mode = shelf.profile, shelf.chain, _mode(record)
         parameters = parameters_with(shelf.parameters, profile, frame.exposure_s, commanded(frame, record), mode)
-        pixels: Any = self._frames.pixels(frame)
+        picture: Any = self._frames.picture(frame)
+        pixels, dark = profile.sensor.dark_columns.split(picture, profile.camera.columns)
         hint = record.prior.hint(mode, _frame_time_s(record))
         if mode is not Mode.LOST_IN_SPACE and hint is None:
             raise GssError("the initial attitude of the sensor was not received")
-        work = Work(profile.camera, self._prepared(shelf, frame.bank_sha256 or "", bank), parameters, mode, hint)
+        prepared = self._prepared(shelf, frame.bank_sha256 or "", bank)
+        work = Work(profile.camera, prepared, parameters, mode, hint, dark)
         trace = Trace(self._stopwatch_s)
         result = solve(chain, without_bad_pixels(pixels, shelf.bad_pixels), work, trace=trace)
         stages: Any = trace.kept

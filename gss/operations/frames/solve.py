@@ -112,8 +112,8 @@ class Solver:
         self._dark = dark
 
     def solve(self, pixels: NDArray[Any], request: SolveRequest) -> SolveResult:
-        """Solve one (rows, columns) frame. A frame without a solution returns a result with outcome NONE. An invalid request raises
-        BadInput or NotFound."""
+        """Solve one (rows, columns) frame, or complete rows with the dark columns of the camera. A frame without a solution
+        returns a result with outcome NONE. An invalid request raises BadInput or NotFound."""
         if request.chain not in CHAINS:
             raise NotFound("unknown chain", expected=" | ".join(CHAINS), got=request.chain)
         profile, camera = _camera_of(request, self._profiles)
@@ -148,8 +148,10 @@ class Solver:
     def cleaned(
         self, pixels: NDArray[Any], profile: CameraProfile | None, exposure_s: float | None
     ) -> tuple[NDArray[Any], tuple[str, ...]]:
-        """Subtract the dark frame if one is active. Return the pixels and notes that describe the correction. Chains that emulate a
-        sensor use the uncorrected pixels."""
+        """Subtract the dark frame if one is active. Return the light-sensitive pixels and notes that describe the correction.
+        Chains that emulate a sensor use the uncorrected pixels."""
+        if profile is not None:
+            pixels, _ = profile.sensor.dark_columns.split(pixels, profile.camera.columns)
         key = profile.sources.get(DARK, "") if profile else ""
         if profile is None or not key or self._dark is None:
             return pixels, ()
@@ -201,7 +203,8 @@ class Solver:
         chain, started = system(request.chain), request.started or _started(request.hint)
         prepared = self.cache.prepared(chain, profile, epoch_jyear)
         parameters = _parameters(chain, profile, started, request.options)
-        work = Work(profile.camera, prepared, parameters, started.mode, started.hint)
+        pixels, dark = profile.sensor.dark_columns.split(pixels, profile.camera.columns)
+        work = Work(profile.camera, prepared, parameters, started.mode, started.hint, dark)
         result = solve(chain, pixels, work, self._stopwatch_s)
         return replace(_noted(result, profile, epoch_jyear), options=as_text(dict(request.options)))
 

@@ -155,7 +155,8 @@ class FrameIntake:
     def _store(self, transfer: Transfer, data: bytes, number: int, held_bytes: Sequence[tuple[int, int]]) -> Later:
         """Prepare the frame's row from the current data, and return the task in which the writer stores the pixels."""
         hello, kind, facts = self._link.hello, transfer.kind, self._records.facts_for(transfer, number)
-        shape = shape_of(facts.info, *((hello.columns, hello.rows, hello.bits) if hello else (0, 0, 0)))
+        dark_columns = self._frames.dark_columns(hello.profile).count if hello else 0
+        shape = shape_of(facts.info, *((hello.columns, hello.rows, hello.bits) if hello else (0, 0, 0)), dark_columns)
         part = Part(**transfer.options["part"]) if transfer.options.get("part") else None
         picture = picture_of(kind, data, shape, part, held_bytes)
         values = self._row_values(transfer, number, facts) | {

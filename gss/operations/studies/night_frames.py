@@ -116,11 +116,14 @@ def solve_shots(
     for k, shot in enumerate(shots):
         progress(k / len(shots), f"{shot.name}, {k + 1} of {len(shots)}")
         try:
-            pixels = shot.pixels()
-            result = solver.solve(pixels, request_of(shot, profile, fov_rad, chain, camera))
+            picture = shot.pixels()
+            result = solver.solve(picture, request_of(shot, profile, fov_rad, chain, camera))
         except BadInput as error:
             account.append({"name": shot.name, "used": False, "reason": str(error)})
             continue
+        pixels = picture
+        if profile is not None:
+            pixels, _ = profile.sensor.dark_columns.split(picture, profile.camera.columns)
         stars = matched_stars(solver, shot, pixels, result, profile)
         account.append({"name": shot.name, "used": stars is not None, "reason": "" if stars else result.reason})
         if stars is not None:
@@ -142,7 +145,7 @@ def stack(shots: Sequence[Shot], profile: CameraProfile) -> NDArray[Any]:
     camera."""
     images = []
     for shot in shots:
-        image = shot.pixels()
+        image, _ = profile.sensor.dark_columns.split(shot.pixels(), profile.camera.columns)
         if image.shape != (profile.camera.rows, profile.camera.columns):
             raise BadInput(
                 f"{shot.name} was taken with another camera",

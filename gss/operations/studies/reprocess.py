@@ -24,6 +24,7 @@ from gss.domain.json_object import JsonObject
 from gss.domain.words import counted
 from gss.instruments.registry import Registry
 from gss.operations.clock import Now, stopwatch_s
+from gss.operations.frames.frame_values import dark_columns_of
 from gss.operations.frames.observer import epoch_of_frame, observer_of_frame
 from gss.operations.frames.solve import CHAINS, options_of
 from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, Keep, Progress
@@ -234,7 +235,7 @@ def _task(frame: Frame, request: ReprocessRequest) -> Task:
         frame.sha256,
         frame.dtype,
         frame.rows,
-        frame.columns,
+        frame.columns + dark_columns_of(frame).count,
         profile=frame.profile or request.profile,
         truth=frame.truth,
         observer=observer,

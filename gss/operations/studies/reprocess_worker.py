@@ -25,7 +25,7 @@ from gss.store.blobs import BlobStore
 
 @dataclass(frozen=True)
 class Task:
-    """Data that a worker needs about one frame."""
+    """Data that a worker needs about one frame. ``columns``: number of stored columns, with the dark columns."""
 
     frame_id: int
     sha256: str

@@ -24,11 +24,12 @@ Box = tuple[int, int, int, int]
 @dataclass(frozen=True)
 class Shape:
     """Format of an image on board: columns, rows, bits per pixel. Pixels with more than eight bits are sent as two
-    bytes, high byte first."""
+    bytes, high byte first. ``dark_columns``: number of dark columns that each row of a captured image has in addition."""
 
     columns: int
     rows: int
     bits: int
+    dark_columns: int = 0
 
     @property
     def wire(self) -> np.dtype[Any]:
@@ -48,23 +49,26 @@ class DeviceImage:
     complete: bool
 
 
-def shape_of(info: Mapping[str, Any], columns: int, rows: int, bits: int) -> Shape:
+def shape_of(info: Mapping[str, Any], columns: int, rows: int, bits: int, dark_columns: int = 0) -> Shape:
     """Return the format from the report of the image. For values that the report does not contain, use the values of
     the detector."""
-    return Shape(int(info.get("columns") or columns), int(info.get("rows") or rows), int(info.get("bits") or bits or 8))
+    size = int(info.get("columns") or columns), int(info.get("rows") or rows)
+    return Shape(*size, int(info.get("bits") or bits or 8), dark_columns)
 
 
 def picture_of(
     kind: str, data: bytes, shape: Shape, part: Part | None, held_bytes: Sequence[tuple[int, int]]
 ) -> DeviceImage:
-    """Return the pixels of a transfer. ``held_bytes``: half-open ranges of received bytes, empty if all bytes were
-    received. Raises CorruptData."""
+    """Return the pixels of a transfer. The rows of a captured image include the dark columns. ``held_bytes``: half-open
+    ranges of received bytes, empty if all bytes were received. Raises CorruptData."""
     if kind == "star_windows":
         return _windows(data)
     if kind == "region" and part is not None:
         return _region(data, shape, part, held_bytes)
     factor = THUMBNAIL_FACTOR if kind == "thumbnail" else 1
     columns = shape.columns // factor
+    if kind == "frame" and len(data) == (columns + shape.dark_columns) * shape.rows * shape.wire.itemsize:
+        columns += shape.dark_columns  # an uploaded image has no dark columns
     pixels = _grid(data, columns, shape.wire)
     rows = _complete_rows(held_bytes, columns * shape.wire.itemsize, len(pixels))
     return DeviceImage(pixels, rows, (), not held_bytes)
@@ -118,7 +122,7 @@ def _windows(data: bytes) -> DeviceImage:
 def wire_bytes(pixels: NDArray[np.generic], shape: Shape) -> bytes:
     """Convert a stored frame to the format of the image memory. Raises BadInput if the frame does not fit the
     detector."""
-    if pixels.shape != (shape.rows, shape.columns):
+    if pixels.shape not in ((shape.rows, shape.columns), (shape.rows, shape.columns + shape.dark_columns)):
         got = f"{pixels.shape[1]} x {pixels.shape[0]} px"
         raise BadInput("the frame does not fit the detector", expected=f"{shape.columns} x {shape.rows} px", got=got)
     if pixels.dtype.kind != "u":

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gss.device.protocol.windows import SIDE_RANGE_PX
 from gss.device.session_transfer import Part
+from gss.domain.dark_columns import DarkColumns
 from gss.domain.errors import BadInput, GssError
 from gss.operations.line.link import LinkService
 from gss.operations.transfers.device_frames import Shape, wire_bytes
@@ -36,7 +37,9 @@ class StoredFrames(Protocol):
 
     def newest_in_slot(self, slot: int, bits: int) -> Frame | None: ...
 
-    def pixels(self, frame: Frame) -> NDArray[np.generic]: ...
+    def picture(self, frame: Frame) -> NDArray[np.generic]: ...
+
+    def dark_columns(self, profile_name: str) -> DarkColumns: ...
 
 
 class Downloads:
@@ -77,7 +80,9 @@ class Downloads:
         if hello is None or frame is None or frame.number is None:
             return None
         try:
-            data = wire_bytes(self._frames.pixels(frame), Shape(hello.columns, hello.rows, hello.bits))
+            dark_columns = self._frames.dark_columns(hello.profile).count
+            shape = Shape(hello.columns, hello.rows, hello.bits, dark_columns)
+            data = wire_bytes(self._frames.picture(frame), shape)
         except GssError:  # the stored image cannot be used: its pixels were removed, or another sensor took it
             return None
         return StoredContent(frame.id, frame.number, data)

@@ -106,13 +106,14 @@ def with_commanded(base: P, camera: Camera, commanded: Commanded, mode: Mode) ->
 @dataclass(frozen=True)
 class Work:
     """Input for processing one frame: ``catalogue`` from ``prepare``, ``parameters`` from ``parameters``, the ``mode`` and,
-    unless lost in space, the ``hint``."""
+    unless lost in space, the ``hint``. ``dark``: (rows, n) pixels of the detector's dark columns, None if the frame has none."""
 
     camera: Camera
     catalogue: Any
     parameters: Any
     mode: Mode = Mode.LOST_IN_SPACE
     hint: AttitudePrior | None = None
+    dark: Pixels | None = None
 
 
 class OnboardChain(Protocol):

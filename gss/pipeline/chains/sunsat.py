@@ -19,7 +19,7 @@ from gss.pipeline.chains import proof
 from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.onboard import Detection, OnboardSolution
 from gss.pipeline.chains.sunsat_bound import Census, census, confirmed, false_match_probability, in_view
-from gss.pipeline.chains.sunsat_detect import brightest, dark_rows_dn, find_stars
+from gss.pipeline.chains.sunsat_detect import brightest, find_stars, zero_rows_dn
 from gss.pipeline.chains.sunsat_match import SunsatCatalogue, SunsatMatching, candidates
 from gss.pipeline.chains.sunsat_parameters import SunsatParameters
 from gss.pipeline.chains.sunsat_track import off_prediction_px
@@ -28,13 +28,13 @@ from gss.pipeline.regions import Pixels
 FOCAL_TOLERANCES = 2.0
 
 
-def find_in_frame(pixels: Pixels, parameters: SunsatParameters) -> Detection:
-    """Find the stars in a whole frame (Jacobs 1995 §2.2)."""
-    dark_dn = dark_rows_dn(pixels, parameters.dark_clip_dn, parameters.search_step_px)
-    detected = find_stars(pixels.astype(np.float32) - dark_dn.astype(np.float32)[:, None], parameters)
+def find_in_frame(pixels: Pixels, parameters: SunsatParameters, dark: Pixels | None = None) -> Detection:
+    """Find the stars in a whole frame (Jacobs 1995 §2.2). ``dark``: (rows, n) pixels of the dark columns."""
+    zero_dn, note = zero_rows_dn(pixels, dark, parameters)
+    detected = find_stars(pixels.astype(np.float32) - zero_dn.astype(np.float32)[:, None], parameters)
     centroids = detected.centroids.take(brightest(detected.centroids))
-    notes = (detected.stopped,) if detected.stopped else ()
-    return Detection(detected.regions, centroids, detected.invalid, float(np.median(dark_dn)), notes)
+    notes = (note, detected.stopped) if detected.stopped else (note,)
+    return Detection(detected.regions, centroids, detected.invalid, float(np.median(zero_dn)), notes)
 
 
 def match_stars(

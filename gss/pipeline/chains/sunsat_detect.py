@@ -1,4 +1,4 @@
-"""Star detection of Sunsat (Jacobs 1995 §2.2): dark average per row, scan, region growing, shape, centroid, magnitude.
+"""Star detection of Sunsat (Jacobs 1995 §2.2): dark average of each row, scan, region growing, shape, centroid, magnitude.
 
 The functions work on a whole frame and, for tracking, on a window. They do not modify the frame, so the document's step
 of restoring the search area is not needed.
@@ -20,6 +20,7 @@ Levels = NDArray[np.floating]
 NO_LIMIT = 1 << 40
 # Error added by the threshold cut for a star whose peak equals the threshold; measured on rendered frames.
 CUT_PX = 0.15
+BAND_ROWS = 30
 
 
 @dataclass(frozen=True)
@@ -50,14 +51,35 @@ class DetectedStars:
     stopped: str
 
 
-def dark_rows_dn(pixels: Pixels, clip_dn: float, step_px: int = 3) -> Array:
-    """Return the (rows,) dark averages of the rows.
+def zero_rows_dn(pixels: Pixels, dark: Pixels | None, p: SunsatParameters) -> tuple[Array, str]:
+    """Return the (rows,) levels from which the brightness of the pixels is measured, and a note that describes them.
 
-    The document averages 43 covered columns of the same row, because the video amplifier's offset drifts while a frame
-    is read (§2.2.1.2). The frames here have no covered columns, so the sky between the stars is used instead. The
-    average is the mean of every third pixel of the row, without pixels that differ from the median by more than
-    ``clip_dn``. It includes sky light, so Δth is relative to the sky and not to the dark level.
+    ``dark``: (rows, n) pixels of the dark columns. Their average is the dark average of a row, which follows the drift of
+    the video amplifier's offset (§2.2.1.2, §8.5.2). The background light raises the threshold above it. The document does
+    not state how this amount is determined. Here it is the median of the sky level above the dark average over ``BAND_ROWS``
+    rows, interpolated between the bands, because stray light is uneven. The compensation of eq. 2.11 remains relative to
+    the sky, because light of the sky is not light of the star. A frame without dark columns uses the sky level of each row
+    instead.
     """
+    sky_dn = sky_rows_dn(pixels, p.dark_clip_dn, p.search_step_px)
+    if dark is None:
+        return sky_dn, "no dark columns, level of each row from the sky between the stars"
+    dark_dn = dark_rows_dn(dark)
+    bands = np.array_split(np.arange(len(dark_dn)), max(1, len(dark_dn) // BAND_ROWS))
+    band_dn = [float(np.median((sky_dn - dark_dn)[band])) for band in bands]
+    background_dn = np.interp(np.arange(len(dark_dn)), [band.mean() for band in bands], band_dn)
+    above = f"sky {np.median(background_dn):.2f} levels above it"
+    return dark_dn + background_dn, f"dark average of each row from {dark.shape[1]} dark columns, {above}"
+
+
+def dark_rows_dn(dark: Pixels) -> Array:
+    """Return the (rows,) dark averages of the (rows, n) pixels of the dark columns (§2.2.1.2)."""
+    return np.asarray(dark.mean(axis=1))
+
+
+def sky_rows_dn(pixels: Pixels, clip_dn: float, step_px: int = 3) -> Array:
+    """Return the (rows,) sky levels: the mean of every third pixel of a row, without pixels that differ from the median by
+    more than ``clip_dn``."""
     sample = pixels[:, ::step_px]
     middle = np.partition(sample, sample.shape[1] // 2, axis=1)[:, sample.shape[1] // 2].astype(float)
     near = np.abs(sample - middle[:, None]) <= clip_dn
@@ -65,7 +87,7 @@ def dark_rows_dn(pixels: Pixels, clip_dn: float, step_px: int = 3) -> Array:
 
 
 def find_stars(level_dn: Levels, parameters: SunsatParameters, streak: Streak | None = None) -> DetectedStars:
-    """Find the stars of a (rows, columns) search area; ``level_dn``: pixel values above each row's dark average."""
+    """Find the stars of a (rows, columns) search area; ``level_dn``: pixel values above :func:`zero_rows_dn`."""
     p = parameters
     limits = SearchLimits(p.min_area_px, p.max_area_px, NO_LIMIT, NO_LIMIT, p.edge_rule)
     candidates = search(level_dn, p.threshold_dn, limits, p.search_step_px)

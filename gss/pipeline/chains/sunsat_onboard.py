@@ -47,8 +47,8 @@ class SunsatChain:
     def find_centroids(self, pixels: Pixels, work: Work) -> Detection:
         if work.mode is Mode.TRACKING:
             hint = check_hint(work.mode, work.hint)
-            return find_in_windows(pixels, work.camera, work.catalogue, work.parameters, hint)
-        return sunsat.find_in_frame(pixels, work.parameters)
+            return find_in_windows(pixels, work.camera, work.catalogue, work.parameters, hint, work.dark)
+        return sunsat.find_in_frame(pixels, work.parameters, work.dark)
 
     def match_stars(self, centroids: Centroids, work: Work) -> SunsatMatching:
         if work.mode is Mode.TRACKING:

@@ -29,8 +29,8 @@ SOURCES: dict[str, str] = {
     "elongation_slack_px": "Jacobs 1995 eq. 2.9: two",
     "direction_from_px": "Jacobs 1995 §2.2.3: direction is evaluated from an elongation of five",
     "direction_rad": "Jacobs 1995 eq. 2.10: 30°",
-    "dark_clip_dn": "GSS: the frame has no dark columns; a row's dark average is the mean of its pixels within this "
-    "range of the median",
+    "dark_clip_dn": "GSS: the sky level of a row is the mean of its pixels within this range of the median; the document "
+    "does not state how the background above the dark average is determined",
     "k_area": "Jacobs 1995 app. C.1: two",
     "k_illum_lux": "Jacobs 1995 app. C.1: the mean over stars of the range, with fixed k_area; GSS: over model stars of the "
     "profile and exposure, because eq. 6.24's 16e-9 applies to its exposure and levels",

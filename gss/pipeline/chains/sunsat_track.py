@@ -20,10 +20,10 @@ from gss.pipeline.chains.sunsat_detect import (
     Streak,
     brightest,
     brightness_dn,
-    dark_rows_dn,
     find_stars,
     magnitudes,
     moved,
+    zero_rows_dn,
 )
 from gss.pipeline.chains.sunsat_match import SunsatCatalogue, SunsatMatching, last_attitude, widest_pair
 from gss.pipeline.chains.sunsat_parameters import CENTROID_ERROR_PX, FASTEST_RAD_S, FURTHEST_RAD, SunsatParameters
@@ -138,19 +138,25 @@ def _streaks(rate_px_s: Array, v_mag: Array, p: SunsatParameters) -> tuple[Strea
 
 
 def find_in_windows(
-    pixels: Pixels, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: AttitudePrior
+    pixels: Pixels,
+    camera: Camera,
+    catalogue: SunsatCatalogue,
+    p: SunsatParameters,
+    hint: AttitudePrior,
+    dark: Pixels | None = None,
 ) -> Detection:
     """Find stars in the windows of expected stars, one window at a time until three fit (§4.1.4.1), then a few more for
-    confirmation. Every window is cut from the unmodified frame. A star that is detected in two windows is used once."""
+    confirmation. Every window is cut from the unmodified frame. A star that is detected in two windows is used once.
+    ``dark``: (rows, n) pixels of the dark columns."""
     expected = expected_stars(camera, catalogue, p, hint)
-    dark_dn = dark_rows_dn(pixels, p.dark_clip_dn, p.search_step_px)
+    zero_dn, level_note = zero_rows_dn(pixels, dark, p)
     window_stars: list[DetectedStars] = []
     stars = Centroids.from_pixels(np.empty((0, 2)))
     end = len(expected)
     for k in range(len(expected)):
         if k >= end:
             break
-        detected = _search_window(pixels, dark_dn, expected, k, p)
+        detected = _search_window(pixels, zero_dn, expected, k, p)
         window_stars.append(detected)
         fresh = _new_ones(stars, detected.centroids)
         stars = _joined(stars, detected.centroids.take(fresh))
@@ -162,21 +168,21 @@ def find_in_windows(
         for r in detected.regions:
             regions.setdefault((r.col_min, r.row_min, r.col_max, r.row_max), r)
     centroids = stars.take(brightest(stars))
-    note = f"searched {len(window_stars)} of {len(expected)} windows"
+    notes = (f"searched {len(window_stars)} of {len(expected)} windows", level_note)
     return Detection(
-        tuple(regions.values()), centroids, sum(f.invalid for f in window_stars), float(np.median(dark_dn)), (note,)
+        tuple(regions.values()), centroids, sum(f.invalid for f in window_stars), float(np.median(zero_dn)), notes
     )
 
 
 def _search_window(
-    pixels: Pixels, dark_dn: Array, expected: ReferenceStars, k: int, p: SunsatParameters
+    pixels: Pixels, zero_dn: Array, expected: ReferenceStars, k: int, p: SunsatParameters
 ) -> DetectedStars:
     rows, columns = pixels.shape
     col, row = np.rint(expected.pixels[k]).astype(int).tolist()
     r = int(expected.radius_px[k])
     left, top = max(0, col - r), max(0, row - r)
     right, bottom = min(columns, col + r + 1), min(rows, row + r + 1)
-    level = pixels[top:bottom, left:right].astype(np.float32) - dark_dn[top:bottom, None].astype(np.float32)
+    level = pixels[top:bottom, left:right].astype(np.float32) - zero_dn[top:bottom, None].astype(np.float32)
     return moved(find_stars(level, p, None if expected.streak is None else expected.streak[k]), left, top)
 
 
