@@ -195,6 +195,13 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             scene="few",
         ),
         ChainStage("angular rate", "rates:rate_between", "§7.2", "`--sequence --interval S`"),
+        ChainStage(
+            "LIST: angular rate from stars without a catalogue",
+            "chains.star_rates:rate_from_stars",
+            "Table 1.3, §5.5",
+            "`gss rate FILES --camera far_mst --interval S`; with `--set max_centroids=3 --set acceptance=document` three stars",
+            scene="rate",
+        ),
         ChainStage("selection of the matcher", "chains.far_mst_match:match_stars", "Fig. 8.2", "`--set matcher=auto`"),
         ChainStage("QUEST with covariance", "attitude:quest", "eq. 6.34"),
         ChainStage(

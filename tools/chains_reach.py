@@ -89,6 +89,8 @@ def command(scene: Scene, stage: ChainStage) -> tuple[str, ...]:
     """Return the arguments of ``gss`` that reach a stage."""
     if stage.scene == "dark":
         return ("calibrate", *map(str, scene.dark), "--camera", scene.system, "--darks")
+    if stage.scene == "rate":
+        return ("rate", *map(str, scene.plain), "--camera", scene.system, "--interval", "1")
     if stage.scene == "experiment":
         (words,) = re.findall(r"`gss ([^`]*)`", stage.reach)
         return (*words.split(), "--trials", "40")

@@ -17,6 +17,7 @@ from validation.huffman.centroids import huffman_4_2, huffman_4_4
 from validation.huffman.detection import huffman_7_2
 from validation.huffman.magnitudes import huffman_5_3
 from validation.huffman.matching import huffman_8_2
+from validation.huffman.rates import huffman_1_3
 from validation.huffman.triangles import huffman_5_4
 from validation.jacobs.calibration import jacobs_6
 from validation.jacobs.catalogue import jacobs_5_1, jacobs_5_2
@@ -54,6 +55,7 @@ ENTRIES: dict[str, ExperimentEntry] = {
         ExperimentEntry("erlank-4-4b", "Best-case accuracy of the attitude", erlank_4_4b, 300),
         ExperimentEntry("erlank-6-1", "Accuracy of an Earth-fixed camera", erlank_6_1, 100),
         ExperimentEntry("erlank-6-2", "Tracking while slewing", erlank_6_2, 4),
+        ExperimentEntry("huffman-1-3", "LIST: rates from stars without a catalogue", huffman_1_3, 50),
         ExperimentEntry("huffman-4-2", "Maximum likelihood against weighted sum", huffman_4_2, 10),
         ExperimentEntry("huffman-4-4", "Centroid error against PSF width and SNR", huffman_4_4, 2_000),
         ExperimentEntry("huffman-5-1", "Limiting magnitude for a number of stars", huffman_5_1, 10_000),

@@ -27,6 +27,7 @@ COMMANDS = {
     "instrument": ("instrument", "list, check, add and compare instrument packages"),
     "solve": ("solve", "find the attitude of images of the sky"),
     "compile": ("compile", "compile the solver's loops in advance, so that the first frame is not delayed"),
+    "rate": ("rate", "measure angular rates between images from their stars, without a catalogue"),
     "render": ("render", "render a test image of the sky at a pointing"),
     "solve-lists": ("solve_lists", "find the attitudes of lists of measured stars"),
     "calibrate": ("night", "calibrate a camera's geometry, photometry and detector from its frames"),

@@ -43,13 +43,20 @@ def rate_between(first: Attitude, second: Attitude, interval_s: float) -> Rate:
     second_from_first = exp(−[φ]×). A rotation of more than about 170° between two images cannot be distinguished from the
     opposite rotation and raises :class:`BadInput`, as does an interval that is not positive.
     """
+    second_from_first = second.cam_from_icrs @ first.cam_from_icrs.T
+    rotated_covariance = second_from_first @ first.covariance_rad2 @ second_from_first.T
+    return rate_of_rotation(second_from_first, rotated_covariance + second.covariance_rad2, interval_s)
+
+
+def rate_of_rotation(second_from_first: Array, covariance_rad2: Array, interval_s: float) -> Rate:
+    """Return the constant angular velocity of a (3, 3) rotation in ``interval_s``. ``covariance_rad2``: (3, 3) of the small
+    rotation vector in the second camera frame. See :func:`rate_between`."""
     if not interval_s > 0:
         raise BadInput(
             "no rate can be computed for two images of the same time",
             expected="an interval above 0 s",
             got=f"{interval_s:g} s",
         )
-    second_from_first = second.cam_from_icrs @ first.cam_from_icrs.T
     rotation_rad = -vector_from_rotation(second_from_first)
     if np.linalg.norm(rotation_rad) > HALF_TURN_RAD:
         raise BadInput(
@@ -57,6 +64,4 @@ def rate_between(first: Attitude, second: Attitude, interval_s: float) -> Rate:
             expected=f"less than {np.degrees(HALF_TURN_RAD):.0f}°",
             got=f"{np.degrees(np.linalg.norm(rotation_rad)):.0f}°",
         )
-    rotated_covariance = second_from_first @ first.covariance_rad2 @ second_from_first.T
-    covariance = (rotated_covariance + second.covariance_rad2) / interval_s**2
-    return Rate(rotation_rad / interval_s, covariance, interval_s)
+    return Rate(rotation_rad / interval_s, covariance_rad2 / interval_s**2, interval_s)

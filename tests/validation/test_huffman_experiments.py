@@ -16,6 +16,7 @@ from validation.huffman.detection import huffman_7_2
 from validation.huffman.frames import TABLE_5_2, TABLE_7_1, frame, scattered
 from validation.huffman.magnitudes import huffman_5_3
 from validation.huffman.matching import huffman_8_2
+from validation.huffman.rates import RATES_DEG_S, huffman_1_3
 from validation.huffman.triangles import (
     huffman_5_4,
     planar_area,
@@ -188,3 +189,15 @@ def test_attitude_methods_agree_and_predict_their_errors() -> None:
         assert float(str(row[6])) < 1e-3
         assert [float(r) for r in str(row[4]).split(", ")] == pytest.approx([1, 1, 1], abs=0.25)
         assert float(str(row[3])) > 2 * float(str(row[1]))
+
+
+def test_rates_without_a_catalogue_meet_the_goals_of_list() -> None:
+    """All stars give a rate in nearly every interval up to 1°/s, within 70″ and 1080″, and no rate is wrong."""
+    experiment = huffman_1_3(load_stars(6.5), 3, 2, _no_progress)
+    assert [row[0] for row in experiment.rows] == [rate for rate in RATES_DEG_S for _ in range(2)]
+    for row in experiment.rows:
+        cells = dict(zip(experiment.columns, row, strict=True))
+        assert cells["wrong"] == 0
+        if "all stars" in str(row[1]) and float(str(row[0])) <= 1:
+            assert float(str(cells["intervals with a rate (95 %)"]).split()[0]) >= 88
+            assert float(str(cells["within 70″ and 1080″ (95 %)"]).split()[0]) >= 95

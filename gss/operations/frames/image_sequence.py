@@ -22,7 +22,7 @@ from gss.operations.frames.solve import Solver, SolveRequest
 from gss.operations.frames.system_sequence import SystemSequencer
 from gss.pipeline.chains.systems import SYSTEMS
 from gss.pipeline.identify.near import BoundedPrior
-from gss.pipeline.rates import rate_between
+from gss.pipeline.rates import Rate, rate_between
 from gss.pipeline.score import score
 from gss.pipeline.streaks import with_sign_of
 
@@ -100,14 +100,17 @@ class Sequencer:
         interval_s = (taken_at - taken_before).total_seconds() if taken_at and taken_before else self._interval_s
         if interval_s is None or interval_s <= 0:
             return None
-        rate = rate_between(before, attitude, interval_s)
-        sigma = [math.degrees(s) if math.isfinite(s) else None for s in rate.sigma_rad_s]
-        return {
-            "interval_s": interval_s,
-            "deg_s": [float(v) for v in np.degrees(rate.vector_rad_s)],
-            "sigma_deg_s": sigma,
-            "speed_deg_s": math.degrees(rate.speed_rad_s),
-        }
+        return rate_record(rate_between(before, attitude, interval_s))
+
+
+def rate_record(rate: Rate) -> RateRecord:
+    """Return a rate in degrees per second."""
+    return {
+        "interval_s": rate.interval_s,
+        "deg_s": [float(v) for v in np.degrees(rate.vector_rad_s)],
+        "sigma_deg_s": [math.degrees(s) if math.isfinite(s) else None for s in rate.sigma_rad_s],
+        "speed_deg_s": math.degrees(rate.speed_rad_s),
+    }
 
 
 def truth_record(result: SolveResult, cam_from_icrs: Array, stars: StarTable) -> TruthRecord | None:
