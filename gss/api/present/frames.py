@@ -21,6 +21,7 @@ from gss.api.schemas.frames import (
 )
 from gss.api.schemas.replays import FrameReplayOut, ReplayStageOut
 from gss.domain.angles import wrap_pi_rad
+from gss.domain.failure_cause import cause_of
 from gss.domain.frames import attitudes_agree, pointing_difference_rad, ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
 from gss.operations.frames.frames import FrameDetail
@@ -112,6 +113,7 @@ def solution_detail(row: Solution) -> SolutionDetailOut:
     optional = ("hip", "name", "v_mag", "dx_px", "dy_px", "dx_arcsec", "dy_arcsec", "weight")
     return SolutionDetailOut(
         **dict(solution(row)),
+        cause=cause_of(row.reason),
         turning=_turning(detail.get("turning")),
         aberration_arcsec=arcsec(math.hypot(*detail["velocity_c"])) if detail.get("velocity_c") else None,
         versions=detail.get("versions", {}),

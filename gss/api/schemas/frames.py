@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from gss.api.schemas.base import MAX_ID, In, Out, Utc
+from gss.domain.failure_cause import FailureCause
 from gss.domain.json_object import JsonObject
 from gss.operations.frames.overlay import GridLine, PredictedStar, RegionOverlay
 from gss.operations.requests import ChainOptions
@@ -145,9 +146,11 @@ class TurningOut(Out):
 
 
 class SolutionDetailOut(SolutionOut):
-    """Solution with all overlay data. ``aberration_arcsec``: largest corrected aberration shift; null: not corrected.
+    """Solution with all overlay data. ``cause``: cause of a failure that the solver has determined, or "".
+    ``aberration_arcsec``: largest corrected aberration shift; null: not corrected.
     ``versions``: versions of the code used, by name."""
 
+    cause: FailureCause
     turning: TurningOut | None
     aberration_arcsec: float | None
     versions: dict[str, str]

@@ -18,6 +18,7 @@ from gss.domain.aberration import aberrate
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
+from gss.domain.failure_cause import MIRRORED
 from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult, Turning
 from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.sensor import Sensor
@@ -45,7 +46,6 @@ EXPLAINED = 0.3
 """Minimum share of identified stars, relative to the number of detected or expected stars, whichever is smaller.
 Correct matches have a share of nearly 1. In one of a few thousand (mostly mirrored) frames, an accidental match has a
 share of a quarter, whatever its false-match probability."""
-MIRRORED = "the frame is mirrored: only its left-right mirror image matches the sky. The optics or the file mirror it"
 
 
 @dataclass(frozen=True)

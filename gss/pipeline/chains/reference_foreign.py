@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
+from gss.domain.failure_cause import MIRRORED
 from gss.domain.results import Centroids, SolveResult
-from gss.pipeline.chains.reference import MIRRORED, as_velocity, mirrored, solved, turning_of, unsolved
+from gss.pipeline.chains.reference import as_velocity, mirrored, solved, turning_of, unsolved
 from gss.pipeline.detect import find_stars
 from gss.pipeline.identify.blind import BlindResult, identify_blind
 from gss.pipeline.identify.blind_proof import with_aberration

@@ -14,6 +14,7 @@ from scipy.special import bdtrc
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
+from gss.domain.failure_cause import OTHER_FOCAL_LENGTH
 from gss.pipeline.small import best_rotation, distances2
 
 Rows = NDArray[np.intp]
@@ -75,7 +76,7 @@ def focal_objection(
         return ""
     return (
         f"{at_scale_one} stars of the bank are where the focal length of the camera puts them, "
-        f"{counts[best]} where one of {100 * (OTHERS[best] - 1):+.2g} % would: it is not this focal length"
+        f"{counts[best]} where one of {100 * (OTHERS[best] - 1):+.2g} % would: {OTHER_FOCAL_LENGTH}"
     )
 
 

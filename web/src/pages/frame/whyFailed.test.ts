@@ -14,6 +14,7 @@ const region = (width: number, height: number, rejected = ''): Run['regions'][nu
 const run = (over: Partial<Run>): Run => ({
   chain: 'cubestar',
   reason: 'no match',
+  cause: '',
   found: 20,
   matched: 0,
   regions: Array.from({ length: 20 }, () => region(4, 4)),
@@ -29,8 +30,8 @@ const causeOf = (over: Partial<Run>): [string, string | undefined] => {
 
 describe('the likely cause of a run without a solution', () => {
   it.each([
-    ['mirrored', { reason: 'the frame is mirrored: only its reverse is in the sky' }, 'mirrored', undefined],
-    ['scale', { reason: 'it is not this focal length' }, 'scale of the image differs', 'Solve without a camera'],
+    ['mirrored', { cause: 'mirrored' }, 'mirrored', undefined],
+    ['scale', { cause: 'scale' }, 'scale of the image differs', 'Solve without a camera'],
     [
       'trails',
       { regions: Array.from({ length: 8 }, () => region(20, 2)), found: 8 },

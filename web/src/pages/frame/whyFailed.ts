@@ -19,7 +19,7 @@ export interface Explanation {
   cause: string;
   remedy: Remedy | null;
 }
-type Run = Pick<SolutionDetail, 'chain' | 'reason' | 'found' | 'matched' | 'regions' | 'stars' | 'camera_name'>;
+type Run = Pick<SolutionDetail, 'chain' | 'reason' | 'cause' | 'found' | 'matched' | 'regions' | 'stars' | 'camera_name'>;
 
 /** Minimum number of stars for an attitude that can be verified. */
 export const MIN_STARS = 4;
@@ -91,9 +91,9 @@ function causeOf(
       : { label: 'Run the reference chain', chain: 'reference', blind: false, profile: frame.profile };
   const blind: Remedy = { label: 'Solve without a camera', chain: 'reference', blind: true, profile: null };
   const isBlind = run.camera_name === 'blind';
-  if (/mirrored/.test(run.reason))
+  if (run.cause === 'mirrored')
     return { cause: 'The image is mirrored. Reverse the file from left to right and import it again.', remedy: null };
-  if (/focal length/.test(run.reason))
+  if (run.cause === 'scale')
     return { cause: 'The scale of the image differs from that of the assumed camera.', remedy: isBlind ? null : blind };
   const boxes = run.regions.filter((r) => r.area_px >= 6);
   if (boxes.length >= MIN_STARS && median(boxes.map(elongation)) >= LONG)
