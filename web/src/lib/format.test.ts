@@ -1,5 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import {
+  beside,
   bytes,
   clock,
   counted,
@@ -15,9 +16,15 @@ import {
 } from './format';
 
 describe('numbers', () => {
-  it('writes a true minus and a thin group space', () => {
+  it('have a true minus and a narrow group space', () => {
     expect(fixed(-1204.26, 1)).toBe('\u22121\u202f204.3');
     expect(fixed(117955)).toBe('117\u202f955');
+  });
+  it('give a computed number one decimal more than the published one', () => {
+    expect(beside(-0.0454235, -0.0454)).toBe('\u22120.04542');
+    expect(beside(1.06279, 1.063)).toBe('1.0628');
+    expect(beside(443.52, 435)).toBe('443.5');
+    expect(beside(0.0131, 'about 2.5')).toBe('0.0131');
     expect(fixed(812)).toBe('812');
   });
   it('never writes a negative zero, and a plus only with sign', () => {

@@ -1,4 +1,4 @@
-/** Format numbers and times: true minus sign, narrow no-break space between groups of digits, fixed decimals, UTC with Z. */
+/** Format numbers and times: true minus sign, narrow no-break space between digit groups, fixed decimals, UTC with Z. */
 
 const MINUS = '\u2212';
 const NARROW_SPACE = '\u202f'; // no line break in a number
@@ -34,6 +34,12 @@ export function counted(n: number, one: string, many = `${one}s`): string {
 export function short(value: number | null | undefined): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
   return Number.isInteger(value) ? fixed(value) : String(Number(value.toPrecision(6))).replace('-', MINUS);
+}
+
+/** Format a computed number beside a published one, with one decimal more than the publication gives. */
+export function beside(value: number, published: unknown): string {
+  if (typeof published !== 'number' || Number.isInteger(value) || Math.abs(published) < 1e-4) return short(value);
+  return fixed(value, (String(published).split('.')[1] ?? '').length + 1);
 }
 
 export function degrees(value: number | null | undefined, decimals = 4, sign = false): string {

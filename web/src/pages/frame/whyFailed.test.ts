@@ -29,7 +29,7 @@ const causeOf = (over: Partial<Run>): [string, string | undefined] => {
 };
 
 describe('the likely cause of a run without a solution', () => {
-  it.each([
+  it.each<[string, Partial<Run>, string, string | undefined]>([
     ['mirrored', { cause: 'mirrored' }, 'mirrored', undefined],
     ['scale', { cause: 'scale' }, 'scale of the image differs', 'Solve without a camera'],
     [

@@ -19,7 +19,10 @@ export interface Explanation {
   cause: string;
   remedy: Remedy | null;
 }
-type Run = Pick<SolutionDetail, 'chain' | 'reason' | 'cause' | 'found' | 'matched' | 'regions' | 'stars' | 'camera_name'>;
+type Run = Pick<
+  SolutionDetail,
+  'chain' | 'reason' | 'cause' | 'found' | 'matched' | 'regions' | 'stars' | 'camera_name'
+>;
 
 /** Minimum number of stars for an attitude that can be verified. */
 export const MIN_STARS = 4;
