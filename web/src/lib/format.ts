@@ -1,4 +1,4 @@
-/** Format numbers and times: true minus sign, narrow no-break space between digit groups, fixed decimals, UTC with Z. */
+/** Format numbers and times: true minus sign, narrow no-break space between digits, fixed decimals, UTC with Z. */
 
 const MINUS = '\u2212';
 const NARROW_SPACE = '\u202f'; // no line break in a number
