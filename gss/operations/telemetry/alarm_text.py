@@ -94,6 +94,8 @@ def text_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
         times = int(row.value or 1)
         return f"{row.limit_text} ({times} times)" if times > 1 else row.limit_text
     prefix = {"cleared": "Cleared, not acknowledged: ", "acked": "Acknowledged: "}.get(row.state, "")
+    if row.packet == HEADS:  # the text names the head and the quantity, the field also the spacecraft
+        return f"{prefix}{row.field.rpartition(': ')[0]}: {row.limit_text}"
     return f"{prefix}{title_of(dictionary, row)} {row.limit_text}"
 
 

@@ -131,6 +131,8 @@ def test_misalignment_raises_the_alarm_until_the_mounting_is_corrected(book, wat
         ("SAT: agreement", "warning", "raised"),
         ("SAT: B misalignment", "warning", "raised"),
     ]
+    texts = [view.text for view in alarms.opened() if view.row.packet == HEADS]
+    assert [text.partition(" by ")[0] for text in texts] == ["SAT: A and B differ", "SAT: B is misaligned"]
     watch.correct(setup.id, "B", user="kim")
     body.run(40)
     (state,) = watch.states()
