@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
@@ -109,20 +109,37 @@ class Served:
 
 
 @contextmanager
-def _server(factory: pytest.TempPathFactory, signed_in: Callable[..., dict[str, str]]) -> Iterator[Served]:
-    """``gss serve`` with a simulated CubeStar at 3 MBd and stars of Orion, and an admin."""
-    folder = factory.mktemp("data")
-    headers = signed_in(folder)
-    command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), "--simulator", "cubestar"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+def serving(folder: Path, *arguments: str, **environment: str) -> Iterator[str]:
+    """``gss serve`` on a free port with these arguments; the address."""
+    command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, **environment})
     assert process.stdout is not None
     line = next(line for line in process.stdout if "http://" in line)
     try:
-        yield Served(line[line.index("http://") :].strip(), folder, headers)
+        yield line[line.index("http://") :].strip()
     finally:
         process.send_signal(signal.SIGINT)
         process.wait(timeout=PATIENCE_MS / 1000)
         process.stdout.close()
+
+
+@pytest.fixture(scope="session")
+def serve_units() -> Callable[..., AbstractContextManager[str]]:
+    """Function that starts a server with units, each given as NAME=INSTRUMENT@ADDRESS, and returns its address."""
+
+    def start(folder: Path, *units: str, **environment: str) -> AbstractContextManager[str]:
+        return serving(folder, *(word for unit in units for word in ("--unit", unit)), **environment)
+
+    return start
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory, signed_in: Callable[..., dict[str, str]]) -> Iterator[Served]:
+    """Server of this test file, with a simulated CubeStar at 3 MBd and stars of Orion, and an admin."""
+    folder = tmp_path_factory.mktemp("data")
+    headers = signed_in(folder)
+    with serving(folder, "--simulator", "cubestar") as address:
+        yield Served(address, folder, headers)
 
 
 @contextmanager
@@ -131,13 +148,6 @@ def _chromium() -> Iterator[Browser]:
         browser = playwright.chromium.launch(**launch_options())
         yield browser
         browser.close()
-
-
-@pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory, signed_in: Callable[..., dict[str, str]]) -> Iterator[Served]:
-    """Server of this test file."""
-    with _server(tmp_path_factory, signed_in) as own:
-        yield own
 
 
 @pytest.fixture(scope="module")

@@ -1,36 +1,29 @@
-"""Several units in one console: the Fleet page, the pages of a unit, and navigation between units."""
+"""Four simulated units of four protocols in one console: the Fleet page, the pages of each unit, and the operator's tour
+on the sensors of other manufacturers."""
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
+import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import httpx2
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, Page, expect
 
-pytestmark = [pytest.mark.browser, pytest.mark.timeout(900)]
-START_MS = 300_000
-UNITS = ("FM1=cubestar@simulator", "EM=nos3@simulator")
-
-
-@contextmanager
-def _serving(folder: Path) -> Iterator[str]:
-    command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder)]
-    for unit in UNITS:
-        command += ["--unit", unit]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    line = next(line for line in process.stdout if "http://" in line)
-    try:
-        yield line[line.index("http://") :].strip()
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(timeout=60)
-        process.stdout.close()
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(1200)]
+START_MS = 600_000
+LONG_MS = 180_000
+UNITS = {"FM1": "cubestar", "EM-2": "nos3", "SAG": "sagitta", "ORE": "oresat"}
+NO_IMAGES = (
+    "This sensor has no command to take image.",
+    "This sensor cannot download images.",
+    "This sensor cannot accept a catalogue.",
+    "This sensor has no command to abort.",
+)
+ABSENT = {"EM-2": NO_IMAGES, "SAG": NO_IMAGES, "ORE": NO_IMAGES[2:]}
+"""Sentences about the functions that each sensor lacks."""
 
 
 @pytest.fixture(scope="module")
@@ -44,38 +37,158 @@ def headers(data_folder: Path, signed_in: Callable[..., dict[str, str]]) -> dict
 
 
 @pytest.fixture(scope="module")
-def address(data_folder: Path, headers: dict[str, str]) -> Iterator[str]:
+def address(data_folder: Path, headers: dict[str, str], serve_units: Callable[..., Any]) -> Iterator[str]:
     del headers  # the admin exists before the server starts
-    with _serving(data_folder) as url:
+    units = [f"{name}={instrument}@simulator" for name, instrument in UNITS.items()]
+    with serve_units(data_folder, *units) as url:
         yield url
 
 
-def test_a_unit_is_opened_from_the_fleet_and_left_for_another_one(page: Page) -> None:
+@pytest.fixture
+def ask(address: str, headers: dict[str, str]) -> Callable[[str], Any]:
+    """Function that returns the JSON of a GET."""
+    return lambda path: httpx2.get(f"{address}{path}", headers=headers, timeout=60).raise_for_status().json()
+
+
+def current(page: Page, unit: str) -> Locator:
+    """Row of a unit on the Fleet page that reports at present."""
+    return page.locator(f"[data-unit={unit}][data-current=true]")
+
+
+def operate(page: Page, unit: str) -> None:
+    """Open the Live page of a unit from the Fleet page."""
+    page.goto("/fleet")
+    expect(current(page, unit)).to_be_visible(timeout=START_MS)
+    page.locator(f"[data-unit={unit}]").get_by_test_id("fleet-open").click()
+    expect(page.get_by_test_id("unit-switch").locator("select")).to_have_value(unit)
+    expect(page.get_by_test_id("link-state")).to_contain_text("up", timeout=LONG_MS)
+
+
+def command(page: Page, name: str, title: str) -> None:
+    """Press the button of a command on the Live page and wait until the command is completed."""
+    page.get_by_test_id("sensor-commands").get_by_role("button", name=title, exact=True).click()
+    expect(page.get_by_test_id(f"recent-{name}").first).to_have_attribute("data-result", "completed", timeout=LONG_MS)
+
+
+def telemetry(page: Page, field: str) -> Locator:
+    """Line of a field in the panel *Key telemetry*."""
+    return page.get_by_test_id("key-telemetry").locator(f"[data-field={field}]")
+
+
+def test_all_four_units_are_current_and_each_is_opened_by_its_name(page: Page) -> None:
     """The Fleet page lists the units with their state. Addresses, links and ABORT of a unit's pages name the unit."""
     page.goto("/")
-    rows = page.get_by_test_id("fleet-unit")
-    expect(rows).to_have_count(2)
-    expect(page.locator("[data-unit=FM1][data-current=true]")).to_be_visible(timeout=START_MS)
-    expect(page.locator("[data-unit=EM][data-current=true]")).to_be_visible(timeout=START_MS)
-    expect(page.locator("[data-unit=EM]")).to_contain_text("SIMULATED")
+    expect(page.get_by_test_id("fleet-unit")).to_have_count(4)
+    for unit, instrument in UNITS.items():
+        expect(current(page, unit)).to_be_visible(timeout=START_MS)
+        expect(page.locator(f"[data-unit={unit}]")).to_contain_text("SIMULATED")
+        expect(page.locator(f"[data-unit={unit}]")).to_contain_text(instrument)
+        expect(page.locator(f"[data-unit={unit}]")).to_contain_text("up, received")
     expect(page.get_by_test_id("abort")).to_have_count(0)
     expect(page.locator("[data-unit=FM1]").get_by_test_id("fleet-abort")).to_have_text("ABORT FM1")
+    for unit in ABSENT:
+        expect(page.locator(f"[data-unit={unit}]").get_by_test_id("fleet-abort")).to_have_count(0)
+        expect(page.locator(f"[data-unit={unit}]").get_by_test_id("fleet-no-abort")).to_have_text(NO_IMAGES[-1])
 
-    page.locator("[data-unit=FM1]").get_by_test_id("fleet-open").click()
-    expect(page.get_by_test_id("unit-switch").locator("select")).to_have_value("FM1")
+    operate(page, "FM1")
     expect(page.get_by_test_id("abort")).to_contain_text("ABORT FM1")
-    expect(page.get_by_test_id("link-state")).to_contain_text("up", timeout=START_MS)
+    expect(telemetry(page, "sensor_temperature_c")).to_contain_text("ok")
+    expect(page.get_by_test_id("absent")).to_have_count(0)
     hrefs = page.locator("nav a[data-testid^=nav-]").evaluate_all("all => all.map((a) => a.getAttribute('href'))")
     assert hrefs
     assert all(href.startswith("/units/FM1/") for href in hrefs)
     page.get_by_test_id("nav-commands").click()
     page.wait_for_url("**/units/FM1/commands")
 
-    page.get_by_test_id("unit-switch").locator("select").select_option("EM")
-    page.wait_for_url("**/units/EM/commands")
-    expect(page.get_by_test_id("unit-switch").locator("select")).to_have_value("EM")
-    expect(page.get_by_test_id("header")).to_contain_text("SIMULATED", timeout=START_MS)
+    for unit in (*ABSENT, "FM1"):
+        page.get_by_test_id("unit-switch").locator("select").select_option(unit)
+        page.wait_for_url(f"**/units/{unit}/commands")
+        expect(page.get_by_test_id("unit-switch").locator("select")).to_have_value(unit)
+        expect(page.get_by_test_id("header")).to_contain_text("SIMULATED", timeout=LONG_MS)
+        expect(page.get_by_test_id("abort")).to_contain_text(f"ABORT {unit}")
     page.get_by_test_id("to-fleet").click()
     page.wait_for_url("**/fleet")
     page.get_by_test_id("nav-admin").click()
     page.wait_for_url("**/admin")
+
+
+def test_the_tour_on_nos3(page: Page, picture: Callable[[str], None]) -> None:
+    """Connect, command, telemetry, attitude. The page states what the sensor lacks."""
+    operate(page, "EM-2")
+    command(page, "REQUEST_DATA", "Request data")
+    expect(telemetry(page, "valid")).to_contain_text("solved")
+    expect(page.get_by_test_id("sensor-attitude")).to_contain_text("as reported")
+    expect(page.get_by_test_id("sensor-ra")).to_have_text(re.compile(r"^\d+\.\d{4}°$"))
+    expect(page.get_by_test_id("absent")).to_have_text(list(ABSENT["EM-2"]))
+    picture("unit-nos3")
+
+
+def test_the_tour_on_sagitta(page: Page, picture: Callable[[str], None]) -> None:
+    """The alarm and the information of the package lead to Boot; telemetry and attitude follow."""
+    operate(page, "SAG")
+    expect(page.get_by_test_id("sensor-notes")).to_contain_text("It sends telemetry only after BOOT")
+    command(page, "BOOT", "Boot")
+    expect(telemetry(page, "cmos_c")).to_contain_text("ok", timeout=LONG_MS)
+    command(page, "REQUEST_SOLUTION", "Request solution")
+    expect(page.get_by_test_id("sensor-attitude")).to_contain_text("as reported", timeout=LONG_MS)
+    expect(page.get_by_test_id("sensor-dec")).to_have_text(re.compile(r"^−?\d+\.\d{4}°$"))
+    expect(page.get_by_test_id("absent")).to_have_text(list(ABSENT["SAG"]))
+    expect(page.get_by_test_id("alarm")).to_contain_text(re.compile("none|cleared"), timeout=LONG_MS)
+    picture("unit-sagitta")
+
+
+def test_the_tour_on_oresat(page: Page, picture: Callable[[str], None], ask: Callable[[str], Any]) -> None:
+    """Connect, command, telemetry; an image is taken, downloaded by SDO and solved on the ground; the cycle gives
+    attitudes."""
+    operate(page, "ORE")
+    command(page, "READ_STATUS", "Read status")
+    expect(page.get_by_test_id("mode")).to_contain_text("STANDBY", timeout=LONG_MS)
+    page.get_by_test_id("operation-take_image").click()
+    expect(page.locator("[data-testid=sky-image][data-ready=true]")).to_be_visible(timeout=LONG_MS)
+    expect(page.get_by_test_id("ground-ra")).to_contain_text("°", timeout=LONG_MS)
+    (frame,) = ask("/units/ORE/api/frames?source=device")["frames"]
+    assert (frame["columns"], frame["rows"], frame["outcome"]) == (640, 480, "solved")
+    page.get_by_test_id("operation-start_cycle").click()
+    expect(telemetry(page, "known")).to_contain_text("solved", timeout=LONG_MS)
+    expect(page.get_by_test_id("absent")).to_have_text(list(ABSENT["ORE"]))
+    picture("unit-oresat")
+
+
+def test_the_image_and_the_attitude_of_a_cubestar_beside_them(page: Page, picture: Callable[[str], None]) -> None:
+    """The unit with the full chain takes an image and calculates its attitude while the others report theirs; *Fleet*
+    shows the attitudes of all four."""
+    operate(page, "FM1")
+    page.get_by_test_id("cmd-TAKE_IMAGE").click()
+    expect(page.locator("[data-testid=sky-image][data-ready=true]")).to_be_visible(timeout=LONG_MS)
+    for step, words in (("FIND_CENTROIDS", "found"), ("MATCH_STARS", "stars"), ("CALCULATE_ATTITUDE", "solved")):
+        page.get_by_test_id(f"cmd-{step}").click()
+        expect(page.get_by_test_id(f"cmd-{step}")).to_contain_text(words, timeout=LONG_MS)
+    expect(page.get_by_test_id("ground-ra")).to_contain_text("°", timeout=LONG_MS)
+    picture("unit-cubestar")
+    page.goto("/fleet")
+    for unit in UNITS:
+        expect(current(page, unit)).to_contain_text(re.compile(r"\d\.\d{3}° [+−]\d+\.\d{3}°"), timeout=LONG_MS)
+    picture("fleet")
+
+
+def test_a_restart_asks_first_and_ends_only_one_process(page: Page, ask: Callable[[str], Any]) -> None:
+    """*Restart …* needs a confirmation. The process starts again; the others keep their contacts. The audit log of the
+    server names the unit."""
+    page.goto("/fleet")
+    for unit in UNITS:
+        expect(current(page, unit)).to_be_visible(timeout=START_MS)
+    before = {u["name"]: u for u in ask("/api/fleet")["units"]}
+    restart = page.locator("[data-unit=SAG]").get_by_test_id("fleet-restart")
+    page.once("dialog", lambda dialog: dialog.dismiss())
+    restart.click()
+    expect(current(page, "SAG")).to_be_visible()
+    page.once("dialog", lambda dialog: dialog.accept())
+    restart.click()
+    expect(page.locator("[data-unit=SAG]")).to_contain_text("ended by user admin", timeout=LONG_MS)
+    expect(current(page, "SAG")).to_be_visible(timeout=START_MS)
+    after = {u["name"]: u for u in ask("/api/fleet")["units"]}
+    assert [after[name]["restarts"] - before[name]["restarts"] for name in UNITS] == [0, 0, 1, 0]
+    kept = [name for name in UNITS if before[name]["link"]["contact_id"] == after[name]["link"]["contact_id"]]
+    assert kept == ["FM1", "EM-2", "ORE"]
+    (row,) = [row for row in ask("/api/audit") if row["action"] == "fleet.restart_unit"]
+    assert (row["who"], row["result"], row["detail"]) == ("admin", "done", "SAG")

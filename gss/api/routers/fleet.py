@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from fastapi import Request
+from fastapi import Path, Request
 
 from gss.api.api_router import api_router
+from gss.api.deps import AuditNote, User, need
 from gss.api.schemas.fleet import FleetOut, FleetUnitOut
+from gss.domain.errors import NotFound
 
 if TYPE_CHECKING:  # the module loads the HTTP client, which a server with one unit does not need
     from gss.api.units.fleet import Fleet, UnitState
 
 router = api_router("fleet")
+UnitName = Annotated[str, Path(min_length=1, max_length=24)]
 CURRENT_WITHIN_S = 5.0
 """Maximum age of a current state. A unit reports once per second."""
 
@@ -24,9 +27,19 @@ def list_units(request: Request) -> FleetOut:
     return FleetOut(units=[_unit(state) for state in fleet.states()] if fleet else [])
 
 
+@router.post("/fleet/units/{name}/restart", status_code=204, dependencies=[need("link.open")])
+def restart_unit(request: Request, name: UnitName, user: User, audit_note: AuditNote) -> None:
+    """Restart the process of a unit, for example after the driver of its instrument hangs. The other units continue."""
+    audit_note(name)
+    fleet: Fleet | None = request.app.state.fleet
+    if fleet is None:
+        raise NotFound("this server has no units", hint="restart the server")
+    fleet.restart(name, user)
+
+
 def _unit(state: UnitState) -> FleetUnitOut:
     process, age_s = state.process, state.age_s
-    current = process.pid is not None and age_s is not None and age_s < CURRENT_WITHIN_S
+    current = state.reports and age_s is not None and age_s < CURRENT_WITHIN_S
     return FleetUnitOut(
         name=state.spec.name,
         instrument=state.spec.instrument,

@@ -17,20 +17,24 @@ from gss.api.units.unit_process import reason_file
 from gss.api.units.unit_spec import UnitSpec
 from gss.api.workers.link_client import LinkProcessClient
 from gss.api.workers.supervisor import ProcessState, Supervisor
+from gss.domain.errors import NotFound
 from gss.operations.clock import Monotonic
 from gss.operations.telemetry.last_attitude import AttitudeSample
 
 RECONNECT_S = 0.3
+NO_UNIT = "this server has no such unit"
 
 
 @dataclass(frozen=True)
 class UnitState:
     """State of one unit. ``link``: last report of its process, received ``age_s`` ago; None before the first report.
-    ``reason``: why the process could not start; "" if it started."""
+    ``reports``: true if this process is connected, so that the report is not that of an earlier process. ``reason``: why
+    the process could not start; "" if it started."""
 
     spec: UnitSpec
     process: ProcessState
     reason: str
+    reports: bool
     link: LinkOut | None
     age_s: float | None
 
@@ -52,6 +56,7 @@ class Fleet:
         self._clients = {name: LinkProcessClient(f"of unit {name}", path) for name, path in paths.items()}
         self._monotonic_s = monotonic_s
         self._latest: dict[str, tuple[float, LinkOut]] = {}
+        self._connected: set[str] = set()
 
     @property
     def names(self) -> list[str]:
@@ -65,6 +70,14 @@ class Fleet:
     def states(self) -> list[UnitState]:
         """Return the state of every unit."""
         return [self._state(unit) for unit in self._units]
+
+    def restart(self, name: str, user: str) -> None:
+        """End the process of a unit, which is then started again. Raises NotFound if there is no such unit, Conflict if its
+        process does not run."""
+        unit = next((unit for unit in self._units if unit.name == name), None)
+        if unit is None:
+            raise NotFound(NO_UNIT, expected=f"one of {', '.join(self.names)}", got=name)
+        self._supervisor.restart(process_name(unit), f"user {user}")
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -83,9 +96,10 @@ class Fleet:
         process, latest = self._supervisor.state(process_name(unit)), self._latest.get(unit.name)
         reason = _read(reason_file(self._paths[unit.name]))
         if latest is None:
-            return UnitState(unit, process, reason, None, None)
+            return UnitState(unit, process, reason, False, None, None)
         at_s, report = latest
-        return UnitState(unit, process, reason, report, max(0.0, self._monotonic_s() - at_s))
+        reports = unit.name in self._connected
+        return UnitState(unit, process, reason, reports, report, max(0.0, self._monotonic_s() - at_s))
 
     async def _follow(self, name: str, client: LinkProcessClient) -> None:
         """Store the latest state of a unit. The state is kept after the process ends; its age then increases."""
@@ -96,7 +110,9 @@ class Fleet:
                         if message.topic == FIRST:
                             report = LinkOut.model_validate_json(message.content)
                             self._latest[name] = (self._monotonic_s(), report)
+                            self._connected.add(name)
                             self._take_attitudes(name, [_sample(attitude) for attitude in report.attitudes])
+            self._connected.discard(name)
             await asyncio.sleep(RECONNECT_S)
 
 

@@ -9,7 +9,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from gss.api.errors import problem
 from gss.api.guard.bodies import MAX_BODY_BYTES, bad_body
 from gss.api.guard.route_table import GUARDED, is_open
-from gss.api.units.fleet import Fleet
+from gss.api.units.fleet import NO_UNIT, Fleet
 
 UNITS = "/units/"
 SHARED = (
@@ -47,7 +47,7 @@ class UnitGateway:
         client = self._fleet.client(name)
         if client is None:
             expected = f"one of {', '.join(self._fleet.names)}"
-            await problem(404, "this server has no such unit", expected, name[:80])(scope, receive, send)
+            await problem(404, NO_UNIT, expected, name[:80])(scope, receive, send)
             return
         too_large = bad_body(Headers(scope=scope), MAX_BODY_BYTES)
         if too_large is not None:

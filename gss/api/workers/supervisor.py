@@ -6,8 +6,10 @@ import multiprocessing
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from multiprocessing.connection import wait
 from multiprocessing.context import SpawnProcess
 
+from gss.domain.errors import Conflict
 from gss.operations.clock import monotonic_s
 
 FIRST_WAIT_S, MAX_WAIT_S = 0.2, 10.0
@@ -37,6 +39,8 @@ class Supervisor:
         self._lock = threading.Lock()
         self._processes: dict[str, SpawnProcess] = {}
         self._states = dict.fromkeys(targets, ProcessState())
+        self._requested: dict[str, str] = {}
+        """Cause of a requested restart by process name, until the process has ended."""
         self._threads = [threading.Thread(target=self._keep_running, args=(name,), daemon=True) for name in targets]
 
     def start(self) -> None:
@@ -48,6 +52,19 @@ class Supervisor:
         """Return the state of a process."""
         with self._lock:
             return self._states[name]
+
+    def restart(self, name: str, cause: str) -> None:
+        """End a process, which is then started again. A process that runs longer than ``STOP_WITHIN_S`` is killed, so
+        that a process that hangs is restarted too. ``cause``: reason of the exit in the state and in the report. Raises
+        Conflict if the process does not run."""
+        with self._lock:
+            if self._states[name].pid is None:
+                raise Conflict(f"{name} does not run", hint="it is started again automatically")
+            process, self._requested[name] = self._processes[name], cause
+        process.terminate()
+        # The thread of the process reads its exit code; to join it here too would be a race for this code.
+        if not wait([process.sentinel], STOP_WITHIN_S):
+            process.kill()
 
     def stop(self) -> None:
         """Let the processes complete their requests. Kill processes that run longer than ``STOP_WITHIN_S``."""
@@ -74,11 +91,12 @@ class Supervisor:
             if self._stopping.is_set():
                 return
             code = process.exitcode or 0
-            cause = f"signal {-code}" if code < 0 else f"code {code}"
             with self._lock:
+                requested = self._requested.pop(name, "")
+                cause = requested or (f"signal {-code}" if code < 0 else f"code {code}")
                 self._states[name] = ProcessState(None, self._states[name].restarts + 1, cause)
             self._report(f"{name} ended ({cause}); restarting it")
-            steady = monotonic_s() - since_s > STEADY_S
+            steady = bool(requested) or monotonic_s() - since_s > STEADY_S
             wait_s = 0.0 if steady else min(MAX_WAIT_S, max(FIRST_WAIT_S, 2 * wait_s))
 
     def _start_process(self, name: str) -> SpawnProcess | None:

@@ -217,7 +217,7 @@ class LinkService:
         stalled_s, stream = self.monotonic_s() - self._round_s, self._stream
         self._round_s = self.monotonic_s()  # the watchdog acts again only after a further ``stalled_after_s``
         hangs = stream is not None and stream is self._closed_by_watch
-        end = "its port is closed, so the driver of the instrument hangs: restart the server"
+        end = "its port is closed, so the driver of the instrument hangs: restart the unit on the page Fleet, or the server"
         consequence = end if hangs else "the port was closed"
         self.stall = f"The link thread made no progress for {stalled_s:.0f} s; {consequence}"
         self._fault(self.stall)

@@ -42,5 +42,5 @@ class SessionLock:
         if not self._lock.acquire(timeout=seconds):
             raise Conflict(
                 f"{consequence}: the driver of the instrument has not responded for {seconds:g} s",
-                hint="restart the server if the alarm of this unit reports that the driver hangs",
+                hint="restart the unit on the page Fleet, or the server, if an alarm reports that the driver hangs",
             )

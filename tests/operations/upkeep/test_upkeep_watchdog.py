@@ -200,7 +200,7 @@ def test_a_driver_that_hangs_is_reported(faulty_line, bus):
     assert "the driver of the instrument hangs" in link.stall
     released.set()
     assert opened[0].closed.is_set()
-    wait_for(lambda: any("the driver of the instrument hangs: restart the server" in e.text for e in bus.after(0, 100)))
+    wait_for(lambda: any("the driver of the instrument hangs: restart the unit" in e.text for e in bus.after(0, 100)))
     wait_for(lambda: len(opened) >= 2)
     wait_for(lambda: not link.stall)
 

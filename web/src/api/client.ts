@@ -86,6 +86,7 @@ const fleet = {
     const url = `${location.origin}/units/${encodeURIComponent(name)}/api/commands/abort`;
     return (await (await fetched(new OutlivingRequest(url, { method: 'POST' }))).json()) as T.Abort;
   },
+  restartUnit: (name: string) => body(POST('/api/fleet/units/{name}/restart', { params: { path: { name } } })),
   heads: () => body(GET('/api/fleet/spacecraft')),
   saveSpacecraft: (spacecraft: T.SpacecraftRequest, spacecraft_id: number | null) =>
     spacecraft_id === null

@@ -8,6 +8,7 @@ import {
   degrees,
   fixed,
   pairs,
+  paragraphs,
   scientific,
   shortHash,
   sigma,
@@ -90,5 +91,13 @@ describe('times and bytes', () => {
       '58.4 GB',
     ]);
     expect(bytes(524_288)).toBe('512.0 KiB');
+  });
+});
+
+describe('texts of packages', () => {
+  it('joins wrapped lines and keeps a line per sentence', () => {
+    expect(paragraphs('Boot first.\nNames of\nvalues: none.\n\nEnd')).toBe(
+      'Boot first.\nNames of values: none.\n\nEnd',
+    );
   });
 });

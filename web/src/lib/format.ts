@@ -132,3 +132,8 @@ export function shortHash(sha: string | null | undefined): string {
 export function pairs(hexText: string): string {
   return (hexText.replace(/\s/g, '').match(/../g) ?? []).join(' ');
 }
+
+/** Join the lines of a text that do not end with a sentence, because instrument packages wrap long lines. */
+export function paragraphs(text: string): string {
+  return text.replace(/([^.:;!?\s])\s*\n(?=\S)/g, '$1 ');
+}
