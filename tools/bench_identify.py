@@ -123,22 +123,25 @@ def _rows(
 def _accuracy(
     answers: list[tuple[float, Array | None]], scenes: list[CentroidList], optics: Optics
 ) -> dict[str, Value]:
-    errors_rad: list[float] = []
-    for (_, boresight), scene in zip(answers, scenes, strict=True):
-        if boresight is not None:
-            half_chord = float(np.linalg.norm(boresight - scene.cam_from_icrs[2])) / 2
-            errors_rad.append(2 * float(np.arcsin(min(1.0, half_chord))))
+    errors_rad = [
+        np.inf if a is None else _angle_rad(a, scene.cam_from_icrs[2])
+        for (_, a), scene in zip(answers, scenes, strict=True)
+    ]
+    right = np.array(errors_rad) <= optics.tolerance_rad
+    none = sum(boresight is None for _, boresight in answers)
+    solvable = np.array([scene.true_stars >= MIN_STARS for scene in scenes])
     n = len(scenes)
-    correct_errors_rad = [error_rad for error_rad in errors_rad if error_rad <= optics.tolerance_rad]
-    solvable = sum(scene.true_stars >= MIN_STARS for scene in scenes)
-    correct = len(correct_errors_rad)
     return {
-        "right_percent": 100 * correct / n,
-        "right_of_solvable": 100 * correct / solvable if solvable else None,
-        "wrong_percent": 100 * (len(errors_rad) - correct) / n,
-        "none_percent": 100 * (n - len(errors_rad)) / n,
-        "error_arcsec": float(np.degrees(np.median(correct_errors_rad)) * 3600) if correct_errors_rad else None,
+        "right_percent": 100 * int(right.sum()) / n,
+        "right_of_solvable": 100 * float(right[solvable].mean()) if solvable.any() else None,
+        "wrong_percent": 100 * (n - none - int(right.sum())) / n,
+        "none_percent": 100 * none / n,
+        "error_arcsec": float(np.degrees(np.median(np.array(errors_rad)[right])) * 3600) if right.any() else None,
     }
+
+
+def _angle_rad(a: Array, b: Array) -> float:
+    return 2 * float(np.arcsin(min(1.0, float(np.linalg.norm(a - b)) / 2)))
 
 
 def _centroids(scene: CentroidList, optics: Optics) -> Centroids:

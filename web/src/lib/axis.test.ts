@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { clockAt, timeTicks, tickLabel } from './axis';
+import { clockAt, labelMiddle, timeTicks, tickLabel } from './axis';
 
 describe('axes', () => {
   it('puts ticks at round times inside the span', () => {
@@ -9,6 +9,11 @@ describe('axes', () => {
     const year = timeTicks(1_767_225_600, 1_798_761_600);
     expect(year.length).toBeLessThanOrEqual(7);
     expect(clockAt(1_767_225_600, 31_536_000)).toBe('2026-01-01');
+  });
+  it('has fewer times where there is less room, and no label beyond the edge', () => {
+    expect(timeTicks(0, 86400).length).toBeGreaterThan(timeTicks(0, 86400, 250).length);
+    expect(labelMiddle(380, '11-27 18:00', 390)).toBeLessThan(360);
+    expect(labelMiddle(100, '11-27 18:00', 390)).toBe(100);
   });
   it('writes the decimals that the axis needs', () => {
     expect(tickLabel(-0.5, 0.25)).toBe('−0.50');

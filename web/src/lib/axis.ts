@@ -1,18 +1,27 @@
 const DAY_S = 86400;
+/** Room for the label of a tick. */
+const LABEL_PX = 84;
+const CHARACTER_PX = 6.4;
 const DAYS = [1, 2, 7, 14, 30, 60, 120, 365];
 
 /**
- * Return round times for the ticks of a time axis, in Unix seconds, at most about six. plot.ts has the ticks of other
- * axes.
+ * Return round times for the ticks of a time axis, in Unix seconds: at most about six, fewer if `widthPx` has less room
+ * for their labels. plot.ts has the ticks of other axes.
  */
-export function timeTicks(low: number, high: number): number[] {
+export function timeTicks(low: number, high: number, widthPx = Infinity): number[] {
+  const most = Math.max(2, Math.min(6, Math.floor(widthPx / LABEL_PX)));
   const step =
     [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 43200, ...DAYS.map((d) => d * DAY_S)].find(
-      (s) => (high - low) / s <= 6,
+      (s) => (high - low) / s <= most,
     ) ?? 1461 * DAY_S;
   const out: number[] = [];
   for (let k = Math.ceil(low / step); k * step <= high; k++) out.push(k * step);
   return out;
+}
+
+/** Return the middle of a tick label: the tick `x`, or less where the label would pass the right edge at `widthPx`. */
+export function labelMiddle(x: number, label: string, widthPx: number): number {
+  return Math.min(x, widthPx - (label.length * CHARACTER_PX) / 2 - 2);
 }
 
 /** Return the number as text, with the decimals that the step of the axis needs and a true minus sign. */
