@@ -317,6 +317,9 @@ def _envelope_facts(build_plan: BuildPlan) -> dict[str, object]:
     if build_plan.planes is not None:
         facts["inclination_rad"] = list(build_plan.planes.inclination_rad)
         facts["raan_rad"] = list(build_plan.planes.raan_rad)
+        if (ellipse := build_plan.planes.ellipse) is not None:
+            facts["eccentricity"] = ellipse.eccentricity
+            facts["perigee_rad"] = [ellipse.perigee_start_rad, ellipse.perigee_end_rad]
     return facts
 
 

@@ -11,19 +11,23 @@ from gss.catalogue_tools.corrections.correction_switches import MeanOrbitVelocit
 from gss.catalogue_tools.corrections.corrections import DAYS_PER_YEAR, sun_longitude_rad
 from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS, SUN_LAWS, AttitudeLimits, euler_123
 from gss.catalogue_tools.envelope.blocks import BlockEnvelope, ShareReport
+from gss.catalogue_tools.envelope.ellipse import (
+    EARTH_MU_M3_S2,
+    EARTH_RADIUS_M,
+    Ellipse,
+    node_rate_rad_s,
+    perigee_rate_rad_s,
+)
 from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope, PatchEnvelope, WholeSky
 from gss.catalogue_tools.envelope.field import FieldShape, widened
 from gss.catalogue_tools.envelope.lifetime import Lifetime, lifetime
 from gss.catalogue_tools.envelope.occultation import OccultedEnvelope
 from gss.catalogue_tools.envelope.orbits import (
-    EARTH_MU_M3_S2,
-    EARTH_RADIUS_M,
     OrbitRanges,
     altitude_of_tle,
     from_elements,
     from_tle,
     jyear_of,
-    node_rate_rad_s,
 )
 from gss.catalogue_tools.envelope.several_heads import HeadsEnvelope
 from gss.catalogue_tools.request import BLOCK_RULES, BuildRequest, ElementsOrbit, TleOrbit, epoch_of
@@ -141,7 +145,8 @@ def planes_of(orbit: ElementsOrbit | TleOrbit | None, start: datetime | None, da
 
 
 def _drifted(orbit: ElementsOrbit, start: datetime | None, days: float) -> OrbitRanges:
-    """Return the limits of the first day, widened by the drift of the node until the last day."""
+    """Return the limits of the first day, widened by the drift of the node until the last day. The perigee of an
+    eccentric orbit drifts at the rate of the middle inclination."""
     first = from_elements(orbit.inclination_rad, orbit.raan_rad)
     if orbit.altitude_m is None:
         return first
@@ -149,10 +154,15 @@ def _drifted(orbit: ElementsOrbit, start: datetime | None, days: float) -> Orbit
         raise BadInput("a drifting node needs dates", expected="a start and a number of days", got="no start")
     # The rate is a monotonic function of the inclination, so its extremes are at the limits of the inclination.
     seconds = days * SECONDS_PER_DAY
-    low, high = sorted(node_rate_rad_s(i, orbit.altitude_m) * seconds for i in first.inclination_rad)
+    shape = orbit.altitude_m, orbit.eccentricity
+    low, high = sorted(node_rate_rad_s(i, *shape) * seconds for i in first.inclination_rad)
     raan = first.raan_rad[0] + min(0.0, low), first.raan_rad[1] + max(0.0, high)
     middle = (first.raan_rad[0] + first.raan_rad[1]) / 2
-    return OrbitRanges(first.inclination_rad, raan, middle, middle + (low + high) / 2)
+    ellipse = None
+    if orbit.eccentricity > 0:
+        drift = perigee_rate_rad_s(float(np.mean(first.inclination_rad)), *shape) * seconds
+        ellipse = Ellipse(orbit.eccentricity, orbit.altitude_m, orbit.perigee_rad, orbit.perigee_rad + drift)
+    return OrbitRanges(first.inclination_rad, raan, middle, middle + (low + high) / 2, ellipse)
 
 
 def _envelope(
@@ -223,7 +233,7 @@ def pole_of(planes: OrbitRanges | None) -> Array:
 
 def orbital_velocity(attitude: AttitudeLimits | None, normal: Array, height_m: float | None) -> MeanOrbitVelocity:
     """Return the velocity for orbital aberration on a circular orbit, at the time each star crosses the middle of the
-    field.
+    field. An eccentric orbit has the velocity of a circle with its semi-major axis.
 
     ``normal``: (3,) ICRS pole of the orbit.
     """

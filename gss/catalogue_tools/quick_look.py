@@ -13,8 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.envelope.envelope import Envelope, Moments, PatchEnvelope
+from gss.catalogue_tools.envelope.envelope import Envelope, PatchEnvelope
 from gss.catalogue_tools.envelope.field import FieldShape
+from gss.catalogue_tools.envelope.moments import Moments
 from gss.catalogue_tools.envelope.occultation import QUICK, OccultedEnvelope
 from gss.catalogue_tools.envelope.several_heads import HeadsEnvelope
 from gss.catalogue_tools.plan import BuildPlan

@@ -11,6 +11,7 @@ import numpy as np
 
 from gss.catalogue_tools.corrections.correction_switches import Corrections, corrections_of
 from gss.catalogue_tools.envelope.attitude import AttitudeLimits
+from gss.catalogue_tools.envelope.ellipse import check_ellipse
 from gss.catalogue_tools.envelope.occultation import Occultation
 from gss.catalogue_tools.envelope.orbits import Range, jyear_of
 from gss.catalogue_tools.onboard import check_format
@@ -46,21 +47,33 @@ METHODS = ("exact", *BLOCK_RULES)
 
 @dataclass(frozen=True)
 class ElementsOrbit:
-    """Limits of inclination and node, ICRS, for a circular orbit and all arguments of latitude (Jacobs 1995 Table 5-2).
+    """Limits of inclination and node, ICRS, for all arguments of latitude (Jacobs 1995 Table 5-2).
 
     If ``altitude_m`` is set, the node limits apply to the first day, and the Earth's oblateness moves them during the
-    days of use (Moniteq 1983 §2.5).
+    days of use (Moniteq 1983 §2.5). ``eccentricity`` above 0: eccentric orbit with the argument of perigee ``perigee_rad`` on
+    the first day, which drifts too. It needs ``altitude_m``, the semi-major axis minus the Earth's equatorial radius.
     """
 
     inclination_rad: Range
     raan_rad: Range
     altitude_m: float | None = None
+    eccentricity: float = 0.0
+    perigee_rad: float = 0.0
 
     def __post_init__(self) -> None:
         if self.altitude_m is not None and not 100e3 <= self.altitude_m <= 1e9:
             raise BadInput(
                 "altitude is out of range", expected="100 km to 1 000 000 km", got=f"{self.altitude_m / 1000:g} km"
             )
+        if self.eccentricity and self.altitude_m is None:
+            raise BadInput(
+                "an eccentric orbit needs the altitude",
+                expected="the semi-major axis minus 6378 km",
+                got="no altitude",
+                hint="set the altitude; it gives the drift of the perigee and the size of the Earth's disc",
+            )
+        if self.eccentricity and self.altitude_m is not None:
+            check_ellipse(self.eccentricity, self.altitude_m)
 
 
 @dataclass(frozen=True)
@@ -232,7 +245,9 @@ def _orbit_from(values: Mapping[str, Any] | None) -> ElementsOrbit | TleOrbit | 
         return None
     if "text" in values:
         return TleOrbit(str(values["text"]))
-    return ElementsOrbit(_pair(values["inclination_rad"]), _pair(values["raan_rad"]), values.get("altitude_m"))
+    limits = _pair(values["inclination_rad"]), _pair(values["raan_rad"])
+    shape = float(values.get("eccentricity", 0.0)), float(values.get("perigee_rad", 0.0))
+    return ElementsOrbit(*limits, values.get("altitude_m"), *shape)
 
 
 def _pair(value: Any) -> Any:

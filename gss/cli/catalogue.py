@@ -62,6 +62,12 @@ def _register_build(commands: Subparsers) -> None:
     parser.add_argument(
         "--altitude-km", type=float, help="altitude, with elements; the node drifts during the days of use"
     )
+    parser.add_argument(
+        "--eccentricity",
+        type=float,
+        help="eccentric orbit, with elements; the altitude is then the semi-major axis minus 6378 km (default 0)",
+    )
+    parser.add_argument("--perigee-deg", type=float, help="argument of perigee on the first day (default 0)")
     parser.add_argument("--tle", type=Path, metavar="FILE", help="orbit by a two-line element set")
     parser.add_argument("--from", dest="start", metavar="DATE", help="first day of use, UTC (default: today)")
     parser.add_argument("--days", type=float, help="days of use (default 14)")
@@ -143,6 +149,8 @@ def request_of(arguments: argparse.Namespace, today: datetime) -> CatalogueReque
         "profile": arguments.profile,
         "format": arguments.format,
         "altitude_km": arguments.altitude_km,
+        "eccentricity": arguments.eccentricity,
+        "perigee_deg": arguments.perigee_deg,
         "start": arguments.start or today.date().isoformat(),
         "days": arguments.days,
         "ra_deg": arguments.ra_deg,
@@ -250,7 +258,7 @@ def _frame(text: str) -> dict[str, float]:
 
 def _orbit(arguments: argparse.Namespace) -> dict[str, object]:
     if arguments.tle is not None:
-        if arguments.inclination_deg or arguments.raan_deg:
+        if arguments.inclination_deg or arguments.raan_deg or arguments.eccentricity:
             raise BadInput("two orbits given", expected="either --tle or --inclination-deg with --raan-deg")
         try:
             return {"orbit": "tle", "tle": read_limited(arguments.tle, TLE_BYTES).decode("utf-8")}

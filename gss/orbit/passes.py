@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from gss.catalogue_tools.corrections.ephemeris import SUN_RADIUS_KM
-from gss.catalogue_tools.envelope.orbits import EARTH_RADIUS_M
+from gss.catalogue_tools.envelope.ellipse import EARTH_RADIUS_M
 from gss.domain.angles import Array
 from gss.orbit.station import GroundStation
 from gss.orbit.trajectory import Trajectory, earth_fixed_km, fixed_from_teme, sun_teme_km, unix_s

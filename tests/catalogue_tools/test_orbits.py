@@ -8,7 +8,8 @@ from astropy.coordinates import ICRS, TEME, CartesianRepresentation
 from astropy.time import Time
 from sgp4.api import Satrec, jday
 
-from gss.catalogue_tools.envelope.orbits import altitude_of_tle, from_tle, jyear_of, node_rate_rad_s, read_tle
+from gss.catalogue_tools.envelope.ellipse import node_rate_rad_s
+from gss.catalogue_tools.envelope.orbits import altitude_of_tle, from_tle, jyear_of, read_tle
 from gss.domain.angles import separation_rad
 from gss.domain.errors import BadInput
 

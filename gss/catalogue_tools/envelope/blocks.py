@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.catalogue_tools.envelope.attitude import AttitudeLimits, euler_123, orbit_axes
-from gss.catalogue_tools.envelope.envelope import BandEnvelope, Moments
+from gss.catalogue_tools.envelope.envelope import BandEnvelope
 from gss.catalogue_tools.envelope.field import FieldShape
+from gss.catalogue_tools.envelope.moments import Moments
 from gss.catalogue_tools.envelope.orbits import OrbitRanges, Range
 from gss.catalogue_tools.selection.counting import fields_per_star
 from gss.domain.angles import Array, unit_from_ra_dec

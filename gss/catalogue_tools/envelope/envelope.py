@@ -25,6 +25,7 @@ from gss.catalogue_tools.envelope.attitude import (
     orbit_axes,
 )
 from gss.catalogue_tools.envelope.field import CircularField, FieldShape
+from gss.catalogue_tools.envelope.moments import Moments
 from gss.catalogue_tools.envelope.orbits import OrbitRanges, Range
 from gss.catalogue_tools.envelope.reach import TOLERANCE_RAD, cosine_range, polar_interval, reachable
 from gss.catalogue_tools.selection.counting import fields_per_star
@@ -45,16 +46,7 @@ PATCH_TOLERANCE_RAD = 5e-5
 MAP_TOLERANCE_RAD = 5e-3
 POLAR_BINS = 1440
 PLANES_PER_BIN = 24
-
-
-@dataclass(frozen=True)
-class Moments:
-    """Attitudes at n times. ``cam_from_icrs``: (n, 3, 3). ``part``: (n,) elapsed fraction of the validity. ``nadir``:
-    (n, 3) ICRS direction to the Earth's centre, None if the law does not define it."""
-
-    cam_from_icrs: Array
-    part: Array
-    nadir: Array | None = None
+ECCENTRIC_FIELDS = 20_000
 
 
 class Envelope(Protocol):
@@ -125,7 +117,11 @@ class WholeSky:
 
 @dataclass(frozen=True)
 class BandEnvelope:
-    """Envelope of a camera that rotates once per orbit, at every argument of latitude."""
+    """Envelope of a camera that rotates once per orbit, at every argument of latitude.
+
+    An eccentric orbit has the same envelope as a circular one, because the base axes are nadir and orbit normal and all arguments
+    of latitude occur. It differs in the fraction of time: the satellite is longer near apogee (Moniteq 1983 §2.5).
+    """
 
     shape: FieldShape
     limits: AttitudeLimits
@@ -146,10 +142,23 @@ class BandEnvelope:
 
     def time_fraction(self, unit: Array) -> Array:
         rng = np.random.default_rng(0)
+        if self.orbit.ellipse is not None:
+            return self._sampled_fraction(unit, rng)
         return self.share_in_planes(unit, *self._planes(rng, PLANES_PER_BIN if np.ptp(self.orbit.raan_rad) > 0 else 1))
 
+    def _sampled_fraction(self, unit: Array, rng: np.random.Generator) -> Array:
+        """Return the (n,) fraction of time from random moments. Directions that are inside the envelope but in no sampled field
+        get half of the smallest fraction."""
+        u = np.asarray(unit, float)
+        inside = np.flatnonzero(self.contains(u))
+        share = np.zeros(len(u))
+        counts = fields_per_star(u[inside], self.attitudes(rng, ECCENTRIC_FIELDS), self.shape)
+        share[inside] = np.maximum(counts, 0.5) / ECCENTRIC_FIELDS
+        return share
+
     def share_in_planes(self, unit: Array, raan_rad: Array, inclination_rad: Array) -> Array:
-        """Return the (n,) fraction of time in the field over (k,) planes. The planes can be outside the limits."""
+        """Return the (n,) fraction of time in the field over (k,) planes, for circular orbits. The planes can be outside the
+        limits."""
         knots, share = self._share_by_angle
         flat = np.sin(inclination_rad)
         normal = np.stack([np.sin(raan_rad) * flat, -np.cos(raan_rad) * flat, np.cos(inclination_rad)])
@@ -173,18 +182,23 @@ class BandEnvelope:
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
         raan = rng.uniform(*self.orbit.raan_rad, count)
         inclination = rng.uniform(*self.orbit.inclination_rad, count)
-        latitude = rng.uniform(0, 2 * np.pi, count)
+        turn = part = rng.uniform(0, 1, count)
+        if self.orbit.ellipse is not None:  # node and perigee drift together
+            part = rng.random(count)
+            raan = self.orbit.raan_drifted(part, raan)
+        latitude, _ = self.orbit.latitude_at(part, turn)
         body_from_orbit = euler_123(rng.uniform(self.limits.low, self.limits.high, (count, 3)))
         return np.asarray(self.limits.cam_from_body @ body_from_orbit @ orbit_axes(raan, inclination, latitude))
 
     def at(self, cube: Array) -> Moments:
-        """See :meth:`Envelope.at`; the node moves uniformly from the start of validity to its end."""
-        part, tilt, place = cube[:, 0], cube[:, 1], cube[:, 2]
+        """See :meth:`Envelope.at`; node and perigee move uniformly from the start of validity to its end."""
+        part, tilt = cube[:, 0], cube[:, 1]
         raan = self.orbit.raan_at(part)
         low, high = self.orbit.inclination_rad
-        axes = orbit_axes(raan, low + (high - low) * tilt, 2 * np.pi * place)
+        latitude, distance_m = self.orbit.latitude_at(part, cube[:, 2])
+        axes = orbit_axes(raan, low + (high - low) * tilt, latitude)
         body_from_orbit = euler_123(self.limits.low + (self.limits.high - self.limits.low) * cube[:, 3:])
-        return Moments(self.limits.cam_from_body @ body_from_orbit @ axes, part, axes[:, 2])
+        return Moments(self.limits.cam_from_body @ body_from_orbit @ axes, part, axes[:, 2], distance_m)
 
     def _planes(self, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
         """Return ``count`` planes. Nodes are evenly spaced over their range; inclinations are random."""

@@ -2,9 +2,11 @@
 
 A star is visible if its line of sight passes the Earth's limb by the margin. A field is usable if its boresight also
 passes the limb by the margin and keeps the baffle's angles to Sun and Moon. Eclipses are ignored: the Sun's keep-out
-angle also applies in the Earth's shadow, which is conservative. The orbit is a circle, and the directions of Sun and
-Moon are those from the Earth's centre (from a low orbit the Moon appears up to 1.1° away; add this to the Moon's
-angle).
+angle also applies in the Earth's shadow, which is conservative. The directions of Sun and Moon are those from the
+Earth's centre (from a low orbit the Moon appears up to 1.1° away; add this to the Moon's angle).
+
+On an eccentric orbit the Earth's disc has the size of each moment. Only the membership of stars uses the disc at apogee,
+the smallest one, so that no visible star is missing while the perigee drifts (Moniteq 1983 §2.5).
 
 For a camera that rotates with the orbit, the sky hidden by the Earth is exact to ``hidden_bands.END_RAD``. For other
 laws, the Earth hides a direction permanently only if limb and margin exceed 90°. In this case boresight and star are
@@ -29,10 +31,12 @@ from gss.catalogue_tools.design.baffle_search import (
     free_of_baffle,
 )
 from gss.catalogue_tools.envelope.attitude import AttitudeLimits, orbit_axes
-from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope, Moments, polar_range
+from gss.catalogue_tools.envelope.ellipse import EARTH_RADIUS_M, MIN_ORBIT_M, Ellipse
+from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope, polar_range
 from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.envelope.hidden_bands import ROUNDS, seen_bands
-from gss.catalogue_tools.envelope.orbits import EARTH_RADIUS_M, MIN_ORBIT_M, OrbitRanges, altitude_of_tle
+from gss.catalogue_tools.envelope.moments import Moments, joined
+from gss.catalogue_tools.envelope.orbits import OrbitRanges, altitude_of_tle
 from gss.catalogue_tools.envelope.reach import TOLERANCE_RAD
 from gss.catalogue_tools.envelope.views import Views, views_of
 from gss.catalogue_tools.selection.counting import Shadow, fields_per_star
@@ -86,10 +90,21 @@ class Occultation:
 
     @property
     def earth_rad(self) -> float:
-        """Angle from nadir to limb plus margin; 0 if the Earth is ignored."""
+        """Angle from nadir to limb plus margin at the altitude; 0 if the Earth is ignored."""
         if self.altitude_m is None:
             return 0.0
-        return float(np.arcsin(EARTH_RADIUS_M / (EARTH_RADIUS_M + self.altitude_m))) + self.earth_margin_rad
+        return self.smallest_rad(None)
+
+    def earth_at_rad(self, distance_m: Array) -> Array:
+        """Return the (n,) angles from nadir to limb plus margin at (n,) distances from the Earth's centre."""
+        return np.asarray(np.arcsin(np.minimum(1.0, EARTH_RADIUS_M / distance_m)) + self.earth_margin_rad)
+
+    def smallest_rad(self, ellipse: Ellipse | None) -> float:
+        """Return the smallest angle from nadir to limb plus margin on an orbit; 0 if the Earth is ignored."""
+        if self.altitude_m is None:
+            return 0.0
+        altitude_m = self.altitude_m if ellipse is None else ellipse.apogee_altitude_m
+        return float(self.earth_at_rad(np.array(EARTH_RADIUS_M + altitude_m)))
 
     @property
     def baffled(self) -> bool:
@@ -178,7 +193,7 @@ class OccultedEnvelope:
     def at(self, cube: Array) -> Moments:
         """Moments of the base envelope, with the direction of the Earth."""
         moments = self.base.at(cube[:, : self.base.dimensions])
-        return moments if moments.nadir is not None else replace(moments, nadir=self._nadir(moments.part, cube[:, -2:]))
+        return moments if moments.nadir is not None else self._with_nadir(moments, cube[:, -2:])
 
     def usable(self, moments: Moments) -> NDArray[np.bool_]:
         """Return the (n,) mask of the moments whose field is not blinded."""
@@ -188,7 +203,7 @@ class OccultedEnvelope:
         """Region hidden by the Earth at these moments; None without an Earth."""
         if self.occultation.altitude_m is None or moments.nadir is None:
             return None
-        return Shadow(moments.nadir, self.occultation.earth_rad)
+        return Shadow(moments.nadir, self._earth_rad(moments))
 
     def usable_moments(self, rng: np.random.Generator, count: int) -> Moments:
         """Return ``count`` random usable moments. Raises BadInput if all or nearly all fields are blinded."""
@@ -205,9 +220,9 @@ class OccultedEnvelope:
                 )
             moments = self.at(rng.random((draw, self.dimensions)))
             good = np.flatnonzero(self.usable(moments))
-            batches.append(_take(moments, good))
+            batches.append(moments.take(good))
             drawn, usable = drawn + draw, usable + len(good)
-        return _take(_joined(batches), np.arange(count))
+        return joined(batches).take(np.arange(count))
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
         """Return (count, 3, 3) random usable cam_from_icrs."""
@@ -230,7 +245,7 @@ class OccultedEnvelope:
         per_field = max(1.0, len(u) * self.base.shape.area_sr / (4 * np.pi))
         count = int(np.clip(HITS_PER_DIRECTION * len(possible) / per_field, 1000, self.effort.moments))
         moments = self.at(np.random.default_rng(0).random((count, self.dimensions)))
-        good = _take(moments, np.flatnonzero(self.usable(moments)))
+        good = moments.take(np.flatnonzero(self.usable(moments)))
         share = np.zeros(len(u))
         counts = fields_per_star(u[possible], good.cam_from_icrs, self.base.shape, self.shadow(good))
         share[possible] = counts / count
@@ -246,12 +261,12 @@ class OccultedEnvelope:
         doubtful = np.flatnonzero(visible)
         doubtful = doubtful[~self._witnessed(u[doubtful])]
         visible[doubtful] = free_of_baffle(
-            self.base, u[doubtful], self.baffle, self._views, self.occultation.earth_rad, self.effort.views
+            self.base, u[doubtful], self.baffle, self._views, self._smallest_rad, self.effort.views
         )
         return visible
 
     def _clear_of_earth(self, u: Array) -> NDArray[np.bool_]:
-        earth_rad = self.occultation.earth_rad
+        earth_rad = self._smallest_rad
         if isinstance(self.base, BandEnvelope):
             smallest, largest = polar_range(self.base.orbit, u)
             return np.asarray(
@@ -274,14 +289,14 @@ class OccultedEnvelope:
     @cached_property
     def _bands(self) -> list[tuple[float, float]]:
         return (
-            seen_bands(self.base, self._views, self.occultation.earth_rad, self.effort.rounds)
+            seen_bands(self.base, self._views, self._smallest_rad, self.effort.rounds)
             if isinstance(self.base, BandEnvelope)
             else []
         )
 
     def _witnessed(self, u: Array) -> NDArray[np.bool_]:
         moments = self.at(np.random.default_rng(1).random((self.effort.witnesses, self.dimensions)))
-        good = _take(moments, np.flatnonzero(self.usable(moments)))
+        good = moments.take(np.flatnonzero(self.usable(moments)))
         return fields_per_star(u, good.cam_from_icrs, self.base.shape, self.shadow(good)) > 0
 
     def _blinding(self, moments: Moments) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
@@ -289,7 +304,7 @@ class OccultedEnvelope:
         none = np.zeros(len(boresight), bool)
         earth = sun_near = moon_near = none
         if o.altitude_m is not None and moments.nadir is not None:
-            earth = (boresight * moments.nadir).sum(axis=1) > np.cos(o.earth_rad)
+            earth = (boresight * moments.nadir).sum(axis=1) > np.cos(self._earth_rad(moments))
         if o.baffled:
             sun, moon = self.baffle.bodies(moments.part)
             if o.sun_rad:
@@ -298,27 +313,26 @@ class OccultedEnvelope:
                 moon_near = (boresight * moon).sum(axis=1) > np.cos(o.moon_rad)
         return earth, sun_near, moon_near
 
-    def _nadir(self, part: Array, place: Array) -> Array:
-        """Return (n, 3) directions to the Earth for (n, 2) points of the unit square: along the orbit, or over the
-        whole sphere without an orbit."""
-        turn = 2 * np.pi * place[:, 0]
+    @property
+    def _smallest_rad(self) -> float:
+        """Smallest angle from nadir to limb plus margin during the validity."""
+        orbit = self.base.orbit if isinstance(self.base, BandEnvelope) else self.orbit
+        return self.occultation.smallest_rad(None if orbit is None else orbit.ellipse)
+
+    def _earth_rad(self, moments: Moments) -> Array | float:
+        """Return the (n,) or common angle from nadir to limb plus margin."""
+        if moments.distance_m is None:
+            return self.occultation.earth_rad
+        return self.occultation.earth_at_rad(moments.distance_m)
+
+    def _with_nadir(self, moments: Moments, place: Array) -> Moments:
+        """Return the moments with (n, 3) directions to the Earth for (n, 2) points of the unit square: along the orbit, or over
+        the whole sphere without an orbit."""
         if self.orbit is None:
-            z = 2 * place[:, 1] - 1
+            turn, z = 2 * np.pi * place[:, 0], 2 * place[:, 1] - 1
             flat = np.sqrt(1 - z * z)
-            return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
+            return replace(moments, nadir=np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1))
         low, high = self.orbit.inclination_rad
-        return orbit_axes(self.orbit.raan_at(part), low + (high - low) * place[:, 1], turn)[:, 2]
-
-
-def _take(moments: Moments, rows: NDArray[np.intp]) -> Moments:
-    nadir = None if moments.nadir is None else moments.nadir[rows]
-    return Moments(moments.cam_from_icrs[rows], moments.part[rows], nadir)
-
-
-def _joined(parts: list[Moments]) -> Moments:
-    nadirs = [p.nadir for p in parts if p.nadir is not None]
-    return Moments(
-        np.concatenate([p.cam_from_icrs for p in parts]),
-        np.concatenate([p.part for p in parts]),
-        np.concatenate(nadirs) if nadirs else None,
-    )
+        latitude, distance_m = self.orbit.latitude_at(moments.part, place[:, 0])
+        axes = orbit_axes(self.orbit.raan_at(moments.part), low + (high - low) * place[:, 1], latitude)
+        return replace(moments, nadir=axes[:, 2], distance_m=distance_m)

@@ -10,15 +10,13 @@ from sgp4.api import Satrec, jday
 from sgp4.conveniences import sat_epoch_datetime
 
 from gss.catalogue_tools.corrections.corrections import date_from_icrs
+from gss.catalogue_tools.envelope.ellipse import EARTH_RADIUS_M, MIN_ORBIT_M, Ellipse
 from gss.domain.angles import Array, wrap_pi_rad
 from gss.domain.errors import BadInput
 
 Range = tuple[float, float]
-EARTH_RADIUS_M = 6_378_137.0
-EARTH_MU_M3_S2 = 3.986004418e14
-J2 = 1.08262668e-3
-# Minimum altitude. A lower satellite does not complete an orbit.
-MIN_ORBIT_M = 100e3
+# Smallest eccentricity of a TLE that is used. Below it the altitude of a low orbit varies by less than 15 km from the mean.
+MIN_ECCENTRICITY = 0.002
 # Number of days for which the node of a low orbit, predicted from mean elements, is accurate to about 0.1°.
 TLE_VALID_DAYS = 60.0
 TLE_VALID_BEFORE_DAYS = 7.0
@@ -35,17 +33,33 @@ SGP4_WORDS = {
 class OrbitRanges:
     """Orbital planes in ICRS axes: every inclination with every node, at every argument of latitude.
 
-    ``raan_start_rad``, ``raan_end_rad``: the node at the two ends of validity.
+    ``raan_start_rad``, ``raan_end_rad``: the node at the two ends of validity. ``ellipse``: shape of an eccentric orbit, None
+    for circular orbits. The shape does not change the planes, only the time at each argument of latitude and the distance
+    from the Earth.
     """
 
     inclination_rad: Range
     raan_rad: Range
     raan_start_rad: float
     raan_end_rad: float
+    ellipse: Ellipse | None = None
 
     def raan_at(self, part: Array) -> Array:
         """Return the node after (n,) fractions of the validity."""
         return np.asarray(self.raan_start_rad + (self.raan_end_rad - self.raan_start_rad) * np.asarray(part))
+
+    def raan_drifted(self, part: Array, raan_rad: Array) -> Array:
+        """Return the nodes after (n,) fractions of the validity. ``raan_rad``: (n,) nodes spread over the limits, which are
+        narrowed to the limits of the first day."""
+        low, high = self.raan_rad
+        drift = abs(self.raan_end_rad - self.raan_start_rad)
+        first_day = max(0.0, high - low - drift) / max(high - low, 1e-12)
+        return np.asarray(self.raan_at(part) + (raan_rad - (low + high) / 2) * first_day)
+
+    def latitude_at(self, part: Array, turn: Array) -> tuple[Array, Array | None]:
+        """Return the (n,) arguments of latitude after (n,) fractions ``turn`` of an orbit in time, and the (n,) distances from
+        the Earth's centre in m, None for circular orbits."""
+        return (2 * np.pi * turn, None) if self.ellipse is None else self.ellipse.latitude_at(part, turn)
 
 
 def from_elements(inclination_rad: Range, raan_rad: Range) -> OrbitRanges:
@@ -62,7 +76,7 @@ def from_elements(inclination_rad: Range, raan_rad: Range) -> OrbitRanges:
 def from_tle(text: str, start: datetime, days: float) -> OrbitRanges:
     """Return the planes of a satellite over ``days`` from ``start`` (UTC, with a time zone).
 
-    Uses the secular J2 drift of SGP4's mean node, rotated from the equator of date to ICRS. Raises BadInput if the TLE
+    Uses the secular J2 drift of SGP4's mean node and perigee, rotated from the equator of date to ICRS. Raises BadInput if the TLE
     or the dates are not valid.
     """
     satellite = read_tle(text)
@@ -73,7 +87,8 @@ def from_tle(text: str, start: datetime, days: float) -> OrbitRanges:
     raan = [float(np.arctan2(n[0], -n[1]) % (2 * np.pi)) for n in normals]
     for k in (1, 2):  # unwrap the drift across 0°
         raan[k] = raan[k - 1] + float(wrap_pi_rad(raan[k] - raan[k - 1]))
-    return OrbitRanges((min(inclination), max(inclination)), (min(raan), max(raan)), raan[0], raan[2])
+    ellipse = _ellipse_of(satellite, start, end)
+    return OrbitRanges((min(inclination), max(inclination)), (min(raan), max(raan)), raan[0], raan[2], ellipse)
 
 
 def read_tle(text: str) -> Satrec:
@@ -118,13 +133,6 @@ def altitude_of_tle(text: str) -> float:
     """Return the altitude of the mean orbit in metres: its semi-major axis minus the Earth's equatorial radius."""
     satellite = read_tle(text)
     return float(satellite.a * EARTH_RADIUS_M - EARTH_RADIUS_M)
-
-
-def node_rate_rad_s(inclination_rad: float, altitude_m: float) -> float:
-    """Drift of the node of a circular orbit due to the Earth's oblateness (Moniteq 1983 §2.5)."""
-    radius_m = EARTH_RADIUS_M + altitude_m
-    mean_motion = np.sqrt(EARTH_MU_M3_S2 / radius_m**3)
-    return float(-1.5 * J2 * mean_motion * (EARTH_RADIUS_M / radius_m) ** 2 * np.cos(inclination_rad))
 
 
 def ordered(quantity: str, limits: Range, hint: str = "") -> Range:
@@ -187,11 +195,24 @@ def _check_span(satellite: Satrec, start: datetime, end: datetime) -> None:
 
 def _mean_normal(satellite: Satrec, moment: datetime) -> Array:
     """Return the (3,) ICRS unit vector along the orbital momentum, from the mean elements with their secular rate."""
-    jd, part = _julian(moment)
-    minutes = (jd - satellite.jdsatepoch + part - satellite.jdsatepochF) * 1440.0
-    raan, i = satellite.nodeo + satellite.nodedot * minutes, satellite.inclo
+    raan, i = satellite.nodeo + satellite.nodedot * _minutes(satellite, moment), satellite.inclo
     normal = np.array([np.sin(raan) * np.sin(i), -np.cos(raan) * np.sin(i), np.cos(i)])
     return np.asarray(date_from_icrs(jyear_of(moment)).T @ normal)
+
+
+def _ellipse_of(satellite: Satrec, start: datetime, end: datetime) -> Ellipse | None:
+    """Return the mean ellipse with the secular drift of its perigee; None if the orbit is nearly circular. The argument of perigee
+    is counted from the node of date, which is less than half a degree from that in ICRS axes."""
+    if satellite.ecco < MIN_ECCENTRICITY:
+        return None
+    first, last = (float(satellite.argpo + satellite.argpdot * _minutes(satellite, moment)) for moment in (start, end))
+    return Ellipse(float(satellite.ecco), float(satellite.a * EARTH_RADIUS_M - EARTH_RADIUS_M), first, last)
+
+
+def _minutes(satellite: Satrec, moment: datetime) -> float:
+    """Minutes since the epoch of the elements."""
+    jd, part = _julian(moment)
+    return float((jd - satellite.jdsatepoch + part - satellite.jdsatepochF) * 1440.0)
 
 
 def _julian(moment: datetime) -> tuple[float, float]:

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.envelope.envelope import Envelope, Moments
+from gss.catalogue_tools.envelope.envelope import Envelope
 from gss.catalogue_tools.envelope.field import FieldShape
+from gss.catalogue_tools.envelope.moments import Moments
 from gss.domain.angles import Array
 
 
@@ -54,7 +55,9 @@ class HeadsEnvelope:
         moments = [head.at(cube[:, :-1]) for head in self.heads]
         nadirs = [moment.nadir for moment in moments if moment.nadir is not None]
         nadir = _chosen(nadirs, number) if len(nadirs) == len(moments) else None
-        return Moments(_chosen([moment.cam_from_icrs for moment in moments], number), moments[0].part, nadir)
+        cams = _chosen([moment.cam_from_icrs for moment in moments], number)
+        # All heads have the same orbit and place.
+        return Moments(cams, moments[0].part, nadir, moments[0].distance_m)
 
 
 def _chosen(values: Sequence[Array], number: NDArray[np.intp]) -> Array:

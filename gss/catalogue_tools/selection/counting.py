@@ -27,10 +27,10 @@ MANY_STARS = 5000
 @dataclass(frozen=True)
 class Shadow:
     """Region hidden by the Earth. ``nadir``: (m, 3) ICRS unit vectors, one per field. ``radius_rad``: angle to the limb
-    plus margin."""
+    plus margin, (m,) or common."""
 
     nadir: Array
-    radius_rad: float
+    radius_rad: Array | float
 
 
 def stars_per_field(
@@ -103,5 +103,6 @@ def _seen(
     v = (attitudes[rows].reshape(-1, 3) @ near).reshape(len(rows), 3, len(stars))
     visible = shape.inside_planes(v[:, 0], v[:, 1], v[:, 2])
     if shadow is not None:
-        visible &= shadow.nadir[rows] @ near <= np.cos(shadow.radius_rad)
+        limit = np.broadcast_to(np.cos(shadow.radius_rad), len(shadow.nadir))[rows]
+        visible &= shadow.nadir[rows] @ near <= limit[:, None]
     return visible

@@ -103,6 +103,8 @@ class CatalogueRequest(Request):
     """Build request. Angles are in degrees. ``orbit``: none selects the whole sky, unless ``pointing`` needs no orbit.
     ``inclination_max_deg``: upper limit of the inclination; null: same as ``inclination_deg``. ``altitude_km``:
     altitude from which the drift of the node over the days of use is computed; null: the node limits are fixed.
+    ``eccentricity``: above 0 for an eccentric orbit with the argument of perigee ``perigee_deg`` at the start; ``altitude_km``
+    is then the semi-major axis minus 6378 km.
     ``roll_deg``, ``pitch_deg``, ``yaw_deg``: limits; null: usual limits of the law. ``faint_mag``: null: the camera's
     limit. ``body_from_cam``: nine numbers by rows that replace the mounting of the law. ``mounting_deg``:
     alternatively, three rotations about x, y and z in this order from the body axes to the camera axes. ``heads``:
@@ -119,6 +121,8 @@ class CatalogueRequest(Request):
     inclination_max_deg: float | None = Field(default=None, ge=0, le=180)
     raan_deg: Range = Field(default=[0.0, 360.0])
     altitude_km: float | None = Field(default=None, ge=100, le=1_000_000)
+    eccentricity: float = Field(default=0.0, ge=0, lt=1)
+    perigee_deg: Angle = 0.0
     tle: str = Field(default="", max_length=400)
     start: str = ""
     days: float = Field(default=14, gt=0, le=3660)
@@ -221,7 +225,9 @@ def orbit_of(spec: CatalogueRequest) -> ElementsOrbit | TleOrbit | None:
         low = spec.inclination_deg
         high = low if spec.inclination_max_deg is None else spec.inclination_max_deg
         height_m = None if spec.altitude_km is None else 1000 * spec.altitude_km
-        return ElementsOrbit(_radians([low, high]), _radians(spec.raan_deg), height_m)
+        perigee_rad = math.radians(spec.perigee_deg)
+        limits = _radians([low, high]), _radians(spec.raan_deg)
+        return ElementsOrbit(*limits, height_m, spec.eccentricity, perigee_rad)
     return TleOrbit(spec.tle) if spec.orbit == "tle" else None
 
 

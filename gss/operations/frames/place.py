@@ -13,7 +13,8 @@ import numpy as np
 from sgp4.api import jday
 
 from gss.catalogue_tools.corrections.ephemeris import teme_from_icrs
-from gss.catalogue_tools.envelope.orbits import EARTH_RADIUS_M, jyear_of, read_tle
+from gss.catalogue_tools.envelope.ellipse import EARTH_RADIUS_M
+from gss.catalogue_tools.envelope.orbits import jyear_of, read_tle
 from gss.device.protocol.codec import check_arguments
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput

@@ -146,6 +146,8 @@ export class Builder {
       inclination_deg: number(t.inclination_deg),
       raan_deg: [number(t.raan_from), number(t.raan_to)],
       altitude_km: this.orbit === 'tle' ? null : optional(t.altitude_km),
+      eccentricity: this.orbit === 'elements' ? number(t.eccentricity) : 0,
+      perigee_deg: this.orbit === 'elements' ? number(t.perigee_deg) : 0,
       tle: this.tle,
       start: this.start,
       days: number(t.days),

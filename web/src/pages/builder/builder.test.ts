@@ -28,6 +28,27 @@ describe('the builder', () => {
     expect([b.profile, b.texts.faint_mag]).toEqual(['sunsat', '5']);
   });
 
+  it('sends a circular orbit by default, and the shape of an eccentric one', () => {
+    const b = new Builder();
+    b.startWith(CAMERAS);
+    b.orbit = 'elements';
+    expect([b.request.eccentricity, b.request.perigee_deg]).toEqual([0, 0]);
+    Object.assign(b.texts, { altitude_km: '20188', eccentricity: '0.74', perigee_deg: '270' });
+    expect(b.valid).toBe(true);
+    const again = new Builder();
+    again.fill({
+      name: 'molniya',
+      profile: 'cubestar',
+      format: 'cubestar',
+      request: b.request,
+    } as unknown as CatalogueDetail);
+    expect([again.request.eccentricity, again.request.perigee_deg]).toEqual([0.74, 270]);
+    again.texts.eccentricity = '1.2';
+    expect(again.valid).toBe(false);
+    again.orbit = 'tle';
+    expect(again.request.eccentricity).toBe(0);
+  });
+
   it('sends the mountings of all heads of a spacecraft, and keeps them when a catalogue is loaded again', () => {
     const b = new Builder();
     b.startWith(CAMERAS);

@@ -5,6 +5,8 @@ export interface Texts {
   raan_from: string;
   raan_to: string;
   altitude_km: string;
+  eccentricity: string;
+  perigee_deg: string;
   days: string;
   roll: string;
   pitch: string;
@@ -41,6 +43,8 @@ export const LIMITS: Record<keyof Texts, [number, number]> = {
   raan_from: [-360, 720],
   raan_to: [-360, 720],
   altitude_km: [100, 1_000_000],
+  eccentricity: [0, 0.99],
+  perigee_deg: [-360, 360],
   days: [0.1, 3660],
   roll: [0, 180],
   pitch: [0, 180],
@@ -86,6 +90,8 @@ export const START: Texts = {
   raan_from: '0',
   raan_to: '360',
   altitude_km: '',
+  eccentricity: '0',
+  perigee_deg: '0',
   days: '14',
   roll: '5',
   pitch: '5',
