@@ -17,14 +17,14 @@ from gss.domain.errors import StoreDown
 from gss.operations.studies.list_runs import ListRunRequest
 from gss.settings import Settings
 from gss.wiring.build import build
-from tools.bench_scenes import CAMERAS, CentroidList, star_lists, visible_stars
+from tools.bench_scenes import CAMERAS, CentroidList, Disturbance, star_lists, visible_stars
 
 OPTICS = CAMERAS[0]
 
 
 def scenes() -> list[CentroidList]:
     """Return star lists of CubeStar's camera without distortion, generated independently of the product code."""
-    return star_lists(visible_stars(OPTICS), OPTICS, 3, 3, 0.2, 31)
+    return star_lists(visible_stars(OPTICS), OPTICS, 3, Disturbance(3), 31)
 
 
 def lists_npz(scenes: list[CentroidList]) -> bytes:

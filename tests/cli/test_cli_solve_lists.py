@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gss.cli import main
 from gss.instruments.registry import SHIPPED
-from tools.bench_scenes import CAMERAS, EPOCH_JYEAR, CentroidList, star_lists, visible_stars
+from tools.bench_scenes import CAMERAS, EPOCH_JYEAR, CentroidList, Disturbance, star_lists, visible_stars
 
 OPTICS = CAMERAS[0]
 CAMERA_OPTIONS = ["--camera", "cubestar", "--no-distortion", "--epoch", str(EPOCH_JYEAR)]
@@ -20,7 +20,7 @@ CAMERA_OPTIONS = ["--camera", "cubestar", "--no-distortion", "--epoch", str(EPOC
 
 def scenes(count: int = 6, false_stars: int = 3) -> list[CentroidList]:
     """Return star lists of CubeStar's camera without distortion, generated independently of the product code."""
-    return star_lists(visible_stars(OPTICS), OPTICS, count, false_stars, 0.2, 31)
+    return star_lists(visible_stars(OPTICS), OPTICS, count, Disturbance(false_stars), 31)
 
 
 def arrays(lists: list[CentroidList]) -> dict[str, np.ndarray]:

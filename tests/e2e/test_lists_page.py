@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from tools.bench_scenes import CAMERAS, star_lists, visible_stars
+from tools.bench_scenes import CAMERAS, Disturbance, star_lists, visible_stars
 
 pytestmark = pytest.mark.browser
 OPTICS = CAMERAS[0]
@@ -19,7 +19,7 @@ def test_a_file_of_lists_is_solved(page: Page, tmp_path: Path) -> None:
     """A file with an invalid line is rejected with the line number. A valid file gives a row per list and a JSON
     download.
     """
-    scenes = star_lists(visible_stars(OPTICS), OPTICS, 2, 3, 0.2, 31)
+    scenes = star_lists(visible_stars(OPTICS), OPTICS, 2, Disturbance(3), 31)
     rows = ["list,col_px,row_px,flux"]
     for number, scene in enumerate(scenes):
         pixels = scene.offset_px + np.array([OPTICS.columns - 1, OPTICS.rows - 1]) / 2

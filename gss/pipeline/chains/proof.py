@@ -20,6 +20,8 @@ from gss.pipeline.identify.focal_census import focal_objection
 from gss.pipeline.identify.soundness import is_handed
 
 Rows = NDArray[np.integer]
+ERROR_SIGMA, MAX_ERROR_PX = 3.0, 5.0
+"""Standard deviations of the boresight that must be below the error from which an attitude counts as wrong."""
 
 
 def rejected(reason: str, probability: float = float("nan")) -> OnboardSolution:
@@ -63,6 +65,25 @@ def off_hint(hint: AttitudePrior, cam_from_icrs: Array, limit_rad: float) -> str
     if off_rad <= limit_rad:
         return ""
     return f"boresight is {np.degrees(off_rad):.1f}° from the hint; {np.degrees(limit_rad):.1f}° allowed"
+
+
+def undetermined(covariance_rad2: Array, residual_px: Array, sigma_px: Array, camera: Camera) -> str:
+    """Test that the boresight is determined: three standard deviations are at most five pixels. ``covariance_rad2`` (3, 3):
+    of the rotation vector, camera frame; ``residual_px`` (k, 2) and ``sigma_px`` (k,): of all identified stars.
+
+    If the residuals are larger than the centroid errors, the covariance is multiplied by their reduced χ², because
+    neighbouring stars that are measured as one displace a centroid by more than its noise. A few stars close together
+    can then agree within a pixel although the boresight is many pixels off.
+    """
+    freedom = max(2 * len(residual_px) - 3, 1)
+    chi2 = float(np.sum((residual_px / sigma_px[:, None]) ** 2)) / freedom
+    sigma_rad = float(np.sqrt(max(chi2, 1.0) * (covariance_rad2[0, 0] + covariance_rad2[1, 1])))
+    error_px = ERROR_SIGMA * sigma_rad / camera.pixel_rad
+    if error_px <= MAX_ERROR_PX:
+        return ""
+    return (
+        f"the boresight could be {error_px:.0f} px off: the stars are close together, residuals {np.sqrt(chi2):.0f} σ"
+    )
 
 
 def accidental(selected: int, centroids: int, probability: float, allowed: float) -> str:

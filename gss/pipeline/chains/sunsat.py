@@ -117,6 +117,9 @@ def calculate_attitude(
     named, rows = np.concatenate([chosen, extra]), np.concatenate([rows, guide])
     weight = np.concatenate([matching.weight[chosen], np.zeros(len(extra))])
     seen_px = camera.project(catalogue.guides.unit[rows] @ cam_from_icrs.T)
+    undetermined = proof.undetermined(covariance, centroids.pixels[named] - seen_px, centroids.sigma_px[named], camera)
+    if undetermined and p.acceptance != "document":
+        return proof.rejected(undetermined, probability)
     attitude = Attitude(quaternion_from_matrix(cam_from_icrs), covariance)
     return proof.solved(attitude, probability, centroids, named, catalogue.bank.hip[rows], weight, seen_px)
 
