@@ -107,7 +107,8 @@ def injection(stars: StarTable, trials: int, seed: int, progress: Progress) -> E
     for k, case in enumerate(cases):
         seen = _observations(case, sky, trials, seed, lambda s, k=k: progress((k + s) / len(cases)))  # type: ignore[misc]
         ageing = ageing_of(kept_frames(seen, alone, EXPOSURE_S), cases[0].unit.sensor, np.random.default_rng([seed, 3]))
-        sheet = performance_sheet(sheet_input(seen, CAMERA, ageing), np.random.default_rng([seed, 2]))
+        apparent = [case.unit.apparent(o.moment) if case.corrected else alone for o in seen]
+        sheet = performance_sheet(sheet_input(seen, CAMERA, apparent, ageing), np.random.default_rng([seed, 2]))
         calm = sheet if calm is None else calm
         rows.append(_row(case, sheet, calm, seen))
     progress(1.0)
@@ -127,6 +128,9 @@ def injection(stars: StarTable, trials: int, seed: int, progress: Progress) -> E
         (
             "The injected size of the field error is computed for the stars that the attitudes use. The injected "
             "size of the noise is the scatter of the attitude errors at rest.",
+            "The chain rejects stars whose error exceeds about 0.2 px. Near the edge of the field these are the stars "
+            "whose noise adds to the lens error, so the residuals of the other stars are too small. The spatial errors "
+            "are therefore fitted to the rejected stars too.",
             "A lens error rotates the attitude by an angle that depends on the stars in the field, so it can also "
             "change rows that compare attitudes.",
             "Particles next to a star, and particles that leave too little charge, are not counted.",
@@ -185,12 +189,13 @@ def _cases(stars: StarTable) -> list[_Case]:
 
 def _star_error_px(bent: Camera, seen: list[Observation]) -> float:
     """Return the error per axis of the stars that the attitudes use, without their common rotation. The chain excludes
-    stars with an error of more than about a pixel, so the error over the whole detector is larger."""
+    stars with an error of more than about 0.2 px, so the error over the whole detector is larger."""
     parts = []
     for o in seen:
         if o.result.matches is not None and o.result.attitude is not None:
             used = o.result.matches.weight > 0
-            parts.append(o.result.centroids.pixels[o.result.matches.centroid[used]])
+            measured = o.result.centroids.pixels[o.result.matches.centroid[used]]
+            parts.append(measured - o.result.matches.residual_px[used])
     places = np.concatenate(parts)
     off = bent.project(CAMERA.unproject(places)) - places
     effect = rotation_effect(CAMERA, places).reshape(-1, 3)

@@ -52,12 +52,13 @@ def sheet_of_frames(
             None if temperature is None else temperature_at(series.times_s, *temperature),
             velocity,
         )
+    frames = health_frames(solver, run, Surroundings())
     sheet_input = SheetInput(
         profile.camera,
         series,
-        star_sightings(run.results, profile.camera),
+        star_sightings(run.results, profile.camera, [f.stars for f in frames]),
         reference,
-        ageing=ageing_of(health_frames(solver, run, Surroundings()), profile.sensor, np.random.default_rng([seed, 65])),
+        ageing=ageing_of(frames, profile.sensor, np.random.default_rng([seed, 65])),
     )
     chain = next((r.chain for r in run.results if r is not None), "")
     return _sheet(

@@ -38,7 +38,7 @@ from gss.pipeline.sheet.unit import (
 )
 from gss.pipeline.veil import Veil, halo, sun_stray
 
-SCAN_FRAMES, STARE_FRAMES, SLEW_FRAMES, EACH_FRAMES = 60, 60, 24, 8
+SCAN_FRAMES, STARE_FRAMES, SLEW_FRAMES, EACH_FRAMES = 60, 60, 24, 100
 MAX_SCAN_FRAMES, WANTED_STARS = 180, 700
 SCAN_STEP_S, PAUSE_S = 100.0, 1000.0
 PIXEL_FRAMES = 24
@@ -123,6 +123,7 @@ def simulated_input(
         sheet_input(
             observations,
             profile.camera,
+            [unit.apparent(o.moment) for o in observations],
             ageing_of(
                 kept_frames(observations, unit.stars, profile.sensor.exposure_s),
                 profile.sensor,

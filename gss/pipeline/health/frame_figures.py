@@ -19,6 +19,7 @@ from gss.pipeline.background import measure_background
 from gss.pipeline.calibration.gaussian_fit import fit_spots
 from gss.pipeline.calibration.robust import robust_sigma
 from gss.pipeline.detect import find_stars
+from gss.pipeline.rejected_stars import identified_stars, reach_of, rejected_stars
 from gss.pipeline.star_mask import star_mask
 from gss.pipeline.streaks import PIXEL_VARIANCE_PX2, trail_per_rad
 
@@ -139,23 +140,22 @@ def frame_figures(
     unexplained = len(result.centroids) - matched
     counts = dict(zip(COUNTS, (matched, unexplained), strict=True))
     return {
-        **_lens(result, camera),
+        **lens_figures(frame, result, camera),
         **_focus(pixels, sensor),
         **_light(result, frame, sky.excess_dn, sky.noise_dn, sensor),
         **{name: (float(n), max(1.0, float(np.sqrt(n)))) for name, n in counts.items()},
     }
 
 
-def _lens(result: SolveResult, camera: Camera) -> dict[str, tuple[float, float]]:
-    """Return focal length, centre and third-order distortion of the frame, fitted together with its attitude."""
-    matches = result.matches
-    assert matches is not None  # noqa: S101 - the caller has looked
-    used = np.isfinite(matches.residual_px).all(axis=1)
-    positions = result.centroids.pixels[matches.centroid[used]]
-    off, sigma = (
-        matches.residual_px[used],
-        np.maximum(result.centroids.sigma_px[matches.centroid[used]], MIN_ERROR_PX),
-    )
+def lens_figures(frame: HealthFrame, result: SolveResult, camera: Camera) -> dict[str, tuple[float, float]]:
+    """Return focal length, centre and third-order distortion of the frame, fitted together with its attitude. The fit
+    includes the stars that the chain rejected, because a change of the lens moves stars out of its limit."""
+    assert result.matches is not None  # noqa: S101 - the caller has looked
+    seen = identified_stars(result, result.matches)
+    seen = seen.with_others(rejected_stars(result, frame.stars, reach_of([result])))
+    used = np.isfinite(seen.residual_px).all(axis=1)
+    positions, off = seen.pixels[used], seen.residual_px[used]
+    sigma = np.maximum(seen.sigma_px[used], MIN_ERROR_PX)
     if len(positions) < LENS_STARS:
         return {}
     half_px = np.hypot(camera.columns, camera.rows) / 2

@@ -11,6 +11,8 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.results import SolveResult, Verdict
 from gss.domain.rotation import turn_between
+from gss.domain.stars import StarTable
+from gss.pipeline.rejected_stars import SeenStars, identified_stars, reach_of, rejected_stars
 from gss.pipeline.score import Score
 from gss.pipeline.sheet.spatial import StarSightings
 from gss.pipeline.sheet.trials import Trials
@@ -19,23 +21,37 @@ BLOCK_PX = 2.0
 """Maximum motion of the image within a block of frames. Within a block, stars stay at nearly the same pixels."""
 
 
-def star_sightings(results: Sequence[SolveResult | None], camera: Camera) -> StarSightings | None:
-    """Collect the identified stars of frames in order of time. None if no frame was solved."""
+def star_sightings(
+    results: Sequence[SolveResult | None], camera: Camera, apparent: Sequence[StarTable] = ()
+) -> StarSightings | None:
+    """Collect the identified stars of frames in order of time. None if no frame was solved.
+
+    ``apparent``: apparent places of the stars of each frame. With them, the stars that the chain rejected are added with
+    weight 0; see :mod:`gss.pipeline.rejected_stars`.
+    """
     frames: list[NDArray[np.intp]] = []
-    parts: list[tuple[Array, Array, Array, NDArray[np.int32]]] = []
+    parts: list[SeenStars] = []
     attitude = np.full((len(results), 4), np.nan)
+    reach_px = reach_of(results) if apparent else 0.0
     for k, result in enumerate(results):
         if result is None or result.matches is None or result.attitude is None or not len(result.matches):
             continue
         m = result.matches
-        parts.append((result.centroids.pixels[m.centroid], m.residual_px, m.weight, m.hip))
-        frames.append(np.full(len(m), k, np.intp))
+        seen = identified_stars(result, m)
+        if apparent:
+            seen = seen.with_others(rejected_stars(result, apparent[k], reach_px))
+        parts.append(seen)
+        frames.append(np.full(len(seen.hip), k, np.intp))
         attitude[k] = result.attitude.quaternion
     if not parts:
         return None
-    pixels, residual, weight, hip = (np.concatenate([p[c] for p in parts]) for c in range(4))
     return StarSightings(
-        np.concatenate(frames), pixels, residual, weight, hip.astype(np.int32), pointing_blocks(attitude, camera)
+        np.concatenate(frames),
+        np.concatenate([p.pixels for p in parts]),
+        np.concatenate([p.residual_px for p in parts]),
+        np.concatenate([p.weight for p in parts]),
+        np.concatenate([p.hip for p in parts]).astype(np.int32),
+        pointing_blocks(attitude, camera),
     )
 
 

@@ -38,8 +38,9 @@ PHASE_POINTS = 41
 @dataclass(frozen=True)
 class StarSightings:
     """m sightings of identified stars in n frames. ``frame`` (m,): number of the frame, ascending; ``pixels`` (m, 2):
-    measured positions; ``residual_px`` (m, 2): measured − predicted; ``weight`` (m,): weight in the attitude; ``hip``
-    (m,). ``block`` (n,): frames with equal labels have their stars at nearly the same pixels."""
+    measured positions; ``residual_px`` (m, 2): measured − predicted; ``weight`` (m,): weight in the attitude, 0 for
+    stars that the chain rejected; ``hip`` (m,). ``block`` (n,): frames with equal labels have their stars at nearly the
+    same pixels."""
 
     frame: NDArray[np.intp]
     pixels: Array
@@ -121,8 +122,9 @@ def rotation_effect(camera: Camera, pixels: Array) -> Array:
 
 def spatial_errors(sightings: StarSightings, camera: Camera, rng: np.random.Generator) -> SpatialErrors:
     """Fit the model and return the errors. Raises BadInput with too few stars or too few pointings."""
-    used = np.asarray(sightings.weight > 0) & np.isfinite(sightings.residual_px).all(axis=1)
-    keep = _inliers(sightings.residual_px, used, FIRST_REJECT_SIGMAS)
+    seen = np.asarray(np.isfinite(sightings.residual_px).all(axis=1))
+    used = seen & (sightings.weight > 0)
+    keep = _inliers(sightings.residual_px, seen, FIRST_REJECT_SIGMAS)
     blocks = len(np.unique(sightings.block[sightings.frame[keep]]))
     if np.count_nonzero(keep) < MIN_SIGHTINGS or blocks < MIN_BLOCKS:
         raise BadInput(
@@ -132,17 +134,17 @@ def spatial_errors(sightings: StarSightings, camera: Camera, rng: np.random.Gene
         )
     degree = 5 if np.count_nonzero(keep) * 2 > PER_UNKNOWN * (2 * _terms(5) + 4 * HARMONICS) else 3
     slow = 2 * _terms(degree)
-    frames = [np.flatnonzero(used & (sightings.frame == f)) for f in np.unique(sightings.frame[keep])]
+    frames = [np.flatnonzero(seen & (sightings.frame == f)) for f in np.unique(sightings.frame[keep & used])]
     frame_sums = [_frame(sightings, at, keep[at], camera, degree) for at in frames]
     total = np.sum([f.normal for f in frame_sums], axis=0), np.sum([f.right for f in frame_sums], axis=0)
     first = _solve(*total)
     residual_rest = _rest(sightings, frames, camera, first[:slow], degree)
     # Outliers are detected after the slow error is subtracted.
-    keep = _inliers(residual_rest, used, REJECT_SIGMAS)
+    keep = _inliers(residual_rest, np.asarray(np.isfinite(residual_rest).all(axis=1)), REJECT_SIGMAS)
     frame_sums = [_frame(sightings, at, keep[at], camera, degree) for at in frames]
     best, drawn, often = _drawn(frame_sums, sightings.block[[int(sightings.frame[at[0]]) for at in frames]], rng)
     residual_rest = _rest(sightings, frames, camera, best[:slow], degree)
-    residual_rest[~keep] = np.nan
+    residual_rest[~(keep & used)] = np.nan
     value, low, high = _debiased(frame_sums, _rotations(camera, degree), best, drawn, often)
     columns, rows, field = _map(camera, best[:slow], degree)
     within = np.linspace(-0.5, 0.5, PHASE_POINTS)
@@ -263,13 +265,13 @@ def _design(true_px: Array, camera: Camera, degree: int) -> Array:
     return design
 
 
-def _absorbed(sightings: StarSightings, rows: NDArray[Any], camera: Camera) -> tuple[Array, Array, Array]:
-    """Return, for the k stars ``rows`` of a frame, the effect of rotations (2k, 3), the weights (2k,), and the
-    least-squares rotation per pixel (3, 2k)."""
+def _absorbed(sightings: StarSightings, rows: NDArray[Any], camera: Camera) -> tuple[Array, Array]:
+    """Return, for the k stars ``rows`` of a frame, the effect of rotations (2k, 3), and the least-squares rotation per
+    pixel (3, 2k), which is 0 for the stars that the attitude does not use."""
     effect = rotation_effect(camera, sightings.pixels[rows]).reshape(-1, 3)
-    weight = np.repeat(sightings.weight[rows] / sightings.weight[rows].mean(), 2)
+    weight = np.repeat(sightings.weight[rows] / sightings.weight[rows].max(), 2)
     gain = np.linalg.pinv(effect.T @ (effect * weight[:, None])) @ (effect * weight[:, None]).T
-    return effect, weight, gain
+    return effect, gain
 
 
 def _frame(
@@ -277,9 +279,14 @@ def _frame(
 ) -> _FrameSums:
     """Return the contribution of a frame with the stars ``rows``. The equations contain only the stars in the mask
     ``keep``."""
-    effect, weight, gain = _absorbed(sightings, rows, camera)
+    effect, gain = _absorbed(sightings, rows, camera)
+    attitude_weight = sightings.weight[rows]
+    # A rejected star has the weight of a typical star.
+    star_weight = np.where(attitude_weight > 0, attitude_weight, np.median(attitude_weight[attitude_weight > 0]))
+    weight = np.repeat(star_weight / star_weight.mean(), 2)
     design = _design(sightings.pixels[rows] - sightings.residual_px[rows], camera, degree)
-    slow = design[keep][:, :, : 2 * _terms(degree)]
+    attitude_stars = keep & (attitude_weight > 0)
+    slow = design[attitude_stars][:, :, : 2 * _terms(degree)]
     flat = design.reshape(-1, design.shape[2])
     turn = gain @ flat
     keep_coordinates = np.repeat(keep, 2)
@@ -292,7 +299,7 @@ def _frame(
         turn,
         gain,
         np.einsum("mkp,mkq->pq", slow, slow, optimize=True) / 2,
-        int(keep.sum()),
+        int(attitude_stars.sum()),
     )
 
 
@@ -308,7 +315,7 @@ def _rest(sightings: StarSightings, frames: list[NDArray[np.intp]], camera: Came
     """Return the (m, 2) residuals without the slow part; NaN for stars that are in none of the frames."""
     remainder = np.full_like(sightings.residual_px, np.nan)
     for rows in frames:
-        effect, _, gain = _absorbed(sightings, rows, camera)
+        effect, gain = _absorbed(sightings, rows, camera)
         design = _design(sightings.pixels[rows] - sightings.residual_px[rows], camera, degree)[:, :, : len(slow)]
         residual = sightings.residual_px[rows].ravel() - (design @ slow).ravel()
         remainder[rows] = (residual - effect @ (gain @ residual)).reshape(-1, 2)

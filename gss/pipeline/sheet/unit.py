@@ -79,6 +79,11 @@ class RenderedUnit:
     date_s: float = 0.0
     radiation: Radiation | None = None
 
+    def apparent(self, at: Moment) -> StarTable:
+        """Return the stars at their apparent places for the velocity at one of its moments."""
+        velocity = np.array(at.velocity_c)
+        return replace(self.stars, icrs=aberrate(self.stars.icrs, velocity)) if velocity.any() else self.stars
+
     def frame(
         self, at: Moment, rng: np.random.Generator, disturbed: Disturbance | None = None, dark_factor: float = 1.0
     ) -> Rendered:
@@ -86,14 +91,12 @@ class RenderedUnit:
         rate = np.array(at.rate_rad_s)
         mounting = np.array(self.bias_rad) + np.array(self.thermal_rad_k) * (at.temperature_c - CALIBRATED_C)
         attitude = rotation_from_vector(mounting) @ rotation_from_vector(-rate * self.date_s) @ at.cam_from_icrs
-        velocity = np.array(at.velocity_c)
-        stars = replace(self.stars, icrs=aberrate(self.stars.icrs, velocity)) if velocity.any() else self.stars
         extra = disturbed if disturbed is not None else Disturbance()
         hits: list[HotPixel] = []
         if self.radiation is not None:
             hits, _ = particle_hits(self.radiation, self.radiation.hits_s, self.exposure_s, self.camera, rng)
         return render(
-            stars,
+            self.apparent(at),
             self.camera,
             self.sensor,
             attitude,
@@ -144,9 +147,15 @@ def kept_frames(observations: Sequence[Observation], stars: StarTable, exposure_
     ]
 
 
-def sheet_input(observations: Sequence[Observation], camera: Camera, ageing: Ageing | None = None) -> SheetInput:
+def sheet_input(
+    observations: Sequence[Observation],
+    camera: Camera,
+    apparent: Sequence[StarTable],
+    ageing: Ageing | None = None,
+) -> SheetInput:
     """Return the input of the sheet. The reference is the attitude of the body, which is known in a simulation.
-    ``camera``: the assumed camera."""
+    ``camera``: the assumed camera; ``apparent``: apparent places of the stars of each frame, as the chain assumes
+    them."""
     moments = [o.moment for o in observations]
     times = [m.time_s for m in moments]
     n = len(observations)
@@ -158,7 +167,7 @@ def sheet_input(observations: Sequence[Observation], camera: Camera, ageing: Age
     return SheetInput(
         camera,
         series,
-        star_sightings(results, camera),
+        star_sightings(results, camera, apparent),
         ReferenceInput(
             series,
             reference,

@@ -12,6 +12,7 @@ from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
+from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult
 from gss.domain.rotation import (
     matrix_from_quaternion,
     quaternion_from_matrix,
@@ -22,11 +23,12 @@ from gss.domain.rotation import (
 )
 from gss.pipeline.analysis.series import AttitudeSeries
 from gss.pipeline.attitude import svd
+from gss.pipeline.sheet.collect import star_sightings
 from gss.pipeline.sheet.heads import ReferenceInput, reference_errors
 from gss.pipeline.sheet.noise import allan_deviation
 from gss.pipeline.sheet.rows import share_figure
 from gss.pipeline.sheet.sheet import PerformanceSheet, SheetInput, performance_sheet
-from gss.pipeline.sheet.spatial import StarSightings, spatial_errors
+from gss.pipeline.sheet.spatial import StarSightings, rotation_effect, spatial_errors
 from gss.pipeline.sheet.trials import Trials
 
 CAMERA = Camera.from_fov(640, 480, float(np.radians(15.0)))
@@ -150,6 +152,58 @@ def test_a_field_error_appears_in_its_row(sheets: Sheets) -> None:
         assert figure.low <= true <= figure.high
         assert sheet.row("pixel").figure(f"periodic {axis}").low == 0
     assert sheet.row("pixel").figure("one star, fixed").low == 0
+
+
+def test_rejected_stars_are_part_of_the_field_error() -> None:
+    """A chain that rejects residuals above a limit keeps the stars whose noise cancels the error of the lens. With the
+    rejected stars at weight 0, the error of a star is found; without them it is too small by more than its interval."""
+    unit = Unit(field_px=0.3)
+    _, stars = measure_stars(unit, scan_attitudes(60))
+    true = spatial_errors(stars, CAMERA, np.random.default_rng(1)).field_star
+    accepted = np.linalg.norm(stars.residual_px, axis=1) < 0.12
+    with_rejected = replace(stars, weight=accepted.astype(float))
+    names = ("frame", "pixels", "residual_px", "weight", "hip")
+    without = replace(stars, **{name: getattr(stars, name)[accepted] for name in names})
+    complete, truncated = (spatial_errors(s, CAMERA, np.random.default_rng(1)) for s in (with_rejected, without))
+    # The error of the accepted stars, from the fit to all stars, is compared with the true error at these stars.
+    off = unit.error((stars.pixels - stars.residual_px)[accepted])
+    effect = rotation_effect(CAMERA, stars.pixels[accepted]).reshape(-1, 3)
+    left = off.ravel() - effect @ np.linalg.lstsq(effect, off.ravel(), rcond=None)[0]
+    expected = float(np.sqrt(np.mean(left**2)))
+    assert complete.field_star.low_px <= expected <= complete.field_star.high_px
+    assert truncated.field_star.high_px < expected < true.value_px
+    assert truncated.sightings < complete.sightings
+
+
+def test_detections_near_a_single_star_are_added() -> None:
+    """Detections that the chain did not identify are added with weight 0 if exactly one star and no other detection is
+    near them."""
+    stars = load_stars(6.5)
+    attitude = matrix_from_quaternion(random_quaternion(np.random.default_rng(8)))
+    in_view = np.flatnonzero(stars.icrs @ attitude[2] > np.cos(CAMERA.half_diagonal_rad))
+    places = CAMERA.project(stars.icrs[in_view] @ attitude.T)
+    inside = CAMERA.contains(places, 5)
+    in_view, places = in_view[inside], places[inside]
+    apart = np.linalg.norm(places[:, None] - places[None], axis=2) + 1e3 * np.eye(len(places))
+    alone = np.flatnonzero(apart.min(axis=1) > 20)
+    rng = np.random.default_rng(9)
+    noise = 0.03 * rng.normal(size=(len(alone), 2))
+    noise[0], noise[1], noise[2] = (0.3, 0.0), (3.0, 0.0), (0.2, 0.0)
+    pixels = np.concatenate([places[alone] + noise, places[alone[2:3]] + (3.0, 0.0)])
+    n, m = len(pixels), np.arange(3, len(alone), dtype=np.int32)
+    ones, area = np.ones(n), np.full(n, 9, np.int32)
+    spots = Centroids(pixels[:, 0], pixels[:, 1], ones, ones, area, 0.03 * ones)
+    matches = Matches(m, stars.hip[in_view[alone[m]]].astype(np.int32), np.ones(len(m)), noise[m])
+    fit = Attitude(quaternion_from_matrix(attitude), np.eye(3) * 1e-10)
+    solved = SolveResult("reference", Outcome.SOLVED, "", CAMERA, (), spots, matches, fit, 0.0)
+    seen = star_sightings([solved], CAMERA, [stars])
+    assert seen is not None
+    added = np.flatnonzero(seen.weight == 0)
+    assert seen.hip[added].tolist() == [int(stars.hip[in_view[alone[0]]])]
+    assert seen.residual_px[added[0]] == pytest.approx((0.3, 0.0), abs=1e-9)
+    plain = star_sightings([solved], CAMERA)
+    assert plain is not None
+    assert len(plain) == len(m)
 
 
 def test_an_error_periodic_in_a_pixel_appears_in_its_row(sheets: Sheets) -> None:
