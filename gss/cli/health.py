@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import json
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from gss.cli.input_files import TEXT_BYTES, read_file
 from gss.cli.instruments import CAMERA_HELP, camera, registry
 from gss.cli.night import add_observer, add_report_file, shots_of, show_progress, write_report
-from gss.domain.errors import BadInput
+from gss.cli.temperatures import add_temperatures, read_temperatures
 
 if TYPE_CHECKING:
     from gss.cli import Commands
-    from gss.domain.angles import Array
 
 
 def register(subparsers: Commands) -> None:
@@ -33,9 +29,7 @@ def register(subparsers: Commands) -> None:
     parser.add_argument(
         "--orbit", metavar="FILE", help="orbit of the spacecraft for the radiation map: TLEs, OMM or OEM"
     )
-    parser.add_argument(
-        "--temperatures", metavar="FILE", help="CSV: time in ISO 8601 (UTC), temperature of the unit in °C"
-    )
+    add_temperatures(parser)
     parser.add_argument(
         "--exposure", type=float, metavar="S", help="exposure time of images whose files do not state it"
     )
@@ -75,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
             "orbit": orbit,
         },
     )
-    temperatures = None if arguments.temperatures is None else _temperatures(arguments.temperatures)
+    temperatures = read_temperatures(arguments.temperatures)
     profile, solver = camera(arguments.camera), Solver(registry().camera)
     shots = shots_of(arguments.files, None, arguments.exposure, arguments.keep_aberration)
     solved = run_frames(solver, shots, profile, arguments.chain, lambda share, text: show_progress(share / 2, text))
@@ -84,25 +78,3 @@ def run(arguments: argparse.Namespace) -> int:
     content = json.dumps(outcome.figures, ensure_ascii=False, allow_nan=False)
     write_report(arguments, outcome.report, content, {".csv": lambda: bad_pixel_table(outcome.figures)})
     return 0
-
-
-def _temperatures(name: str) -> tuple[Array, Array]:
-    """Return Unix seconds and °C, sorted by time. Raises BadInput."""
-    import numpy as np
-
-    text = read_file(name, "temperatures", TEXT_BYTES).decode("utf-8", "replace")
-    rows = []
-    for number, cells in enumerate(csv.reader(io.StringIO(text)), start=1):
-        if not cells or (number == 1 and not cells[0][:1].isdigit()):
-            continue
-        try:
-            time, celsius = datetime.fromisoformat(cells[0].strip()), float(cells[1])
-        except (ValueError, IndexError):
-            raise BadInput(
-                "temperatures cannot be read",
-                expected="time,°C in each line",
-                got=f"line {number}: {','.join(cells)[:40]}",
-            ) from None
-        rows.append((time.replace(tzinfo=time.tzinfo or UTC).timestamp(), celsius))
-    table = np.array(sorted(rows), float).reshape(-1, 2)
-    return table[:, 0], table[:, 1]

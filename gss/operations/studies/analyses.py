@@ -152,6 +152,11 @@ class AnalysisService:
 
         return name[:120], work
 
+    def sheet(self, request: SheetRequest, progress: Progress) -> AnalysisResult:
+        """Return the performance sheet of a request without storing it. Raises BadInput or NotFound."""
+        shots, other_shots = self._shots.of(request.frame_ids), self._shots.of(request.other_ids)
+        return self._sheet(request, shots, other_shots, progress)
+
     def _of_frames(
         self, request: FrameAnalysis, shots: list[Shot], other_shots: list[Shot], progress: Progress
     ) -> AnalysisResult:
