@@ -21,7 +21,7 @@ from gss.pipeline.moving.frame_views import views_of
 from gss.pipeline.moving.spots import FrameSpots, find_spots, tangent
 from gss.pipeline.moving.tracklets import Linked, Tracklet, link
 from validation.moving.population import Population, population
-from validation.moving.scenes import TOP_RATE_RAD_S, Scene, TrueTrack, scene
+from validation.moving.scenes import SEQUENCE, SINGLE, TOP_RATE_RAD_S, Scene, TrueTrack, scene
 
 CAMERA = "sunsat"
 OBJECTS = 400
@@ -30,6 +30,8 @@ NEAR_PX, NEAR_SHARE = 3.0, 0.1
 """A track matches an object if the median distance between them is less than this number of pixels or this fraction of
 the trail."""
 MIN_FRAMES = 3
+SINGLES_PER_TRIAL = 3
+LINE_SNR, LINE_PX = 10.0, 10.0
 SNR_EDGES = (0.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 25.0, 50.0, 1e4)
 TRAIL_EDGES = (0.0, 2.0, 5.0, 10.0, 20.0, 1e4)
 
@@ -50,12 +52,14 @@ class _ReportedTrack:
 @dataclass(frozen=True)
 class _Result:
     """Results of one scene: the reported tracks, and for each true object its signal-to-noise ratio, its trail length
-    and True if it was detected."""
+    and True if it was detected. ``lines``: True for each long line of an object in a single frame that was reported as
+    such."""
 
     reported: list[_ReportedTrack]
     snr: list[float]
     trail_px: list[float]
     detected: list[bool]
+    lines: list[bool]
 
 
 def moving_objects(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
@@ -64,13 +68,15 @@ def moving_objects(stars: StarTable, trials: int, seed: int, progress: Progress)
     catalogue = SkyCatalogue(stars.hip, stars.icrs, stars.v_mag)
     sky = known_sky(catalogue, profile.camera, profile.sensor.faint_limit_mag)
     objects = population(OBJECTS, np.random.default_rng([seed, 0]))
+    singles = SINGLES_PER_TRIAL * trials
+    scenes = [(SEQUENCE, [seed, 1, k]) for k in range(trials)] + [(SINGLE, [seed, 2, k]) for k in range(singles)]
     results = []
-    for k in range(trials):
-        progress(k / trials)
-        rng = np.random.default_rng([seed, 1, k])
-        results.append(_search_scene(profile, stars, sky, objects, scene(profile, stars, objects, MAGNITUDES, rng)))
+    for k, (timing, seeds) in enumerate(scenes):
+        progress(k / len(scenes))
+        rendered = scene(profile, stars, objects, MAGNITUDES, np.random.default_rng(seeds), timing)
+        results.append(_search_scene(profile, stars, sky, objects, rendered))
     progress(1.0)
-    return _experiment(profile, results, trials, seed)
+    return _experiment(profile, results[:trials], results[trials:], seed)
 
 
 def _search_scene(
@@ -102,7 +108,13 @@ def _search_scene(
         [float(np.median(t.snr[t.on])) for t in true],
         [float(np.median(t.trail_px[t.on])) for t in true],
         [t.row in rows for t in true],
+        [t.row in rows for t in rendered.tracks if np.count_nonzero(_long_line(t)) == 1],
     )
+
+
+def _long_line(track: TrueTrack) -> Array:
+    """Return the (n,) mask of the frames in which the object is a long line."""
+    return np.asarray(track.on.astype(bool) & (track.snr > LINE_SNR) & (track.trail_px > LINE_PX))
 
 
 def _identify_track(
@@ -133,9 +145,12 @@ def _identify_track(
     return _ReportedTrack(best[1].row, name, z, np.linalg.norm(error, axis=1) / pixel_rad, streak)
 
 
-def _experiment(profile: CameraProfile, results: list[_Result], trials: int, seed: int) -> Experiment:
+def _experiment(profile: CameraProfile, results: list[_Result], singles: list[_Result], seed: int) -> Experiment:
     detected = [f for r in results for f in r.reported]
-    linked, streaks = [f for f in detected if not f.streak], [f for f in detected if f.streak]
+    linked, streaks = [f for f in detected if not f.streak], [f for r in singles for f in r.reported if f.streak]
+    streaks += [f for f in detected if f.streak]
+    ends = [abs(z) <= 3 for f in streaks for z in f.z.ravel().tolist()]
+    lines = [seen for r in singles for seen in r.lines]
     matched = [f for f in detected if f.row >= 0]
     z = np.concatenate([f.z for f in matched]) if matched else np.zeros((0, 2))
     off = np.concatenate([f.off_px for f in matched]) if matched else np.zeros(0)
@@ -152,6 +167,8 @@ def _experiment(profile: CameraProfile, results: list[_Result], trials: int, see
             "reported tracklets that are objects",
         ),
         ("precision, lines in one frame", "≥ 95 %", _share([f.row >= 0 for f in streaks]), "with both ends"),
+        ("recall, lines in one frame", None, _share(lines), f"SNR above {LINE_SNR:g}, trail above {LINE_PX:g} px"),
+        ("positions of lines within 3 σ, per axis", "99.7 %", _share(ends), "of the stated covariance"),
         (
             "positions within 3 σ, per axis",
             "99.7 %",
@@ -181,13 +198,16 @@ def _experiment(profile: CameraProfile, results: list[_Result], trials: int, see
         ("quantity", "goal", "measured", "remark"),
         tuple(rows),
         (
-            f"{trials} sequences of 10 frames, one per second, of the {profile.title} in a low orbit; {len(snr)} objects in at "
-            f"least {MIN_FRAMES} frames, of a population of {OBJECTS}, a fifth of them near the geostationary ring",
+            f"{len(results)} sequences of 10 frames, one per second, of the {profile.title} in a low orbit; "
+            f"{len(snr)} objects in at least {MIN_FRAMES} frames, of a population of {OBJECTS}, a fifth of them near the "
+            "geostationary ring",
             f"V {MAGNITUDES[0]:g} to {MAGNITUDES[1]:g}, rates to {np.degrees(TOP_RATE_RAD_S):g}°/s, the camera "
             "rotates at 0.01 "
             "or 0.05°/s (1 σ per axis)",
             "each sequence has 8 hot pixels and 2 stars that the catalogue lacks; each frame has on average 3 "
             "pixels hit by particles, 0.3 long particle tracks and 1 flash in the shape of a star",
+            f"{len(singles)} further sequences of {SINGLE.frames} frames every {SINGLE.step_s:g} s, in which a fast object "
+            "crosses the field between two frames, for the rows of lines in one frame",
             f"a track counts as an object if it is within {NEAR_PX:g} px of the object, or within a tenth of its "
             "trail if that is larger",
             "SNR: signal-to-noise ratio of the light in one frame, with a filter as long as the trail",

@@ -16,13 +16,28 @@ from gss.pipeline.readout import HotPixel, Image
 from gss.pipeline.render import FalseStar, Lights, render
 from validation.moving.population import EPOCH, Population, observer_km
 
-FRAMES, STEP_S = 10, 1.0
 HOT_PIXELS, RAYS, RAY_TRACKS, GLINTS, NEW_STARS = 8, 3.0, 0.3, 1.0, 2
 EARTH_LIMB_KM = 6478.0
 FARTHEST_KM = 45_000.0
 NEAREST_KM = 150.0
 TOP_RATE_RAD_S = float(np.radians(2.0))
 EDGE_PX = 4.0
+
+
+@dataclass(frozen=True)
+class FrameTimes:
+    """Sequence of ``frames`` frames, one every ``step_s``. ``near_share``: share of the sequences that point at a near
+    object. ``trail_px``: shortest trail of the object at which the camera points."""
+
+    frames: int
+    step_s: float
+    near_share: float
+    trail_px: float
+
+
+SEQUENCE = FrameTimes(10, 1.0, 0.5, 0.0)
+SINGLE = FrameTimes(3, 30.0, 1.0, 8.0)
+"""An object crosses the field between two frames, so it is a line in one frame."""
 
 
 @dataclass(frozen=True)
@@ -50,26 +65,33 @@ class Scene:
 
 
 def scene(
-    profile: CameraProfile, stars: StarTable, of: Population, magnitudes: tuple[float, float], rng: np.random.Generator
+    profile: CameraProfile,
+    stars: StarTable,
+    of: Population,
+    magnitudes: tuple[float, float],
+    rng: np.random.Generator,
+    timing: FrameTimes = SEQUENCE,
 ) -> Scene:
     """Render one sequence whose pointing has at least one object in the field. ``magnitudes``: magnitude range of the
     objects."""
+    middle = timing.frames // 2
+    slowest_rad_s = timing.trail_px * profile.camera.pixel_rad / profile.sensor.exposure_s
     camera, sensor = profile.camera, profile.sensor
     while True:
         start_s = EPOCH.timestamp() + float(rng.uniform(0, 86_400))
-        times_s: Array = start_s + STEP_S * np.arange(FRAMES, dtype=float)
+        times_s: Array = start_s + timing.step_s * np.arange(timing.frames, dtype=float)
         place_km = observer_km(of.observer, times_s)
         icrs, distance_km = of.catalogue.seen_from(times_s, place_km)
-        visible = _visible(icrs, distance_km, place_km)
+        visible = _visible(icrs, distance_km, place_km, (slowest_rad_s, TOP_RATE_RAD_S), timing.step_s)
         if visible.any():
             break
     # Near objects are fast and rare, so half of the scenes point at one of them.
-    near = 1 / distance_km[:, FRAMES // 2] ** (2 if rng.random() < 0.5 else 0)
+    near = 1 / distance_km[:, middle] ** (2 if rng.random() < timing.near_share else 0)
     weight = np.where(visible, near, 0.0)
     target = int(rng.choice(len(weight), p=weight / weight.sum()))
     rate = rng.normal(0, 1, 3) * np.radians(0.01 if rng.random() < 0.5 else 0.05)
-    attitude = _pointing(camera, icrs[target, FRAMES // 2], rng)
-    attitudes = [rotation_from_vector(-rate * (t - times_s[FRAMES // 2])) @ attitude for t in times_s]
+    attitude = _pointing(camera, icrs[target, middle], rng)
+    attitudes = [rotation_from_vector(-rate * (t - times_s[middle])) @ attitude for t in times_s]
     rows = [
         k
         for k in np.flatnonzero(visible).tolist()
@@ -114,14 +136,16 @@ def scene(
     return Scene(images, times_s, place_km, tracks_of_objects)
 
 
-def _visible(icrs: Array, distance_km: Array, place_km: Array) -> Array:
-    """Return the (m,) mask of the objects that the Earth does not hide and that move slowly enough for the search."""
+def _visible(
+    icrs: Array, distance_km: Array, place_km: Array, rates_rad_s: tuple[float, float], step_s: float
+) -> Array:
+    """Return the (m,) mask of the objects that the Earth does not hide and whose rate is within the limits."""
     down = -place_km / np.linalg.norm(place_km, axis=1, keepdims=True)
     limb = np.arcsin(EARTH_LIMB_KM / np.linalg.norm(place_km, axis=1))
     clear = np.einsum("mni,ni->mn", icrs, down) < np.cos(limb)
-    step = np.linalg.norm(np.diff(icrs, axis=1), axis=2).max(axis=1) / STEP_S
+    step = np.linalg.norm(np.diff(icrs, axis=1), axis=2).max(axis=1) / step_s
     near = (distance_km > NEAREST_KM) & (distance_km < FARTHEST_KM)
-    return np.asarray((clear & near).all(axis=1) & (step < TOP_RATE_RAD_S))
+    return np.asarray((clear & near).all(axis=1) & (step >= rates_rad_s[0]) & (step < rates_rad_s[1]))
 
 
 def _pointing(camera: Camera, towards: Array, rng: np.random.Generator) -> Array:
