@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from gss.operations.catalogues.design import DesignQuestion
     from gss.operations.catalogues.design_values import DesignValues, TradeValues
 
+SHEET_KINDS = (".pdf", ".html", ".json")
 EDITABLE = tuple(f.name for f in fields(DesignCamera) if f.name != "name")
 
 
@@ -58,6 +59,12 @@ def register(subparsers: Commands) -> None:
         "--quick", action="store_true", help="two thousand pointings instead of a million, without the lens trade"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument(
+        "--sheet",
+        type=_sheet_file,
+        metavar="FILE",
+        help="write the performance sheet of the design (terms of ECSS-E-ST-60-20C): .pdf, .html or .json",
+    )
     parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with figures and drawings")
     parser.set_defaults(run=run)
 
@@ -75,6 +82,12 @@ def run(arguments: argparse.Namespace) -> int:
         from gss.operations.report.html import as_html
 
         arguments.html.write_text(as_html(design_sheet(record)), "utf-8")
+    if arguments.sheet is not None:
+        from gss.operations.clock import utc_now
+        from gss.operations.studies.design_performance import sheet_file, sheet_of_design
+
+        sheet = sheet_of_design(question, base, stars)
+        arguments.sheet.write_bytes(sheet_file(sheet, arguments.sheet.suffix.removeprefix("."), utc_now()))
     if arguments.json:
         print(json.dumps(record, ensure_ascii=False, allow_nan=False))
     else:
@@ -126,6 +139,13 @@ def _table(title: str, rows: list[TradeValues]) -> list[str]:
         figures = f"{row['limit_mag']:7.2f} {row['stars']:6.1f}  {100 * row['p_fewer_3']:5.2f}"
         lines.append(f"  {lens}  {figures}  {accuracies[0]:>8} {accuracies[1]:>7}  {row['blur_rate_deg_s']:9.3f}")
     return lines
+
+
+def _sheet_file(name: str) -> Path:
+    path = Path(name)
+    if path.suffix not in SHEET_KINDS:
+        raise argparse.ArgumentTypeError(f"unknown file format: {name}; expected {' | '.join(SHEET_KINDS)}")
+    return path
 
 
 def _range(text: str) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
@@ -71,6 +72,17 @@ def request_from(model: type[R], values: JsonObject) -> R:
             expected=first["msg"].removeprefix("Input should be "),
             got=str(first["input"])[:80],
         ) from None
+
+
+def request_from_text(model: type[R], text: str) -> R:
+    """Return the request in a JSON text. Raises BadInput."""
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError):
+        values = None
+    if not isinstance(values, dict):
+        raise BadInput("the request is not a JSON object", expected="{...}", got=text[:40])
+    return request_from(model, values)
 
 
 def as_stored(request: Any) -> JsonObject:

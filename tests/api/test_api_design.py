@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from typing import Any
 
@@ -78,3 +79,17 @@ def test_the_page_starts_with_the_camera_of_the_configured_instrument(client):
     answer = client.get("/api/design/cameras").json()
     assert answer["unit"] == "cubestar"
     assert answer["unit"] in [camera["name"] for camera in answer["cameras"]]
+
+
+def test_the_performance_sheet_of_a_design_can_be_read_and_exported(client: TestClient) -> None:
+    """The sheet follows the edited camera, and its files have the content of the sheet. Text that is not a request is
+    rejected."""
+    request = {"profile": "sunsat", "focal_mm": 50}
+    sheet = client.post("/api/design/sheet", json=request).json()
+    assert (sheet["source"], "focal_mm 50" in sheet["subject"]) == ("design", True)
+    query = {"question": json.dumps(request), "kind": "json"}
+    assert client.get("/api/design/sheet/export", params=query).json() == sheet
+    assert client.get("/api/design/sheet/export", params=query | {"kind": "pdf"}).content.startswith(b"%PDF")
+    for text in ("", "[1]", '{"focal_mm": "long"}', '{"profile": "hubble"}', "[" * 3000):
+        reply = client.get("/api/design/sheet/export", params={"question": text})
+        assert reply.status_code in (400, 404), reply.text

@@ -34,6 +34,13 @@ def test_a_camera_is_edited_shared_by_link_counted_and_reset(page, picture):
     page.get_by_role("button", name="Baffle").click()
     expect(page.get_by_test_id("baffle")).to_have_count(2)
     picture("design-baffle")
+    page.get_by_role("button", name="Performance sheet").click()
+    expect(page.get_by_test_id("sheet-temporal-noise")).to_contain_text("Cramér–Rao bound")
+    expect(page.get_by_test_id("sheet-bias")).to_contain_text("a design has no misalignment")
+    picture("design-sheet")
+    with page.expect_download() as download:
+        page.get_by_test_id("design-sheet-pdf").click()
+    assert download.value.path().read_bytes().startswith(b"%PDF")
     page.get_by_role("button", name="Cameras and lenses").click()
     expect(page.get_by_test_id("design-table")).to_have_count(1)
     page.get_by_test_id("design-pointings").fill("5000")

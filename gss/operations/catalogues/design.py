@@ -154,7 +154,7 @@ class DesignService:
     """Evaluates designs. The comparison rows of the documented cameras are cached until a documented camera changes."""
 
     def __init__(self, jobs: JobService, stars: StarTable, instruments: Registry, unit: str) -> None:
-        self._jobs, self._stars, self._instruments, self._unit = jobs, stars, instruments, unit
+        self._jobs, self.stars, self._instruments, self._unit = jobs, stars, instruments, unit
         self._rows: tuple[dict[str, CameraProfile], tuple[TradeRow, ...]] = {}, ()
         jobs.register(JobKind("design", DesignJob, self._evaluate, older=nested_request))
 
@@ -162,24 +162,25 @@ class DesignService:
         """Return the comparison rows of the documented cameras."""
         cameras = self._instruments.cameras()
         if self._rows[0] != cameras:
-            self._rows = cameras, document_rows(cameras.values(), self._stars)
+            self._rows = cameras, document_rows(cameras.values(), self.stars)
         return self._rows[1]
 
     def quick(self, question: DesignQuestion) -> DesignValues:
         """Return the quick evaluation: fewer pointings and no lens trade."""
-        return answer(question, self._base(question), self._stars, quick=True, documents=self.document_rows())
+        return answer(question, self.base(question), self.stars, quick=True, documents=self.document_rows())
 
     def start(self, question: DesignQuestion, *, user: str) -> Job:
         """Start the full evaluation as a job. The result of the job is the record. An invalid camera is rejected immediately."""
-        base = self._base(question)
+        base = self.base(question)
         request_of(question, base)
         return self._jobs.begin("design", f"design {base.name}", DesignJob(question, user=user))
 
     def _evaluate(self, job: DesignJob, run: JobRun) -> JobResult:
-        base, rows = self._base(job.asked), self.document_rows()
-        return {"design": answer(job.asked, base, self._stars, documents=rows, progress=run.progress)}
+        base, rows = self.base(job.asked), self.document_rows()
+        return {"design": answer(job.asked, base, self.stars, documents=rows, progress=run.progress)}
 
-    def _base(self, question: DesignQuestion) -> DesignCamera:
+    def base(self, question: DesignQuestion) -> DesignCamera:
+        """Return the documented camera of a question. Raises NotFound."""
         return DesignCamera.from_profile(self._instruments.camera(question.profile or self._unit))
 
 

@@ -35,18 +35,26 @@ USER_UNITS: dict[str, tuple[str, float]] = {
     "1": ("", 1.0),
 }
 """User unit of each internal unit, and its size in internal units."""
-SOURCES = {"frames": "frames of the unit", "simulated": "simulated unit", "telemetry": "telemetry of the unit"}
+Source = Literal["frames", "simulated", "telemetry", "design"]
+SOURCES: dict[Source, str] = {
+    "frames": "frames of the unit",
+    "simulated": "simulated unit",
+    "telemetry": "telemetry of the unit",
+    "design": "design of a camera, no unit",
+}
+ABSENT_IN_DESIGN = "does not follow from a design"
 SIGNS = {"arcsec": "″", "arcsec/K": "″/K", "arcsec/day": "″/day", "deg/s": "°/s", "deg/s²": "°/s²"}
 
 
 @dataclass(frozen=True)
 class SheetSource:
-    """Subject of a sheet. ``source``: frames, simulated or telemetry; ``seed``: seed of the intervals and of simulated frames."""
+    """Subject of a sheet. ``chain``: empty for a design; ``seed``: seed of the intervals, and of simulated frames or
+    pointings."""
 
     unit: str
     title: str
     chain: str
-    source: Literal["frames", "simulated", "telemetry"]
+    source: Source
     subject: str
     seed: int
 
@@ -85,7 +93,7 @@ class SheetValues(TypedDict):
     unit: str
     title: str
     chain: str
-    source: Literal["frames", "simulated", "telemetry"]
+    source: Source
     subject: str
     seed: int
     confidence: float
@@ -130,13 +138,14 @@ def _figure(figure: SheetFigure) -> BoundedValue:
 def sheet_report(sheet: PerformanceSheet, source: SheetSource, camera: Camera) -> Report:
     """Return the sheet as a report with all figures, drawings, and the method of each row."""
     rows = [_row(row) for row in sheet.rows]
-    table = [line for row in rows for line in _lines(row)]
+    design = source.source == "design"
+    table = [line for row in rows for line in _lines(row, ABSENT_IN_DESIGN if design else "not measured")]
     facts = [
         Fact("unit", source.title),
         Fact("source", SOURCES[source.source]),
-        Fact("processing", f"chain {source.chain}"),
+        Fact("processing", f"chain {source.chain}" if source.chain else "none"),
         Fact("detector", f"{camera.columns} x {camera.rows} px, {number(camera.pixel_rad / ARCSEC_RAD, 3)}″ per pixel"),
-        Fact("intervals", f"{100 * CONFIDENCE:.0f} %", "", f"bootstrap or Wilson, seed {source.seed}"),
+        Fact("intervals", f"{100 * CONFIDENCE:.0f} %", "", f"{_intervals(source)}, seed {source.seed}"),
     ]
     if source.source == "simulated":
         still = "does not bend with temperature; the interval is the resolution of this test"
@@ -147,7 +156,7 @@ def sheet_report(sheet: PerformanceSheet, source: SheetSource, camera: Camera) -
             f"{STANDARD} Axes of the camera: x and y across the boresight, z about it. Angles are one σ unless stated.",
             facts,
             [],
-            [Table("Figures", ["quantity", "figure", "value", "95 %", "frames"], table)],
+            [Table("Figures", ["quantity", "figure", "value", "95 %", "pointings" if design else "frames"], table)],
         )
     ]
     if sheet.spatial is not None:
@@ -172,22 +181,31 @@ def sheet_report(sheet: PerformanceSheet, source: SheetSource, camera: Camera) -
     )
     unmeasured = [row.title for row in sheet.rows if not row.measured]
     notes = (
-        [Note(f"not measured: {', '.join(unmeasured)}", "The table states the data that each row needs.")]
+        [
+            Note(
+                f"{ABSENT_IN_DESIGN if design else 'not measured'}: {', '.join(unmeasured)}",
+                "The table states the data that each row needs.",
+            )
+        ]
         if unmeasured
         else []
     )
     return Report(f"Performance sheet: {source.title}", source.subject, sections, notes)
 
 
-def _lines(row: RowValues) -> list[list[str]]:
+def _intervals(source: SheetSource) -> str:
+    return "of the pointings, or Wilson" if source.source == "design" else "bootstrap or Wilson"
+
+
+def _lines(row: RowValues, absent: str) -> list[list[str]]:
     if not row["measured"]:
-        return [[row["title"], "not measured", "–", f"needs {row['needs']}", "–"]]
+        return [[row["title"], absent, "–", f"needs {row['needs']}", "–"]]
     rows = []
     for k, figure in enumerate(row["figures"]):
         sign = SIGNS.get(figure["unit"], figure["unit"])
         low, high = number(figure["low"], 3), number(figure["high"], 3)
-        bounds = f"{low} – {high}" if figure["high"] is not None else f"≥ {low}"
-        head = [row["title"], str(row["frames"])] if k == 0 else ["", ""]
+        bounds = f"{low} – {high}" if figure["high"] is not None else f"≥ {low}" if figure["low"] is not None else "–"
+        head = [row["title"], str(row["frames"] or "–")] if k == 0 else ["", ""]
         rows.append([head[0], figure["name"], f"{number(figure['value'], 3)} {sign}".strip(), bounds, head[1]])
     return rows
 

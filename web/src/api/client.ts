@@ -246,6 +246,7 @@ const catalogues = {
   designCameras: () => body(GET('/api/design/cameras')),
   design: (request: T.DesignQuestion, signal?: AbortSignal) =>
     body(POST('/api/design', { body: request, signal, keepalive: false })),
+  designSheet: (request: T.DesignQuestion) => body(POST('/api/design/sheet', { body: request })),
   runDesign: (request: T.DesignQuestion) => body(POST('/api/design/run', { body: request })),
 };
 

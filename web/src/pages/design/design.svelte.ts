@@ -1,6 +1,7 @@
 /** State of the design page: parameters of the camera as text, changed fields, URL, quick estimate and full count. */
 import { api } from '../../api/client';
-import type { Design, DesignCameras, DesignQuestion } from '../../api/types';
+import type { Design, DesignCameras, DesignQuestion, PerformanceSheet } from '../../api/types';
+import { LatestRequest } from '../../lib/latestRequest';
 import { short } from '../../lib/format';
 import { problemText } from '../../lib/problems';
 import { attempt, live } from '../../state/live.svelte';
@@ -87,9 +88,11 @@ export class Desk {
   sky = $state<'whole' | 'orbit'>('whole');
   pointing = $state<Pointing>('zenith');
   answer = $state.raw<Design | null>(null);
+  sheet = $state.raw<PerformanceSheet | null>(null);
   problem = $state('');
   busy = $state(false);
   jobId = $state<number | null>(null);
+  private readonly sheetRequest = new LatestRequest();
   private stop: AbortController | null = null;
   private timer: ReturnType<typeof setTimeout> | null = null;
 
@@ -224,6 +227,15 @@ export class Desk {
     } finally {
       if (!stop.signal.aborted) this.busy = false;
     }
+  }
+
+  /** Request the performance sheet of the current camera. An older response never replaces a newer one. */
+  async loadSheet(): Promise<void> {
+    if (!this.valid || !this.answer) return;
+    await this.sheetRequest.run(
+      attempt(() => api.designSheet(this.request)),
+      (v) => (this.sheet = v),
+    );
   }
 
   async run(): Promise<void> {
