@@ -89,6 +89,9 @@ def test_all_four_units_are_current_and_each_is_opened_by_its_name(page: Page) -
     for unit in ABSENT:
         expect(page.locator(f"[data-unit={unit}]").get_by_test_id("fleet-abort")).to_have_count(0)
         expect(page.locator(f"[data-unit={unit}]").get_by_test_id("fleet-no-abort")).to_have_text(NO_IMAGES[-1])
+    page.set_viewport_size({"width": 390, "height": 844})
+    expect(page.locator("[data-unit=FM1]").get_by_test_id("fleet-abort")).to_be_in_viewport(ratio=1)
+    page.set_viewport_size({"width": 1440, "height": 900})
 
     operate(page, "FM1")
     expect(page.get_by_test_id("abort")).to_contain_text("ABORT FM1")
