@@ -49,6 +49,12 @@ def register(commands: Subparsers) -> None:
         help="image | manifest | c | csv | ecsv | fits | parquet | tables-fits | tables-csv | tables-ecsv | tables-parquet",
     )
     export.add_argument("--out", type=Path, required=True, metavar="FILE")
+    stars = _parser(
+        commands, "stars", "write the stars of Hipparcos as a list to edit and to build from (build --list)", run_stars
+    )
+    stars.add_argument("--mag-limit", type=float, default=6.5, metavar="V", help="faint limit in V (default 6.5)")
+    stars.add_argument("--epoch", type=float, metavar="YEAR", help="Julian year of the positions (default 1991.25)")
+    stars.add_argument("--out", type=Path, required=True, metavar="FILE", help="file: .csv, .ecsv, .fits or .vot")
     back = _parser(
         commands, "import", "create the bank image from a file written by export --kind tables-…", run_import
     )
@@ -130,6 +136,21 @@ def run_diff(arguments: argparse.Namespace) -> int:
         print_facts(hip_lists | amounts | facts, True)
     else:
         print_facts({name: len(hip) for name, hip in lists.items()} | facts, False)
+    return 0
+
+
+def run_stars(arguments: argparse.Namespace) -> int:
+    """Write a star list."""
+    from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+    from gss.catalogue_tools.sources.star_list_export import write_star_list
+    from gss.operations.catalogues.star_lists import kind_of
+
+    stars = load_stars(arguments.mag_limit)
+    if arguments.epoch is not None:
+        stars = propagate(stars, arguments.epoch)
+    content = write_star_list(stars, kind_of(arguments.out.name))
+    write_file(arguments.out, content)
+    print_facts({"file": str(arguments.out), "stars": len(stars), "epoch_jyear": stars.epoch_jyear}, arguments.json)
     return 0
 
 

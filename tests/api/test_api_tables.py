@@ -53,6 +53,9 @@ def test_triplets_are_built_of_a_stored_catalogue(client: TestClient) -> None:
     table = decode_triplets(client.get(f"/api/tables/{reply.json()['id']}/file.bin").content)
     assert reply.json()["content"]["references"] == len(table) > 100
     assert table.limit_mag == pytest.approx(4.5)
+    figures = reply.json()["content"]
+    assert figures["list_ends_mag"] == pytest.approx(5.5, abs=0.05)
+    assert figures["complete_to_mag"] == pytest.approx(4.812, abs=1e-3)
     assert table.stars == client.get(f"/api/catalogues/{catalogue_id}").json()["stars"]
     rejected = client.post("/api/tables", json=body | {"profile": "sunsat"})
     assert (rejected.status_code, rejected.json()["got"]) == (400, "oersted")

@@ -187,3 +187,26 @@ def test_a_deeply_nested_manifest_is_rejected(tmp_path):
     (tmp_path / "a.bin.json").write_text("[" * 100_000)
     with pytest.raises(CorruptData, match="not a catalogue manifest"):
         run_command("show", tmp_path / "a.bin")
+
+
+@pytest.mark.parametrize("suffix", ["csv", "ecsv", "fits", "vot"])
+def test_the_star_table_is_written_as_a_list_and_built_from(tmp_path, capsys, suffix):
+    """``gss catalogue stars`` writes a list in every format, and a build from the list has the same stars as a build from
+    Hipparcos."""
+    out = tmp_path / f"stars.{suffix}"
+    assert run_command("stars", "--mag-limit", "4", "--out", out, "--json") == 0
+    assert printed_json(capsys) == {"file": str(out), "stars": len(load_stars(4.0)), "epoch_jyear": 1991.25}
+    options = ("--profile", "cubestar", "--mag-limit", "3.5", "--json")
+    assert run_command("build", *options, "--source", "list", "--list", out) == 0
+    from_list = printed_json(capsys)
+    assert run_command("build", *options) == 0
+    assert printed_json(capsys)["stars"] == from_list["stars"]
+
+
+def test_a_star_list_of_another_epoch_or_kind(tmp_path, capsys):
+    """The epoch moves the stars, and an unknown suffix is rejected."""
+    out = tmp_path / "stars.csv"
+    assert run_command("stars", "--mag-limit", "3", "--epoch", "2030", "--out", out) == 0
+    assert out.read_text("utf-8").startswith("# epoch_jyear = 2030.0")
+    with pytest.raises(BadInput, match="unknown kind"):
+        run_command("stars", "--out", tmp_path / "stars.xlsx")

@@ -34,7 +34,7 @@ from gss.device.tables import (
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
-from gss.skytables.triplets import TripletClasses
+from gss.skytables.triplets import TripletClasses, faintest_mag
 
 CHAIN_KINDS = ("calibration", "parameters")
 KINDS = (*CHAIN_KINDS, "triplets", BAD_PIXELS)
@@ -129,7 +129,8 @@ def _model_values() -> set[str]:
 def triplet_bytes(
     stars: StarTable, profile: CameraProfile, image: bytes, changes: Mapping[str, Any]
 ) -> tuple[bytes, dict[str, Scalar]]:
-    """Return the bytes and statistics of the triplet table for a bank image. ``stars``: star list of the image. Raises
+    """Return the bytes and statistics of the triplet table for a bank image. ``stars``: star list of the image. If it ends
+    (``list_ends_mag``) before ``complete_to_mag``, the table lacks triplets with stars that are detected only sometimes. Raises
     BadInput."""
     parameters = _triplet_defaults(profile) | dict(changes)
     unknown = set(parameters) - set(TRIPLET_LIMITS)
@@ -144,7 +145,11 @@ def triplet_bytes(
         brightness_error=numbers["brightness_error"],
     )
     data = encode_triplets(table, read_header(image).body_crc32)
-    return data, {**numbers, **_triplet_figures(data)}
+    completeness: dict[str, Scalar] = {
+        "list_ends_mag": float(stars.v_mag.max()),
+        "complete_to_mag": faintest_mag(numbers["limit_mag"], numbers["brightness_error"]),
+    }
+    return data, {**numbers, **_triplet_figures(data), **completeness}
 
 
 def _within(name: str, value: object) -> float:
