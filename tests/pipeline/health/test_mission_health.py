@@ -19,6 +19,8 @@ from gss.pipeline.health.trend import DAY_S
 from gss.pipeline.identify.verify import SkyCatalogue
 from validation.health.year import FOCAL_JUMP, FOCAL_PER_K, START_S, Year, year
 
+pytestmark = pytest.mark.timeout(400)  # the year is rendered once, two minutes on a busy machine
+
 FRAMES = 90
 
 
