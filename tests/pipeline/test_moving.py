@@ -203,7 +203,7 @@ def test_a_faint_long_trail_is_fitted_over_its_whole_length(stars: StarTable) ->
             EXPOSURE_S,
             rng,
             rate_rad_s=RATE,
-            false_stars=trail_points(np.array([190.0, 140.0]), step, 0.0, 3.5),
+            false_stars=trail_points(np.array([190.0, 140.0]), step, 0.0, 3.0),
         )
         spots = find_spots(image.pixels, view_at(0.0), stars, SENSOR)
         assert spots is not None
