@@ -34,6 +34,9 @@ LONG_WIDTHS = 5.0
 """Length, in widths of the point-spread function, above which a line is fitted again from longer first guesses."""
 PIECE_WIDTHS = 2.0
 STRETCHES = (1.0, 1.5, 2.2)
+FIRST_REACHES = (0.65, 1.3, 2.6)
+"""Half widths of the cut-out as multiples of a group's length. A star on the trail divides it into groups; if an end of
+the line is outside the first cut-out, the pixels do not determine it, and the next one is used."""
 REACH = 1.3
 """Half width of the cut-out of a long line, as a multiple of the length of the line."""
 SHARPER = 25.0
@@ -206,11 +209,14 @@ def _fitted(
     """Fit a group as a point and a line; None if neither is significant. ``images``: with and without stars."""
     image, free_image = images
     length = float(np.hypot(*group.trail))
-    half = int(min(np.ceil(4 * np.sqrt(variance) + 0.65 * length), MAX_HALF_PX))
-    cut = cut_out(image, noise, group.col, group.row, half, ceiling, sensor.gain_e_per_dn)
-    point = fit_line(cut, np.array([group.flux_dn, 0.0, 0.0, 0.0, 0.0, variance]), POINT)
     trail = group.trail if length > 1 else np.array([1.0, 0.5])
-    line = fit_line(cut, np.array([group.flux_dn, 0.0, 0.0, *trail, variance]), LINE)
+    for reach, picture in zip(FIRST_REACHES, (image, free_image, free_image), strict=True):
+        half = int(min(np.ceil(4 * np.sqrt(variance) + reach * length), MAX_HALF_PX))
+        cut = cut_out(picture, noise, group.col, group.row, half, ceiling, sensor.gain_e_per_dn)
+        point = fit_line(cut, np.array([group.flux_dn, 0.0, 0.0, 0.0, 0.0, variance]), POINT)
+        line = fit_line(cut, np.array([group.flux_dn, 0.0, 0.0, *trail, variance]), LINE)
+        if line is not None or length <= MIN_LINE_LENGTH * np.sqrt(variance):
+            break
     best, longest = point, 0.0
     free: tuple[int, ...] = POINT
     if line is not None:
