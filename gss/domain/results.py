@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +34,7 @@ class Verdict(StrEnum):
     NONE = "none"
 
 
-@dataclass(frozen=True)
-class Region:
+class Region(NamedTuple):
     """Connected set of pixels above threshold. Bounds are inclusive. ``rejected``: reason why the region is not a star, ""
     if it is accepted."""
 

@@ -16,6 +16,7 @@ from scipy import ndimage
 
 from gss.domain.angles import Array
 from gss.pipeline.kernels import CLIP_ROUNDS, CLIP_SIGMA, NUMPY, Kernels
+from gss.pipeline.small import median
 
 TILE_PX = 32
 SAMPLES_PER_TILE = 64  # the error of the level is a sixth of the noise of a pixel
@@ -33,15 +34,17 @@ class Background:
 
     def at(self, col: Array | NDArray[np.intp], row: Array | NDArray[np.intp]) -> tuple[Array, Array]:
         """Return (level, noise) at pixel positions: bilinear between tile centres, constant outside them."""
-        r = np.clip((row + 0.5) / self.tile_px - 0.5, 0, self.level.shape[0] - 1)
-        c = np.clip((col + 0.5) / self.tile_px - 0.5, 0, self.level.shape[1] - 1)
+        rows, cols = self.level.shape
+        r = np.minimum(np.maximum((row + 0.5) / self.tile_px - 0.5, 0), rows - 1)
+        c = np.minimum(np.maximum((col + 0.5) / self.tile_px - 0.5, 0), cols - 1)
         r0, c0 = r.astype(np.intp), c.astype(np.intp)
-        r1, c1 = np.minimum(r0 + 1, self.level.shape[0] - 1), np.minimum(c0 + 1, self.level.shape[1] - 1)
         fr, fc = r - r0, c - c0
+        corner = r0 * cols + c0
+        right, below = c0 < cols - 1, (r0 < rows - 1) * cols
         values = []
-        for mesh in (self.level, self.noise):
-            top = mesh[r0, c0] * (1 - fc) + mesh[r0, c1] * fc
-            bottom = mesh[r1, c0] * (1 - fc) + mesh[r1, c1] * fc
+        for mesh in (self.level.ravel(), self.noise.ravel()):
+            top = mesh[corner] * (1 - fc) + mesh[corner + right] * fc
+            bottom = mesh[corner + below] * (1 - fc) + mesh[corner + below + right] * fc
             values.append(top * (1 - fr) + bottom * fr)
         return values[0], values[1]
 
@@ -52,7 +55,7 @@ class Background:
     def _between(self, position: Array | NDArray[np.intp], axis: int) -> Array:
         """Return the (n, tiles) interpolation weights of the tiles at positions along one axis."""
         tiles = self.level.shape[axis]
-        tile_position = np.clip((np.asarray(position) + 0.5) / self.tile_px - 0.5, 0, tiles - 1)
+        tile_position = np.minimum(np.maximum((position + 0.5) / self.tile_px - 0.5, 0), tiles - 1)
         return np.asarray(np.maximum(0.0, 1 - np.abs(tile_position[:, None] - np.arange(tiles))))
 
     def scaled(self, level_factor: float, noise_factor: float) -> Background:
@@ -61,7 +64,12 @@ class Background:
 
     def lowest_threshold(self, sigma: float) -> Array:
         """Return, per tile, a lower bound of ``level + sigma·noise`` inside the tile."""
-        return np.asarray(ndimage.minimum_filter(self.level + sigma * self.noise, size=3, mode="nearest"))
+        lowest = self.level + sigma * self.noise
+        for mesh in (lowest, lowest.T):  # minimum of three neighbours along rows, then along columns
+            pairs = np.minimum(mesh[1:], mesh[:-1])
+            mesh[1:] = pairs
+            np.minimum(mesh[:-1], pairs, out=mesh[:-1])
+        return lowest
 
 
 def _clipped(samples: Array, loops: Kernels = NUMPY) -> tuple[Array, Array]:
@@ -130,7 +138,7 @@ def measure_background(image: NDArray[Any], tile_px: int = TILE_PX, loops: Kerne
     level, noise = _tile_levels(samples, loops)
     level_mesh, noise_mesh = _fill(level.reshape(shape)), _fill(noise.reshape(shape))
     level_mesh, noise_mesh = _median_of_nine(np.stack([level_mesh, noise_mesh]))
-    typical = float(np.median(noise_mesh))
+    typical = median(noise_mesh.ravel())
     if np.std(level_mesh) < FLAT_PER_SIGMA * typical:
         level_mesh = np.full(shape, float(np.mean(level_mesh)))
     # A tile of dead or clipped pixels has zero noise; the lower limit prevents division by zero.

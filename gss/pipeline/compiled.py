@@ -117,15 +117,15 @@ def _clip(ordered, count, mean_out, spread_out):
         mean_out[i], spread_out[i] = middle + mean, spread
 
 
-def above(smooth: NDArray[Any], lowest: NDArray[Any], tile: int) -> tuple[Rows, Rows]:
-    """Return rows and columns of the pixels above their limit; equivalent to ``peaks._above``. ``lowest``: limits (tile
-    rows, columns), of the frame's dtype."""
-    flat = _above(np.ascontiguousarray(smooth), np.ascontiguousarray(lowest), tile)
+def maxima(smooth: NDArray[Any], lowest: NDArray[Any], tile: int) -> tuple[Rows, Rows]:
+    """Return rows and columns of the local maxima above their limit; equivalent to ``peaks._maxima``. ``lowest``: limits
+    (tile rows, columns), of the frame's dtype. ``tile``: rows per tile."""
+    flat = _maxima(np.ascontiguousarray(smooth), np.ascontiguousarray(lowest), tile)
     return np.divmod(flat, smooth.shape[1])
 
 
 @njit(cache=True)
-def _above(smooth, lowest, tile):
+def _maxima(smooth, lowest, tile):
     rows, cols = smooth.shape
     blocks = -(-cols // BLOCK)
     hit = np.empty((rows, blocks), np.bool_)
@@ -137,11 +137,12 @@ def _above(smooth, lowest, tile):
             for c in range(len(part)):  # no early exit, because it would prevent vectorisation
                 any_above |= part[c] > limit[c]
             hit[r, k] = any_above
-    return _hits(smooth, lowest, tile, hit)
+    return _maxima_of(smooth, lowest, tile, hit)
 
 
 @njit(cache=True)
-def _hits(smooth, lowest, tile, hit):
+def _maxima_of(smooth, lowest, tile, hit):
+    """Return the flat indices of the maxima in blocks with a hit. A separate function, so that the loops above are vectorised."""
     rows, cols = smooth.shape
     out = np.empty(BLOCK * int(hit.sum()), np.intp)
     n = 0
@@ -149,59 +150,98 @@ def _hits(smooth, lowest, tile, hit):
         for k in range(hit.shape[1]):
             if hit[r, k]:
                 for c in range(k * BLOCK, min((k + 1) * BLOCK, cols)):
-                    if smooth[r, c] > lowest[r // tile, c]:
+                    if smooth[r, c] > lowest[r // tile, c] and _is_maximum(smooth, r, c):
                         out[n] = r * cols + c
                         n += 1
     return out[:n].copy()
 
 
-def settle(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) -> tuple[Array, Array]:
-    """Return the converged star offsets; equivalent to ``psf.settled``. All stars are iterated until the last star has
-    converged."""
-    x, y = np.array(x, float), np.array(y, float)
-    _settle(stamps.dx, stamps.dy, stamps.value, weight, inverse, x, y)
-    return x, y
-
-
 @njit(cache=True)
-def _settle(dx, dy, value, weight, inverse, x, y):
-    xx, xy, yy = inverse[0, 0], inverse[0, 1], inverse[1, 1]
-    k = len(dx)
-    g, gx, gy = np.empty(k), np.empty(k), np.empty(k)
-    for _ in range(FIT_ROUNDS):
-        furthest = 0.0
-        for i in range(len(x)):
+def _is_maximum(smooth, r, c):
+    rows, cols = smooth.shape
+    value = smooth[r, c]
+    for rr in range(max(r - 1, 0), min(r + 2, rows)):
+        for cc in range(max(c - 1, 0), min(c + 2, cols)):
+            other = smooth[rr, cc]
+            if other > value or (other == value and (rr < r or (rr == r and cc < c))):
+                return False
+    return True
+
+
+def fit(
+    stamps: Stamps, x: Array, y: Array, inverse: Array, noise: Array, e_per_dn: float
+) -> tuple[Array, Array, Array, Array]:
+    """Return converged star offsets, peaks and information; equivalent to ``psf.fitted``."""
+    x, y = np.array(x, float), np.array(y, float)
+    peak, information = np.empty(len(x)), np.empty(len(x))
+    side = int(stamps.dx[-1]) * 2 + 1
+    _fit(side, stamps.value, stamps.use, noise, float(e_per_dn), inverse, x, y, peak, information)
+    return x, y, peak, information
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+def _fit(side, value, use, noise, e_per_dn, inverse, x, y, peak, information):
+    k = side * side
+    weight, g, gx, gy = np.empty(k), np.empty(k), np.empty(k), np.empty(k)
+    for i in range(len(x)):
+        for j in range(k):
+            variance = noise[i] ** 2
+            if e_per_dn > 0:
+                variance += max(value[i, j], 0.0) / e_per_dn
+            weight[j] = 1 / variance if use[i, j] else 0.0
+        for _ in range(FIT_ROUNDS):
+            _gaussian(side, x[i], y[i], inverse, g, gx, gy)
             gg = gv = hxx = hyy = hxy = 0.0
             for j in range(k):
-                ax, ay = dx[j] - x[i], dy[j] - y[i]
-                px, py = xx * ax + xy * ay, xy * ax + yy * ay
-                g[j] = math.exp(-0.5 * (px * ax + py * ay))
-                gx[j], gy[j] = g[j] * px, g[j] * py
-                w = weight[i, j]
+                w = weight[j]
                 gg += w * g[j] * g[j]
                 gv += w * g[j] * value[i, j]
                 hxx += w * gx[j] * gx[j]
                 hyy += w * gy[j] * gy[j]
                 hxy += w * gx[j] * gy[j]
-            if gg == 0.0:
-                continue
-            peak = gv / gg
+            top = gv / gg
             bx = by = 0.0
             for j in range(k):
-                residual = weight[i, j] * (value[i, j] - peak * g[j])
+                residual = weight[j] * (value[i, j] - top * g[j])
                 bx += residual * gx[j]
                 by += residual * gy[j]
-            det = (hxx * hyy - hxy * hxy) * peak
-            if det == 0.0:
-                continue
+            det = (hxx * hyy - hxy * hxy) * top
             sx, sy = (hyy * bx - hxy * by) / det, (hxx * by - hxy * bx) / det
             sx = min(max(sx, -1.0), 1.0) if math.isfinite(sx) else 0.0
             sy = min(max(sy, -1.0), 1.0) if math.isfinite(sy) else 0.0
             x[i] += sx
             y[i] += sy
-            furthest = max(furthest, abs(sx), abs(sy))
-        if furthest < STEP_DONE_PX:
-            break
+            if max(abs(sx), abs(sy)) < STEP_DONE_PX:
+                break
+        _gaussian(side, x[i], y[i], inverse, g, gx, gy)
+        gg = gv = slopes = 0.0
+        for j in range(k):
+            w = weight[j]
+            gg += w * g[j] * g[j]
+            gv += w * g[j] * value[i, j]
+            slopes += w * (gx[j] * gx[j] + gy[j] * gy[j])
+        peak[i] = gv / gg
+        information[i] = peak[i] ** 2 * 0.5 * slopes
+
+
+@njit(cache=True)
+def _gaussian(side, x, y, inverse, g, gx, gy):
+    """Write a Gaussian of unit peak and its derivatives. Without correlation of the axes, it is a product of two
+    lines, which needs 2·side exponentials instead of side²."""
+    xx, xy, yy = inverse[0, 0], inverse[0, 1], inverse[1, 1]
+    half = side // 2
+    across = np.empty(side)
+    for c in range(side):
+        across[c] = math.exp(-0.5 * xx * (c - half - x) ** 2)
+    for r in range(side):
+        ay = r - half - y
+        down = math.exp(-0.5 * yy * ay * ay)
+        for c in range(side):
+            j, ax = r * side + c, c - half - x
+            g[j] = across[c] * down
+            if xy != 0.0:
+                g[j] *= math.exp(-xy * ax * ay)
+            gx[j], gy[j] = g[j] * (xx * ax + xy * ay), g[j] * (xy * ax + yy * ay)
 
 
 def lit(image: NDArray[Any], threshold: float) -> Rows:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +17,7 @@ from gss.pipeline.background import Background
 from gss.pipeline.kernels import NUMPY, Kernels, kernels
 from gss.pipeline.peaks import STREAK_RATIO, Peaks, find_peaks, repeat_single_test
 from gss.pipeline.psf import PsfFit, Stamps, adaptive_shapes, cut_stamps, fit_stars, subtract_neighbours, widths_px
+from gss.pipeline.small import close_pairs, median, quantile
 
 THRESHOLD_SIGMA = 5.5
 MAX_STARS = 400
@@ -129,16 +132,16 @@ def _sizes(image: NDArray[Any], peaks: Peaks, covariance: Array, ceiling: float)
     half = int(np.ceil(4 * np.sqrt(covariance[0, 0])))
     stamps = cut_stamps(image, peaks.col[pick], peaks.row[pick], peaks.sky[pick], half, ceiling)
     value = stamps.value * stamps.use
-    plane = np.stack([np.ones_like(stamps.dx), stamps.dx, stamps.dy, stamps.dx**2, stamps.dy**2, stamps.dx * stamps.dy])
-    total, x, y, xx, yy, xy = (value @ plane.T).T
+    dx, dy = stamps.dx, stamps.dy
+    total, x, y, xx, yy, xy = np.array([np.ones_like(dx), dx, dy, dx * dx, dy * dy, dx * dy]) @ value.T
     with np.errstate(invalid="ignore", divide="ignore"):
         x, y = x / total, y / total
-        moments = np.stack([xx / total - x * x, xy / total - x * y, yy / total - y * y])
+        moments = np.array([xx / total - x * x, xy / total - x * y, yy / total - y * y])
     if not np.isfinite(moments).all():
         return 0.0, 0.0
-    middle = np.median(moments, axis=1)
-    longest = widths_px(np.array([[middle[0], middle[1]], [middle[1], middle[2]]]))[1]
-    return longest**2, float(np.quantile((moments[0] + moments[2]) / 2, 0.75))
+    xx, xy, yy = (median(m) for m in moments)
+    longest = widths_px(np.array([[xx, xy], [xy, yy]]))[1]
+    return longest**2, quantile((moments[0] + moments[2]) / 2, 0.75)
 
 
 def _measure_psf(image: NDArray[Any], peaks: Peaks, ceiling: float) -> Array | None:
@@ -187,19 +190,18 @@ def _measure(
     stamps = cut_stamps(image, peaks.col[stars], peaks.row[stars], peaks.sky[stars], half, ceiling)
     stamps = _with_saturated_pixels(stamps, image, peaks, stars, half)
     noise = peaks.noise[stars]
-    fit = fit_stars(
-        stamps, stamps.col.astype(float), stamps.row.astype(float), covariance, noise, e_per_dn, loops.settle
-    )
+    fit = fit_stars(stamps, stamps.col.astype(float), stamps.row.astype(float), covariance, noise, e_per_dn, loops.fit)
     cleaned, touched = subtract_neighbours(stamps, fit, covariance)
     if touched.any():
-        fit = fit_stars(cleaned, fit.col, fit.row, covariance, noise, e_per_dn, loops.settle)
-    reasons = _reasons(image, fit)
-    inside = np.array([r == "" for r in reasons], bool)
-    order = np.flatnonzero(inside)[np.argsort(-fit.flux[inside], kind="stable")]
+        fit = fit_stars(cleaned, fit.col, fit.row, covariance, noise, e_per_dn, loops.fit)
+    outside = (fit.col < -0.5) | (fit.row < -0.5) | (fit.col > image.shape[1] - 0.5) | (fit.row > image.shape[0] - 0.5)
+    usable = fit.good & ~outside
+    accepted = np.flatnonzero(usable)
+    order = accepted[np.argsort(-fit.flux[accepted], kind="stable")]
     if len(order) > max_stars:
         notes.append(f"{len(order)} stars detected; only the brightest {max_stars} are used")
         order = order[:max_stars]
-    area = (stamps.value > 2 * noise[:, None]).sum(1).astype(np.int32)
+    area = np.count_nonzero(stamps.value > 2 * noise[:, None], axis=1).astype(np.int32)
     peak = np.where(stamps.use, stamps.value, -np.inf).max(1, initial=0.0)
     centroids = Centroids(fit.col, fit.row, fit.flux, peak, area, fit.sigma_px * (1 + 0.5 * touched)).take(order)
     n_single = int(peaks.single.sum())
@@ -209,7 +211,7 @@ def _measure(
     direction_rad = 0.5 * float(np.arctan2(2 * covariance[0, 1], covariance[0, 0] - covariance[1, 1])) % np.pi
     return Detections(
         centroids,
-        _regions(peaks, stars, order, area, peak, fit, reasons, half),
+        _regions(peaks, stars, order, usable, area, peak, fit, half),
         peaks.background,
         covariance,
         float(np.sqrt(12 * (high**2 - low**2))) if is_streak else 0.0,
@@ -224,19 +226,19 @@ def _separate_stars(
 ) -> NDArray[np.intp]:
     """Return the rows of ``stars`` that are separate stars. A peak is dropped if there is no dip between it and a
     brighter neighbour, or if it is lost in the wings of the neighbour."""
-    col, row = peaks.col[stars].astype(float), peaks.row[stars].astype(float)
     reach = max(3.0, 2.2 * width)
     if len(stars) < 2:
         return np.arange(len(stars))
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(np.column_stack([col, row])).query_pairs(3 * reach, output_type="ndarray")
+    first, second = close_pairs(peaks.col[stars], peaks.row[stars], 3 * reach)
+    col, row, snr = (a[stars].tolist() for a in (peaks.col, peaks.row, peaks.snr))
     drop = np.zeros(len(stars), bool)
-    for i, j in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]:
+    for i, j in zip(first.tolist(), second.tolist(), strict=True):
         if drop[i]:
             continue
-        distance = np.hypot(col[i] - col[j], row[i] - row[j])
-        ratio = peaks.snr[stars[j]] / peaks.snr[stars[i]]
+        distance = math.hypot(col[i] - col[j], row[i] - row[j])
+        if distance > 3 * reach:
+            continue
+        ratio = snr[j] / snr[i]
         if (
             distance < reach * 0.8
             or (distance < reach and ratio < 0.5)
@@ -249,7 +251,7 @@ def _separate_stars(
         path = image[
             np.rint(row[i] + t * (row[j] - row[i])).astype(int), np.rint(col[i] + t * (col[j] - col[i])).astype(int)
         ]
-        lower = float(image[int(row[j]), int(col[j])]) - peaks.sky[stars[j]]
+        lower = float(image[row[j], col[j]]) - peaks.sky[stars[j]]
         if float(path.min()) - peaks.sky[stars[j]] > 0.8 * lower:
             drop[j] = True
     return np.flatnonzero(~drop)
@@ -274,41 +276,31 @@ def _with_saturated_pixels(
     return Stamps(stamps.col, stamps.row, stamps.dx, stamps.dy, stamps.value, use)
 
 
-def _reasons(image: NDArray[Any], fit: PsfFit) -> list[str]:
-    """Return why each fit is rejected, or ""."""
-    rows, cols = image.shape
-    outside = (fit.col < -0.5) | (fit.row < -0.5) | (fit.col > cols - 0.5) | (fit.row > rows - 0.5)
-    return [
-        "no star shape" if not good else "outside the detector" if out else ""
-        for good, out in zip(fit.good, outside, strict=True)
-    ]
-
-
 def _regions(
     peaks: Peaks,
     stars: NDArray[np.intp],
     order: NDArray[np.intp],
+    usable: NDArray[np.bool_],
     area: NDArray[np.int32],
     peak: Array,
     fit: PsfFit,
-    reasons: list[str],
     half: int,
     limit: int = 200,
 ) -> tuple[Region, ...]:
     """Return the windows of the stars, then those of rejected detections with the reason (at most ``limit``, brightest first)."""
+    col, row = peaks.col[stars], peaks.row[stars]
+    columns = (col - half, row - half, col + half, row + half, area, peak, np.nan_to_num(fit.flux))
+    rejected = np.flatnonzero(~usable)[:limit]
+    reasons = ["outside the detector" if good else "no star shape" for good in fit.good[rejected].tolist()]
+    hot = np.flatnonzero(peaks.single)[:limit]
+    col, row, top = peaks.col[hot], peaks.row[hot], peaks.snr[hot] * peaks.noise[hot]
+    singles = (col - half, row - half, col + half, row + half, np.ones_like(col), top, np.zeros_like(top))
+    return (
+        *_records([c[order] for c in columns], [""] * len(order)),
+        *_records([c[rejected] for c in columns], reasons),
+        *_records(singles, ["single pixel, row or column"] * len(hot)),
+    )
 
-    col, row = peaks.col[stars].tolist(), peaks.row[stars].tolist()
-    areas, tops, sums = area.tolist(), peak.tolist(), np.nan_to_num(fit.flux).tolist()
 
-    def window(k: int, why: str) -> Region:
-        c, r = col[k], row[k]
-        return Region(c - half, r - half, c + half, r + half, areas[k], tops[k], sums[k], why)
-
-    accepted = [window(k, "") for k in order.tolist()]
-    chosen = set(order.tolist())
-    rejected = [window(k, why) for k, why in enumerate(reasons) if why and k not in chosen]
-    hot = []
-    for k in np.flatnonzero(peaks.single)[:limit].tolist():
-        c, r, top = int(peaks.col[k]), int(peaks.row[k]), float(peaks.snr[k] * peaks.noise[k])
-        hot.append(Region(c - half, r - half, c + half, r + half, 1, top, 0.0, "single pixel, row or column"))
-    return tuple(accepted + rejected[:limit] + hot)
+def _records(columns: Iterable[Array | NDArray[np.integer]], reasons: list[str]) -> Iterator[Region]:
+    return map(Region._make, zip(*(c.tolist() for c in columns), reasons, strict=True))

@@ -51,17 +51,17 @@ class ListLoops:
 class Kernels:
     """Time-critical loops. If a loop is None, the calling module uses its numpy implementation.
 
-    ``binomial``: frame → filtered frame. ``clip``: (sorted samples, count of each row) → mean and spread. ``above``:
-    (filtered frame, thresholds (tile rows, columns), side of a tile) → rows and columns. ``settle``: see
-    ``psf.settled``. ``components``: (flat indices of lit pixels, frame's width) → count and label of each. ``lit``:
+    ``binomial``: frame → filtered frame. ``clip``: (sorted samples, count of each row) → mean and spread. ``maxima``:
+    (filtered frame, thresholds (tile rows, columns), rows per tile) → rows and columns. ``fit``: see
+    ``psf.fitted``. ``components``: (flat indices of lit pixels, frame's width) → count and label of each. ``lit``:
     (frame, threshold) → flat indices. ``lists``: see :class:`ListLoops`.
     """
 
     name: str = PLAIN
     binomial: Callable[[NDArray[Any]], NDArray[Any]] | None = None
     clip: Callable[[NDArray[Any], Rows], tuple[Array, Array]] | None = None
-    above: Callable[[NDArray[Any], NDArray[Any], int], tuple[Rows, Rows]] | None = None
-    settle: Callable[..., tuple[Array, Array]] | None = None
+    maxima: Callable[[NDArray[Any], NDArray[Any], int], tuple[Rows, Rows]] | None = None
+    fit: Callable[..., tuple[Array, Array, Array, Array]] | None = None
     components: Callable[[Rows, int], tuple[int, NDArray[np.int32]]] | None = None
     lit: Callable[[NDArray[Any], float], Rows] | None = None
     lists: ListLoops | None = None
@@ -132,8 +132,8 @@ def _compiled() -> Kernels:
         COMPILED,
         compiled.binomial,
         compiled.clip,
-        compiled.above,
-        compiled.settle,
+        compiled.maxima,
+        compiled.fit,
         compiled.components,
         compiled.lit,
         ListLoops(camera_numbers, find, find_near, finish),

@@ -12,7 +12,8 @@ from scipy import ndimage
 from gss.domain.angles import Array
 from gss.pipeline.background import Background, measure_background, pixel_noise
 from gss.pipeline.kernels import NUMPY, Kernels
-from gss.pipeline.psf import widths_px
+from gss.pipeline.psf import cut_stamps, widths_px
+from gss.pipeline.small import median
 
 MAX_PEAKS = 4000  # limits the computing time; if there are more peaks, the faintest are omitted and a note states this
 STREAK_RATIO = 1.7
@@ -118,9 +119,7 @@ def find_peaks(
     smooth, gain, (down, across) = _filter_frame(image, covariance, loops)
     background = measure_background(smooth, loops=loops)
     raw_background = _unfiltered(image, background, gain, loops)
-    row, col = _above(smooth, background, threshold_sigma, loops)
-    top = _is_maximum(smooth, row, col)
-    row, col = row[top], col[top]
+    row, col = _maxima(smooth, background, threshold_sigma, loops)
     level, noise = background.at(col, row)
     noise = noise * _edge_noise(row, image.shape[0], down) * _edge_noise(col, image.shape[1], across)
     snr = (smooth[row, col] - level) / noise
@@ -139,7 +138,7 @@ def _unfiltered(image: NDArray[Any], background: Background, gain: float, loops:
     """Convert the mesh of a filtered frame to level and noise of single pixels; ``gain``: gain of the filter on a flat
     frame."""
     level = background.scaled(1 / gain, 1.0)
-    return level.scaled(1.0, pixel_noise(image, level, loops=loops) / float(np.median(background.noise)))
+    return level.scaled(1.0, pixel_noise(image, level, loops=loops) / median(background.noise.ravel()))
 
 
 def repeat_single_test(image: NDArray[Any], peaks: Peaks, covariance: Array) -> Peaks:
@@ -148,23 +147,24 @@ def repeat_single_test(image: NDArray[Any], peaks: Peaks, covariance: Array) -> 
     return replace(peaks, single=single)
 
 
-def _above(
+def _maxima(
     smooth: NDArray[Any], background: Background, sigma: float, loops: Kernels = NUMPY
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return rows and columns of the pixels above the lowest threshold of their tile. Some of these pixels can be below
+    """Return rows and columns of the local maxima above the lowest threshold of their tile. Some of them can be below
     the threshold at their own position."""
     tile = background.tile_px
     lowest = background.lowest_threshold(sigma)
     if smooth.dtype.kind == "u":
         lowest = np.clip(np.floor(lowest), 0, np.iinfo(smooth.dtype).max)
     per_col = np.repeat(lowest.astype(smooth.dtype), tile, axis=1)[:, : smooth.shape[1]]
-    if loops.above is not None:
-        return loops.above(smooth, per_col, tile)
+    if loops.maxima is not None:
+        return loops.maxima(smooth, per_col, tile)
     hit = np.empty(smooth.shape, bool)
     for k in range(len(lowest)):
         np.greater(smooth[k * tile : (k + 1) * tile], per_col[k], out=hit[k * tile : (k + 1) * tile])
-    flat = np.flatnonzero(hit)
-    return np.divmod(flat, smooth.shape[1])
+    row, col = np.divmod(np.flatnonzero(hit), smooth.shape[1])
+    top = _is_maximum(smooth, row, col)
+    return row[top], col[top]
 
 
 def _is_maximum(smooth: NDArray[Any], row: NDArray[np.intp], col: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -192,19 +192,11 @@ def _is_single_pixel(
     The neighbours are faintest for a centred star. Its four neighbours then have exp(−1/2C) of the peak for the
     covariance C. About a third of this light is required within the noise, separately along columns and along rows.
     """
-    rows, cols = image.shape
-    side = np.arange(-1, 2)
-    r = np.clip(row[:, None, None] + side[:, None], 0, rows - 1)
-    c = np.clip(col[:, None, None] + side, 0, cols - 1)
-    box = image[r, c].astype(float) - sky[:, None, None]
     # The maximum of the raw frame can be next to the maximum of the filtered frame.
-    k = box.reshape(len(row), 9).argmax(1) if len(row) else np.zeros(0, int)
-    r2, c2 = row + k // 3 - 1, col + k % 3 - 1
-    r = np.clip(r2[:, None, None] + side[:, None], 0, rows - 1)
-    c = np.clip(c2[:, None, None] + side, 0, cols - 1)
-    box = image[r, c].astype(float) - sky[:, None, None]
-    peak = box[:, 1, 1]
-    across, along = box[:, 1, [0, 2]].sum(1), box[:, [0, 2], 1].sum(1)
+    k = cut_stamps(image, col, row, sky, 1, np.inf).value.argmax(1)
+    box = cut_stamps(image, col + k % 3 - 1, row + k // 3 - 1, sky, 1, np.inf).value
+    peak = box[:, 4]
+    across, along = box[:, 3] + box[:, 5], box[:, 1] + box[:, 7]
     expected_col = 2 * np.exp(-0.5 / max(covariance[0, 0], 0.25))
     expected_row = 2 * np.exp(-0.5 / max(covariance[1, 1], 0.25))
     doubt = 1.5 * noise

@@ -10,12 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
+from gss.pipeline.small import close_pairs
 
 FIT_ROUNDS = 6
 MOMENT_ROUNDS = 14
@@ -51,12 +53,27 @@ def cut_stamps(
     image: NDArray[Any], col: NDArray[np.intp], row: NDArray[np.intp], sky: Array, half: int, saturation: float
 ) -> Stamps:
     """Cut (2·half+1)² pixels around each of n integer positions and subtract the sky (n,)."""
+    side, dx, dy = _offsets(half)
+    rows, cols = image.shape
+    r, c = row[:, None] + side, col[:, None] + side
+    r_in, c_in = np.minimum(np.maximum(r, 0), rows - 1), np.minimum(np.maximum(c, 0), cols - 1)
+    flat = (r_in[:, :, None] * cols + c_in[:, None, :]).reshape(len(row), len(side) ** 2)
+    raw = image.reshape(-1).take(flat).astype(float)
+    use = raw < saturation
+    down, across = r == r_in, c == c_in
+    if not (down.all() and across.all()):
+        use &= (down[:, :, None] & across[:, None, :]).reshape(use.shape)
+    return Stamps(col, row, dx, dy, raw - sky[:, None], use)
+
+
+@lru_cache(maxsize=32)
+def _offsets(half: int) -> tuple[NDArray[np.intp], Array, Array]:
+    """Return the offsets along one axis, and the x and y offsets of the pixels of a stamp, row by row; read-only."""
     side = np.arange(-half, half + 1)
-    dy, dx = (a.ravel() for a in np.meshgrid(side, side, indexing="ij"))
-    r, c = row[:, None] + dy, col[:, None] + dx
-    inside = (r >= 0) & (r < image.shape[0]) & (c >= 0) & (c < image.shape[1])
-    raw = image[np.clip(r, 0, image.shape[0] - 1), np.clip(c, 0, image.shape[1] - 1)].astype(float)
-    return Stamps(col, row, dx.astype(float), dy.astype(float), raw - sky[:, None], inside & (raw < saturation))
+    dx, dy = np.tile(side.astype(float), len(side)), np.repeat(side.astype(float), len(side))
+    for values in (side, dx, dy):
+        values.flags.writeable = False
+    return side, dx, dy
 
 
 @dataclass(frozen=True)
@@ -103,7 +120,7 @@ def adaptive_shapes(stamps: Stamps, start_sigma_px: float) -> AdaptiveMoments:
     )
 
 
-Settle = Callable[[Stamps, Array, Array, Array, Array], tuple[Array, Array]]
+Fit = Callable[[Stamps, Array, Array, Array, Array, float], tuple[Array, Array, Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -125,24 +142,38 @@ def fit_stars(
     covariance: Array,
     noise: Array,
     e_per_dn: float = 0.0,
-    settle: Settle | None = None,
+    fit: Fit | None = None,
 ) -> PsfFit:
     """Fit position and flux of n stars by Gauss–Newton, each stamp separately.
 
     ``covariance``: (2, 2) px² of the point-spread function. ``noise``: (n,) standard deviation of a sky pixel.
-    ``e_per_dn`` > 0 includes shot noise in the pixel weights. ``settle``: replacement for :func:`settled`.
+    ``e_per_dn`` > 0 includes shot noise in the pixel weights. ``fit``: replacement for :func:`fitted`.
     """
     inverse: Array = np.asarray(np.linalg.inv(covariance), float)
-    half = float(stamps.dx.max())
-    weight = stamps.use / noise[:, None] ** 2
+    x, y, peak, information = (fit or fitted)(
+        stamps, start_col - stamps.col, start_row - stamps.row, inverse, noise, e_per_dn
+    )
+    area = float(np.sqrt(np.linalg.det(covariance)))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sigma = np.sqrt(1 / information + MODEL_FLOOR**2 * area)
+    reach = max(2.0, 0.6 * float(stamps.dx.max()))
+    good = np.isfinite(peak) & (peak > 0) & np.isfinite(sigma) & (np.hypot(x, y) < reach)
+    return PsfFit(stamps.col + x, stamps.row + y, peak * 2 * np.pi * area, sigma, good)
+
+
+def fitted(
+    stamps: Stamps, x: Array, y: Array, inverse: Array, noise: Array, e_per_dn: float
+) -> tuple[Array, Array, Array, Array]:
+    """Fit n stars from first guesses x (n,) and y (n,) of their offsets from the stamp centres.
+
+    Returns x, y, the peak of the Gaussian, and the information (1/px²) about a position per axis, each (n,).
+    ``inverse``: (2, 2) inverse covariance. A star is not iterated further after its step is below ``STEP_DONE_PX``.
+    """
+    variance = noise[:, None] ** 2
     if e_per_dn > 0:
-        weight = stamps.use / (noise[:, None] ** 2 + np.maximum(stamps.value, 0) / e_per_dn)
-    x, y = (settle or settled)(stamps, start_col - stamps.col, start_row - stamps.row, inverse, weight)
-    return _finish(stamps, x, y, inverse, covariance, weight, half)
-
-
-def settled(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) -> tuple[Array, Array]:
-    """Return the converged offsets x (n,) and y (n,) of the stars from the stamp centres, iterated from a first guess."""
+        variance = variance + np.maximum(stamps.value, 0) / e_per_dn
+    weight = stamps.use / variance
+    moving = np.ones(len(x), bool)
     for _ in range(FIT_ROUNDS):
         g, gx, gy = _model(stamps, x, y, inverse)
         wg, wx, wy = weight * g, weight * gx, weight * gy
@@ -154,11 +185,17 @@ def settled(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) -
             hxx, hyy, hxy = _dot(wx, gx), _dot(wy, gy), _dot(wx, gy)
             det = (hxx * hyy - hxy * hxy) * peak
             step = np.stack([hyy * bx - hxy * by, hxx * by - hxy * bx]) / det
-        step = np.minimum(np.maximum(np.where(np.isfinite(step), step, 0.0), -1.0), 1.0)
+        step = np.minimum(np.maximum(np.where(np.isfinite(step) & moving, step, 0.0), -1.0), 1.0)
         x, y = x + step[0], y + step[1]
-        if np.max(np.abs(step), initial=0) < STEP_DONE_PX:
+        moving = np.abs(step).max(axis=0) >= STEP_DONE_PX
+        if not moving.any():
             break
-    return x, y
+    g, gx, gy = _model(stamps, x, y, inverse)
+    wg = weight * g
+    with np.errstate(invalid="ignore", divide="ignore"):
+        peak = _dot(wg, stamps.value) / _dot(wg, g)
+        information = peak**2 * 0.5 * (_dot(weight * gx, gx) + _dot(weight * gy, gy))
+    return x, y, peak, information
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -173,21 +210,6 @@ def _model(stamps: Stamps, x: Array, y: Array, inverse: Array) -> tuple[Array, A
     return g, g * px, g * py
 
 
-def _finish(
-    stamps: Stamps, x: Array, y: Array, inverse: Array, covariance: Array, weight: Array, half: float
-) -> PsfFit:
-    g, gx, gy = _model(stamps, x, y, inverse)
-    gg = _dot(weight * g, g)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        peak = _dot(weight * g, stamps.value) / gg
-        information = peak**2 * 0.5 * (_dot(weight * gx, gx) + _dot(weight * gy, gy))
-        area = float(np.sqrt(np.linalg.det(covariance)))
-        sigma = np.sqrt(1 / information + MODEL_FLOOR**2 * area)
-    flux = peak * 2 * np.pi * area
-    good = np.isfinite(peak) & (peak > 0) & np.isfinite(sigma) & (np.hypot(x, y) < max(2.0, 0.6 * half))
-    return PsfFit(stamps.col + x, stamps.row + y, flux, sigma, good)
-
-
 def subtract_neighbours(stamps: Stamps, fit: PsfFit, covariance: Array) -> tuple[Stamps, NDArray[np.bool_]]:
     """Subtract from each stamp the fitted models of other stars that reach into it.
 
@@ -195,9 +217,9 @@ def subtract_neighbours(stamps: Stamps, fit: PsfFit, covariance: Array) -> tuple
     """
     half = float(stamps.dx.max())
     reach = half + 2.5 * widths_px(covariance)[1]
-    near = (np.abs(fit.col[:, None] - fit.col) < reach) & (np.abs(fit.row[:, None] - fit.row) < reach)
-    np.fill_diagonal(near, False)
-    owner, neighbour = np.nonzero(near & fit.good)
+    first, second = close_pairs(fit.col, fit.row, reach)
+    owner, neighbour = np.concatenate([first, second]), np.concatenate([second, first])
+    owner, neighbour = owner[fit.good[neighbour]], neighbour[fit.good[neighbour]]
     if not len(owner):
         return stamps, np.zeros(len(stamps.col), bool)
     inverse = np.linalg.inv(covariance)

@@ -27,7 +27,7 @@ def test_every_loop_is_compiled_and_progress_is_reported() -> None:
     assert (steps[0][2], steps[-1]) == ("lost in space", (4, 4, ""))
     lists = kernels(fast=True).lists
     assert lists is not None
-    called = [*vars(lists).values(), compiled._binomial_float, compiled._clip, compiled._above, compiled._settle]
+    called = [*vars(lists).values(), compiled._binomial_float, compiled._clip, compiled._maxima, compiled._fit]
     called += [compiled._lit, compiled._components]
     loops = [loop for loop in called if isinstance(loop, Dispatcher)]
     assert len(loops) >= 9

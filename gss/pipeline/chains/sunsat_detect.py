@@ -104,8 +104,7 @@ def moved(detected: DetectedStars, first_col: int, first_row: int) -> DetectedSt
     c = detected.centroids
     shifted = replace(c, col_px=c.col_px + first_col, row_px=c.row_px + first_row)
     regions = tuple(
-        replace(
-            r,
+        r._replace(
             col_min=r.col_min + first_col,
             col_max=r.col_max + first_col,
             row_min=r.row_min + first_row,
