@@ -38,6 +38,8 @@ def register(subparsers: Commands) -> None:
 
     q = method("dots", "optical centre from positions of one dot while the camera rotates about its axis", camera=False)
     q.add_argument("file", metavar="FILE.csv", help=f"col,row at each rotation. {TABLE}")
+    q = method("second-lens", "principal point from pictures through a second lens that faces the camera", camera=False)
+    q.add_argument("files", nargs="+", metavar="IMAGE", help="pictures of the circle of light")
     q = method("tilt", "tilt of the detector from positions of two dots while the camera rotates")
     q.add_argument("file", metavar="FILE.csv", help=f"inner col,row, outer col,row at each rotation. {TABLE}")
     q = method("focal-pairs", "focal length from pairs of stars near the optical centre")
@@ -91,6 +93,7 @@ def _request(arguments: argparse.Namespace, camera: str, pictures: int) -> Bench
 
     models: dict[str, type[BenchCalibration]] = {
         "dots": requests.BenchCentre,
+        "second-lens": requests.BenchSecondLens,
         "tilt": requests.BenchTilt,
         "dark-law": requests.BenchDarkLaw,
         "focal-pairs": requests.BenchFocal,
@@ -110,7 +113,7 @@ def _request(arguments: argparse.Namespace, camera: str, pictures: int) -> Bench
         values["order"] = arguments.order
     elif arguments.method == "checkerboard":
         values |= {"corners": _corners(arguments.corners), "square_mm": arguments.square_mm, "fit_k3": arguments.k3}
-    else:
+    elif arguments.method == "focus":
         if bool(arguments.widths) == bool(pictures):
             raise BadInput("a focus run needs images with --at, or --widths", expected="one of the two")
         values["widths"] = read_rows(arguments.widths) if arguments.widths else []

@@ -1,10 +1,11 @@
-"""``gss render``: render a test image of a pointing, with its truth."""
+"""``gss render``: render a test image of a pointing with its truth, or a picture of the optical bench."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from gss.operations.clock import utc_now
 
 if TYPE_CHECKING:
     from gss.cli import Commands
+    from gss.domain.camera_profile import CameraProfile
 
 
 def register(subparsers: Commands) -> None:
@@ -25,7 +27,27 @@ def register(subparsers: Commands) -> None:
         "there it can be sent to the image memory of a unit. gss solve FILE --truth checks the result of a chain.",
     )
     parser.add_argument("--camera", required=True, metavar="INSTRUMENT", help=CAMERA_HELP)
-    parser.add_argument("--at", required=True, metavar="RA,DEC,ROLL", help="pointing in degrees (ICRS)")
+    scene = parser.add_mutually_exclusive_group(required=True)
+    scene.add_argument("--at", metavar="RA,DEC,ROLL", help="pointing in degrees (ICRS)")
+    scene.add_argument(
+        "--second-lens",
+        type=float,
+        metavar="RATIO",
+        help="instead of the sky, the circle of light through a second lens that faces the camera, for gss bench "
+        "second-lens: diameter of the pupils divided by their distance, for example 0.2",
+    )
+    parser.add_argument(
+        "--second-lens-off",
+        default="0,0",
+        metavar="X,Y",
+        help="displacement of the second lens in diameters of a pupil (default: 0,0)",
+    )
+    parser.add_argument(
+        "--centre-off",
+        default="0,0",
+        metavar="COL,ROW",
+        help="displacement of the principal point of the camera in px (default: 0,0)",
+    )
     parser.add_argument("--out", required=True, type=Path, metavar="FILE.png", help="image to write")
     parser.add_argument(
         "--truth", type=Path, metavar="FILE.json", help="also write the attitude, for gss solve --truth"
@@ -64,16 +86,54 @@ def register(subparsers: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the image, and the truth if requested."""
-    from gss.operations.frames.pictures import png
-    from gss.operations.frames.rendered_image import RenderRequest, draw
-
     if arguments.out.suffix.lower() != ".png":
         raise BadInput("unknown image format", expected="a file that ends in .png", got=arguments.out.name)
     if arguments.seed < 0:
         raise BadInput("seed is out of range", expected="0 or more", got=str(arguments.seed))
+    profile = _decentred(registry().camera(arguments.camera), arguments.centre_off)
+    if arguments.second_lens is not None:
+        return _render_bench(arguments, profile)
+    return _render_sky(arguments, profile)
+
+
+def _decentred(profile: CameraProfile, text: str) -> CameraProfile:
+    """Return the profile with a displaced principal point. Raises BadInput if it leaves the detector."""
+    col, row = angles(text, (2,), "COL,ROW in px")
+    camera = profile.camera
+    moved = replace(camera, centre_col_px=camera.centre_col_px + col, centre_row_px=camera.centre_row_px + row)
+    inside = 0 <= moved.centre_col_px < camera.columns and 0 <= moved.centre_row_px < camera.rows
+    if (col or row) and not inside:
+        got = f"{moved.centre_col_px:g}, {moved.centre_row_px:g} px"
+        raise BadInput("principal point is out of range", expected="a point on the detector", got=got)
+    return replace(profile, camera=moved)
+
+
+def _render_bench(arguments: argparse.Namespace, profile: CameraProfile) -> int:
+    """Write the picture through a second lens."""
+    import numpy as np
+
+    from gss.operations.frames.pictures import png
+    from gss.pipeline.second_lens import SecondLens, through_second_lens
+
+    if arguments.truth is not None:
+        raise BadInput("a picture of the bench has no attitude", expected="--truth with --at", got="--second-lens")
+    x, y = angles(arguments.second_lens_off, (2,), "X,Y in diameters of a pupil")
+    camera = profile.camera
+    lens = SecondLens(arguments.second_lens, (x, y))
+    picture = through_second_lens(camera, profile.sensor, lens, np.random.default_rng(arguments.seed))
+    arguments.out.write_bytes(png(picture))
+    centre = f"{camera.centre_col_px:g}, {camera.centre_row_px:g} px"
+    print(f"{arguments.out}: {picture.shape[1]} x {picture.shape[0]} px, principal point {centre}")
+    return 0
+
+
+def _render_sky(arguments: argparse.Namespace, profile: CameraProfile) -> int:
+    """Write the image of the sky, and the truth if requested."""
+    from gss.operations.frames.pictures import png
+    from gss.operations.frames.rendered_image import RenderRequest, draw
+
     pointing = angles(arguments.at, (3,), "RA,DEC,ROLL in degrees")
     x, y, z = (math.radians(v) for v in angles(arguments.rate, (3,), "X,Y,Z in °/s"))
-    profile = registry().camera(arguments.camera)
     drawn = draw(
         profile,
         RenderRequest(

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from fastapi.testclient import TestClient
+
+from gss.instruments.registry import shipped_camera
+from gss.operations.frames.pictures import png
+from gss.operations.studies.bench import priors_of
+from gss.pipeline.second_lens import SecondLens, through_second_lens
 
 ANGLE = np.arange(24) * 2 * np.pi / 24
 DOTS = np.column_stack([541.5 + 9 * np.cos(ANGLE), 243.25 + 9 * np.sin(ANGLE)])
@@ -43,6 +49,34 @@ def test_a_measured_spot_becomes_a_version_with_a_report(client: TestClient) -> 
     reply = client.get(f"/api/calibrations/diff?older={version['id']}&newer={other['id']}")
     assert reply.status_code == 400
     assert "part of a camera" in reply.json()["message"]
+
+
+def test_pictures_through_a_second_lens_become_a_prior(client: TestClient) -> None:
+    """Imported pictures give a version with the principal point of the rendered camera, which priors accept. A frame
+    without a circle of light fails with the reason.
+    """
+    profile = shipped_camera("cubestar")
+    camera = replace(profile.camera, centre_col_px=530.0, centre_row_px=240.0)
+    picture = through_second_lens(camera, profile.sensor, SecondLens(0.05), np.random.default_rng(3))
+    frames = []
+    for name, pixels in (("circle.png", picture), ("even.png", np.full_like(picture, 9))):
+        files = {"file": (name, png(pixels), "image/png")}
+        frames.append(client.post("/api/frames/import", files=files, data={"profile": "cubestar"}).json()["id"])
+    body = {"kind": "bench-second-lens", "profile": "cubestar", "frame_ids": frames[:1]}
+    version = create_calibration(client, body)
+    point = version["result"]["second_lens"]
+    assert abs(point["col_px"] - 530.0) < 3 * point["sigma_px"]
+    assert abs(point["row_px"] - 240.0) < 3 * point["sigma_px"]
+    assert version["report"]["sections"][0]["title"] == "Principal point from a second lens"
+    priors = priors_of([("bench-second-lens", version["result"])])
+    assert priors["centre_col_px"].value == point["col_px"]
+    reply = client.post("/api/calibrations", json=body | {"frame_ids": frames[1:]})
+    job, end = reply.json(), time.monotonic() + 30
+    while job["state"] in ("queued", "running") and time.monotonic() < end:
+        time.sleep(0.02)
+        job = next(j for j in client.get("/api/jobs").json() if j["id"] == job["id"])
+    assert job["state"] == "failed"
+    assert "circle of light" in job["text"].lower()
 
 
 def test_laboratory_tables_are_typed(client: TestClient) -> None:

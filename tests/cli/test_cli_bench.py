@@ -73,6 +73,36 @@ def test_dots_give_the_optical_centre_and_the_tilt(tmp_path: Path, capsys: pytes
     assert np.degrees(tilt["tilt_max_rad"]) == pytest.approx(np.degrees(flat.tilt_max_rad), abs=0.02)
 
 
+def test_pictures_through_a_second_lens_give_the_principal_point(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``gss render`` makes the pictures of a camera with a displaced principal point and dark columns; ``gss bench``
+    recovers it within 3 σ and writes a report. Other pictures give exit code 2 and a message.
+    """
+    pictures = []
+    for seed, off in enumerate(("0.004,0", "-0.002,0.0035", "-0.002,-0.0035")):
+        pictures.append(str(tmp_path / f"circle-{seed}.png"))
+        lens = ["--second-lens", "0.1", f"--second-lens-off={off}", "--centre-off=-31,14.5", "--seed", str(seed)]
+        assert main(["render", "--camera", "sunsat", *lens, "--out", pictures[-1]]) == 0
+    assert "principal point" in capsys.readouterr().out
+    sheet = tmp_path / "centre.pdf"
+    report = run_bench(["second-lens", *pictures, "--camera", "sunsat", "--out", str(sheet)], capsys)
+    point = report["result"]["second_lens"]
+    assert report["kind"] == "bench-second-lens"
+    assert [c["sigma_px"] > 0 for c in point["circles"]] == [True] * 3
+    for value, centre in (
+        (point["col_px"], SUNSAT.camera.centre_col_px - 31),
+        (point["row_px"], SUNSAT.camera.centre_row_px + 14.5),
+    ):
+        assert abs(value - centre) < 3 * point["sigma_px"] < 6
+    assert sheet.read_bytes().startswith(b"%PDF")
+    assert main(["bench", "second-lens", pictures[0], "--camera", "cubestar"]) == 2
+    assert "not of this camera" in capsys.readouterr().err
+    Image.fromarray(np.full((512, 1024), 9, np.uint8)).save(tmp_path / "even.png")
+    assert main(["bench", "second-lens", str(tmp_path / "even.png")]) == 2
+    assert "circle of light" in capsys.readouterr().err
+
+
 def test_dark_current_and_focus_come_from_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Tables give the doubling temperature of the dark current and the best focus position, and reports are written."""
     celsius = np.array([-10.0, 0.0, 10.0, 20.0, 30.0])

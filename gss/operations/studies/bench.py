@@ -25,12 +25,14 @@ from gss.pipeline.calibration.dark_temperature import dark_against_temperature
 from gss.pipeline.calibration.dots import detector_tilt, optical_centre
 from gss.pipeline.calibration.focal_pairs import focal_from_pairs
 from gss.pipeline.calibration.focus import best_focus, focus_advice
+from gss.pipeline.calibration.light_circle import principal_point
 from gss.pipeline.calibration.plain_values import as_record
 from gss.pipeline.calibration.psf_field import psf_over_field
 from gss.pipeline.calibration.radial import radial_polynomial
 
 KINDS = (
     "bench-centre",
+    "bench-second-lens",
     "bench-tilt",
     "bench-focal",
     "bench-radial",
@@ -38,7 +40,7 @@ KINDS = (
     "bench-dark-law",
     "bench-focus",
 )
-PRIOR_KINDS = ("bench-centre", "bench-tilt", "bench-focal", "bench-checkerboard")
+PRIOR_KINDS = ("bench-centre", "bench-second-lens", "bench-tilt", "bench-focal", "bench-checkerboard")
 """Kinds that provide a prior for the camera's geometry."""
 Rows = Sequence[Sequence[float]]
 MAX_ROWS = 5000
@@ -57,6 +59,29 @@ def centre(dots_px: Rows) -> CalibrationInput:
     result = optical_centre(dots)
     content = dict(as_record(replace(result, warnings=()))) | {"dots_px": as_record(dots)}
     return _input_of("bench-centre", {"centre": content}, result.warnings)
+
+
+def second_lens(shots: Sequence[Shot], profile: CameraProfile | None) -> CalibrationInput:
+    """Determine the principal point from pictures through a second lens that faces the camera (Erlank 2013 §5.4).
+    ``profile``: camera whose dark columns are removed and whose size is checked, None for any camera."""
+    pictures = [s.pixels() for s in shots]
+    if profile is not None:
+        camera, dark_columns = profile.camera, profile.sensor.dark_columns
+        pictures = [dark_columns.split(picture, camera.columns)[0] for picture in pictures]
+        for shot, picture in zip(shots, pictures, strict=True):
+            if picture.shape != (camera.rows, camera.columns):
+                raise BadInput(
+                    f"{shot.name} is not of this camera",
+                    expected=f"{camera.columns} x {camera.rows} px",
+                    got=f"{picture.shape[1]} x {picture.shape[0]} px",
+                )
+    result = principal_point([np.asarray(picture, float) for picture in pictures])
+    content = dict(as_record(replace(result, warnings=())))
+    content |= {
+        "pictures": [s.name for s in shots],
+        "circles": [dict(as_record(c)) | {"sigma_px": c.sigma_px} for c in result.circles],
+    }
+    return _input_of("bench-second-lens", {"second_lens": content}, result.warnings)
 
 
 def tilt(pairs_px: Rows, profile: CameraProfile) -> CalibrationInput:
@@ -211,8 +236,8 @@ def priors_of(results: Sequence[tuple[str, Mapping[str, Any]]]) -> dict[str, Pri
     the same value. Raises BadInput for a kind that is not in PRIOR_KINDS."""
     out: dict[str, Prior] = {}
     for kind, result in results:
-        if kind == "bench-centre":
-            centre = result["centre"]
+        if kind in ("bench-centre", "bench-second-lens"):
+            centre = result["centre" if kind == "bench-centre" else "second_lens"]
             sigma = max(float(centre["sigma_px"] or 0.0), STEADY_SIGMA_PX)
             out |= {"centre_col_px": Prior(centre["col_px"], sigma), "centre_row_px": Prior(centre["row_px"], sigma)}
         elif kind == "bench-tilt":

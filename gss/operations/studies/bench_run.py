@@ -17,6 +17,7 @@ from gss.operations.studies.calibration_requests import (
     BenchFocal,
     BenchFocus,
     BenchRadial,
+    BenchSecondLens,
     BenchTilt,
 )
 from gss.operations.studies.night_frames import ProgressCallback, Shot
@@ -33,6 +34,8 @@ def run_bench(
     match request:
         case BenchCentre():
             return bench.centre(request.dots_px)
+        case BenchSecondLens():
+            return bench.second_lens(shots, profile)
         case BenchDarkLaw():
             return bench.dark_law(request.points)
         case BenchCheckerboard():

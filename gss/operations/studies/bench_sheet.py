@@ -11,6 +11,16 @@ from gss.operations.report.parts import Arrows, Drawing, Fact, Level, Plot, Sect
 
 CIRCLE_POINTS = 72
 ZERO_C_K = 273.15
+CIRCLE_COLUMNS = (
+    ("col_px", 7),
+    ("row_px", 7),
+    ("sigma_px", 2),
+    ("noise_px", 2),
+    ("asymmetry_px", 2),
+    ("radius_px", 4),
+    ("half_px", 4),
+)
+"""Values of a circle of light in the table of pictures, with their digits."""
 
 
 def _centre(centre: Mapping[str, Any]) -> list[Section]:
@@ -29,6 +39,39 @@ def _centre(centre: Mapping[str, Any]) -> list[Section]:
         series.append(Series("circle", col, row))
     plot = Plot("Dot during the camera rotation", "column, px", "row, px", series)
     return [Section("Optical centre from a dot", "Jacobs 1995 §6.2.1.", facts, [plot])]
+
+
+def _second_lens(point: Mapping[str, Any]) -> list[Section]:
+    facts = [
+        Fact("principal point", f"{number(point['col_px'], 7)}, {number(point['row_px'], 7)}", "px"),
+        Fact("σ", number(point["sigma_px"], 2), "px", "per axis"),
+        Fact("scatter of the pictures", number(point["scatter_px"], 2), "px", "per axis"),
+    ]
+    columns = [
+        "",
+        "column px",
+        "row px",
+        "σ px",
+        "noise px",
+        "asymmetry px",
+        "radius of the disc px",
+        "half light at px",
+    ]
+    rows = [
+        [name, *(number(circle[key], digits) for key, digits in CIRCLE_COLUMNS)]
+        for name, circle in zip(point["pictures"], point["circles"], strict=True)
+    ]
+    centres = [c["col_px"] for c in point["circles"]], [c["row_px"] for c in point["circles"]]
+    series = [
+        Series("pictures", *centres, "dots"),
+        Series("principal point", [point["col_px"]], [point["row_px"]], "dots"),
+    ]
+    plot = Plot("Centre of the circle of light", "column, px", "row, px", series)
+    return [
+        Section(
+            "Principal point from a second lens", "Erlank 2013 §5.4.", facts, [plot], [Table("Pictures", columns, rows)]
+        )
+    ]
 
 
 def _tilt(tilt: Mapping[str, Any]) -> list[Section]:
@@ -170,6 +213,7 @@ def _focus_run(focus: Mapping[str, Any]) -> list[Section]:
 
 BENCH: dict[str, Callable[[Any], list[Section]]] = {
     "centre": _centre,
+    "second_lens": _second_lens,
     "tilt": _tilt,
     "focal": _focal,
     "radial": _radial,

@@ -113,6 +113,12 @@ class BenchCentre(BenchCalibration):
     dots_px: _rows(2, "[col, row] at each rotation")  # type: ignore[valid-type]  # a type created by a call
 
 
+class BenchSecondLens(_BenchFrames):
+    """Principal point from pictures through a second, identical lens that faces the lens of the camera."""
+
+    kind: Literal["bench-second-lens"]
+
+
 class BenchTilt(BenchCalibration):
     """Detector tilt from positions of two dots."""
 
@@ -174,10 +180,14 @@ class BenchFocus(BenchCalibration):
         return self
 
 
+WITHOUT_CAMERA = (BenchCentre, BenchSecondLens, BenchCheckerboard)
+"""Bench requests that need no profile of the camera."""
+
 CalibrationRequest = Annotated[
     StarCalibration
     | DetectorCalibration
     | BenchCentre
+    | BenchSecondLens
     | BenchTilt
     | BenchFocal
     | BenchRadial

@@ -28,9 +28,8 @@ from gss.operations.studies import bench
 from gss.operations.studies.bench_run import run_bench
 from gss.operations.studies.calibrate import CalibrationInput, from_darks, from_stars
 from gss.operations.studies.calibration_requests import (
+    WITHOUT_CAMERA,
     BenchCalibration,
-    BenchCentre,
-    BenchCheckerboard,
     CalibrationJob,
     CalibrationRequest,
     DetectorCalibration,
@@ -150,7 +149,7 @@ class CalibrationService:
         """Return the documented camera. For a calibration from stars, the active detector calibration is applied to
         it."""
         if not request.profile:
-            if isinstance(request, BenchCalibration) and not isinstance(request, BenchCheckerboard | BenchCentre):
+            if isinstance(request, BenchCalibration) and not isinstance(request, WITHOUT_CAMERA):
                 raise BadInput("this method needs a camera", expected="a profile", got="none")
             return None
         profile = self._instruments.camera(request.profile)
