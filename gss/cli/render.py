@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gss.cli.instruments import CAMERA_HELP, registry
-from gss.cli.solve import angles, attitude, julian_year
+from gss.cli.render_sequence import add_sequence_options, check_new, render_sequence, sky_attitude
+from gss.cli.solve import angles, julian_year
 from gss.domain.errors import BadInput
 from gss.operations.clock import utc_now
 
@@ -23,12 +24,23 @@ def register(subparsers: Commands) -> None:
     """Add the command to the parser."""
     parser = subparsers.add_parser(
         "render",
-        description="Render the sky at a pointing as a camera sees it (PNG). Upload the file on the page Frames; from "
+        description="Render the sky at a pointing as a camera sees it (PNG), or with --frames a sequence of images of a moving "
+        "camera (FITS). Upload the file on the page Frames; from "
         "there it can be sent to the image memory of a unit. gss solve FILE --truth checks the result of a chain.",
     )
     parser.add_argument("--camera", required=True, metavar="INSTRUMENT", help=CAMERA_HELP)
     scene = parser.add_mutually_exclusive_group(required=True)
     scene.add_argument("--at", metavar="RA,DEC,ROLL", help="pointing in degrees (ICRS)")
+    scene.add_argument(
+        "--attitudes",
+        metavar="FILE",
+        help="with --frames: attitudes of the camera over time, a CCSDS AEM or ACM",
+    )
+    scene.add_argument(
+        "--orbit",
+        metavar="FILE",
+        help="with --frames: orbit (TLE, OMM, OEM) of a camera that points to the zenith, +x along the velocity",
+    )
     scene.add_argument(
         "--second-lens",
         type=float,
@@ -48,7 +60,8 @@ def register(subparsers: Commands) -> None:
         metavar="COL,ROW",
         help="displacement of the principal point of the camera in px (default: 0,0)",
     )
-    parser.add_argument("--out", required=True, type=Path, metavar="FILE.png", help="image to write")
+    parser.add_argument("--out", required=True, type=Path, metavar="FILE.png|FOLDER", help="image to write")
+    parser.add_argument("--overwrite", action="store_true", help="replace existing files")
     parser.add_argument(
         "--truth", type=Path, metavar="FILE.json", help="also write the attitude, for gss solve --truth"
     )
@@ -81,16 +94,21 @@ def register(subparsers: Commands) -> None:
     parser.add_argument("--no-noise", action="store_true", help="render the expected values")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of noise and false stars (default: 1)")
     parser.add_argument("--epoch", type=float, metavar="YEAR", help="Julian year of the star positions (default: now)")
+    add_sequence_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the image, and the truth if requested."""
-    if arguments.out.suffix.lower() != ".png":
+    if arguments.frames is None and arguments.at is None and arguments.second_lens is None:
+        raise BadInput("attitudes over time need a number of images", expected="--frames N")
+    if arguments.frames is None and arguments.out.suffix.lower() != ".png":
         raise BadInput("unknown image format", expected="a file that ends in .png", got=arguments.out.name)
     if arguments.seed < 0:
         raise BadInput("seed is out of range", expected="0 or more", got=str(arguments.seed))
     profile = _decentred(registry().camera(arguments.camera), arguments.centre_off)
+    if arguments.frames is None:
+        check_new([p for p in (arguments.out, arguments.truth) if p is not None], arguments.overwrite)
     if arguments.second_lens is not None:
         return _render_bench(arguments, profile)
     return _render_sky(arguments, profile)
@@ -117,6 +135,8 @@ def _render_bench(arguments: argparse.Namespace, profile: CameraProfile) -> int:
 
     if arguments.truth is not None:
         raise BadInput("a picture of the bench has no attitude", expected="--truth with --at", got="--second-lens")
+    if arguments.frames is not None:
+        raise BadInput("a picture of the bench has no motion", expected="--frames with --at", got="--second-lens")
     x, y = angles(arguments.second_lens_off, (2,), "X,Y in diameters of a pupil")
     camera = profile.camera
     lens = SecondLens(arguments.second_lens, (x, y))
@@ -132,26 +152,26 @@ def _render_sky(arguments: argparse.Namespace, profile: CameraProfile) -> int:
     from gss.operations.frames.pictures import png
     from gss.operations.frames.rendered_image import RenderRequest, draw
 
-    pointing = angles(arguments.at, (3,), "RA,DEC,ROLL in degrees")
     x, y, z = (math.radians(v) for v in angles(arguments.rate, (3,), "X,Y,Z in °/s"))
-    drawn = draw(
-        profile,
-        RenderRequest(
-            attitude(pointing),
-            arguments.exposure,
-            (x, y, z),
-            arguments.false_stars,
-            not arguments.no_noise,
-            arguments.seed,
-            julian_year(utc_now()) if arguments.epoch is None else arguments.epoch,
-            arguments.star_colours,
-            arguments.corner_blur_px,
-            arguments.row_skew_ms,
-        ),
+    request = RenderRequest(
+        sky_attitude(arguments),
+        arguments.exposure,
+        (x, y, z),
+        arguments.false_stars,
+        not arguments.no_noise,
+        arguments.seed,
+        julian_year(utc_now()) if arguments.epoch is None else arguments.epoch,
+        arguments.star_colours,
+        arguments.corner_blur_px,
+        arguments.row_skew_ms,
     )
+    if arguments.frames is not None:
+        return render_sequence(arguments, profile, request)
+    drawn = draw(profile, request)
     picture = profile.sensor.dark_columns.join(drawn.pixels, drawn.dark)
     arguments.out.write_bytes(png(picture))
     if arguments.truth:
+        pointing = angles(arguments.at, (3,), "RA,DEC,ROLL in degrees")
         arguments.truth.write_text(json.dumps({arguments.out.name: pointing}) + "\n", "utf-8")
     limit = profile.sensor.faint_limit_mag
     bright = int((drawn.truth.v_mag <= limit).sum())

@@ -63,7 +63,8 @@ def register(subparsers: Commands) -> None:
     parser.add_argument(
         "--truth",
         metavar="RA,DEC,ROLL|FILE",
-        help="true attitude in degrees, or a JSON file {file name: [RA, DEC, ROLL]}; a wrong result gives exit code 1",
+        help="true attitude in degrees, or a JSON file {file name: [RA, DEC, ROLL]}, or "
+        "truth.json of gss render; a wrong result gives exit code 1",
     )
     parser.add_argument(
         "--utc",
@@ -131,7 +132,7 @@ def _solve_file(
     frame = parsing.parse(
         read_frame, read_file(name, "an image file", MAX_BYTES), name, classes=(ImportedFrame,), subject=name
     )
-    taken = frame.taken_at if arguments.utc is None else _moment(arguments.utc)
+    taken = frame.taken_at if arguments.utc is None else moment(arguments.utc)
     exposed_at = frame.seen_at if arguments.utc is None else taken
     epoch = arguments.epoch if arguments.epoch is not None else julian_year(taken or utc_now())
     exposure_s = frame.exposure_s if arguments.exposure is None else arguments.exposure
@@ -186,10 +187,13 @@ def read_truths(text: str | None, files: Sequence[str]) -> dict[str, Array]:
         return {Path(name).name: truth for name in files}
     try:
         rows = json.loads(read_limited(Path(text), TEXT_BYTES))
-        return {str(name): attitude([float(v) for v in row]) for name, row in rows.items()}
-    except (ValueError, TypeError, AttributeError, UnicodeDecodeError) as error:
+        angles_of = {name: row["attitude_deg"] if isinstance(row, dict) else row for name, row in rows.items()}
+        return {str(name): attitude([float(v) for v in row]) for name, row in angles_of.items()}
+    except (ValueError, TypeError, KeyError, AttributeError, UnicodeDecodeError) as error:
         raise BadInput(
-            "unreadable truth", expected="{file name: [RA, DEC, ROLL]} in degrees", got=str(error)
+            "unreadable truth",
+            expected="{file name: [RA, DEC, ROLL]} in degrees, or truth.json of gss render",
+            got=str(error),
         ) from error
 
 
@@ -214,7 +218,8 @@ def attitude(angles_deg: Sequence[float]) -> Array:
     return cam_from_icrs(math.radians(ra), math.radians(dec), math.radians(roll))
 
 
-def _moment(text: str) -> datetime:
+def moment(text: str) -> datetime:
+    """Return an ISO 8601 time, in UTC if it has no time zone. Raises BadInput."""
     try:
         time = datetime.fromisoformat(text)
     except ValueError:

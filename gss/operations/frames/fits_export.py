@@ -12,6 +12,7 @@ from gss.domain.aberration import aberrate
 from gss.domain.angles import Array
 from gss.domain.camera import Camera, Pinhole
 from gss.domain.camera_record import camera_from
+from gss.domain.dark_columns import DarkColumns
 from gss.domain.frames import ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
 from gss.operations.frames.frame_values import dark_columns_of
@@ -31,23 +32,18 @@ def fits_file(picture: Pixels, frame: Frame, solution: Solution | None) -> bytes
 
     hdu = fits.PrimaryHDU(np.ascontiguousarray(picture))
     header = hdu.header
-    if frame.time_known:
-        header["DATE-OBS"] = frame.taken.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3]
-        header["MJD-OBS"] = (frame.taken - MJD_ZERO).total_seconds() / 86400
-    header["OBJECT"] = f"frame {frame.id}"
-    header["CREATOR"] = "gss"
     dark = dark_columns_of(frame)
-    if dark.count:
-        first, last = dark.left + 1, dark.left + frame.columns
-        header["DATASEC"] = f"[{first}:{last},1:{frame.rows}]"
-        for k, (a, b) in enumerate(((1, dark.left), (last + 1, last + dark.right))):
-            header[f"DARKSEC{k + 1}"] = f"[{a}:{b},1:{frame.rows}]"
-    if frame.exposure_s is not None:
-        header["EXPTIME"] = (frame.exposure_s, "s")
-    if frame.profile:
-        header["INSTRUME"] = frame.profile
-    if frame.truth is not None:
-        header["GSSABERR"] = (False, "simulated: the sky was drawn without aberration")
+    header.update(
+        image_cards(
+            f"frame {frame.id}",
+            frame.taken if frame.time_known else None,
+            frame.exposure_s,
+            frame.profile,
+            dark,
+            (frame.rows, frame.columns),
+            simulated=frame.truth is not None,
+        )
+    )
     if solution is not None and solution.quaternion is not None:
         attitude = matrix_from_quaternion(np.array(solution.quaternion, float))
         velocity_c = (solution.detail or {}).get("velocity_c")
@@ -62,8 +58,55 @@ def fits_file(picture: Pixels, frame: Frame, solution: Solution | None) -> bytes
     return buffer.getvalue()
 
 
-Cards = dict[str, str | float]
-"""FITS header cards: keyword to value."""
+Cards = dict[str, str | float | tuple[str | float | bool, str]]
+"""FITS header cards: keyword to value, or to value and comment."""
+
+
+def image_cards(
+    title: str,
+    taken: datetime | None,
+    exposure_s: float | None,
+    camera: str | None,
+    dark: DarkColumns,
+    shape: tuple[int, int],
+    *,
+    simulated: bool,
+) -> Cards:
+    """Return the header cards of an image. ``taken``: time of mid-exposure, None if unknown. ``shape``: rows and
+    light-sensitive columns. ``simulated``: True if the sky was drawn without aberration."""
+    cards: Cards = {}
+    if taken is not None:
+        cards["DATE-OBS"] = taken.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3]
+        cards["MJD-OBS"] = (taken - MJD_ZERO).total_seconds() / 86400
+    cards["OBJECT"] = title
+    cards["CREATOR"] = "gss"
+    if dark.count:
+        rows, columns = shape
+        first, last = dark.left + 1, dark.left + columns
+        cards["DATASEC"] = f"[{first}:{last},1:{rows}]"
+        for k, (a, b) in enumerate(((1, dark.left), (last + 1, last + dark.right))):
+            cards[f"DARKSEC{k + 1}"] = f"[{a}:{b},1:{rows}]"
+    if exposure_s is not None:
+        cards["EXPTIME"] = (exposure_s, "s")
+    if camera:
+        cards["INSTRUME"] = camera
+    if simulated:
+        cards["GSSABERR"] = (False, "simulated: the sky was drawn without aberration")
+    return cards
+
+
+def rendered_file(
+    picture: Pixels, title: str, taken: datetime, exposure_s: float, camera: str, dark: DarkColumns
+) -> bytes:
+    """Return the complete rows of a rendered image as a FITS file with its time, exposure and camera."""
+    from astropy.io import fits
+
+    shape = picture.shape[0], picture.shape[1] - dark.count
+    hdu = fits.PrimaryHDU(np.ascontiguousarray(picture))
+    hdu.header.update(image_cards(title, taken, exposure_s, camera, dark, shape, simulated=True))
+    buffer = io.BytesIO()
+    hdu.writeto(buffer)
+    return buffer.getvalue()
 
 
 @dataclass(frozen=True)
