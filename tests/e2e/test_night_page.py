@@ -10,13 +10,15 @@ from io import BytesIO
 import numpy as np
 import pytest
 from astropy.io import fits
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from gss.domain.frames import cam_from_icrs
 from gss.instruments.registry import shipped_camera
+from gss.operations.frames.pictures import png
 from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
+from gss.pipeline.second_lens import SecondLens, through_second_lens
 
 pytestmark = pytest.mark.browser
 PROFILE = shipped_camera("cubestar")
@@ -142,3 +144,33 @@ def test_a_pasted_bench_measurement_is_used_as_prior(page: Page, imported: str) 
     form.get_by_label("Lens model").select_option("brown-4")
     form.get_by_test_id("calibrate-start").click()
     expect(page.get_by_test_id("study-report")).to_contain_text("Residuals after")
+
+
+def test_a_principal_point_is_measured_from_pictures_through_a_second_lens(
+    page: Page,
+    address: str,
+    browser: Browser,
+    headers: dict[str, str],
+) -> None:
+    """The method needs frames only. Its report shows the principal point of the rendered camera."""
+    camera = replace(PROFILE.camera, centre_col_px=530.0, centre_row_px=240.0)
+    picture = through_second_lens(camera, PROFILE.sensor, SecondLens(0.05), np.random.default_rng(2))
+    file = {"name": "circle.png", "mimeType": "image/png", "buffer": png(picture)}
+    context = browser.new_context(base_url=address)
+    answer = context.request.post(
+        "/api/frames/import", headers=headers, multipart={"file": file, "profile": "cubestar"}
+    )
+    assert answer.ok, answer.text()
+    frame = answer.json()["id"]
+    context.close()
+    page.goto("/calibration")
+    form = page.get_by_test_id("calibrate-form")
+    form.get_by_role("button", name="Bench").click()
+    form.get_by_test_id("bench-method").select_option("bench-second-lens")
+    expect(form.get_by_test_id("bench-rows")).to_have_count(0)
+    expect(form.get_by_test_id("calibrate-start")).to_be_disabled()
+    form.get_by_test_id("bench-frames").fill(str(frame))
+    form.get_by_test_id("calibrate-start").click()
+    report = page.get_by_test_id("study-report")
+    expect(report).to_contain_text("Principal point from a second lens")
+    expect(report).to_contain_text(re.compile(r"(529\.9|530\.0)\d*, (239\.9|240\.0)"))
