@@ -137,7 +137,7 @@ def recorded() -> Iterator[set[str]]:
     finally:
         sys.setprofile(None)
         threading.setprofile(None)
-        for code in codes:
+        for code in tuple(codes):  # threads that are still running add functions
             path = Path(code.co_filename)
             if path.is_relative_to(ROOT / "gss"):
                 module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
