@@ -26,6 +26,9 @@ import pytest
 from xdist.remote import Producer
 from xdist.scheduler import LoadFileScheduling
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+"""Set before numpy is imported, for this process and its children. Several test processes share two cores, and the
+second thread of a matrix product takes more time to wait than to compute."""
 ROOT = Path(__file__).parent.parent
 PHOTOGRAPHS = Path(os.environ.get("GSS_SKY_PHOTOGRAPHS", ROOT.parent / "shared" / "data" / "sky-photographs"))
 
@@ -111,15 +114,34 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-@pytest.fixture(scope="session")
-def hostile() -> ModuleType:
-    """The module ``hostile_files.py``, which makes small files that are expensive to read."""
-    specification = importlib.util.spec_from_file_location("gss_hostile_files", ROOT / "tests" / "hostile_files.py")
+def _beside(name: str) -> ModuleType:
+    """The module of this file in tests/."""
+    specification = importlib.util.spec_from_file_location(f"gss_{name}", ROOT / "tests" / f"{name}.py")
     assert specification is not None
     assert specification.loader is not None
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="session")
+def hostile() -> ModuleType:
+    """The module ``hostile_files.py``, which makes small files that are expensive to read."""
+    return _beside("hostile_files")
+
+
+@pytest.fixture(scope="session")
+def _preloaded() -> Iterator[Any]:
+    with _beside("nursery").preloaded() as forks:
+        yield forks
+
+
+@pytest.fixture(scope="module")
+def forked(_preloaded: Any) -> Iterator[None]:
+    """Fork the processes ``python -m gss`` of a test file from a preloaded one (tests/nursery.py)."""
+    _preloaded.install()
+    yield
+    _preloaded.remove()
 
 
 @pytest.fixture(scope="session")

@@ -18,6 +18,11 @@ from gss.instruments.dictionary.read_dictionary import load_dictionary
 ENDS = (Stage.COMPLETED, Stage.FAILED, Stage.REJECTED, Stage.UNKNOWN)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _forked(forked: None) -> None:
+    """Fork the simulators of these tests from a preloaded process."""
+
+
 class Contact:
     """A session on an open port."""
 

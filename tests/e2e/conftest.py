@@ -58,6 +58,12 @@ AT_REST = """() => {
   return performance.now() - (window.quiet ??= performance.now()) > 200;
 }"""
 
+
+@pytest.fixture(scope="module", autouse=True)
+def _forked(forked: None) -> None:
+    """Fork the servers and simulators of these tests from a preloaded process."""
+
+
 # --- the browser is shared -----------------------------------------------------------------------------------------
 
 _open = ExitStack()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import signal
 import ssl
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -18,26 +18,11 @@ import pytest
 
 START_S = 60.0
 LONG_S = 600.0
-_specification = importlib.util.spec_from_file_location("gss_nursery", Path(__file__).with_name("nursery.py"))
-assert _specification is not None
-assert _specification.loader is not None
-nursery = importlib.util.module_from_spec(_specification)
-_specification.loader.exec_module(nursery)
-_nurseries: list[Any] = []
 
 
-def hatch(what: str, arguments: list[str], environment: dict[str, str], stderr: int) -> Any:
-    """Start a process that is forked from a preloaded one."""
-    if not _nurseries:
-        _nurseries.append(nursery.Nursery())
-    return _nurseries[0].hatch(what, arguments, {**os.environ, **environment}, stderr)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _end_nursery() -> Iterator[None]:
-    yield
-    while _nurseries:
-        _nurseries.pop().close()
+@pytest.fixture(scope="module", autouse=True)
+def _forked(forked: None) -> None:
+    """Fork the servers and simulators of these tests from a preloaded process."""
 
 
 class Console:
@@ -84,9 +69,15 @@ class Server:
 
     def __init__(self, folder: Path, headers: dict[str, str], *arguments: str, **environment: str) -> None:
         self.folder = folder
-        command = ["serve", "--port", "0", "--data", str(folder), *arguments]
         self.log = (folder.parent / f"{folder.name}.log").open("ab")
-        self.process = hatch("gss", command, {"GSS_SIMULATOR_BAUD": "0", **environment}, self.log.fileno())
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), *arguments],
+            env={**os.environ, "GSS_SIMULATOR_BAUD": "0", **environment},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=self.log,
+            text=True,
+        )
         self.console = Console(self._address(), headers)
 
     def _address(self) -> str:
@@ -176,7 +167,8 @@ def run_gss() -> Iterator[Callable[..., Any]]:
     started: list[Any] = []
 
     def run(*arguments: str) -> Any:
-        started.append(hatch("gss", list(arguments), {}, 2))
+        command = [sys.executable, "-m", "gss", *arguments]
+        started.append(subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True))
         return started[-1]
 
     yield run
@@ -196,8 +188,10 @@ class Sensor:
         self.start()
 
     def start(self) -> None:
-        command = ["--profile", "cubestar", "--tcp", "0", "--seed", "7", "--state-dir", str(self.folder)]
-        self.process = hatch("simulator", [*command, "--baud", "0", *self._arguments], {}, 2)
+        command = [sys.executable, "-m", "gss.device.simulator", "--profile", "cubestar", "--tcp", "0", "--seed", "7"]
+        command += ["--state-dir", str(self.folder), "--baud", "0", *self._arguments]
+        self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
         ready = next(line for line in self.process.stdout if line.startswith("READY"))
         self.url = ready.split()[1]
         self.port = int(self.url.rsplit(":", 1)[1])

@@ -55,7 +55,8 @@ def start() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
     running: list[subprocess.Popen[str]] = []
 
     def run(folder: Path, *arguments: str, **environment: str) -> tuple[subprocess.Popen[str], str]:
-        command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), *arguments]
+        program = str(Path(sys.executable).with_name("gss"))  # a new process, which imports everything itself
+        command = [program, "serve", "--port", "0", "--data", str(folder), *arguments]
         env = {**os.environ, **CHEAP, **environment}
         running.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=env))
         assert running[-1].stdout is not None
