@@ -17,15 +17,17 @@ from gss.wiring.build import build
 from tools.build_web import GENERATED, generate, interface_hash, source_hash
 
 
-@pytest.fixture
-def checkout(root: Path, tmp_path: Path) -> Path:
-    """Copy of the tracked sources of server and pages, without generated files."""
+@pytest.fixture(scope="module")
+def checkout(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Copy of the tracked sources of server and pages, with the files that the build generates from them."""
+    folder = tmp_path_factory.mktemp("checkout")
     ignored = shutil.ignore_patterns("node_modules", "generated")
-    shutil.copytree(root / "web", tmp_path / "web", ignore=ignored, symlinks=True)
-    shutil.copytree(root / "gss", tmp_path / "gss", ignore=shutil.ignore_patterns("web", "__pycache__"))
-    shutil.copytree(root / "migrations", tmp_path / "migrations", ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "web" / "node_modules").symlink_to(root / "web" / "node_modules")
-    return tmp_path
+    shutil.copytree(root / "web", folder / "web", ignore=ignored, symlinks=True)
+    shutil.copytree(root / "gss", folder / "gss", ignore=shutil.ignore_patterns("web", "__pycache__"))
+    shutil.copytree(root / "migrations", folder / "migrations", ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "web" / "node_modules").symlink_to(root / "web" / "node_modules")
+    assert generate(folder)
+    return folder
 
 
 def test_the_build_generates_the_types_of_the_api(checkout: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
@@ -33,19 +35,22 @@ def test_the_build_generates_the_types_of_the_api(checkout: Path, tmp_path_facto
 
     A change that does not affect the API does not rebuild the pages.
     """
-    assert generate(checkout)
     app = create_app(build(Settings(data=tmp_path_factory.mktemp("data"))))
     assert json.loads((checkout / GENERATED / "openapi.json").read_text()) == app.openapi()
-    types = (checkout / GENERATED / "schema.d.ts").read_text()
+    schema = checkout / GENERATED / "schema.d.ts"
+    types = schema.read_text()
     assert '"/api/commands/abort": {' in types
     assert not generate(checkout)
 
     pages, interface = source_hash(checkout), interface_hash(checkout)
-    (checkout / "gss" / "another.py").write_text("ANOTHER = 1\n")
+    another = checkout / "gss" / "another.py"
+    another.write_text("ANOTHER = 1\n")
     assert interface_hash(checkout) != interface
     assert source_hash(checkout) == pages
-    (checkout / GENERATED / "schema.d.ts").write_text("")
+    another.unlink()
+    schema.write_text("")
     assert source_hash(checkout) != pages
+    schema.write_text(types)
 
 
 def test_no_generated_file_is_in_git(root: Path) -> None:
@@ -56,7 +61,6 @@ def test_no_generated_file_is_in_git(root: Path) -> None:
 
 def test_topics_and_permissions_of_the_pages_are_those_of_the_server(checkout: Path) -> None:
     """The document types the stream's topics, and the table of roles is generated from it."""
-    generate(checkout)
     document = json.loads((checkout / GENERATED / "openapi.json").read_text())
     assert set(document["components"]["schemas"]["StreamTopics"]["properties"]) == {*PRESENT, *STREAM_TOPICS}
     table = (checkout / GENERATED / "roles.ts").read_text().split(" = ", 1)[1].removesuffix(" as const;\n")
