@@ -251,6 +251,8 @@ def test_server_killed_at_any_stage_of_a_download(serve, sensor, tap):
     """The part that had come is on the ground's disk and is not sent again; the frame is whole, once."""
     server = serve("--device", tap.url)
     online(server.console)
+    # The server first reads the catalogue of the active bank, which is a download too.
+    server.console.wait("the bank", lambda: (server.console.get("/link")["active_bank"] or {}).get("catalogue_id"))
     for stage, point in DOWNLOAD_POINTS.items():
         hold_at(tap, point)
         if stage == "transferring":
@@ -297,6 +299,8 @@ def test_sensor_killed_during_a_frame_download(serve, sensor, tap):
     """Image memory is lost: the transfer fails with the reason, received rows are stored as a frame with missing rows."""
     server = serve("--device", tap.url)
     online(server.console)
+    # The server first reads the catalogue of the active bank, which is a download too.
+    server.console.wait("the bank", lambda: (server.console.get("/link")["active_bank"] or {}).get("catalogue_id"))
     for stage, point in DOWNLOAD_POINTS.items():
         hold_at(tap, point)
         server.console.command("TAKE_IMAGE")
