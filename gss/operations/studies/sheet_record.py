@@ -43,6 +43,8 @@ SOURCES: dict[Source, str] = {
     "design": "design of a camera, no unit",
 }
 ABSENT_IN_DESIGN = "does not follow from a design"
+OF_CONDITION = ": "
+"""Separates a simulated condition from the quantity in the name of a figure."""
 SIGNS = {"arcsec": "″", "arcsec/K": "″/K", "arcsec/day": "″/day", "deg/s": "°/s", "deg/s²": "°/s²"}
 
 
@@ -156,7 +158,10 @@ def sheet_report(sheet: PerformanceSheet, source: SheetSource, camera: Camera) -
             f"{STANDARD} Axes of the camera: x and y across the boresight, z about it. Angles are one σ unless stated.",
             facts,
             [],
-            [Table("Figures", ["quantity", "figure", "value", "95 %", "pointings" if design else "frames"], table)],
+            [
+                Table("Figures", ["quantity", "figure", "value", "95 %", "pointings" if design else "frames"], table),
+                *condition_tables(rows),
+            ],
         )
     ]
     if sheet.spatial is not None:
@@ -201,13 +206,50 @@ def _lines(row: RowValues, absent: str) -> list[list[str]]:
     if not row["measured"]:
         return [[row["title"], absent, "–", f"needs {row['needs']}", "–"]]
     rows = []
-    for k, figure in enumerate(row["figures"]):
-        sign = SIGNS.get(figure["unit"], figure["unit"])
-        low, high = number(figure["low"], 3), number(figure["high"], 3)
-        bounds = f"{low} – {high}" if figure["high"] is not None else f"≥ {low}" if figure["low"] is not None else "–"
+    figures = [f for f in row["figures"] if OF_CONDITION not in f["name"]]
+    for k, figure in enumerate(figures):
         head = [row["title"], str(row["frames"] or "–")] if k == 0 else ["", ""]
-        rows.append([head[0], figure["name"], f"{number(figure['value'], 3)} {sign}".strip(), bounds, head[1]])
+        rows.append([head[0], figure["name"], *sheet_texts(figure), head[1]])
     return rows
+
+
+def condition_tables(rows: list[RowValues]) -> list[Table]:
+    """Return a table with a line per simulated condition, if there are any."""
+    lines: dict[tuple[str, str], dict[str, str]] = {}
+    for row in rows:
+        for figure in row["figures"]:
+            condition, divider, name = figure["name"].partition(OF_CONDITION)
+            if divider:
+                value, bounds = sheet_texts(figure)
+                lines.setdefault((row["title"], condition), {})[name] = f"{value} ({bounds})"
+    if not lines:
+        return []
+    names = list(dict.fromkeys(name for line in lines.values() for name in line))
+    first = dict(reversed(lines))
+    table = [
+        [title if first[title] == condition else "", condition, *(line.get(name, "–") for name in names)]
+        for (title, condition), line in lines.items()
+    ]
+    return [Table("Simulated conditions", ["quantity", "condition", *names], table)]
+
+
+def sheet_texts(figure: BoundedValue) -> tuple[str, str]:
+    """Return a figure and its interval as text. All numbers of the figure have the same decimals, so that the largest has
+    three digits; short times are in ms or µs. The page uses the same rule (sheet.ts)."""
+    largest = max((abs(v) for v in (figure["value"], figure["low"], figure["high"]) if v is not None), default=0.0)
+    unit, factor = figure["unit"], 1.0
+    if unit == "s" and 0 < largest < 0.1:
+        unit, factor = ("ms", 1e3) if largest >= 1e-4 else ("µs", 1e6)
+    decimals = 2 - int(np.floor(np.log10(largest * factor))) if largest > 0 else 2
+    decimals = min(max(decimals, 0), 7)
+
+    def text(value: float | None) -> str:
+        return "–" if value is None else f"{value * factor + 0.0:.{decimals}f}".replace("-", "\N{MINUS SIGN}")
+
+    bounds = "\N{NO-BREAK SPACE}–\N{NO-BREAK SPACE}".join((text(figure["low"]), text(figure["high"])))
+    if figure["high"] is None:
+        bounds = "–" if figure["low"] is None else f"≥ {text(figure['low'])}"
+    return f"{text(figure['value'])} {SIGNS.get(unit, unit)}".strip(), bounds
 
 
 def _scatter(spatial: SpatialErrors) -> str:

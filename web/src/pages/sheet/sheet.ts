@@ -1,5 +1,7 @@
 /** Text of the figures in a performance sheet. */
-import type { SheetFigure } from '../../api/types';
+import type { PerformanceSheet, SheetFigure } from '../../api/types';
+
+type SheetRow = PerformanceSheet['rows'][number];
 
 const SIGNS: Readonly<Record<string, string>> = {
   arcsec: '″',
@@ -20,21 +22,43 @@ export const GUIDE = [
   { frames: 'Simulated unit', rows: 'also end of life and robustness: rendered frames compared with the truth' },
 ] as const;
 
-/** Format a number with three significant digits, without an exponent for values from 1e-5 to 1e5. */
-export function digits(value: number | null): string {
-  if (value === null) return '–';
-  if (value === 0) return '0';
-  const size = Math.abs(value);
-  const text = size >= 1e5 || size < 1e-5 ? value.toExponential(2) : Number(value.toPrecision(3)).toString();
-  return text.replaceAll('-', '−');
+export interface FigureText {
+  value: string;
+  bounds: string;
 }
 
-export function valueText(f: SheetFigure): string {
-  return `${digits(f.value)} ${SIGNS[f.unit] ?? f.unit}`.trim();
+/** Format a figure and its interval. All numbers of the figure have the same decimals, so that the largest has three
+ *  digits; short times are in ms or µs. The PDF uses the same rule (sheet_record.py). */
+export function figureText(f: SheetFigure): FigureText {
+  const largest = Math.max(0, ...[f.value, f.low, f.high].map((v) => Math.abs(v ?? 0)));
+  let unit = f.unit;
+  let factor = 1;
+  if (unit === 's' && largest > 0 && largest < 0.1) [unit, factor] = largest >= 1e-4 ? ['ms', 1e3] : ['µs', 1e6];
+  const decimals = largest > 0 ? Math.min(Math.max(2 - Math.floor(Math.log10(largest * factor)), 0), 7) : 2;
+  const text = (v: number | null): string => (v === null ? '–' : (v * factor).toFixed(decimals).replace('-', '−'));
+  const bounds = f.high !== null ? `${text(f.low)} – ${text(f.high)}` : f.low !== null ? `≥ ${text(f.low)}` : '–';
+  return { value: `${text(f.value)} ${SIGNS[unit] ?? unit}`.trim(), bounds };
 }
 
-export function boundsText(f: SheetFigure): string {
-  if (f.low === null && f.high === null) return '–';
-  if (f.high === null) return `≥ ${digits(f.low)}`;
-  return `${digits(f.low)} … ${digits(f.high)}`;
+/** One simulated condition of a row ("20 false stars: correct"), with its figures by the name of the quantity. */
+export interface Condition {
+  name: string;
+  figures: Readonly<Record<string, FigureText>>;
+}
+
+const OF_CONDITION = ': ';
+
+export function plainFigures(row: SheetRow): SheetFigure[] {
+  return row.figures.filter((f) => !f.name.includes(OF_CONDITION));
+}
+
+export function conditionsOf(row: SheetRow): Condition[] {
+  const conditions = new Map<string, Record<string, FigureText>>();
+  for (const f of row.figures) {
+    const at = f.name.indexOf(OF_CONDITION);
+    if (at < 0) continue;
+    const name = f.name.slice(0, at);
+    conditions.set(name, { ...conditions.get(name), [f.name.slice(at + OF_CONDITION.length)]: figureText(f) });
+  }
+  return [...conditions].map(([name, figures]) => ({ name, figures }));
 }
