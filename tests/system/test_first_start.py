@@ -167,3 +167,48 @@ def test_with_tls_files_the_server_speaks_https_and_sets_secure_cookies(start, t
         assert client.get("/api/link").status_code == 200
     with pytest.raises(httpx2.HTTPError):
         httpx2.get(address.replace("https", "http") + "/api/health", timeout=10)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "addresses"),
+    [
+        (["--simulator", "cubestar", "--workers", "2"], ["/link"]),
+        (
+            ["--unit", "FM1=cubestar@simulator", "--unit", "EM-2=nos3@simulator"],
+            ["/units/FM1/api/link", "/units/EM-2/api/link"],
+        ),
+    ],
+    ids=["workers", "units"],
+)
+def test_workers_units_and_sensors_start_as_new_processes(start, shell, tmp_path, arguments, addresses):
+    """Other tests fork these processes from a preloaded one. Here, each imports everything itself, the lines of all simulated
+    sensors work, and SIGINT ends all processes.
+    """
+    folder = tmp_path / "data"
+    shell("user", "add", "ann", "--role", "admin", "--password-stdin", "--data", str(folder), stdin=PASSWORD + "\n")
+    key = shell("token", "add", "night", "--role", "viewer", "--days", "1", "--data", str(folder)).stdout.strip()
+    server, address = start(folder, *arguments)
+    base = address.split("/api")[0].rstrip("/")
+    waiting, deadline = [a if a.startswith("/units") else f"/api{a}" for a in addresses], time.monotonic() + 150
+    with httpx2.Client(base_url=base, headers={"Authorization": f"Bearer {key}"}, timeout=30) as client:
+        while waiting and time.monotonic() < deadline:
+            reply = client.get(waiting[0])
+            if reply.status_code == 200 and reply.json()["rx"]["state"] == "up":
+                waiting.pop(0)
+            time.sleep(0.2)
+    assert waiting == []
+    started = _descendants(server.pid)
+    assert len(started) >= 3
+    server.send_signal(signal.SIGINT)
+    assert server.wait(60) == 0
+    deadline = time.monotonic() + 20
+    while (left := [pid for pid in started if Path(f"/proc/{pid}").exists()]) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert left == []
+
+
+def _descendants(pid: int) -> list[int]:
+    """Return the processes that this process and its descendants started."""
+    tasks = Path(f"/proc/{pid}/task").iterdir()
+    own = [int(word) for task in tasks for word in (task / "children").read_text().split()]
+    return own + [below for child in own for below in _descendants(child)]
