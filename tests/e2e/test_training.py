@@ -16,6 +16,11 @@ SAME_COUNT = """() => {
   return list && header && header.includes(`${parseInt(list)} open`);
 }"""
 
+FULLY_SHOWN = """() => {
+  const cell = document.querySelector('[data-testid=alarm]'), text = cell.querySelector('.text');
+  return text.scrollHeight <= text.clientHeight + 1 || text.textContent.includes('full text on Monitor');
+}"""
+
 
 def choose(page, kind: str, fault: str, value: str) -> None:
     """Fill in the training form and inject the fault."""
@@ -29,6 +34,21 @@ def remove_faults(page) -> None:
     page.goto("/commands?side=training")
     page.get_by_test_id("training-calm").click()
     expect(page.get_by_test_id("training")).to_contain_text("no active fault")
+
+
+def header_shows_the_whole_alarm(page) -> None:
+    """Check that the header shows all of a cleared alarm at 1440 px, and that it states where the text is if it has
+    no space for it."""
+    alarm = page.get_by_test_id("alarm")
+    expect(alarm).to_contain_text("cleared, not acknowledged", timeout=PATIENCE_MS)
+    for width in (1440, 1250, 820):
+        page.set_viewport_size({"width": width, "height": 900})
+        page.wait_for_function(FULLY_SHOWN)
+        if width == 1440:
+            expect(alarm).not_to_contain_text("full text on Monitor")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    alarm.click()
+    expect(page.get_by_test_id("alarm-detail")).to_contain_text("Cleared, not acknowledged: ")
 
 
 def test_an_alarm_latches_until_cleared_and_acknowledged(page, at_rest, picture):
@@ -61,6 +81,7 @@ def test_an_alarm_latches_until_cleared_and_acknowledged(page, at_rest, picture)
     remove_faults(page)
     page.goto("/telemetry?page=power")
     at_rest(page)
+    header_shows_the_whole_alarm(page)
     rows = page.locator("[data-testid=alarm-row][data-alarm=sensor_temperature_c]")
     for _ in range(PATIENCE_MS // 500):
         again = rows.and_(page.locator("[data-state=cleared]")).get_by_test_id("acknowledge")

@@ -63,8 +63,8 @@ export function headerAlarms(reported: readonly Condition[], rows: readonly Open
 }
 
 /**
- * Convert "Cleared, not acknowledged: X" to "X, cleared, not acknowledged". The header cuts long texts at the end, so
- * the subject must come first.
+ * Convert "Cleared, not acknowledged: X" to "X, cleared, not acknowledged". The subject comes first, because
+ * the header can show only the start of a very long text.
  */
 export function subjectFirst(text: string): string {
   const parts = /^(Cleared, not acknowledged|Acknowledged): (.+)$/.exec(text);
