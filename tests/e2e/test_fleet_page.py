@@ -116,13 +116,16 @@ def test_all_four_units_are_current_and_each_is_opened_by_its_name(page: Page) -
 
 
 def test_the_tour_on_nos3(page: Page, picture: Callable[[str], None]) -> None:
-    """Connect, command, telemetry, attitude. The page states what the sensor lacks."""
+    """Connect, command, telemetry, attitude. The page states what the sensor lacks, and has no panel for stages that it
+    does not report."""
     operate(page, "EM-2")
     command(page, "REQUEST_DATA", "Request data")
     expect(telemetry(page, "valid")).to_contain_text("solved")
     expect(page.get_by_test_id("sensor-attitude")).to_contain_text("as reported")
     expect(page.get_by_test_id("sensor-ra")).to_have_text(re.compile(r"^\d+\.\d{4}°$"))
     expect(page.get_by_test_id("absent")).to_have_text(list(ABSENT["EM-2"]))
+    expect(page.get_by_test_id("recent-commands")).to_be_visible()
+    expect(page.get_by_test_id("cycle")).to_have_count(0)
     picture("unit-nos3")
 
 
