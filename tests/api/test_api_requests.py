@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import time
@@ -334,7 +335,8 @@ def test_implausible_headers_do_not_damage_a_frame(client, cards, key):
 
 
 def test_the_time_of_a_frame_is_known_only_if_the_file_states_it(client):
-    """A file without a time is stored with the time of its import, marked as unknown, and exported without a date."""
+    """A file without a time is stored with the time of its import, marked as unknown. Its pixels and its solutions are
+    exported without a date."""
     dated, undated = (fits.PrimaryHDU(np.zeros((8, 8), np.uint8)) for _ in range(2))
     dated.header["DATE-OBS"] = "2024-03-05T21:10:11"
     frames, dates = [], []
@@ -347,6 +349,11 @@ def test_the_time_of_a_frame_is_known_only_if_the_file_states_it(client):
     assert [frame["time_known"] for frame in frames] == [True, False]
     assert frames[0]["taken"].startswith("2024-03-05T21:10:11")
     assert dates == ["2024-03-05T21:10:11.000", None]
+    for frame in frames:
+        wait_for_solution(client, frame["id"])
+    solutions = csv.DictReader(client.get("/api/campaigns/solutions?format=csv").text.splitlines())
+    taken = {int(row["frame_id"]): row["taken"] for row in solutions}
+    assert [taken[frame["id"]] for frame in frames] == ["2024-03-05 21:10:11.000000Z", ""]
 
 
 def test_parallel_imports_of_one_file_store_it_once(client, tmp_path):

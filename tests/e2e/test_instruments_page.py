@@ -70,7 +70,7 @@ def test_photographs_become_an_instrument_that_solves_them(
     picture: Callable[[str], None],
 ) -> None:
     """An engineer uploads three photographs of one camera. The page installs a package whose numbers have uncertainties and
-    agree with an independent reference; with it, a photograph is solved at its reference attitude."""
+    agree with an independent reference, and state the date that she entered; with it, a photograph is solved at its reference attitude."""
     key = signed_in(served.folder, "engineer", "erin")["Cookie"].split("=", 1)[1]
     page.context.add_cookies([{"name": "gss_session", "value": key, "url": served.address}])
     images = json.loads((photographs / "truth.json").read_text())["images"]
@@ -80,12 +80,16 @@ def test_photographs_become_an_instrument_that_solves_them(
     page.get_by_test_id("photographs-name").fill("roofcam")
     page.get_by_test_id("photographs-files").set_input_files([photographs / name for name in names])
     expect(page.get_by_test_id("photographs-start")).to_have_text("Calibrate 3 photographs")
+    page.get_by_test_id("photographs-date").fill("2019-02-30")
+    expect(page.get_by_test_id("photographs-date-problem")).to_be_visible()
+    expect(page.get_by_test_id("photographs-start")).to_be_disabled()
+    page.get_by_test_id("photographs-date").fill("2019-07-29")
     page.get_by_test_id("photographs-start").click()
     expect(page.get_by_test_id("job")).to_have_attribute("data-state", "done", timeout=JOB_MS)
     expect(page.locator("[data-instrument=roofcam]")).to_contain_text("own")
     expect(page.get_by_test_id("camera-only")).to_be_visible()
     focal = page.get_by_test_id("instrument-numbers").get_by_role("row").filter(has_text=re.compile("^focal length"))
-    expect(focal).to_contain_text(re.compile(r"±.*photographs: 3 frames"))
+    expect(focal).to_contain_text(re.compile(r"±.*photographs: 3 frames, 2019-07-29"))
     picture("instrument-from-photographs")
     instrument = load_instrument(read_folder(served.folder / "instruments" / "roofcam"))
     measured = next(number for number in instrument.camera.numbers() if number.name == "focal_length")

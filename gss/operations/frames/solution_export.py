@@ -1,4 +1,5 @@
-"""Export of solutions of stored frames as a CSV or Parquet table, with one row per solution and units in the column names."""
+"""Export of solutions of stored frames as a CSV or Parquet table, with one row per solution and units in the column names.
+``taken`` is empty if the time of the frame is unknown."""
 
 from __future__ import annotations
 
@@ -82,7 +83,7 @@ def as_row(frame: Frame, solution: Solution) -> dict[str, object]:
         "frame_id": frame.id,
         "frame_number": frame.number,
         "contact_id": frame.contact_id,
-        "taken": frame.taken,
+        "taken": frame.taken if frame.time_known else None,
         "frame": frame.name,
         "profile": frame.profile,
         "exposure_s": frame.exposure_s,
