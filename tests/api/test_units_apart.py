@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from starlette.types import Message, Receive, Scope, Send
 
-from gss.api.units.fleet import Fleet
+from gss.api.units.fleet import Fleet, process_name
 from gss.api.units.unit_gateway import UnitGateway
 from gss.api.units.unit_spec import UnitSpec
 from gss.api.workers.supervisor import Supervisor
@@ -65,6 +66,26 @@ def processes() -> Iterator[tuple[dict[str, UnitProcess], Fleet]]:
             server.should_exit = True
         for thread in threads:
             thread.join(10)
+
+
+def test_a_process_without_a_report_has_the_time_since_its_start() -> None:
+    """Before its start, a process has no age. A process that hangs before its first report has the time since its
+    start."""
+    spec, path = UnitSpec("A", "cubestar", "simulator"), Path("/nonexistent/A.socket")
+    supervisor = Supervisor({process_name(spec): partial(time.sleep, 60)}, lambda _: None)
+    now_s = [0.0]
+    fleet = Fleet((spec,), {"A": path}, supervisor, lambda name, samples: None, lambda: time.monotonic() + now_s[0])
+    assert fleet.states()[0].process_age_s is None
+    supervisor.start()
+    try:
+        while (age_s := fleet.states()[0].process_age_s) is None:
+            time.sleep(0.01)
+        now_s[0] = 300.0
+        (state,) = fleet.states()
+        assert state.link is None
+        assert 300.0 <= (state.process_age_s or 0) < 360.0 + age_s
+    finally:
+        supervisor.stop()
 
 
 async def front_process(scope: Scope, receive: Receive, send: Send) -> None:

@@ -48,6 +48,7 @@ def _unit(state: UnitState) -> FleetUnitOut:
         restarts=process.restarts,
         last_end=process.last_end,
         reason=state.reason,
+        process_age_s=state.process_age_s,
         link=state.link,
         age_s=age_s,
         current=current,

@@ -10,7 +10,8 @@ from gss.api.schemas.link import LinkOut
 
 class FleetUnitOut(Out):
     """State of one unit. ``process``: state of the unit's process; ``restarts``, ``last_end``: number of restarts and
-    last exit of this process since the server started; ``reason``: why the process could not start, "" if it started.
+    last exit of this process since the server started; ``reason``: why the process could not start, "" if it started;
+    ``process_age_s``: time since the start of the process, None while it does not run.
     ``link``: last report of the unit, received ``age_s`` ago; ``current``: false if this report is too old."""
 
     name: str
@@ -20,6 +21,7 @@ class FleetUnitOut(Out):
     restarts: int
     last_end: str
     reason: str
+    process_age_s: float | None
     link: LinkOut | None
     age_s: float | None
     current: bool

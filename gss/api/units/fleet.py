@@ -29,11 +29,13 @@ NO_UNIT = "this server has no such unit"
 class UnitState:
     """State of one unit. ``link``: last report of its process, received ``age_s`` ago; None before the first report.
     ``reports``: true if this process is connected, so that the report is not that of an earlier process. ``reason``: why
-    the process could not start; "" if it started."""
+    the process could not start; "" if it started. ``process_age_s``: time since the start of the process; None while it
+    does not run."""
 
     spec: UnitSpec
     process: ProcessState
     reason: str
+    process_age_s: float | None
     reports: bool
     link: LinkOut | None
     age_s: float | None
@@ -95,11 +97,12 @@ class Fleet:
     def _state(self, unit: UnitSpec) -> UnitState:
         process, latest = self._supervisor.state(process_name(unit)), self._latest.get(unit.name)
         reason = _read(reason_file(self._paths[unit.name]))
+        process_age_s = None if process.start_s is None else max(0.0, self._monotonic_s() - process.start_s)
         if latest is None:
-            return UnitState(unit, process, reason, False, None, None)
+            return UnitState(unit, process, reason, process_age_s, False, None, None)
         at_s, report = latest
         reports = unit.name in self._connected
-        return UnitState(unit, process, reason, reports, report, max(0.0, self._monotonic_s() - at_s))
+        return UnitState(unit, process, reason, process_age_s, reports, report, max(0.0, self._monotonic_s() - at_s))
 
     async def _follow(self, name: str, client: LinkProcessClient) -> None:
         """Store the latest state of a unit. The state is kept after the process ends; its age then increases."""

@@ -22,11 +22,13 @@ STOP_WITHIN_S = 3.5
 @dataclass(frozen=True)
 class ProcessState:
     """State of a supervised process. ``pid``: None while it does not run; ``restarts``: number of restarts since the
-    supervisor started; ``last_end``: reason of the last exit, "" if it has not exited."""
+    supervisor started; ``last_end``: reason of the last exit, "" if it has not exited; ``start_s``: monotonic time of
+    its start in seconds, None while it does not run."""
 
     pid: int | None = None
     restarts: int = 0
     last_end: str = ""
+    start_s: float | None = None
 
 
 class Supervisor:
@@ -107,5 +109,5 @@ class Supervisor:
             process = multiprocessing.get_context("spawn").Process(target=self._targets[name])
             process.start()
             self._processes[name] = process
-            self._states[name] = replace(self._states[name], pid=process.pid)
+            self._states[name] = replace(self._states[name], pid=process.pid, start_s=monotonic_s())
             return process

@@ -18,6 +18,7 @@ const unit: FleetUnit = {
   restarts: 0,
   last_end: '',
   reason: '',
+  process_age_s: 60,
   link,
   age_s: 0.5,
   current: true,
@@ -48,9 +49,17 @@ describe('the fleet', () => {
     expect(processOf({ ...silent, reason: 'another GSS server uses this data folder' }).word).toBe(
       'cannot start: another GSS server uses this data folder',
     );
-    expect(processOf({ ...silent, age_s: null, process: 'starting', last_end: '' }).word).toBe(
-      'starting; no report yet',
-    );
+  });
+  it('says since when a process starts, and marks one that may hang', () => {
+    const start = { ...unit, current: false, age_s: null, process: 'starting' as const };
+    expect(processOf({ ...start, process_age_s: 40 })).toEqual({
+      state: 'unknown',
+      word: 'starting, started 40 s ago; no report yet',
+    });
+    expect(processOf({ ...start, process_age_s: 300 })).toEqual({
+      state: 'warning',
+      word: 'no recent report, started 5 min 0 s ago; no report yet',
+    });
   });
   it('shows the next pass, one under way, and why there is none', () => {
     const at = Date.parse('2026-11-25T12:00:00Z');

@@ -3,6 +3,9 @@ import type { FleetUnit } from '../../api/types';
 import { daysLeft, degrees, fixed, span } from '../../lib/format';
 import { lampOf, type LampState } from '../../lib/lamp';
 
+/** Time in which a process has reported on a busy machine. A process without a report after this time may hang. */
+const SLOW_START_S = 120;
+
 export interface Cell {
   state: LampState;
   word: string;
@@ -17,9 +20,13 @@ export function processOf(u: FleetUnit): Cell {
   const last = u.age_s === null ? 'no report yet' : `last report ${span(u.age_s)} ago`;
   if (u.reason) return { state: 'critical', word: `cannot start: ${u.reason}` };
   const cause = u.last_end ? `, ended by ${u.last_end}` : '';
-  return u.process === 'ended'
-    ? { state: 'critical', word: `restarting${cause}; ${last}` }
-    : { state: 'unknown', word: `${u.age_s === null ? 'starting' : 'no recent report'}${cause}; ${last}` };
+  if (u.process === 'ended') return { state: 'critical', word: `restarting${cause}; ${last}` };
+  const started = u.process_age_s === null ? '' : `, started ${span(u.process_age_s)} ago`;
+  const late = (u.process_age_s ?? 0) > SLOW_START_S;
+  return {
+    state: late ? 'warning' : 'unknown',
+    word: `${u.age_s === null && !late ? 'starting' : 'no recent report'}${started}${cause}; ${last}`,
+  };
 }
 
 export function lineOf(u: FleetUnit): Cell {
