@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from io import BytesIO
 
 import numpy as np
@@ -13,10 +14,12 @@ from astropy.io import fits
 from playwright.sync_api import Browser, Page, expect
 
 from gss.domain.frames import cam_from_icrs
+from gss.domain.rotation import matrix_from_quaternion, random_quaternion
 from gss.instruments.registry import shipped_camera
 from gss.operations.frames.pictures import png
 from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
+from gss.pipeline.readout import HotPixel
 from gss.pipeline.render import render
 from gss.pipeline.second_lens import SecondLens, through_second_lens
 
@@ -26,6 +29,26 @@ TRUE_CAMERA = replace(
     PROFILE.camera, focal_col_px=PROFILE.camera.focal_col_px * 1.001, focal_row_px=PROFILE.camera.focal_row_px * 1.001
 )
 FRAMES = 8
+
+
+HOT = (HotPixel(300, 200, 4e4), HotPixel(701, 90, 4e4), HotPixel(120, 400, 4e4))
+HOT_FRAMES = 30
+"""Fewest frames of a health analysis."""
+HEALTH_MS = 400_000
+
+
+def hot_frame_files() -> Iterator[dict[str, str | bytes]]:
+    """Yield frames of the documented camera with three hot pixels, two days apart."""
+    stars, rng = SolverCache().stars(2026.5).brighter_than(6.0), np.random.default_rng(5)
+    for k in range(HOT_FRAMES):
+        attitude = matrix_from_quaternion(random_quaternion(rng))
+        pixels = render(stars, PROFILE.camera, PROFILE.sensor, attitude, 0.25, rng, hot_pixels=HOT).pixels
+        hdu = fits.PrimaryHDU(pixels)
+        taken = datetime(2026, 7, 1, tzinfo=UTC) + timedelta(days=2 * k)
+        hdu.header["DATE-OBS"], hdu.header["EXPTIME"] = taken.strftime("%Y-%m-%dT%H:%M:%S"), 0.25
+        data = BytesIO()
+        hdu.writeto(data)
+        yield {"name": f"mission-{k}.fits", "mimeType": "application/fits", "buffer": data.getvalue()}
 
 
 def frame_files() -> list[dict[str, str | bytes]]:
@@ -119,6 +142,36 @@ def test_moving_objects_are_searched_for_and_offered_as_tdm(page: Page, imported
     form.get_by_test_id("analyse-start").click()
     expect(page.get_by_test_id("study-report")).to_contain_text("faintest point found")
     expect(page.get_by_test_id("study-tdm")).to_have_attribute("href", re.compile("kind=tdm"))
+
+
+def test_bad_pixels_of_a_health_analysis_become_a_table(
+    page: Page, address: str, browser: Browser, headers: dict[str, str]
+) -> None:
+    """The report of a health analysis proposes a calibration. Its hot pixels become a table once, which the list of
+    tables shows."""
+    context = browser.new_context(base_url=address)
+    ids = []
+    for file in hot_frame_files():
+        answer = context.request.post(
+            "/api/frames/import", headers=headers, multipart={"file": file, "profile": "cubestar"}
+        )
+        assert answer.ok, answer.text()
+        ids.append(answer.json()["id"])
+    context.close()
+    page.goto("/calibration?tab=analyses")
+    form = page.get_by_test_id("analyse-form")
+    form.get_by_test_id("analyse-kind").select_option("health")
+    form.get_by_test_id("analyse-frames").fill(f"{min(ids)}-{max(ids)}")
+    form.get_by_test_id("analyse-start").click()
+    page.get_by_test_id("study-propose").click(timeout=HEALTH_MS)
+    create = page.get_by_test_id("make-bad-pixel-table")
+    expect(page.get_by_text(f"{len(HOT)} bad pixels: not on the sensor")).to_be_visible()
+    create.click()
+    expect(page.get_by_text(f"{len(HOT)} bad pixels: table stored, not on the sensor")).to_be_visible()
+    expect(create).to_be_disabled()
+    tables = page.get_by_test_id("tables")
+    tables.get_by_role("button", name="Bad pixels").click()
+    expect(tables.get_by_test_id("table-row")).to_have_count(1)
 
 
 def test_a_pasted_bench_measurement_is_used_as_prior(page: Page, imported: str) -> None:
