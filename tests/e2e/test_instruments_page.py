@@ -69,8 +69,9 @@ def test_photographs_become_an_instrument_that_solves_them(
     signed_in: Callable[..., dict[str, str]],
     picture: Callable[[str], None],
 ) -> None:
-    """An engineer uploads three photographs of one camera. The page installs a package whose numbers have uncertainties and
-    agree with an independent reference, and state the date that she entered; with it, a photograph is solved at its reference attitude."""
+    """An engineer uploads three photographs of one camera. The page installs a package whose numbers have uncertainties,
+    agree with an independent reference and state the date that she entered. With it, a photograph is solved at its
+    reference attitude."""
     key = signed_in(served.folder, "engineer", "erin")["Cookie"].split("=", 1)[1]
     page.context.add_cookies([{"name": "gss_session", "value": key, "url": served.address}])
     images = json.loads((photographs / "truth.json").read_text())["images"]
