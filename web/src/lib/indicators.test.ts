@@ -19,8 +19,8 @@ const DRAWN: Record<string, [Source, ...string[]]> = {
   Dictionary: ['device', 'components/shell/Header: from="housekeeping"'],
   'Worst alarm': [
     'server',
-    'components/shell/Header: lampOf(worst.level)} from="server"',
-    'components/shell/Header: live.alarmsRead',
+    'components/shell/HeaderAlarm: from="server"',
+    'components/shell/HeaderAlarm: live.alarmsRead',
   ],
   UTC: ['server', "components/shell/Header: server ? day(utc) : 'browser clock'"],
   Authority: ['server', 'components/shell/AuthorityCell: from="server"'],
