@@ -42,6 +42,7 @@ COMMANDS = {
     "passes": ("passes", "list coming passes; import the orbit of the spacecraft; manage ground stations"),
     "attitude": ("attitude", "export attitudes of frames as CCSDS AEM or ACM; compare them with another system"),
     "heads": ("heads", "compare the heads of one spacecraft: mountings, fused attitude, misalignment and drift"),
+    "fleet": ("fleet", "list the units of a running server, and restart one of them"),
     "rehearse": ("rehearse", "execute a pass plan on a simulated unit, faster than real time"),
     "notify": ("notify", "check the notification file, or send a test message"),
     "backup": ("upkeep", "create a backup; the server can be running"),

@@ -46,8 +46,9 @@ class ServerConnection:
             time.sleep(RETRY_S)
 
     def post(self, path: str, body: Mapping[str, Json] | None = None) -> Json:
-        """Send a change once and return the JSON response."""
-        return self._response_of(lambda: self._http.post(path, json=body)).json()
+        """Send a change once and return the JSON response; None if the response is empty."""
+        response = self._response_of(lambda: self._http.post(path, json=body))
+        return response.json() if response.content else None
 
     def upload(self, path: str, file: Path, form: Mapping[str, str]) -> Json:
         """Send a file once, as the field ``file`` of a form."""

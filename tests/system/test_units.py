@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -12,6 +13,7 @@ from typing import Any
 import httpx2
 import pytest
 
+from gss.cli import main
 from gss.operations.folder_lock import folder_lock
 
 pytestmark = pytest.mark.timeout(1800)
@@ -135,8 +137,11 @@ def _wrong_names_and_strangers_are_refused(units: Any) -> None:
     assert httpx2.get(f"{address}/api/fleet").status_code == 401
 
 
-def test_a_unit_that_cannot_start_says_why_and_starts_later(start_units: Callable[..., Any], tmp_path: Path) -> None:
-    """Its folder is in use: the fleet shows the reason, the other unit works, and it starts when the folder is free."""
+def test_a_unit_that_cannot_start_says_why_and_starts_later(
+    start_units: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its folder is in use: the fleet shows the reason, the other unit works, and it starts when the folder is free.
+    ``gss fleet`` lists the units and restarts one of them."""
     with folder_lock(tmp_path / "data" / "units" / "FM1"):
         units = start_units("FM1=nos3@simulator", "EM-2=nos3@simulator")
         reason = units.console.wait("the reason", lambda: units.fleet()["FM1"]["reason"], LONG_S)
@@ -148,6 +153,24 @@ def test_a_unit_that_cannot_start_says_why_and_starts_later(start_units: Callabl
             assert "unit FM1" in answer.json()["message"]
     units.connected("FM1", "EM-2")
     assert units.fleet()["FM1"]["reason"] == ""
+    monkeypatch.setenv("GSS_ADDRESS", units.console.address)
+    monkeypatch.setenv("GSS_TOKEN", units.console.post("/tokens", {"name": "lab", "role": "admin", "days": 1})["key"])
+    _restarted_from_the_shell(units, capsys)
+
+
+def _restarted_from_the_shell(units: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    """A wrong name is an error that lists the units. The restart of one unit is shown in the list."""
+    before = units.fleet()
+    assert main(["fleet", "restart", "FM9"]) == 2
+    assert "FM1, EM-2" in capsys.readouterr().err
+    assert main(["fleet", "restart", "EM-2"]) == 0
+    assert capsys.readouterr().out == "EM-2 is restarted\n"
+    units.console.wait("the end", lambda: units.fleet()["EM-2"]["restarts"] > before["EM-2"]["restarts"], LONG_S)
+    after = units.connected("FM1", "EM-2")
+    assert after["FM1"]["restarts"] == before["FM1"]["restarts"]
+    assert main(["fleet", "list"]) == 0
+    line = next(text for text in capsys.readouterr().out.splitlines() if text.startswith("EM-2"))
+    assert re.search(r"nos3 +running +\d+ restarts, last ended by user .*lab", line)
 
 
 def _children(pid: int) -> list[int]:
