@@ -1,7 +1,7 @@
 """Measure clicks and seconds of an operator's usual tasks in a browser, on a server with a simulated sensor.
 
-``python -m tools.console_jobs --photograph FILE`` prints a table in Markdown. A key press that replaces a mouse click
-counts as a click. The seconds do not include time for thinking or reading.
+``python -m tools.console_jobs --photograph FILE --night FILE FILE FILE`` prints a table in Markdown. A key press that
+replaces a mouse click counts as a click. The seconds do not include time for thinking or reading.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
+from tools import console_night
 from tools.browser import launch_options
+from tools.process_memory import Memory
 from tools.screenshots import two_line_elements
 
 PASSWORD = "orion over the sea"  # noqa: S105 - of a server that lives for minutes
@@ -54,6 +56,13 @@ class Server:
     def address(self) -> str:
         """Address of the console."""
         return self.link.split("/setup#")[0].rstrip("/")
+
+    @property
+    def pid(self) -> int:
+        """Id of the process. Raises RuntimeError if it does not run."""
+        if self.process is None:
+            raise RuntimeError("the server does not run")
+        return self.process.pid
 
     def end(self, number: signal.Signals) -> None:
         """End the process."""
@@ -136,6 +145,37 @@ def photograph(page: Page, server: Server, file: Path) -> str:
     return job.row("photograph of an unknown camera to attitude, field of view and scale")
 
 
+def night(page: Page, server: Server, sources: list[Path]) -> str:
+    """Measure the task from a folder of 200 photographs of a known camera to the comparison of two chains."""
+    console_night.add_camera(page, sources)
+    memory = Memory(server.pid)
+    with tempfile.TemporaryDirectory() as folder, memory.watched():
+        console_night.make_photographs(sources, Path(folder))
+        page.goto(f"{server.address}/frames")
+        page.evaluate(console_night.WATCH_DRAWING)
+        job = Job(page)
+        page.get_by_test_id("import-profile").select_option(console_night.CAMERA)
+        page.get_by_test_id("import-folder-input").set_input_files(folder)
+        job.clicks += 3  # the camera, the button, and the folder in the dialog of the browser
+        expect(page.get_by_test_id("import-queue")).to_contain_text("finished", timeout=console_night.NIGHT_MS)
+        stored = page.get_by_test_id("import-counts").inner_text()
+        rows = [job.row(f"200 photographs of a known camera imported ({stored})")]
+        outcomes = console_night.wait_until_solved(page, console_night.PHOTOGRAPHS + len(sources))
+        rows.append(job.row(f"the same until all have a ground result ({outcomes})"))
+        job.clicks += console_night.compare_chains(page, console_night.CHAIN)
+        rows.append(job.row(f"the same until compared with the chain {console_night.CHAIN}"))
+        report = page.get_by_test_id("chain-report").inner_text()
+    pauses_ms = sorted(page.evaluate("() => window.pauses"))
+    print(report[:3000], file=sys.stderr)
+    print(
+        f"memory at most: server {memory.server_mb:.0f} MB, browser {memory.browser_mb:.0f} MB, "
+        f"page {console_night.heap_mb(page):.1f} MB heap; {len(pauses_ms)} pauses in drawing above 100 ms, "
+        f"the longest {pauses_ms[-1] if pauses_ms else 0:.0f} ms",
+        file=sys.stderr,
+    )
+    return "\n".join(rows)
+
+
 def alarm(page: Page, server: Server) -> str:
     """Measure the task from an alarm in the header to its plot and its remedy."""
     page.goto(f"{server.address}/commands?side=training")
@@ -203,12 +243,14 @@ def main() -> None:
     """Run all tasks and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--photograph", type=Path, help="an image of the night sky")
+    parser.add_argument("--night", type=Path, nargs=3, help="three images of the night sky of one camera")
+    parser.add_argument("--only-night", action="store_true", help="measure only the set-up and the night")
     options = parser.parse_args()
     expect.set_options(timeout=TIMEOUT_MS)
     with tempfile.TemporaryDirectory() as folder, _browser() as browser:
         server = Server(Path(folder) / "data")
         server.start()
-        page = browser.new_page(viewport={"width": 1440, "height": 900})
+        page = browser.new_page(viewport={"width": 1440, "height": 900}, base_url=server.address)
         page.set_default_timeout(TIMEOUT_MS)
         jobs: list[Callable[[], str]] = [
             lambda: set_up(page, server),
@@ -219,6 +261,10 @@ def main() -> None:
         ]
         if options.photograph:
             jobs.insert(2, lambda: photograph(page, server, options.photograph))
+        if options.night:
+            jobs.insert(-2, lambda: night(page, server, options.night))
+        if options.only_night:
+            jobs = [lambda: set_up(page, server), lambda: night(page, server, options.night)]
         print("| job | clicks | fields | seconds |\n|---|---|---|---|")
         try:
             for job in jobs:

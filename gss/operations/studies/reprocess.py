@@ -201,7 +201,7 @@ class ReprocessService:
 
         def report(_share: float = 0.0) -> None:
             rate = (done.frames - frames_before) / max(1e-3, stopwatch_s() - started_s)
-            progress(done.frames, total, f"{done.frames} of {total} frames, {rate:.0f} frames/s")
+            progress(done.frames, total, f"{done.frames} of {total} frames, {rate:.{0 if rate >= 10 else 1}f} frames/s")
 
         with closing(self._executor.in_order(run_item, _batches(order, tasks), report)) as results:
             for rows in results:
