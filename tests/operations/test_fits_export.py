@@ -17,6 +17,7 @@ from gss.domain.frames import cam_from_icrs
 from gss.domain.rotation import quaternion_from_matrix
 from gss.instruments.registry import shipped_camera, shipped_registry
 from gss.operations.frames.fits_export import fits_file
+from gss.operations.frames.frame_files import WITHOUT_ABERRATION
 from gss.store.models import Frame, Solution
 
 VELOCITY_C = np.array([0.4e-4, -1.2e-4, 0.8e-4])
@@ -29,9 +30,8 @@ def test_world_coordinates_follow_the_camera_over_the_whole_detector(name, movin
     solution was corrected for an aberration of 31″."""
     camera = shipped_camera(name).camera
     attitude = cam_from_icrs(*np.radians([84.0, -60.0, 313.0]))
-    frame = Frame(
-        id=1, number=3, taken=datetime(2026, 12, 1, tzinfo=UTC), exposure_s=0.25, profile=name, time_known=True
-    )
+    taken = datetime(2026, 12, 1, tzinfo=UTC)
+    frame = Frame(id=1, number=3, taken=taken, exposure_s=0.25, profile=name, time_known=True, parameters={})
     solution = Solution(
         quaternion=quaternion_from_matrix(attitude).tolist(),
         camera=record_of(camera),
@@ -99,3 +99,12 @@ def test_a_camera_is_restored_from_plain_values(name):
 
     camera = shipped_camera(name).camera
     assert camera_from(json.loads(json.dumps(record_of(camera)))) == camera
+
+
+def test_a_rendered_image_keeps_its_statement_about_aberration() -> None:
+    """The export of an imported file that contains no aberration states this too; that of a photograph does not."""
+    taken, pixels = datetime(2026, 7, 1, tzinfo=UTC), np.zeros((4, 8), np.uint8)
+    for source, card in (({WITHOUT_ABERRATION: "yes"}, False), ({"format": "FITS"}, None)):
+        frame = Frame(id=1, taken=taken, time_known=True, columns=8, rows=4, parameters={"file": source})
+        with fits.open(io.BytesIO(fits_file(pixels, frame, None))) as file:
+            assert file[0].header.get("GSSABERR") is card

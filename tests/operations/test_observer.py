@@ -13,6 +13,7 @@ from astropy.time import Time
 
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput
+from gss.operations.frames.frame_files import WITHOUT_ABERRATION
 from gss.operations.frames.observer import epoch_of_frame, observer_at, observer_of_frame
 
 MOMENT = datetime(2008, 9, 20, 12, 25, 40, tzinfo=UTC)
@@ -22,7 +23,7 @@ TLE = """1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927
 
 def frame(**values: Any) -> Any:
     """Return a stored frame with the columns that these tests need."""
-    row = {"source": "device", "taken": MOMENT, "time_known": True, "truth": None}
+    row = {"source": "device", "taken": MOMENT, "time_known": True, "truth": None, "parameters": {}}
     return cast(Any, SimpleNamespace(**(row | values)))
 
 
@@ -54,6 +55,15 @@ def test_a_velocity_needs_a_known_time() -> None:
     assert observer_of_frame(frame(truth=[0, 0, 0, 1])) is None
     assert observer_of_frame(frame(truth=[0, 0, 0, 1]), True) is not None
     assert observer_of_frame(frame(), False) is None
+
+
+def test_an_imported_rendered_image_is_not_corrected() -> None:
+    """An imported file with GSSABERR = F has no observer by default. A request overrides this."""
+    rendered = frame(source="import", parameters={"file": {"format": "FITS", WITHOUT_ABERRATION: "yes"}})
+    assert observer_of_frame(rendered) is None
+    assert observer_of_frame(rendered, True) is not None
+    assert epoch_of_frame(rendered) is not None
+    assert observer_of_frame(frame(source="import", parameters={"file": {"format": "FITS"}})) is not None
 
 
 def test_star_positions_are_those_of_the_exposure() -> None:

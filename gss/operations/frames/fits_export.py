@@ -16,6 +16,7 @@ from gss.domain.dark_columns import DarkColumns
 from gss.domain.frames import ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
 from gss.operations.frames.frame_values import dark_columns_of
+from gss.operations.frames.observer import drawn_without_aberration
 from gss.operations.frames.pictures import Pixels
 from gss.store.models import Frame, Solution
 
@@ -41,7 +42,7 @@ def fits_file(picture: Pixels, frame: Frame, solution: Solution | None) -> bytes
             frame.profile,
             dark,
             (frame.rows, frame.columns),
-            simulated=frame.truth is not None,
+            simulated=drawn_without_aberration(frame),
         )
     )
     if solution is not None and solution.quaternion is not None:

@@ -13,6 +13,7 @@ from gss.catalogue_tools.corrections.ephemeris import LIGHT_KM_S, earth_motion, 
 from gss.catalogue_tools.envelope.orbits import jyear_of, read_tle
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.errors import BadInput
+from gss.operations.frames.frame_files import WITHOUT_ABERRATION
 
 if TYPE_CHECKING:
     from gss.store.models import Frame
@@ -60,11 +61,19 @@ def observer_of_frame(frame: Frame, override: bool | None = None) -> Observer | 
     """Return the observer of a stored frame for the correction of aberration, None for no correction.
 
     By default, frames are corrected if their time is known. Frames of the simulator are not corrected, because they contain
-    aberration only if it is enabled there. ``override``: True or False to override this choice.
+    aberration only if it is enabled there. Files of ``gss render`` state that they contain none. ``override``: True or False
+    to override this choice.
     """
-    if not (_shows_the_sky_of_its_time(frame) if override is None else override):
+    by_default = _shows_the_sky_of_its_time(frame) and not drawn_without_aberration(frame)
+    if not (by_default if override is None else override):
         return None
     return observer_at(frame.taken)
+
+
+def drawn_without_aberration(frame: Frame) -> bool:
+    """Return True for a frame of the simulator and for an imported file that states that its sky contains no aberration."""
+    file = frame.parameters.get("file")
+    return frame.truth is not None or (isinstance(file, dict) and WITHOUT_ABERRATION in file)
 
 
 def epoch_of_frame(frame: Frame) -> float | None:
