@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gss.cli.instruments import CAMERA_HELP, registry
-from gss.cli.render_sequence import add_sequence_options, check_new, render_sequence, sky_attitude
+from gss.cli.render_sequence import add_sequence_options, check_new, render_sequence, sky_attitude, write_whole
 from gss.cli.solve import angles, julian_year
 from gss.domain.errors import BadInput
 from gss.operations.clock import utc_now
@@ -141,7 +141,7 @@ def _render_bench(arguments: argparse.Namespace, profile: CameraProfile) -> int:
     camera = profile.camera
     lens = SecondLens(arguments.second_lens, (x, y))
     picture = through_second_lens(camera, profile.sensor, lens, np.random.default_rng(arguments.seed))
-    arguments.out.write_bytes(png(picture))
+    write_whole(arguments.out, png(picture))
     centre = f"{camera.centre_col_px:g}, {camera.centre_row_px:g} px"
     print(f"{arguments.out}: {picture.shape[1]} x {picture.shape[0]} px, principal point {centre}")
     return 0
@@ -169,10 +169,10 @@ def _render_sky(arguments: argparse.Namespace, profile: CameraProfile) -> int:
         return render_sequence(arguments, profile, request)
     drawn = draw(profile, request)
     picture = profile.sensor.dark_columns.join(drawn.pixels, drawn.dark)
-    arguments.out.write_bytes(png(picture))
+    write_whole(arguments.out, png(picture))
     if arguments.truth:
         pointing = angles(arguments.at, (3,), "RA,DEC,ROLL in degrees")
-        arguments.truth.write_text(json.dumps({arguments.out.name: pointing}) + "\n", "utf-8")
+        write_whole(arguments.truth, (json.dumps({arguments.out.name: pointing}) + "\n").encode())
     limit = profile.sensor.faint_limit_mag
     bright = int((drawn.truth.v_mag <= limit).sum())
     rows, columns = picture.shape

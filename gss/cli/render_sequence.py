@@ -100,6 +100,19 @@ def check_new(paths: Sequence[Path], overwrite: bool) -> None:
         raise Conflict(f"{present[0]}{more} would be overwritten", hint="choose another name, or add --overwrite")
 
 
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file in a folder that exists. If this fails, for example because the disk is full, an existing file is
+    unchanged. Raises BadInput, OSError."""
+    if not path.parent.is_dir():
+        raise BadInput("the folder of the output does not exist", expected="an existing folder", got=str(path.parent))
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_bytes(data)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
 def _motion(arguments: argparse.Namespace, request: RenderRequest) -> tuple[datetime, Motion]:
     """Return the time of the first image and the motion of the options."""
     from gss.operations.frames import rendered_sequence as sequences
@@ -149,20 +162,17 @@ def _write(
     from gss.operations.frames.fits_export import rendered_file
 
     truths: dict[str, ImageTruth] = {}
-    part = folder / "image.part"
     dark_columns = profile.sensor.dark_columns
     try:
         for k, (name, (at, drawn)) in enumerate(zip(names, images, strict=True), 1):
             picture = dark_columns.join(drawn.pixels, drawn.dark)
             data = rendered_file(picture, name, at.at, exposure_s, profile.name, dark_columns)
-            part.write_bytes(data)
-            part.replace(folder / name)
+            write_whole(folder / name, data)
             truths[name] = _truth(at, drawn, exposure_s, profile.sensor.faint_limit_mag)
             show_progress(k / len(names), f"Image {k} of {len(names)}")
     finally:
-        part.unlink(missing_ok=True)
         if truths:
-            (folder / TRUTH_NAME).write_text(json.dumps(truths, allow_nan=False) + "\n", "utf-8")
+            write_whole(folder / TRUTH_NAME, (json.dumps(truths, allow_nan=False) + "\n").encode())
     return [len(truth["stars"]) for truth in truths.values()]
 
 

@@ -188,13 +188,23 @@ def read_truths(text: str | None, files: Sequence[str]) -> dict[str, Array]:
     try:
         rows = json.loads(read_limited(Path(text), TEXT_BYTES))
         angles_of = {name: row["attitude_deg"] if isinstance(row, dict) else row for name, row in rows.items()}
-        return {str(name): attitude([float(v) for v in row]) for name, row in angles_of.items()}
+        truths = {str(name): attitude(_three_angles(row)) for name, row in angles_of.items()}
     except (ValueError, TypeError, KeyError, AttributeError, UnicodeDecodeError) as error:
         raise BadInput(
             "unreadable truth",
             expected="{file name: [RA, DEC, ROLL]} in degrees, or truth.json of gss render",
             got=str(error),
         ) from error
+    if missing := [name for name in files if Path(name).name not in truths]:
+        raise BadInput("the truth lacks an image", expected="the name of each image", got=f"no {Path(missing[0]).name}")
+    return truths
+
+
+def _three_angles(row: Sequence[float]) -> list[float]:
+    numbers = [float(v) for v in row]
+    if len(numbers) != 3 or not all(math.isfinite(v) for v in numbers):
+        raise ValueError(f"{row}")
+    return numbers
 
 
 def angles(text: str, counts: tuple[int, ...], expected: str) -> list[float]:

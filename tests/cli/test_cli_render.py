@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -70,3 +71,22 @@ def test_impossible_images_are_refused(
     assert main(["render", "--camera", "cubestar", *options]) == 2
     assert message.lower() in capsys.readouterr().err.lower()
     assert not list(tmp_path.iterdir())
+
+
+def test_a_failed_write_leaves_the_existing_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """If a file cannot be written completely, the existing file is unchanged and no part of the new one remains. A missing
+    folder is bad input.
+    """
+    out = tmp_path / "sky.png"
+    out.write_bytes(b"old")
+    command = ["render", "--camera", "cubestar", "--at", "84,5,0", "--overwrite", "--out"]
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
+    try:
+        assert main([*command, str(out)]) == 1
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert out.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [out]
+    assert main([*command, str(tmp_path / "missing" / "sky.png")]) == 2
+    assert "Expected an existing folder" in capsys.readouterr().err

@@ -236,6 +236,24 @@ def test_invalid_hints_and_truths_are_rejected(
 
 
 @pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ('{"x.png": {"attitude_deg": [NaN, 10, 0]}}', "got [nan, 10, 0]"),
+        ('{"x.png": [84, 10]}', "got [84, 10]"),
+        ('{"y.png": [84, 10, 0]}', "got no x.png"),
+    ],
+)
+def test_a_truth_file_without_a_finite_attitude_of_each_image_is_rejected(
+    content: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without a true attitude there is no verdict; the solution is neither wrong nor silently unchecked."""
+    truth = tmp_path / "truth.json"
+    truth.write_text(content, "utf-8")
+    assert main(["solve", str(tmp_path / "x.png"), "--camera", "cubestar", "--truth", str(truth)]) == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("more", "words"),
     [
         (("--exposure", "inf"), "Exposure is out of range"),
