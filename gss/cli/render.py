@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from gss.cli.instruments import CAMERA_HELP, registry
 from gss.cli.render_sequence import add_sequence_options, check_new, render_sequence, sky_attitude, write_whole
-from gss.cli.solve import angles, julian_year
+from gss.cli.solve import angles, check_exposure, julian_year
 from gss.domain.errors import BadInput
 from gss.operations.clock import utc_now
 
@@ -152,6 +152,7 @@ def _render_sky(arguments: argparse.Namespace, profile: CameraProfile) -> int:
     from gss.operations.frames.pictures import png
     from gss.operations.frames.rendered_image import RenderRequest, draw
 
+    check_exposure(arguments.exposure)
     x, y, z = (math.radians(v) for v in angles(arguments.rate, (3,), "X,Y,Z in °/s"))
     request = RenderRequest(
         sky_attitude(arguments),

@@ -123,7 +123,7 @@ def _solve_file(
     name: str, arguments: argparse.Namespace, parsing: ParseProcesses, solver: Any, sequencer: Any, truth: Any
 ) -> int:
     from gss.operations.clock import utc_now
-    from gss.operations.frames.frame_files import MAX_BYTES, MAX_EXPOSURE_S, ImportedFrame, read_frame
+    from gss.operations.frames.frame_files import MAX_BYTES, ImportedFrame, read_frame
     from gss.operations.frames.image_sequence import truth_record
     from gss.operations.frames.observer import observer_at
     from gss.operations.frames.solve import SolveRequest
@@ -136,9 +136,7 @@ def _solve_file(
     exposed_at = frame.seen_at if arguments.utc is None else taken
     epoch = arguments.epoch if arguments.epoch is not None else julian_year(taken or utc_now())
     exposure_s = frame.exposure_s if arguments.exposure is None else arguments.exposure
-    if exposure_s is not None and not 0 < exposure_s <= MAX_EXPOSURE_S:
-        expected = f"more than 0, at most {MAX_EXPOSURE_S:g} s"
-        raise BadInput("exposure is out of range", expected=expected, got=f"{exposure_s:g} s")
+    check_exposure(exposure_s)
     request = SolveRequest(
         chain=arguments.chain,
         profile=arguments.camera,
@@ -205,6 +203,15 @@ def _three_angles(row: Sequence[float]) -> list[float]:
     if len(numbers) != 3 or not all(math.isfinite(v) for v in numbers):
         raise ValueError(f"{row}")
     return numbers
+
+
+def check_exposure(exposure_s: float | None) -> None:
+    """Raise BadInput for an exposure time that no camera has."""
+    from gss.operations.frames.frame_files import MAX_EXPOSURE_S
+
+    if exposure_s is not None and not 0 < exposure_s <= MAX_EXPOSURE_S:
+        expected = f"more than 0, at most {MAX_EXPOSURE_S:g} s"
+        raise BadInput("exposure is out of range", expected=expected, got=f"{exposure_s:g} s")
 
 
 def angles(text: str, counts: tuple[int, ...], expected: str) -> list[float]:

@@ -96,6 +96,10 @@ def test_pictures_through_a_second_lens_give_the_principal_point(
     ):
         assert abs(value - centre) < 3 * point["sigma_px"] < 6
     assert sheet.read_bytes().startswith(b"%PDF")
+    assert main(["bench", "second-lens", pictures[0], "--camera", "sunsat"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("Calibration of sunsat")
+    assert "by ," not in text
     assert main(["bench", "second-lens", pictures[0], "--camera", "cubestar"]) == 2
     assert "not of this camera" in capsys.readouterr().err
     Image.fromarray(np.full((512, 1024), 9, np.uint8)).save(tmp_path / "even.png")

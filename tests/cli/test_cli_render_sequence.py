@@ -169,7 +169,7 @@ def test_the_orbit_axes_agree_with_those_of_the_catalogues() -> None:
         ([*MOVING, "--frames", "2", "--truth", "t.json"], "truth.json in its folder"),
         ([*MOVING, "--frames", "2", "--false-stars", "-1"], "0 – 500"),
         ([*MOVING, "--frames", "2", "--rate", "900,0,0"], "rotates too fast"),
-        ([*MOVING, "--frames", "2", "--exposure", "0"], "Invalid exposure"),
+        ([*MOVING, "--frames", "2", "--exposure", "0"], "Exposure is out of range"),
         ([*MOVING, "--frames", "2", "--start", "soon"], "Unreadable time"),
         (["--attitudes", "none.aem", "--frames", "2"], "none.aem"),
         (["--orbit", "bad.tle", "--frames", "2"], "line"),

@@ -48,8 +48,10 @@ def calibration_sheet(row: Calibration) -> Report:
     ):
         if name in result:
             notes.append(Note(f"{title}: {result[name]}"))
-    subtitle = f"{row.name}, {row.created:%Y-%m-%d %H:%M}Z, by {row.author}, {row.tool}"
-    return Report(f"Calibration {row.id} of {row.profile}", subtitle, sections, notes)
+    author = f"by {row.author}" if row.author else ""
+    subtitle = ", ".join(part for part in (row.name, f"{row.created:%Y-%m-%d %H:%M}Z", author, row.tool) if part)
+    title = f"Calibration {row.id} of {row.profile}" if row.id else f"Calibration of {row.profile}"  # 0: not stored
+    return Report(title, subtitle, sections, notes)
 
 
 def _health(health: Mapping[str, Any]) -> list[Section]:

@@ -30,7 +30,7 @@ export const STEPS: readonly Step[] = [
   {
     name: 'Authority',
     press: 'Open “no user holds it” at the top right and press Take authority.',
-    then: 'Only one user at a time can command the sensor. The header shows all users who holds authority.',
+    then: 'Only one user at a time can command the sensor. The header shows to all users who has authority.',
     target: 'authority-open',
   },
   {
