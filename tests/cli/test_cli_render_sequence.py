@@ -217,7 +217,9 @@ def test_an_interrupted_sequence_keeps_its_images_with_their_truth(tmp_path: Pat
     """After Ctrl-C the exit code is 130, the truth lists exactly the complete images, and no partial file remains."""
     folder = tmp_path / "long"
     command = [sys.executable, "-m", "gss", "render", "--camera", "aim", *MOVING, "--frames", "2000", "--rate", "0,0,0"]
-    process = subprocess.Popen([*command, "--interval", "10", "--out", str(folder)], stderr=subprocess.PIPE)
+    # A process that is started in the background ignores Ctrl-C, and the processes that it starts inherit this.
+    command = ["env", "--default-signal=INT", *command, "--interval", "10", "--out", str(folder)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE)
     try:
         end = time.monotonic() + 120
         while not (folder / "image-0003.fits").exists() and time.monotonic() < end:
