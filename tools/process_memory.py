@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
+
+import psutil  # type: ignore[import-untyped]  # the package has no types
 
 SAMPLE_S = 0.5
 
@@ -26,7 +26,7 @@ class Memory:
         """Update both maxima."""
         server = _family(self.server_pid)
         self.server_mb = max(self.server_mb, sum(map(_share_mb, server)))
-        browser = [pid for pid in _family(os.getpid()) if pid not in server and "chrom" in _program(pid)]
+        browser = [p for p in _family(os.getpid()) if p not in server and _is_browser(p)]
         self.browser_mb = max(self.browser_mb, sum(map(_share_mb, browser)))
 
     @contextlib.contextmanager
@@ -46,29 +46,21 @@ class Memory:
             thread.join()
 
 
-def _family(pid: int) -> set[int]:
+def _family(pid: int) -> list[psutil.Process]:
     """Return a process and its descendants."""
-    parents: dict[int, list[int]] = {}
-    for entry in Path("/proc").iterdir():
-        with contextlib.suppress(OSError, ValueError, IndexError):
-            fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
-            parents.setdefault(int(fields[1]), []).append(int(entry.name))
-    found, waiting = set[int](), [pid]
-    while waiting:
-        found.add(pid := waiting.pop())
-        waiting += parents.get(pid, [])
-    return found
+    with contextlib.suppress(psutil.NoSuchProcess):
+        first = psutil.Process(pid)
+        return [first, *first.children(recursive=True)]
+    return []
 
 
-def _share_mb(pid: int) -> float:
-    with contextlib.suppress(OSError):
-        text = Path(f"/proc/{pid}/smaps_rollup").read_text()
-        if match := re.search(r"^Pss:\s+(\d+) kB", text, re.MULTILINE):
-            return int(match[1]) / 1024
+def _share_mb(process: psutil.Process) -> float:
+    with contextlib.suppress(psutil.Error):
+        return float(process.memory_full_info().pss) / 2**20
     return 0.0
 
 
-def _program(pid: int) -> str:
-    with contextlib.suppress(OSError):
-        return Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")[0].decode(errors="replace")
-    return ""
+def _is_browser(process: psutil.Process) -> bool:
+    with contextlib.suppress(psutil.Error):
+        return "chrom" in process.name()
+    return False
