@@ -67,7 +67,10 @@ def test_both_searches_give_the_same_matches(name: str, false_count: int, skies:
     for seed in range(12):
         view = field_of(random_list(name, prepared_sky.sky, false_count, seed)[0], camera)
         with_numpy, compiled = (
-            identify_lost(view, prepared_sky.sky, prepared_sky.pairs, camera, fast=fast) for fast in (False, True)
+            identify_lost(
+                view, prepared_sky.sky, prepared_sky.pairs, camera, support=2 + seed % 2, groups=1 + seed % 3, fast=fast
+            )
+            for fast in (False, True)
         )
         assert summary(with_numpy)[:3] == summary(compiled)[:3]
         assert summary(compiled)[3:] == pytest.approx(summary(with_numpy)[3:], rel=1e-8)
@@ -101,13 +104,11 @@ def test_compiled_loops_solve_a_list_like_numpy(
             )
 
 
-@pytest.mark.parametrize("limits", [{"MAX_JOINED_ROWS": 20_000}, {"ROWS_AT_ONCE": 900}, {"FIRST_POOL_ROWS": 8}])
+@pytest.mark.parametrize("limits", [{"MAX_JOINED_ROWS": 20_000}, {"ROWS_AT_ONCE": 900}])
 def test_both_searches_have_the_same_budget(
     limits: dict[str, int], skies: dict[str, KnownSky], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """For random dots, both searches stop after the same number of hypotheses with the same reason. The buffer of pairs
-    grows as needed.
-    """
+    """For random dots, both searches stop after the same number of hypotheses with the same reason."""
     for name, value in limits.items():
         monkeypatch.setattr(pair_search, name, value)
     camera, _ = CAMERAS["sunsat"]
@@ -120,6 +121,21 @@ def test_both_searches_have_the_same_budget(
             for fast in (False, True)
         )
         assert summary(with_numpy) == summary(compiled)
+
+
+@pytest.mark.parametrize("fast", [False, True])
+def test_more_detections_than_bits_of_a_word(fast: bool, skies: dict[str, KnownSky]) -> None:
+    """More than 32 and more than 64 detections need several words of marks, and the correct attitude is found."""
+    camera, _ = CAMERAS["sunsat"]
+    prepared_sky = skies["sunsat"]
+    for false_count in (30, 60):
+        centroids, attitude, stars = random_list("sunsat", prepared_sky.sky, false_count, 3)
+        assert stars > 10
+        match = identify_lost(
+            field_of(centroids, camera), prepared_sky.sky, prepared_sky.pairs, camera, groups=3, fast=fast
+        )
+        assert match.evidence is not None
+        assert match.evidence.cam_from_icrs[2] @ attitude[2] > np.cos(5 * camera.pixel_rad)
 
 
 FLOORS = {("cubestar", 0): 59, ("cubestar", 10): 59, ("sunsat", 0): 58, ("sunsat", 10): 57}

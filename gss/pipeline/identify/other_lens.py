@@ -27,6 +27,8 @@ SCALES = (1.0, *(1 + sign * k * STEP for k in range(1, STEPS + 1) for sign in (1
 CANDIDATE = 1e-2  # limit of a candidate's false-match probability; the verification decides
 LIMIT = ACCEPT / 3  # because there are three verifications
 FEW = 5  # with fewer stars, a free focal length leaves too little evidence
+GROUPS = 3
+"""Of ``FEW`` stars, at least two pairs are inside one of three groups. A third of all pairs is examined."""
 FITTED_SCALES = 325
 """Number of focal lengths in the range that differ by 0.1 px at 500 px. A fitted focal length is as good as the best of
 these, so each is a hypothesis."""
@@ -53,7 +55,17 @@ def identify_other_lens(
     for scale in SCALES:
         scaled = camera if scale == 1.0 else camera.with_focal_scaled(scale)
         view = field_of(centroids, scaled)
-        match = identify_lost(view, sky, pairs, scaled, scale_error=STEP / 2, accept=CANDIDATE, fast=fast)
+        match = identify_lost(
+            view,
+            sky,
+            pairs,
+            scaled,
+            scale_error=STEP / 2,
+            accept=CANDIDATE,
+            support=FEW - 2,
+            groups=GROUPS,
+            fast=fast,
+        )
         if match.evidence is None:
             continue
         hypotheses = max(1, match.hypotheses)

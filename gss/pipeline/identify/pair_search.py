@@ -22,12 +22,11 @@ ROWS_AT_ONCE = 4_000_000
 ROWS_PER_PAIR = 600  # fixed cost of one join, in rows
 COLLINEAR = 4.0
 MAX_CANDIDATES = 8
-FIRST_POOL_ROWS = 1 << 16  # initial size of the compiled search's pool
 
 
-def limits() -> tuple[int, int, int, float, int, int]:
+def limits() -> tuple[int, int, int, float, int]:
     """Return the limits of a search in the order that the compiled search expects."""
-    return ROWS_PER_PAIR, ROWS_AT_ONCE, MAX_JOINED_ROWS, COLLINEAR, MAX_CANDIDATES, FIRST_POOL_ROWS
+    return ROWS_PER_PAIR, ROWS_AT_ONCE, MAX_JOINED_ROWS, COLLINEAR, MAX_CANDIDATES
 
 
 class Trial(NamedTuple):
@@ -37,11 +36,13 @@ class Trial(NamedTuple):
     stars: tuple[int, int, int]
 
 
-def _pair_order(n: int) -> Iterator[tuple[int, int]]:
-    """Yield pairs (i, j), i < j, bright pairs first, in an order that spreads the pairs of a single (possibly false) star."""
+def _pair_order(n: int, groups: int) -> Iterator[tuple[int, int]]:
+    """Yield pairs (i, j), i < j, of the same group, bright pairs first, in an order that spreads the pairs of a single
+    (possibly false) star."""
     for total in range(1, 2 * n - 2):
         for i in range(max(0, total - n + 1), (total + 1) // 2):
-            yield i, total - i
+            if (total - 2 * i) % groups == 0:
+                yield i, total - i
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -54,9 +55,16 @@ class PairSearch:
     """Candidate lists of one field, built once per anchor star and joined once per pair."""
 
     def __init__(
-        self, field: FrameDetections, sky: SkyCatalogue, table: DistanceTable, n: int, scale_error: float
+        self,
+        field: FrameDetections,
+        sky: SkyCatalogue,
+        table: DistanceTable,
+        n: int,
+        scale_error: float,
+        need: int,
+        groups: int,
     ) -> None:
-        self.sky, self.table, self.n = sky, table, n
+        self.sky, self.table, self.n, self.need, self.groups = sky, table, n, need, groups
         self.unit = field.unit[:n]
         chord = np.linalg.norm(self.unit[:, None] - self.unit[None], axis=-1)
         self.distance = 2 * np.arcsin(np.minimum(1.0, chord / 2))
@@ -90,7 +98,7 @@ class PairSearch:
 
     def run(self) -> Iterator[Trial]:
         """Yield the trials of each pair, best supported first, until the budget is used up."""
-        for i, j in _pair_order(self.n):
+        for i, j in _pair_order(self.n, self.groups):
             if self.joined_rows > MAX_JOINED_ROWS:
                 self.is_too_long = True
                 return
@@ -148,10 +156,10 @@ class PairSearch:
         h, k, c, handedness = h[right], k[right], c[right], handedness[right]
         if not len(h):
             return []
-        votes = np.bincount(h, minlength=len(a))
-        need = min(2, self.n - 2)
+        detections = np.unique(h * self.n + k) // self.n  # a detection supports a pair once, whatever stars it can be
+        votes = np.bincount(detections, minlength=len(a))
         out = []
-        strong = np.flatnonzero(votes >= need)
+        strong = np.flatnonzero(votes >= self.need)
         for index in strong[np.argsort(-votes[strong], kind="stable")][:MAX_CANDIDATES]:
             members = np.flatnonzero(h == index)
             widest = members[np.argmax(np.abs(handedness[members]))]

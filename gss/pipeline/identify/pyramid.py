@@ -21,6 +21,7 @@ from gss.skytables.pairs import DistanceTable
 
 ACCEPT = 1e-6
 MAX_STARS = 120
+SUPPORT = 2
 MIN_MATCHED = 4  # three stars are never sufficient evidence over the whole sky, even with a low false-match probability
 
 
@@ -41,20 +42,24 @@ def identify_lost(
     *,
     scale_error: float = 0.0,
     accept: float = ACCEPT,
+    support: int = SUPPORT,
+    groups: int = 1,
     fast: bool | None = None,
 ) -> PyramidMatch:
     """Identify a field without prior attitude.
 
-    ``scale_error``: relative uncertainty of distances from the camera's calibration, added to the centroid errors. ``fast``:
-    see :func:`gss.pipeline.kernels.kernels`.
+    ``scale_error``: relative uncertainty of distances from the camera's calibration, added to the centroid errors.
+    ``support``: minimum number of further detections that must fit a pair before it is verified. ``groups``: only pairs
+    of detections whose rows are equal modulo ``groups`` are examined. If more than ``groups`` detections are stars, at
+    least one of these pairs consists of stars. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
     n = min(len(field), MAX_STARS)
     if n < MIN_MATCHED:
         return PyramidMatch(None, 0, f"{counted(len(field))} found: at least {MIN_MATCHED} are needed without a hint")
     loops = kernels(fast).lists
     if loops is not None:
-        return _compiled(field, sky, table, camera, n, scale_error, accept, loops)
-    search = pair_search.PairSearch(field, sky, table, n, scale_error)
+        return _compiled(field, sky, table, camera, n, scale_error, accept, support, groups, loops)
+    search = pair_search.PairSearch(field, sky, table, n, scale_error, support, groups)
     best: Evidence | None = None
     for trial in search.run():
         rows, stars = np.array(trial.rows), np.array(trial.stars)
@@ -79,18 +84,22 @@ def _compiled(
     brightest: int,
     scale_error: float,
     accept: float,
+    support: int,
+    groups: int,
     loops: ListLoops,
 ) -> PyramidMatch:
     rows, stars, turn = np.empty(len(field), np.int64), np.empty(len(field), np.int64), np.empty((3, 3))
     count, predicted, probability, hypotheses, is_too_long = loops.find(
         field.arrays,
         sky.arrays,
-        (table.first, table.second, table.distance_rad),
+        (table.first, table.second, table.distance_rad, *table.by_star),
         loops.camera_numbers(camera),
         brightest,
         scale_error,
         pair_search.TOLERANCE_SIGMA,
         pair_search.limits(),
+        support,
+        groups,
         accept,
         MIN_MATCHED,
         rows,
