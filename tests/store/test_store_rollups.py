@@ -64,29 +64,18 @@ def telemetry(database: Database, clock: ManualClock) -> TelemetryService:
         lambda: True,
         default_roles(load_dictionary()).quantities.status,
     )
-    rows = [
-        TelemetryPacket(
-            packet="housekeeping",
-            received=T0 + timedelta(seconds=k, microseconds=7 * k),
-            device_time_s=float(k),
-            request_id=0,
-            values=values(k),
-        )
-        for k in range(0, HOURS * 3600, 3)
-        if not 12_000 <= k < 13_200
-    ]
-    rows += [
-        TelemetryPacket(
-            packet="housekeeping",
-            received=T0 + timedelta(seconds=k, milliseconds=1),
-            device_time_s=float(k),
-            request_id=0,
-            values=values(k),
-        )
-        for k in (4321, 15_001)
-    ]
+    seconds = [k for k in range(0, HOURS * 3600, 3) if not 12_000 <= k < 13_200]
+    times = [(k, T0 + timedelta(seconds=k, microseconds=7 * k)) for k in seconds]
+    times += [(k, T0 + timedelta(seconds=k, milliseconds=1)) for k in (4321, 15_001)]
+    shared = {"packet": "housekeeping", "request_id": 0}
     with database.unit_of_work() as session:
-        store.add_batch(session, sorted(rows, key=lambda r: r.received))
+        store.add_many(
+            session,
+            [
+                {**shared, "received": at, "device_time_s": float(k), "values": values(k)}
+                for k, at in sorted(times, key=lambda row: row[1])
+            ],
+        )
     return service
 
 

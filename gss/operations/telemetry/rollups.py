@@ -71,6 +71,10 @@ class Buckets:
         low_s, low, high_s, high = np.frombuffer(body, "<f8", 4 * n, 4 * n).reshape(4, n)
         return cls(count, low_s + hour * HOUR_S, low, high_s + hour * HOUR_S, high)
 
+    def of_row(self, k: int) -> Buckets:
+        """Return the buckets of field ``k`` of those of several fields."""
+        return Buckets(self.count, self.low_s[k], self.low[k], self.high_s[k], self.high[k])
+
     @classmethod
     def joined(cls, parts: Sequence[Buckets]) -> Buckets:
         """Concatenate the buckets of several parts."""
@@ -87,7 +91,8 @@ class RollupHours:
 
 
 def buckets(t_s: Array, y: Array) -> Buckets:
-    """Compute the buckets of samples in time order. ``y``: values, NaN for packets without the value."""
+    """Compute the buckets of n samples in time order. ``y``: values of one field (n) or of several (fields, n), NaN for packets
+    without the value."""
     numbers = np.floor_divide(t_s, BUCKET_S).astype(np.int64)
     starts = np.flatnonzero(np.concatenate([[True], numbers[1:] != numbers[:-1]]))
     count = np.diff(np.append(starts, len(t_s)))
@@ -99,9 +104,9 @@ def buckets(t_s: Array, y: Array) -> Buckets:
 
 def _first_extreme(y: Array, extreme: np.ufunc, starts: NDArray[np.intp], count: NDArray[Any]) -> tuple[Any, Array]:
     """Return the index of the first occurrence of each bucket's extreme, and the extreme."""
-    extremes = extreme.reduceat(y, starts)
-    index = np.where(y == np.repeat(extremes, count), np.arange(len(y)), len(y))
-    return np.minimum.reduceat(index, starts), extremes
+    extremes = extreme.reduceat(y, starts, axis=-1)
+    index = np.where(y == np.repeat(extremes, count, axis=-1), np.arange(y.shape[-1]), y.shape[-1])
+    return np.minimum.reduceat(index, starts, axis=-1), extremes
 
 
 class Rollups:
@@ -181,11 +186,13 @@ class Rollups:
                 rows = store.packets_of(session, packet, start, start + SLICE)
             start += SLICE
             read += len(rows)
+            if not rows:
+                continue
             t_s = np.array([at.timestamp() for at, _ in rows])
-            for item in plotted if rows else ():
-                values = [number(item, row.get(item.name)) for _, row in rows]
-                y = np.array([np.nan if v is None else v for v in values], np.float64)
-                parts[item.name].append(buckets(t_s, y))
+            y = np.array([[number(item, row.get(item.name)) for _, row in rows] for item in plotted], np.float64)
+            of_fields = buckets(t_s, y)
+            for k, item in enumerate(plotted):
+                parts[item.name].append(of_fields.of_row(k))
         data = {name: Buckets.joined(of_slices).packed(hour) for name, of_slices in parts.items() if of_slices}
         with self._database.unit_of_work() as session:
             rollup = store.keep(session, packet, hour, data, read)
