@@ -28,6 +28,9 @@ from tools.browser import launch_options
 
 HERE = Path(__file__).parent
 PATIENCE_MS = 30_000
+POLL_MS = 50
+"""Time between two evaluations of a condition of ``wait_for_function``, which otherwise evaluates it in every drawing."""
+SIZE = {"width": 1440, "height": 900}
 expect.set_options(timeout=PATIENCE_MS)
 # The Rerun viewer tries outside hosts for fonts and telemetry; the content policy stops it and the browser says so.
 # A refused request is logged by the browser besides being shown by the page; the tests look at the page.
@@ -194,18 +197,17 @@ class Watched:
     strangers: list[str] = field(default_factory=list)
 
     def look(self) -> None:
-        """Fail if there was a console error or a request to another host."""
-        assert self.errors == []
-        assert self.strangers == []
+        """Fail if there was a console error or a request to another host since the last call."""
+        errors, strangers = [*self.errors], [*self.strangers]
+        self.errors.clear()
+        self.strangers.clear()
+        assert errors == []
+        assert strangers == []
 
 
 @contextmanager
-def _watched(browser: Browser, address: str, cookie: str | None, **size: int) -> Iterator[Watched]:
-    context = browser.new_context(base_url=address, viewport={"width": 1440, "height": 900, **size})  # type: ignore[typeddict-item]
-    if cookie:
-        context.add_cookies(
-            [{"name": "gss_session", "value": cookie, "url": address, "httpOnly": True, "sameSite": "Strict"}]
-        )
+def _watched(browser: Browser, address: str, **size: int) -> Iterator[Watched]:
+    context = browser.new_context(base_url=address, viewport={**SIZE, **size})  # type: ignore[typeddict-item]
     context.add_init_script(COUNT_REQUESTS)
     watched = Watched(context.new_page())
     watched.page.set_default_timeout(PATIENCE_MS)
@@ -225,24 +227,46 @@ def _watched(browser: Browser, address: str, cookie: str | None, **size: int) ->
     context.close()
 
 
+def _sign_in(page: Page, address: str, key: str) -> None:
+    page.context.add_cookies(
+        [{"name": "gss_session", "value": key, "url": address, "httpOnly": True, "sameSite": "Strict"}]
+    )
+
+
 @pytest.fixture
 def cookie(headers: dict[str, str]) -> str | None:
     """Key of the admin's session; None in tests that sign in by hand."""
     return headers["Cookie"].split("=", 1)[1]
 
 
+@pytest.fixture(scope="module")
+def _tab(browser: Browser, address: str) -> Iterator[Watched]:
+    """Page of a file. To open a new one for each test would start a process and compile the scripts each time."""
+    with _watched(browser, address) as watched:
+        yield watched
+
+
 @pytest.fixture
-def page(browser: Browser, address: str, cookie: str | None) -> Iterator[Page]:
-    """Page of a signed-in admin. The test fails on a console error or on a request to another origin."""
-    with _watched(browser, address, cookie) as watched:
-        yield watched.page
-    watched.look()
+def page(_tab: Watched, address: str, cookie: str | None) -> Iterator[Page]:
+    """Page of a signed-in admin, without anything stored by an earlier test. The test fails on a console error or on a
+    request to another origin."""
+    page, context = _tab.page, _tab.page.context
+    if cookie:
+        _sign_in(page, address, cookie)
+    yield page
+    page.unroute_all(behavior="wait")
+    page.evaluate("() => { localStorage.clear(); sessionStorage.clear(); }")
+    page.goto("about:blank")
+    context.clear_cookies()
+    page.set_viewport_size(SIZE)  # type: ignore[arg-type]
+    _tab.look()
 
 
 @pytest.fixture(scope="module")
 def lasting(browser: Browser, address: str, headers: dict[str, str]) -> Iterator[Watched]:
     """One page for all tests of a file, in the smallest supported desktop size."""
-    with _watched(browser, address, headers["Cookie"].split("=", 1)[1], width=1280, height=800) as watched:
+    with _watched(browser, address, width=1280, height=800) as watched:
+        _sign_in(watched.page, address, headers["Cookie"].split("=", 1)[1])
         yield watched
 
 
@@ -257,7 +281,7 @@ def at_rest() -> Callable[[Page], None]:
     """Function that waits until the page has sent no request for 0.2 s and has been painted."""
 
     def wait(page: Page) -> None:
-        page.wait_for_function(AT_REST)
+        page.wait_for_function(AT_REST, polling=POLL_MS)
         page.evaluate(PAINTED)
 
     return wait
@@ -277,7 +301,9 @@ def new_frame(served: Served) -> Callable[[Page], int]:
         page.get_by_test_id("cmd-TAKE_IMAGE").click()
         image = page.locator("[data-testid=sky-image][data-ready=true]")
         page.wait_for_function(
-            "(before) => Number(document.querySelector('[data-testid=sky-image]')?.dataset.frame) > before", arg=before
+            "(before) => Number(document.querySelector('[data-testid=sky-image]')?.dataset.frame) > before",
+            arg=before,
+            polling=POLL_MS,
         )
         expect(image).to_be_visible()
         number = int(image.get_attribute("data-frame") or 0)

@@ -70,7 +70,6 @@ def stored_data(served: Any, tle_of: Any) -> dict[str, int]:
 def test_a_page_fits_and_is_accessible(lasting, stored_data, root: Path, at_rest, snap, path, name, content):
     """The document does not scroll, no text is cut off, axe finds nothing serious, and the browser logs no error."""
     page = lasting.page
-    lasting.errors.clear()
     page.set_viewport_size(SMALL)
     page.goto(path.format(**stored_data))
     expect(page.get_by_test_id(content).first).to_be_visible()

@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import sqlite3
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -34,9 +35,37 @@ RENUMBERED = ("commands", "run_id")
 """References to the runs of stacks, which have new ids as runs of procedures."""
 
 
-def fill_schema(url: str, schema: str) -> dict[str, list[dict[str, Any]]]:
-    """Create a database of this schema with rows in every table, generated from the columns. Return the rows."""
-    command.upgrade(migration_config(url), schema)
+@pytest.fixture(scope="module")
+def create_schema(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], None]:
+    """Function that creates an empty database of a schema. On SQLite, it starts with a copy of the latest older schema that it
+    has created, so that each migration of empty tables runs once."""
+    folder = tmp_path_factory.mktemp("schemas")
+
+    def create(url: str, schema: str) -> None:
+        older = [name for name in SCHEMAS[: SCHEMAS.index(schema) + 1] if (folder / name).exists()]
+        file = Path(sa.make_url(url).database or "")
+        if url.startswith("sqlite") and older:
+            shutil.copyfile(folder / older[-1], file)
+        command.upgrade(migration_config(url), schema)
+        if url.startswith("sqlite"):
+            shutil.copyfile(file, folder / schema)
+
+    return create
+
+
+@pytest.fixture
+def fill_schema(create_schema: Callable[[str, str], None]) -> Callable[[str, str], dict[str, list[dict[str, Any]]]]:
+    """Function that creates a database of a schema with rows in every table, generated from the columns, and returns the
+    rows."""
+
+    def fill(url: str, schema: str) -> dict[str, list[dict[str, Any]]]:
+        create_schema(url, schema)
+        return _fill(url)
+
+    return fill
+
+
+def _fill(url: str) -> dict[str, list[dict[str, Any]]]:
     engine = open_for_migration(url)
     metadata = sa.MetaData()
     with engine.begin() as connection:
@@ -47,9 +76,8 @@ def fill_schema(url: str, schema: str) -> dict[str, list[dict[str, Any]]]:
             if engine.dialect.name == "postgresql" and "id" in table.c:  # the given ids do not advance the sequence
                 sequence = sa.func.pg_get_serial_sequence(table.name, "id")
                 connection.execute(sa.select(sa.func.setval(sequence, ROWS)))
-    rows = read(url, [t.name for t in tables])
     engine.dispose()
-    return rows
+    return read(url, [t.name for t in tables], metadata)
 
 
 def row_of(table: sa.Table, k: int) -> dict[str, Any]:
@@ -75,12 +103,13 @@ def value_of(table: sa.Table, column: sa.Column[Any], k: int) -> Any:
     return f"{column.name} {k} é"[: getattr(kind, "length", None) or 60]
 
 
-def read(url: str, names: list[str]) -> dict[str, list[dict[str, Any]]]:
-    """Return the rows of these tables."""
+def read(url: str, names: list[str], metadata: sa.MetaData | None = None) -> dict[str, list[dict[str, Any]]]:
+    """Return the rows of these tables. ``metadata``: the tables of the database, if they are known."""
     engine = open_engine(url)
     with engine.connect() as connection:
-        metadata = sa.MetaData()
-        metadata.reflect(connection, only=names)
+        if metadata is None:
+            metadata = sa.MetaData()
+            metadata.reflect(connection, only=names)
         content = {}
         for name in names:
             table = metadata.tables[name]
@@ -123,7 +152,7 @@ def check(url: str, before: dict[str, list[dict[str, Any]]]) -> None:
     ],
     indirect=["database_url"],
 )
-def test_data_of_every_released_schema_are_migrated(database_url, schema):
+def test_data_of_every_released_schema_are_migrated(database_url, schema, fill_schema):
     """All values of three rows in every table of each older schema are in the migrated one, and the models read them.
 
     On PostgreSQL only every third schema is migrated, which still runs each step with data in the tables that it
@@ -151,7 +180,7 @@ OLD_SOLUTIONS = [
 ]
 
 
-def test_stored_results_get_an_operational_one_per_frame(database_url):
+def test_stored_results_get_an_operational_one_per_frame(database_url, fill_schema):
     """For each frame the migration selects the result of the configured chain at reception as operational, else another
     result outside campaigns, else the campaign's result with that chain."""
     fill_schema(database_url, "0006")
@@ -171,7 +200,7 @@ def test_stored_results_get_an_operational_one_per_frame(database_url):
     assert {row["camera_name"] for row in rows} == {""}
 
 
-def test_earlier_rows_have_an_unknown_instrument_version(database_url):
+def test_earlier_rows_have_an_unknown_instrument_version(database_url, fill_schema):
     """The instrument version of earlier rows is null after migration, and the rows are otherwise unchanged."""
     before = fill_schema(database_url, "0008")
     migrate(database_url)
@@ -181,7 +210,7 @@ def test_earlier_rows_have_an_unknown_instrument_version(database_url):
     check(database_url, before)
 
 
-def test_earlier_imports_at_the_time_of_their_import_have_an_unknown_time(database_url):
+def test_earlier_imports_at_the_time_of_their_import_have_an_unknown_time(database_url, fill_schema):
     """Only an imported frame that was taken within five seconds of its import gets an unknown time."""
     fill_schema(database_url, "0023")
     engine = open_engine(database_url)
@@ -218,7 +247,7 @@ PROGRESS = [
 ]
 
 
-def test_a_stack_its_run_plan_and_token_refer_to_a_procedure(database_url):
+def test_a_stack_its_run_plan_and_token_refer_to_a_procedure(database_url, fill_schema):
     """A stack becomes a procedure with the same name, author, time, steps and waits, with a number if the name is used. Its
     run becomes a record with a valid hash. The reviewed item of a plan and the scope of a token refer to procedures."""
     fill_schema(database_url, "0020")
@@ -282,7 +311,7 @@ def migrate_and_die(url: str, statement: int) -> bool:
     return os.WIFSIGNALED(status)
 
 
-def test_a_migration_killed_at_any_statement_leaves_the_old_schema_intact(tmp_path: Path):
+def test_a_migration_killed_at_any_statement_leaves_the_old_schema_intact(tmp_path: Path, fill_schema):
     """If the migration is killed at a statement, the old schema and its data are intact, and the next start completes the
     migration."""
     url = f"sqlite:///{tmp_path / 'full.db'}"
@@ -308,7 +337,7 @@ def test_a_migration_killed_at_any_statement_leaves_the_old_schema_intact(tmp_pa
 
 
 @pytest.mark.postgres
-def test_a_migration_killed_on_postgresql_leaves_the_old_schema_intact(request, tmp_path):
+def test_a_migration_killed_on_postgresql_leaves_the_old_schema_intact(request, tmp_path, fill_schema):
     """A migration on PostgreSQL that is killed leaves the old schema and its data intact, because its transactions
     include schema changes."""
     url = request.getfixturevalue("postgres_url")

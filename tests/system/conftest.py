@@ -18,6 +18,7 @@ import pytest
 
 START_S = 60.0
 LONG_S = 600.0
+POLL_S = (0.05, 0.5)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -45,13 +46,14 @@ class Console:
         return reply.json()
 
     def wait(self, what: str, look: Callable[[], Any], seconds: float = 30.0) -> Any:
-        """Return the first true value of ``look``; fail with ``what`` after the timeout."""
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
+        """Return the first true value of ``look``; fail with ``what`` after the timeout. The time between two calls is a tenth
+        of the time waited, between the limits POLL_S."""
+        began = time.monotonic()
+        while (waited := time.monotonic() - began) < seconds:
             found = look()
             if found:
                 return found
-            time.sleep(0.05)
+            time.sleep(min(max(POLL_S[0], waited / 10), POLL_S[1]))
         pytest.fail(f"waited {seconds:g} s for {what}")
 
     def command(self, name: str, *, confirm: str = "", **arguments: Any) -> Any:

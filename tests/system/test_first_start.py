@@ -51,12 +51,15 @@ def shell(capsys, monkeypatch) -> Callable[..., Ran]:
 
 @pytest.fixture
 def start() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
-    """Factory of servers without a signed-in user; returns the process and its printed address."""
+    """Factory of servers without a signed-in user; returns the process and its printed address. ``alone``: a new process that
+    imports everything itself."""
     running: list[subprocess.Popen[str]] = []
 
-    def run(folder: Path, *arguments: str, **environment: str) -> tuple[subprocess.Popen[str], str]:
-        program = str(Path(sys.executable).with_name("gss"))  # a new process, which imports everything itself
-        command = [program, "serve", "--port", "0", "--data", str(folder), *arguments]
+    def run(
+        folder: Path, *arguments: str, alone: bool = False, **environment: str
+    ) -> tuple[subprocess.Popen[str], str]:
+        program = [str(Path(sys.executable).with_name("gss"))] if alone else [sys.executable, "-m", "gss"]
+        command = [*program, "serve", "--port", "0", "--data", str(folder), *arguments]
         env = {**os.environ, **CHEAP, **environment}
         running.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=env))
         assert running[-1].stdout is not None
@@ -76,7 +79,7 @@ def test_each_start_without_users_prints_a_new_setup_link(start, shell, tmp_path
     setup without the password.
     """
     folder = tmp_path / "data"
-    first, old = start(folder)
+    first, old = start(folder, alone=True)
     first.send_signal(signal.SIGINT)
     first.wait(60)
     _, printed = start(folder)
@@ -187,7 +190,7 @@ def test_workers_units_and_sensors_start_as_new_processes(start, shell, tmp_path
     folder = tmp_path / "data"
     shell("user", "add", "ann", "--role", "admin", "--password-stdin", "--data", str(folder), stdin=PASSWORD + "\n")
     key = shell("token", "add", "night", "--role", "viewer", "--days", "1", "--data", str(folder)).stdout.strip()
-    server, address = start(folder, *arguments)
+    server, address = start(folder, *arguments, alone=True)
     base = address.split("/api")[0].rstrip("/")
     waiting, deadline = [a if a.startswith("/units") else f"/api{a}" for a in addresses], time.monotonic() + 150
     with httpx2.Client(base_url=base, headers={"Authorization": f"Bearer {key}"}, timeout=30) as client:

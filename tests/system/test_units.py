@@ -56,8 +56,8 @@ def test_killing_one_of_four_units_costs_the_others_nothing(start_units: Callabl
     names = ("FM1", "EM-2", "SAG", "ORE")
     instruments = ("cubestar", "nos3", "sagitta", "oresat")
     simulated = [f"{name}={instrument}@simulator" for name, instrument in zip(names, instruments, strict=True)]
-    # At this line rate an image takes about a minute, so that the loss is during its download.
-    units = start_units(*simulated, GSS_SIMULATOR_BAUD="115200")
+    # At this line rate an image takes about 20 s, so that the loss is during its download.
+    units = start_units(*simulated, GSS_SIMULATOR_BAUD="460800")
     before = units.connected(*names)
     others = ("FM1", "SAG", "ORE")
     with units.http("FM1") as fm1, units.http("SAG") as sag, units.http("ORE") as ore:
