@@ -243,10 +243,10 @@ class JobService:
         with self._database.unit_of_work() as session:
             return store.get(session, job_id)
 
-    def newest(self, limit: int) -> list[Job]:
-        """Return the latest jobs, at most ``limit``, newest first."""
+    def newest(self, limit: int, kind: str = "") -> list[Job]:
+        """Return the latest jobs, at most ``limit``, newest first. ``kind``: only jobs of this kind."""
         with self._database.unit_of_work() as session:
-            return store.newest(session, limit)
+            return store.newest(session, limit, kind)
 
     def waiting(self) -> int:
         """Return the number of queued and running jobs."""

@@ -25,9 +25,10 @@ def get(session: Session, job_id: int) -> Job:
     return row
 
 
-def newest(session: Session, limit: int) -> list[Job]:
-    """Return the latest jobs, newest first."""
-    return list(session.scalars(select(Job).order_by(Job.id.desc()).limit(limit)))
+def newest(session: Session, limit: int, kind: str = "") -> list[Job]:
+    """Return the latest jobs, newest first. ``kind``: only jobs of this kind."""
+    jobs = select(Job).where(Job.kind == kind) if kind else select(Job)
+    return list(session.scalars(jobs.order_by(Job.id.desc()).limit(limit)))
 
 
 def keep(session: Session, job_id: int, checkpoint: JsonObject) -> None:
@@ -39,8 +40,3 @@ def keep(session: Session, job_id: int, checkpoint: JsonObject) -> None:
 def unfinished(session: Session) -> list[Job]:
     """Return jobs that the previous run of the server left unfinished."""
     return list(session.scalars(select(Job).where(Job.state.in_(("queued", "running")))))
-
-
-def newest_of_kind(session: Session, kind: str, limit: int) -> list[Job]:
-    """Return the latest jobs of a kind, newest first."""
-    return list(session.scalars(select(Job).where(Job.kind == kind).order_by(Job.id.desc()).limit(limit)))

@@ -135,18 +135,22 @@ def test_the_report_of_a_chain_explains_its_failures_against_another(client: Tes
 
 
 def test_a_cancelled_job_keeps_complete_results_only(services: Services) -> None:
-    """A job that is cancelled at its first result keeps the results of the first batch. The next start runs the other
-    frames.
+    """A job that is cancelled at its first result keeps the results of the first batch. Before, it reports that it has
+    no result yet. The next start runs the other frames.
     """
     request = ReprocessRequest(chain="reference")
     tasks = services.studies.reprocessing.tasks(request)
+    texts: list[str] = []
 
-    def cancel(done: int, _total: int, _text: str) -> None:
+    def cancel(done: int, _total: int, text: str) -> None:
+        texts.append(text)
         if done:
             raise Cancelled
 
     with pytest.raises(Cancelled):
         services.studies.reprocessing.work(request, tasks, cancel)
+    assert texts[0] == f"starting workers, no result of {len(tasks)} frames yet"
+    assert texts[-1].startswith(f"8 of {len(tasks)} frames")
     remaining = services.studies.reprocessing.tasks(request)
     assert 0 < len(remaining) < len(tasks)
 
@@ -214,6 +218,9 @@ def test_experiments_run_as_a_job(client: TestClient) -> None:
     assert job["state"] == "done", job
     assert [e["name"] for e in job["result"]["experiments"]] == body["names"]
     assert all(e["columns"][1] == "paper" for e in job["result"]["experiments"])
+    assert {j["kind"] for j in client.get("/api/jobs?kind=experiments&limit=5").json()} == {"experiments"}
+    assert client.get("/api/jobs?kind=experiments").json()[0]["id"] == job["id"]
+    assert client.get("/api/jobs?kind=calibration").json() == []
     assert client.post("/api/campaigns/experiments", json={"names": ["x"]}).status_code == 404
     assert client.post("/api/campaigns/experiments", json={"names": ["erlank-3-6"], "trials": 0}).status_code == 422
 

@@ -112,7 +112,7 @@ def test_a_camera_is_calibrated_used_and_made_into_a_table(
 
 def test_a_night_becomes_a_report(page: Page, imported: str, picture: Callable[[str], None]) -> None:
     """The Earth-fixed analysis states the sidereal rate. A slew without its rate cannot be requested, and an analysis
-    of too few frames fails with the reason.
+    of too few frames fails with the reason, which a reload keeps.
     """
     page.goto("/calibration?tab=analyses")
     form = page.get_by_test_id("analyse-form")
@@ -127,6 +127,8 @@ def test_a_night_becomes_a_report(page: Page, imported: str, picture: Callable[[
     picture("analyses")
     form.get_by_test_id("analyse-frames").fill(imported.split("-")[0])
     form.get_by_test_id("analyse-start").click()
+    expect(page.get_by_test_id("study-failed")).to_contain_text("Too few attitudes")
+    page.reload()
     expect(page.get_by_test_id("study-failed")).to_contain_text("Too few attitudes")
 
 

@@ -16,9 +16,13 @@ router = api_router("jobs", "/jobs")
 
 
 @router.get("")
-def list_jobs(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) -> list[JobOut]:
-    """Jobs, newest first."""
-    return [present.records.job(row) for row in app.base.jobs.newest(limit)]
+def list_jobs(
+    app: App,
+    limit: Annotated[int, Query(ge=1, le=500)] = 20,
+    kind: Annotated[str, Query(max_length=30)] = "",
+) -> list[JobOut]:
+    """Jobs, newest first. ``kind``: only jobs of this kind."""
+    return [present.records.job(row) for row in app.base.jobs.newest(limit, kind)]
 
 
 @router.get("/{job_id}")

@@ -92,7 +92,7 @@ class RehearsalService:
     def newest(self, plan_id: int, limit: int) -> list[Job]:
         """Return the rehearsals of a plan, latest first."""
         with self._database.unit_of_work() as session:
-            rows = job_store.newest_of_kind(session, KIND, 200)
+            rows = job_store.newest(session, 200, KIND)
         return [row for row in rows if row.request.get("plan_id") == plan_id][:limit]
 
     def _work(self, request: RehearsalJob, run: JobRun) -> JobResult:

@@ -200,9 +200,13 @@ class ReprocessService:
         order = BatchSettings(self._blobs_url, epoch, request.chain, self._book.profiles(), documented, options)
 
         def report(_share: float = 0.0) -> None:
+            if done.frames == frames_before:
+                progress(done.frames, total, f"starting workers, no result of {counted(len(tasks), 'frame')} yet")
+                return
             rate = (done.frames - frames_before) / max(1e-3, stopwatch_s() - started_s)
             progress(done.frames, total, f"{done.frames} of {total} frames, {rate:.{0 if rate >= 10 else 1}f} frames/s")
 
+        report()
         with closing(self._executor.in_order(run_item, _batches(order, tasks), report)) as results:
             for rows in results:
                 done.count(rows)

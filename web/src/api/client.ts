@@ -265,7 +265,7 @@ const transfers = {
 };
 
 const studies = {
-  jobs: (limit = 20) => body(GET('/api/jobs', { params: { query: { limit } } })),
+  jobs: (limit = 20, kind = '') => body(GET('/api/jobs', { params: { query: { limit, kind } } })),
   cancelJob: (job_id: number) => body(POST('/api/jobs/{job_id}/cancel', { params: { path: { job_id } } })),
   experiments: () => body(GET('/api/campaigns/experiments')),
   runExperiments: (request: Body<'/api/campaigns/experiments'>) =>

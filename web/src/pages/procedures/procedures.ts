@@ -84,6 +84,39 @@ export function valuesText(values: Entry['values']): string {
     .join(', ');
 }
 
+/** Procedure without runnable steps: the paragraphs before its numbered list, the items of the list, and the rest. */
+export interface TextProcedure {
+  before: string[];
+  steps: string[];
+  after: string[];
+}
+export function readTextProcedure(text: string): TextProcedure {
+  const read: TextProcedure = { before: [], steps: [], after: [] };
+  const lines = text.split('\n').filter((line) => line.trim() && !line.startsWith('# '));
+  for (const line of lines) {
+    const step = /^\d+\.\s+(.*)/.exec(line)?.[1];
+    if (step !== undefined) read.steps.push(step);
+    else if (/^\s/.test(line) && read.steps.length)
+      read.steps.push(`${read.steps.pop() ?? ''} ${line.trim()}`); // continued item
+    else (read.steps.length ? read.after : read.before).push(line);
+  }
+  return read;
+}
+
+/** Split a line of Markdown into plain text, emphasised text and code. */
+export function inlineParts(line: string): { kind: 'text' | 'em' | 'code'; text: string }[] {
+  return line
+    .split(/(\*[^*]+\*|`[^`]+`)/)
+    .filter(Boolean)
+    .map((part) =>
+      /^\*[^*]+\*$/.test(part)
+        ? { kind: 'em', text: part.slice(1, -1) }
+        : /^`[^`]+`$/.test(part)
+          ? { kind: 'code', text: part.slice(1, -1) }
+          : { kind: 'text', text: part },
+    );
+}
+
 export const EXAMPLE = `# Warm start
 
 Prepare the sensor for measurements.
