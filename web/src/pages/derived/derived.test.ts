@@ -16,7 +16,8 @@ test('a range is wrong if one of its bounds is', () => {
 
 test('a range is shown with its open sides', () => {
   expect(rangeText([null, null])).toBe('–');
-  expect(rangeText([1, null])).toBe('1 …');
+  expect(rangeText([1, null])).toBe('≥ 1');
+  expect(rangeText([null, 7])).toBe('≤ 7');
   expect(rangeText([-2, 3])).toBe('-2 … 3');
 });
 

@@ -40,7 +40,8 @@ export function range(low: string, high: string): Range | undefined {
 export function rangeText(value: readonly (number | null)[]): string {
   const [low, high] = [value[0] ?? null, value[1] ?? null];
   if (low === null && high === null) return '–';
-  return `${low ?? ''} … ${high ?? ''}`.trim();
+  if (low === null) return `≤ ${high}`;
+  return high === null ? `≥ ${low}` : `${low} … ${high}`;
 }
 
 /**
