@@ -101,10 +101,9 @@ def ids_around(session: Session, frame_id: int, each_side: int) -> list[int]:
     return sorted([*session.scalars(before), *session.scalars(after)])
 
 
-def ids_of_contact(session: Session, contact_id: int, limit: int) -> list[int]:
-    """Return the ids of the newest frames of a contact, in ascending order."""
-    newest = select(Frame.id).where(Frame.contact_id == contact_id).order_by(Frame.id.desc()).limit(limit)
-    return sorted(session.scalars(newest))
+def ids_of_contact(session: Session, contact_id: int) -> list[int]:
+    """Return the ids of the frames of a contact, in ascending order."""
+    return list(session.scalars(select(Frame.id).where(Frame.contact_id == contact_id).order_by(Frame.id)))
 
 
 def ids_solved(session: Session, chain: str, start: datetime, end: datetime, limit: int) -> list[int]:

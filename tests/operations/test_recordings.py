@@ -8,12 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gss.domain.camera_record import record_of
 from gss.domain.errors import BadInput, Conflict, NotFound
+from gss.instruments.registry import shipped_camera
+from gss.operations.frames.frames import FrameDetail
+from gss.operations.frames.place import Place
+from gss.operations.recordings import scope, stored
+from gss.operations.recordings.blueprints import Use
 from gss.operations.recordings.lanes import Lanes
 from gss.operations.recordings.live import MAX_OPEN, MAX_PER_USER
 from gss.operations.recordings.ranges import ids_of
+from gss.operations.recordings.recorder import Recorder
 from gss.settings import Settings
-from gss.store.models import Command, CommandStage, TelemetryPacket
+from gss.store.models import Command, CommandStage, Contact, Frame, Solution, TelemetryPacket
 from gss.wiring.build import build
 from gss.wiring.services import Services
 
@@ -64,6 +71,62 @@ def test_a_sequence_contains_pictures_telemetry_and_sky_on_both_timelines(servic
     assert scope.start < START < scope.end
 
 
+def frames_of(data: bytes, tmp_path: Path) -> dict[str, list[int]]:
+    """Return the numbers of the frames with a row in a recording, by entity path."""
+    from rerun.chunk import RrdReader
+
+    file = tmp_path / "rows.rrd"
+    file.write_bytes(data)
+    found: dict[str, list[int]] = {}
+    for chunk in RrdReader(str(file)).stream().to_chunks():
+        if "frame" in chunk.timeline_names:
+            numbers = chunk.to_record_batch().column("frame").to_pylist()
+            found.setdefault(str(chunk.entity_path).lstrip("/"), []).extend(numbers)
+    return {path: sorted(set(numbers)) for path, numbers in found.items()}
+
+
+def solution(frame_id: int) -> Solution:
+    """Return a solved ground result without stars."""
+    camera = shipped_camera("cubestar").camera
+    detail = {"regions": [], "stars": [], "predicted": []}
+    values = {"frame_id": frame_id, "origin": "ground", "chain": "reference", "version": "1", "created": START}
+    return Solution(
+        **values, outcome="solved", quaternion=[0.0, 0.0, 0.0, 1.0], camera=record_of(camera), matched=9, detail=detail
+    )
+
+
+def test_frames_without_picture_have_no_marks(services, tmp_path, monkeypatch):
+    """With more frames than pictures, marks of stars are recorded with their picture only. Every frame has its figures
+    and its field of view.
+    """
+    monkeypatch.setattr(stored, "MAX_PICTURES", 2)
+    monkeypatch.setattr(
+        services.frames.frames,
+        "detail",
+        lambda i, overlays: FrameDetail(services.frames.frames.get(i), [solution(i)], None, solution(i)),
+    )
+    frames_1_to_3 = services.recordings.scopes.of_frames([1, 2, 3])
+    found = frames_of(services.recordings.stored.write(frames_1_to_3), tmp_path)
+    assert found["camera/image"] == found["camera/image/centroids"] == [1, 3]
+    assert found["sky/field"] == found["stars/reference/matched"] == [1, 2, 3]
+
+
+def test_the_path_is_written_again_only_after_a_movement(services, tmp_path):
+    """Every frame writes the position. The path, with all its points, is written once per degree of movement."""
+
+    def place(moment: datetime) -> Place:
+        angle = np.radians((moment - START).total_seconds() * 0.6)
+        return Place(7000.0 * np.array([np.cos(angle), np.sin(angle), 0.0]), "TLE")
+
+    recorder = Recorder("path", Use.CONTACT, services.recordings.stored._stars, place)
+    for frame_id in range(1, 5):
+        frame = services.frames.frames.get(frame_id)
+        recorder.frame(FrameDetail(frame, [], None, solution(frame_id)), None)
+    found = frames_of(recorder.take(), tmp_path)
+    assert found["sky/orbit/position"] == [1, 2, 3, 4]
+    assert found["sky/orbit/path"] == [1, 3]
+
+
 def test_lanes_show_states_where_they_change():
     """A lane gets one entry per change, "no packets" where packets are missing, and is empty after a command has ended."""
     written: list[tuple[float, str, str | None]] = []
@@ -89,6 +152,22 @@ def test_a_frame_is_recorded_with_its_neighbours(services):
     """A frame is recorded with the frames before and after it, if they exist."""
     assert services.recordings.scopes.around(2, 1).frame_ids == (1, 2, 3)
     assert services.recordings.scopes.around(4, 12).frame_ids == (1, 2, 3, 4)
+
+
+def test_a_long_contact_is_thinned_evenly(services, monkeypatch):
+    """With more frames than allowed, every n-th frame of the whole contact is kept, and the latest one."""
+    with services.base.database.unit_of_work() as session:
+        contact = Contact(url="test", started=START, ended=START + timedelta(seconds=9))
+        session.add(contact)
+        session.flush()
+        for frame_id in (1, 2, 3, 4):
+            session.get_one(Frame, frame_id).contact_id = contact.id
+        contact_id = contact.id
+    whole = services.recordings.scopes.of_contact(contact_id)
+    assert (whole.frame_ids, whole.every) == ((1, 2, 3, 4), 1)
+    monkeypatch.setattr(scope, "MAX_FRAMES", 3)
+    thinned = services.recordings.scopes.of_contact(contact_id)
+    assert (thinned.frame_ids, thinned.every) == ((2, 4), 2)
 
 
 @pytest.mark.parametrize("what", ["of_contact", "of_calibration", "of_analysis", "of_campaign"])

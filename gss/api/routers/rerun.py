@@ -42,9 +42,10 @@ def stored_recording(
     campaign: Id = None,
 ) -> Response:
     """Recording of frames (``3,5-9``), of a frame with its neighbours (``around``), or of a contact, calibration,
-    analysis or campaign."""
+    analysis or campaign. A recording of a contact with more than 2000 frames contains every n-th frame; the header
+    ``X-GSS-Every`` is n."""
     scope = _scope(app, frames, around, contact, calibration, analysis, campaign)
-    headers = {"Content-Disposition": f"attachment; filename={scope.name}.rrd"}
+    headers = {"Content-Disposition": f"attachment; filename={scope.name}.rrd", "X-GSS-Every": str(scope.every)}
     return Response(app.recordings.stored.write(scope), media_type=RRD, headers=headers)
 
 

@@ -220,14 +220,14 @@ class FrameService:
         with self._database.unit_of_work() as session:
             return frame, store.operational_solutions(session, [frame.id]).get(frame.id)
 
-    def detail(self, frame_id: int) -> FrameDetail:
-        """Return a frame with all its solutions. Raises NotFound."""
+    def detail(self, frame_id: int, *, overlays: bool = True) -> FrameDetail:
+        """Return a frame with all its solutions, with or without computed overlays. Raises NotFound."""
         with self._database.unit_of_work() as session:
             frame = store.get(session, frame_id)
             solutions = store.solutions_of(session, frame_id)
         on_board = next((s for s in solutions if s.origin == "on board"), None)
         ground = next((s for s in solutions if s.operational), None)
-        for row in solutions:
+        for row in solutions if overlays else ():
             self._add_overlays(frame, row)
         return FrameDetail(frame, solutions, on_board, ground)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
@@ -30,6 +31,10 @@ SPHERE_RADIUS = 10.0
 EARTH_RADIUS = 1.6
 EARTH_RADIUS_KM = 6378.137
 SKY_MAG = 4.5
+PATH_STEP = math.radians(1) * EARTH_RADIUS
+"""Smallest distance between points of the path. Every new point writes the path again."""
+MAX_PATH = 400
+"""Largest number of points of the path: about one revolution in low orbit."""
 GREEN, BLUE, ORANGE, WHITE, GREY = (95, 211, 166), (91, 183, 240), (244, 149, 63), (255, 255, 255), (133, 145, 160)
 AXES = [(245, 102, 111), (79, 181, 141), BLUE]
 LEVELS = {"ok": "INFO", "watch": "WARN", "warning": "WARN", "critical": "ERROR"}
@@ -48,7 +53,7 @@ class Recorder:
         self._stream.set_log_time_enabled(False)  # viewers do not need the time of writing
         self._memory = self._stream.binary_stream()
         self._stream.send_blueprint(blueprint(use), make_active=True, make_default=True)
-        self._path: list[Array] = []
+        self._path: deque[Array] = deque(maxlen=MAX_PATH)
         self._frame_id: int | None = None
         self._lanes = Lanes(self._state)
         self._sky(stars)
@@ -60,16 +65,17 @@ class Recorder:
 
     # --- content --------------------------------------------------------------------------------------------------
 
-    def frame(self, detail: FrameDetail, pixels: Pixels | None) -> None:
-        """Add a frame with its solutions; ``pixels`` None omits the picture."""
+    def frame(self, detail: FrameDetail, pixels: Pixels | None, marks: bool = True) -> None:
+        """Add a frame with its solutions. ``pixels``: None omits the picture; ``marks``: false omits the marks of stars
+        and regions, which would be drawn over the picture of an earlier frame."""
         self._at(detail.frame.taken, detail.frame.id)
         if pixels is not None:
             self._picture(pixels)
         best = detail.ground or detail.on_board
-        if best is not None:
+        if best is not None and marks:
             self._overlays(best)
-            if best.quaternion is not None:
-                self._camera(best, detail.frame.taken)
+        if best is not None and best.quaternion is not None:
+            self._camera(best, detail.frame.taken)
         for solution in detail.solutions:
             self._summary(solution)
         self._figures(detail)
@@ -170,12 +176,13 @@ class Recorder:
         self._stream.log("sky/bodies", rr.Points3D(positions, radii=0.18, colors=[(227, 197, 76), GREY], labels=names))
         if position is None:
             return
-        self._path.append(eye)
         self._stream.log(
             "sky/orbit/position",
             rr.Points3D([eye], radii=0.08, colors=WHITE, labels=[position.source], show_labels=False),
         )
-        self._stream.log("sky/orbit/path", rr.LineStrips3D([np.array(self._path)], colors=BLUE, radii=0.01))
+        if not self._path or np.linalg.norm(eye - self._path[-1]) > PATH_STEP:
+            self._path.append(eye)
+            self._stream.log("sky/orbit/path", rr.LineStrips3D([np.array(self._path)], colors=BLUE, radii=0.01))
         ball = rr.Ellipsoids3D(half_sizes=[[EARTH_RADIUS] * 3], colors=(39, 80, 110), fill_mode="solid")
         self._stream.log("sky/earth", ball)
 
@@ -212,7 +219,9 @@ class Recorder:
 
 def residual_rms_arcsec(solution: Solution) -> float | None:
     """Return the root mean square of the stars' residuals; None if no star has a residual."""
-    residuals = [(s["dx_arcsec"], s["dy_arcsec"]) for s in solution.detail["stars"] if s.get("dx_arcsec") is not None]
+    residuals = [
+        (s["dx_arcsec"], s["dy_arcsec"]) for s in solution.detail.get("stars", ()) if s.get("dx_arcsec") is not None
+    ]
     return float(np.sqrt(np.mean(np.square(np.hypot(*np.array(residuals).T))))) if residuals else None
 
 

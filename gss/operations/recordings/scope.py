@@ -20,13 +20,14 @@ MARGIN_S = 30.0
 @dataclass(frozen=True)
 class Scope:
     """Content of one recording. ``name``: name of the recording and its file; ``frame_ids``: oldest frame first;
-    ``start``, ``end``: time span of telemetry, commands and events."""
+    ``start``, ``end``: time span of telemetry, commands and events. ``every``: only every n-th frame is contained."""
 
     name: str
     use: Use
     frame_ids: tuple[int, ...]
     start: datetime
     end: datetime
+    every: int = 1
 
 
 class Scopes:
@@ -50,12 +51,15 @@ class Scopes:
         return self._around(f"gss-frame-{frame_id}", Use.FRAME, ids)
 
     def of_contact(self, contact_id: int) -> Scope:
-        """Return the scope of a contact, from the opening to the closing of the line."""
+        """Return the scope of a contact, from the opening to the closing of the line. A contact with more than
+        ``MAX_FRAMES`` frames is thinned evenly and keeps its latest frame."""
         with self._database.unit_of_work() as session:
             contact, _ = devices.get_contact(session, contact_id)
-            ids = frames.ids_of_contact(session, contact_id, MAX_FRAMES)
+            ids = frames.ids_of_contact(session, contact_id)
         end = contact.ended or self._now()
-        return Scope(f"gss-contact-{contact_id}", Use.CONTACT, tuple(ids), contact.started, end)
+        every = max(1, -(-len(ids) // MAX_FRAMES))
+        kept = tuple(reversed(ids[::-every]))
+        return Scope(f"gss-contact-{contact_id}", Use.CONTACT, kept, contact.started, end, every)
 
     def of_calibration(self, calibration_id: int) -> Scope:
         """Return the scope of the frames from which a camera was calibrated."""

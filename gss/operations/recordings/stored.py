@@ -18,8 +18,8 @@ from gss.store import commands, events, frames, telemetry
 from gss.store.engine import Database
 
 MAX_PICTURES = 60
-"""Maximum number of pictures. With more frames, only every n-th frame has a picture, because a viewer loads the
-complete recording."""
+"""Maximum number of pictures. With more frames, only every n-th frame has a picture and marks of its stars, because a
+viewer loads the complete recording. All frames have their attitude and figures."""
 MAX_LINES = 5000
 MAX_PACKETS = 3600
 MAX_SPAN = timedelta(days=2)
@@ -73,12 +73,13 @@ class Recordings:
             times = sorted((frames.get(session, i).taken, i) for i in scope.frame_ids)
         picture_interval = -(-len(times) // MAX_PICTURES)
         for k, (moment, frame_id) in enumerate(times):
-            yield moment, 0, partial(self.frame, recorder, frame_id, k % picture_interval == 0)
+            shown = k % picture_interval == 0
+            yield moment, 0, partial(self.frame, recorder, frame_id, shown, marks=shown)
 
-    def frame(self, recorder: Recorder, frame_id: int, picture: bool = True) -> None:
+    def frame(self, recorder: Recorder, frame_id: int, picture: bool, *, marks: bool = True) -> None:
         """Add one stored frame with its solutions."""
-        detail = self._frames.detail(frame_id)
-        recorder.frame(detail, pixels_of(detail.frame, self._frames.pixels) if picture else None)
+        detail = self._frames.detail(frame_id, overlays=marks)
+        recorder.frame(detail, pixels_of(detail.frame, self._frames.pixels) if picture else None, marks)
 
     def _around(self, recorder: Recorder, scope: Scope) -> Iterator[Step]:
         if scope.end - scope.start > MAX_SPAN and scope.use is not Use.CONTACT:

@@ -118,8 +118,8 @@ export class Viewer {
     return new Viewer(handle);
   }
 
-  /** Open a complete recording. Returns its size in bytes. */
-  async open(url: string, progress: (text: string) => void): Promise<number> {
+  /** Open a complete recording. Returns its size in bytes, and n if it contains only every n-th frame. */
+  async open(url: string, progress: (text: string) => void): Promise<{ bytes: number; every: number }> {
     this.download?.abort();
     this.download = new AbortController();
     progress('Writing the recording …');
@@ -130,7 +130,7 @@ export class Viewer {
       ).arrayBuffer(),
     );
     this.channel(url, data);
-    return data.length;
+    return { bytes: data.length, every: Number(response.headers.get('X-GSS-Every')) || 1 };
   }
 
   /** Follow a growing recording until the viewer is closed. `grew` is called for each piece. */
