@@ -124,8 +124,8 @@ def test_both_searches_have_the_same_budget(
 
 
 @pytest.mark.parametrize("fast", [False, True])
-def test_more_detections_than_bits_of_a_word(fast: bool, skies: dict[str, KnownSky]) -> None:
-    """More than 32 and more than 64 detections need several words of marks, and the correct attitude is found."""
+def test_more_detections_than_bits(fast: bool, skies: dict[str, KnownSky]) -> None:
+    """More detections than a word of marks has bits are searched by lists, and the correct attitude is found."""
     camera, _ = CAMERAS["sunsat"]
     prepared_sky = skies["sunsat"]
     for false_count in (30, 60):

@@ -29,6 +29,7 @@ LIMIT = ACCEPT / 3  # because there are three verifications
 FEW = 5  # with fewer stars, a free focal length leaves too little evidence
 GROUPS = 3
 """Of ``FEW`` stars, at least two pairs are inside one of three groups. A third of all pairs is examined."""
+BUDGET = 1_000_000  # combinations per focal length, a third because of the groups
 FITTED_SCALES = 325
 """Number of focal lengths in the range that differ by 0.1 px at 500 px. A fitted focal length is as good as the best of
 these, so each is a hypothesis."""
@@ -64,6 +65,7 @@ def identify_other_lens(
             accept=CANDIDATE,
             support=FEW - 2,
             groups=GROUPS,
+            budget=BUDGET,
             fast=fast,
         )
         if match.evidence is None:

@@ -24,9 +24,9 @@ COLLINEAR = 4.0
 MAX_CANDIDATES = 8
 
 
-def limits() -> tuple[int, int, int, float, int]:
+def limits(budget: int) -> tuple[int, int, int, float, int]:
     """Return the limits of a search in the order that the compiled search expects."""
-    return ROWS_PER_PAIR, ROWS_AT_ONCE, MAX_JOINED_ROWS, COLLINEAR, MAX_CANDIDATES
+    return ROWS_PER_PAIR, ROWS_AT_ONCE, budget, COLLINEAR, MAX_CANDIDATES
 
 
 class Trial(NamedTuple):
@@ -63,8 +63,10 @@ class PairSearch:
         scale_error: float,
         need: int,
         groups: int,
+        budget: int,
     ) -> None:
-        self.sky, self.table, self.n, self.need, self.groups = sky, table, n, need, groups
+        self.sky, self.table, self.n = sky, table, n
+        self.need, self.groups, self.budget = need, groups, budget
         self.unit = field.unit[:n]
         chord = np.linalg.norm(self.unit[:, None] - self.unit[None], axis=-1)
         self.distance = 2 * np.arcsin(np.minimum(1.0, chord / 2))
@@ -99,7 +101,7 @@ class PairSearch:
     def run(self) -> Iterator[Trial]:
         """Yield the trials of each pair, best supported first, until the budget is used up."""
         for i, j in _pair_order(self.n, self.groups):
-            if self.joined_rows > MAX_JOINED_ROWS:
+            if self.joined_rows > self.budget:
                 self.is_too_long = True
                 return
             for first, second, third, its in self._candidates(i, j):

@@ -44,6 +44,7 @@ def identify_lost(
     accept: float = ACCEPT,
     support: int = SUPPORT,
     groups: int = 1,
+    budget: int = pair_search.MAX_JOINED_ROWS,
     fast: bool | None = None,
 ) -> PyramidMatch:
     """Identify a field without prior attitude.
@@ -51,15 +52,16 @@ def identify_lost(
     ``scale_error``: relative uncertainty of distances from the camera's calibration, added to the centroid errors.
     ``support``: minimum number of further detections that must fit a pair before it is verified. ``groups``: only pairs
     of detections whose rows are equal modulo ``groups`` are examined. If more than ``groups`` detections are stars, at
-    least one of these pairs consists of stars. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
+    least one of these pairs consists of stars.
+    ``budget``: maximum number of combinations of stars. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
     n = min(len(field), MAX_STARS)
     if n < MIN_MATCHED:
         return PyramidMatch(None, 0, f"{counted(len(field))} found: at least {MIN_MATCHED} are needed without a hint")
     loops = kernels(fast).lists
     if loops is not None:
-        return _compiled(field, sky, table, camera, n, scale_error, accept, support, groups, loops)
-    search = pair_search.PairSearch(field, sky, table, n, scale_error, support, groups)
+        return _compiled(field, sky, table, camera, n, scale_error, accept, support, groups, budget, loops)
+    search = pair_search.PairSearch(field, sky, table, n, scale_error, support, groups, budget)
     best: Evidence | None = None
     for trial in search.run():
         rows, stars = np.array(trial.rows), np.array(trial.stars)
@@ -72,7 +74,7 @@ def identify_lost(
             best = evidence
     probability = math.nan if best is None else best.false_match_probability
     why = (0 if best is None else len(best.rows), probability)
-    reason = _too_long(search.hypotheses, *why) if search.is_too_long else _why_not(field, *why, accept)
+    reason = _too_long(budget, search.hypotheses, *why) if search.is_too_long else _why_not(field, *why, accept)
     return PyramidMatch(None, search.hypotheses, reason)
 
 
@@ -86,6 +88,7 @@ def _compiled(
     accept: float,
     support: int,
     groups: int,
+    budget: int,
     loops: ListLoops,
 ) -> PyramidMatch:
     rows, stars, turn = np.empty(len(field), np.int64), np.empty(len(field), np.int64), np.empty((3, 3))
@@ -97,7 +100,7 @@ def _compiled(
         brightest,
         scale_error,
         pair_search.TOLERANCE_SIGMA,
-        pair_search.limits(),
+        pair_search.limits(budget),
         support,
         groups,
         accept,
@@ -108,7 +111,11 @@ def _compiled(
     )
     if count > 0:
         return PyramidMatch(Evidence(rows[:count], stars[:count], turn, predicted, probability), hypotheses)
-    reason = _too_long(hypotheses, -count, probability) if is_too_long else _why_not(field, -count, probability, accept)
+    reason = (
+        _too_long(budget, hypotheses, -count, probability)
+        if is_too_long
+        else _why_not(field, -count, probability, accept)
+    )
     return PyramidMatch(None, hypotheses, reason)
 
 
@@ -124,6 +131,6 @@ def _why_not(field: FrameDetections, matched: int, probability: float, accept: f
     return not_credible(matched, len(field), probability, accept)
 
 
-def _too_long(hypotheses: int, matched: int, probability: float) -> str:
+def _too_long(budget: int, hypotheses: int, matched: int, probability: float) -> str:
     tail = f"; best false-match probability {probability:.1e}" if matched else ""
-    return f"budget of {pair_search.MAX_JOINED_ROWS} combinations used up after {hypotheses} hypotheses{tail}"
+    return f"budget of {budget} combinations used up after {hypotheses} hypotheses{tail}"

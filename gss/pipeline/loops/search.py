@@ -14,7 +14,10 @@ from gss.pipeline.loops import loop
 from gss.pipeline.loops.proof import verify, workspace
 
 EXHAUSTED, TOO_LONG = 0, -1
-WORD = 32  # bits of a word of the marks
+BITS, MARKED = 32, 8.0
+"""Maximum number of detections whose marks fit in one word, and of pairs of a star that the detections allow on average.
+Marks show sooner than lists that a hypothesis has no support, unless too many of them agree by chance."""
+FIRST_POOL_ROWS = 1 << 16
 
 
 @loop
@@ -38,18 +41,84 @@ def geometry(unit, sigma_rad, sigmas, scale_error):
 
 @loop
 def _mark(i, start, stop, first, second, mark):
-    """Set bit k of ``mark`` (stars, words + 1) for each catalogue star that can be star i according to its pair with
-    star k. The last column counts these pairs."""
+    """Mark the catalogue stars that star i can be. ``mark`` (stars, 2): bit k is set if the pair with star k allows it;
+    number of these pairs of the table."""
     mark[:] = 0
-    count, one = mark.shape[1] - 1, np.uint32(1)
+    one = np.uint32(1)
     for k in range(len(start)):
         if k == i:
             continue
-        word, bit = k // WORD, one << np.uint32(k % WORD)
+        bit = one << np.uint32(k)
         for p in range(start[k], stop[k]):
             for s in (first[p], second[p]):
-                mark[s, word] |= bit
-                mark[s, count] += one
+                mark[s, 0] |= bit
+                mark[s, 1] += one
+
+
+@loop
+def _list(i, start, stop, first, second, offsets, pool_k, pool_c, used):
+    """List for each catalogue star that star i can be the other stars and their detections, in the pool from row ``used``
+    on. Return the pool, which can be a larger copy, and the end of the rows used."""
+    stars = len(offsets) - 1
+    offsets[:] = 0
+    total = 0
+    for k in range(len(start)):
+        if k == i:
+            continue
+        total += 2 * max(stop[k] - start[k], 0)
+        for p in range(start[k], stop[k]):
+            offsets[first[p] + 1] += 1
+            offsets[second[p] + 1] += 1
+    if used + total > len(pool_k):
+        size = max(2 * len(pool_k), used + total)
+        more_k, more_c = np.empty(size, np.int16), np.empty(size, np.int32)
+        more_k[:used], more_c[:used] = pool_k[:used], pool_c[:used]
+        pool_k, pool_c = more_k, more_c
+    offsets[0] = used
+    for s in range(stars):
+        offsets[s + 1] += offsets[s]
+    next_row = offsets[:stars].copy()
+    for k in range(len(start)):
+        if k == i:
+            continue
+        for p in range(start[k], stop[k]):
+            a, b = first[p], second[p]
+            pool_k[next_row[a]], pool_c[next_row[a]] = k, b
+            next_row[a] += 1
+            pool_k[next_row[b]], pool_c[next_row[b]] = k, a
+            next_row[b] += 1
+    return pool_k, pool_c, used + total
+
+
+@loop
+def _fits(b, c, normal, icrs, middle, half, handedness, flat):
+    """True if star c has the right distance from star b, and the triangle has the right handedness."""
+    off = -middle + icrs[b, 0] * icrs[c, 0] + icrs[b, 1] * icrs[c, 1] + icrs[b, 2] * icrs[c, 2]
+    if abs(off) > half or c == b:
+        return False
+    triple = normal[0] * icrs[c, 0] + normal[1] * icrs[c, 1] + normal[2] * icrs[c, 2]
+    # Nearly collinear triangles have no reliable handedness; they are tested later on the whole field.
+    return handedness * triple > 0 or max(abs(handedness), abs(triple)) < flat
+
+
+@loop
+def _normal(icrs, a, b):
+    ax, ay, az = icrs[a, 0], icrs[a, 1], icrs[a, 2]
+    bx, by, bz = icrs[b, 0], icrs[b, 1], icrs[b, 2]
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@loop
+def _insert(out, count, a, b, third, its, votes):
+    """Insert a hypothesis into the ``count`` best ones. Return their number."""
+    if count == len(out) and votes <= out[count - 1, 4]:
+        return count
+    slot = count if count < len(out) else count - 1
+    while slot > 0 and out[slot - 1, 4] < votes:
+        out[slot] = out[slot - 1]
+        slot -= 1
+    out[slot, 0], out[slot, 1], out[slot, 2], out[slot, 3], out[slot, 4] = a, b, third, its, votes
+    return min(count + 1, len(out))
 
 
 @loop
@@ -65,74 +134,88 @@ def _first_pair(pairs, low, high, row):
 
 
 @loop
-def _join(i, j, table, start, stop, mark_i, mark_j, icrs, handedness, flat, middle, half, need, out):
+def _join_marks(i, j, table, start, stop, mark_i, mark_j, icrs, handedness, flat, middle, half, need, out):
     """Write the best supported hypotheses of the pair (i, j) to ``out``: rows (star of i, star of j, third, star of the
-    third, votes). Return their number."""
-    first, second, offsets, pairs = table
-    words, one = mark_i.shape[1] - 1, np.uint32(1)
+    third, votes). Return their number. Third stars are looked up only if enough bits are set for both stars."""
+    first, second, offsets, pairs, partner = table
+    one = np.uint32(1)
     count = 0
     for side in range(2):
         for p in range(start[j], stop[j]):
             a, b = (first[p], second[p]) if side == 0 else (second[p], first[p])
-            common = 0
-            for word in range(words):
-                bits = mark_i[a, word] & mark_j[b, word]
-                while bits:
-                    bits &= bits - one
-                    common += 1
+            both = mark_i[a, 0] & mark_j[b, 0]
+            common, bits = 0, both
+            while bits:
+                bits &= bits - one
+                common += 1
             if common < need:
                 continue
-            bx, by, bz = icrs[b, 0], icrs[b, 1], icrs[b, 2]
-            ax, ay, az = icrs[a, 0], icrs[a, 1], icrs[a, 2]
-            nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            normal = _normal(icrs, a, b)
             votes, third, its, widest = 0, -1, -1, -1.0
             k = -1
             while common > 0 and votes + common >= need:
                 k += 1
-                if not (mark_i[a, k // WORD] & mark_j[b, k // WORD]) >> np.uint32(k % WORD) & one:
+                if not both >> np.uint32(k) & one:
                     continue
                 common -= 1
-                wide, star = abs(handedness[k]), -1
+                star = -1
                 q = _first_pair(pairs, offsets[a], offsets[a + 1], start[k])
                 while q < offsets[a + 1] and pairs[q] < stop[k]:
-                    c = first[pairs[q]] + second[pairs[q]] - a
+                    c = partner[q]
                     q += 1
-                    off = -middle[j, k] + bx * icrs[c, 0] + by * icrs[c, 1] + bz * icrs[c, 2]
-                    if abs(off) > half[j, k] or c == b:
-                        continue
-                    triple = nx * icrs[c, 0] + ny * icrs[c, 1] + nz * icrs[c, 2]
-                    # Nearly collinear triangles have no reliable handedness; they are tested later on the whole field.
-                    if handedness[k] * triple > 0 or max(wide, abs(triple)) < flat[k]:
+                    if _fits(b, c, normal, icrs, middle[j, k], half[j, k], handedness[k], flat[k]):
                         star = c if star < 0 else min(star, c)
                 if star >= 0:
                     votes += 1
-                    if wide > widest:
-                        widest, third, its = wide, k, star
-            if votes < need or (count == len(out) and votes <= out[count - 1, 4]):
-                continue
-            slot = count if count < len(out) else count - 1
-            count = min(count + 1, len(out))
-            while slot > 0 and out[slot - 1, 4] < votes:
-                out[slot] = out[slot - 1]
-                slot -= 1
-            out[slot, 0], out[slot, 1], out[slot, 2], out[slot, 3], out[slot, 4] = a, b, third, its, votes
+                    if abs(handedness[k]) > widest:
+                        widest, third, its = abs(handedness[k]), k, star
+            if votes >= need:
+                count = _insert(out, count, a, b, third, its, votes)
     return count
 
 
 @loop
-def next_pair(unit, icrs, table, geometry_of, ranges, marks, state, limits, out):
-    """Examine pairs in order from ``state`` until one has candidates. Return their number, EXHAUSTED or TOO_LONG.
+def _join_lists(i, j, table, start, stop, lists, icrs, handedness, flat, middle, half, need, out):
+    """Write the best supported hypotheses as :func:`_join_marks`."""
+    first, second = table[:2]
+    offsets, pool_k, pool_c = lists
+    count = 0
+    for side in range(2):
+        for p in range(start[j], stop[j]):
+            a, b = (first[p], second[p]) if side == 0 else (second[p], first[p])
+            normal = _normal(icrs, a, b)
+            votes, voter, third, its, widest = 0, -1, -1, -1, -1.0
+            for q in range(offsets[a], offsets[a + 1]):
+                k, c = pool_k[q], pool_c[q]
+                if k == j or not _fits(b, c, normal, icrs, middle[j, k], half[j, k], handedness[k], flat[k]):
+                    continue
+                votes += k != voter
+                voter = k
+                wide = abs(handedness[k])
+                if wide > widest or (k == third and c < its):
+                    widest, third, its = wide, k, c
+            if votes >= need:
+                count = _insert(out, count, a, b, third, its, votes)
+    return count
 
-    ``table``: first and second stars of the pairs, and their neighbours (``DistanceTable.by_star``). ``ranges``: first
-    and last + 1 row of the table of each pair of detections. ``marks``: see :func:`_mark`, and True if they are set.
-    ``state``: sum of the rows of the next pair, its first row, number of hypotheses, joined rows. ``limits``: rows per
-    pair, rows of one join, rows in total, COLLINEAR, minimum number of supporting detections, groups.
+
+@loop
+def next_pair(unit, icrs, table, geometry_of, ranges, marks, lists, pool_k, pool_c, state, limits, out):
+    """Examine pairs in order from ``state`` until one has candidates. Return their number, EXHAUSTED or TOO_LONG, and
+    the pool.
+
+    ``table``: first and second stars of the pairs, and the pairs by star (``DistanceTable.by_star``). ``ranges``: first
+    and last + 1 row of the table of each pair of detections. ``marks``: see :func:`_mark`; empty if
+    ``lists`` are used, see :func:`_list`. The last of each is True where they are made. ``state``: sum of
+    the rows of the next pair, its first row, number of hypotheses, joined rows, used rows of the pool. ``limits``: rows
+    per pair, rows of one join, rows in total, COLLINEAR, minimum number of supporting detections, groups.
     """
     distance, tolerance, middle, half = geometry_of
     start, stop = ranges
     first, second = table[:2]
-    mark, marked = marks
-    n = len(unit)
+    mark, is_marked = marks
+    offsets, is_listed = lists
+    n, by_marks = len(unit), len(mark) > 0
     handedness, flat = np.empty(n), np.empty(n)
     while state[0] < 2 * n - 2:
         total, i = state[0], state[1]
@@ -142,18 +225,27 @@ def next_pair(unit, icrs, table, geometry_of, ranges, marks, state, limits, out)
             continue
         j = total - i
         if state[3] > limits[2]:
-            return TOO_LONG
+            return TOO_LONG, pool_k, pool_c
         state[1] = i + 1
         if (j - i) % limits[5] or stop[i, j] <= start[i, j]:
             continue
         state[2] += 2 * (stop[i, j] - start[i, j])
-        for k in (i, j):
-            if not marked[k]:
-                _mark(k, start[k], stop[k], first, second, mark[k])
-                marked[k] = True
         rows = 0
-        for p in range(start[i, j], stop[i, j]):
-            rows += int(mark[i, first[p], -1]) + int(mark[i, second[p], -1])
+        if by_marks:
+            for k in (i, j):
+                if not is_marked[k]:
+                    _mark(k, start[k], stop[k], first, second, mark[k])
+                    is_marked[k] = True
+            for p in range(start[i, j], stop[i, j]):
+                rows += int(mark[i, first[p], 1]) + int(mark[i, second[p], 1])
+        else:
+            if not is_listed[i]:
+                pool_k, pool_c, used = _list(i, start[i], stop[i], first, second, offsets[i], pool_k, pool_c, state[4])
+                state[4] = used
+                is_listed[i] = True
+            for p in range(start[i, j], stop[i, j]):
+                a, b = first[p], second[p]
+                rows += offsets[i, a + 1] - offsets[i, a] + offsets[i, b + 1] - offsets[i, b]
         state[3] += rows + limits[0]
         if rows > limits[1]:
             continue  # too unspecific to be evidence
@@ -163,12 +255,14 @@ def next_pair(unit, icrs, table, geometry_of, ranges, marks, state, limits, out)
         for k in range(n):
             handedness[k] = unit[k, 0] * cx + unit[k, 1] * cy + unit[k, 2] * cz
             flat[k] = limits[3] * tolerance[i, j] * max(distance[i, j], distance[i, k], distance[j, k])
-        count = _join(
-            i, j, table, start[i], stop[i], mark[i], mark[j], icrs, handedness, flat, middle, half, limits[4], out
-        )
+        rest = icrs, handedness, flat, middle, half, limits[4], out
+        if by_marks:
+            count = _join_marks(i, j, table, start[i], stop[i], mark[i], mark[j], *rest)
+        else:
+            count = _join_lists(i, j, table, start[i], stop[i], (offsets[i], pool_k, pool_c), *rest)
         if count:
-            return count
-    return EXHAUSTED
+            return count, pool_k, pool_c
+    return EXHAUSTED, pool_k, pool_c
 
 
 @loop
@@ -184,7 +278,7 @@ def find(
     support a pair. ``groups``: see ``pyramid.identify_lost``. ``least``: minimum number of matches.
     """
     unit, sigma_rad = view[1], view[2]
-    first, second, table_rad, offsets, pairs = table
+    first, second, table_rad, offsets, pairs, partner = table
     n = brightest
     geometry_of = geometry(unit[:n], sigma_rad[:n], sigmas, scale_error)
     start, stop = np.zeros((n, n), np.int64), np.zeros((n, n), np.int64)
@@ -194,21 +288,30 @@ def find(
             start[i, k] = start[k, i] = np.searchsorted(table_rad, max(d - t, 0.0))
             stop[i, k] = stop[k, i] = np.searchsorted(table_rad, d + t, side="right")
     count_of_stars = len(sky[0])
-    marks = np.empty((n, count_of_stars, (n + WORD - 1) // WORD + 1), np.uint32), np.zeros(n, np.bool_)
-    state = np.array([1, 0, 0, 0], np.int64)
+    is_sparse = 2 * (stop - start).sum() <= MARKED * n * count_of_stars
+    marked, listed = (n, 0) if n <= BITS and is_sparse else (0, n)
+    marks = np.empty((marked, count_of_stars, 2), np.uint32), np.zeros(n, np.bool_)
+    lists = np.empty((listed, count_of_stars + 1), np.int64), np.zeros(n, np.bool_)
+    pool_k, pool_c = np.empty(FIRST_POOL_ROWS, np.int16), np.empty(FIRST_POOL_ROWS, np.int32)
+    state = np.array([1, 0, 0, 0, 0], np.int64)
     out = np.empty((limits[4], 5), np.int64)
     work = workspace(count_of_stars, len(unit))
+    pair_table = first, second, offsets, pairs, partner
+    pair_limits = limits[0], limits[1], limits[2], float(limits[3]), need, groups
     best_count, best_predicted, best = 0, 0, 2.0
     while True:
-        trials = next_pair(
+        trials, pool_k, pool_c = next_pair(
             unit[:n],
             sky[0],
-            (first, second, offsets, pairs),
+            pair_table,
             geometry_of,
             (start, stop),
             marks,
+            lists,
+            pool_k,
+            pool_c,
             state,
-            (limits[0], limits[1], limits[2], float(limits[3]), need, groups),
+            pair_limits,
             out,
         )
         if trials <= 0:
