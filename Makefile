@@ -45,9 +45,9 @@ web-test: web
 kernels: $(VENV)/.test-installed
 	@$(BIN)/gss compile --camera cubestar
 
-# Three processes on two cores: while one waits for a server, two compute. tests/conftest.py says what stays together.
+# Four processes on two cores: while two wait for servers, two compute. tests/conftest.py says what stays together.
 unit: $(VENV)/.test-installed web
-	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder
 
 # Every trial of the statistical tests; make test runs a part of them. Campaigns: gss experiments, tools/fuzz.py, make soak.
 evidence: $(VENV)/.test-installed

@@ -25,6 +25,11 @@ def test_a_view_is_stored_and_its_link_opens_the_same_page(page: Page, served) -
     page.goto(f"/views/{frames_view['id']}")
     expect(page).to_have_url(re.compile(r"/frames\?outcome=solved&stars=5$"), timeout=SLOW)
 
+    page.goto("/telemetry?page=power")
+    expect(page.get_by_test_id("plots").locator("canvas").first).to_be_visible(timeout=SLOW)
+    page.get_by_role("button", name="Clear").click()
+    expect(page).to_have_url(re.compile("plot=none"))
+    expect(page.get_by_test_id("plot-limited")).to_be_visible()
     page.goto("/telemetry?plot=housekeeping.mode")
     page.get_by_test_id("save-page").click(timeout=SLOW)
     page.get_by_test_id("own-name").fill("Modes")
