@@ -7,7 +7,7 @@ import { keyOf, live } from '../../state/live.svelte';
 
 export const SPANS = { Live: 180, '15 min': 900, '1 h': 3600, '6 h': 21_600, '24 h': 86_400 } as const;
 export type Span = keyof typeof SPANS;
-/** Value of the query `plot` if the user has removed all plots. Without the query, those with limits are plotted. */
+/** Value of the query `plot` if the user has removed all plots. Without it, those with limits are plotted. */
 export const NO_PLOTS = 'none';
 /** Return the parameters that the query `plot` names. */
 export const plottedIn = (plot: string): string[] => plot.split(',').filter((key) => key && key !== NO_PLOTS);
