@@ -186,7 +186,7 @@ class Rollups:
                 rows = store.packets_of(session, packet, start, start + SLICE)
             start += SLICE
             read += len(rows)
-            if not rows:
+            if not (rows and plotted):  # a new dictionary can lack the packet
                 continue
             t_s = np.array([at.timestamp() for at, _ in rows])
             y = np.array([[number(item, row.get(item.name)) for _, row in rows] for item in plotted], np.float64)
