@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +91,7 @@ class Optics:
     faint_mag: float
     tolerance_rad: float
 
-    @property
+    @cached_property
     def camera(self) -> Camera:
         """Camera model that the chains use."""
         return Camera.from_optics(

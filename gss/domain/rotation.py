@@ -52,19 +52,18 @@ def matrix_from_quaternion(quaternion: Array) -> Array:
 def quaternion_from_matrix(matrix: Array) -> Array:
     """Return the (4,) scalar-last quaternion with w ≥ 0 of a (3, 3) rotation matrix (Shepperd's method: divide by the
     largest term)."""
-    m = np.asarray(matrix, float)
-    diagonal = np.array([m[0, 0], m[1, 1], m[2, 2], np.trace(m)])
-    k = int(np.argmax(diagonal))
-    q = np.empty(4)
+    m = np.asarray(matrix, float).tolist()
+    diagonal = [m[0][0], m[1][1], m[2][2], m[0][0] + m[1][1] + m[2][2]]
+    k = diagonal.index(max(diagonal))
     if k == 3:
-        q[:] = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], 1 + diagonal[3]
+        q = [m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1], 1 + diagonal[3]]
     else:
         i, j = (k + 1) % 3, (k + 2) % 3
+        q = [0.0, 0.0, 0.0, m[j][i] - m[i][j]]
         q[k] = 1 + diagonal[k] - diagonal[i] - diagonal[j]
-        q[i], q[j] = m[i, k] + m[k, i], m[j, k] + m[k, j]
-        q[3] = m[j, i] - m[i, j]
-    q /= np.linalg.norm(q)
-    return -q if q[3] < 0 else q
+        q[i], q[j] = m[i][k] + m[k][i], m[j][k] + m[k][j]
+    length = math.copysign(math.hypot(*q), q[3])
+    return np.array([v / length for v in q])
 
 
 def rotation_from_vector(vector_rad: Array) -> Array:

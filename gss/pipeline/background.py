@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from gss.domain.angles import Array
-from gss.pipeline.kernels import CLIP_ROUNDS, CLIP_SIGMA, NUMPY, Kernels
+from gss.pipeline.kernels import NUMPY, Kernels
 from gss.pipeline.small import median
 
 TILE_PX = 32
 SAMPLES_PER_TILE = 64  # the error of the level is a sixth of the noise of a pixel
+CLIP_SIGMA = 3.0
+CLIP_ROUNDS = 2
 OUT_OF_REACH = 1e30
 FLAT_PER_SIGMA = 0.08  # a tile's level is only accurate to about a tenth of the noise
+# Lower limit of a tile's noise, as a share of the typical noise and in DN. A tile of dead or clipped pixels has none.
+LEAST_SHARE, LEAST_NOISE = 0.2, 1e-6
 
 
 @dataclass(frozen=True)
@@ -79,8 +83,8 @@ def _clipped(samples: Array, loops: Kernels = NUMPY) -> tuple[Array, Array]:
     if ordered.dtype.kind == "f" and np.isnan(ordered[:, -1]).any():
         missing = np.isnan(ordered)
         count -= np.count_nonzero(missing, axis=1)
-    if loops.clip is not None:
-        return loops.clip(ordered, count)
+    if loops.frames is not None:
+        return loops.frames.clip(ordered, count)
     row = np.arange(len(ordered))
 
     def quantile(share: float) -> Array:
@@ -107,12 +111,14 @@ def _clipped(samples: Array, loops: Kernels = NUMPY) -> tuple[Array, Array]:
     return middle + mean, spread
 
 
-def _tile_samples(image: NDArray[Any], tile_px: int, step: int) -> tuple[Array, tuple[int, int]]:
+def _tile_samples(image: NDArray[Any], tile_px: int, step: int, loops: Kernels) -> tuple[NDArray[Any], tuple[int, int]]:
     """Return (tiles, samples) of every ``step``-th pixel and the mesh's shape. Pixels past the last whole tile form partial
     tiles, padded with NaN."""
     rows, cols = image.shape
     shape = (-(-rows // tile_px), -(-cols // tile_px))
     per = -(-tile_px // step)
+    if loops.frames is not None and rows % tile_px == cols % tile_px == 0:
+        return loops.frames.tile_samples(image, tile_px, step), shape
     picked = image[step // 2 :: step, step // 2 :: step]
     side = (shape[0] * per, shape[1] * per)
     if tile_px % step == 0 and picked.shape == side:
@@ -134,15 +140,19 @@ def measure_background(image: NDArray[Any], tile_px: int = TILE_PX, loops: Kerne
     tile = int(min(tile_px, *image.shape))
     step = max(1, int(tile / np.sqrt(SAMPLES_PER_TILE)))
     step = next(s for s in range(step, 0, -1) if tile % s == 0)
-    samples, shape = _tile_samples(image, tile, step)
+    samples, shape = _tile_samples(image, tile, step, loops)
     level, noise = _tile_levels(samples, loops)
-    level_mesh, noise_mesh = _fill(level.reshape(shape)), _fill(noise.reshape(shape))
-    level_mesh, noise_mesh = _median_of_nine(np.stack([level_mesh, noise_mesh]))
-    typical = median(noise_mesh.ravel())
-    if np.std(level_mesh) < FLAT_PER_SIGMA * typical:
-        level_mesh = np.full(shape, float(np.mean(level_mesh)))
-    # A tile of dead or clipped pixels has zero noise; the lower limit prevents division by zero.
-    return Background(level_mesh, np.maximum(noise_mesh, max(0.2 * typical, 1e-6)), tile)
+    meshes = _fill(level.reshape(shape)), _fill(noise.reshape(shape))
+    return Background(*(_smooth_mesh if loops.frames is None else loops.frames.smooth_mesh)(*meshes), tile)
+
+
+def _smooth_mesh(level: Array, noise: Array) -> tuple[Array, Array]:
+    """Return level and noise of the mesh without its outliers. Levels that agree within their error become their mean."""
+    level, noise = _median_of_nine(np.stack([level, noise]))
+    typical = median(noise.ravel())
+    if np.std(level) < FLAT_PER_SIGMA * typical:
+        level = np.full(level.shape, float(np.mean(level)))
+    return level, np.maximum(noise, max(LEAST_SHARE * typical, LEAST_NOISE))
 
 
 def _tile_levels(samples: Array, loops: Kernels) -> tuple[Array, Array]:
@@ -177,10 +187,16 @@ def pixel_noise(image: NDArray[Any], background: Background, max_samples: int = 
     step = max(
         1, int(np.sqrt(image.size / max_samples)) | 1
     )  # odd, to avoid the periods of tiles and two-pixel patterns
+    find = _residuals if loops.frames is None else loops.frames.residuals
+    _, spread = _clipped(find(image, background.level, background.tile_px, step)[None], loops)
+    return float(max(spread[0], LEAST_NOISE))
+
+
+def _residuals(image: NDArray[Any], level: Array, tile_px: int, step: int) -> Array:
+    """Return the (n,) differences of every ``step``-th pixel from the mesh of sky levels."""
     rows, cols = np.arange(step // 2, image.shape[0], step), np.arange(step // 2, image.shape[1], step)
-    residual = (image[step // 2 :: step, step // 2 :: step] - background.on_grid(cols, rows)).ravel()
-    _, spread = _clipped(residual[None], loops)
-    return float(max(spread[0], 1e-6))
+    sky = Background(level, level, tile_px).on_grid(cols, rows)
+    return np.asarray(image[step // 2 :: step, step // 2 :: step] - sky).ravel()
 
 
 def _fill(mesh: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from gss.domain.results import Centroids, Region
 from gss.pipeline.background import Background
 from gss.pipeline.kernels import NUMPY, Kernels, kernels
 from gss.pipeline.peaks import STREAK_RATIO, Peaks, find_peaks, repeat_single_test
-from gss.pipeline.psf import PsfFit, Stamps, adaptive_shapes, cut_stamps, fit_stars, subtract_neighbours, widths_px
+from gss.pipeline.psf import Measured, adaptive_shapes, cut_stamps, measure_stars, second_moments, widths_px
 from gss.pipeline.small import close_pairs, median, quantile
 
 THRESHOLD_SIGMA = 5.5
@@ -68,14 +68,15 @@ def find_stars(
     ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
     loops = kernels(fast)
-    image = _checked(pixels)
+    image = _checked(pixels) if loops.frames is None else _for_loops(_checked(pixels))
     ceiling = _ceiling(image) if saturation_dn is None else saturation_dn
     notes: list[str] = []
     psf_is_given = psf_sigma_px is not None
     sigma = psf_sigma_px if psf_sigma_px is not None else 1.0
     covariance = np.eye(2) * (sigma**2 + 1 / 12)
     pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
-    usual, large = _sizes(image, pass_one, covariance, ceiling) if psf_is_given else (0.0, 0.0)
+    sizes = _sizes if loops.frames is None else loops.frames.sizes
+    usual, large = sizes(image, pass_one, covariance, ceiling) if psf_is_given else (0.0, 0.0)
     trailed = large > TRAILED_RATIO * covariance[0, 0]
     if usual > TRAILED_RATIO * covariance[0, 0]:
         measured = _measure_psf(image, pass_one, ceiling)
@@ -95,7 +96,7 @@ def find_stars(
                 notes.clear()
                 pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
             else:
-                pass_one = repeat_single_test(image, pass_one, covariance)
+                pass_one = repeat_single_test(image, pass_one, covariance, loops)
     detections = _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes, loops)
     return replace(detections, trailed=trailed or detections.streak_px > 0)
 
@@ -111,6 +112,12 @@ def _checked(pixels: NDArray[Any]) -> NDArray[Any]:
     if image.dtype.kind == "f" and not np.isfinite(image).all():
         raise BadInput("the frame contains invalid pixel values", expected="finite pixels", got="NaN or infinity")
     return image
+
+
+def _for_loops(image: NDArray[Any]) -> NDArray[Any]:
+    """Return the frame as one of the three types for which the loops are compiled: 8 and 16 bits without sign, and float."""
+    dtype = np.dtype(image.dtype.type) if image.dtype in (np.uint8, np.uint16) else np.dtype(float)
+    return np.require(image, dtype, ["C", "A", "W"])
 
 
 def _ceiling(image: NDArray[Any]) -> float:
@@ -130,13 +137,7 @@ def _sizes(image: NDArray[Any], peaks: Peaks, covariance: Array, ceiling: float)
     if len(pick) < 3:
         return 0.0, 0.0
     half = int(np.ceil(4 * np.sqrt(covariance[0, 0])))
-    stamps = cut_stamps(image, peaks.col[pick], peaks.row[pick], peaks.sky[pick], half, ceiling)
-    value = stamps.value * stamps.use
-    dx, dy = stamps.dx, stamps.dy
-    total, x, y, xx, yy, xy = np.array([np.ones_like(dx), dx, dy, dx * dx, dy * dy, dx * dy]) @ value.T
-    with np.errstate(invalid="ignore", divide="ignore"):
-        x, y = x / total, y / total
-        moments = np.array([xx / total - x * x, xy / total - x * y, yy / total - y * y])
+    moments = np.array(second_moments(image, peaks.col[pick], peaks.row[pick], peaks.sky[pick], half, ceiling))
     if not np.isfinite(moments).all():
         return 0.0, 0.0
     xx, xy, yy = (median(m) for m in moments)
@@ -186,14 +187,13 @@ def _measure(
     low, high = widths_px(covariance)
     half = int(np.clip(np.ceil(2.6 * high), 2, 14))
     stars = np.flatnonzero(~peaks.single)
-    stars = stars[_separate_stars(image, peaks, stars, high, ceiling)][: 3 * max_stars]
-    stamps = cut_stamps(image, peaks.col[stars], peaks.row[stars], peaks.sky[stars], half, ceiling)
-    stamps = _with_saturated_pixels(stamps, image, peaks, stars, half)
-    noise = peaks.noise[stars]
-    fit = fit_stars(stamps, stamps.col.astype(float), stamps.row.astype(float), covariance, noise, e_per_dn, loops.fit)
-    cleaned, touched = subtract_neighbours(stamps, fit, covariance)
-    if touched.any():
-        fit = fit_stars(cleaned, fit.col, fit.row, covariance, noise, e_per_dn, loops.fit)
+    separate, measure = (
+        (_separate_stars, measure_stars) if loops.frames is None else (loops.frames.separate, loops.frames.measure)
+    )
+    col, row, sky = peaks.col[stars], peaks.row[stars], peaks.sky[stars]
+    pick = separate(image, col, row, peaks.snr[stars], sky, high)[: 3 * max_stars]
+    stars, col, row, sky = stars[pick], col[pick], row[pick], sky[pick]
+    fit = Measured(*measure(image, col, row, sky, peaks.noise[stars], covariance, half, ceiling, e_per_dn))
     outside = (fit.col < -0.5) | (fit.row < -0.5) | (fit.col > image.shape[1] - 0.5) | (fit.row > image.shape[0] - 0.5)
     usable = fit.good & ~outside
     accepted = np.flatnonzero(usable)
@@ -201,9 +201,8 @@ def _measure(
     if len(order) > max_stars:
         notes.append(f"{len(order)} stars detected; only the brightest {max_stars} are used")
         order = order[:max_stars]
-    area = np.count_nonzero(stamps.value > 2 * noise[:, None], axis=1).astype(np.int32)
-    peak = np.where(stamps.use, stamps.value, -np.inf).max(1, initial=0.0)
-    centroids = Centroids(fit.col, fit.row, fit.flux, peak, area, fit.sigma_px * (1 + 0.5 * touched)).take(order)
+    sigma_px = fit.sigma_px * (1 + 0.5 * fit.touched)
+    centroids = Centroids(fit.col, fit.row, fit.flux, fit.peak, fit.area, sigma_px).take(order)
     n_single = int(peaks.single.sum())
     if n_single > 20:
         notes.append(f"{n_single} single bright pixels were excluded as hot pixels")
@@ -211,7 +210,7 @@ def _measure(
     direction_rad = 0.5 * float(np.arctan2(2 * covariance[0, 1], covariance[0, 0] - covariance[1, 1])) % np.pi
     return Detections(
         centroids,
-        _regions(peaks, stars, order, usable, area, peak, fit, half),
+        _regions(peaks, stars, order, usable, fit, half),
         peaks.background,
         covariance,
         float(np.sqrt(12 * (high**2 - low**2))) if is_streak else 0.0,
@@ -222,16 +221,21 @@ def _measure(
 
 
 def _separate_stars(
-    image: NDArray[Any], peaks: Peaks, stars: NDArray[np.intp], width: float, ceiling: float
+    image: NDArray[Any],
+    cols: NDArray[np.intp],
+    rows: NDArray[np.intp],
+    snrs: Array,
+    sky: Array,
+    width: float,
 ) -> NDArray[np.intp]:
-    """Return the rows of ``stars`` that are separate stars. A peak is dropped if there is no dip between it and a
+    """Return the indices of the separate stars of n peaks. A peak is dropped if there is no dip between it and a
     brighter neighbour, or if it is lost in the wings of the neighbour."""
     reach = max(3.0, 2.2 * width)
-    if len(stars) < 2:
-        return np.arange(len(stars))
-    first, second = close_pairs(peaks.col[stars], peaks.row[stars], 3 * reach)
-    col, row, snr = (a[stars].tolist() for a in (peaks.col, peaks.row, peaks.snr))
-    drop = np.zeros(len(stars), bool)
+    if len(cols) < 2:
+        return np.arange(len(cols))
+    first, second = close_pairs(cols, rows, 3 * reach)
+    col, row, snr = (a.tolist() for a in (cols, rows, snrs))
+    drop = np.zeros(len(cols), bool)
     for i, j in zip(first.tolist(), second.tolist(), strict=True):
         if drop[i]:
             continue
@@ -251,29 +255,10 @@ def _separate_stars(
         path = image[
             np.rint(row[i] + t * (row[j] - row[i])).astype(int), np.rint(col[i] + t * (col[j] - col[i])).astype(int)
         ]
-        lower = float(image[row[j], col[j]]) - peaks.sky[stars[j]]
-        if float(path.min()) - peaks.sky[stars[j]] > 0.8 * lower:
+        lower = float(image[row[j], col[j]]) - sky[j]
+        if float(path.min()) - sky[j] > 0.8 * lower:
             drop[j] = True
     return np.flatnonzero(~drop)
-
-
-def _with_saturated_pixels(
-    stamps: Stamps, image: NDArray[Any], peaks: Peaks, stars: NDArray[np.intp], half: int
-) -> Stamps:
-    """Include the saturated pixels of stars of which less than a third of the pixels are unsaturated. Otherwise these
-    stars could not be fitted."""
-    mostly_saturated = stamps.use.mean(1) < 0.34
-    if not mostly_saturated.any():
-        return stamps
-    use = stamps.use.copy()
-    inside = (
-        (stamps.row[:, None] + stamps.dy >= 0)
-        & (stamps.row[:, None] + stamps.dy < image.shape[0])
-        & (stamps.col[:, None] + stamps.dx >= 0)
-        & (stamps.col[:, None] + stamps.dx < image.shape[1])
-    )
-    use[mostly_saturated] = inside[mostly_saturated]
-    return Stamps(stamps.col, stamps.row, stamps.dx, stamps.dy, stamps.value, use)
 
 
 def _regions(
@@ -281,26 +266,35 @@ def _regions(
     stars: NDArray[np.intp],
     order: NDArray[np.intp],
     usable: NDArray[np.bool_],
-    area: NDArray[np.int32],
-    peak: Array,
-    fit: PsfFit,
+    fit: Measured,
     half: int,
     limit: int = 200,
 ) -> tuple[Region, ...]:
     """Return the windows of the stars, then those of rejected detections with the reason (at most ``limit``, brightest first)."""
-    col, row = peaks.col[stars], peaks.row[stars]
-    columns = (col - half, row - half, col + half, row + half, area, peak, np.nan_to_num(fit.flux))
     rejected = np.flatnonzero(~usable)[:limit]
     reasons = ["outside the detector" if good else "no star shape" for good in fit.good[rejected].tolist()]
     hot = np.flatnonzero(peaks.single)[:limit]
-    col, row, top = peaks.col[hot], peaks.row[hot], peaks.snr[hot] * peaks.noise[hot]
-    singles = (col - half, row - half, col + half, row + half, np.ones_like(col), top, np.zeros_like(top))
+    ones, zeros, top = np.ones(len(hot), int), np.zeros(len(hot)), peaks.snr[hot] * peaks.noise[hot]
+    flux = np.nan_to_num(fit.flux)
     return (
-        *_records([c[order] for c in columns], [""] * len(order)),
-        *_records([c[rejected] for c in columns], reasons),
-        *_records(singles, ["single pixel, row or column"] * len(hot)),
+        *_windows(peaks, stars[order], half, fit.area[order], fit.peak[order], flux[order], [""] * len(order)),
+        *_windows(peaks, stars[rejected], half, fit.area[rejected], fit.peak[rejected], flux[rejected], reasons),
+        *_windows(peaks, hot, half, ones, top, zeros, ["single pixel, row or column"] * len(hot)),
     )
 
 
-def _records(columns: Iterable[Array | NDArray[np.integer]], reasons: list[str]) -> Iterator[Region]:
+def _windows(
+    peaks: Peaks,
+    chosen: NDArray[np.intp],
+    half: int,
+    area: NDArray[np.integer],
+    peak: Array,
+    flux: Array,
+    reasons: list[str],
+) -> Iterator[Region]:
+    """Return the windows of the chosen peaks."""
+    if not reasons:
+        return iter(())
+    col, row = peaks.col[chosen], peaks.row[chosen]
+    columns = (col - half, row - half, col + half, row + half, area, peak, flux)
     return map(Region._make, zip(*(c.tolist() for c in columns), reasons, strict=True))

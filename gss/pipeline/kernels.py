@@ -30,40 +30,51 @@ from gss.domain.errors import BadInput, StoreDown
 
 AVAILABLE = find_spec("numba") is not None
 PLAIN, COMPILED = "numpy", "numba"
-CLIP_SIGMA = 3.0
-CLIP_ROUNDS = 2
 
 Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
 class ListLoops:
-    """Compiled loops that work on lists of stars. ``camera_numbers``: converts a camera to an array. ``find``: see
+    """Compiled loops that work on lists of stars. ``camera_numbers``: converts a camera to an array.
+    ``directions``: see ``verify._directions``. ``find``: see
     ``pyramid.identify_lost``. ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.match_all``."""
 
     camera_numbers: Callable[[Camera], Array]
+    directions: Callable[[Camera, Array, Array, Array], tuple[Array, Array, Array]]
     find: Callable[..., tuple[int, int, float, int, bool]]
     find_near: Callable[..., tuple[int, int, float, int, int]]
     finish: Callable[..., tuple[Rows, Rows, Array, Array, Array, float]]
 
 
 @dataclass(frozen=True)
-class Kernels:
-    """Time-critical loops. If a loop is None, the calling module uses its numpy implementation.
+class FrameLoops:
+    """Compiled loops over the pixels of a frame. ``binomial``: see ``peaks._binomial_sum``. ``tile_samples``, ``clip``,
+    ``smooth_mesh``, ``residuals``: see the functions of ``background``. ``significant``, ``sky_of``, ``single_pixels``: see
+    ``peaks``. ``separate``, ``sizes``: see ``detect``. ``measure``: see ``psf.measure_stars``. ``lit``: (frame, threshold)
+    → flat indices of lit pixels. ``components``: (flat indices, frame's width) → count and label of each."""
 
-    ``binomial``: frame → filtered frame. ``clip``: (sorted samples, count of each row) → mean and spread. ``maxima``:
-    (filtered frame, thresholds (tile rows, columns), rows per tile) → rows and columns. ``fit``: see
-    ``psf.fitted``. ``components``: (flat indices of lit pixels, frame's width) → count and label of each. ``lit``:
-    (frame, threshold) → flat indices. ``lists``: see :class:`ListLoops`.
-    """
+    binomial: Callable[[NDArray[Any]], NDArray[Any]]
+    tile_samples: Callable[[NDArray[Any], int, int], NDArray[Any]]
+    clip: Callable[[NDArray[Any], Rows], tuple[Array, Array]]
+    smooth_mesh: Callable[[Array, Array], tuple[Array, Array]]
+    residuals: Callable[[NDArray[Any], Array, int, int], Array]
+    significant: Callable[..., tuple[Rows, Rows, Array]]
+    sky_of: Callable[..., tuple[Array, Array]]
+    single_pixels: Callable[..., NDArray[np.bool_]]
+    separate: Callable[..., Rows]
+    sizes: Callable[..., tuple[float, float]]
+    measure: Callable[..., tuple[Any, ...]]
+    lit: Callable[[NDArray[Any], float], Rows]
+    components: Callable[[Rows, int], tuple[int, NDArray[np.int32]]]
+
+
+@dataclass(frozen=True)
+class Kernels:
+    """Time-critical loops. If a group of loops is None, the calling module uses its numpy implementation."""
 
     name: str = PLAIN
-    binomial: Callable[[NDArray[Any]], NDArray[Any]] | None = None
-    clip: Callable[[NDArray[Any], Rows], tuple[Array, Array]] | None = None
-    maxima: Callable[[NDArray[Any], NDArray[Any], int], tuple[Rows, Rows]] | None = None
-    fit: Callable[..., tuple[Array, Array, Array, Array]] | None = None
-    components: Callable[[Rows, int], tuple[int, NDArray[np.int32]]] | None = None
-    lit: Callable[[NDArray[Any], float], Rows] | None = None
+    frames: FrameLoops | None = None
     lists: ListLoops | None = None
 
 
@@ -109,7 +120,7 @@ def _mark() -> Path | None:
     except RuntimeError:  # numba found no folder that it can write
         return None
     folder = Path(__file__).parent
-    sources = [folder / "compiled.py", *sorted((folder / "loops").glob("*.py"))]
+    sources = sorted((folder / "loops").glob("*.py"))
     digest = hashlib.sha256()
     for text in (version("numba"), sys.version, get_host_cpu_name(), get_host_cpu_features().flatten()):
         digest.update(text.encode())
@@ -122,19 +133,25 @@ def _mark() -> Path | None:
 @lru_cache(maxsize=1)
 def _compiled() -> Kernels:
     # Imported at first use because the import takes a second and most commands do not need it.
-    from gss.pipeline import compiled
+    from gss.pipeline.loops import background, peaks, pixels, stamps
     from gss.pipeline.loops.finish import finish
-    from gss.pipeline.loops.geometry import camera_numbers
+    from gss.pipeline.loops.geometry import camera_numbers, directions
     from gss.pipeline.loops.prior import find_near
     from gss.pipeline.loops.search import find
 
-    return Kernels(
-        COMPILED,
-        compiled.binomial,
-        compiled.clip,
-        compiled.maxima,
-        compiled.fit,
-        compiled.components,
-        compiled.lit,
-        ListLoops(camera_numbers, find, find_near, finish),
+    frames = FrameLoops(
+        pixels.binomial,
+        background.tile_samples,
+        background.clip,
+        background.smooth_mesh,
+        background.residuals,
+        peaks.significant,
+        peaks.sky_of,
+        peaks.single_pixels,
+        stamps.separate,
+        stamps.sizes,
+        stamps.measure,
+        pixels.lit,
+        pixels.components,
     )
+    return Kernels(COMPILED, frames, ListLoops(camera_numbers, directions, find, find_near, finish))

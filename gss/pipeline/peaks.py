@@ -23,6 +23,8 @@ STRIP_ROWS = 128
 # Neighbours of a pixel, (row, column), in reading order: four before it, four after.
 AROUND = np.array([(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)])
 SINGLE_SHARE = 0.35  # minimum light of a real star's neighbour pixels, as a share of that of a centred star
+SINGLE_DOUBT_SIGMA = 1.5
+NARROWEST_PX2 = 0.25
 
 
 def _binomial_sum(image: NDArray[Any]) -> NDArray[Any]:
@@ -65,13 +67,14 @@ def _filter_frame(
     and the kernel's weights along each axis. The noise must be measured on the filtered frame."""
     low, high = widths_px(covariance)
     if high < 1.6:
-        return (loops.binomial or _binomial_sum)(image), BINOMIAL_GAIN, (BINOMIAL, BINOMIAL)
+        smooth = (_binomial_sum if loops.frames is None else loops.frames.binomial)(image)
+        return smooth, BINOMIAL_GAIN, (BINOMIAL_EDGE, BINOMIAL_EDGE)
     if high / low < STREAK_RATIO:
         sigma = float(np.sqrt(low * high))
         smooth = ndimage.gaussian_filter(image.astype(np.float32), sigma, mode="nearest")
         reach = np.arange(-int(4 * sigma + 0.5), int(4 * sigma + 0.5) + 1)
         line = np.exp(-0.5 * (reach / sigma) ** 2)
-        return np.asarray(smooth), 1.0, (line, line)
+        return np.asarray(smooth), 1.0, (_edge_noise(line), _edge_noise(line))
     half = int(np.ceil(2.5 * high))
     y, x = np.mgrid[-half : half + 1, -half : half + 1]
     q = np.linalg.inv(covariance)
@@ -80,22 +83,21 @@ def _filter_frame(
 
     wide = np.pad(image.astype(np.float32), half, mode="edge")
     smooth = np.asarray(oaconvolve(wide, (kernel / kernel.sum()).astype(np.float32), mode="valid"))
-    return smooth, 1.0, (kernel.sum(1), kernel.sum(0))
+    return smooth, 1.0, (_edge_noise(kernel.sum(1)), _edge_noise(kernel.sum(0)))
 
 
-def _edge_noise(position: NDArray[np.intp], count: int, line: Array) -> Array:
-    """Return the (n,) ratios of the filtered frame's noise at the rows (or columns) ``position`` of ``count`` to its
-    noise in the interior. The ratio exceeds 1 near the edges, because the outermost pixel is repeated and its noise
-    does not average out."""
+def _edge_noise(line: Array) -> Array:
+    """Return the (half the kernel + 1,) ratios of the filtered frame's noise to its noise in the interior, by the distance
+    from the edge. The ratio exceeds 1 near the edges, because the outermost pixel is repeated and its noise does not
+    average out."""
     half = len(line) // 2
-    near = np.minimum(position, count - 1 - position)
-    if not len(near) or near.min() >= half:
-        return np.ones(len(near))
     weights = np.zeros((half, len(line)))
     for distance in range(half):
         np.add.at(weights[distance], np.maximum(np.arange(-half, half + 1) + distance, 0), line)
-    factor = np.append(np.sqrt((weights**2).sum(1) / (line**2).sum()), 1.0)
-    return np.asarray(factor[np.minimum(near, half)])
+    return np.append(np.sqrt((weights**2).sum(1) / (line**2).sum()), 1.0)
+
+
+BINOMIAL_EDGE = _edge_noise(BINOMIAL)
 
 
 @dataclass(frozen=True)
@@ -119,19 +121,31 @@ def find_peaks(
     smooth, gain, (down, across) = _filter_frame(image, covariance, loops)
     background = measure_background(smooth, loops=loops)
     raw_background = _unfiltered(image, background, gain, loops)
-    row, col = _maxima(smooth, background, threshold_sigma, loops)
-    level, noise = background.at(col, row)
-    noise = noise * _edge_noise(row, image.shape[0], down) * _edge_noise(col, image.shape[1], across)
-    snr = (smooth[row, col] - level) / noise
-    keep = np.flatnonzero(snr > threshold_sigma)
-    keep = keep[np.argsort(-snr[keep], kind="stable")]
-    if len(keep) > MAX_PEAKS:
-        notes.append(f"{len(keep)} peaks above threshold; only the brightest {MAX_PEAKS} are examined")
-        keep = keep[:MAX_PEAKS]
-    row, col, snr = row[keep], col[keep], snr[keep]
-    sky, raw_noise = raw_background.at(col, row)
-    single = _is_single_pixel(image, row, col, sky, raw_noise, covariance)
+    find = _significant if loops.frames is None else loops.frames.significant
+    row, col, snr = find(smooth, background, threshold_sigma, down, across)
+    if len(row) > MAX_PEAKS:
+        notes.append(f"{len(row)} peaks above threshold; only the brightest {MAX_PEAKS} are examined")
+        row, col, snr = row[:MAX_PEAKS], col[:MAX_PEAKS], snr[:MAX_PEAKS]
+    sky, raw_noise = (
+        raw_background.at(col, row) if loops.frames is None else loops.frames.sky_of(raw_background, col, row)
+    )
+    single = _single_pixels(image, row, col, sky, raw_noise, covariance, loops)
     return Peaks(col, row, snr, sky, raw_noise, single, raw_background)
+
+
+def _significant(
+    smooth: NDArray[Any], background: Background, sigma: float, down: Array, across: Array
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Return rows, columns and signal-to-noise ratios of the maxima above ``sigma``, most significant first. ``down``,
+    ``across``: see :func:`_edge_noise`."""
+    row, col = _maxima(smooth, background, sigma)
+    level, noise = background.at(col, row)
+    for position, count, ratio in ((row, smooth.shape[0], down), (col, smooth.shape[1], across)):
+        noise = noise * ratio[np.minimum(np.minimum(position, count - 1 - position), len(ratio) - 1)]
+    snr = (smooth[row, col] - level) / noise
+    keep = np.flatnonzero(snr > sigma)
+    keep = keep[np.argsort(-snr[keep], kind="stable")]
+    return row[keep], col[keep], snr[keep]
 
 
 def _unfiltered(image: NDArray[Any], background: Background, gain: float, loops: Kernels) -> Background:
@@ -141,15 +155,13 @@ def _unfiltered(image: NDArray[Any], background: Background, gain: float, loops:
     return level.scaled(1.0, pixel_noise(image, level, loops=loops) / median(background.noise.ravel()))
 
 
-def repeat_single_test(image: NDArray[Any], peaks: Peaks, covariance: Array) -> Peaks:
+def repeat_single_test(image: NDArray[Any], peaks: Peaks, covariance: Array, loops: Kernels = NUMPY) -> Peaks:
     """Repeat the single-pixel test with the frame's measured point-spread function."""
-    single = _is_single_pixel(image, peaks.row, peaks.col, peaks.sky, peaks.noise, covariance)
+    single = _single_pixels(image, peaks.row, peaks.col, peaks.sky, peaks.noise, covariance, loops)
     return replace(peaks, single=single)
 
 
-def _maxima(
-    smooth: NDArray[Any], background: Background, sigma: float, loops: Kernels = NUMPY
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _maxima(smooth: NDArray[Any], background: Background, sigma: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return rows and columns of the local maxima above the lowest threshold of their tile. Some of them can be below
     the threshold at their own position."""
     tile = background.tile_px
@@ -157,8 +169,6 @@ def _maxima(
     if smooth.dtype.kind == "u":
         lowest = np.clip(np.floor(lowest), 0, np.iinfo(smooth.dtype).max)
     per_col = np.repeat(lowest.astype(smooth.dtype), tile, axis=1)[:, : smooth.shape[1]]
-    if loops.maxima is not None:
-        return loops.maxima(smooth, per_col, tile)
     hit = np.empty(smooth.shape, bool)
     for k in range(len(lowest)):
         np.greater(smooth[k * tile : (k + 1) * tile], per_col[k], out=hit[k * tile : (k + 1) * tile])
@@ -179,6 +189,19 @@ def _is_maximum(smooth: NDArray[Any], row: NDArray[np.intp], col: NDArray[np.int
     return np.asarray(best.all(axis=0))
 
 
+def _single_pixels(
+    image: NDArray[Any],
+    row: NDArray[np.intp],
+    col: NDArray[np.intp],
+    sky: Array,
+    noise: Array,
+    covariance: Array,
+    loops: Kernels,
+) -> NDArray[np.bool_]:
+    test = _is_single_pixel if loops.frames is None else loops.frames.single_pixels
+    return test(image, row, col, sky, noise, covariance)
+
+
 def _is_single_pixel(
     image: NDArray[Any],
     row: NDArray[np.intp],
@@ -197,9 +220,9 @@ def _is_single_pixel(
     box = cut_stamps(image, col + k % 3 - 1, row + k // 3 - 1, sky, 1, np.inf).value
     peak = box[:, 4]
     across, along = box[:, 3] + box[:, 5], box[:, 1] + box[:, 7]
-    expected_col = 2 * np.exp(-0.5 / max(covariance[0, 0], 0.25))
-    expected_row = 2 * np.exp(-0.5 / max(covariance[1, 1], 0.25))
-    doubt = 1.5 * noise
+    expected_col = 2 * np.exp(-0.5 / max(covariance[0, 0], NARROWEST_PX2))
+    expected_row = 2 * np.exp(-0.5 / max(covariance[1, 1], NARROWEST_PX2))
+    doubt = SINGLE_DOUBT_SIGMA * noise
     return np.asarray(
         (across + doubt < SINGLE_SHARE * expected_col * peak) | (along + doubt < SINGLE_SHARE * expected_row * peak)
     )

@@ -8,10 +8,9 @@ is elongated.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +24,8 @@ STEP_DONE_PX = 2e-4
 MODEL_FLOOR = 0.006  # position error, as a share of the width, because a real lens is not Gaussian
 
 NARROWEST_PX = 0.05
+NEIGHBOUR_SIGMA = 2.5  # a star within this distance of a stamp adds light to it
+UNSATURATED_SHARE = 0.34  # of a stamp's pixels; stars with less are fitted with their saturated pixels
 
 
 def widths_px(covariance: Array) -> tuple[float, float]:
@@ -120,9 +121,6 @@ def adaptive_shapes(stamps: Stamps, start_sigma_px: float) -> AdaptiveMoments:
     )
 
 
-Fit = Callable[[Stamps, Array, Array, Array, Array, float], tuple[Array, Array, Array, Array]]
-
-
 @dataclass(frozen=True)
 class PsfFit:
     """Fit of n stars: positions (n,), total flux (n,), standard deviation of a position per axis (n,); ``good`` is True
@@ -142,26 +140,28 @@ def fit_stars(
     covariance: Array,
     noise: Array,
     e_per_dn: float = 0.0,
-    fit: Fit | None = None,
 ) -> PsfFit:
     """Fit position and flux of n stars by Gauss–Newton, each stamp separately.
 
     ``covariance``: (2, 2) px² of the point-spread function. ``noise``: (n,) standard deviation of a sky pixel.
-    ``e_per_dn`` > 0 includes shot noise in the pixel weights. ``fit``: replacement for :func:`fitted`.
+    ``e_per_dn`` > 0 includes shot noise in the pixel weights.
     """
     inverse: Array = np.asarray(np.linalg.inv(covariance), float)
-    x, y, peak, information = (fit or fitted)(
-        stamps, start_col - stamps.col, start_row - stamps.row, inverse, noise, e_per_dn
-    )
+    x, y, peak, information = _fitted(stamps, start_col - stamps.col, start_row - stamps.row, inverse, noise, e_per_dn)
     area = float(np.sqrt(np.linalg.det(covariance)))
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma = np.sqrt(1 / information + MODEL_FLOOR**2 * area)
-    reach = max(2.0, 0.6 * float(stamps.dx.max()))
-    good = np.isfinite(peak) & (peak > 0) & np.isfinite(sigma) & (np.hypot(x, y) < reach)
+    at_its_star = np.hypot(x, y) < reach_px(int(stamps.dx[-1]))
+    good = np.isfinite(peak) & (peak > 0) & np.isfinite(sigma) & at_its_star
     return PsfFit(stamps.col + x, stamps.row + y, peak * 2 * np.pi * area, sigma, good)
 
 
-def fitted(
+def reach_px(half: int) -> float:
+    """Return the largest distance of a fitted star from the middle of its stamp."""
+    return max(2.0, 0.6 * half)
+
+
+def _fitted(
     stamps: Stamps, x: Array, y: Array, inverse: Array, noise: Array, e_per_dn: float
 ) -> tuple[Array, Array, Array, Array]:
     """Fit n stars from first guesses x (n,) and y (n,) of their offsets from the stamp centres.
@@ -216,7 +216,7 @@ def subtract_neighbours(stamps: Stamps, fit: PsfFit, covariance: Array) -> tuple
     Returns the stamps and an (n,) mask of the stars with such neighbours.
     """
     half = float(stamps.dx.max())
-    reach = half + 2.5 * widths_px(covariance)[1]
+    reach = half + NEIGHBOUR_SIGMA * widths_px(covariance)[1]
     first, second = close_pairs(fit.col, fit.row, reach)
     owner, neighbour = np.concatenate([first, second]), np.concatenate([second, first])
     owner, neighbour = owner[fit.good[neighbour]], neighbour[fit.good[neighbour]]
@@ -232,3 +232,74 @@ def subtract_neighbours(stamps: Stamps, fit: PsfFit, covariance: Array) -> tuple
     touched = np.zeros(len(stamps.col), bool)
     touched[owner] = True
     return Stamps(stamps.col, stamps.row, stamps.dx, stamps.dy, value, stamps.use), touched
+
+
+def second_moments(
+    image: NDArray[Any], col: NDArray[np.intp], row: NDArray[np.intp], sky: Array, half: int, ceiling: float
+) -> tuple[Array, Array, Array]:
+    """Return the second moments xx, xy and yy of n stars in px², each (n,); not finite for stars without light."""
+    stamps = cut_stamps(image, col, row, sky, half, ceiling)
+    value = stamps.value * stamps.use
+    dx, dy = stamps.dx, stamps.dy
+    total, x, y, xx, yy, xy = np.array([np.ones_like(dx), dx, dy, dx * dx, dy * dy, dx * dy]) @ value.T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x, y = x / total, y / total
+        return xx / total - x * x, xy / total - x * y, yy / total - y * y
+
+
+class Measured(NamedTuple):
+    """Fits of n stars, each (n,); see :class:`PsfFit`. ``area``: pixels above twice the noise; ``peak``: brightest pixel above
+    the sky; ``touched``: True for stars with light of a neighbour, which was subtracted."""
+
+    col: Array
+    row: Array
+    flux: Array
+    sigma_px: Array
+    good: NDArray[np.bool_]
+    area: NDArray[np.int32]
+    peak: Array
+    touched: NDArray[np.bool_]
+
+
+def measure_stars(
+    image: NDArray[Any],
+    col: NDArray[np.intp],
+    row: NDArray[np.intp],
+    sky: Array,
+    noise: Array,
+    covariance: Array,
+    half: int,
+    ceiling: float,
+    e_per_dn: float,
+) -> Measured:
+    """Fit n stars in stamps of (2·half+1)² pixels, stars with neighbours twice. ``ceiling``: see :func:`cut_stamps`; the
+    other parameters: see :func:`fit_stars`."""
+    stamps = _with_saturated_pixels(cut_stamps(image, col, row, sky, half, ceiling), image)
+    fit = fit_stars(stamps, col.astype(float), row.astype(float), covariance, noise, e_per_dn)
+    cleaned, touched = subtract_neighbours(stamps, fit, covariance)
+    if touched.any():
+        again = _rows(cleaned, touched)
+        better = fit_stars(again, fit.col[touched], fit.row[touched], covariance, noise[touched], e_per_dn)
+        for values, replacement in zip(vars(fit).values(), vars(better).values(), strict=True):
+            values[touched] = replacement
+    area = np.count_nonzero(stamps.value > 2 * noise[:, None], axis=1).astype(np.int32)
+    peak = np.where(stamps.use, stamps.value, -np.inf).max(1, initial=0.0)
+    return Measured(fit.col, fit.row, fit.flux, fit.sigma_px, fit.good, area, peak, touched)
+
+
+def _rows(stamps: Stamps, chosen: NDArray[np.bool_]) -> Stamps:
+    return Stamps(
+        stamps.col[chosen], stamps.row[chosen], stamps.dx, stamps.dy, stamps.value[chosen], stamps.use[chosen]
+    )
+
+
+def _with_saturated_pixels(stamps: Stamps, image: NDArray[Any]) -> Stamps:
+    """Include the saturated pixels of stars of which few pixels are unsaturated. Otherwise these stars could not be fitted."""
+    mostly_saturated = stamps.use.mean(1) < UNSATURATED_SHARE
+    if not mostly_saturated.any():
+        return stamps
+    use = stamps.use.copy()
+    row, col = stamps.row[:, None] + stamps.dy, stamps.col[:, None] + stamps.dx
+    inside = (row >= 0) & (row < image.shape[0]) & (col >= 0) & (col < image.shape[1])
+    use[mostly_saturated] = inside[mostly_saturated]
+    return Stamps(stamps.col, stamps.row, stamps.dx, stamps.dy, stamps.value, use)

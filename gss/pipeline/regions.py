@@ -85,10 +85,10 @@ def find_blobs(pixels: Pixels, threshold_dn: float, step_px: int = 3, loops: Ker
     if pixels.ndim != 2 or 0 in pixels.shape:
         raise BadInput("not a frame", expected="a (rows, columns) array of pixels", got=f"shape {pixels.shape}")
     columns = pixels.shape[1]
-    lit = np.flatnonzero(pixels > threshold_dn) if loops.lit is None else loops.lit(pixels, threshold_dn)
+    lit = np.flatnonzero(pixels > threshold_dn) if loops.frames is None else loops.frames.lit(pixels, threshold_dn)
     if not len(lit):
         return Blobs(lit, np.zeros(1, np.intp), columns)
-    count, label = (loops.components or _label)(lit, columns)
+    count, label = (_label if loops.frames is None else loops.frames.components)(lit, columns)
     row, col = np.divmod(lit, columns)
     on_grid = np.flatnonzero((row % step_px == 0) & (col % step_px == 0))
     # ``lit`` is in raster order, so the search finds each component at its first grid pixel.

@@ -37,23 +37,28 @@ def frame(seed: int, dtype: str = "uint8", shape: tuple[int, int] = (200, 300)) 
     return np.asarray(np.clip(np.rint(light), 0, 255).astype(dtype))
 
 
-@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
-@pytest.mark.parametrize("width_px", [1.1, None])
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32", ">u2", "int16"])
+@pytest.mark.parametrize("width_px", [1.1, 1.9, None])
 def test_numpy_and_compiled_loops_find_the_same_stars(dtype: str, width_px: float | None) -> None:
     """Both loops find the same stars in the same order, with positions equal to a millionth of a pixel, and reject the
-    same regions for the same reasons.
+    same regions for the same reasons. Frames of whole and of partial tiles, and frames that cannot be written.
     """
     for seed in range(6):
-        image = frame(seed, dtype)
+        image = frame(seed, dtype, ((200, 300), (192, 320))[seed % 2])
+        image.flags.writeable = seed > 2
         with_numpy, compiled = (
-            find_stars(image, psf_sigma_px=width_px, saturation_dn=255.0, fast=f) for f in (False, True)
+            find_stars(image, psf_sigma_px=width_px, saturation_dn=255.0, e_per_dn=2.0 * (seed % 3), fast=f)
+            for f in (False, True)
         )
         assert (with_numpy.loops, compiled.loops) == ("numpy", "numba")
         assert len(with_numpy.centroids) == len(compiled.centroids) > 5
         assert np.abs(with_numpy.centroids.pixels - compiled.centroids.pixels).max() < TOLERANCE_PX
-        assert np.allclose(with_numpy.centroids.flux_dn, compiled.centroids.flux_dn, rtol=TOLERANCE_PX)
-        assert np.allclose(with_numpy.centroids.sigma_px, compiled.centroids.sigma_px, rtol=TOLERANCE_PX)
+        for name in ("flux_dn", "sigma_px", "peak_dn", "area_px"):
+            assert np.allclose(
+                getattr(with_numpy.centroids, name), getattr(compiled.centroids, name), rtol=TOLERANCE_PX
+            )
         assert [r.rejected for r in with_numpy.regions] == [r.rejected for r in compiled.regions]
+        assert (with_numpy.trailed, with_numpy.notes) == (compiled.trailed, compiled.notes)
 
 
 @pytest.mark.parametrize("shape", [(8, 8), (9, 300), (130, 77), (129, 8), (512, 33)])
@@ -61,9 +66,9 @@ def test_numpy_and_compiled_loops_find_the_same_stars(dtype: str, width_px: floa
 def test_the_compiled_filter_is_bit_identical(shape: tuple[int, int], dtype: str) -> None:
     """The compiled filter gives the same numbers as numpy, for any size and type."""
     loops = kernels.kernels(True)
-    assert loops.binomial is not None
+    assert loops.frames is not None
     image = np.random.default_rng(3).integers(0, 256, shape).astype(dtype)
-    assert np.array_equal(loops.binomial(image), _binomial_sum(image))
+    assert np.array_equal(loops.frames.binomial(image), _binomial_sum(image))
 
 
 @pytest.mark.parametrize("threshold", [-1.0, 0.0, 14.5, 30.0, 254.5, 255.0, 300.0])

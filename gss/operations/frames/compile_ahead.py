@@ -43,6 +43,7 @@ def _cases(profile: CameraProfile) -> list[CompileCase]:
         CompileCase("lost in space", request),
         CompileCase("with a prior attitude", replace(request, hint=BoundedPrior(POINTING, PRIOR_RADIUS_RAD))),
         CompileCase("16-bit pixels", request, np.uint16),
+        CompileCase("pixels of other types", request, np.float32),
     ]
     return (
         [*cases, CompileCase("the sensor's own chain", replace(request, chain=profile.chain))]

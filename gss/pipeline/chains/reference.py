@@ -19,9 +19,10 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.domain.failure_cause import MIRRORED
-from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult, Turning
-from gss.domain.rotation import quaternion_from_matrix
+from gss.domain.results import Centroids, SolveResult, Turning
 from gss.domain.sensor import Sensor
+from gss.pipeline.chains.reference_result import NAME as NAME
+from gss.pipeline.chains.reference_result import solved, unsolved
 from gss.pipeline.detect import Detections, find_stars
 from gss.pipeline.identify.blind_proof import with_aberration
 from gss.pipeline.identify.faint import AllMatches, Spots, match_all
@@ -36,7 +37,6 @@ from gss.pipeline.streaks import measure_turning
 from gss.pipeline.trace import Clock, Trace
 from gss.skytables.pairs import DistanceTable, distance_table_of_units
 
-NAME = "reference"
 MANY_MORE = 1.5
 FIT_FLOOR_PX = 0.01
 BESIDE_RAD = 0.05  # stars up to this far outside the field can contribute light to it
@@ -114,8 +114,9 @@ def solve_known(
     if detections.trailed and exposure_s:
         with trace.stage("trails"):
             turning = turning_of(pixels, detections, camera, exposure_s, sensor)
-    result = _identify_known(detections.centroids, camera, stars, deeper, hint, trace, detections, velocity_c, fast)
-    return replace(result, turning=turning)
+    return _identify_known(
+        detections.centroids, camera, stars, deeper, hint, trace, detections, turning, velocity_c, fast
+    )
 
 
 def solve_centroids(
@@ -129,7 +130,7 @@ def solve_centroids(
     clock: Clock | None = None,
 ) -> SolveResult:
     """Solve given centroids, brightest first, as :func:`solve_known` does for a frame."""
-    return _identify_known(centroids, camera, stars, None, hint, Trace(clock), None, velocity_c, fast)
+    return _identify_known(centroids, camera, stars, None, hint, Trace(clock), None, None, velocity_c, fast)
 
 
 def turning_of(
@@ -159,14 +160,6 @@ def _apparent(sky: SkyCatalogue, camera: Camera, cam_from_icrs: Array, velocity_
     return replace(sky, icrs=icrs)
 
 
-def as_velocity(velocity_c: Array | None) -> tuple[float, float, float] | None:
-    """Return a velocity as plain numbers, for the result."""
-    if velocity_c is None:
-        return None
-    x, y, z = (float(v) for v in velocity_c)
-    return x, y, z
-
-
 def _identify_known(
     centroids: Centroids,
     camera: Camera,
@@ -175,17 +168,18 @@ def _identify_known(
     hint: BoundedPrior | None,
     trace: Trace,
     detections: Detections | None,
+    turning: Turning | None,
     velocity_c: Array | None,
     fast: bool | None,
 ) -> SolveResult:
-    view = field_of(centroids, camera)
+    view = field_of(centroids, camera, fast=fast)
     with trace.stage("identify"):
         result, note = _identify_field(view, camera, stars, hint, fast)
         if result.evidence is None and deeper is not None and len(view) > MANY_MORE * _expected(stars, camera):
             stars = deeper()
             again = identify_lost(view, stars.sky, stars.pairs, camera, accept=DEEPER_ACCEPT, fast=fast)
             result = result if again.evidence is None else again
-    base = unsolved(camera, centroids, detections, (*(detections.notes if detections else ()), *note))
+    base = unsolved(camera, centroids, detections, (*(detections.notes if detections else ()), *note), turning)
     evidence = result.evidence
     if evidence is None:
         with trace.stage("why not"):
@@ -203,8 +197,8 @@ def _identify_known(
         reason = f"the best solution identifies only {len(matches.rows)} of {seen_both} stars"
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
     hip = stars.deep.hip[matches.stars]
-    answer = solved(base, matches.fit, view.centroid[matches.rows], hip, evidence.false_match_probability)
-    return replace(answer, velocity_c=as_velocity(velocity_c), timing_s=dict(trace.timing_s))
+    rows, probability = view.centroid[matches.rows], evidence.false_match_probability
+    return solved(base, matches.fit, rows, hip, probability, trace, velocity_c, turning)
 
 
 def _with_other_lens(
@@ -217,8 +211,8 @@ def _with_other_lens(
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
     fit = with_aberration(solution, base.centroids.pixels, stars.sky, velocity_c, base.camera)
     base = replace(base, notes=(*base.notes, lens_difference(fit, base.camera)))
-    answer = solved(base, fit, solution.rows, stars.sky.hip[solution.stars], solution.false_match_probability)
-    return replace(answer, velocity_c=as_velocity(velocity_c), timing_s=dict(trace.timing_s))
+    rows, hip, probability = solution.rows, stars.sky.hip[solution.stars], solution.false_match_probability
+    return solved(base, fit, rows, hip, probability, trace, velocity_c, base.turning)
 
 
 def _another_focal_length(view: FrameDetections, camera: Camera, sky: SkyCatalogue, evidence: Evidence) -> str:
@@ -302,39 +296,13 @@ def _solves_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky, fast
     """True if the left-right mirrored frame can be solved, i.e. the file or the optics are mirrored."""
     if len(centroids) < 5:
         return False
-    view = field_of(mirrored(centroids, camera.columns), camera)
+    view = field_of(mirrored(centroids, camera.columns), camera, fast=fast)
     return identify_lost(view, stars.sky, stars.pairs, camera, fast=fast).evidence is not None
 
 
 def mirrored(centroids: Centroids, columns: int) -> Centroids:
     """Return the centroids of the left-right mirrored frame."""
     return replace(centroids, col_px=columns - 1 - centroids.col_px)
-
-
-def unsolved(
-    camera: Camera, centroids: Centroids, detections: Detections | None, notes: tuple[str, ...]
-) -> SolveResult:
-    """Return a result without a solution. The caller adds a reason or a solution."""
-    regions = detections.regions if detections else ()
-    versions = {"detect": detections.loops} if detections else {}
-    base = SolveResult(NAME, Outcome.NONE, "", camera, regions, centroids, None, None, float("nan"), {}, notes)
-    return replace(base, versions=versions)
-
-
-def solved(
-    base: SolveResult, fit: Refined, rows: NDArray[np.intp], hip: NDArray[np.int32], false_match_probability: float
-) -> SolveResult:
-    """Return ``base`` with its solution: the fit, and the matched (m,) rows of the centroids and (m,) stars."""
-    matches = Matches(rows.astype(np.int32), hip.astype(np.int32), fit.weight, fit.residual_px)
-    attitude = Attitude(quaternion_from_matrix(fit.cam_from_icrs), fit.covariance_rad2)
-    return replace(
-        base,
-        outcome=Outcome.SOLVED,
-        camera=fit.camera,
-        matches=matches,
-        attitude=attitude,
-        false_match_probability=false_match_probability,
-    )
 
 
 def _identify_field(

@@ -13,7 +13,8 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.failure_cause import MIRRORED
 from gss.domain.results import Centroids, SolveResult
-from gss.pipeline.chains.reference import as_velocity, mirrored, solved, turning_of, unsolved
+from gss.pipeline.chains.reference import mirrored, turning_of
+from gss.pipeline.chains.reference_result import solved, unsolved
 from gss.pipeline.detect import find_stars
 from gss.pipeline.identify.blind import BlindResult, identify_blind
 from gss.pipeline.identify.blind_proof import with_aberration
@@ -70,9 +71,8 @@ def solve_foreign(
     if detections.trailed and exposure_s:
         with trace.stage("trails"):
             turning = turning_of(pixels, detections, fit.camera, exposure_s, None)
-    answer = solved(base, fit, solution.rows, sky.hip[solution.stars], solution.false_match_probability)
-    timing_s = dict(trace.timing_s)
-    return replace(answer, velocity_c=as_velocity(velocity_c), turning=turning, timing_s=timing_s)
+    rows, hip, probability = solution.rows, sky.hip[solution.stars], solution.false_match_probability
+    return solved(base, fit, rows, hip, probability, trace, velocity_c, turning)
 
 
 def _blind(

@@ -13,6 +13,7 @@ import numpy as np
 from gss.domain.camera import Camera
 from gss.domain.results import Centroids
 from gss.pipeline.identify.blind_proof import BlindSolution, prove
+from gss.pipeline.identify.pair_search import MAX_JOINED_ROWS
 from gss.pipeline.identify.pyramid import ACCEPT, identify_lost
 from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, field_of, verify
 from gss.pipeline.refine import Refined, refine
@@ -29,7 +30,7 @@ LIMIT = ACCEPT / 3  # because there are three verifications
 FEW = 5  # with fewer stars, a free focal length leaves too little evidence
 GROUPS = 3
 """Of ``FEW`` stars, at least two pairs are inside one of three groups. A third of all pairs is examined."""
-BUDGET = 1_000_000  # combinations per focal length, a third because of the groups
+BUDGET = MAX_JOINED_ROWS // GROUPS  # combinations per focal length
 FITTED_SCALES = 325
 """Number of focal lengths in the range that differ by 0.1 px at 500 px. A fitted focal length is as good as the best of
 these, so each is a hypothesis."""
@@ -55,7 +56,7 @@ def identify_other_lens(
     magnitude = -2.5 * np.log10(np.maximum(centroids.flux_dn, 1e-12))
     for scale in SCALES:
         scaled = camera if scale == 1.0 else camera.with_focal_scaled(scale)
-        view = field_of(centroids, scaled)
+        view = field_of(centroids, scaled, fast=fast)
         match = identify_lost(
             view,
             sky,

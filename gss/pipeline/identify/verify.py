@@ -13,6 +13,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.results import Centroids
 from gss.pipeline.identify.false_match import brightness_tail, false_match_probability, match_tail
+from gss.pipeline.kernels import kernels
 from gss.pipeline.small import best_rotation, distances2, median
 from gss.skytables.cells import sky_cells
 
@@ -21,6 +22,8 @@ ROUNDS = 3
 COUNT_WITHIN = (1.0, 0.5)
 MAX_RADIUS_PX = 25.0
 MIN_RADIUS_PX = 0.35
+MIN_SIGMA_PX = 0.03
+LEAST_FLUX_DN, LARGEST_FLUX_DN = 1e-12, 1e300
 _EYE = np.eye(3)
 SkyArrays = tuple[Array, Array, tuple[Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]]
 
@@ -82,10 +85,23 @@ class FrameDetections:
         return float(self.magnitude.std())
 
 
-def field_of(centroids: Centroids, camera: Camera, min_sigma_px: float = 0.03) -> FrameDetections:
-    """Convert centroids to a field with the geometry of a known camera. Positions outside the distortion's domain are dropped."""
-    pixels = centroids.pixels
-    sigma_px = np.maximum(centroids.sigma_px, min_sigma_px)
+def field_of(centroids: Centroids, camera: Camera, *, fast: bool | None = None) -> FrameDetections:
+    """Convert centroids to a field with the geometry of a known camera. Positions outside the distortion's domain are
+    dropped. ``fast``: see :func:`gss.pipeline.kernels.kernels`."""
+    loops = kernels(fast).lists
+    find = _directions if loops is None else loops.directions
+    pixels, sigma_px = centroids.pixels, np.maximum(centroids.sigma_px, MIN_SIGMA_PX)
+    unit, sigma_rad, magnitude = find(camera, pixels, sigma_px, np.asarray(centroids.flux_dn, float))
+    ok = np.isfinite(sigma_rad)
+    rows = np.flatnonzero(ok)
+    if len(rows) == len(ok):
+        return FrameDetections(rows, pixels, unit, sigma_px, sigma_rad, magnitude)
+    return FrameDetections(rows, pixels[ok], unit[ok], sigma_px[ok], sigma_rad[ok], magnitude[ok])
+
+
+def _directions(camera: Camera, pixels: Array, sigma_px: Array, flux_dn: Array) -> tuple[Array, Array, Array]:
+    """Return (n, 3) unit vectors of (n, 2) pixels, their errors (n,) in rad (not finite outside the distortion's domain),
+    and magnitudes (n,)."""
     n = len(pixels)
     steps = np.concatenate([pixels, pixels, pixels])
     steps[n : 2 * n, 0] += 0.5
@@ -94,11 +110,8 @@ def field_of(centroids: Centroids, camera: Camera, min_sigma_px: float = 0.03) -
     centre, right, below = unit[:n], unit[n : 2 * n], unit[2 * n :]
     right, below = right - centre, below - centre
     px_rad = 2 * np.sqrt(np.maximum((right * right).sum(1), (below * below).sum(1)))
-    magnitude = -2.5 * np.log10(np.fmin(np.fmax(centroids.flux_dn, 1e-12), 1e300))
-    ok = np.isfinite(centre).all(axis=1) & np.isfinite(px_rad)
-    return FrameDetections(
-        np.flatnonzero(ok), pixels[ok], centre[ok], sigma_px[ok], (px_rad * sigma_px)[ok], magnitude[ok]
-    )
+    magnitude = -2.5 * np.log10(np.fmin(np.fmax(flux_dn, LEAST_FLUX_DN), LARGEST_FLUX_DN))
+    return centre, px_rad * sigma_px, magnitude
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.domain.camera import CONVERGED, NEWTON_STEPS, Brown, BrownUndistort, Camera, Pinhole, RadialTilt
-from gss.pipeline.identify.verify import reach_cosine
+from gss.pipeline.identify.verify import LARGEST_FLUX_DN, LEAST_FLUX_DN, reach_cosine
 from gss.pipeline.loops import loop
 
 PINHOLE, BROWN, BROWN_UNDISTORT, RADIAL_TILT = range(4)
@@ -152,6 +152,32 @@ def unproject(camera, col, row):
     )
     length = math.sqrt(x * x + y * y + 1)
     return x / length, y / length, 1 / length
+
+
+def directions(camera: Camera, pixels: Array, sigma_px: Array, flux_dn: Array) -> tuple[Array, Array, Array]:
+    """Return (n, 3) unit vectors, (n,) errors and (n,) magnitudes; equivalent to ``verify._directions``."""
+    n = len(pixels)
+    unit, sigma_rad, magnitude = np.empty((n, 3)), np.empty(n), np.empty(n)
+    _directions(camera_numbers(camera), pixels, sigma_px, flux_dn, unit, sigma_rad, magnitude)
+    return unit, sigma_rad, magnitude
+
+
+@loop
+def _directions(camera, pixels, sigma_px, flux_dn, unit, sigma_rad, magnitude):
+    for i in range(len(pixels)):
+        col, row = pixels[i, 0], pixels[i, 1]
+        x, y, z = unproject(camera, col, row)
+        longest2 = 0.0
+        for half_col, half_row in ((0.5, 0.0), (0.0, 0.5)):
+            u, v, w = unproject(camera, col + half_col, row + half_row)
+            longest2 = max(longest2, (u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2)
+            if math.isnan(u):
+                longest2 = math.nan
+                break
+        unit[i, 0], unit[i, 1], unit[i, 2] = x, y, z
+        sigma_rad[i] = 2 * math.sqrt(longest2) * sigma_px[i]
+        flux = LEAST_FLUX_DN if math.isnan(flux_dn[i]) else max(flux_dn[i], LEAST_FLUX_DN)
+        magnitude[i] = -2.5 * math.log10(min(flux, LARGEST_FLUX_DN))
 
 
 @loop

@@ -15,28 +15,48 @@ from gss.pipeline.loops.proof import verify, workspace
 
 EXHAUSTED, TOO_LONG = 0, -1
 BITS, MARKED = 32, 8.0
-"""Maximum number of detections whose marks fit in one word, and of pairs of a star that the detections allow on average.
-Marks show sooner than lists that a hypothesis has no support, unless too many of them agree by chance."""
+"""Maximum number of detections whose marks fit in one word, and of pairs of a star that the detections allow on average,
+estimated from the brightest detection. Marks show sooner than lists that a hypothesis has no support, unless too many of
+them agree by chance."""
 FIRST_POOL_ROWS = 1 << 16
 
 
 @loop
-def geometry(unit, sigma_rad, sigmas, scale_error):
-    """Return distance and tolerance of each pair of (n, 3) directions, and middle and half width of the range of its cosine."""
-    n = len(unit)
-    distance, tolerance = np.zeros((n, n)), np.zeros((n, n))
-    middle, half = np.zeros((n, n)), np.zeros((n, n))
-    for i in range(n):
-        for k in range(i, n):
-            x, y, z = unit[i, 0] - unit[k, 0], unit[i, 1] - unit[k, 1], unit[i, 2] - unit[k, 2]
-            d = 2 * math.asin(min(1.0, math.sqrt(x * x + y * y + z * z) / 2))
-            t = sigmas * math.sqrt(sigma_rad[i] ** 2 + sigma_rad[k] ** 2) + scale_error * d
-            near, far = math.cos(max(d - t, 0.0)), math.cos(d + t)
-            distance[i, k] = distance[k, i] = d
-            tolerance[i, k] = tolerance[k, i] = t
-            middle[i, k] = middle[k, i] = (far + near) / 2
-            half[i, k] = half[k, i] = (near - far) / 2
-    return distance, tolerance, middle, half
+def _relate(i, detections, table_rad, relations):
+    """Compute the relations of detection i to the others: distance and tolerance, middle and half width of the range of
+    the cosine, and first and last + 1 row of the distance table. Most lists need those of two detections only."""
+    unit, sigma_rad, sigmas, scale_error = detections
+    distance, tolerance, middle, half, start, stop, is_related = relations
+    if is_related[i]:
+        return
+    is_related[i] = True
+    for k in range(len(unit)):
+        if is_related[k]:
+            continue  # symmetrical
+        x, y, z = unit[i, 0] - unit[k, 0], unit[i, 1] - unit[k, 1], unit[i, 2] - unit[k, 2]
+        d = 2 * math.asin(min(1.0, math.sqrt(x * x + y * y + z * z) / 2))
+        t = sigmas * math.sqrt(sigma_rad[i] ** 2 + sigma_rad[k] ** 2) + scale_error * d
+        near, far = math.cos(max(d - t, 0.0)), math.cos(d + t)
+        distance[i, k] = distance[k, i] = d
+        tolerance[i, k] = tolerance[k, i] = t
+        middle[i, k] = middle[k, i] = (far + near) / 2
+        half[i, k] = half[k, i] = (near - far) / 2
+        start[i, k] = start[k, i] = np.searchsorted(table_rad, max(d - t, 0.0))
+        stop[i, k] = stop[k, i] = np.searchsorted(table_rad, d + t, side="right")
+
+
+@loop
+def _relations(n):
+    """Return empty relations of n detections; see :func:`_relate`."""
+    return (
+        np.zeros((n, n)),
+        np.zeros((n, n)),
+        np.zeros((n, n)),
+        np.zeros((n, n)),
+        np.zeros((n, n), np.int64),
+        np.zeros((n, n), np.int64),
+        np.zeros(n, np.bool_),
+    )
 
 
 @loop
@@ -177,7 +197,7 @@ def _join_marks(i, j, table, start, stop, mark_i, mark_j, icrs, handedness, flat
 @loop
 def _join_lists(i, j, table, start, stop, lists, icrs, handedness, flat, middle, half, need, out):
     """Write the best supported hypotheses as :func:`_join_marks`."""
-    first, second = table[:2]
+    first, second = table
     offsets, pool_k, pool_c = lists
     count = 0
     for side in range(2):
@@ -200,21 +220,21 @@ def _join_lists(i, j, table, start, stop, lists, icrs, handedness, flat, middle,
 
 
 @loop
-def next_pair(unit, icrs, table, geometry_of, ranges, marks, lists, pool_k, pool_c, state, limits, out):
+def next_pair(detections, icrs, table, relations, anchors, pool, state, limits, out):
     """Examine pairs in order from ``state`` until one has candidates. Return their number, EXHAUSTED or TOO_LONG, and
     the pool.
 
-    ``table``: first and second stars of the pairs, and the pairs by star (``DistanceTable.by_star``). ``ranges``: first
-    and last + 1 row of the table of each pair of detections. ``marks``: see :func:`_mark`; empty if
-    ``lists`` are used, see :func:`_list`. The last of each is True where they are made. ``state``: sum of
-    the rows of the next pair, its first row, number of hypotheses, joined rows, used rows of the pool. ``limits``: rows
-    per pair, rows of one join, rows in total, COLLINEAR, minimum number of supporting detections, groups.
+    ``table``: first and second stars of the pairs, their distances, and the pairs by star (``DistanceTable.by_star``).
+    ``relations``: see :func:`_relate`. ``anchors``: marks, see :func:`_mark`, empty if lists are used, see :func:`_list`;
+    each followed by an array that is True where they are made. ``state``: sum of the rows of the next pair, its first
+    row, number of hypotheses, joined rows, used rows of the pool. ``limits``: rows per pair, rows of one join, rows in
+    total, COLLINEAR, minimum number of supporting detections, groups.
     """
-    distance, tolerance, middle, half = geometry_of
-    start, stop = ranges
-    first, second = table[:2]
-    mark, is_marked = marks
-    offsets, is_listed = lists
+    unit = detections[0]
+    distance, tolerance, middle, half, start, stop, _ = relations
+    first, second, table_rad, by_star, pairs, partner = table
+    mark, is_marked, offsets, is_listed = anchors
+    pool_k, pool_c = pool
     n, by_marks = len(unit), len(mark) > 0
     handedness, flat = np.empty(n), np.empty(n)
     while state[0] < 2 * n - 2:
@@ -225,10 +245,14 @@ def next_pair(unit, icrs, table, geometry_of, ranges, marks, lists, pool_k, pool
             continue
         j = total - i
         if state[3] > limits[2]:
-            return TOO_LONG, pool_k, pool_c
+            return TOO_LONG, (pool_k, pool_c)
         state[1] = i + 1
-        if (j - i) % limits[5] or stop[i, j] <= start[i, j]:
+        if (j - i) % limits[5]:
             continue
+        _relate(i, detections, table_rad, relations)
+        if stop[i, j] <= start[i, j]:
+            continue
+        _relate(j, detections, table_rad, relations)
         state[2] += 2 * (stop[i, j] - start[i, j])
         rows = 0
         if by_marks:
@@ -257,12 +281,13 @@ def next_pair(unit, icrs, table, geometry_of, ranges, marks, lists, pool_k, pool
             flat[k] = limits[3] * tolerance[i, j] * max(distance[i, j], distance[i, k], distance[j, k])
         rest = icrs, handedness, flat, middle, half, limits[4], out
         if by_marks:
-            count = _join_marks(i, j, table, start[i], stop[i], mark[i], mark[j], *rest)
+            of_stars = first, second, by_star, pairs, partner
+            count = _join_marks(i, j, of_stars, start[i], stop[i], mark[i], mark[j], *rest)
         else:
-            count = _join_lists(i, j, table, start[i], stop[i], (offsets[i], pool_k, pool_c), *rest)
+            count = _join_lists(i, j, (first, second), start[i], stop[i], (offsets[i], pool_k, pool_c), *rest)
         if count:
-            return count, pool_k, pool_c
-    return EXHAUSTED, pool_k, pool_c
+            return count, (pool_k, pool_c)
+    return EXHAUSTED, (pool_k, pool_c)
 
 
 @loop
@@ -277,43 +302,26 @@ def find(
     :func:`next_pair`, then the maximum number of candidates of a pair. ``need``: minimum number of detections that
     support a pair. ``groups``: see ``pyramid.identify_lost``. ``least``: minimum number of matches.
     """
-    unit, sigma_rad = view[1], view[2]
-    first, second, table_rad, offsets, pairs, partner = table
-    n = brightest
-    geometry_of = geometry(unit[:n], sigma_rad[:n], sigmas, scale_error)
-    start, stop = np.zeros((n, n), np.int64), np.zeros((n, n), np.int64)
-    for i in range(n):
-        for k in range(i + 1, n):
-            d, t = geometry_of[0][i, k], geometry_of[1][i, k]
-            start[i, k] = start[k, i] = np.searchsorted(table_rad, max(d - t, 0.0))
-            stop[i, k] = stop[k, i] = np.searchsorted(table_rad, d + t, side="right")
-    count_of_stars = len(sky[0])
-    is_sparse = 2 * (stop - start).sum() <= MARKED * n * count_of_stars
+    n, count_of_stars = brightest, len(sky[0])
+    detections = view[1][:n], view[2][:n], sigmas, scale_error
+    relations = _relations(n)
+    _relate(0, detections, table[2], relations)
+    is_sparse = 2 * (relations[5][0] - relations[4][0]).sum() <= MARKED * count_of_stars
     marked, listed = (n, 0) if n <= BITS and is_sparse else (0, n)
-    marks = np.empty((marked, count_of_stars, 2), np.uint32), np.zeros(n, np.bool_)
-    lists = np.empty((listed, count_of_stars + 1), np.int64), np.zeros(n, np.bool_)
-    pool_k, pool_c = np.empty(FIRST_POOL_ROWS, np.int16), np.empty(FIRST_POOL_ROWS, np.int32)
+    anchors = (
+        np.empty((marked, count_of_stars, 2), np.uint32),
+        np.zeros(n, np.bool_),
+        np.empty((listed, count_of_stars + 1), np.int64),
+        np.zeros(n, np.bool_),
+    )
+    pool = np.empty(FIRST_POOL_ROWS, np.int16), np.empty(FIRST_POOL_ROWS, np.int32)
     state = np.array([1, 0, 0, 0, 0], np.int64)
     out = np.empty((limits[4], 5), np.int64)
-    work = workspace(count_of_stars, len(unit))
-    pair_table = first, second, offsets, pairs, partner
+    work = workspace(count_of_stars, len(view[0]))
     pair_limits = limits[0], limits[1], limits[2], float(limits[3]), need, groups
     best_count, best_predicted, best = 0, 0, 2.0
     while True:
-        trials, pool_k, pool_c = next_pair(
-            unit[:n],
-            sky[0],
-            pair_table,
-            geometry_of,
-            (start, stop),
-            marks,
-            lists,
-            pool_k,
-            pool_c,
-            state,
-            pair_limits,
-            out,
-        )
+        trials, pool = next_pair(detections, sky[0], table, relations, anchors, pool, state, pair_limits, out)
         if trials <= 0:
             return -best_count, best_predicted, best, state[2], trials == TOO_LONG
         i = state[1] - 1
