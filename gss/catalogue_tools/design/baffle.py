@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from gss.domain.errors import BadInput
 
@@ -104,6 +103,8 @@ def two_stage(lens_radius_mm: float, half_fov_rad: float, required_rad: float) -
 
     def outer(inner_mm: float) -> float:
         return 2 * (a + inner_mm * phi) / (theta - phi - 2 * a / inner_mm)
+
+    from scipy.optimize import minimize_scalar  # the import takes 10 MB of memory
 
     minimum = minimize_scalar(
         lambda l1: l1 + outer(l1), bounds=(shortest_inner_mm * 1.0001, shortest_inner_mm * 100), method="bounded"

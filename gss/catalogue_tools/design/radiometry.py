@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from gss.catalogue_tools.design.camera import DesignCamera
@@ -145,6 +144,8 @@ def motion_blur(camera: DesignCamera, loss_mag: float = BLUR_LOSS_MAG) -> Blur:
 
     def excess(log_streak: float) -> float:
         return float(blur_loss_mag(camera.psf_sigma_px, np.exp(np.array([log_streak])))[0]) - loss_mag
+
+    from scipy.optimize import brentq  # the import takes 10 MB of memory
 
     streak = float(np.exp(brentq(excess, np.log(1e-3), np.log(MAX_STREAK_PX))))
     per_px = camera.camera.pixel_rad / camera.exposure_s

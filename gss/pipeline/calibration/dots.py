@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
@@ -138,6 +137,8 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
         return np.asarray(p[2] / np.cos(theta) / (1 - p[2] / focal_mm * np.tan(theta)))
 
     start = np.array([1e-3, 1e-3, float(np.median(distance))])
+    from scipy.optimize import least_squares  # the import takes 10 MB of memory
+
     fit = least_squares(lambda p: model(p) - distance, start, x_scale=[1e-2, 1e-2, 1.0], loss="soft_l1", f_scale=1e-3)
     residual = distance - model(fit.x)
     rms = float(np.sqrt(np.mean(residual**2)))
