@@ -64,7 +64,8 @@ def _filter_frame(
     image: NDArray[Any], covariance: Array, loops: Kernels = NUMPY
 ) -> tuple[NDArray[Any], float, tuple[Array, Array]]:
     """Filter the frame with a kernel close to its point-spread function. Returns the filtered frame, the filter's gain,
-    and the kernel's weights along each axis. The noise must be measured on the filtered frame."""
+    and the noise near its edges along rows and columns, see :func:`_edge_noise`. The noise in the interior must be measured
+    on the filtered frame."""
     low, high = widths_px(covariance)
     if high < 1.6:
         smooth = (_binomial_sum if loops.frames is None else loops.frames.binomial)(image)

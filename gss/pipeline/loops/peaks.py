@@ -26,7 +26,8 @@ def significant(
     """Return rows, columns and signal-to-noise ratios of the significant maxima; equivalent to ``peaks._significant``."""
     level, noise = background.level, background.noise
     lowest = np.empty(level.shape, smooth.dtype)
-    _lowest_thresholds(level, noise, sigma, 0.0 if smooth.dtype.kind == "u" else -math.inf, lowest)
+    limits = (0.0, float(np.iinfo(smooth.dtype).max)) if smooth.dtype.kind == "u" else (-math.inf, math.inf)
+    _lowest_thresholds(level, noise, sigma, limits, lowest)
     top = np.empty((len(level), smooth.shape[1]), smooth.dtype)
     _brightest(smooth, background.tile_px, top)
     rows, cols = smooth.shape
@@ -40,9 +41,9 @@ def significant(
 
 
 @njit(cache=True)
-def _lowest_thresholds(level, noise, sigma, least, out):
-    """Equivalent to ``Background.lowest_threshold``, converted to the type of the filtered frame. An integer is rounded
-    towards zero, so that a larger pixel exceeds the threshold."""
+def _lowest_thresholds(level, noise, sigma, limits, out):
+    """Equivalent to ``Background.lowest_threshold``, converted to the type of the filtered frame, which has
+    these ``limits``. An integer is rounded towards zero, so that a larger pixel exceeds the threshold."""
     rows, cols = level.shape
     for r in range(rows):
         for c in range(cols):
@@ -50,7 +51,7 @@ def _lowest_thresholds(level, noise, sigma, least, out):
             for rr in range(max(r - 1, 0), min(r + 2, rows)):
                 for cc in range(max(c - 1, 0), min(c + 2, cols)):
                     lowest = min(lowest, level[rr, cc] + sigma * noise[rr, cc])
-            out[r, c] = max(lowest, least)
+            out[r, c] = min(max(lowest, limits[0]), limits[1])
 
 
 @njit(cache=True)
