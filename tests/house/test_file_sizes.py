@@ -7,8 +7,6 @@ from pathlib import Path
 MAX_LINES = 350
 LONGER = {
     "gss/device/clauses.py": "one table: the clauses of the interface",
-    "web/src/lib/abort.ts": "one state machine with the text of each state; safety-critical, changed only with need",
-    "web/src/lib/abort.test.ts": "its tests, with one clock and one server for all",
 }
 FOLDERS = ("gss", "validation", "tools", "web/src")
 KINDS = (".py", ".ts", ".svelte")

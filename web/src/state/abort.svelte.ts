@@ -1,7 +1,8 @@
 /** The presses of ABORT on this page. They are kept in the session storage when the page is reloaded. */
 import { unitStorageKey } from '../lib/base';
 import { api } from '../api/client';
-import { Presses, type Press } from '../lib/abort';
+import { Presses } from '../lib/abort';
+import type { Press } from '../lib/abortPress';
 import { live } from './live.svelte';
 import { session } from './session.svelte';
 
