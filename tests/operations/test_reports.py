@@ -14,6 +14,8 @@ from gss.operations.report.parts import (
     Arrows,
     Cells,
     Fact,
+    Interval,
+    Intervals,
     Level,
     Note,
     Plot,
@@ -43,6 +45,13 @@ REPORT = Report(
                 ),
                 Arrows("Residuals", 100, 50, [10.0, 90.0], [10.0, 40.0], [0.5, None], [0.1, None], 20.0),
                 Cells("rms", 100, 50, [[0.1, None], [0.2, 0.3]], "px"),
+                Intervals("Budget", "arcsec", [Interval("Bias", "x", 3.0, 2.0, None)]),
+                Intervals(
+                    "Budget",
+                    "arcsec",
+                    [Interval("Bias", "x", 30.0, 2.0, 40.0), Interval("Noise", "x", 0.0, 0.0, 1.0)],
+                    True,
+                ),
             ],
             [Table("Axes", ["axis", "σ"], [["x", "9.1″"]])],
         )

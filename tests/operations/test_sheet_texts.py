@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from gss.operations.studies.sheet_record import BoundedValue, RowValues, condition_tables, sheet_texts
+from gss.operations.report.draw_intervals import axis_range
+from gss.operations.report.parts import Intervals
+from gss.operations.studies.sheet_record import BoundedValue, RowValues, condition_tables, error_budget, sheet_texts
 
 
 def figure(value: float | None, low: float | None, high: float | None, unit: str, name: str = "x") -> BoundedValue:
@@ -55,3 +57,39 @@ def test_conditions_are_lines_of_a_table() -> None:
     assert [line[:2] for line in table.rows] == [["Robustness", "full Moon"], ["", "20 false stars"]]
     assert (table.rows[0][3], table.rows[1][3].split()[:2]) == ("–", ["16.0", "″"])
     assert condition_tables([{**row, "figures": row["figures"][:1]}]) == []
+
+
+def test_an_error_budget_has_the_angles_of_all_rows_without_their_signs() -> None:
+    """An interval across zero starts at zero. Rates, pixels and simulated conditions are not part of the budget. Values
+    that differ much have a logarithmic axis."""
+    bias: RowValues = {
+        "key": "bias",
+        "title": "Bias",
+        "measured": True,
+        "method": "",
+        "conditions": "",
+        "frames": 9,
+        "needs": "",
+        "figures": [
+            figure(-3, -5, -2, "arcsec"),
+            figure(-1, -4, 2, "arcsec", "y"),
+            figure(2, 1, None, "arcsec", "z"),
+            figure(9, 8, 9, "arcsec/day", "drift x"),
+            figure(1, 0, 2, "px", "one star"),
+            figure(16, 14, 18, "arcsec", "20 false stars: error across"),
+        ],
+    }
+    [plot] = error_budget([bias])
+    assert isinstance(plot, Intervals)
+    assert [(line.name, line.value, line.low, line.high) for line in plot.lines] == [
+        ("x", 3, 2, 5),
+        ("y", 1, 0, 4),
+        ("z", 2, 1, None),
+    ]
+    assert {line.group for line in plot.lines} == {"Bias"}
+    assert not plot.log
+    [wide] = error_budget([bias, {**bias, "title": "Noise", "figures": [figure(0.01, 0.005, 0.02, "arcsec")]}])
+    assert isinstance(wide, Intervals)
+    assert wide.log
+    assert axis_range(wide)[0] < 0.01
+    assert error_budget([{**bias, "figures": bias["figures"][3:]}]) == []

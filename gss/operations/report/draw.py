@@ -6,9 +6,20 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gss.operations.report import draw_sky, draw_world
+from gss.operations.report import draw_intervals, draw_sky, draw_world
 from gss.operations.report.axes import MINUS, clock, log_ticks, ticks, time_ticks, written
-from gss.operations.report.parts import Arrows, Cells, Drawn, Outline, Plot, Series, Shares, SkyMap, WorldMap
+from gss.operations.report.parts import (
+    Arrows,
+    Cells,
+    Drawn,
+    Intervals,
+    Outline,
+    Plot,
+    Series,
+    Shares,
+    SkyMap,
+    WorldMap,
+)
 from gss.operations.report.pens import COLOURS, HAIR, INK, SOFT, Pen, Point
 from gss.operations.report.shades import shade
 
@@ -26,6 +37,8 @@ def height_of(drawing: Drawn) -> float:
         return draw_sky.HEIGHT
     if isinstance(drawing, WorldMap):
         return draw_world.HEIGHT
+    if isinstance(drawing, Intervals):
+        return draw_intervals.height_of(drawing)
     if isinstance(drawing, Shares):
         return SHARES_HEIGHT
     if isinstance(drawing, Outline):
@@ -41,6 +54,8 @@ def draw(pen: Pen, drawing: Drawn) -> None:
         draw_sky.draw_sky(pen, drawing)
     elif isinstance(drawing, WorldMap):
         draw_world.draw_world(pen, drawing)
+    elif isinstance(drawing, Intervals):
+        draw_intervals.draw_intervals(pen, drawing)
     elif isinstance(drawing, Shares):
         _shares(pen, drawing)
     elif isinstance(drawing, Outline):

@@ -161,7 +161,30 @@ class Outline(ReportPart):
     kind: Literal["outline"] = "outline"
 
 
-Drawn = Plot | Arrows | Cells | SkyMap | WorldMap | Shares | Outline
+@dataclass(frozen=True)
+class Interval(ReportPart):
+    """A value with its bounds, none of them negative. ``high``: None without an upper bound."""
+
+    group: str
+    name: str
+    value: float
+    low: float
+    high: Number
+
+
+@dataclass(frozen=True)
+class Intervals(ReportPart):
+    """Values with their intervals, a line each, on a common axis. Consecutive lines of a ``group`` are drawn together.
+    ``log``: logarithmic axis; values of 0 are drawn at its left end."""
+
+    title: str
+    unit: str
+    lines: list[Interval]
+    log: bool = False
+    kind: Literal["intervals"] = "intervals"
+
+
+Drawn = Plot | Arrows | Cells | SkyMap | WorldMap | Shares | Outline | Intervals
 """Drawings that a pen renders."""
 Drawing = Annotated[Drawn | Picture, Field(discriminator="kind")]
 

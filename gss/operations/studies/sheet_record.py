@@ -11,7 +11,19 @@ from typing_extensions import TypedDict  # pydantic needs this one before Python
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.camera import Camera
 from gss.operations.report.figures import number
-from gss.operations.report.parts import Arrows, Drawing, Fact, Note, Plot, Report, Section, Series, Table
+from gss.operations.report.parts import (
+    Arrows,
+    Drawing,
+    Fact,
+    Interval,
+    Intervals,
+    Note,
+    Plot,
+    Report,
+    Section,
+    Series,
+    Table,
+)
 from gss.operations.studies.sheet_pieces import maybe, numbers, over_time
 from gss.pipeline.sheet.noise import TemporalNoise
 from gss.pipeline.sheet.rows import CONFIDENCE, SheetFigure, SheetRow
@@ -43,6 +55,8 @@ SOURCES: dict[Source, str] = {
     "design": "design of a camera, no unit",
 }
 ABSENT_IN_DESIGN = "does not follow from a design"
+LINEAR_SPAN = 30
+"""Largest ratio of the values of an error budget on a linear axis."""
 OF_CONDITION = ": "
 """Separates a simulated condition from the quantity in the name of a figure."""
 SIGNS = {"arcsec": "″", "arcsec/K": "″/K", "arcsec/day": "″/day", "deg/s": "°/s", "deg/s²": "°/s²"}
@@ -157,7 +171,7 @@ def sheet_report(sheet: PerformanceSheet, source: SheetSource, camera: Camera) -
             "Performance",
             f"{STANDARD} Axes of the camera: x and y across the boresight, z about it. Angles are one σ unless stated.",
             facts,
-            [],
+            error_budget(rows),
             [
                 Table("Figures", ["quantity", "figure", "value", "95 %", "pointings" if design else "frames"], table),
                 *condition_tables(rows),
@@ -211,6 +225,28 @@ def _lines(row: RowValues, absent: str) -> list[list[str]]:
         head = [row["title"], str(row["frames"] or "–")] if k == 0 else ["", ""]
         rows.append([head[0], figure["name"], *sheet_texts(figure), head[1]])
     return rows
+
+
+def error_budget(rows: list[RowValues]) -> list[Drawing]:
+    """Return the plot of all figures in arcseconds outside simulated conditions, without their signs; empty if there are
+    none. The axis is logarithmic if the values differ by more than ``LINEAR_SPAN``."""
+    lines = []
+    for row in rows:
+        for f in row["figures"]:
+            if f["unit"] == "arcsec" and OF_CONDITION not in f["name"] and f["value"] is not None:
+                low, high = _without_sign(f["value"] if f["low"] is None else f["low"], f["high"])
+                lines.append(Interval(row["title"], f["name"], abs(f["value"]), low, high))
+    positive = [line.value for line in lines if line.value > 0]
+    log = bool(positive) and max(positive) > LINEAR_SPAN * min(positive)
+    title = f"Error budget: absolute values with {100 * CONFIDENCE:.0f} % intervals"
+    return [Intervals(title, "arcsec", lines, log)] if lines else []
+
+
+def _without_sign(low: float, high: float | None) -> tuple[float, float | None]:
+    """Return the interval of the absolute value."""
+    if high is None:
+        return max(low, 0.0), None
+    return (0.0 if low < 0 < high else min(abs(low), abs(high))), max(abs(low), abs(high))
 
 
 def condition_tables(rows: list[RowValues]) -> list[Table]:

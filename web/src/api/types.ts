@@ -129,6 +129,7 @@ export type ReportView = S['Report'];
 export type ReportPlot = S['Plot'];
 export type ReportArrows = S['Arrows'];
 export type ReportCells = S['Cells'];
+export type ReportIntervals = S['Intervals'];
 export type ReportWorld = S['WorldMap'];
 /** The signed-in user, as returned by GET /api/session. */
 export type SessionInfo = S['SessionOut'];
