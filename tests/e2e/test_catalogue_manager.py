@@ -99,3 +99,16 @@ def test_the_selection_of_stars_and_the_mounting_change_the_preview(page):
     expect(page.get_by_text("the mounting is not a rotation")).to_be_visible()
     page.get_by_test_id("build-matrix").fill("1 0 0 0 1 0 0 0 1")
     expect(page.get_by_text("preview in")).to_be_visible()
+
+
+def test_the_list_shows_the_stars_of_the_active_catalogue(page, served):
+    """The map shows the stars of the active bank, which were read back from the device. Another catalogue can be
+    selected.
+    """
+    build(page, "zen-map", "20", "34")
+    active = next(c for c in served.ask("GET", "/catalogues") if c["banks"])
+    page.goto("/catalogues")
+    stars = page.get_by_test_id("catalogue-stars")
+    expect(stars.get_by_test_id("envelope-map")).to_have_attribute("aria-label", re.compile(f": {active['stars']} stars kept"))
+    page.get_by_test_id("stars-of").select_option(label="zen-map")
+    expect(stars.get_by_text(re.compile("^edge "))).to_have_count(2)

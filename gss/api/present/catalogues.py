@@ -23,7 +23,7 @@ from gss.api.schemas.catalogues import CatalogueDetailOut, CatalogueOut
 from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
 from gss.domain.stars import Ids, StarTable
 from gss.operations.catalogues.build_catalogue import StoredDiff
-from gss.operations.catalogues.catalogue_report import stored_report
+from gss.operations.catalogues.catalogue_report import MapStar, stored_report
 from gss.operations.transfers.bank_history import BankPeriod, Timeline
 from gss.operations.transfers.bank_plans import cover
 from gss.operations.transfers.banks import BankView, days_left
@@ -44,17 +44,49 @@ def catalogue(row: Catalogue, banks: Sequence[BankView]) -> CatalogueOut:
     )
 
 
-def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDetailOut:
-    """Return a catalogue with maps and quality. Catalogues read back from the device have neither; older catalogues
-    have only some of them."""
+def catalogue_detail(
+    row: Catalogue, banks: Sequence[BankView], image: OnboardCatalogue | None, stars: StarTable
+) -> CatalogueDetailOut:
+    """Return a catalogue with maps and quality. Older catalogues have only some of them. A catalogue read back from the
+    device has only the map of the stars in its ``image``. ``stars``: source of magnitudes for formats that store no
+    magnitudes."""
+    report = stored_report(row.report)
+    if image is not None:
+        report.sky = map_stars(image, stars)
     return CatalogueDetailOut(
         **dict(catalogue(row, banks)),
-        **dict(stored_report(row.report)),
+        **dict(report),
         instrument_version=row.instrument_version,
         request=row.request,
         manifest=row.manifest,
         reduced_stars=(row.manifest.get("counts") or {}).get("reduced catalogue"),
     )
+
+
+def map_stars(image: OnboardCatalogue, stars: StarTable) -> list[MapStar]:
+    """Return the stars of a bank image, all of them kept, without stars of unknown magnitude."""
+    ra, dec = (np.degrees(a) for a in ra_dec_from_unit(image.icrs.astype(float)))
+    mags = [_magnitude(image, row, stars) for row in range(len(image))]
+    return [
+        {
+            "hip": int(image.hip[row]),
+            "ra_deg": round(float(ra[row]), 4),
+            "dec_deg": round(float(dec[row]), 4),
+            "v_mag": round(mag, 2),
+            "state": "kept",
+        }
+        for row, mag in enumerate(mags)
+        if mag is not None
+    ]
+
+
+def _magnitude(image: OnboardCatalogue, row: int, stars: StarTable) -> float | None:
+    """Return the magnitude of a row from its bank or from the ground's catalogue; None if neither has one."""
+    ground = stars.row_of_hip.get(int(image.hip[row]))
+    mag = float(image.v_mag[row])
+    if np.isfinite(mag):
+        return mag
+    return None if ground is None else float(stars.v_mag[ground])
 
 
 def diff(stored_diff: StoredDiff, stars: StarTable) -> CatalogueDiffOut:
@@ -102,13 +134,11 @@ def _stars(
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(onboard.icrs.astype(float)))
     stars = []
     for hip in map(int, hips):
-        row, ground = row_of[hip], star_table.row_of_hip.get(hip)
-        mag = float(onboard.v_mag[row])
-        if not np.isfinite(mag) and ground is not None:
-            mag = float(star_table.v_mag[ground])
+        row = row_of[hip]
+        mag = _magnitude(onboard, row, star_table)
         extra_values = {name: values[hip] for name, values in extra_columns.items()}
         position = {"ra_deg": round(float(ra[row]), 4), "dec_deg": round(float(dec[row]), 4)}
-        mag_or_none = round(mag, 2) if np.isfinite(mag) else None
+        mag_or_none = None if mag is None else round(mag, 2)
         stars.append(
             ChangedStarOut(hip=hip, name=star_table.name_of(hip), v_mag=mag_or_none, **position, **extra_values)
         )

@@ -123,7 +123,9 @@ def add_source(
 @router.get("/{catalogue_id}")
 def read_catalogue(app: App, catalogue_id: RowId) -> CatalogueDetailOut:
     """Catalogue with its maps and quality."""
-    return present.catalogues.catalogue_detail(app.catalogues.catalogues.get(catalogue_id), app.transfers.banks.views())
+    row, banks = app.catalogues.catalogues.get(catalogue_id), app.transfers.banks
+    image = None if row.report else banks.onboard(row.sha256)
+    return present.catalogues.catalogue_detail(row, banks.views(), image, app.base.stars)
 
 
 @router.get("/{catalogue_id}/orbit")
