@@ -49,7 +49,7 @@ The warm start is complete.
 
 def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[str], None]) -> None:
     """The page shows a mistake with its line, runs and records each step, and shows the hash of the record. A question
-    can be answered while the other steps run automatically."""
+    can be answered while the other steps run automatically. The next run is compared with this one."""
     page.goto("/procedures")
     page.get_by_test_id("procedure-new").click()
     page.get_by_test_id("procedure-text").fill(TEXT.replace("GET_STATUS", "GET_STATE"))
@@ -78,6 +78,10 @@ def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[
     page.locator("[data-step=signed]").get_by_test_id("procedure-note").fill("all well", timeout=SLOW)
     page.locator("[data-step=signed]").get_by_test_id("procedure-run").click()
     expect(page.get_by_test_id("procedure-hash")).to_contain_text("unchanged", timeout=SLOW)
+    page.locator("[data-procedure='Warm start']").get_by_test_id("procedure-start").click()
+    compared = page.get_by_test_id("procedure-comparison")
+    expect(compared).to_contain_text("1 earlier run of this procedure", timeout=SLOW)
+    expect(compared.get_by_role("row").filter(has_text="Sign off")).to_contain_text("done", timeout=SLOW)
 
 
 def test_an_operator_defines_a_derived_parameter(page: Page) -> None:
