@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
+from datetime import datetime
 from itertools import product
 
 import pytest
@@ -66,3 +67,16 @@ def test_the_viewer_opens_on_the_frame_reports_its_selection_and_grows_live(page
     pieces = int(viewer(page).get_attribute("data-pieces") or 0)
     expect(viewer(page)).to_have_attribute("data-pieces", re.compile(rf"^(?!{pieces}$)\d+$"), timeout=SLOW_MS)
     assert viewer(page).get_attribute("data-failed") == "false"
+
+
+def test_the_recording_of_a_contact_opens_at_its_latest_frame(page, new_frame, served):
+    """The viewer receives the time of the contact's latest frame, not its first one. The viewer itself is not needed and
+    is not loaded.
+    """
+    new_frame(page)
+    newest = new_frame(page)
+    frame = served.ask("GET", f"/frames/{newest}")
+    page.route("**/*.wasm", lambda route: route.fulfill(status=404))
+    page.goto(f"/rerun?contact={frame['contact_id']}")
+    taken_ms = datetime.fromisoformat(frame["taken"]).timestamp() * 1000
+    expect(viewer(page)).to_have_attribute("data-start", str(round(taken_ms) + 1))
