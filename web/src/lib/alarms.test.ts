@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { AlarmRow, Link } from '../api/types';
-import { byUrgency, conditions, headerAlarms, lampOfAlarms, spanAround, subjectFirst } from './alarms';
+import { byUrgency, conditions, headerAlarms, lampOfAlarms, spanAround, subjectFirst, withoutLevel } from './alarms';
 
 const row = (
   id: number,
@@ -80,4 +80,9 @@ describe('the span around an alarm', () => {
 it('the header begins with the subject of an alarm', () => {
   expect(subjectFirst('Cleared, not acknowledged: Loss of signal')).toBe('Loss of signal, cleared, not acknowledged');
   expect(subjectFirst('Sensor temperature above 45')).toBe('Sensor temperature above 45');
+});
+
+it('removes the level from a text that is shown beside it, and no other level', () => {
+  expect(withoutLevel('Sensor temperature above 65 (critical)', 'critical')).toBe('Sensor temperature above 65');
+  expect(withoutLevel('Sensor temperature above 65 (critical)', 'warning')).toContain('(critical)');
 });

@@ -71,6 +71,11 @@ export function subjectFirst(text: string): string {
   return parts ? `${parts[2]}, ${parts[1]?.toLowerCase()}` : text;
 }
 
+/** Remove the level from the text of an alarm ("above 65 (critical)"), for places that show it beside the text. */
+export function withoutLevel(text: string, level: string): string {
+  return text.replace(` (${level})`, '');
+}
+
 /** Half the span of an alarm's plot: five minutes before and after the alarm, but not beyond the present time. */
 export const AROUND_MS = 300_000;
 
