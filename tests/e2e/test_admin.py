@@ -101,6 +101,7 @@ def test_a_new_user_signs_in_with_a_one_time_link(page, as_user, picture):
     page.reload()
     expect(page.locator("[data-testid=user-row][data-user=vera]")).to_contain_text("active")
     expect(page.locator("[data-testid=session-row][data-user=vera]")).to_have_count(1)
+    expect(page.get_by_test_id("people-audit")).to_contain_text("vera")
     picture("admin-people")
     user_page.goto("about:blank")
     user_page.goto(as_user.links["vera"])

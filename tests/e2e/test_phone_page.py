@@ -37,3 +37,18 @@ def test_an_operator_on_call_sees_and_acts(page, served, tle_of):
     expect(abort).to_be_in_viewport()
     abort.click()
     expect(page.get_by_test_id("abort-strip")).to_contain_text("ABORT")
+
+
+def test_a_command_is_chosen_in_the_dictionary_above_the_form(page, served):
+    """The dictionary is folded above the form. It opens on request and closes when a command is chosen."""
+    served.until("/link", lambda link: link["connected"] and link["dictionary_match"])
+    page.set_viewport_size(PHONE)
+    page.goto("/commands")
+    send = page.get_by_test_id("command-send")
+    expect(send).to_be_in_viewport()
+    fold = page.get_by_test_id("dictionary-fold")
+    fold.click()
+    page.locator("[data-command=SET_MODE]").first.click()
+    expect(page).to_have_url(re.compile("command=SET_MODE"))
+    expect(page.get_by_test_id("dictionary-list")).not_to_be_visible()
+    expect(send).to_be_in_viewport()

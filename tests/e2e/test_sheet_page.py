@@ -42,8 +42,8 @@ def imported(address: str, browser, headers: dict[str, str]) -> str:  # type: ig
 
 
 def test_a_sheet_is_made_from_frames(page: Page, imported: str, picture: Callable[[str], None]) -> None:
-    """The sheet shows the errors of ten pointings, states that the bias needs a second head, and can be downloaded as
-    PDF.
+    """The sheet shows the errors of ten pointings in a table and a plot, states that the bias needs a second head, shows
+    the methods on a phone, and can be downloaded as PDF.
     """
     page.goto("/sheet")
     page.get_by_test_id("sheet-camera").select_option("cubestar")
@@ -55,6 +55,10 @@ def test_a_sheet_is_made_from_frames(page: Page, imported: str, picture: Callabl
     expect(page.get_by_test_id("sheet-bias")).to_contain_text("second head")
     expect(page.get_by_test_id("sheet-acquisition")).to_contain_text("100 %")
     expect(page.get_by_test_id("sheet-panel")).to_contain_text("after ECSS-E-ST-60-20C")
+    budget = page.get_by_test_id("report-intervals")
+    expect(budget.locator(".group")).to_have_text(["Field-of-view spatial error", "Pixel spatial error"])
+    page.set_viewport_size({"width": 390, "height": 844})
+    expect(page.get_by_test_id("sheet-field-of-view").get_by_text("slow variation")).to_be_visible()
     with page.expect_download() as download:
         page.get_by_test_id("sheet-pdf").click()
     assert download.value.path().read_bytes().startswith(b"%PDF")
