@@ -109,6 +109,8 @@ def test_the_list_shows_the_stars_of_the_active_catalogue(page, served):
     active = next(c for c in served.ask("GET", "/catalogues") if c["banks"])
     page.goto("/catalogues")
     stars = page.get_by_test_id("catalogue-stars")
-    expect(stars.get_by_test_id("envelope-map")).to_have_attribute("aria-label", re.compile(f": {active['stars']} stars kept"))
+    expect(stars.get_by_test_id("envelope-map")).to_have_attribute(
+        "aria-label", re.compile(f": {active['stars']} stars kept")
+    )
     page.get_by_test_id("stars-of").select_option(label="zen-map")
     expect(stars.get_by_text(re.compile("^edge "))).to_have_count(2)
