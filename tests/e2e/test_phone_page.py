@@ -52,3 +52,17 @@ def test_a_command_is_chosen_in_the_dictionary_above_the_form(page, served):
     expect(page).to_have_url(re.compile("command=SET_MODE"))
     expect(page.get_by_test_id("dictionary-list")).not_to_be_visible()
     expect(send).to_be_in_viewport()
+
+
+def test_abort_stays_beside_a_long_alarm_text(page, served):
+    """ABORT stays in the first line of the header at every width, also beside a long alarm text."""
+    served.ask("POST", "/commands", {"name": "SIM_INJECT", "arguments": {"fault": "overheat", "value": 60}})
+    served.until("/alarms", lambda alarms: [a for a in alarms if a["field"] == "sensor_temperature_c"])
+    served.ask("POST", "/commands", {"name": "SIM_INJECT", "arguments": {"fault": "none"}})
+    for width in (390, 820, 1280, 1440):
+        page.set_viewport_size({"width": width, "height": 844})
+        page.goto("/contacts")
+        expect(page.get_by_test_id("alarm")).to_contain_text("cleared, not acknowledged")
+        box = page.get_by_test_id("abort").bounding_box()
+        assert box is not None
+        assert box["y"] < 20, width
