@@ -26,6 +26,8 @@ import pytest
 from xdist.remote import Producer
 from xdist.scheduler import LoadFileScheduling
 
+from tools.browser import chromium_for_tests
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """Set before numpy is imported, for this process and its children. Several test processes share two cores, and the
 second thread of a matrix product takes more time to wait than to compute."""
@@ -85,7 +87,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     needs = {
-        "browser": (chromium() is not None, "no chromium here: apt install chromium"),
+        "browser": (chromium_for_tests() is not None, "no chromium here: apt install chromium"),
         "postgres": (postgres_bin() is not None, "no PostgreSQL server here: apt install postgresql"),
         "proxies": (all(map(shutil.which, PROXIES)), "no nginx and Caddy here: apt install nginx-light caddy"),
         "photographs": (PHOTOGRAPHS.is_dir(), "the folder of sky photographs is absent (GSS_SKY_PHOTOGRAPHS)"),
@@ -95,11 +97,6 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
             if os.environ.get("GSS_TEST_FORBID_SKIPS") and marker != "photographs":
                 pytest.fail(reason)
             pytest.skip(reason)
-
-
-def chromium() -> str | None:
-    """Return the path of the browser."""
-    return shutil.which("chromium")
 
 
 def postgres_bin() -> Path | None:

@@ -1,4 +1,4 @@
-"""Options for starting Debian's chromium in measurements."""
+"""Options for starting Debian's chromium in measurements and tests."""
 
 from __future__ import annotations
 
@@ -18,10 +18,16 @@ FLAGS = [
 
 
 def chromium() -> str | None:
-    """Return the path of the browser; None if it is not installed."""
-    return shutil.which("chromium")
+    """Return the path of the browser for measurements; None if no browser is installed."""
+    return shutil.which("chromium") or shutil.which("chromium-headless-shell")
 
 
-def launch_options() -> dict[str, Any]:
-    """Return the options for playwright's launch."""
-    return {"executable_path": chromium(), "args": FLAGS}
+def chromium_for_tests() -> str | None:
+    """Return the path of the browser for tests; None if no browser is installed. The old headless mode uses a third less
+    processor time, because it has no windows."""
+    return shutil.which("chromium-headless-shell") or shutil.which("chromium")
+
+
+def launch_options(path: str | None = None) -> dict[str, Any]:
+    """Return the options for playwright's launch. ``path``: the browser; without it, the browser for measurements."""
+    return {"executable_path": path or chromium(), "args": FLAGS}

@@ -24,7 +24,7 @@ import httpx2
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, sync_playwright
 
-from tools.browser import launch_options
+from tools.browser import chromium_for_tests, launch_options
 
 HERE = Path(__file__).parent
 PATIENCE_MS = 30_000
@@ -154,7 +154,7 @@ def served(tmp_path_factory: pytest.TempPathFactory, signed_in: Callable[..., di
 @contextmanager
 def _chromium() -> Iterator[Browser]:
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(**launch_options())
+        browser = playwright.chromium.launch(**launch_options(chromium_for_tests()))
         yield browser
         browser.close()
 

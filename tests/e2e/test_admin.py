@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import re
 import sqlite3
+from collections.abc import Callable
 from contextlib import closing
+from typing import Any
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Page, expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(180)]
 PASSWORD = "rigel above the roof"
@@ -53,6 +55,18 @@ FORBIDDEN = [
     ),
     ("operator", "/frames", "import", "engineer's", ("POST", "/users", {"name": "x", "role": "admin"})),
 ]
+
+
+@pytest.fixture
+def role(request: pytest.FixtureRequest) -> str:
+    """Role of the user of the page."""
+    return getattr(request, "param", "admin")
+
+
+@pytest.fixture
+def cookie(role: str, served: Any, signed_in: Callable[..., dict[str, str]]) -> str:
+    """Key of the session of a user with that role."""
+    return signed_in(served.folder, role)["Cookie"].split("=", 1)[1]
 
 
 def make_user(page, name, role):
@@ -108,27 +122,26 @@ def test_a_new_user_signs_in_with_a_one_time_link(page, as_user, picture):
     expect(user_page.get_by_test_id("link-over")).to_contain_text("invalid, expired or already used")
 
 
-@pytest.mark.parametrize("role", ["viewer", "engineer", "catalogue manager", "operator"])
-def test_forbidden_controls_are_dashed_with_a_reason(as_user, role):
+@pytest.mark.parametrize("role", ["viewer", "engineer", "catalogue manager", "operator"], indirect=True)
+def test_forbidden_controls_are_dashed_with_a_reason(page: Page, role: str) -> None:
     """A forbidden control can be reached by keyboard, states the reason and does nothing. The server rejects the
     request.
     """
-    user_page = as_user(role.replace(" ", "-"), role)
     for _, path, control, permitted_roles, request in [row for row in FORBIDDEN if row[0] == role]:
-        user_page.goto(path)
-        element = user_page.get_by_test_id(control)
+        page.goto(path)
+        element = page.get_by_test_id(control)
         expect(element).to_have_attribute(
             "data-disabled-reason", re.compile(re.escape(f"needs the {permitted_roles} role, you are"))
         )
         element.focus()
         expect(element).to_be_focused()
-        expect(user_page.locator("#disabled-reason")).to_contain_text(permitted_roles)
+        expect(page.locator("#disabled-reason")).to_contain_text(permitted_roles)
         assert element.evaluate("e => getComputedStyle(e).borderTopStyle") == "dashed"
-        user_page.keyboard.press("Enter")
-        status, text = user_page.evaluate(SEND_REQUEST, list(request))
+        page.keyboard.press("Enter")
+        status, text = page.evaluate(SEND_REQUEST, list(request))
         assert status == 403, (path, status, text)
         assert "role" in text
-    expect(user_page.get_by_test_id("toasts")).to_have_text("")
+    expect(page.get_by_test_id("toasts")).to_have_text("")
 
 
 def test_an_operator_can_use_the_controls_of_the_page(as_user):
@@ -144,7 +157,7 @@ def test_an_operator_can_use_the_controls_of_the_page(as_user):
 
 def test_role_changes_and_disabling_apply_at_once(page, as_user):
     """A changed role applies at once. A disabled user sees the sign-in form within seconds."""
-    user_page = as_user("ines", "viewer", "/frames")
+    user_page = as_user("ines", "catalogue manager", "/frames")
     row = page.locator("[data-testid=user-row][data-user=ines]")
     with page.expect_response(lambda r: "/api/users/" in r.url and r.request.method == "PUT") as changed:
         row.get_by_test_id("user-role").select_option("engineer")
