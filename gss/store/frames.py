@@ -156,9 +156,9 @@ def newest_solution(session: Session, frame_id: int, origin: str) -> Solution | 
 
 
 def operational_solutions(session: Session, frame_ids: Sequence[int]) -> dict[int, Solution]:
-    """Return the operational ground solution of each frame that has one, in one query."""
+    """Return the operational ground solution of each frame that has one, in one query, without regions and stars."""
     query = select(Solution).where(Solution.frame_id.in_(frame_ids), Solution.operational)
-    return {row.frame_id: row for row in session.scalars(query)}
+    return {row.frame_id: row for row in session.scalars(query.options(defer(Solution.detail)))}
 
 
 def attitude_pairs(session: Session, limit: int) -> list[tuple[Frame, Solution, Solution]]:

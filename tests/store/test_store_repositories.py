@@ -157,10 +157,9 @@ def test_frames_are_paged_newest_first_and_filtered_by_operational_outcome(datab
         assert (total, [f.number for f in solved]) == (2, [2, 1])
         assert [f.number for f in frames.page(session, 10, 0, outcome="solved", source="device")[1]] == [1]
         assert frames.newest_solution(session, frame_3.id, "on board").outcome == "solved"
-        assert {k: s.outcome for k, s in frames.operational_solutions(session, [frame_1.id, frame_3.id]).items()} == {
-            frame_1.id: "solved",
-            frame_3.id: "none",
-        }
+        operational = frames.operational_solutions(session, [frame_1.id, frame_3.id])
+        assert {k: s.outcome for k, s in operational.items()} == {frame_1.id: "solved", frame_3.id: "none"}
+        assert all("detail" in inspect(row).unloaded for row in operational.values())  # a list needs no stars
         with pytest.raises(NotFound):
             frames.get(session, 999)
 
