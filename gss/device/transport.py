@@ -92,13 +92,16 @@ class SerialStream:
         return data
 
     def _receive(self, port: serial.Serial, max_bytes: int, timeout_s: float) -> bytes:
-        port.timeout = timeout_s
+        if port.timeout != timeout_s:  # pyserial sets all parameters of the line with each change
+            port.timeout = timeout_s
         data = bytes(port.read(1))
         if data and max_bytes > 1:
-            # A read with timeout 0 returns the available bytes. It is used because a socket cannot report their number.
-            port.timeout = 0
-            data += bytes(port.read(max_bytes - 1))
+            data += self._available(port, max_bytes - 1)
         return data
+
+    def _available(self, port: serial.Serial, max_bytes: int) -> bytes:
+        port.timeout = 0  # a socket cannot report the number of available bytes
+        return bytes(port.read(max_bytes))
 
     def write(self, data: bytes) -> None:
         """Write all of ``data``. Raises LinkDown on failure."""
@@ -119,6 +122,13 @@ class SerialStream:
             self._port.close()
         if left_open is not None:
             left_open.close()
+
+
+class DeviceStream(SerialStream):
+    """SerialStream for a port of this machine, which reports the number of available bytes."""
+
+    def _available(self, port: serial.Serial, max_bytes: int) -> bytes:
+        return bytes(port.read(min(max_bytes, port.in_waiting)))
 
 
 class Rfc2217Stream(SerialStream):
@@ -203,13 +213,13 @@ def _open(address: LineAddress, baud: int, within_s: float) -> ByteStream:
         # Bytes that are already in the terminal's buffer belong to an earlier user of the port.
         with contextlib.suppress(OSError):
             port.reset_input_buffer()
+        return DeviceStream(url, port)
     stream = Rfc2217Stream(url, port) if address.scheme == RFC2217 else SerialStream(url, port)
-    if not address.is_device:
-        try:
-            stream.settle()
-        except Conflict:
-            stream.close()
-            raise
+    try:
+        stream.settle()
+    except Conflict:
+        stream.close()
+        raise
     return stream
 
 

@@ -41,6 +41,7 @@ HOT_SIDE_PX = 3
 HOT_LEVEL = (0.3, 0.9)
 """Signal of hot pixels in the nominal exposure, as a share of the saturation level."""
 MEAN_C, SWING_C, LAG_S = 12.0, 6.0, 600.0
+SUN_STEP_S = 60.0
 
 
 class Environment:
@@ -72,6 +73,7 @@ class Environment:
         self.hot_pixels: tuple[HotPixel, ...] = ()
         self._chip: tuple[Defects, Chip | None] = (NO_DEFECTS, None)
         self._bodies: tuple[float, Bodies] | None = None
+        self._sun: tuple[float, Array] | None = None
 
     def make_real(self, on: bool = True) -> None:
         """Switch all effects on or off except aberration, which the ground does not correct."""
@@ -207,8 +209,15 @@ class Environment:
         """Return the detector temperature: it follows the orbit's day and night with a lag. The exercise's offset is
         added."""
         place_km = self.orbit.state(time_s - LAG_S)[0]
-        side = float(place_km @ self.bodies(time_s).sun.icrs / np.linalg.norm(place_km))
+        side = float(place_km @ self._warming_sun(time_s) / np.linalg.norm(place_km))
         return MEAN_C + SWING_C * side + self.temperature_offset_c
+
+    def _warming_sun(self, time_s: float) -> Array:
+        """Return the (3,) ICRS direction to the Sun at the last multiple of ``SUN_STEP_S``; it moves 1° in a day."""
+        step_s = time_s // SUN_STEP_S * SUN_STEP_S
+        if self._sun is None or self._sun[0] != step_s:
+            self._sun = (step_s, bodies_at(self.jyear(step_s)).sun.icrs)
+        return self._sun[1]
 
     def _from_boresight_rad(self, icrs: Array, time_s: float) -> float:
         boresight = self.motion.at(time_s).cam_from_icrs[2]
