@@ -17,6 +17,7 @@ ROWS = "".join(f"{k},{k * 12},{k},3\n" for k in range(1, 25))
 POWER = "10**9999999 m"
 MANY = 60_000
 BLANKS = 40_000
+GZIP_HEAD = b"\x1f\x8b\x08\0\0\0\0\0\0\x03"
 
 
 def votable(fields: str, row: str, attributes: str = "") -> bytes:
@@ -42,10 +43,17 @@ def table(**cards: object) -> bytes:
 
 
 def gzip_zeros(size: int) -> bytes:
-    """Return ``size`` zero bytes, compressed."""
-    packer = zlib.compressobj(9, zlib.DEFLATED, 31)
+    """Return ``size`` zero bytes, compressed. A compressed piece is repeated, which its full flush permits."""
     piece = bytes(1 << 20)
-    return b"".join(packer.compress(piece[: size - at]) for at in range(0, size, len(piece))) + packer.flush()
+    packer = zlib.compressobj(9, zlib.DEFLATED, -15)
+    block = packer.compress(piece) + packer.flush(zlib.Z_FULL_FLUSH)
+    count, rest = divmod(size, len(piece))
+    check = 0
+    for _ in range(count):
+        check = zlib.crc32(piece, check)
+    check = zlib.crc32(piece[:rest], check)
+    end = packer.compress(piece[:rest]) + packer.flush()
+    return GZIP_HEAD + block * count + end + struct.pack("<II", check, size % (1 << 32))
 
 
 def tiled(bitpix: int, *sides: int, rows: int = 0) -> bytes:
@@ -68,7 +76,7 @@ def tiled(bitpix: int, *sides: int, rows: int = 0) -> bytes:
 def zip_bomb() -> bytes:
     """Return a ZIP with one table of a gigabyte."""
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         with archive.open("stars.csv", "w", force_zip64=True) as member:
             for _ in range(1024):
                 member.write(bytes(1 << 20))
@@ -83,7 +91,7 @@ def parquet_bomb() -> bytes:
 
     file, buffer = io.BytesIO(), io.BytesIO()
     piece = pa.table({"hip": np.zeros(10_000_000, np.int64)})
-    with pq.ParquetWriter(buffer, piece.schema) as writer:
+    with pq.ParquetWriter(buffer, piece.schema, write_statistics=False) as writer:
         for _ in range(60):
             writer.write_table(piece)
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:

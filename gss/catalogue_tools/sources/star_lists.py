@@ -27,6 +27,7 @@ from gss.catalogue_tools.sources.star_list_values import (
 )
 from gss.domain.angles import Array, unit_from_ra_dec
 from gss.domain.errors import BadInput
+from gss.domain.json_object import JsonObject
 from gss.domain.stars import FLAG_NO_PROPER_MOTION, StarTable
 
 REPORTED_ROWS = 100
@@ -132,6 +133,12 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
     return ImportedList(
         stars, bad.report(REPORTED_ROWS), bad.count(), columns, units, epoch, frame, tuple(notes), camera
     )
+
+
+def read_with_mapping(data: bytes, kind: str, mapping: JsonObject) -> ImportedList:
+    """Run :func:`read_star_list` with a column mapping given as plain values. This module imports no database, because
+    the child processes that read files start with it."""
+    return read_star_list(data, kind, ListMapping(**mapping))
 
 
 def _epoch(raw: RawList, mapping: ListMapping) -> float:

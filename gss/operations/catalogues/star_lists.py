@@ -8,9 +8,8 @@ from dataclasses import asdict
 from gss.catalogue_tools.sources.sources import StarSource, load_source, of_list
 from gss.catalogue_tools.sources.star_list_mapping import KINDS, ListMapping
 from gss.catalogue_tools.sources.star_list_values import DroppedRow
-from gss.catalogue_tools.sources.star_lists import ImportedList, for_known_cameras, read_star_list, require_camera
+from gss.catalogue_tools.sources.star_lists import ImportedList, for_known_cameras, read_with_mapping, require_camera
 from gss.domain.errors import BadInput
-from gss.domain.json_object import JsonObject
 from gss.domain.stars import StarTable
 from gss.instruments.registry import Registry
 from gss.operations.clock import Now
@@ -120,14 +119,9 @@ class StarListService:
 
 
 def parse_star_list(parsing: ParseProcesses, data: bytes, kind: str, mapping: ListMapping) -> ImportedList:
-    """Run :func:`read_star_list` in a child process. It can also raise TooCostly and Busy."""
+    """Run :func:`read_with_mapping` in a child process. It can also raise TooCostly and Busy."""
     classes = (ImportedList, StarTable, DroppedRow)
     return parsing.parse(read_with_mapping, data, kind, asdict(mapping), classes=classes, subject="the star list")
-
-
-def read_with_mapping(data: bytes, kind: str, mapping: JsonObject) -> ImportedList:
-    """Run :func:`read_star_list` with a column mapping given as plain values."""
-    return read_star_list(data, kind, ListMapping(**mapping))
 
 
 def kind_of(filename: str) -> str:
