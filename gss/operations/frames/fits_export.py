@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -172,15 +173,19 @@ def _sip(view: _View, catalogue_attitude: Array) -> Cards:
     measured, ideal = pixels - centre, directions[:, :2] / directions[:, 2:] * focal
     cards: Cards = {}
     for names, start, end in ((("A", "B"), measured, ideal), (("AP", "BP"), ideal, measured)):
-        for axis, name in enumerate(names):
-            cards[f"{name}_ORDER"] = SIP_ORDER
-            cards |= _polynomial(name, start, (end - start)[:, axis])
+        cards |= {f"{name}_ORDER": SIP_ORDER for name in names}
+        cards |= _polynomials(names, start, end - start)
     return cards
 
 
-def _polynomial(name: str, at: Array, values: Array) -> dict[str, float]:
+def _polynomials(names: Sequence[str], at: Array, values: Array) -> dict[str, float]:
+    """Return the coefficients of one polynomial per column of the (n, names) ``values`` at the (n, 2) places."""
     powers = [(p, q) for p in range(SIP_ORDER + 1) for q in range(SIP_ORDER + 1 - p)]
     scale = float(np.abs(at).max())
     u, v = at.T / scale
-    solution = np.linalg.lstsq(np.column_stack([u**p * v**q for p, q in powers]), values, rcond=None)[0]
-    return {f"{name}_{p}_{q}": float(k / scale ** (p + q)) for (p, q), k in zip(powers, solution, strict=True)}
+    solutions = np.linalg.lstsq(np.column_stack([u**p * v**q for p, q in powers]), values, rcond=None)[0]
+    return {
+        f"{name}_{p}_{q}": float(k / scale ** (p + q))
+        for name, solution in zip(names, solutions.T, strict=True)
+        for (p, q), k in zip(powers, solution, strict=True)
+    }
