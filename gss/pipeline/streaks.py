@@ -260,15 +260,14 @@ def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn:
         if step_size < DONE and np.isfinite(before):
             break
         before, terms = chi2, (turned, w2, x, y)
-        separate, common = slopes[..., :3], slopes[..., 3:] if turn else slopes[..., 6:]
         weight = trails.use / variance
-        residual = (trails.value - model) * weight
-        a = np.einsum("nki,nk,nkj->nij", separate, weight, separate)
-        b = np.einsum("nki,nk,nkj->nij", separate, weight, common)
-        c = np.einsum("nki,nk,nkj->ij", common, weight, common)
-        p, q = np.einsum("nki,nk->ni", separate, residual), np.einsum("nki,nk->i", common, residual)
-        solved = np.linalg.solve(a + 1e-12 * np.trace(a, axis1=1, axis2=2)[:, None, None] * np.eye(3), b)
-        own_step = np.linalg.solve(a + 1e-12 * np.trace(a, axis1=1, axis2=2)[:, None, None] * np.eye(3), p[..., None])
+        products = (slopes * weight[..., None]).swapaxes(1, 2) @ slopes
+        pulls = (((trails.value - model) * weight)[:, None, :] @ slopes)[:, 0]
+        own, common = slice(3), slice(3 if turn else 6, 7)
+        a, b, c = products[:, own, own], products[:, own, common], products[:, common, common].sum(axis=0)
+        p, q = pulls[:, own], pulls[:, common].sum(axis=0)
+        a = a + 1e-12 * np.trace(a, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        solved, own_step = np.linalg.solve(a, b), np.linalg.solve(a, p[..., None])
         normal = c - np.einsum("nij,nik->jk", b, solved)
         gradient = q - np.einsum("nij,ni->j", b, own_step[..., 0])
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-300 * np.eye(shared), gradient)
@@ -302,7 +301,7 @@ def _linear(
     slopes = np.empty((*shape.shape, 7))
     slopes[..., 0] = shape
     slopes[..., 1:3] = -flux[:, None, None] * derivatives[..., :2]
-    slopes[..., 3:6] = flux[:, None, None] * np.einsum("nkd,ndw->nkw", derivatives[..., 2:4], trails.per_rad)
+    slopes[..., 3:6] = flux[:, None, None] * (derivatives[..., 2:4] @ trails.per_rad)
     slopes[..., 6] = flux[:, None] * derivatives[..., 4]
     chi2 = float((weight * (trails.value - model) ** 2).sum())
     expected = trails.sky_variance[:, None] + (np.maximum(model, 0) / e_per_dn if e_per_dn > 0 else 0.0)
