@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 from typing import TYPE_CHECKING
 
 from gss.cli.instruments import CAMERA_HELP, registry
@@ -37,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     from gss.operations.frames.compile_ahead import compile_ahead
     from gss.operations.frames.solve import Solver
     from gss.operations.frames.solver_cache import SolverCache
-    from gss.pipeline.kernels import are_compiled, compiled_mark, kernels
+    from gss.pipeline.kernels import FOLDER, are_compiled, compiled_mark, kernels
 
     kernels(fast=True)  # raises BadInput if numba is not installed
     if arguments.background:
@@ -49,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{done} of {total}, {text}", flush=True)
 
     cameras, mark = registry(), compiled_mark()
-    with named_lock(mark.parent / "gss-loops.lock", "the loops are being compiled", wait=True):
+    with named_lock(mark.with_suffix(".lock"), "the loops are being compiled", wait=True):
         if are_compiled():
             print("The loops are compiled already")
             return 0
@@ -62,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
             except GssError:  # with a camera that detects few stars, not every frame can be solved
                 if name == names[-1]:
                     raise
-        for outdated in mark.parent.glob("gss-loops-*.compiled"):
-            outdated.unlink()
         mark.touch()
+        for outdated in set(mark.parent.parent.glob(f"{FOLDER}*")) - {mark.parent}:
+            shutil.rmtree(outdated, ignore_errors=True)
     return 0

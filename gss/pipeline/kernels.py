@@ -11,7 +11,10 @@ default. A caller that must reproduce an earlier result states which loops to us
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import os
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +22,7 @@ from functools import lru_cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +30,13 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput, StoreDown
+from gss.pipeline.small import Rows
 
 AVAILABLE = find_spec("numba") is not None
 PLAIN, COMPILED = "numpy", "numba"
-
-Rows = NDArray[np.intp]
+LOOPS = Path(__file__).parent / "loops"
+IMPORTED = re.compile(r"^from gss\.([\w.]+) import", re.MULTILINE)
+FOLDER, MARK = "gss-loops-", "compiled"
 
 
 @dataclass(frozen=True)
@@ -94,40 +99,56 @@ def kernels(fast: bool | None = None) -> Kernels:
 
 def are_compiled() -> bool:
     """True if ``gss compile`` has compiled the present loops for this processor. False if they cannot be stored."""
-    mark = _mark() if AVAILABLE else None
-    return mark is not None and mark.exists()
+    folder = cache_folder() if AVAILABLE else None
+    return folder is not None and (folder / MARK).exists()
 
 
 def compiled_mark() -> Path:
-    """Return the file that states that the loops are compiled. Its name changes with the loops, numba, Python and processor, and it
-    lies beside the compiled loops, so that it is deleted with them. Raises StoreDown if numba can write in no folder."""
-    mark = _mark()
-    if mark is None:
+    """Return the file that states that the loops are compiled. It lies beside the compiled loops, so that it is deleted
+    with them. Raises StoreDown if there is no folder for compiled loops."""
+    folder = cache_folder()
+    if folder is None:
         raise StoreDown(
             "the compiled loops of the solver cannot be stored",
-            expected="a folder that numba can write: __pycache__ of the installed package, or the user's cache folder",
+            expected="a writable folder: __pycache__ of the installed package, or the user's cache folder",
             hint="set NUMBA_CACHE_DIR to a writable folder; the solver is slower until then",
         )
-    return mark
+    return folder / MARK
 
 
 @lru_cache(maxsize=1)
-def _mark() -> Path | None:
+def cache_folder() -> Path | None:
+    """Return the folder of the compiled loops, or None if none can be written.
+
+    Its name changes with the processor, Python, numba, the loops, and the modules from which they import constants. numba
+    itself compiles a loop again only if the loop's own file has another time or size, so that loops of an earlier
+    version would remain after an update.
+    """
     from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
-    try:
-        from gss.pipeline.loops.search import find
-    except RuntimeError:  # numba found no folder that it can write
-        return None
-    folder = Path(__file__).parent
-    sources = sorted((folder / "loops").glob("*.py"))
     digest = hashlib.sha256()
     for text in (version("numba"), sys.version, get_host_cpu_name(), get_host_cpu_features().flatten()):
         digest.update(text.encode())
-    for source in sources:
-        facts = source.stat()  # numba compiles again if one of these changes
-        digest.update(f"{facts.st_mtime} {facts.st_size}".encode())
-    return Path(cast(Any, find).stats.cache_path) / f"gss-loops-{digest.hexdigest()[:16]}.compiled"
+    for source in _sources():
+        digest.update(source.read_bytes())
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    parents = [Path(chosen)] if chosen else [LOOPS / "__pycache__", Path.home() / ".cache" / "gss"]
+    for parent in parents:
+        folder = parent / f"{FOLDER}{digest.hexdigest()[:16]}"
+        with contextlib.suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            if os.access(folder, os.W_OK):
+                return folder
+    return None
+
+
+def _sources() -> list[Path]:
+    """Return the loops, and the modules from which they import."""
+    loops = sorted(LOOPS.glob("*.py"))
+    names = {name for source in loops for name in IMPORTED.findall(source.read_text("utf-8"))}
+    package = Path(__file__).parents[1]
+    modules = (package.joinpath(*name.split(".")).with_suffix(".py") for name in sorted(names))
+    return loops + [module for module in modules if module.parent != LOOPS and module.exists()]
 
 
 @lru_cache(maxsize=1)

@@ -16,7 +16,6 @@ from gss.operations.frames.loop_compiler import LoopCompiler
 MARKED = """
 from gss.pipeline.kernels import are_compiled, compiled_mark, kernels
 print(kernels().name, are_compiled(), kernels(fast=True).name)
-compiled_mark().parent.mkdir(parents=True, exist_ok=True)
 compiled_mark().touch()
 print(kernels().name, are_compiled(), kernels(fast=False).name)
 """
@@ -51,8 +50,8 @@ def test_compiled_loops_are_the_default_once_they_are_marked(tmp_path: Path) -> 
 
 
 def test_without_a_folder_for_compiled_loops_frames_are_solved_with_numpy() -> None:
-    """If numba can write in no folder, numpy is the default. Selecting the compiled loops states what to do."""
-    environment = {**os.environ, "NUMBA_CACHE_LOCATOR_CLASSES": "ZipCacheLocator"}  # finds no folder for plain files
+    """If no folder can be written, numpy is the default. Selecting the compiled loops states what to do."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": "/proc/no-folder"}
     done = subprocess.run(
         [sys.executable, "-c", UNWRITABLE], env=environment, capture_output=True, text=True, check=False
     )

@@ -9,7 +9,22 @@ import math
 
 import numpy as np
 
-from gss.pipeline.identify import faint
+from gss.pipeline.identify.faint import (
+    BLEND_REACH_SIGMA,
+    BRIGHTNESS_SIGMA,
+    COMPARABLE,
+    CROWDED,
+    ERROR_MARGIN,
+    GATE_SIGMA,
+    MAX_CHANCE,
+    MAX_GATE_PX,
+    MEDIAN_SQUARE,
+    MIN_FOR_EXCESS,
+    OWN_SHARE,
+    RESOLVED,
+    UNRESOLVED_SIGMA,
+    VERIFIED_WINDOW_MAG,
+)
 from gss.pipeline.identify.flux_line import (
     MIN_SCATTER_MAG,
     SCATTER_MAG,
@@ -21,18 +36,6 @@ from gss.pipeline.identify.flux_line import ROUNDS as LINE_ROUNDS
 from gss.pipeline.loops import loop
 from gss.pipeline.loops.fit import slopes, turned_vector
 from gss.pipeline.loops.geometry import COLUMNS, REACH, ROWS, contains, middle_of, project, room_near, stars_near
-
-GATE_SIGMA, MAX_GATE_PX, FLOOR_PX = faint.GATE_SIGMA, faint.MAX_GATE_PX, faint.FLOOR_PX
-BRIGHTNESS_SIGMA, VERIFIED_WINDOW_MAG = faint.BRIGHTNESS_SIGMA, faint.VERIFIED_WINDOW_MAG
-BLEND_REACH_SIGMA, COMPARABLE, OWN_SHARE = faint.BLEND_REACH_SIGMA, faint.COMPARABLE, faint.OWN_SHARE
-UNRESOLVED_SIGMA, RESOLVED = faint.UNRESOLVED_SIGMA, faint.RESOLVED
-MAX_CHANCE, CROWDED, MIN_MATCHES, MIN_FOR_EXCESS = (
-    faint.MAX_CHANCE,
-    faint.CROWDED,
-    faint.MIN_MATCHES,
-    faint.MIN_FOR_EXCESS,
-)
-MEDIAN_SQUARE, ERROR_MARGIN, MAX_EXCESS_PX = faint.MEDIAN_SQUARE, faint.ERROR_MARGIN, faint.MAX_EXCESS_PX
 
 
 @loop
