@@ -115,7 +115,7 @@ def _checked(pixels: NDArray[Any]) -> NDArray[Any]:
 
 
 def _for_loops(image: NDArray[Any]) -> NDArray[Any]:
-    """Return the frame as one of the three types for which the loops are compiled: 8 and 16 bits without sign, and float."""
+    """Return the frame as one of the three types for which the loops are compiled: uint8, uint16 or float64."""
     return np.require(image, image.dtype if image.dtype in (np.uint8, np.uint16) else float, ["C", "A", "W"])
 
 

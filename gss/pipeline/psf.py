@@ -272,8 +272,8 @@ def measure_stars(
     ceiling: float,
     e_per_dn: float,
 ) -> Measured:
-    """Fit n stars in stamps of (2·half+1)² pixels, stars with neighbours twice. ``ceiling``: see :func:`cut_stamps`; the
-    other parameters: see :func:`fit_stars`."""
+    """Fit n stars in stamps of (2·half+1)² pixels. Stars with neighbours are fitted again after the neighbours are
+    subtracted. ``ceiling``: see :func:`cut_stamps`; the other parameters: see :func:`fit_stars`."""
     stamps = _with_saturated_pixels(cut_stamps(image, col, row, sky, half, ceiling), image)
     fit = fit_stars(stamps, col.astype(float), row.astype(float), covariance, noise, e_per_dn)
     cleaned, touched = subtract_neighbours(stamps, fit, covariance)

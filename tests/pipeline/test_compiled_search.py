@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
-from gss.domain.camera import Camera, Pinhole
+from gss.domain.camera import Brown, Camera, Pinhole
 from gss.domain.results import Centroids
 from gss.pipeline.chains.reference import KnownSky, known_sky, solve_centroids
 from gss.pipeline.identify import pair_search
@@ -154,3 +154,19 @@ def test_success_rate_does_not_decrease(name: str, false_count: int, skies: dict
         assert result.attitude.cam_from_icrs[2] @ attitude[2] > np.cos(5 * camera.pixel_rad)
         solved += 1
     assert solved >= FLOORS[name, false_count]
+
+
+@pytest.mark.parametrize("k1", [-0.3, -1.0])
+def test_positions_outside_the_domain_of_the_lens_are_dropped(k1: float) -> None:
+    """Both implementations drop the same positions, also those of which only a neighbour half a pixel away can be
+    converted, and their errors and magnitudes are equal. A flux that is not a number is the smallest.
+    """
+    camera = Camera(1024, 1024, 500.0, 500.0, 511.5, 511.5, Brown(k1=k1))
+    pixels = np.random.default_rng(2).uniform(0, 1023, (20_000, 2))
+    flux = np.where(np.arange(len(pixels)) % 50 == 0, np.nan, 10.0)
+    with_numpy, compiled = (field_of(Centroids.from_pixels(pixels, flux), camera, fast=fast) for fast in (False, True))
+    assert 0 < len(with_numpy) < len(pixels)
+    assert np.array_equal(with_numpy.centroid, compiled.centroid)
+    np.testing.assert_allclose(compiled.unit, with_numpy.unit, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(compiled.sigma_rad, with_numpy.sigma_rad, rtol=1e-9)
+    np.testing.assert_allclose(compiled.magnitude, with_numpy.magnitude, rtol=1e-14)

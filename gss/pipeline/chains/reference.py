@@ -21,7 +21,6 @@ from gss.domain.errors import BadInput
 from gss.domain.failure_cause import MIRRORED
 from gss.domain.results import Centroids, SolveResult, Turning
 from gss.domain.sensor import Sensor
-from gss.pipeline.chains.reference_result import NAME as NAME
 from gss.pipeline.chains.reference_result import solved, unsolved
 from gss.pipeline.detect import Detections, find_stars
 from gss.pipeline.identify.blind_proof import with_aberration
@@ -37,6 +36,7 @@ from gss.pipeline.streaks import measure_turning
 from gss.pipeline.trace import Clock, Trace
 from gss.skytables.pairs import DistanceTable, distance_table_of_units
 
+NAME = "reference"
 MANY_MORE = 1.5
 FIT_FLOOR_PX = 0.01
 BESIDE_RAD = 0.05  # stars up to this far outside the field can contribute light to it
@@ -179,7 +179,7 @@ def _identify_known(
             stars = deeper()
             again = identify_lost(view, stars.sky, stars.pairs, camera, accept=DEEPER_ACCEPT, fast=fast)
             result = result if again.evidence is None else again
-    base = unsolved(camera, centroids, detections, (*(detections.notes if detections else ()), *note), turning)
+    base = unsolved(NAME, camera, centroids, detections, (*(detections.notes if detections else ()), *note), turning)
     evidence = result.evidence
     if evidence is None:
         with trace.stage("why not"):
@@ -198,7 +198,7 @@ def _identify_known(
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
     hip = stars.deep.hip[matches.stars]
     rows, probability = view.centroid[matches.rows], evidence.false_match_probability
-    return solved(base, matches.fit, rows, hip, probability, trace, velocity_c, turning)
+    return solved(base, matches.fit, rows, hip, probability, trace, velocity_c)
 
 
 def _with_other_lens(
@@ -212,7 +212,7 @@ def _with_other_lens(
     fit = with_aberration(solution, base.centroids.pixels, stars.sky, velocity_c, base.camera)
     base = replace(base, notes=(*base.notes, lens_difference(fit, base.camera)))
     rows, hip, probability = solution.rows, stars.sky.hip[solution.stars], solution.false_match_probability
-    return solved(base, fit, rows, hip, probability, trace, velocity_c, base.turning)
+    return solved(base, fit, rows, hip, probability, trace, velocity_c)
 
 
 def _another_focal_length(view: FrameDetections, camera: Camera, sky: SkyCatalogue, evidence: Evidence) -> str:

@@ -13,7 +13,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.failure_cause import MIRRORED
 from gss.domain.results import Centroids, SolveResult
-from gss.pipeline.chains.reference import mirrored, turning_of
+from gss.pipeline.chains.reference import NAME, mirrored, turning_of
 from gss.pipeline.chains.reference_result import solved, unsolved
 from gss.pipeline.detect import find_stars
 from gss.pipeline.identify.blind import BlindResult, identify_blind
@@ -53,7 +53,7 @@ def solve_foreign(
             f"stars are trailed by about {detections.streak_px:.0f} px; positions are the middles of the trails",
         )
     guess = Camera.from_fov(*shape, float(np.sqrt(fov_range_rad[0] * fov_range_rad[1])))
-    base = unsolved(guess, centroids, detections, notes)
+    base = unsolved(NAME, guess, centroids, detections, notes)
     solution = result.solved
     if solution is None:
         with trace.stage("why not"):
@@ -72,7 +72,7 @@ def solve_foreign(
         with trace.stage("trails"):
             turning = turning_of(pixels, detections, fit.camera, exposure_s, None)
     rows, hip, probability = solution.rows, sky.hip[solution.stars], solution.false_match_probability
-    return solved(base, fit, rows, hip, probability, trace, velocity_c, turning)
+    return replace(solved(base, fit, rows, hip, probability, trace, velocity_c), turning=turning)
 
 
 def _blind(

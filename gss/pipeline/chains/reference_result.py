@@ -15,10 +15,9 @@ from gss.pipeline.detect import Detections
 from gss.pipeline.refine import Refined
 from gss.pipeline.trace import Trace
 
-NAME = "reference"
-
 
 def unsolved(
+    chain: str,
     camera: Camera,
     centroids: Centroids,
     detections: Detections | None,
@@ -29,7 +28,7 @@ def unsolved(
     regions = detections.regions if detections else ()
     versions = {"detect": detections.loops} if detections else {}
     return SolveResult(
-        NAME,
+        chain,
         Outcome.NONE,
         "",
         camera,
@@ -52,9 +51,12 @@ def solved(
     false_match_probability: float,
     trace: Trace,
     velocity_c: Array | None,
-    turning: Turning | None,
 ) -> SolveResult:
-    """Return ``base`` with its solution: the fit, and the matched (m,) rows of the centroids and (m,) stars."""
+    """Return ``base`` with its solution: the fit, and the matched (m,) rows of the centroids and (m,) stars.
+
+    ``trace``: durations of the stages. ``velocity_c``: (3,) ICRS velocity of the observer in units of c, which the fit
+    took into account; None without aberration.
+    """
     return replace(
         base,
         outcome=Outcome.SOLVED,
@@ -63,7 +65,6 @@ def solved(
         attitude=Attitude(quaternion_from_matrix(fit.cam_from_icrs), fit.covariance_rad2),
         false_match_probability=false_match_probability,
         velocity_c=_as_velocity(velocity_c),
-        turning=turning,
         timing_s=dict(trace.timing_s),
     )
 

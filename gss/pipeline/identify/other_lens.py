@@ -86,7 +86,7 @@ def identify_other_lens(
             )
             for lens in ((), CENTRE)
         )
-        few = _few_stars(centroids, view, scaled, match.evidence, sky, hypotheses)
+        few = _few_stars(centroids, view, scaled, match.evidence, sky, hypotheses, fast)
         found = [
             solution for solution in (fixed, free, few) if solution is not None and _is_proved(solution, view, camera)
         ]
@@ -117,12 +117,13 @@ def _few_stars(
     evidence: Evidence,
     sky: SkyCatalogue,
     hypotheses: int,
+    fast: bool | None,
 ) -> BlindSolution | None:
     """Verify with the small acceptance radius of a known camera, after a fit of the focal length alone."""
     fit = _fit(view, evidence, sky, scaled)
     if fit is None:
         return None
-    fitted_view, used = field_of(centroids, fit.camera), fit.weight > 0
+    fitted_view, used = field_of(centroids, fit.camera, fast=fast), fit.weight > 0
     if len(fitted_view) != len(view):
         return None  # a position is outside the domain of only one of the two lenses, so the rows differ
     again = verify(

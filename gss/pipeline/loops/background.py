@@ -10,14 +10,14 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.pipeline.background import CLIP_ROUNDS, CLIP_SIGMA, FLAT_PER_SIGMA, LEAST_NOISE, LEAST_SHARE
+from gss.pipeline.loops import loop
+from gss.pipeline.small import Rows
 
-Rows = NDArray[np.intp]
-# Exchanges that bring the median of nine values to the fifth place (Smith 1996, 19 exchanges).
+# Compare-exchange steps of a sorting network that moves the median of nine values to index 4 (Smith 1996, 19 steps).
 EXCHANGES = "12 45 78 01 34 67 12 45 78 03 58 47 36 14 25 47 42 64 42"
 MEDIAN_OF_NINE = np.array([divmod(int(pair), 10) for pair in EXCHANGES.split()])
 
@@ -31,7 +31,7 @@ def tile_samples(image: NDArray[Any], tile: int, step: int) -> NDArray[Any]:
     return out
 
 
-@njit(cache=True)
+@loop
 def _tile_samples(image, tile, step, out):
     across, per = image.shape[1] // tile, tile // step
     for r in range(image.shape[0] // step):
@@ -49,7 +49,7 @@ def clip(ordered: NDArray[Any], count: Rows) -> tuple[Array, Array]:
     return mean, spread
 
 
-@njit(cache=True, fastmath={"reassoc"})
+@loop(fastmath={"reassoc"})
 def _clip(ordered, count, mean_out, spread_out):
     off = np.empty(ordered.shape[1])
     for i in range(len(ordered)):
@@ -90,7 +90,7 @@ def smooth_mesh(level: Array, noise: Array) -> tuple[Array, Array]:
     return smooth_level, smooth_noise
 
 
-@njit(cache=True)
+@loop
 def _median_of_nine(mesh, exchanges):
     rows, cols = mesh.shape
     out = np.empty((rows, cols))
@@ -109,7 +109,7 @@ def _median_of_nine(mesh, exchanges):
     return out
 
 
-@njit(cache=True)
+@loop
 def _flatten(level, noise):
     """Set the levels to their mean if they agree within their error, and limit the noise from below."""
     typical = np.median(noise)
@@ -129,7 +129,7 @@ def residuals(image: NDArray[Any], level: Array, tile: int, step: int) -> Array:
     return out.ravel()
 
 
-@njit(cache=True)
+@loop
 def _residuals(image, level, tile, step, out):
     rows, cols = level.shape
     left, part = np.empty(out.shape[1], np.intp), np.empty(out.shape[1])

@@ -170,10 +170,9 @@ def _directions(camera, pixels, sigma_px, flux_dn, unit, sigma_rad, magnitude):
         longest2 = 0.0
         for half_col, half_row in ((0.5, 0.0), (0.0, 0.5)):
             u, v, w = unproject(camera, col + half_col, row + half_row)
-            longest2 = max(longest2, (u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2)
-            if math.isnan(u):
-                longest2 = math.nan
-                break
+            length2 = (u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2
+            if math.isnan(length2) or length2 > longest2:  # NaN, outside the lens's domain, is kept
+                longest2 = length2
         unit[i, 0], unit[i, 1], unit[i, 2] = x, y, z
         sigma_rad[i] = 2 * math.sqrt(longest2) * sigma_px[i]
         flux = LEAST_FLUX_DN if math.isnan(flux_dn[i]) else max(flux_dn[i], LEAST_FLUX_DN)

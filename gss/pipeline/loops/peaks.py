@@ -10,14 +10,13 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.pipeline.background import Background
+from gss.pipeline.loops import loop
 from gss.pipeline.peaks import NARROWEST_PX2, SINGLE_DOUBT_SIGMA, SINGLE_SHARE
-
-Rows = NDArray[np.intp]
+from gss.pipeline.small import Rows
 
 
 def significant(
@@ -40,7 +39,7 @@ def significant(
     return row, col, snr[order]
 
 
-@njit(cache=True)
+@loop
 def _lowest_thresholds(level, noise, sigma, limits, out):
     """Equivalent to ``Background.lowest_threshold``, converted to the type of the filtered frame, which has
     these ``limits``. An integer is rounded towards zero, so that a larger pixel exceeds the threshold."""
@@ -54,7 +53,7 @@ def _lowest_thresholds(level, noise, sigma, limits, out):
             out[r, c] = min(max(lowest, limits[0]), limits[1])
 
 
-@njit(cache=True)
+@loop
 def _brightest(smooth, tile, top):
     """Write the brightest pixel of each column of each row of tiles."""
     for k in range(len(top)):
@@ -64,7 +63,7 @@ def _brightest(smooth, tile, top):
                 top[k, c] = max(top[k, c], smooth[r, c])
 
 
-@njit(cache=True)
+@loop
 def _maxima(smooth, top, lowest, tile, flat):
     """Write the flat indices of the maxima, tile by tile, and return their number. Only columns with a pixel above the
     limit of the tile are examined."""
@@ -89,7 +88,7 @@ def _maxima(smooth, top, lowest, tile, flat):
     return n
 
 
-@njit(cache=True)
+@loop
 def _ratios(smooth, level, noise, tile, down, across, flat):
     """Return the signal-to-noise ratios of pixels of the filtered frame."""
     rows, cols = smooth.shape
@@ -102,7 +101,7 @@ def _ratios(smooth, level, noise, tile, down, across, flat):
     return out
 
 
-@njit(cache=True)
+@loop
 def _any_above(part, limit):
     any_above = False
     for value in part:  # no early exit, because it would prevent vectorisation
@@ -110,7 +109,7 @@ def _any_above(part, limit):
     return any_above
 
 
-@njit(cache=True)
+@loop
 def _at(level, noise, tile, col, row):
     """Equivalent to ``Background.at`` of one pixel."""
     rows, cols = level.shape
@@ -125,7 +124,7 @@ def _at(level, noise, tile, col, row):
     return value, spread
 
 
-@njit(cache=True)
+@loop
 def _is_maximum(smooth, r, c):
     rows, cols = smooth.shape
     value = smooth[r, c]
@@ -144,7 +143,7 @@ def sky_of(background: Background, col: Rows, row: Rows) -> tuple[Array, Array]:
     return sky, noise
 
 
-@njit(cache=True)
+@loop
 def _sky_of(level, noise, tile, col, row, sky_out, noise_out):
     for i in range(len(col)):
         sky_out[i], noise_out[i] = _at(level, noise, tile, col[i], row[i])
@@ -159,7 +158,7 @@ def single_pixels(
     return out
 
 
-@njit(cache=True)
+@loop
 def _single_pixels(image, row, col, sky, noise, covariance, out):
     share_col = SINGLE_SHARE * 2 * math.exp(-0.5 / max(covariance[0, 0], NARROWEST_PX2))
     share_row = SINGLE_SHARE * 2 * math.exp(-0.5 / max(covariance[1, 1], NARROWEST_PX2))
@@ -176,7 +175,7 @@ def _single_pixels(image, row, col, sky, noise, covariance, out):
         out[i] = across + doubt < share_col * peak or along + doubt < share_row * peak
 
 
-@njit(cache=True)
+@loop
 def _pixel(image, r, c):
     """Return the pixel nearest to (r, c) that is on the detector."""
     return float(image[min(max(r, 0), image.shape[0] - 1), min(max(c, 0), image.shape[1] - 1)])

@@ -10,11 +10,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-Rows = NDArray[np.intp]
-BLOCK = 128
+from gss.pipeline.loops import loop
+from gss.pipeline.small import Rows
+
+BLOCK = 256
 
 
 def binomial(image: NDArray[Any]) -> NDArray[Any]:
@@ -28,7 +29,7 @@ def binomial(image: NDArray[Any]) -> NDArray[Any]:
     return out
 
 
-@njit(cache=True)
+@loop
 def _binomial_integer(image, out):
     rows, cols = image.shape
     line = np.empty(cols + 4, np.uint16)
@@ -48,7 +49,7 @@ def _binomial_integer(image, out):
             out[r, c] = line[c] + line[c + 4] + np.uint16(4) * (line[c + 1] + line[c + 3]) + np.uint16(6) * line[c + 2]
 
 
-@njit(cache=True)
+@loop
 def _binomial_float(image, out):
     """Add in the same order as the numpy version: pairs of neighbours, four times along rows, then four times along columns."""
     rows, cols = image.shape
@@ -75,7 +76,7 @@ def _binomial_float(image, out):
 
 
 def lit(image: NDArray[Any], threshold: float) -> Rows:
-    """Return the flat indices of the pixels above a threshold, ascending."""
+    """Return the flat indices of the pixels above a threshold, ascending; equivalent to ``numpy.flatnonzero``."""
     if image.dtype.kind == "u":
         limit = math.floor(threshold)
         top = int(np.iinfo(image.dtype).max)
@@ -89,13 +90,13 @@ def lit(image: NDArray[Any], threshold: float) -> Rows:
     return np.flatnonzero(image > threshold)
 
 
-@njit(cache=True)
+@loop
 def _lit(flat, limit):
     size = len(flat)
     out = np.empty(1024, np.intp)
     n = 0
-    for first in range(0, size, 2 * BLOCK):
-        last = min(first + 2 * BLOCK, size)
+    for first in range(0, size, BLOCK):
+        last = min(first + BLOCK, size)
         any_above = False
         for value in flat[first:last]:
             any_above |= value > limit
@@ -118,7 +119,7 @@ def components(lit: Rows, columns: int) -> tuple[int, NDArray[np.int32]]:
     return int(_components(lit, columns, label)), label
 
 
-@njit(cache=True)
+@loop
 def _components(lit, columns, label):
     n = len(lit)
     parent = np.arange(n)
@@ -141,7 +142,7 @@ def _components(lit, columns, label):
     return count
 
 
-@njit(cache=True)
+@loop
 def _root(parent, i):
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -149,7 +150,7 @@ def _root(parent, i):
     return i
 
 
-@njit(cache=True)
+@loop
 def _join(parent, i, j):
     """Merge two components. The earlier root stays, because components are numbered by their first pixel."""
     a, b = _root(parent, i), _root(parent, j)

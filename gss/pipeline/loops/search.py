@@ -15,23 +15,24 @@ from gss.pipeline.loops.proof import verify, workspace
 
 EXHAUSTED, TOO_LONG = 0, -1
 BITS, MARKED = 32, 8.0
-"""Maximum number of detections whose marks fit in one word, and of pairs of a star that the detections allow on average,
-estimated from the brightest detection. Marks show sooner than lists that a hypothesis has no support, unless too many of
-them agree by chance."""
+"""BITS: marks are used for at most this many detections, one bit each. MARKED: marks are used only if a catalogue star is
+in at most this many matching pairs on average, estimated from the brightest detection. Marks reject unsupported
+hypotheses faster than lists."""
 FIRST_POOL_ROWS = 1 << 16
 
 
 @loop
-def _relate(i, detections, table_rad, relations):
-    """Compute the relations of detection i to the others: distance and tolerance, middle and half width of the range of
-    the cosine, and first and last + 1 row of the distance table. Most lists need those of two detections only."""
+def _compute_pairs(i, detections, table_rad, pair_geometry):
+    """Compute the pairs of detection i with the others, if they are not computed yet: distance and tolerance, middle and
+    half width of the range of the cosine, and first and last + 1 row of the distance table. Computed on first use,
+    because most star lists need the pairs of only two detections."""
     unit, sigma_rad, sigmas, scale_error = detections
-    distance, tolerance, middle, half, start, stop, is_related = relations
-    if is_related[i]:
+    distance, tolerance, middle, half, start, stop, is_computed = pair_geometry
+    if is_computed[i]:
         return
-    is_related[i] = True
+    is_computed[i] = True
     for k in range(len(unit)):
-        if is_related[k]:
+        if is_computed[k]:
             continue  # symmetrical
         x, y, z = unit[i, 0] - unit[k, 0], unit[i, 1] - unit[k, 1], unit[i, 2] - unit[k, 2]
         d = 2 * math.asin(min(1.0, math.sqrt(x * x + y * y + z * z) / 2))
@@ -46,8 +47,8 @@ def _relate(i, detections, table_rad, relations):
 
 
 @loop
-def _relations(n):
-    """Return empty relations of n detections; see :func:`_relate`."""
+def _no_pairs(n):
+    """Return the arrays for the pairs of n detections, none computed; see :func:`_compute_pairs`."""
     return (
         np.zeros((n, n)),
         np.zeros((n, n)),
@@ -220,20 +221,20 @@ def _join_lists(i, j, table, start, stop, lists, icrs, handedness, flat, middle,
 
 
 @loop
-def next_pair(detections, icrs, table, relations, anchors, pool, state, limits, out):
+def next_pair(detections, icrs, table, pair_geometry, candidates_of, pool, state, limits, out):
     """Examine pairs in order from ``state`` until one has candidates. Return their number, EXHAUSTED or TOO_LONG, and
     the pool.
 
     ``table``: first and second stars of the pairs, their distances, and the pairs by star (``DistanceTable.by_star``).
-    ``relations``: see :func:`_relate`. ``anchors``: marks, see :func:`_mark`, empty if lists are used, see :func:`_list`;
-    each followed by an array that is True where they are made. ``state``: sum of the rows of the next pair, its first
-    row, number of hypotheses, joined rows, used rows of the pool. ``limits``: rows per pair, rows of one join, rows in
-    total, COLLINEAR, minimum number of supporting detections, groups.
+    ``pair_geometry``: see :func:`_compute_pairs`. ``candidates_of``: marks (:func:`_mark`), empty if lists are used, and
+    lists (:func:`_list`), each followed by an array that is True where they are made. ``state``: sum of the rows of the
+    next pair, its first row, number of hypotheses, joined rows, used rows of the pool. ``limits``: rows per pair, rows of
+    one join, rows in total, COLLINEAR, minimum number of supporting detections, groups.
     """
     unit = detections[0]
-    distance, tolerance, middle, half, start, stop, _ = relations
+    distance, tolerance, middle, half, start, stop, _ = pair_geometry
     first, second, table_rad, by_star, pairs, partner = table
-    mark, is_marked, offsets, is_listed = anchors
+    mark, is_marked, offsets, is_listed = candidates_of
     pool_k, pool_c = pool
     n, by_marks = len(unit), len(mark) > 0
     handedness, flat = np.empty(n), np.empty(n)
@@ -249,10 +250,10 @@ def next_pair(detections, icrs, table, relations, anchors, pool, state, limits, 
         state[1] = i + 1
         if (j - i) % limits[5]:
             continue
-        _relate(i, detections, table_rad, relations)
+        _compute_pairs(i, detections, table_rad, pair_geometry)
         if stop[i, j] <= start[i, j]:
             continue
-        _relate(j, detections, table_rad, relations)
+        _compute_pairs(j, detections, table_rad, pair_geometry)
         state[2] += 2 * (stop[i, j] - start[i, j])
         rows = 0
         if by_marks:
@@ -304,11 +305,11 @@ def find(
     """
     n, count_of_stars = brightest, len(sky[0])
     detections = view[1][:n], view[2][:n], sigmas, scale_error
-    relations = _relations(n)
-    _relate(0, detections, table[2], relations)
-    is_sparse = 2 * (relations[5][0] - relations[4][0]).sum() <= MARKED * count_of_stars
+    pair_geometry = _no_pairs(n)
+    _compute_pairs(0, detections, table[2], pair_geometry)
+    is_sparse = 2 * (pair_geometry[5][0] - pair_geometry[4][0]).sum() <= MARKED * count_of_stars
     marked, listed = (n, 0) if n <= BITS and is_sparse else (0, n)
-    anchors = (
+    candidates_of = (
         np.empty((marked, count_of_stars, 2), np.uint32),
         np.zeros(n, np.bool_),
         np.empty((listed, count_of_stars + 1), np.int64),
@@ -321,7 +322,7 @@ def find(
     pair_limits = limits[0], limits[1], limits[2], float(limits[3]), need, groups
     best_count, best_predicted, best = 0, 0, 2.0
     while True:
-        trials, pool = next_pair(detections, sky[0], table, relations, anchors, pool, state, pair_limits, out)
+        trials, pool = next_pair(detections, sky[0], table, pair_geometry, candidates_of, pool, state, pair_limits, out)
         if trials <= 0:
             return -best_count, best_predicted, best, state[2], trials == TOO_LONG
         i = state[1] - 1

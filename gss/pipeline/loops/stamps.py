@@ -10,11 +10,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.pipeline.detect import BRIGHT_SNR, BRIGHTEST
+from gss.pipeline.loops import loop
 from gss.pipeline.peaks import Peaks
 from gss.pipeline.psf import (
     FIT_ROUNDS,
@@ -26,8 +26,7 @@ from gss.pipeline.psf import (
     reach_px,
     widths_px,
 )
-
-Rows = NDArray[np.intp]
+from gss.pipeline.small import Rows
 
 
 def sizes(image: NDArray[Any], peaks: Peaks, covariance: Array, ceiling: float) -> tuple[float, float]:
@@ -38,7 +37,7 @@ def sizes(image: NDArray[Any], peaks: Peaks, covariance: Array, ceiling: float) 
     return float(usual), float(large)
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _sizes(image, col, row, sky, snr, single, half, ceiling, moments):
     n = 0
     for i in range(len(col)):
@@ -52,7 +51,7 @@ def _sizes(image, col, row, sky, snr, single, half, ceiling, moments):
     return longest, np.quantile((moments[0, :n] + moments[2, :n]) / 2, 0.75)
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _second_moments(image, col, row, sky, half, ceiling, out):
     """Equivalent to ``psf.second_moments`` of one star."""
     total = x = y = xx = yy = xy = 0.0
@@ -99,7 +98,7 @@ def measure(
     return col + x, row + y, top * (2 * math.pi * math.sqrt(det)), sigma, good, area, peak, touched
 
 
-@njit(cache=True)
+@loop
 def _cut(image, col, row, sky, noise, half, ceiling, value, use, area, peak):
     rows, cols = image.shape
     for i in range(len(col)):
@@ -125,7 +124,7 @@ def _cut(image, col, row, sky, noise, half, ceiling, value, use, area, peak):
         area[i], peak[i] = bright, highest
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+@loop(fastmath={"reassoc"})
 def _fit(side, value, use, noise, e_per_dn, inverse, reach, width2, chosen, x, y, peak, sigma, good):
     """Fit the ``chosen`` stars; equivalent to ``psf.fit_stars``. ``x`` and ``y`` are first guesses and become the results.
     ``width2``: root of the determinant of the covariance."""
@@ -176,7 +175,7 @@ def _fit(side, value, use, noise, e_per_dn, inverse, reach, width2, chosen, x, y
         good[i] = math.isfinite(peak[i]) and peak[i] > 0 and math.isfinite(sigma[i]) and at_its_star
 
 
-@njit(cache=True)
+@loop
 def _gaussian(side, x, y, inverse, g, gx, gy):
     """Write a Gaussian of unit peak and its derivatives. Without correlation of the axes, it is a product of two
     lines, which needs 2·side exponentials instead of side²."""
@@ -196,7 +195,7 @@ def _gaussian(side, x, y, inverse, g, gx, gy):
             gx[j], gy[j] = g[j] * (xx * ax + xy * ay), g[j] * (xy * ax + yy * ay)
 
 
-@njit(cache=True)
+@loop
 def _subtract_neighbours(side, value, col, row, x, y, top, good, inverse, reach, touched):
     """Equivalent to ``psf.subtract_neighbours``."""
     half = side // 2
@@ -225,7 +224,7 @@ def separate(image: NDArray[Any], col: Rows, row: Rows, snr: Array, sky: Array, 
     return np.flatnonzero(~drop)
 
 
-@njit(cache=True)
+@loop
 def _separate(image, col, row, snr, sky, reach, order, drop):
     place = np.empty(len(order), np.intp)
     for k in range(len(order)):
@@ -242,7 +241,7 @@ def _separate(image, col, row, snr, sky, reach, order, drop):
                 k += step
 
 
-@njit(cache=True)
+@loop
 def _belongs(image, col, row, snr, other_col, other_row, other_snr, sky, reach):
     """Return whether the second peak is a part of the first star."""
     distance, ratio = math.hypot(col - other_col, row - other_row), other_snr / snr
