@@ -120,14 +120,14 @@ def compiled_mark() -> Path:
 def cache_folder() -> Path | None:
     """Return the folder of the compiled loops, or None if none can be written.
 
-    Its name changes with the processor, Python, numba, the loops, and the modules from which they import constants. numba
-    itself compiles a loop again only if the loop's own file has another time or size, so that loops of an earlier
+    Its name changes with the place of the package, the processor, Python, numba, the loops, and the modules from which
+    they import constants. numba itself compiles a loop again only if the loop's own file has another time or size, so that loops of an earlier
     version would remain after an update.
     """
     from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
     digest = hashlib.sha256()
-    for text in (version("numba"), sys.version, get_host_cpu_name(), get_host_cpu_features().flatten()):
+    for text in (str(LOOPS), version("numba"), sys.version, get_host_cpu_name(), get_host_cpu_features().flatten()):
         digest.update(text.encode())
     for source in _sources():
         digest.update(source.read_bytes())
