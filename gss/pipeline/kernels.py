@@ -121,8 +121,8 @@ def cache_folder() -> Path | None:
     """Return the folder of the compiled loops, or None if none can be written.
 
     Its name changes with the place of the package, the processor, Python, numba, the loops, and the modules from which
-    they import constants. numba itself compiles a loop again only if the loop's own file has another time or size, so that loops of an earlier
-    version would remain after an update.
+    they import constants. numba itself compiles a loop again only if the loop's own file has another time or size, so
+    that loops of an earlier version would remain after an update.
     """
     from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
