@@ -37,6 +37,7 @@ PLAIN, COMPILED = "numpy", "numba"
 LOOPS = Path(__file__).parent / "loops"
 IMPORTED = re.compile(r"^from gss\.([\w.]+) import", re.MULTILINE)
 FOLDER, MARK = "gss-loops-", "compiled"
+USERS_FOLDER = "~/.cache/gss"
 
 
 @dataclass(frozen=True)
@@ -132,10 +133,10 @@ def cache_folder() -> Path | None:
     for source in _sources():
         digest.update(source.read_bytes())
     chosen = os.environ.get("NUMBA_CACHE_DIR")
-    parents = [Path(chosen)] if chosen else [LOOPS / "__pycache__", Path.home() / ".cache" / "gss"]
+    parents = [Path(chosen)] if chosen else [LOOPS / "__pycache__", Path(USERS_FOLDER)]
     for parent in parents:
-        folder = parent / f"{FOLDER}{digest.hexdigest()[:16]}"
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, RuntimeError):  # RuntimeError: the user has no home folder
+            folder = parent.expanduser() / f"{FOLDER}{digest.hexdigest()[:16]}"
             folder.mkdir(parents=True, exist_ok=True)
             if os.access(folder, os.W_OK):
                 return folder

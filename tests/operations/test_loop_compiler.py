@@ -21,6 +21,18 @@ print(kernels().name, are_compiled(), kernels(fast=False).name)
 """
 
 
+NO_HOME = """
+import os, pwd
+os.environ.pop("HOME", None)
+def unknown(uid):
+    raise KeyError(uid)
+pwd.getpwuid = unknown
+from pathlib import Path
+from gss.pipeline import kernels
+kernels.LOOPS = Path("/proc/no-folder")
+print(kernels.kernels().name)
+"""
+
 UNWRITABLE = """
 from gss.pipeline.kernels import are_compiled, kernels
 print(kernels().name, are_compiled())
@@ -58,6 +70,13 @@ def test_without_a_folder_for_compiled_loops_frames_are_solved_with_numpy() -> N
     assert done.stdout.split() == ["numpy", "False"]
     assert "StoreDown: the compiled loops of the solver cannot be stored" in done.stderr
     assert "NUMBA_CACHE_DIR" in done.stderr
+
+
+def test_without_a_home_folder_frames_are_solved_with_numpy() -> None:
+    """A user without a home folder, as in some containers, and a package that cannot be written: numpy is the default."""
+    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    done = subprocess.run([sys.executable, "-c", NO_HOME], env=environment, capture_output=True, text=True, check=False)
+    assert (done.stdout.split(), done.stderr) == (["numpy"], "")
 
 
 def test_compiled_loops_are_not_compiled_again(bus: Any) -> None:
