@@ -52,9 +52,17 @@ def get_run(session: Session, run_id: int) -> ProcedureRun:
     return row
 
 
-def newest_runs(session: Session, limit: int) -> list[ProcedureRun]:
-    """Return the latest runs, newest first."""
-    return list(session.scalars(select(ProcedureRun).order_by(ProcedureRun.id.desc()).limit(limit)))
+def newest_runs(
+    session: Session, limit: int, procedure_id: int | None = None, before: int | None = None
+) -> list[ProcedureRun]:
+    """Return the latest runs, newest first. ``procedure_id``: only runs of this procedure; ``before``: only runs started
+    before the run with this id."""
+    query = select(ProcedureRun)
+    if procedure_id is not None:
+        query = query.where(ProcedureRun.procedure_id == procedure_id)
+    if before is not None:
+        query = query.where(ProcedureRun.id < before)
+    return list(session.scalars(query.order_by(ProcedureRun.id.desc()).limit(limit)))
 
 
 def running(session: Session) -> ProcedureRun | None:

@@ -36,3 +36,25 @@ def test_an_operator_stores_runs_and_exports_a_procedure(client: TestClient) -> 
     assert hashlib.sha256(record).hexdigest() == ended["sha256"]
     assert client.delete(f"/api/procedures/{stored.json()['id']}").status_code == 204
     assert [r["id"] for r in client.get("/api/procedure-runs").json()] == [run["id"]]
+
+
+def test_the_runs_of_a_procedure_before_a_run(client: TestClient) -> None:
+    """Only earlier runs of the same procedure are returned, newest first, also after a change of its name."""
+    texts = (TEXT, TEXT.replace("# Sign", "# Other", 1))
+    first, other = (client.post("/api/procedures", json={"text": text}).json()["id"] for text in texts)
+    runs = []
+    for procedure in (first, other, first, first):
+        run = client.post(f"/api/procedures/{procedure}/start", json={}).json()
+        assert client.post(f"/api/procedure-runs/{run['id']}/stop", json={"reason": "test"}).status_code == 200
+        runs.append(run["id"])
+    renamed = {"text": TEXT.replace("# Sign", "# Renamed", 1)}
+    assert client.put(f"/api/procedures/{first}", json=renamed).status_code == 200
+
+    def listed(**query: int) -> list[int]:
+        return [r["id"] for r in client.get("/api/procedure-runs", params=query).json()]
+
+    assert listed(procedure_id=first) == [runs[3], runs[2], runs[0]]
+    assert listed(procedure_id=first, before=runs[3]) == [runs[2], runs[0]]
+    assert listed(procedure_id=first, before=runs[3], limit=1) == [runs[2]]
+    assert listed(procedure_id=other, before=runs[1]) == []
+    assert listed(limit=4) == runs[::-1]

@@ -80,7 +80,7 @@ def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[
     expect(page.get_by_test_id("procedure-hash")).to_contain_text("unchanged", timeout=SLOW)
     page.locator("[data-procedure='Warm start']").get_by_test_id("procedure-start").click()
     compared = page.get_by_test_id("procedure-comparison")
-    expect(compared).to_contain_text("1 earlier run of this procedure", timeout=SLOW)
+    expect(compared).to_contain_text("compared with 1 earlier run", timeout=SLOW)
     expect(compared.get_by_role("row").filter(has_text="Sign off")).to_contain_text("done", timeout=SLOW)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from gss.operations.report.draw_intervals import axis_range
-from gss.operations.report.parts import Intervals
+from gss.operations.report.html import as_svg
+from gss.operations.report.parts import Interval, Intervals
 from gss.operations.studies.sheet_record import BoundedValue, RowValues, condition_tables, error_budget, sheet_texts
 
 
@@ -93,3 +94,14 @@ def test_an_error_budget_has_the_angles_of_all_rows_without_their_signs() -> Non
     assert wide.log
     assert axis_range(wide)[0] < 0.01
     assert error_budget([{**bias, "figures": bias["figures"][3:]}]) == []
+
+
+def test_an_upper_bound_of_zero_is_not_a_missing_bound() -> None:
+    """The interval [0, 0] has both end strokes at the left end of the axis. Without an upper bound it extends to the right
+    end. The axis is not empty if all values are 0."""
+    zero, unbounded = (Intervals("t", "arcsec", [Interval("g", "x", 0.0, 0.0, high)]) for high in (0.0, None))
+    assert axis_range(zero) == axis_range(unbounded) == (0.0, 1.0)
+    end_stroke = "<polyline points='190.0,23.5 190.0,28.5'"
+    across = "<polyline points='190.0,26.0 496.0,26.0'"
+    assert (as_svg(zero).count(end_stroke), as_svg(zero).count(across)) == (2, 0)
+    assert (as_svg(unbounded).count(end_stroke), as_svg(unbounded).count(across)) == (1, 1)

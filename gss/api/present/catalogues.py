@@ -64,7 +64,7 @@ def catalogue_detail(
 
 
 def map_stars(image: OnboardCatalogue, stars: StarTable) -> list[MapStar]:
-    """Return the stars of a bank image, all of them kept, without stars of unknown magnitude."""
+    """Return the stars of a bank image for the sky map, with state 'kept'. Stars without a magnitude are omitted."""
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(image.icrs.astype(float)))
     mags = [_magnitude(image, row, stars) for row in range(len(image))]
     return [

@@ -9,6 +9,7 @@ from fastapi import Query, Response
 from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
+from gss.api.schemas.base import MAX_ID
 from gss.api.schemas.procedures import (
     AutomaticIn,
     ProcedureCheckOut,
@@ -29,6 +30,7 @@ from gss.wiring.services import Services
 
 router = api_router("procedures")
 Limit = Annotated[int, Query(ge=1, le=200)]
+QueryId = Annotated[int | None, Query(ge=1, le=MAX_ID)]
 NEED = need("procedures")
 
 
@@ -84,9 +86,12 @@ def start_procedure(
 
 
 @router.get("/procedure-runs")
-def list_procedure_runs(app: App, limit: Limit = 20) -> list[ProcedureRunOut]:
-    """Runs of procedures, newest first."""
-    return [present.procedures.run(row) for row in app.procedures.runs.newest(limit)]
+def list_procedure_runs(
+    app: App, limit: Limit = 20, procedure_id: QueryId = None, before: QueryId = None
+) -> list[ProcedureRunOut]:
+    """Runs of procedures, newest first. ``procedure_id``: only runs of this procedure; ``before``: only runs started before
+    the run with this id."""
+    return [present.procedures.run(row) for row in app.procedures.runs.newest(limit, procedure_id, before)]
 
 
 @router.get("/procedure-runs/{run_id}")

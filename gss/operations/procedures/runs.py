@@ -244,10 +244,11 @@ class ProcedureRunner:
         """Return the run with that id. Raises NotFound."""
         return self._record.get(run_id)
 
-    def newest(self, limit: int) -> list[ProcedureRun]:
-        """Return the latest runs, newest first."""
+    def newest(self, limit: int, procedure_id: int | None = None, before: int | None = None) -> list[ProcedureRun]:
+        """Return the latest runs, newest first. ``procedure_id``: only runs of this procedure; ``before``: only runs
+        started before the run with this id."""
         with self._database.unit_of_work() as session:
-            return store.newest_runs(session, limit)
+            return store.newest_runs(session, limit, procedure_id, before)
 
     def state(self, run_id: int) -> tuple[ProcedureRun, str]:
         """Return a run and the id of the step that waits for an operator, "" if no step waits. Raises NotFound."""

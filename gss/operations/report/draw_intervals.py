@@ -1,4 +1,4 @@
-"""Draws values with their intervals, a line each, on a common axis."""
+"""Draws values with their intervals, one line per value, on a common axis."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ def height_of(drawing: Intervals) -> float:
 
 
 def axis_range(drawing: Intervals) -> tuple[float, float]:
-    """Return the ends of the axis. A linear axis starts at 0, a logarithmic axis below the smallest positive value."""
-    largest = 1.05 * max(v for line in drawing.lines for v in (line.value, line.low, line.high or 1e-9))
+    """Return the ends of the axis. A linear axis starts at 0, a logarithmic axis below the smallest positive value. The
+    axis ends at 1 if all values and bounds are 0."""
+    numbers = (v for line in drawing.lines for v in (line.value, line.low, line.high) if v is not None)
+    largest = 1.05 * max(numbers) or 1.0
     if not drawing.log:
         return 0.0, largest
     return min(line.value for line in drawing.lines if line.value > 0) / 3, largest
@@ -44,7 +46,8 @@ def draw_intervals(pen: Pen, drawing: Intervals) -> None:
         pen.text(x(mark), bottom + 10, label, size=7, anchor="middle", colour=SOFT)
     pen.text((LEFT + WIDTH - RIGHT) / 2, bottom + 21, drawing.unit, size=7.5, anchor="middle", colour=SOFT)
     for k, line in enumerate(drawing.lines):
-        _line(pen, line, TOP + LINE_HEIGHT * (k + 0.5), (x(line.low), x(line.value), x(line.high or high)))
+        upper = high if line.high is None else line.high
+        _line(pen, line, TOP + LINE_HEIGHT * (k + 0.5), (x(line.low), x(line.value), x(upper)))
         if k == 0 or line.group != drawing.lines[k - 1].group:
             pen.line([(0, TOP + LINE_HEIGHT * k), (WIDTH - RIGHT, TOP + LINE_HEIGHT * k)], SOFT, 0.4)
             pen.text(0, TOP + LINE_HEIGHT * (k + 0.5) + 2.6, line.group, size=7.5)

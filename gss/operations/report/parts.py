@@ -174,8 +174,8 @@ class Interval(ReportPart):
 
 @dataclass(frozen=True)
 class Intervals(ReportPart):
-    """Values with their intervals, a line each, on a common axis. Consecutive lines of a ``group`` are drawn together.
-    ``log``: logarithmic axis; values of 0 are drawn at its left end."""
+    """Values with their intervals, one line per value, on a common axis. Consecutive lines of a ``group`` are drawn
+    together. ``log``: logarithmic axis; values of 0 are drawn at its left end."""
 
     title: str
     unit: str

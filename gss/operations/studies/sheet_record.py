@@ -228,8 +228,8 @@ def _lines(row: RowValues, absent: str) -> list[list[str]]:
 
 
 def error_budget(rows: list[RowValues]) -> list[Drawing]:
-    """Return the plot of all figures in arcseconds outside simulated conditions, without their signs; empty if there are
-    none. The axis is logarithmic if the values differ by more than ``LINEAR_SPAN``."""
+    """Return a plot of the absolute values of all figures in arcseconds, except simulated conditions; an empty list if there
+    are none. The axis is logarithmic if the values differ by more than ``LINEAR_SPAN``."""
     lines = []
     for row in rows:
         for f in row["figures"]:

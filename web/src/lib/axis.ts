@@ -19,6 +19,19 @@ export function timeTicks(low: number, high: number, widthPx = Infinity): number
   return out;
 }
 
+/**
+ * Return the ends of the axis of values with their intervals; `high` is null without an upper bound. The PDF uses the
+ * same rule (draw_intervals.py).
+ */
+export function intervalAxis(
+  lines: readonly { value: number; low: number; high: number | null }[],
+  log: boolean,
+): [number, number] {
+  const largest = 1.05 * Math.max(...lines.flatMap((l) => [l.value, l.low, l.high ?? 0])) || 1;
+  const positive = lines.map((l) => l.value).filter((v) => v > 0);
+  return log ? [Math.min(largest, ...positive) / 3, largest] : [0, largest];
+}
+
 /** Return the middle of a tick label: the tick `x`, or less where the label would pass the right edge at `widthPx`. */
 export function labelMiddle(x: number, label: string, widthPx: number): number {
   return Math.min(x, widthPx - (label.length * CHARACTER_PX) / 2 - 2);

@@ -31,6 +31,9 @@ export const requests = {
       }),
     ),
   runs: () => body(GET('/api/procedure-runs', { params: { query: { limit: 50 } } })),
+  /** The latest runs of a procedure before the run `before`, newest first. */
+  earlierRuns: (procedure_id: number, before: number, limit: number) =>
+    body(GET('/api/procedure-runs', { params: { query: { procedure_id, before, limit } } })),
   run: (run_id: number) => body(GET('/api/procedure-runs/{run_id}', withRunId(run_id))),
   step: (run_id: number, step: S['StepRunIn']) =>
     body(POST('/api/procedure-runs/{run_id}/step', { ...withRunId(run_id), body: step })),
