@@ -56,3 +56,24 @@ def test_a_campaign_changes_no_ground_result_but_a_user_can(page, served, new_fr
     expect(other.get_by_test_id("operational")).to_be_visible()
     expect(page.get_by_test_id("made-with")).to_contain_text("Ground result: oersted chain, camera cubestar.")
     expect(page.get_by_test_id("operational")).to_have_count(1)
+
+
+def test_an_unfinished_job_shows_only_a_result_of_an_experiment(page, served, new_frame):
+    """An unfinished experiment shows the latest result of another one, a queued reprocess job shows no result."""
+    new_frame(page)
+    first = served.ask("POST", "/campaigns/experiments", {"names": ["moniteq-4-2"], "trials": None, "seed": 1})
+    served.until(f"/jobs/{first['id']}", lambda j: j["state"] == "done")
+    jobs = [
+        served.ask("POST", "/campaigns/experiments", {"names": ["huffman-8-2"], "trials": 1000, "seed": 1}),
+        served.ask("POST", "/campaigns/reprocess", {"chain": "oersted"}),
+    ]
+    page.goto(f"/campaigns?job={jobs[0]['id']}")
+    progress, result = page.get_by_test_id("run-progress"), page.get_by_test_id("result")
+    expect(progress).to_contain_text("created")
+    expect(result.get_by_role("heading", name="Latest result, moniteq-4-2")).to_be_visible()
+    page.goto(f"/campaigns?job={jobs[1]['id']}")
+    expect(progress).to_contain_text("Waiting")
+    expect(progress).to_contain_text("not known yet")
+    expect(result.get_by_role("heading", name="result")).to_have_count(0)
+    for job in reversed(jobs):
+        served.ask("POST", f"/jobs/{job['id']}/cancel")
