@@ -14,13 +14,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import httpx2
+import numpy as np
+from astropy.io import fits
+from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
+from gss.instruments.registry import shipped_camera
+from gss.operations.frames.solver_cache import SolverCache
+from gss.pipeline.render import render
+from gss.pipeline.sheet.unit import scan
 from tools.browser import launch_options
 from tools.served import Served, served
 
@@ -58,6 +66,27 @@ STATION = {
     "name": "Stellenbosch", "latitude_deg": -33.9275, "longitude_deg": 18.865, "height_m": 136.0, "line_baud": 115_200,
     "mask": [{"azimuth_deg": 0.0, "elevation_deg": 4.0}],
 }  # fmt: skip
+SHEET_FRAMES = 10
+PROCEDURE = """# Check the sensor
+
+## status: Request the status
+
+```command
+GET_STATUS
+```
+
+## image: Take an image
+
+```command
+TAKE_IMAGE
+```
+
+## sign: Sign
+
+```sign
+The sensor responds.
+```
+"""
 # Problems that axe classifies as serious or critical.
 RUN_AXE = """axe.run(document, {resultTypes: ['violations']}).then((r) => r.violations
   .filter((v) => v.impact === 'serious' || v.impact === 'critical')
@@ -136,6 +165,50 @@ class Seed:
         self.until("/jobs", lambda rows: [j for j in rows if j["id"] == job["id"] and j["state"] == "done"])
         contact = self.request("GET", "/contacts")[0]["id"]
         return {"frame": frame, "catalogue": catalogue, "job": job["id"], "contact": contact}
+
+    def fill_studies(self) -> None:
+        """Import rendered frames of several pointings, and make a calibration, a sheet, a reprocessing with another
+        chain, a derived parameter, a procedure with a run, and an alarm from the stored data."""
+        ids = [self._import(k, pixels) for k, pixels in enumerate(rendered_pointings(SHEET_FRAMES))]
+        for frame in ids:
+            self.until(f"/frames/{frame}", lambda detail: detail["ground"])
+        profile = "cubestar"
+        calibration = {"kind": "stars", "profile": profile, "name": "rendered", "note": "", "frame_ids": ids}
+        jobs = [
+            self.request("POST", "/calibrations", calibration | {"models": [], "photometry": True, "psf": True}),
+            self.request("POST", "/analyses", {"kind": "sheet", "profile": profile, "frame_ids": ids}),
+            self.request("POST", "/campaigns/reprocess", {"chain": "cubestar"}),
+        ]
+        power = {"name": "power_mw", "expression": "housekeeping.supply_3v3_v * housekeeping.current_imager_ma"}
+        self.request("POST", "/telemetry/derived", power | {"title": "Imager power", "unit": "mW", "decimals": 1})
+        procedure = self.request("POST", "/procedures", {"text": PROCEDURE})
+        self.request("POST", f"/procedures/{procedure['id']}/start", {"automatic": True})
+        self.request("POST", "/commands", {"name": "SIM_INJECT", "arguments": {"fault": "overheat", "value": 60}})
+        for job in jobs:
+            self.until(f"/jobs/{job['id']}", lambda state: state["state"] in ("done", "failed"), 300)
+        self.request("POST", "/authority/release")
+
+    def _import(self, number: int, pixels: NDArray[np.generic]) -> int:
+        hdu = fits.PrimaryHDU(pixels)
+        hdu.header["DATE-OBS"], hdu.header["EXPTIME"] = f"2026-11-26T00:{number:02d}:00", 0.25
+        data = BytesIO()
+        hdu.writeto(data)
+        reply = httpx2.post(
+            f"{self.server.address}/api/frames/import",
+            headers=self.server.headers,
+            files={"file": (f"sky-{number}.fits", data.getvalue())},
+            data={"profile": "cubestar"},
+            timeout=60,
+        )
+        return int(reply.raise_for_status().json()["id"])
+
+
+def rendered_pointings(count: int) -> Iterator[NDArray[np.generic]]:
+    """Render frames of the camera cubestar at different pointings."""
+    camera, rng = shipped_camera("cubestar"), np.random.default_rng(12)
+    stars = SolverCache().stars(2026.9).brighter_than(6.0)
+    for moment in scan(count, rng):
+        yield render(stars, camera.camera, camera.sensor, moment.cam_from_icrs, 0.25, rng).pixels
 
 
 def two_line_elements(epoch: datetime) -> str:
@@ -216,7 +289,9 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "data", "--simulator", "cubestar") as server:
-        ids = Seed(server).fill()
+        seed = Seed(server)
+        ids = seed.fill()
+        seed.fill_studies()
         with signed_in(server) as page:
             faults = take(page, options.out, ids, options.pages, options.sizes)
     (options.out / "faults.txt").write_text("".join(f"{fault}\n" for fault in faults))

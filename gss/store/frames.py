@@ -88,6 +88,12 @@ def newest_in_slot(session: Session, slot: int, bits: int) -> Frame | None:
     return session.scalar(query.order_by(Frame.id.desc()).limit(1))
 
 
+def earlier_with_content(session: Session, frame: Frame) -> int | None:
+    """Return the id of the first frame with the same pixels that was stored before this one, None if there is none."""
+    same = (Frame.sha256 == frame.sha256, Frame.columns == frame.columns, Frame.id < frame.id)
+    return session.scalar(select(func.min(Frame.id)).where(*same))
+
+
 def has_number(session: Session, number: int, start: datetime, end: datetime) -> bool:
     """True if a downloaded frame taken in this time range has that on-board number."""
     query = select(Frame.id).where(Frame.source == "device", Frame.number == number, Frame.taken.between(start, end))

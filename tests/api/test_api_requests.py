@@ -357,7 +357,8 @@ def test_the_time_of_a_frame_is_known_only_if_the_file_states_it(client):
 
 
 def test_parallel_imports_of_one_file_store_it_once(client, tmp_path):
-    """Parallel imports of the same file all succeed and refer to the same stored content."""
+    """Parallel imports of the same file all succeed and refer to the same stored content. A later import names the first
+    frame with the same pixels."""
     from concurrent.futures import ThreadPoolExecutor
 
     data = png_of(np.random.default_rng(9).integers(0, 50, (64, 64), dtype=np.uint8))
@@ -365,3 +366,7 @@ def test_parallel_imports_of_one_file_store_it_once(client, tmp_path):
         replies = list(pool.map(lambda k: import_frame(client, data, f"{k}.png"), range(16)))
     assert {r.status_code for r in replies} == {201}
     assert len({r.json()["sha256"] for r in replies}) == 1
+    first = min(r.json()["id"] for r in replies)
+    assert client.get(f"/api/frames/{first}").json()["same_as"] is None
+    again = import_frame(client, data, "again.png").json()
+    assert again["same_as"] == first

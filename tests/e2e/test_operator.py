@@ -158,6 +158,11 @@ def test_engineer_imports_many_files_and_sees_each_that_was_rejected(page, tmp_p
     expect(page.get_by_test_id("import-problem")).to_contain_text("broken.png")
     for name in names[:2]:
         expect(page.get_by_test_id("frame-row").filter(has_text=name)).to_have_count(1)
+    page.get_by_test_id("import-file").set_input_files(tmp_path / names[0])
+    expect(page.get_by_test_id("same-as")).to_contain_text("same pixels as frame")
+    page.goto("/frames")
+    page.get_by_test_id("import-file").set_input_files([tmp_path / name for name in names[:2]])
+    expect(page.get_by_test_id("import-known")).to_contain_text(f"{names[1]} as frame")
 
 
 def test_telemetry_and_contacts_show_received_data(page, picture):

@@ -11,7 +11,7 @@ import pytest
 from gss.domain.camera_record import record_of
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.instruments.registry import shipped_camera
-from gss.operations.frames.frames import FrameDetail
+from gss.operations.frames.frame_detail import FrameDetail
 from gss.operations.frames.place import Place
 from gss.operations.recordings import scope, stored
 from gss.operations.recordings.blueprints import Use

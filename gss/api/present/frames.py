@@ -24,7 +24,7 @@ from gss.domain.angles import wrap_pi_rad
 from gss.domain.failure_cause import cause_of
 from gss.domain.frames import attitudes_agree, pointing_difference_rad, ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
-from gss.operations.frames.frames import FrameDetail
+from gss.operations.frames.frame_detail import FrameDetail
 from gss.operations.frames.replay_stages import ReplayStage, first_difference
 from gss.operations.frames.solution_rows import TurningValues
 from gss.store.models import Frame, Solution
@@ -83,6 +83,7 @@ def frame_detail(detail: FrameDetail) -> FrameDetailOut:
         comparison=comparison(detail.on_board, detail.ground),
         truth=attitude(detail.frame.truth, None),
         instrument_version=detail.frame.instrument_version,
+        same_as=detail.same_as,
     )
 
 

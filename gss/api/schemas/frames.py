@@ -184,7 +184,7 @@ class DifferenceOut(ComparisonOut):
 class FrameDetailOut(FrameOut):
     """Frame with its solutions (newest first) and the comparison of the on-board with the operational ground result.
     ``instrument_version``: SHA-256 of the instrument package that was active when the frame was stored; null:
-    unknown."""
+    unknown. ``same_as``: id of the first earlier frame with the same pixels; null: none."""
 
     solutions: list[SolutionOut]
     on_board: SolutionDetailOut | None
@@ -192,6 +192,7 @@ class FrameDetailOut(FrameOut):
     comparison: ComparisonOut | None
     truth: AttitudeOut | None
     instrument_version: str | None
+    same_as: int | None
 
 
 class SolveIn(In):

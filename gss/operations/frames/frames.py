@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -19,6 +18,7 @@ from gss.domain.stars import StarTable
 from gss.instruments.registry import Registry
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.operations.frames.frame_detail import FrameDetail
 from gss.operations.frames.frame_files import ImportedFrame, read_frame
 from gss.operations.frames.frame_values import dark_columns_of, frame_values
 from gss.operations.frames.observer import epoch_of_frame, observer_of_frame
@@ -38,17 +38,6 @@ Pixels = NDArray[np.generic]
 SOLVES_AT_ONCE = 2
 SAME_FRAME = timedelta(minutes=1)
 """Maximum difference between two times of the same frame, which can be from different clock correlations."""
-
-
-@dataclass(frozen=True)
-class FrameDetail:
-    """A frame with its solutions, newest first. ``on_board``: latest result of the sensor. ``ground``: operational
-    ground solution, with which the on-board result is compared."""
-
-    frame: Frame
-    solutions: list[Solution]
-    on_board: Solution | None
-    ground: Solution | None
 
 
 class FrameService:
@@ -225,11 +214,12 @@ class FrameService:
         with self._database.unit_of_work() as session:
             frame = store.get(session, frame_id)
             solutions = store.solutions_of(session, frame_id)
+            same_as = store.earlier_with_content(session, frame)
         on_board = next((s for s in solutions if s.origin == "on board"), None)
         ground = next((s for s in solutions if s.operational), None)
         for row in solutions if overlays else ():
             self._add_overlays(frame, row)
-        return FrameDetail(frame, solutions, on_board, ground)
+        return FrameDetail(frame, solutions, on_board, ground, same_as)
 
     def solution(self, solution_id: int) -> Solution:
         """Return the solution with that id. Raises NotFound."""

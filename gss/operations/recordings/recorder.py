@@ -18,7 +18,8 @@ from gss.domain.frames import pointing_difference_rad
 from gss.domain.rotation import matrix_from_quaternion
 from gss.domain.stars import StarTable
 from gss.operations.frames import pictures
-from gss.operations.frames.frames import FrameDetail, Pixels
+from gss.operations.frames.frame_detail import FrameDetail
+from gss.operations.frames.frames import Pixels
 from gss.operations.frames.overlay import PredictedStar, StarOverlay
 from gss.operations.frames.place import Place
 from gss.operations.frames.sky import bodies

@@ -3,6 +3,7 @@ import { base } from '../lib/base';
 import { api } from '../api/client';
 import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
+import { span } from '../lib/format';
 import { problemOf, problemText } from '../lib/problems';
 import { hasEnded, mergeCommands, retained } from '../lib/stages';
 import { session } from './session.svelte';
@@ -278,12 +279,13 @@ class Live {
       {
         topics: this.batched(batch),
         online: (filled) => {
+          const away = this.offlineSince === null ? '' : ` after ${span((Date.now() - this.offlineSince) / 1000)}`;
           this.online = true;
           this.offlineSince = null;
           if (filled) {
             this.filled = filled.count
               ? `back-filled ${filled.from.slice(11, 19)}Z – ${filled.to.slice(11, 19)}Z`
-              : 'reconnected, no recorded event missed';
+              : `reconnected${away}, no recorded event missed`;
           }
           if (filled || !this.everOnline) void this.load();
           this.everOnline = true;

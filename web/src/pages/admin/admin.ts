@@ -27,6 +27,16 @@ export function confirmationOf({ at, frames, frames_bytes, packets, to_thin, eve
   return { at, frames, frames_bytes, packets, to_thin, events };
 }
 
+/** Write the action of an audit row in words: `commands.send_command` becomes "commands: send command". */
+export function auditAction(action: string): string {
+  return action.replace('.', ': ').replace(/_/g, ' ');
+}
+
+/** Write the target of an audit row without the method of the request, because the action states it. */
+export function auditTarget(target: string): string {
+  return target.replace(/^(GET|POST|PUT|PATCH|DELETE) \/(api\/)?/, '').replace(/\//g, ' ');
+}
+
 export const admin = {
   users: () => body(GET('/api/users')),
   addUser: (user: S['UserIn']) => body(POST('/api/users', { body: user })),
