@@ -173,6 +173,8 @@ def test_telemetry_and_contacts_show_received_data(page, picture):
     page.goto("/telemetry?page=power&plot=housekeeping.sensor_temperature_c,housekeeping.supply_3v3_v")
     expect(page.get_by_test_id("plot-stack")).to_be_visible()
     picture("telemetry")
+    page.locator("[data-field='housekeeping.current_imager_ma'] td.num").first.click()
+    expect(page).to_have_url(re.compile("current_imager_ma"))
     page.goto("/contacts")
     expect(page.get_by_test_id("contact-row").first).to_contain_text("SIM-0001")
 

@@ -1,4 +1,4 @@
-"""Tests and sections named in docs/assurance.md, and tests named in docs/hardening.md, exist."""
+"""Tests and sections named in docs/assurance.md, docs/hardening.md and docs/console-findings.md exist."""
 
 from __future__ import annotations
 
@@ -36,6 +36,21 @@ def test_every_test_of_a_finding_exists(root: Path) -> None:
     assert len(findings) > 50
     for number, commit in findings:
         assert re.search(r"\b[0-9a-f]{8}\b|\*\*open\*\*|figures: ", commit), number
+
+
+def test_every_finding_of_the_console_names_its_test(root: Path) -> None:
+    """Each row of docs/console-findings.md names existing tests, or states that there is none."""
+    text = (root / "docs" / "console-findings.md").read_text()
+    findings = re.findall(r"^\| ([BMmI]\d+) \| .+ \| .+ \| (.+) \|$", text, re.MULTILINE)
+    assert [number[0] for number, _ in findings].count("M") == 16
+    assert len({number for number, _ in findings}) == len(findings) > 45
+    for number, shown in findings:
+        named = re.findall(r"`((?:tests|web)/[\w/.]+?\.(py|ts))(?:::([^`]+))?`", shown)
+        assert named or shown == "No test", number
+        for path, kind, name in named:
+            source = (root / path).read_text()
+            line = rf"^(?:async )?def {name}\(" if kind == "py" else rf"(?:it|test)\(['\"]{re.escape(name)}['\"]"
+            assert not name or re.search(line, source, re.MULTILINE), f"{path}::{name}"
 
 
 def test_every_promise_names_its_evidence_or_states_that_there_is_none(

@@ -10,6 +10,22 @@ describe('arguments of a command', () => {
       /^TAKE_IMAGE at device time 3.359\.8 s$/,
     );
   });
+  it('show the meaning of 0 that the dictionary states', () => {
+    const definition = [
+      {
+        name: 'TAKE_IMAGE',
+        code: 33,
+        arguments: [
+          { name: 'slot', unit: '', purpose: 'Image memory to fill' },
+          { name: 'exposure_ms', unit: 'ms', purpose: 'Exposure time; 0 = value of SET_EXPOSURE' },
+        ],
+      },
+    ] as unknown as Parameters<typeof commandText>[1];
+    const taken = { name: 'TAKE_IMAGE', text: 'slot 0, exposure 0', arguments: { slot: 0, exposure_ms: 0 } };
+    expect(commandText(taken, definition)).toBe('slot 0, exposure: value of SET_EXPOSURE');
+    const other = { ...taken, text: 'slot 0, exposure 250', arguments: { slot: 0, exposure_ms: 250 } };
+    expect(commandText(other, definition)).toBe('slot 0, exposure 250');
+  });
   it('stay unchanged for other commands and for bytes that the dictionary does not define', () => {
     expect(
       commandText({ name: 'SET_EXPOSURE', text: 'exposure 250', arguments: { exposure_ms: 250 } }, DICTIONARY),

@@ -5,10 +5,13 @@ import { levelOf } from '../lib/alarms';
 const KEY = 'gss-alarm-sound';
 const SECONDS = 0.25;
 
-type Heard = Pick<AlarmRow, 'id' | 'packet' | 'field' | 'state' | 'level' | 'worst' | 'shelved' | 'raised' | 'text'>;
+type OpenAlarm = Pick<
+  AlarmRow,
+  'id' | 'packet' | 'field' | 'state' | 'level' | 'worst' | 'shelved' | 'raised' | 'text'
+>;
 
 /** Identity of each alarm that asks for attention. An alarm that becomes critical asks again. */
-export function urgent(alarms: readonly Heard[]): string[] {
+export function urgent(alarms: readonly OpenAlarm[]): string[] {
   return alarms
     .filter((a) => !a.shelved && a.state !== 'acked' && ['warning', 'critical'].includes(levelOf(a)))
     .map((a) => `${a.id} ${levelOf(a)}`);
@@ -44,7 +47,7 @@ export class AlarmSound {
   }
 
   /** Compare the alarms with the previous ones. Alarms of the first call were there before the page. */
-  follow(alarms: readonly Heard[]): void {
+  follow(alarms: readonly OpenAlarm[]): void {
     const now = urgent(alarms);
     const known = this.known;
     this.known = new Set(now);
