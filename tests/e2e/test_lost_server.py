@@ -124,6 +124,8 @@ def test_abort_without_a_server_ends_as_not_sent_and_stays_until_acknowledged(pa
 
     server.start()
     expect(page.get_by_test_id("offline")).to_have_count(0)
+    expect(page.get_by_test_id("outage")).to_contain_text("the server was restarted")
+    expect(page.get_by_test_id("outage")).to_contain_text("telemetry was not recorded while it was down")
     expect(page.get_by_test_id("abort-again")).to_be_visible()
     expect(abort_strip(page)).not_to_contain_text("command history has no such ABORT")  # a record may be stored late
     expect(abort_strip(page)).to_contain_text("command history has no such ABORT", timeout=90_000)

@@ -90,6 +90,8 @@ def test_a_camera_is_calibrated_used_and_made_into_a_table(
     form = page.get_by_test_id("calibrate-form")
     form.get_by_test_id("calibrate-frames").fill("12-")
     expect(form).to_contain_text("not a number or a range")
+    form.get_by_test_id("calibrate-frames").fill("99999")
+    expect(form.get_by_test_id("calibrate-frames-note")).to_have_text("Not stored: frame 99999.")
     form.get_by_test_id("calibrate-frames").fill(imported)
     expect(form).to_contain_text(f"{FRAMES} frames")
     form.get_by_label("Lens model").select_option("brown-4")

@@ -114,6 +114,12 @@ def test_engineer_inspects_a_frame(page, new_frame, picture):
     expect(page).to_have_url(re.compile(rf"/frames/{number}\b"))
     expect(page.get_by_test_id("chain-row").filter(has_text="reference")).to_contain_text("correct")
     expect(page.get_by_test_id("star-row").first).to_be_visible()
+    stars = page.get_by_test_id("stars")
+    for tab in ("No match", "Rejected", "Predicted", "Matched"):
+        button = stars.get_by_role("button", name=re.compile(rf"^{tab} \d+$"))
+        button.click()
+        expect(button).to_have_attribute("aria-pressed", "true")
+        expect(stars.locator("tbody tr")).to_have_count(int(button.inner_text().split()[-1]))
     page.get_by_test_id("open-run-chain").click()
     page.get_by_test_id("run-chain-form").get_by_role("button", name="cubestar").click()
     stored = page.get_by_test_id("chain-row").count()
@@ -197,3 +203,21 @@ def test_the_live_page_at_rest_sends_few_requests(page, at_rest):
     page.on("request", lambda request: requested.append(request.url))
     page.wait_for_timeout(3000)
     assert len(requested) < 12, requested
+
+
+@pytest.mark.parametrize(
+    ("address", "request_path", "empty"),
+    [("/procedures", "procedures", "0 stored"), ("/sheet", "sheets", "No sheets yet")],
+)
+def test_a_list_is_loading_until_the_first_answer(page, address, request_path, empty):
+    """Before the first answer a page states that it loads, not that its list is empty."""
+    held = []
+    page.route(re.compile(rf"/api/{request_path}(\?|$)"), held.append)
+    page.goto(address)
+    main = page.locator("main")
+    expect(main).to_contain_text("Loading …")
+    expect(main).not_to_contain_text(empty)
+    assert held
+    for route in held:
+        route.continue_()
+    expect(main).not_to_contain_text("Loading …")

@@ -109,7 +109,7 @@ class LinkOut(Out):
     """Contents of the header bar. ``attitudes``: latest attitudes on board and on the ground. ``simulated``: null if
     this is not known, because no device has answered or its protocol does not report it. ``tried_on_hardware``: true if
     the instrument package was tested with hardware; null: not stated. ``no_abort``: explanation if the sensor has no
-    abort command, otherwise ""."""
+    abort command, otherwise "". ``server_started``: start of the server process that receives telemetry."""
 
     device: str
     profile: str
@@ -136,6 +136,7 @@ class LinkOut(Out):
     alarms: list[AlarmOut]
     contact_id: int | None
     authority: str | None
+    server_started: Utc
     utc: Utc
 
 

@@ -84,6 +84,7 @@ class Header:
     alarms: list[StatusAlarm]
     contact_id: int | None
     authority: str | None
+    server_started: datetime
     utc: datetime
 
 
@@ -108,6 +109,7 @@ class StatusService:
         self._bus, self._now, self._authority = bus, now, authority
         self._attitude, self._ground, self._next_pass = attitude, ground, next_pass
         self._tried_on_hardware = tried_on_hardware
+        self._started = now()
         self._since: dict[str, datetime] = {}
         self._counts: deque[tuple[float, int, int]] = deque()
         self._last_sent: tuple[int, float] = (0, 0.0)
@@ -174,6 +176,7 @@ class StatusService:
             alarms=alarms,
             contact_id=self._link.contact_id,
             authority=self._authority.holder(),
+            server_started=self._started,
             utc=self._now(),
         )
 

@@ -33,6 +33,19 @@ export function retained(commands: readonly Command[], limit: number): Command[]
   return commands.filter((c, i) => i < limit || isUnsettled(c));
 }
 
+/**
+ * Return the commands with an unresolved result that the history omits because of its period. A search, and a filter
+ * for another result, omit them also.
+ */
+export function waitingOutside(
+  commands: readonly Command[],
+  inPeriod: readonly Command[],
+  filter: { text: string; user: string; result: string },
+): Command[] {
+  if (filter.text.trim() || filter.user || (filter.result && filter.result !== 'unknown')) return [];
+  return commands.filter((c) => isUnsettled(c) && !inPeriod.includes(c));
+}
+
 /** Merge two lists of commands, newest first, each command once. */
 export function mergeCommands(newest: readonly Command[], others: readonly Command[]): Command[] {
   const ids = new Set(newest.map((c) => c.id));

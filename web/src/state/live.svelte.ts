@@ -3,11 +3,11 @@ import { base } from '../lib/base';
 import { api } from '../api/client';
 import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
-import { span } from '../lib/format';
 import { problemOf, problemText } from '../lib/problems';
 import { hasEnded, mergeCommands, retained } from '../lib/stages';
 import { session } from './session.svelte';
 import { Batch } from './batch';
+import { outageText, type Outage } from './outage';
 import { merged, mergedBy, UpdateLog } from './snapshot';
 import { Stream, type TopicHandlers } from './stream';
 import { toast } from './toasts.svelte';
@@ -61,6 +61,7 @@ class Live {
   offlineSince = $state<number | null>(null);
   filled = $state('');
   clockSkewMs = 0;
+  private startedBefore: string | null = null;
   private dictionaryGeneration = 0;
   private readonly updates = new UpdateLog();
 
@@ -253,6 +254,12 @@ class Live {
     this.frameTick += 1;
   }
 
+  private async describeOutage(events: Outage['events']): Promise<void> {
+    const times = { lost_ms: this.offlineSince ?? Date.now(), back_ms: Date.now(), before: this.startedBefore };
+    const link = await api.link().catch(() => null);
+    this.filled = outageText({ ...times, events, after: link?.server_started ?? null });
+  }
+
   start(): Stream {
     const batch = new Batch(
       {
@@ -279,20 +286,15 @@ class Live {
       {
         topics: this.batched(batch),
         online: (filled) => {
-          const away = this.offlineSince === null ? '' : ` after ${span((Date.now() - this.offlineSince) / 1000)}`;
-          this.online = true;
-          this.offlineSince = null;
-          if (filled) {
-            this.filled = filled.count
-              ? `back-filled ${filled.from.slice(11, 19)}Z – ${filled.to.slice(11, 19)}Z`
-              : `reconnected${away}, no recorded event missed`;
-          }
+          if (filled) void this.describeOutage(filled);
           if (filled || !this.everOnline) void this.load();
-          this.everOnline = true;
+          this.online = this.everOnline = true;
+          this.offlineSince = null;
         },
         offline: (since) => {
           this.online = false;
           this.offlineSince = since;
+          this.startedBefore = this.link?.server_started ?? null;
           if (!this.everOnline) void this.load();
           void session.read();
         },
