@@ -207,7 +207,7 @@ def test_the_live_page_at_rest_sends_few_requests(page, at_rest):
 
 @pytest.mark.parametrize(
     ("address", "request_path", "empty"),
-    [("/procedures", "procedures", "0 stored"), ("/sheet", "sheets", "No sheets yet")],
+    [("/procedures", "procedures", "0 stored"), ("/sheet", "analyses", "No sheets yet")],
 )
 def test_a_list_is_loading_until_the_first_answer(page, address, request_path, empty):
     """Before the first answer a page states that it loads, not that its list is empty."""

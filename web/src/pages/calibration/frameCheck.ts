@@ -26,8 +26,10 @@ export async function unusable(ids: readonly number[], read: (offset: number) =>
     isComplete = frames.length === 0 || (page + 1) * PAGE_SIZE >= total;
   }
   const partial = ids.filter((id) => stored.get(id) === false);
-  if (partial.length)
-    return `Rows are missing in ${listed(partial)}. Download the missing rows, or remove ${partial.length > 1 ? 'these frames' : 'this frame'} from the list.`;
+  if (partial.length) {
+    const these = partial.length > 1 ? 'these frames' : 'this frame';
+    return `Rows are missing in ${listed(partial)}. Download the missing rows, or remove ${these} from the list.`;
+  }
   return isComplete && missing().length ? `Not stored: ${listed(missing())}.` : '';
 }
 

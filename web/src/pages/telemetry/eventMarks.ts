@@ -20,7 +20,10 @@ export interface EventMark {
 const MARK_PX = 10;
 const SEVERITY: readonly LampState[] = ['critical', 'warning', 'unknown', 'watch'];
 
-/** Return the marks of a list in order of time, at most one for `MARK_PX` pixels. `x` returns the position of a time. */
+/**
+ * Return the marks of a list in order of time, at most one for `MARK_PX` pixels. `x` returns the position of a time in
+ * pixels.
+ */
 export function eventMarks(list: readonly Happening[], x: (t: number) => number): EventMark[] {
   const groups: Happening[][] = [];
   for (const e of list) {
