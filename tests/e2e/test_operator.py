@@ -206,14 +206,14 @@ def test_the_live_page_at_rest_sends_few_requests(page, at_rest):
 
 
 @pytest.mark.parametrize(
-    ("address", "request_path", "empty"),
+    ("page_path", "request_path", "empty"),
     [("/procedures", "procedures", "0 stored"), ("/sheet", "analyses", "No sheets yet")],
 )
-def test_a_list_is_loading_until_the_first_answer(page, address, request_path, empty):
+def test_a_list_is_loading_until_the_first_answer(page, page_path, request_path, empty):
     """Before the first answer a page states that it loads, not that its list is empty."""
     held = []
-    page.route(re.compile(rf"/api/{request_path}(\?|$)"), held.append)
-    page.goto(address)
+    page.route(re.compile(rf"/api/{request_path}(\?|$)"), lambda route: held.append(route))
+    page.goto(page_path)
     main = page.locator("main")
     expect(main).to_contain_text("Loading …")
     expect(main).not_to_contain_text(empty)
