@@ -36,6 +36,7 @@ PAGES = [
     ("/catalogues", "page-catalogues", "catalogue-row"),
     ("/catalogues/{catalogue}", "page-builder", "sweep"),
     ("/catalogues/design", "page-design", "tile-limit_mag"),
+    ("/stars/27989", "page-star", "star-frame-words"),
     ("/calibration", "page-calibration", "calibration"),
     ("/sheet", "page-sheet", "sheet-form"),
     ("/campaigns?job={job}", "page-campaigns", "paper-ours"),

@@ -53,6 +53,7 @@ LOCAL: dict[str, tuple[str, ...]] = {
         "/api/profiles",
         "/api/rerun/re_viewer.js",
         "/api/rerun/re_viewer_bg.wasm",
+        "/api/stars",
         "/api/tables/defaults",
         "/api/tables/{table_id}/file.bin",
     ),

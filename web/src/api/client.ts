@@ -239,6 +239,8 @@ const catalogues = {
     body(POST('/api/catalogues/{catalogue_id}/upload', { params: { path: { catalogue_id } }, body: { bank } })),
   sky: (mag = 4.5, at?: string) => body(GET('/api/sky', { params: { query: given({ mag, at }) } })),
   figures: () => body(GET('/api/sky/figures')),
+  stars: (q: string, limit: number) => body(GET('/api/stars', { params: { query: { q, limit } } })),
+  star: (hip: number) => body(GET('/api/stars/{hip}', { params: { path: { hip } } })),
   profiles: () => body(GET('/api/profiles')),
   chains: () => body(GET('/api/chains')),
   chainOptions: (chain: string, profile: string) =>

@@ -31,6 +31,7 @@ const ROUTES: readonly Route[] = [
   { path: '/catalogues/design', page: 'design' },
   { path: '/catalogues/new', page: 'builder' },
   { path: '/catalogues/:id', page: 'builder' },
+  { path: '/stars/:id', page: 'star' },
   { path: '/calibration', page: 'calibration' },
   { path: '/sheet', page: 'sheet' },
   { path: '/campaigns', page: 'campaigns' },

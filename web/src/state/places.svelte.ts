@@ -1,13 +1,15 @@
-/** Entries of the palette: pages, commands, frames, catalogues, contacts, telemetry, alarms and help. */
+/** Entries of the palette: pages, commands, frames, catalogues, contacts, telemetry, alarms, stars and help. */
 import { api } from '../api/client';
 import type { Catalogue, Contact, Frame } from '../api/types';
 import { rank } from '../lib/rank';
+import { withStars } from '../lib/starHits';
 import { clock, day } from '../lib/format';
 import { lampOf, type LampState } from '../lib/lamp';
 import { PAGES } from './keys';
 import { bare, keyOf, live } from './live.svelte';
 import { go, route } from './router.svelte';
 import { session } from './session.svelte';
+import { starSearch } from './starSearch.svelte';
 import { view } from './view.svelte';
 import { views } from './views.svelte';
 
@@ -121,13 +123,15 @@ class Places {
 
   /**
    * Return the best entries for a query. A number finds the frame with this number first; #161 finds only the command.
+   * Stars are included when the server has returned them.
    */
   find(query: string, limit: number): Place[] {
     const text = query.trim();
     const request = /^#\d{1,15}$/.test(text) ? this.all.filter((p) => p.text === text) : [];
     if (request.length) return request;
+    const stars = starSearch.starsFor(text).map((star) => ({ ...star, run: to(`/stars/${star.hip}`) }));
     const hits = rank(text, this.all, limit);
-    if (!/^\d{1,15}$/.test(text)) return hits;
+    if (!/^\d{1,15}$/.test(text)) return withStars(text, hits, stars, limit);
     const loaded = this.all.find((p) => p.text === `Frame ${text}`);
     const frame = loaded ?? {
       kind: 'frame',
@@ -135,7 +139,8 @@ class Places {
       note: 'by number',
       run: to(`/frames/${text}`),
     };
-    return [frame, ...hits.filter((p) => p.text !== frame.text)].slice(0, limit);
+    const others = hits.filter((p) => p.text !== frame.text);
+    return [frame, ...withStars(text, others, stars, limit - 1)];
   }
 }
 

@@ -1,0 +1,70 @@
+"""Stars of the Hipparcos catalogue: search and facts."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from fastapi import Path, Query
+
+from gss.api import present
+from gss.api.api_router import api_router
+from gss.api.deps import App
+from gss.api.schemas.stars import FoundStarOut, MatchedFrameOut, StarCardOut, StarSearchOut
+from gss.catalogue_tools.sources.hipparcos import MAS_RAD, load_hipparcos
+from gss.catalogue_tools.sources.star_names import find_stars, named_stars
+from gss.domain.angles import ra_dec_from_unit
+from gss.operations.catalogues.star_card import MatchedFrame
+
+router = api_router("stars", "/stars")
+MAX_HIP = 999_999
+
+
+@router.get("")
+def search_stars(
+    q: Annotated[str, Query(min_length=1, max_length=60)], limit: Annotated[int, Query(ge=1, le=50)] = 12
+) -> StarSearchOut:
+    """Search for stars by Hipparcos number, or by proper, Bayer, Flamsteed or variable-star name. Exact matches come
+    first, then brighter stars. Positions: ICRS at J1991.25."""
+    table, hits = load_hipparcos(), find_stars(q, limit)
+    ra, dec = ra_dec_from_unit(table.icrs[[hit.row for hit in hits]].reshape(-1, 3))
+    stars = [
+        FoundStarOut(
+            hip=int(table.hip[hit.row]),
+            name=table.name_of(int(table.hip[hit.row])),
+            ra_deg=math.degrees(float(a)),
+            dec_deg=math.degrees(float(d)),
+            v_mag=float(table.v_mag[hit.row]),
+            exact=hit.exact,
+        )
+        for hit, a, d in zip(hits, ra, dec, strict=True)
+    ]
+    return StarSearchOut(stars=stars, table_stars=len(table), named_stars=named_stars())
+
+
+@router.get("/{hip}")
+def read_star(app: App, hip: Annotated[int, Path(ge=1, le=MAX_HIP)]) -> StarCardOut:
+    """Facts of a star: position, magnitude, and the stored catalogues and recent frames that contain it."""
+    card, banks = app.catalogues.stars.card(hip), app.transfers.banks.views()
+    same = {name: getattr(card, name) for name in StarCardOut.model_fields.keys() & vars(card).keys()}
+    facts = {
+        "ra_deg": math.degrees(card.ra_rad),
+        "dec_deg": math.degrees(card.dec_rad),
+        "proper_motion_mas_yr": card.proper_motion_rad_yr / MAS_RAD,
+        "parallax_mas": card.parallax_rad / MAS_RAD,
+        "catalogues": [present.catalogues.catalogue(row, banks) for row in card.catalogues],
+        "unknown_banks": [bank.bank for bank in banks if bank.sha256 and bank.catalogue is None],
+        "frames": [_matched(match) for match in card.frames],
+    }
+    return StarCardOut.model_validate(same | facts)
+
+
+def _matched(match: MatchedFrame) -> MatchedFrameOut:
+    frame = match.frame
+    return MatchedFrameOut(
+        id=frame.id,
+        name=frame.name,
+        taken=frame.taken,
+        time_known=frame.time_known,
+        residual_px=match.residual_px,
+    )

@@ -1,0 +1,66 @@
+import { describe, expect, it } from 'vitest';
+import type { StarSearchResult } from '../api/types';
+import { StarSearch } from '../state/starSearch.svelte';
+import { noStarWords, starHit, withStars } from './starHits';
+
+const star = (hip: number, name: string, exact = false) => ({
+  ...{ hip, name, exact, ra_deg: 88.793, dec_deg: 7.407, v_mag: 0.45 },
+});
+const result = (...stars: ReturnType<typeof star>[]): StarSearchResult => ({
+  stars,
+  table_stars: 117_972,
+  named_stars: 4536,
+});
+const page = (text: string) => ({ kind: 'page', text, note: '', hip: 0, exact: false });
+
+describe('stars among the results', () => {
+  it('have name, number, magnitude and position', () => {
+    expect(starHit(star(27989, 'Betelgeuse')).note).toBe('HIP 27989, V 0.45, RA 88.79°, Dec +7.41°');
+    expect(starHit(star(5, 'HIP 5')).note).toBe('V 0.45, RA 88.79°, Dec +7.41°');
+  });
+  it('come first if exact, after a result of the same name, and last otherwise', () => {
+    const stars = [starHit(star(1, 'Vega', true)), starHit(star(2, 'Vegas star'))];
+    const texts = (hits: string[], limit = 9) =>
+      withStars('vega', hits.map(page), stars, limit).map((h) => `${h.kind} ${h.text}`);
+    expect(texts(['Vega', 'Vega 2'])).toEqual(['page Vega', 'star Vega', 'page Vega 2', 'star Vegas star']);
+    expect(texts(['a', 'b', 'c'], 3)).toEqual(['star Vega', 'page a', 'star Vegas star']);
+  });
+  it('are explained if there is none', () => {
+    expect(noStarWords('hip 999999', result(), '')).toMatch(/^HIP 999999 is not among the 117.972 stars/);
+    expect(noStarWords('zzz', result(), '')).toMatch(/4.536 named stars/);
+    expect(noStarWords('zzz', null, '')).toBe('Searching the star table …');
+    expect(noStarWords('zzz', null, 'No answer.')).toBe('The stars could not be searched: No answer.');
+  });
+});
+
+describe('the search for stars', () => {
+  const wait = (): Promise<void> => new Promise((r) => setTimeout(r, 20));
+  it('asks once for the last text and shows no stars of an earlier one', async () => {
+    const asked: string[] = [];
+    const search = new StarSearch(
+      {
+        stars: (q) => {
+          asked.push(q);
+          return Promise.resolve(result(star(1, q)));
+        },
+      },
+      0,
+    );
+    search.search('ve');
+    search.search('vega');
+    await wait();
+    expect(asked).toEqual(['vega']);
+    expect(search.starsFor('vega').map((s) => s.text)).toEqual(['vega']);
+    expect(search.starsFor('ve')).toEqual([]);
+    search.search('#12');
+    await wait();
+    expect(asked).toEqual(['vega']);
+    expect(search.wordsFor('#12')).toBe('');
+  });
+  it('states a failed search', async () => {
+    const search = new StarSearch({ stars: () => Promise.reject(new Error('no connection')) }, 0);
+    search.search('vega');
+    await wait();
+    expect(search.wordsFor('vega')).toContain('could not be searched');
+  });
+});

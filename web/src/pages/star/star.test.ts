@@ -1,0 +1,25 @@
+import { expect, it } from 'vitest';
+import type { StarCard } from '../../api/types';
+import { catalogueWords, facts, frameWords } from './star';
+
+const card = (changes: Partial<StarCard>): StarCard =>
+  ({
+    ...{ hip: 1, name: 'HIP 1', ra_deg: 1, dec_deg: -2, epoch_jyear: 2026.2, v_mag: 9.1, b_v: null },
+    ...{ proper_motion_mas_yr: 5.42, parallax_mas: 3.5, flags: [], catalogues: [], checked_catalogues: 0 },
+    ...{ unnumbered: 0, unknown_banks: [], frames: [], checked_frames: 0 },
+    ...changes,
+  }) as StarCard;
+
+it('shows a dash for a value that the star table does not have', () => {
+  expect(Object.fromEntries(facts(card({})))['B−V']).toBe('–');
+  expect(Object.fromEntries(facts(card({ flags: ['variable'] })))['Properties']).toBe('variable');
+});
+it('states what was searched and what could not be searched', () => {
+  expect(catalogueWords(card({}))).toBe('No catalogue is stored.');
+  const words = catalogueWords(card({ checked_catalogues: 3, unnumbered: 1, unknown_banks: ['B'] }));
+  expect(words).toContain('In 0 of the newest 2 catalogues.');
+  expect(words).toContain('1 more catalogue has no star numbers.');
+  expect(words).toContain('bank B is not stored');
+  expect(frameWords(card({}))).toBe('No frame is solved.');
+  expect(frameWords(card({ checked_frames: 7 }))).toBe('In the ground result of 0 of the newest 7 solved frames.');
+});
