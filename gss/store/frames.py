@@ -10,7 +10,6 @@ from sqlalchemy import func, insert, select, update
 from sqlalchemy.orm import Session, aliased, defer
 
 from gss.domain.errors import NotFound
-from gss.domain.json_object import JsonObject
 from gss.domain.results import BLIND
 from gss.store.models import Frame, Solution
 
@@ -206,19 +205,6 @@ def newest_ground_attitude(session: Session) -> tuple[Frame, Solution] | None:
     )
     row = session.execute(query).first()
     return None if row is None else (row[0], row[1])
-
-
-def newest_solved(session: Session, limit: int) -> list[tuple[Frame, list[JsonObject]]]:
-    """Return the newest frames with an operational ground attitude, newest first, each with the stars of that
-    solution."""
-    query = (
-        select(Frame, Solution.detail)
-        .join(Solution, Solution.frame_id == Frame.id)
-        .where(Solution.operational, Solution.outcome == "solved")
-        .order_by(Frame.id.desc())
-        .limit(limit)
-    )
-    return [(frame, detail.get("stars", [])) for frame, detail in session.execute(query)]
 
 
 def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:

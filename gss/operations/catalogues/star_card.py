@@ -13,11 +13,11 @@ from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.catalogue_tools.sources.hipparcos import load_hipparcos, propagate
 from gss.domain.angles import ra_dec_from_unit
 from gss.domain.errors import NotFound
-from gss.domain.json_object import JsonObject
 from gss.domain.stars import FLAG_MULTIPLE, FLAG_NO_PROPER_MOTION, FLAG_POOR_POSITION, FLAG_VARIABLE
 from gss.operations.clock import Now
-from gss.store import catalogues, frames
+from gss.store import catalogues
 from gss.store.engine import Database
+from gss.store.matched_stars import newest_matches
 from gss.store.models import Catalogue, Frame
 
 MAX_CATALOGUES, MAX_FRAMES = 100, 200
@@ -82,7 +82,7 @@ class StarCards:
         (ra, dec), colour = ra_dec_from_unit(star.icrs), float(star.b_v[0])
         with self._database.unit_of_work() as session:
             rows = catalogues.newest(session, MAX_CATALOGUES)
-            solved = frames.newest_solved(session, MAX_FRAMES)
+            solved = newest_matches(session, MAX_FRAMES)
         return StarCard(
             hip=hip,
             name=table.name_of(hip),
@@ -97,7 +97,7 @@ class StarCards:
             catalogues=[c for c in rows if hip in _numbers(c)],
             checked_catalogues=len(rows),
             unnumbered=sum(not _numbers(c) for c in rows),
-            frames=[MatchedFrame(f, _residual_px(s)) for f, stars in solved for s in stars if s.get("hip") == hip],
+            frames=[MatchedFrame(frame, stars[hip]) for frame, stars in solved if hip in stars],
             checked_frames=len(solved),
         )
 
@@ -106,8 +106,3 @@ def _numbers(row: Catalogue) -> Sequence[int]:
     """Return the Hipparcos numbers of a catalogue's stars, empty if its manifest lists none."""
     numbers: Sequence[int] = row.manifest.get("hip") or ()
     return numbers
-
-
-def _residual_px(star: JsonObject) -> float | None:
-    dx_px, dy_px = star.get("dx_px"), star.get("dy_px")
-    return None if dx_px is None or dy_px is None else math.hypot(dx_px, dy_px)

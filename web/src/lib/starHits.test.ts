@@ -36,11 +36,11 @@ describe('stars among the results', () => {
 describe('the search for stars', () => {
   const wait = (): Promise<void> => new Promise((r) => setTimeout(r, 20));
   it('asks once for the last text and shows no stars of an earlier one', async () => {
-    const asked: string[] = [];
+    const sent: string[] = [];
     const search = new StarSearch(
       {
         stars: (q) => {
-          asked.push(q);
+          sent.push(q);
           return Promise.resolve(result(star(1, q)));
         },
       },
@@ -49,12 +49,12 @@ describe('the search for stars', () => {
     search.search('ve');
     search.search('vega');
     await wait();
-    expect(asked).toEqual(['vega']);
+    expect(sent).toEqual(['vega']);
     expect(search.starsFor('vega').map((s) => s.text)).toEqual(['vega']);
     expect(search.starsFor('ve')).toEqual([]);
     search.search('#12');
     await wait();
-    expect(asked).toEqual(['vega']);
+    expect(sent).toEqual(['vega']);
     expect(search.wordsFor('#12')).toBe('');
   });
   it('states a failed search', async () => {
