@@ -10,6 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from gss.domain.errors import BadInput
 from gss.domain.json_object import JsonObject
 
+MAX_PATH_LENGTH = 4000
+"""Maximum length of the address of a page of the console."""
 MAX_ID = 2**31 - 1
 """Largest row id: row ids in the database are 32-bit integers."""
 DEEPEST = 32
@@ -53,6 +55,16 @@ def _check_text(value: Any) -> None:
             pending += [(part, depth + 1) for part in item]
         elif isinstance(item, str) and ("\0" in item or any("\ud800" <= c <= "\udfff" for c in item)):
             raise ValueError("text contains NUL or an incomplete character")
+
+
+def check_page_path(path: str) -> None:
+    """Raise BadInput unless the path can be the address of a page of this console within the unit, with its query."""
+    is_console_path = path.startswith("/") and not path.startswith(("//", "/\\", "/api/"))
+    is_printable = path.isascii() and path.isprintable() and " " not in path
+    if not is_console_path or len(path) > MAX_PATH_LENGTH or not is_printable:
+        raise BadInput(
+            "The address is not a page of the console", expected="for example /telemetry?plot=…", got=path[:80]
+        )
 
 
 R = TypeVar("R", bound=Request)

@@ -69,3 +69,24 @@ def test_names_are_unique_and_readable(clients) -> None:
     assert ann.post("/api/views", json=view_body(name="  ")).status_code == 400
     other = ann.post("/api/views", json=view_body(name="Heat")).json()
     assert ann.put(f"/api/views/{other['id']}", json=view_body(version=1)).status_code == 409
+
+
+def test_each_role_has_a_start_page_and_a_user_can_choose_another(clients) -> None:
+    """The session states the start page of the role and the chosen one, which other users do not get. An address
+    outside the console is rejected, and "" returns to the page of the role."""
+    pages = {role: c.get("/api/session").json().get("role_start_page") for role, c in clients.items() if role}
+    assert pages == {
+        "viewer": "/live",
+        "operator": "/live",
+        "catalogue manager": "/catalogues",
+        "engineer": "/frames",
+        "admin": "/admin",
+    }
+    viewer = clients["viewer"]
+    chosen = viewer.put("/api/session/start-page", json={"path": PATH}).json()
+    assert (chosen["start_page"], chosen["role"]) == (PATH, "viewer")
+    assert viewer.get("/api/session").json()["start_page"] == PATH
+    assert clients["operator"].get("/api/session").json()["start_page"] == ""
+    assert viewer.put("/api/session/start-page", json={"path": "//evil.example"}).status_code == 400
+    assert viewer.get("/api/session").json()["start_page"] == PATH
+    assert viewer.put("/api/session/start-page", json={"path": ""}).json()["start_page"] == ""

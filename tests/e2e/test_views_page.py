@@ -40,3 +40,26 @@ def test_a_view_is_stored_and_its_link_opens_the_same_page(page: Page, served) -
     page.goto(stored["path"])
     expect(page.get_by_role("heading", name="Modes")).to_be_visible(timeout=SLOW)
     assert parse_qs(urlsplit(page.url).query)["fields"] == ["housekeeping.mode"]
+
+
+def test_the_start_page_opens_after_sign_in_and_a_link_keeps_its_target(page: Page, served) -> None:
+    """Without a page in the address, the page of the role opens, or the one that the user chose, with its plots. The
+    choice is stored on the server. A link to a page opens this page."""
+    page.goto("/")
+    expect(page).to_have_url(re.compile(r"/admin$"), timeout=SLOW)
+    page.goto("/telemetry?plot=housekeeping.frames_good")
+    page.get_by_test_id("user-open").click(timeout=SLOW)
+    page.get_by_test_id("start-here").click()
+    expect(page.get_by_test_id("start-here")).to_be_disabled(timeout=SLOW)
+    assert served.ask("GET", "/session")["start_page"] == "/telemetry?plot=housekeeping.frames_good"
+    page.evaluate("localStorage.clear()")
+    page.goto("/")
+    expect(page).to_have_url(re.compile(r"/telemetry\?plot=housekeeping\.frames_good$"), timeout=SLOW)
+    expect(page.get_by_test_id("plots").locator("canvas").first).to_be_visible(timeout=SLOW)
+    page.goto("/contacts")
+    expect(page.get_by_test_id("contacts")).to_be_visible(timeout=SLOW)
+    page.get_by_test_id("user-open").click()
+    page.get_by_test_id("start-page").select_option("")
+    expect(page.get_by_test_id("start-here")).to_be_enabled()
+    page.goto("/")
+    expect(page).to_have_url(re.compile(r"/admin$"), timeout=SLOW)

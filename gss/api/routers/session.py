@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import functools
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -12,10 +13,19 @@ from fastapi import Request, Response
 from gss.api.api_router import api_router
 from gss.api.deps import NO_SIGN_IN, App, CurrentUser, need, who_of
 from gss.api.guard.credentials import COOKIE, DEVICE_COOKIE, device_key, session_key
-from gss.api.schemas.accounts import LinkCheckBody, PasswordBody, PasswordLinkBody, SessionOut, SetUpBody, SignInBody
+from gss.api.schemas.accounts import (
+    LinkCheckBody,
+    PasswordBody,
+    PasswordLinkBody,
+    SessionOut,
+    SetUpBody,
+    SignInBody,
+    StartPageBody,
+)
 from gss.domain.errors import Conflict
 from gss.operations.accounts import identity
 from gss.operations.accounts.attempts import BY_ADDRESS, Brake
+from gss.operations.accounts.permissions import START_PAGES
 from gss.operations.accounts.sign_in import DEVICE_LASTS, NewSession
 from gss.wiring.services import Services
 
@@ -90,6 +100,15 @@ def change_password(
     )
 
 
+@router.put("/session/start-page", dependencies=[SELF])
+def choose_start_page(app: App, caller: CurrentUser, body: StartPageBody) -> SessionOut:
+    """Choose the page that opens after sign-in."""
+    if caller.kind != "session" or caller.user_id is None:
+        raise Conflict("tokens have no start page", hint="sign in")
+    app.accounts.accounts.users.set_start_page(caller.user_id, body.path)
+    return _session_out(app, dataclasses.replace(caller, start_page=body.path))
+
+
 @router.post("/setup", dependencies=[OPEN])
 @password_route
 def set_up(app: App, request: Request, response: Response, body: SetUpBody) -> SessionOut:
@@ -158,6 +177,8 @@ def _session_out(app: Services, caller: identity.CallerIdentity) -> SessionOut:
         permissions=sorted(caller.permissions),
         csrf=caller.csrf,
         expires=caller.expires,
+        start_page=caller.start_page,
+        role_start_page=START_PAGES.get(caller.role, ""),
         several_units=_several(app),
     )
 

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
+from gss.operations.requests import MAX_PATH_LENGTH
 
 Role = Literal["viewer", "operator", "catalogue manager", "engineer", "admin"]
 Password = Field(min_length=1, max_length=400, json_schema_extra={"format": "password"})
@@ -16,7 +17,8 @@ Key = Field(min_length=1, max_length=200)
 class SessionOut(Out):
     """Caller of this session or token. ``csrf``: required value of the header X-GSS in every change. ``expires``: end
     of the session if no further request is received. ``several_units``: true if the server has named units; see
-    /api/fleet."""
+    /api/fleet. ``start_page``: page that the user chose to open after sign-in, "" if none was chosen;
+    ``role_start_page``: page for this role."""
 
     signed_in: bool
     name: str = ""
@@ -26,6 +28,8 @@ class SessionOut(Out):
     expires: Utc | None = None
     set_up_needed: bool = False
     several_units: bool = False
+    start_page: str = ""
+    role_start_page: str = ""
 
 
 class SignInBody(In):
@@ -33,6 +37,12 @@ class SignInBody(In):
 
     name: str = Field(max_length=60)
     password: str = Password
+
+
+class StartPageBody(In):
+    """Page that opens after sign-in, within the unit and with its query; "" for the start page of the role."""
+
+    path: str = Field(max_length=MAX_PATH_LENGTH)
 
 
 class PasswordBody(In):

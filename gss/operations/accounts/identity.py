@@ -17,7 +17,7 @@ TOKEN_PREFIX = "token:"  # noqa: S105 - the beginning of a name
 class CallerIdentity:
     """An authenticated caller. ``kind``: session or token. ``key_id``: id of the session's or token's row. ``csrf``: CSRF token
     that a page must send with a change; "" for an API token, which browsers never send automatically. ``expires``: expiry of
-    the session or token."""
+    the session or token. ``start_page``: page that the user chose to open after sign-in, "" if none was chosen."""
 
     name: str
     role: str
@@ -27,6 +27,7 @@ class CallerIdentity:
     user_id: int | None
     csrf: str
     expires: datetime
+    start_page: str = ""
 
     def may(self, permission: str) -> bool:
         """True if the caller has the permission."""

@@ -83,6 +83,14 @@ ROLES: Mapping[str, frozenset[str]] = {
     "engineer": frozenset((*EVERYBODY, *ENGINEER)),
     "admin": ALL,
 }
+START_PAGES: Mapping[str, str] = {
+    "viewer": "/live",
+    "operator": "/live",
+    "catalogue manager": "/catalogues",
+    "engineer": "/frames",
+    "admin": "/admin",
+}
+"""Page of the console that opens after sign-in, unless the user has chosen another one."""
 
 
 def permissions_of(role: str, scopes: Iterable[str] = ()) -> frozenset[str]:

@@ -186,7 +186,15 @@ class SignInService:
     def _who(self, row: SignIn, user: User, key: str) -> CallerIdentity:
         ends = min(row.expires, row.last_seen + self._lifetimes.idle)
         return CallerIdentity(
-            user.name, user.role, permissions_of(user.role), "session", row.id, user.id, csrf_of(key), ends
+            user.name,
+            user.role,
+            permissions_of(user.role),
+            "session",
+            row.id,
+            user.id,
+            csrf_of(key),
+            ends,
+            user.start_page,
         )
 
 

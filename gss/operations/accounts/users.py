@@ -16,6 +16,7 @@ from gss.operations.accounts.permissions import checked_role
 from gss.operations.accounts.secrets import key_hash, new_key
 from gss.operations.accounts.voiding import PASSWORD, Voided, Voiding
 from gss.operations.clock import Now
+from gss.operations.requests import check_page_path
 from gss.store import accounts as store
 from gss.store.engine import Database
 from gss.store.models import OneTimeLink, User
@@ -152,6 +153,17 @@ class UserService:
                 )
         self._changed()
         return Changed(row, voiding.voided)
+
+    def set_start_page(self, user_id: int, path: str) -> User:
+        """Store the page that opens after sign-in; "" for the start page of the role. Raises BadInput if the path is
+        not a page of the console."""
+        if path:
+            check_page_path(path)
+        with self._database.unit_of_work() as session:
+            row = store.user(session, user_id)
+            row.start_page = path
+        self._changed()
+        return row
 
     def set_password(self, user_id: int, password: str) -> User:
         """Set a new password. All sessions of the user end, and the password links of the user become invalid."""

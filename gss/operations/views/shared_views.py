@@ -9,13 +9,12 @@ from pydantic import Field
 
 from gss.domain.errors import BadInput, Conflict, NotPermitted
 from gss.operations.clock import Now
-from gss.operations.requests import Request
+from gss.operations.requests import MAX_PATH_LENGTH, Request, check_page_path
 from gss.store import views as store
 from gss.store.engine import Database
 from gss.store.models import SharedView, SharedViewVersion
 
 MAX_VIEWS, MAX_VERSIONS = 500, 50
-MAX_PATH_LENGTH = 4000
 
 
 class ViewRequest(Request):
@@ -110,17 +109,9 @@ def _checked(content: ViewRequest) -> ViewRequest:
             expected="printable characters",
             got=content.name[:40],
         )
-    is_console_path = path.startswith("/") and not path.startswith(("//", "/\\", "/api/", "/views"))
-    if (
-        not is_console_path
-        or len(path) > MAX_PATH_LENGTH
-        or not path.isascii()
-        or not path.isprintable()
-        or " " in path
-    ):
-        raise BadInput(
-            "The address is not a page of the console", expected="for example /telemetry?plot=…", got=path[:80]
-        )
+    check_page_path(path)
+    if path.startswith("/views"):
+        raise BadInput("A view cannot open another view", expected="the address of a page with data", got=path[:80])
     return ViewRequest(name=name, path=path, note=content.note.strip(), open=content.open)
 
 

@@ -13,7 +13,7 @@ from gss.store.models.base import Base
 
 class User(Base):
     """User account. ``password_hash``: "" until the one-time link is used. ``disabled_reason``: "" while the account is
-    enabled."""
+    enabled. ``start_page``: page that opens after sign-in; "" for the start page of the role."""
 
     __tablename__ = "users"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -26,6 +26,7 @@ class User(Base):
     password_changed: Mapped[datetime | None]
     last_sign_in: Mapped[datetime | None]
     disabled_reason: Mapped[str] = mapped_column(String(200), server_default="")
+    start_page: Mapped[str] = mapped_column(Text, default="", server_default="")
 
 
 class SignIn(Base):

@@ -64,6 +64,7 @@ const session = {
   signIn: (name: string, password: string) => body(POST('/api/session', { body: { name, password } })),
   signOut: () => body(DELETE('/api/session')),
   changePassword: (old: string, fresh: string) => body(PUT('/api/session/password', { body: { old, new: fresh } })),
+  chooseStartPage: (path: string) => body(PUT('/api/session/start-page', { body: { path } })),
   setUp: (token: string, name: string, password: string) =>
     body(POST('/api/setup', { body: { token, name, password } })),
   welcome: (token: string, password: string) => body(POST('/api/password-links', { body: { token, password } })),

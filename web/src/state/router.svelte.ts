@@ -48,5 +48,4 @@ export function startRouter(): void {
     e.preventDefault();
     go(path + a.search);
   });
-  if (route.path === '/') go('/live', true);
 }

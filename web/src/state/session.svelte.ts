@@ -97,7 +97,7 @@ class Session {
   /** Sign out and reload the page, so that no data of this user stays in memory. */
   async signOut(): Promise<void> {
     await api.signOut();
-    location.assign(`${base}/live`);
+    location.assign(`${base}/`);
   }
 
   /**
