@@ -8,6 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from gss.store.models import Frame, Solution
+from gss.store.models.packed_detail import Rows
 
 
 def newest_matches(session: Session, limit: int) -> list[tuple[Frame, dict[int, float | None]]]:
@@ -20,11 +21,11 @@ def newest_matches(session: Session, limit: int) -> list[tuple[Frame, dict[int, 
         .order_by(Frame.id.desc())
         .limit(limit)
     )
-    return [
-        (frame, {star["hip"]: _residual_px(star.get("dx_px"), star.get("dy_px")) for star in detail["stars"] if "hip" in star})
-        for frame, detail in session.execute(query)
-        if "stars" in detail
-    ]
+    return [(frame, _matches(detail.get("stars", []))) for frame, detail in session.execute(query)]
+
+
+def _matches(stars: Rows) -> dict[int, float | None]:
+    return {star["hip"]: _residual_px(star.get("dx_px"), star.get("dy_px")) for star in stars if "hip" in star}
 
 
 def _residual_px(dx_px: float | None, dy_px: float | None) -> float | None:

@@ -443,6 +443,7 @@ def test_no_page_stores_a_secret_accessible_to_scripts(root: Path) -> None:
 def test_json_of_the_session_has_the_fields_that_pages_read(anonymous: TestClient) -> None:
     """The response has the same fields with and without a session."""
     fields = {"signed_in", "name", "role", "permissions", "csrf", "expires", "set_up_needed", "several_units"}
+    fields |= {"start_page", "role_start_page"}
     assert set(anonymous.get("/api/session").json()) == fields
     assert set(json.loads(json.dumps(sign_in(anonymous)))) == fields
 
