@@ -5,6 +5,7 @@ All tests share the stored data and one browser page.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -93,3 +94,81 @@ def test_a_page_fits_and_is_accessible(lasting, stored_data, root: Path, at_rest
         assert page.evaluate(SIDEWAYS) == [], size
     assert page.evaluate(RUN_AXE) == [], "phone"
     lasting.look()
+
+
+def test_a_derived_parameter_is_plotted_with_its_telemetry(page, served, stored_data):
+    """Below the plot of a derived parameter are plots of the telemetry in its expression."""
+    power = {"name": "power_mw", "expression": "housekeeping.supply_3v3_v * housekeeping.current_imager_ma"}
+    served.ask("POST", "/telemetry/derived", power | {"title": "Imager power", "unit": "mW", "decimals": 1})
+    page.goto("/telemetry/derived")
+    for title in ("Imager power", "3.3 V rail", "Imager current"):
+        expect(page.get_by_test_id("plot-stack")).to_contain_text(title)
+
+
+def test_a_large_screen_shows_the_pass_below_all_columns_of_the_list(page, stored_data):
+    """The list has every column, and below it are the plots of the pass and its path."""
+    page.set_viewport_size(LARGE)
+    page.goto("/passes?days=1")
+    expect(page.get_by_role("columnheader", name="Line budget")).to_be_in_viewport()
+    expect(page.get_by_test_id("sky-plot")).to_be_in_viewport()
+    expect(page.get_by_test_id("elevation-plot")).to_be_in_viewport()
+    expect(page.get_by_role("columnheader", name="Path, UTC")).to_be_in_viewport()
+
+
+def test_the_frames_below_the_list_open_from_their_bar(page, stored_data):
+    """A short list leaves room for the map and for the numbers of stars. A bar opens its frame."""
+    page.set_viewport_size(LARGE)
+    page.goto("/frames")
+    expect(page.get_by_test_id("pointings-map")).to_be_in_viewport()
+    page.get_by_test_id("star-counts").locator("g", has_text=f"Frame {stored_data['frame']}:").click()
+    expect(page).to_have_url(re.compile(f"/frames/{stored_data['frame']}$"))
+
+
+def test_a_tablet_shows_the_description_below_the_form_and_the_map_above_the_steps(page, stored_data):
+    """On a tablet in portrait, Commands describes the command below its form, and the builder's map has the whole
+    width."""
+    page.set_viewport_size(TABLET)
+    page.goto("/commands?command=ACTIVATE_BANK")
+    expect(page.get_by_test_id("command-send")).to_be_in_viewport()
+    expect(page.get_by_test_id("command-facts")).to_be_in_viewport(ratio=1)
+    page.goto(f"/catalogues/{stored_data['catalogue']}")
+    sky = page.get_by_test_id("envelope-map")
+    expect(sky).to_be_in_viewport(ratio=1)
+    expect(page.get_by_test_id("step-5")).to_be_in_viewport()
+    box, step = sky.bounding_box(), page.get_by_test_id("step-1").bounding_box()
+    assert box is not None
+    assert step is not None
+    assert box["width"] > 700
+    assert box["y"] + box["height"] < step["y"]
+
+
+def test_a_phone_folds_controls_so_that_results_are_in_view(page, stored_data):
+    """On a phone, Telemetry folds the value format and the limit set, and Frame the overlays, so that the first chain
+    is in view."""
+    page.set_viewport_size(PHONE)
+    page.goto("/telemetry")
+    expect(page.get_by_test_id("page-attitude")).to_be_in_viewport()
+    expect(page.get_by_text("Converted")).to_have_count(0)
+    page.get_by_test_id("telemetry-options").click()
+    expect(page.get_by_text("Converted")).to_be_in_viewport()
+    page.goto(f"/frames/{stored_data['frame']}")
+    expect(page.get_by_test_id("chain-row").first).to_be_in_viewport(ratio=1)
+    expect(page.get_by_test_id("overlay-grid")).to_have_count(0)
+    page.get_by_test_id("overlay-fold").click()
+    page.get_by_test_id("overlay-grid").click()
+    expect(page.get_by_test_id("overlay-grid")).to_have_attribute("aria-pressed", "false")
+
+
+def test_the_name_of_a_bank_is_above_its_bar_in_a_narrow_panel(page, stored_data):
+    """On a phone, the name of the active catalogue is above its bar and inside the panel."""
+    page.set_viewport_size(PHONE)
+    page.goto("/catalogues")
+    banks = page.get_by_test_id("banks")
+    name, bar = (
+        banks.locator("text", has_text=", active").bounding_box(),
+        banks.locator("rect[stroke-width='1.5']").bounding_box(),
+    )
+    assert name is not None
+    assert bar is not None
+    assert name["y"] + name["height"] <= bar["y"] + 2
+    assert name["x"] + name["width"] <= PHONE["width"]

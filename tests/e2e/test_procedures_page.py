@@ -82,6 +82,8 @@ def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[
     compared = page.get_by_test_id("procedure-comparison")
     expect(compared).to_contain_text("compared with 1 earlier run", timeout=SLOW)
     expect(compared.get_by_role("row").filter(has_text="Sign off")).to_contain_text("done", timeout=SLOW)
+    page.set_viewport_size({"width": 1920, "height": 1080})
+    expect(page.get_by_test_id("run-telemetry").get_by_test_id("plot-stack")).to_be_in_viewport()
 
 
 def test_an_operator_defines_a_derived_parameter(page: Page) -> None:

@@ -5,7 +5,7 @@
 import type { GeoProjection } from 'd3-geo';
 import type { Envelope, Quality, SkyStar, Wanderer } from '../../api/types';
 import { pixelAt } from './healpix';
-import type { Want } from '../../sky/labels';
+import { overlaps, type Box, type Want } from '../../sky/labels';
 import { pather } from '../../sky/mollweide';
 
 type Colour = (name: string) => string;
@@ -19,6 +19,8 @@ export interface Shade {
   nside: number;
   fraction: readonly number[];
 }
+/** Smallest distance of the labels of two hours. */
+const HOUR_PX = 30;
 const GHOSTS = 8;
 const GHOST_STEP = 3;
 
@@ -180,11 +182,16 @@ export function worst(pen: Pen, q: Quality): Want | null {
   return { key: text, x: at[0], y: at[1], gap: 15, w: ctx.measureText(text).width + 2, h: 13, rank: 0 };
 }
 
-export function axis(pen: Pen): void {
+/** Draw the hours of right ascension that do not touch other labels, and the degrees of declination. */
+export function axis(pen: Pen, taken: readonly Box[]): void {
   pen.ctx.font = "11px 'IBM Plex Sans'";
-  for (let hour = 2; hour < 24; hour += 2) {
+  const x = (hour: number): number => pen.projection([hour * 15, 0])?.[0] ?? 0;
+  const step = x(10) - x(12) < HOUR_PX ? 4 : 2;
+  for (let hour = step; hour < 24; hour += step) {
     const at = pen.projection([hour * 15, 0]);
-    if (at) drawText(pen, `${hour}h`, at[0] - 8, at[1] - 4, 'tx3', 'chart');
+    if (!at) continue;
+    const box = { x: at[0] - 8, y: at[1] - 14, w: pen.ctx.measureText(`${hour}h`).width, h: 12 };
+    if (!taken.some((b) => overlaps(b, box))) drawText(pen, `${hour}h`, box.x, at[1] - 4, 'tx3', 'chart');
   }
   for (const dec of [60, 30, -30, -60]) {
     const at = pen.projection([359.9, dec]);
