@@ -57,3 +57,15 @@ def test_a_camera_is_edited_shared_by_link_counted_and_reset(page, picture):
         "[document.documentElement.scrollWidth <= innerWidth, document.documentElement.scrollHeight <= innerHeight]"
     )
     assert fits == [True, True]
+
+
+def test_curves_of_zeros_have_a_line_instead_of_a_plot(page):
+    """The titles of curves whose values are all 0 are in a line, and the other plots use their space."""
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.goto("/catalogues/design")
+    expect(page.get_by_test_id("zero-curves")).to_contain_text("by focal length, at V 5.3: all values are 0")
+    expect(page.get_by_test_id("curve")).to_have_count(2)
+    last, panel = page.get_by_test_id("curve").last.bounding_box(), page.get_by_test_id("design").bounding_box()
+    assert last is not None
+    assert panel is not None
+    assert last["width"] > panel["width"] / 2

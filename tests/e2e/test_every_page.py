@@ -170,5 +170,5 @@ def test_the_name_of_a_bank_is_above_its_bar_in_a_narrow_panel(page, stored_data
     )
     assert name is not None
     assert bar is not None
-    assert name["y"] + name["height"] <= bar["y"] + 2
+    assert name["y"] + name["height"] <= bar["y"] + bar["height"] / 4
     assert name["x"] + name["width"] <= PHONE["width"]

@@ -156,6 +156,19 @@ def test_stretch_shows_stars_and_inverts():
     assert np.asarray(picture).max() > 200
 
 
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_a_saturated_image_is_bright(bits):
+    """An image whose values are the largest of the converter is white, as an image and as a thumbnail. A constant image
+    below it is black.
+    """
+    full = np.full((64, 128), 2**bits - 1, np.uint16)
+    for pixels, grey in ((full, 255), (full - 2, 0)):
+        shown = pictures.apply(pixels, pictures.auto_stretch(pixels))
+        small = np.asarray(Image.open(io.BytesIO(pictures.thumbnail(pixels))))
+        assert abs(int(np.median(shown)) - grey) < 40
+        assert np.all(small == grey)
+
+
 ATTITUDE = Attitude(quaternion_from_matrix(cam_from_icrs(*np.radians([84.0, 0.0, 313.0]))), np.eye(3) * 1e-10)
 
 

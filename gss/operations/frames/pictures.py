@@ -12,6 +12,8 @@ from PIL import Image
 Pixels = NDArray[np.generic]
 THUMBNAIL_PX = 144
 HISTOGRAM_BINS = 256
+FULL_SCALES = frozenset(2.0**bits - 1 for bits in (8, 10, 12, 14, 16))
+"""Largest values of converters."""
 
 
 @dataclass(frozen=True)
@@ -25,12 +27,15 @@ class DisplayRange:
 
 
 def auto_stretch(pixels: Pixels) -> DisplayRange:
-    """Return a display range with black slightly below the sky level and white at the brightest 0.02 % of the pixels."""
+    """Return a display range with black slightly below the sky level and white at the brightest 0.02 % of the pixels. A
+    saturated image is white."""
     sample = np.asarray(pixels[::4, ::4], float)
     sample = sample[np.isfinite(sample)]
     if not sample.size:
         return DisplayRange(0.0, 1.0)
     sky, spread = float(np.median(sample)), float(np.subtract(*np.percentile(sample, [84, 16])) / 2)
+    if _saturated(sample):
+        return DisplayRange(0.0, sky)
     low = sky - 0.5 * max(spread, 0.5)
     min_range = 10 * max(
         spread, 1.0, abs(sky) * 1e-6
@@ -58,17 +63,26 @@ def png(grey: NDArray[np.uint8] | NDArray[np.uint16], level: int = 1) -> bytes:
 
 def thumbnail(pixels: Pixels) -> bytes:
     """Return a small PNG that shows the stars. Each block of pixels is reduced to its maximum. Values that
-    noise alone can cause in a block are black. The brightest 0.2 % of the blocks are white."""
+    noise alone can cause in a block are black. The brightest 0.2 % of the blocks are white, and a saturated image is
+    white."""
     factor = max(1, -(-max(pixels.shape) // THUMBNAIL_PX))
     rows, cols = (n // factor * factor for n in pixels.shape)
     if rows == 0 or cols == 0:
         return png(apply(pixels, auto_stretch(pixels)))
     blocks = np.asarray(pixels[:rows, :cols]).reshape(rows // factor, factor, cols // factor, factor)
     small = np.nan_to_num(np.asarray(blocks.max(axis=(1, 3)), float))
+    if _saturated(small):
+        return png(apply(small, DisplayRange(0.0, float(small.max()))))
     quartiles = np.percentile(small, [25, 50, 99.8])
     spread = max(float(quartiles[1] - quartiles[0]), 0.5)
     low = float(quartiles[1]) + 2 * spread
     return png(apply(small, DisplayRange(low, max(float(quartiles[2]), low + 10 * spread))))
+
+
+def _saturated(values: NDArray[np.float64]) -> bool:
+    """Return True if at least half of the values are the largest value of a converter."""
+    largest = float(values.max())
+    return largest in FULL_SCALES and float(np.median(values)) == largest
 
 
 def histogram(pixels: Pixels) -> tuple[list[float], list[int]]:
