@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -296,4 +297,5 @@ def _windows(
         return iter(())
     col, row = peaks.col[chosen], peaks.row[chosen]
     columns = (col - half, row - half, col + half, row + half, area, peak, flux)
-    return map(Region._make, zip(*(c.tolist() for c in columns), reasons, strict=True))
+    rows = zip(*(c.tolist() for c in columns), reasons, strict=True)
+    return map(partial(tuple.__new__, Region), rows)  # half the time of Region._make

@@ -90,12 +90,7 @@ NUMPY = Kernels()
 def kernels(fast: bool | None = None) -> Kernels:
     """Select the loops. ``fast`` None: compiled if :func:`are_compiled`; True: compiled, now if necessary; False: numpy. With True,
     raises BadInput if numba is not installed, and StoreDown if it has no folder for compiled loops."""
-    if not (are_compiled() if fast is None else fast):
-        return NUMPY
-    if not AVAILABLE:
-        raise BadInput("numba is not installed", expected="the package numba", hint="run pip install numba")
-    compiled_mark()
-    return _compiled()
+    return _compiled() if (are_compiled() if fast is None else fast) else NUMPY
 
 
 def are_compiled() -> bool:
@@ -154,6 +149,9 @@ def _sources() -> list[Path]:
 
 @lru_cache(maxsize=1)
 def _compiled() -> Kernels:
+    if not AVAILABLE:
+        raise BadInput("numba is not installed", expected="the package numba", hint="run pip install numba")
+    compiled_mark()
     # Imported at first use because the import takes a second and most commands do not need it.
     from gss.pipeline.loops import background, peaks, pixels, stamps
     from gss.pipeline.loops.finish import finish

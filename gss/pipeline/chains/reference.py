@@ -30,7 +30,7 @@ from gss.pipeline.identify.near import BoundedPrior, identify_near
 from gss.pipeline.identify.other_lens import identify_other_lens, lens_difference
 from gss.pipeline.identify.pyramid import ACCEPT, PyramidMatch, identify_lost
 from gss.pipeline.identify.verify import RADIUS_SIGMA, Evidence, FrameDetections, SkyCatalogue, field_of
-from gss.pipeline.kernels import ListLoops, kernels
+from gss.pipeline.kernels import ListLoops, are_compiled, kernels
 from gss.pipeline.refine import Refined, refine
 from gss.pipeline.streaks import measure_turning
 from gss.pipeline.trace import Clock, Trace
@@ -102,6 +102,7 @@ def solve_known(
             hint="name the camera that took it, or solve it with its field of view or blind",
         )
     trace = Trace(clock)
+    fast = are_compiled() if fast is None else fast  # the question needs a disk access
     with trace.stage("detect"):
         detections = find_stars(
             pixels,
@@ -130,6 +131,7 @@ def solve_centroids(
     clock: Clock | None = None,
 ) -> SolveResult:
     """Solve given centroids, brightest first, as :func:`solve_known` does for a frame."""
+    fast = are_compiled() if fast is None else fast
     return _identify_known(centroids, camera, stars, None, hint, Trace(clock), None, None, velocity_c, fast)
 
 

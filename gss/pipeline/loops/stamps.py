@@ -28,6 +28,8 @@ from gss.pipeline.psf import (
 )
 from gss.pipeline.small import Rows
 
+UNDERFLOW = 600  # exp(-600) is still a normal number
+
 
 def sizes(image: NDArray[Any], peaks: Peaks, covariance: Array, ceiling: float) -> tuple[float, float]:
     """Return the two sizes of the bright stars in px²; equivalent to ``detect._sizes``."""
@@ -124,36 +126,25 @@ def _cut(image, col, row, sky, noise, half, ceiling, value, use, area, peak):
         area[i], peak[i] = bright, highest
 
 
-@loop(fastmath={"reassoc"})
+@loop
 def _fit(side, value, use, noise, e_per_dn, inverse, reach, width2, chosen, x, y, peak, sigma, good):
     """Fit the ``chosen`` stars; equivalent to ``psf.fit_stars``. ``x`` and ``y`` are first guesses and become the results.
     ``width2``: root of the determinant of the covariance."""
-    k = side * side
-    weight, g, gx, gy = np.empty(k), np.empty(k), np.empty(k), np.empty(k)
+    xx, xy, yy = inverse[0, 0], inverse[0, 1], inverse[1, 1]
+    dn_per_e = 1 / e_per_dn if e_per_dn > 0 else 0.0
+    weight, light, across, down = np.empty(side * side), np.empty(side * side), np.empty(side), np.empty(side)
     for i in range(len(x)):
         if not chosen[i]:
             continue
-        for j in range(k):
-            variance = noise[i] ** 2
-            if e_per_dn > 0:
-                variance += max(value[i, j], 0.0) / e_per_dn
-            weight[j] = 1 / variance if use[i, j] else 0.0
+        _weigh(value[i], use[i], noise[i] ** 2, dn_per_e, weight, light)
         for _ in range(FIT_ROUNDS):
-            _gaussian(side, x[i], y[i], inverse, g, gx, gy)
-            gg = gv = hxx = hyy = hxy = vx = vy = ux = uy = 0.0
-            for j in range(k):
-                wg, wx, wy = weight[j] * g[j], weight[j] * gx[j], weight[j] * gy[j]
-                gg += wg * g[j]
-                gv += wg * value[i, j]
-                hxx += wx * gx[j]
-                hyy += wy * gy[j]
-                hxy += wx * gy[j]
-                vx += wx * value[i, j]
-                vy += wy * value[i, j]
-                ux += wx * g[j]
-                uy += wy * g[j]
-            top = gv / gg
-            bx, by = vx - top * ux, vy - top * uy
+            g, gc, gr, gcc, gcr, grr, v, vc, vr = _moments(side, x[i], y[i], inverse, weight, light, across, down)
+            top = v / g
+            bc, br = vc - top * gc, vr - top * gr
+            bx, by = xx * bc + xy * br, xy * bc + yy * br
+            hxx = xx * xx * gcc + 2 * xx * xy * gcr + xy * xy * grr
+            hxy = xx * xy * gcc + (xx * yy + xy * xy) * gcr + xy * yy * grr
+            hyy = xy * xy * gcc + 2 * xy * yy * gcr + yy * yy * grr
             det = (hxx * hyy - hxy * hxy) * top
             sx, sy = (hyy * bx - hxy * by) / det, (hxx * by - hxy * bx) / det
             sx = min(max(sx, -1.0), 1.0) if math.isfinite(sx) else 0.0
@@ -162,37 +153,71 @@ def _fit(side, value, use, noise, e_per_dn, inverse, reach, width2, chosen, x, y
             y[i] += sy
             if max(abs(sx), abs(sy)) < STEP_DONE_PX:
                 break
-        _gaussian(side, x[i], y[i], inverse, g, gx, gy)
-        gg = gv = slopes = 0.0
-        for j in range(k):
-            w = weight[j]
-            gg += w * g[j] * g[j]
-            gv += w * g[j] * value[i, j]
-            slopes += w * (gx[j] * gx[j] + gy[j] * gy[j])
-        peak[i] = gv / gg
+        g, _, _, gcc, gcr, grr, v, _, _ = _moments(side, x[i], y[i], inverse, weight, light, across, down)
+        slopes = (xx * xx + xy * xy) * gcc + 2 * xy * (xx + yy) * gcr + (xy * xy + yy * yy) * grr
+        peak[i] = v / g
         sigma[i] = math.sqrt(1 / (peak[i] ** 2 * 0.5 * slopes) + MODEL_FLOOR**2 * width2)
         at_its_star = math.hypot(x[i], y[i]) < reach
         good[i] = math.isfinite(peak[i]) and peak[i] > 0 and math.isfinite(sigma[i]) and at_its_star
 
 
 @loop
-def _gaussian(side, x, y, inverse, g, gx, gy):
-    """Write a Gaussian of unit peak and its derivatives. Without correlation of the axes, it is a product of two
-    lines, which needs 2·side exponentials instead of side²."""
+def _weigh(value, use, noise2, dn_per_e, weight, light):
+    """Write the inverse variance of each pixel, and its product with the pixel."""
+    for j in range(len(value)):
+        variance = noise2 + (value[j] if value[j] > 0 else 0.0) * dn_per_e
+        weight[j] = (1.0 if use[j] else 0.0) / variance
+        light[j] = weight[j] * value[j]
+
+
+@loop
+def _bell(inverse, centre, out):
+    """Write a Gaussian line of unit peak. The ratio of two neighbours changes by a constant factor, so that three
+    exponentials are enough, except for a line so narrow that its first pixel is 0."""
+    first = 0.5 * inverse * centre * centre
+    if first > UNDERFLOW:
+        for k in range(len(out)):
+            out[k] = math.exp(-0.5 * inverse * (k - centre) ** 2)
+        return
+    value, ratio, factor = math.exp(-first), math.exp(inverse * (centre - 0.5)), math.exp(-inverse)
+    for k in range(len(out)):
+        out[k] = value
+        value *= ratio
+        ratio *= factor
+
+
+@loop(fastmath={"reassoc"})
+def _moments(side, x, y, inverse, weight, light, across, down):
+    """Return the weighted moments of a Gaussian of unit peak about its centre: of its square, to the second order in
+    columns (c) and rows (r), and of its product with the pixels, to the first order. All sums of the fit are
+    combinations of these. ``light``: weight times pixel value."""
     xx, xy, yy = inverse[0, 0], inverse[0, 1], inverse[1, 1]
     half = side // 2
-    across = np.empty(side)
-    for c in range(side):
-        across[c] = math.exp(-0.5 * xx * (c - half - x) ** 2)
+    _bell(yy - xy * xy / xx, half + y, down)
+    g = gc = gr = gcc = gcr = grr = v = vc = vr = 0.0
     for r in range(side):
         ay = r - half - y
-        down = math.exp(-0.5 * yy * ay * ay)
+        if r == 0 or xy != 0.0:
+            _bell(xx, half + x - xy / xx * ay, across)  # the maximum of the row
+        p = pc = pcc = q = qc = 0.0
         for c in range(side):
-            j, ax = r * side + c, c - half - x
-            g[j] = across[c] * down
-            if xy != 0.0:
-                g[j] *= math.exp(-xy * ax * ay)
-            gx[j], gy[j] = g[j] * (xx * ax + xy * ay), g[j] * (xy * ax + yy * ay)
+            ax, model = c - half - x, across[c] * down[r]
+            square, product = weight[r * side + c] * model * model, light[r * side + c] * model
+            p += square
+            pc += square * ax
+            pcc += square * ax * ax
+            q += product
+            qc += product * ax
+        g += p
+        gc += pc
+        gcc += pcc
+        gr += p * ay
+        gcr += pc * ay
+        grr += p * ay * ay
+        v += q
+        vc += qc
+        vr += q * ay
+    return g, gc, gr, gcc, gcr, grr, v, vc, vr
 
 
 @loop
