@@ -7,6 +7,7 @@ import json
 import math
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,8 +22,12 @@ from gss.domain.results import Outcome
 
 if TYPE_CHECKING:
     from gss.cli import Commands
+    from gss.operations.frames.frame_files import ImportedFrame
+    from gss.operations.frames.observer import Observer
     from gss.operations.parsing.parse_processes import ParseProcesses
 
+FEW_FILES = 8
+"""Up to this number of files, the numpy loops are used: the compiled ones take longer to load than they save."""
 SOLVED_EXIT, FAILED_EXIT, BAD_INPUT_EXIT, NO_SOLUTION_EXIT = 0, 1, 2, 3
 J2000_UNIX_S = 946_727_935.8
 JULIAN_YEAR_S = 365.25 * 86400
@@ -78,7 +83,11 @@ def register(subparsers: Commands) -> None:
     parser.add_argument(
         "--exposure", type=float, metavar="S", help="exposure time: the rate is estimated from trailed stars"
     )
-    parser.add_argument("--plain", action="store_true", help="use the numpy loops, even if the compiled ones are ready")
+    parser.add_argument(
+        "--plain",
+        action="store_true",
+        help="use the numpy loops, as for a few files, even if the compiled ones are ready",
+    )
     parser.add_argument(
         "--set",
         action="append",
@@ -92,23 +101,29 @@ def register(subparsers: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Solve each file. The worst outcome determines the exit code."""
-    from gss.operations.clock import stopwatch_s
-    from gss.operations.frames.figure_files import users_folder
-    from gss.operations.frames.image_sequence import Sequencer
-    from gss.operations.frames.solve import Solver
-    from gss.operations.frames.solver_cache import SolverCache
     from gss.operations.parsing.parse_processes import ParseProcesses
 
     if (arguments.hint or arguments.sequence) and arguments.camera is None:
         raise BadInput("a hint or a sequence needs a calibrated camera", expected="--camera PROFILE")
-    solver = Solver(registry().camera, SolverCache(folder=users_folder()), stopwatch_s)
-    sequencer = Sequencer(arguments.sequence, arguments.interval, prior(arguments.hint))
-    truths = read_truths(arguments.truth, arguments.files)
-    codes = []
-    with ParseProcesses() as parsing:
-        for name in arguments.files:
+    files, codes = arguments.files, []
+    truths = read_truths(arguments.truth, files)
+    with ParseProcesses() as parsing, ThreadPoolExecutor(1) as reader:
+        reading = reader.submit(_read, files[0], parsing)
+        # The import of the solver takes as long as the first image, and each image as long as the solution before it.
+        from gss.operations.clock import stopwatch_s
+        from gss.operations.frames.figure_files import users_folder
+        from gss.operations.frames.image_sequence import Sequencer
+        from gss.operations.frames.solve import Solver
+        from gss.operations.frames.solver_cache import SolverCache
+
+        solver = Solver(lambda name: registry().camera(name), SolverCache(folder=users_folder()), stopwatch_s)
+        sequencer = Sequencer(arguments.sequence, arguments.interval, prior(arguments.hint))
+        for k, name in enumerate(files):
+            image, reading = reading, reader.submit(_read, files[k + 1], parsing) if k + 1 < len(files) else reading
             try:
-                codes.append(_solve_file(name, arguments, parsing, solver, sequencer, truths.get(Path(name).name)))
+                codes.append(
+                    _solve_image(name, image.result(), arguments, solver, sequencer, truths.get(Path(name).name))
+                )
             except GssError as error:
                 print(f"gss: {error.sentences()}", file=sys.stderr)
                 codes.append(BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound) else FAILED_EXIT)
@@ -119,19 +134,22 @@ def _worst(codes: Sequence[int]) -> int:
     return next((c for c in (FAILED_EXIT, BAD_INPUT_EXIT, NO_SOLUTION_EXIT) if c in codes), SOLVED_EXIT)
 
 
-def _solve_file(
-    name: str, arguments: argparse.Namespace, parsing: ParseProcesses, solver: Any, sequencer: Any, truth: Any
+def _read(name: str, parsing: ParseProcesses) -> ImportedFrame:
+    """Read an image file in a child process. Raises BadInput or NotFound."""
+    from gss.operations.frames.frame_files import MAX_BYTES, ImportedFrame, read_frame
+
+    data = read_file(name, "an image file", MAX_BYTES)
+    return parsing.parse(read_frame, data, name, classes=(ImportedFrame,), subject=name)
+
+
+def _solve_image(
+    name: str, frame: ImportedFrame, arguments: argparse.Namespace, solver: Any, sequencer: Any, truth: Any
 ) -> int:
     from gss.operations.clock import utc_now
-    from gss.operations.frames.frame_files import MAX_BYTES, ImportedFrame, read_frame
     from gss.operations.frames.image_sequence import truth_record
-    from gss.operations.frames.observer import observer_at
     from gss.operations.frames.solve import SolveRequest
     from gss.pipeline.chains.options import parse
 
-    frame = parsing.parse(
-        read_frame, read_file(name, "an image file", MAX_BYTES), name, classes=(ImportedFrame,), subject=name
-    )
     taken = frame.taken_at if arguments.utc is None else moment(arguments.utc)
     exposed_at = frame.seen_at if arguments.utc is None else taken
     epoch = arguments.epoch if arguments.epoch is not None else julian_year(taken or utc_now())
@@ -143,11 +161,9 @@ def _solve_file(
         fov_rad=None if arguments.fov_deg is None else math.radians(arguments.fov_deg),
         blind=arguments.blind,
         epoch_jyear=round(epoch, 2),
-        observer=None
-        if exposed_at is None or arguments.keep_aberration
-        else observer_at(exposed_at, _tle(arguments.tle)),
+        observer=None if arguments.keep_aberration else _observer(exposed_at, arguments.tle),
         exposure_s=exposure_s,
-        fast=False if arguments.plain else None,
+        fast=False if arguments.plain or len(arguments.files) <= FEW_FILES else None,
         options=tuple(parse(arguments.set).items()),
     )
     result, rate = sequencer.solve(solver, frame.pixels, request, taken)
@@ -161,6 +177,15 @@ def _solve_file(
     if truth_result is not None and truth_result["verdict"] == "wrong":
         return FAILED_EXIT
     return SOLVED_EXIT if result.outcome is Outcome.SOLVED else NO_SOLUTION_EXIT
+
+
+def _observer(exposed_at: datetime | None, tle: str | None) -> Observer | None:
+    """Return the motion of the observer, or None if the time is unknown. Raises BadInput."""
+    if exposed_at is None:
+        return None
+    from gss.operations.frames.observer import observer_at
+
+    return observer_at(exposed_at, _tle(tle))
 
 
 def prior(text: str | None) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from gss.domain.results import BLIND, SolveResult
 from gss.domain.rotation import quaternion_from_matrix
 from gss.operations.clock import Monotonic
 from gss.operations.frames.dark_frames import DARK, Pattern
-from gss.operations.frames.observer import Observer
 from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.chains import reference
 from gss.pipeline.chains.modes import AttitudePrior, Mode
@@ -28,6 +27,9 @@ from gss.pipeline.chains.reference_foreign import solve_foreign
 from gss.pipeline.chains.systems import CONSTANT_SOURCES, SYSTEMS, system
 from gss.pipeline.fixed_pattern import clean
 from gss.pipeline.identify import near
+
+if TYPE_CHECKING:
+    from gss.operations.frames.observer import Observer
 
 CHAINS = (reference.NAME, *SYSTEMS)
 TRACKING_RADIUS_RAD = float(np.radians(0.3))
