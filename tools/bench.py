@@ -34,6 +34,7 @@ from tools.bench_identify import lost_in_space, near_attitude  # noqa: E402
 from tools.bench_ingest import ingest  # noqa: E402
 from tools.bench_line import packets, transfers  # noqa: E402
 from tools.bench_page import updated  # noqa: E402
+from tools.bench_reprocess import reprocessing  # noqa: E402
 from tools.bench_tables import BenchTable, machine  # noqa: E402
 from tools.bench_tasks import page_tasks  # noqa: E402
 
@@ -47,6 +48,7 @@ SECTIONS: dict[str, Callable[[bool], list[BenchTable]]] = {
     "packets": packets,
     "transfer": transfers,
     "ingest": ingest,
+    "reprocess": reprocessing,
     "api": api,
     "page_load": page_load,
     "page_tasks": page_tasks,

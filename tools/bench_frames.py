@@ -175,7 +175,7 @@ def chains(quick: bool) -> list[BenchTable]:
     bank, sky, parameters = _bank(profile), _known_sky(profile), cubestar.default_parameters(profile)
     loops = {"": False} | ({" [fast]": True} if kernels.AVAILABLE else {})
     results: dict[str, list[tuple[float, Verdict]]] = {n + f: [] for n in ("cubestar", "reference") for f in loops}
-    for pixels, truth in _frames_of(profile, 3 if quick else 200):
+    for pixels, truth in frames_of(profile, 3 if quick else 200):
         solves: dict[str, Callable[[], SolveResult]] = {}
         for suffix, fast in loops.items():
             ours = partial(cubestar.solve, pixels, profile.camera, bank, parameters, fast=fast)
@@ -194,7 +194,7 @@ def chains(quick: bool) -> list[BenchTable]:
     return [BenchTable("chain", "From pixels to attitude", conditions, CHAIN_SEED, rows)]
 
 
-def _frames_of(profile: CameraProfile, count: int) -> Iterator[tuple[NDArray[Any], Truth]]:
+def frames_of(profile: CameraProfile, count: int) -> Iterator[tuple[NDArray[Any], Truth]]:
     stars = propagate(load_stars(_drawn_to_mag(profile)), EPOCH_JYEAR)
     rng = np.random.default_rng(CHAIN_SEED)
     for _ in range(count):

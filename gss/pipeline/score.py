@@ -82,10 +82,12 @@ def _count_matches(result: SolveResult, truth: Truth, match_px: float) -> tuple[
 
 def true_pixels(truth: Truth, hip: NDArray[np.int32]) -> Array:
     """Return the (n, 2) true pixels of these stars, NaN for a star that is not in the frame."""
-    index_of = {int(h): k for k, h in enumerate(truth.hip)}
-    index = [index_of.get(int(h), -1) for h in hip]
-    padded = np.vstack([truth.pixels.reshape(-1, 2), [np.nan, np.nan]])
-    return np.asarray(padded[index])
+    order = np.argsort(truth.hip)
+    place = np.searchsorted(truth.hip, hip, sorter=order)
+    index = np.append(order, -1)[place]
+    true_px = np.vstack([truth.pixels.reshape(-1, 2), [np.nan, np.nan]])[index]
+    true_px[np.append(truth.hip, -1)[index] != hip] = np.nan
+    return np.asarray(true_px)
 
 
 def _pixels_outside(result: SolveResult, predicted: Array, truth: Truth) -> Array:

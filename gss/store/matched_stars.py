@@ -8,7 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from gss.store.models import Frame, Solution
-from gss.store.models.packed_detail import Rows
+from gss.store.packed_detail import Rows
 
 
 def newest_matches(session: Session, limit: int) -> list[tuple[Frame, dict[int, float | None]]]:

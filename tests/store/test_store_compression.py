@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from base64 import b64decode, b85encode
 from copy import deepcopy
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 from gss.domain.errors import CorruptData
 from gss.store.blobs import BlobStore
 from gss.store.compression import MAGIC, compressed, decompressed
-from gss.store.models.packed_detail import packed, unpacked
+from gss.store.packed_detail import packed, unpacked
 
 
 def noise(dtype: str, rows: int = 512, columns: int = 1024) -> np.ndarray:
@@ -104,8 +105,11 @@ def test_a_packed_detail_is_read_back() -> None:
     detail = {"stars": [STAR, named, unknown], "regions": [REGION, REGION | {"rejected": ""}], "versions": {"gss": "1"}}
     before = deepcopy(detail)
     stored = packed(detail)
-    assert set(stored) == {"packed", "versions"}
+    assert set(stored) == {"packed64", "versions"}
     assert unpacked(stored) == before == detail
+    assert packed(deepcopy(stored)) == stored  # a worker packs, and the column type leaves the document unchanged
+    older = {name: b85encode(b64decode(text)).decode() for name, text in stored["packed64"].items()}
+    assert unpacked({"packed": older, "versions": {"gss": "1"}}) == before
 
 
 @pytest.mark.parametrize(

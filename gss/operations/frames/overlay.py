@@ -119,46 +119,48 @@ def describe(
 
 
 def _region(region: Region) -> RegionOverlay:
+    col_min, row_min, col_max, row_max, area_px, peak_dn, _, rejected = region
     return {
-        "col_min": int(region.col_min),
-        "row_min": int(region.row_min),
-        "col_max": int(region.col_max),
-        "row_max": int(region.row_max),
-        "area_px": int(region.area_px),
-        "peak_dn": float(region.peak_dn),
-        "rejected": region.rejected,
+        "col_min": col_min,
+        "row_min": row_min,
+        "col_max": col_max,
+        "row_max": row_max,
+        "area_px": area_px,
+        "peak_dn": peak_dn,
+        "rejected": rejected,
     }
 
 
 def _stars(stars: StarTable, camera: Camera, centroids: Centroids, matches: Matches | None) -> list[StarOverlay]:
-    match_of = {} if matches is None else {int(c): k for k, c in enumerate(matches.centroid)}
+    columns = (centroids.col_px, centroids.row_px, centroids.flux_dn, centroids.peak_dn)
+    measured = zip(*(column.tolist() for column in columns), centroids.area_px.tolist(), strict=True)
+    rows: list[StarOverlay] = [
+        {"index": i, "col_px": col, "row_px": row, "flux_dn": flux, "peak_dn": peak, "area_px": area}
+        for i, (col, row, flux, peak, area) in enumerate(measured)
+    ]
+    if matches is None:
+        return rows
     arcsec_per_px = math.degrees(camera.pixel_rad) * 3600
-    rows: list[StarOverlay] = []
-    for i in range(len(centroids)):
-        row: StarOverlay = {
-            "index": i,
-            "col_px": float(centroids.col_px[i]),
-            "row_px": float(centroids.row_px[i]),
-            "flux_dn": float(centroids.flux_dn[i]),
-            "peak_dn": float(centroids.peak_dn[i]),
-            "area_px": int(centroids.area_px[i]),
+    found = zip(
+        matches.centroid.tolist(),
+        matches.hip.tolist(),
+        matches.residual_px.tolist(),
+        matches.weight.tolist(),
+        strict=True,
+    )
+    for i, hip, residual_px, weight in found:
+        star_row = stars.row_of_hip.get(hip)
+        dx, dy = (_finite(v) for v in residual_px)
+        rows[i] |= {
+            "hip": hip,
+            "name": stars.name_of(hip),
+            "v_mag": None if star_row is None else float(stars.v_mag[star_row]),
+            "dx_px": dx,
+            "dy_px": dy,
+            "dx_arcsec": None if dx is None else dx * arcsec_per_px,
+            "dy_arcsec": None if dy is None else dy * arcsec_per_px,
+            "weight": weight,
         }
-        k = match_of.get(i)
-        if matches is not None and k is not None:
-            hip = int(matches.hip[k])
-            star_row = stars.row_of_hip.get(hip)
-            dx, dy = (_finite(v) for v in matches.residual_px[k])
-            row |= {
-                "hip": hip,
-                "name": stars.name_of(hip),
-                "v_mag": None if star_row is None else float(stars.v_mag[star_row]),
-                "dx_px": dx,
-                "dy_px": dy,
-                "dx_arcsec": None if dx is None else dx * arcsec_per_px,
-                "dy_arcsec": None if dy is None else dy * arcsec_per_px,
-                "weight": float(matches.weight[k]),
-            }
-        rows.append(row)
     return rows
 
 

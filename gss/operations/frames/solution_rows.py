@@ -42,7 +42,8 @@ class SolutionDetail(overlay.MeasuredOverlay):
 
 
 class SolutionValues(TypedDict, total=False):
-    """Columns of a solution. If a chain could not be run on a frame, only the required columns are set."""
+    """Columns of a solution. If a chain could not be run on a frame, only the required columns are set. ``detail``: plain, or
+    packed for the database."""
 
     chain: Required[str]
     version: Required[str]
@@ -58,7 +59,7 @@ class SolutionValues(TypedDict, total=False):
     timing_s: dict[str, float]
     notes: list[str]
     options: str
-    detail: SolutionDetail
+    detail: SolutionDetail | JsonObject
     quaternion: list[float]
     sigma_rad: list[float | None]
     verdict: str

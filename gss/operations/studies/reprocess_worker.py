@@ -21,6 +21,7 @@ from gss.operations.frames.solution_rows import SolutionValues, solution_values
 from gss.operations.frames.solve import Solver, SolveRequest
 from gss.operations.frames.solver_cache import SolverCache
 from gss.store.blobs import BlobStore
+from gss.store.packed_detail import packed
 
 
 @dataclass(frozen=True)
@@ -126,4 +127,6 @@ def _run(state: _WorkerState, settings: BatchSettings, task: Task) -> TaskResult
         }
     stars = state.stars if task.epoch_jyear is None else state.solver.cache.stars(task.epoch_jyear)
     values = solution_values(result, stars, settings.documented.get(task.profile or ""), task.truth)
+    # Packed here, because this work can use many workers, and the server then receives a tenth of the data.
+    values["detail"] = packed(dict(values["detail"]))
     return {"frame_id": task.frame_id, "camera_name": request.camera_name, **values}

@@ -5,12 +5,25 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ForeignKey, Index, String, Text, false, text
+from sqlalchemy import JSON, Dialect, ForeignKey, Index, String, Text, TypeDecorator, false, text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from gss.domain.json_object import JsonObject
 from gss.store.models.base import Base
-from gss.store.models.packed_detail import PackedDetail
+from gss.store.packed_detail import packed, unpacked
+
+
+class PackedDetail(TypeDecorator[JsonObject]):
+    """JSON document whose lists ``regions`` and ``stars`` are packed in the database."""
+
+    impl = JSON
+    cache_ok = True
+
+    def process_bind_param(self, value: JsonObject | None, dialect: Dialect) -> JsonObject | None:
+        return value if value is None else packed(value)
+
+    def process_result_value(self, value: JsonObject | None, dialect: Dialect) -> JsonObject | None:
+        return value if value is None else unpacked(value)
 
 
 class Frame(Base):

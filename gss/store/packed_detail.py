@@ -1,5 +1,5 @@
-"""Column type for the regions and stars of a solution. They are stored as packed arrays in the JSON document, which
-need a tenth of the space of plain text.
+"""Stored form of the regions and stars of a solution: packed arrays in the JSON document, which need a tenth of the
+space of plain text.
 
 Positions are stored to 1e-5 px, magnitudes to 1e-4, fluxes, residuals and weights to seven digits. Lists without the
 expected fields are stored unchanged. Rows with plain lists, which older versions wrote, are read unchanged.
@@ -10,11 +10,11 @@ from __future__ import annotations
 import base64
 import json
 import zlib
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import JSON, Dialect, TypeDecorator
 
 from gss.domain.json_object import JsonObject
 
@@ -22,28 +22,19 @@ POSITION_STEP_PX = 1e-5
 MAGNITUDE_STEP = 1e-4
 NO_MAGNITUDE = np.iinfo(np.int32).min
 LARGEST, MAX_FLOAT = float(1 << 31), 3e38
-PACKED = "packed"
+PACKED = "packed64"
+DECODERS: dict[str, Callable[[str], bytes]] = {PACKED: base64.b64decode, "packed": base64.b85decode}
+"""Keys of packed lists, and the decoder of their text. Earlier rows use base 85, which Python
+encodes slowly."""
 Rows = list[JsonObject]
 BOUNDS = ("col_min", "row_min", "col_max", "row_max", "area_px")
 CENTROID_FIELDS = ("index", "col_px", "row_px", "flux_dn", "peak_dn", "area_px")
 MATCH_FIELDS = ("hip", "name", "v_mag", "dx_px", "dy_px", "dx_arcsec", "dy_arcsec", "weight")
 
 
-class PackedDetail(TypeDecorator[JsonObject]):
-    """JSON document whose lists ``regions`` and ``stars`` are packed in the database."""
-
-    impl = JSON
-    cache_ok = True
-
-    def process_bind_param(self, value: JsonObject | None, dialect: Dialect) -> JsonObject | None:
-        return value if value is None else packed(value)
-
-    def process_result_value(self, value: JsonObject | None, dialect: Dialect) -> JsonObject | None:
-        return value if value is None else unpacked(value)
-
-
 def packed(detail: JsonObject) -> JsonObject:
-    """Return the document with packed lists. Lists without the fields of regions or stars stay plain."""
+    """Return the document with packed lists. Lists without the fields of regions or stars stay plain, and a packed
+    document stays unchanged."""
     arrays = {}
     for name, pack in (("regions", _pack_regions), ("stars", _pack_stars)):
         if detail.get(name):
@@ -58,17 +49,18 @@ def packed(detail: JsonObject) -> JsonObject:
 
 def unpacked(detail: JsonObject) -> JsonObject:
     """Return the document with plain lists."""
-    if PACKED not in detail:
+    key = next((key for key in DECODERS if key in detail), None)
+    if key is None:
         return detail
-    plain = {name: value for name, value in detail.items() if name != PACKED}
+    plain = {name: value for name, value in detail.items() if name != key}
     for name, unpack in (("regions", _unpack_regions), ("stars", _unpack_stars)):
-        if name in detail[PACKED]:
-            plain[name] = unpack(_DetailReader(zlib.decompress(base64.b85decode(detail[PACKED][name]))))
+        if name in detail[key]:
+            plain[name] = unpack(_DetailReader(zlib.decompress(DECODERS[key](detail[key][name]))))
     return plain
 
 
 def _text(parts: list[bytes]) -> str:
-    return base64.b85encode(zlib.compress(b"".join(parts), 9)).decode("ascii")
+    return base64.b64encode(zlib.compress(b"".join(parts))).decode("ascii")
 
 
 def _integers(rows: Rows, name: str, step: float = 1.0) -> bytes:
