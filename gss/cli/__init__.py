@@ -98,8 +98,8 @@ def _parser_for(argv: Sequence[str]) -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     words = sys.argv[1:] if argv is None else argv
-    arguments = _parser_for(words).parse_args(words)
     try:
+        arguments = _parser_for(words).parse_args(words)
         return int(arguments.run(arguments))
     except GssError as error:
         print(f"gss: {error.sentences()}", file=sys.stderr)

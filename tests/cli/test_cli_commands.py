@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import subprocess
 import sys
 
-from gss.cli import COMMANDS, full_parser
+from gss.cli import COMMANDS, full_parser, main
 
 
 def test_every_command_of_the_table_is_registered_by_its_module():
@@ -21,3 +22,14 @@ def test_help_imports_no_science():
     loaded = done.stdout.splitlines()[-1].split()
     assert not {"numpy", "fastapi", "sqlalchemy", "gss.cli.serve"} & set(loaded)
     assert all(name in done.stdout for name in COMMANDS)
+
+
+def test_an_interrupt_during_the_import_of_a_command_is_one_line(monkeypatch, capsys):
+    """Ctrl-C before the command runs gives exit code 130 and no traceback."""
+
+    def interrupted(name: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(importlib, "import_module", interrupted)
+    assert main(["solve", "frame.png", "--blind"]) == 130
+    assert capsys.readouterr().err == "gss: Interrupted.\n"

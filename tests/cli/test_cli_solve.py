@@ -169,6 +169,15 @@ def test_as_a_process(sky_file: Path) -> None:
     assert json.load(io.BytesIO(done.stdout))["outcome"] == "solved"
 
 
+def test_a_few_files_of_an_unknown_camera_load_no_compiled_loops_and_no_registry(sky_file: Path) -> None:
+    """Both take longer to load than the solution of a file."""
+    code = f"import sys; from gss.cli import main; main(['solve', {str(sky_file)!r}, '--blind']); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert "gss.operations.frames.solve" in loaded
+    assert not {"numba", "gss.pipeline.loops", "gss.instruments.registry"} & loaded
+
+
 def test_a_sequence_is_tracked_and_reports_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The rate of a camera that rotates by 0.1°/s about its y axis is measured in a sequence of three images."""
     stars, profile, rng = propagate(load_stars(6.0), 2026.0), shipped_camera("cubestar"), np.random.default_rng(2)
