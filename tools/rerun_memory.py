@@ -1,7 +1,8 @@
-"""Measure the memory of the Rerun viewer with the recording of a long contact.
+"""Measure the memory of the Rerun viewer with the recording of a long contact, or with the live recording.
 
 ``python -m tools.rerun_memory --frames 10000`` lets a simulated sensor take one image, stores copies of its frame and
-solutions one second apart in the same contact, and opens the recording of the contact in a browser.
+solutions one second apart in the same contact, and opens the recording of the contact in a browser. With
+``--live SECONDS`` the browser shows the live recording while the cycle of the sensor runs.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from playwright.sync_api import expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
@@ -28,6 +29,7 @@ from tools.served import Served, served
 OPEN_MS = 900_000
 SETTLE_S = 20.0
 BATCH = 500
+LIVE_STEP_S = 30
 WATCH_WASM = """{
   window.wasmMemories = [];
   const keep = (result) => {
@@ -46,9 +48,15 @@ def main() -> None:
     """Measure once and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=10_000)
+    parser.add_argument("--live", type=int, metavar="SECONDS", help="measure the live recording for this time")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "data"
+        if options.live:
+            with served(data, "--simulator", "cubestar") as server:
+                _one_frame(server)
+                _watch_live(server, options.live)
+            return
         with served(data, "--simulator", "cubestar") as server:
             contact = _one_frame(server)
         database = Database(open_engine(Settings(data=data).database_url))
@@ -96,27 +104,54 @@ def _later(frame: Frame, seconds: int) -> datetime:
     return frame.taken + timedelta(seconds=seconds)
 
 
+def _watch_live(server: Served, seconds: int) -> None:
+    """Print the memory of the live recording every ``LIVE_STEP_S`` while the cycle runs."""
+    memory, seed = Memory(server.process.pid), Seed(server)
+    with sync_playwright() as playwright, memory.watched():
+        browser = playwright.chromium.launch(**launch_options())
+        page = _viewer_page(browser, server, "live=1")
+        seed.request("POST", "/commands", {"name": "START_CYCLE", "arguments": {}})
+        for _ in range(0, seconds, LIVE_STEP_S):
+            page.wait_for_timeout(LIVE_STEP_S * 1000)
+            contact = seed.request("GET", "/contacts")[0]
+            print(
+                f"{contact['frames']} frames, {contact['rx_bytes'] / 1e6:.1f} MB received, {_viewer_memory(page)}, "
+                f"all processes of the browser at most {memory.browser_mb:.0f} MB",
+                flush=True,
+            )
+        browser.close()
+
+
+def _viewer_page(browser: Browser, server: Served, query: str) -> Page:
+    """Open the viewer with a recording."""
+    page = browser.new_page(viewport={"width": 1440, "height": 900})
+    page.context.add_cookies([{"name": "gss_session", "value": server.sign_in(), "url": server.address}])
+    page.add_init_script(WATCH_WASM)
+    page.goto(f"{server.address}/rerun?{query}")
+    expect(page.get_by_test_id("rerun-viewer")).to_have_attribute("data-opened", "true", timeout=OPEN_MS)
+    return page
+
+
+def _viewer_memory(page: Page) -> str:
+    """Return the memory of the viewer and of the scripts as text."""
+    wasm_mb = page.evaluate("() => Math.max(0, ...window.wasmMemories.map((m) => m.buffer.byteLength)) / 1e6")
+    return f"script heap {heap_mb(page):.0f} MB, memory of the viewer {wasm_mb:.0f} MB"
+
+
 def _open_recording(server: Served, contact: int) -> str:
     memory = Memory(server.process.pid)
     with sync_playwright() as playwright, memory.watched():
         browser = playwright.chromium.launch(**launch_options())
-        page = browser.new_page(viewport={"width": 1440, "height": 900})
-        page.context.add_cookies([{"name": "gss_session", "value": server.sign_in(), "url": server.address}])
-        page.add_init_script(WATCH_WASM)
         start_s = time.monotonic()
-        page.goto(f"{server.address}/rerun?contact={contact}")
-        viewer = page.get_by_test_id("rerun-viewer")
-        expect(viewer).to_have_attribute("data-opened", "true", timeout=OPEN_MS)
+        page = _viewer_page(browser, server, f"contact={contact}")
         opened_s = time.monotonic() - start_s
         page.wait_for_timeout(SETTLE_S * 1000)
-        size_mb = int(viewer.get_attribute("data-bytes") or 0) / 1e6
-        wasm_mb = page.evaluate("() => Math.max(0, ...window.wasmMemories.map((m) => m.buffer.byteLength)) / 1e6")
-        heap = heap_mb(page)
+        size_mb = int(page.get_by_test_id("rerun-viewer").get_attribute("data-bytes") or 0) / 1e6
+        viewer = _viewer_memory(page)
         browser.close()
     return (
-        f"opened after {opened_s:.0f} s, recording {size_mb:.1f} MB, script heap {heap:.0f} MB, memory of the viewer "
-        f"{wasm_mb:.0f} MB, all processes of the browser at most {memory.browser_mb:.0f} MB, server at most "
-        f"{memory.server_mb:.0f} MB"
+        f"opened after {opened_s:.0f} s, recording {size_mb:.1f} MB, {viewer}, all processes of the browser at most "
+        f"{memory.browser_mb:.0f} MB, server at most {memory.server_mb:.0f} MB"
     )
 
 

@@ -21,6 +21,8 @@ export interface PlotParts {
 export const LEFT = 52;
 export const RIGHT = 64;
 const FONT = "11px 'IBM Plex Sans'";
+/** Smallest distance of the labels of the time axis, which have up to nine characters. */
+const TIME_PX = 72;
 /** Colours and dashes: first series in the accent colour, second series grey, others light and dashed. */
 export const INKS: readonly [string, number[]][] = [
   ['ac', []],
@@ -46,6 +48,7 @@ export function options(p: PlotParts): uPlot.Options {
       {
         show: true,
         size: p.last ? 26 : 6,
+        space: TIME_PX,
         stroke: p.css('tx3'),
         font: FONT,
         grid: { stroke: p.css('ln1'), width: 1 },
