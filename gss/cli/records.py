@@ -130,7 +130,8 @@ def export_report(arguments: argparse.Namespace) -> int:
     contact = contact_report(
         services.contacts.contacts, services.telemetry.telemetry.archive, services.base.database, arguments.contact
     )
-    contact_data = report(contact, services.procedures.runs.between(contact.detail.row.started, contact.detail.end))
+    procedures = services.procedures.runs.between(contact.detail.row.started, contact.detail.end)
+    contact_data = report(contact, procedures, services.contacts.handover.of_contact(arguments.contact))
     if arguments.format == "pdf":
         data = as_pdf(contact_sheet(contact_data), contact_data.contact.ended or contact_data.contact.started)
     elif arguments.format == "html":

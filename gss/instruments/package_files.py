@@ -48,6 +48,7 @@ Positive = Annotated[float, Field(gt=0, le=1e12)]
 NotNegative = Annotated[float, Field(ge=0, le=1e12)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 AngleDeg = Annotated[float, Field(ge=-360, le=360)]
+ChecklistItem = Annotated[str, Field(min_length=1, max_length=200)]
 
 
 class Mounting(Strict):
@@ -61,7 +62,8 @@ class InstrumentFile(Strict):
     """``instrument.yaml``. ``version``: package version that its author assigns. ``dictionary``: name of a shared
     dictionary; absent if the package contains a dictionary. ``driver``: name of an installed driver. ``chain``: absent
     if the chain of the unit is unknown. ``notes``: information for the operator. ``tried_on_hardware``: False if the
-    package is based only on documents; None: not stated."""
+    package is based only on documents; None: not stated. ``checklist``: items that an operator checks in each contact.
+    """
 
     id: Name
     title: Text
@@ -74,6 +76,7 @@ class InstrumentFile(Strict):
     tried_on_hardware: bool | None = None
     mounting: Mounting
     notes: Annotated[str, Field(max_length=4000)] = ""
+    checklist: Annotated[tuple[ChecklistItem, ...], Field(max_length=40)] = ()
 
 
 class BankFormatRow(Strict):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from gss.operations.clock import monotonic_s
 from gss.operations.contacts.contacts import ContactService
+from gss.operations.contacts.handover import HandoverService
 from gss.operations.contacts.replay_capture import CaptureReplay
 from gss.operations.upkeep.retention import RetentionService
 from gss.wiring.base import BaseServices
@@ -15,9 +16,10 @@ from gss.wiring.telemetry import TelemetryServices
 
 @dataclass(frozen=True)
 class Contacts:
-    """Services of contacts and of the replay of captures."""
+    """Services of contacts, of their checklists and hand-over notes, and of the replay of captures."""
 
     contacts: ContactService
+    handover: HandoverService
     replay: CaptureReplay
 
 
@@ -30,6 +32,7 @@ def open_contacts(
         ContactService(
             line.link, telemetry.alarms, base.database, base.bus, captures, base.clock.now, retention.removed_before
         ),
+        HandoverService(base.database, base.bus, base.clock.now, base.unit.about.checklist),
         CaptureReplay(
             base.dictionary, captures, limits, base.bus, monotonic_s, base.unit.roles.quantities.status, base.framing
         ),

@@ -26,6 +26,7 @@ def contact_sheet(report: ReportOut) -> Report:
         f"firmware {firmware}, profile {profile}",
         [
             *([Section("Note", contact.note)] if contact.note else []),
+            *_handover(report),
             Section("Link and volume", facts=_link_facts(report)),
             _record(report),
             Section("Attitude", facts=_attitude_facts(report), drawings=[*_plots(report)]),
@@ -33,6 +34,22 @@ def contact_sheet(report: ReportOut) -> Report:
         ],
         _notes(report),
     )
+
+
+def _handover(report: ReportOut) -> list[Section]:
+    """Return the checklist and the hand-over notes of the contact."""
+    handover = report.handover
+    done = sum(item.done for item in handover.items)
+    rows = [
+        [item.text, "done" if item.done else "not done", item.user or "–", _when(item.at) if item.at else "–"]
+        for item in handover.items
+    ]
+    checklist = Table(f"{done} of {len(rows)} items done", ["item", "state", "by", "time"], rows)
+    sections = [Section("Checklist", tables=[checklist])] if rows else []
+    for note in handover.notes:
+        read = f"acknowledged by {note.acknowledged_by}" if note.acknowledged_by else "not acknowledged"
+        sections.append(Section(f"Hand-over note of {note.user}, {_when(note.at)}, {read}", note.text))
+    return sections
 
 
 def _notes(report: ReportOut) -> list[Note]:

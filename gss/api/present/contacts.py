@@ -25,11 +25,13 @@ from gss.api.schemas.contacts import (
     SpanOut,
     VolumesOut,
 )
+from gss.api.schemas.handover import HandoverOut
 from gss.device.session_events import DeviceEvent
 from gss.operations.contacts.capture_decoder import CommandSaid, Replayed
 from gss.operations.contacts.contact_report import ContactReport
 from gss.operations.contacts.contacts import ContactDetail
 from gss.operations.contacts.gaps import Gap, RecordCheck
+from gss.operations.contacts.handover import Handover
 from gss.operations.contacts.replay_capture import ReplayState
 from gss.operations.telemetry.value_format import plain
 from gss.store.models import Contact, Device, ProcedureRun
@@ -113,8 +115,8 @@ def record(contact_id: int, check: RecordCheck) -> RecordOut:
     )
 
 
-def report(full: ContactReport, procedures: Sequence[ProcedureRun]) -> ReportOut:
-    """Return the pass report with the procedure runs of that time."""
+def report(full: ContactReport, procedures: Sequence[ProcedureRun], handover: Handover) -> ReportOut:
+    """Return the pass report with the procedure runs of that time, the checklist and the hand-over notes."""
     attitude, device = full.attitude, full.detail.device
     row = full.detail.row
     return ReportOut(
@@ -139,6 +141,7 @@ def report(full: ContactReport, procedures: Sequence[ProcedureRun]) -> ReportOut
         series=[series(s) for s in full.series],
         quality=full.quality,
         procedures=[run(row) for row in procedures],
+        handover=HandoverOut.model_validate(handover),
     )
 
 

@@ -79,7 +79,7 @@ def report(app: App, contact_id: RowId) -> ReportOut:
     """Pass report as data."""
     contact_data = _report(app, contact_id)
     procedures = app.procedures.runs.between(contact_data.detail.row.started, contact_data.detail.end)
-    return present.contacts.report(contact_data, procedures)
+    return present.contacts.report(contact_data, procedures, app.contacts.handover.of_contact(contact_id))
 
 
 @router.get("/contacts/{contact_id}/report.html", response_class=HTMLResponse, dependencies=[EXPORT])

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from gss.api.schemas.alarms import AlarmRow
 from gss.api.schemas.base import In, Out, Utc
+from gss.api.schemas.handover import HandoverOut
 from gss.api.schemas.procedures import ProcedureRunOut
 from gss.api.schemas.telemetry import TelemetrySeriesOut
 
@@ -153,7 +154,7 @@ class AttitudeSummaryOut(Out):
 
 class ReportOut(Out):
     """Pass report. ``quality``: (Unix seconds, share of damaged packets). ``procedures``: procedure runs during the
-    contact, with the hashes of their frozen records."""
+    contact, with the hashes of their frozen records. ``handover``: checklist and hand-over notes."""
 
     contact: ContactDetailOut
     firmware: str
@@ -164,6 +165,7 @@ class ReportOut(Out):
     series: list[TelemetrySeriesOut]
     quality: list[tuple[float, float]]
     procedures: list[ProcedureRunOut]
+    handover: HandoverOut
 
 
 Speed = Annotated[float, Field(ge=0.1, le=1000, strict=False)]

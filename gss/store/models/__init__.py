@@ -6,6 +6,7 @@ from gss.store.models.base import Base, UtcDateTime
 from gss.store.models.catalogues import BankHistory, Catalogue, DeviceTable, StarList
 from gss.store.models.console import Alarm, Authority, Choice, Job
 from gss.store.models.frames import Frame, Solution
+from gss.store.models.handover import ChecklistMark, ChecklistVersion, HandoverNote
 from gss.store.models.heads import FusedRow, HeadPairRow, Spacecraft
 from gss.store.models.link import (
     Command,
@@ -31,6 +32,8 @@ __all__ = [
     "Base",
     "Calibration",
     "Catalogue",
+    "ChecklistMark",
+    "ChecklistVersion",
     "Choice",
     "Command",
     "CommandStage",
@@ -41,6 +44,7 @@ __all__ = [
     "Event",
     "Frame",
     "FusedRow",
+    "HandoverNote",
     "HeadPairRow",
     "Job",
     "ListRun",

@@ -7,6 +7,7 @@ import { decode } from '../sky/decode';
 import type { paths } from './generated/schema';
 import { body, fetched, given, http, multipart, OutlivingRequest } from './http';
 import type * as T from './types';
+import { handover } from './handover';
 import { views } from './views';
 
 export { ApiError, sessionHooks, queryString } from './http';
@@ -327,6 +328,7 @@ export const api = {
   ...line,
   ...commanding,
   ...views,
+  ...handover,
   ...telemetry,
   ...frames,
   ...instruments,

@@ -1,0 +1,163 @@
+"""Checklist of each contact, and notes from one operator to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from gss.domain.errors import BadInput, Conflict
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.requests import MAX_ID, Request
+from gss.store import devices
+from gss.store import handover as store
+from gss.store.engine import Database
+from gss.store.models import ChecklistMark, ChecklistVersion, HandoverNote
+
+MAX_ITEMS, MAX_ITEM_LENGTH, MAX_NOTE_LENGTH = 40, 200, 4000
+DEFAULT_ITEMS = (
+    "Link up, device and dictionary match",
+    "Housekeeping received, alarms acknowledged",
+    "Device clock compared, and set if necessary",
+    "Active bank and its days left checked",
+    "Planned commands completed, unknown results resolved",
+    "Frames downlinked, no transfer open",
+    "Hand-over note written",
+)
+"""Items of an instrument whose package lists none."""
+
+
+class ChecklistRequest(Request):
+    """New list of items. ``version``: the version that was changed, 0 for the first one."""
+
+    items: list[Annotated[str, Field(min_length=1, max_length=MAX_ITEM_LENGTH)]] = Field(max_length=MAX_ITEMS)
+    version: int = Field(ge=0, le=MAX_ID)
+
+
+@dataclass(frozen=True)
+class Checklist:
+    """Items to check in each contact. ``version``: 0 if users have not changed the list; ``user`` and ``changed``: last
+    change."""
+
+    items: tuple[str, ...]
+    source: Literal["user", "instrument", "default"]
+    version: int = 0
+    user: str = ""
+    changed: datetime | None = None
+
+
+@dataclass(frozen=True)
+class CheckedItem:
+    """Item of a contact's checklist. ``user`` and ``at``: last change; "" and None if it was never checked."""
+
+    text: str
+    done: bool
+    user: str
+    at: datetime | None
+
+
+@dataclass(frozen=True)
+class Handover:
+    """Checklist and hand-over notes of a contact, notes oldest first."""
+
+    contact_id: int
+    checklist: Checklist
+    items: list[CheckedItem]
+    notes: list[HandoverNote]
+
+
+class HandoverService:
+    """Stores checklists and hand-over notes. ``package_items``: items in the package of the unit's instrument."""
+
+    def __init__(self, database: Database, bus: EventBus, now: Now, package_items: Sequence[str]) -> None:
+        self._database, self._bus, self._now = database, bus, now
+        package = tuple(dict.fromkeys(package_items))
+        self._shipped = Checklist(package, "instrument") if package else Checklist(DEFAULT_ITEMS, "default")
+
+    def checklist(self) -> Checklist:
+        """Return the list for the present contact."""
+        with self._database.unit_of_work() as session:
+            return self._list_of(store.newest_checklist(session))
+
+    def change_checklist(self, request: ChecklistRequest, *, user: str) -> Checklist:
+        """Store a new list. It applies to open and later contacts; closed contacts keep their list. Raises BadInput for
+        an empty or repeated item, Conflict if another user has changed the list since."""
+        items = [" ".join(item.split()) for item in request.items]
+        if not all(items) or len(set(items)) < len(items):
+            raise BadInput("An item of the checklist is empty or repeated", expected="different texts")
+        with self._database.unit_of_work() as session:
+            newest = store.newest_checklist(session)
+            version = newest.id if newest else 0
+            if version != request.version:
+                raise Conflict(
+                    "The checklist has changed since you opened it",
+                    expected=f"version {version}",
+                    got=f"version {request.version}",
+                    hint="Open the latest version and change it.",
+                )
+            row = ChecklistVersion(items=items, user=user, changed=self._now())
+            store.add(session, row)
+        return self._list_of(row)
+
+    def of_contact(self, contact_id: int) -> Handover:
+        """Return checklist and notes of a contact. Raises NotFound."""
+        with self._database.unit_of_work() as session:
+            row, _ = devices.get_contact(session, contact_id)
+            version = store.checklist_at(session, row.ended or self._now())
+            marks, notes = store.marks(session, contact_id), store.notes(session, contact_id)
+        checklist, newest = self._list_of(version), {mark.item: mark for mark in marks}
+        removed = [item for item in newest if item not in checklist.items]
+        return Handover(
+            contact_id, checklist, [_checked(t, newest.get(t)) for t in (*checklist.items, *removed)], notes
+        )
+
+    def check(self, contact_id: int, item: str, *, done: bool, user: str) -> Handover:
+        """Mark an item of a contact as done or not done. If it already is, the earlier user and time stay. Raises
+        NotFound, BadInput for an item that the contact's list does not contain."""
+        before = next((i for i in self.of_contact(contact_id).items if i.text == item), None)
+        if before is None:
+            raise BadInput("The checklist of this contact has no such item", got=item[:80])
+        if before.done != done:
+            with self._database.unit_of_work() as session:
+                mark = ChecklistMark(contact_id=contact_id, item=item, done=done, user=user, at=self._now())
+                store.add(session, mark)
+        return self.of_contact(contact_id)
+
+    def add_note(self, contact_id: int, text: str, *, user: str) -> HandoverNote:
+        """Store a note to the next operator. Raises NotFound, BadInput for an empty text."""
+        if not text.strip():
+            raise BadInput("The hand-over note is empty", expected="a text")
+        with self._database.unit_of_work() as session:
+            devices.get_contact(session, contact_id)
+            row = HandoverNote(contact_id=contact_id, text=text.strip(), user=user, at=self._now())
+            store.add(session, row)
+        self._bus.record("contact", "ok", f"{user} wrote a hand-over note", contact_id=contact_id)
+        return row
+
+    def newest_note(self) -> HandoverNote | None:
+        """Return the newest hand-over note of all contacts."""
+        with self._database.unit_of_work() as session:
+            return store.newest_note(session)
+
+    def acknowledge(self, note_id: int, *, user: str) -> HandoverNote:
+        """Record that a user has read a note. Raises NotFound, Conflict for a user's own note or a note that is already
+        acknowledged."""
+        with self._database.unit_of_work() as session:
+            row = store.note(session, note_id)
+            if row.user == user:
+                raise Conflict("Another user acknowledges your note", expected="the next operator", got=user)
+            if row.acknowledged_by:
+                raise Conflict("The note is already acknowledged", got=f"by {row.acknowledged_by}")
+            row.acknowledged_by, row.acknowledged = user, self._now()
+        return row
+
+    def _list_of(self, row: ChecklistVersion | None) -> Checklist:
+        return self._shipped if row is None else Checklist(tuple(row.items), "user", row.id, row.user, row.changed)
+
+
+def _checked(text: str, mark: ChecklistMark | None) -> CheckedItem:
+    return CheckedItem(text, False, "", None) if mark is None else CheckedItem(text, mark.done, mark.user, mark.at)

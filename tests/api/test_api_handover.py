@@ -1,0 +1,112 @@
+"""Checklists of contacts and hand-over notes over HTTP, in the pass report, and in a copy of the database."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from fastapi import FastAPI
+from fastapi.testclient import TestClient
+
+from gss.operations.contacts.handover import DEFAULT_ITEMS, HandoverService
+from gss.store.audit import AuditFilter
+from gss.store.dump import dump
+from gss.store.engine import Database, open_engine
+from gss.store.handover import newest_note
+from gss.store.models import Contact
+
+FIRST = DEFAULT_ITEMS[0]
+
+
+@pytest.fixture(scope="module")
+def contacts(app: FastAPI) -> tuple[int, int]:
+    """Ids of a closed and of an open contact."""
+    now = datetime.now(UTC)
+    with app.state.services.base.database.unit_of_work() as session:
+        closed = Contact(url="loop://", started=now - timedelta(hours=2), ended=now - timedelta(hours=1))
+        opened = Contact(url="loop://", started=now)
+        session.add_all([closed, opened])
+        session.flush()
+        return closed.id, opened.id
+
+
+def test_an_item_keeps_who_checked_it_and_when(clients: dict[str, TestClient], contacts: tuple[int, int]) -> None:
+    """A viewer reads the default checklist. The first user who checks an item stays recorded; removing the check is
+    recorded too. An item that is not in the list is rejected."""
+    path = f"/api/contacts/{contacts[1]}"
+    before = clients["viewer"].get(f"{path}/handover").json()
+    assert (before["checklist"]["source"], [i["text"] for i in before["items"]]) == ("default", list(DEFAULT_ITEMS))
+    assert (before["items"][0]["done"], before["items"][0]["at"]) == (False, None)
+    assert clients["viewer"].put(f"{path}/checklist", json={"item": FIRST, "done": True}).status_code == 403
+    done = clients["operator"].put(f"{path}/checklist", json={"item": FIRST, "done": True}).json()["items"][0]
+    assert (done["done"], done["user"]) == (True, "the operator")
+    again = clients["engineer"].put(f"{path}/checklist", json={"item": FIRST, "done": True}).json()["items"][0]
+    assert again == done
+    undone = clients["engineer"].put(f"{path}/checklist", json={"item": FIRST, "done": False}).json()["items"][0]
+    assert (undone["done"], undone["user"]) == (False, "the engineer")
+    reply = clients["operator"].put(f"{path}/checklist", json={"item": "something else", "done": True})
+    assert (reply.status_code, reply.json()["got"]) == (400, "something else")
+
+
+def test_a_changed_checklist_applies_to_open_contacts_only(
+    app: FastAPI, clients: dict[str, TestClient], contacts: tuple[int, int]
+) -> None:
+    """A user changes the list; a closed contact keeps its items, and checked items that the list no longer contains
+    stay visible. An outdated version and repeated items are rejected."""
+    closed, opened = contacts
+    clients["operator"].put(f"/api/contacts/{opened}/checklist", json={"item": FIRST, "done": True})
+    old = clients["operator"].get("/api/checklist").json()
+    new = {"items": ["Dome closed", "  Dew  heater off "], "version": old["version"]}
+    changed = clients["admin"].put("/api/checklist", json=new).json()
+    assert (changed["items"], changed["source"], changed["user"]) == (
+        ["Dome closed", "Dew heater off"],
+        "user",
+        "the admin",
+    )
+    assert clients["operator"].put("/api/checklist", json=new).status_code == 409
+    twice = {"items": ["a", " a"], "version": changed["version"]}
+    assert clients["operator"].put("/api/checklist", json=twice).status_code == 400
+    texts = {
+        c: [i["text"] for i in clients["viewer"].get(f"/api/contacts/{c}/handover").json()["items"]] for c in contacts
+    }
+    assert texts[closed] == list(DEFAULT_ITEMS)
+    assert texts[opened] == ["Dome closed", "Dew heater off", FIRST]
+    audit = app.state.services.accounts.audit.page(AuditFilter(who="the operator"), 50)
+    assert any(FIRST in row.detail and row.result == "done" for row in audit)
+
+
+def test_a_note_is_shown_until_another_user_acknowledges_it(
+    app: FastAPI, clients: dict[str, TestClient], contacts: tuple[int, int], tmp_path: Path
+) -> None:
+    """The newest note has author and time. Its author cannot acknowledge it, and it is acknowledged once. The note is
+    in the pass report and in a copy of the database."""
+    path = f"/api/contacts/{contacts[0]}"
+    assert clients["operator"].post(f"{path}/handover-notes", json={"text": "  "}).status_code == 400
+    text = "Bank B not confirmed.\nTake two frames <first>."
+    note = clients["operator"].post(f"{path}/handover-notes", json={"text": text}).json()
+    assert (note["user"], note["text"], note["acknowledged_by"]) == ("the operator", text, "")
+    assert clients["viewer"].get("/api/handover-notes/newest").json() == note
+    acknowledge = f"/api/handover-notes/{note['id']}/acknowledge"
+    assert clients["operator"].post(acknowledge).status_code == 409
+    assert clients["viewer"].post(acknowledge).status_code == 403
+    assert clients["engineer"].post(acknowledge).json()["acknowledged_by"] == "the engineer"
+    assert clients["admin"].post(acknowledge).json()["got"] == "by the engineer"
+    assert clients["operator"].get(f"{path}/report").json()["handover"]["notes"][0]["text"] == text
+    page = clients["operator"].get(f"{path}/report.html").text
+    assert "Take two frames &lt;first&gt;." in page
+    assert FIRST in page
+    copy = tmp_path / "copy.db"
+    dump(app.state.services.base.settings.database_url, copy)
+    with Database(open_engine(f"sqlite:///{copy}")).unit_of_work() as session:
+        stored = newest_note(session)
+        assert stored is not None
+        assert stored.text == text
+
+
+def test_items_of_the_instrument_package_replace_the_default(app: FastAPI, contacts: tuple[int, int]) -> None:
+    """A package with items replaces the default list until a user changes it."""
+    base = app.state.services.base
+    service = HandoverService(base.database, base.bus, base.clock.now, ("Lens cap off", "Lens cap off"))
+    checklist = service.of_contact(contacts[0]).checklist
+    assert (checklist.source, checklist.items) == ("instrument", ("Lens cap off",))

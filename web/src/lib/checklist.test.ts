@@ -1,0 +1,21 @@
+import { expect, it } from 'vitest';
+import { checkWords, itemsOf, progressWords, sourceWords } from './checklist';
+
+const AT = '2026-12-01T18:00:05.000Z';
+const item = (done: boolean, at: string | null = AT) => ({ text: 'a', done, user: at ? 'ann' : '', at });
+
+it('states who checked an item and who removed the check', () => {
+  expect(checkWords(item(true))).toBe('ann, 2026-12-01 18:00:05Z');
+  expect(checkWords(item(false))).toBe('check removed by ann, 2026-12-01 18:00:05Z');
+  expect(checkWords(item(false, null))).toBe('');
+  expect(progressWords([item(true), item(false)])).toBe('1 of 2 done');
+});
+it('states where the items come from', () => {
+  const list = { items: [], version: 0, user: '', changed: null };
+  expect(sourceWords({ ...list, source: 'default' })).toBe('default items');
+  expect(sourceWords({ ...list, source: 'instrument' })).toBe('items of the instrument package');
+  expect(sourceWords({ ...list, source: 'user', user: 'bob', changed: AT })).toContain('changed by bob');
+});
+it('reads one item per line', () => {
+  expect(itemsOf(' Dome  closed\n\n  Lens cap off \n')).toEqual(['Dome closed', 'Lens cap off']);
+});
