@@ -3,6 +3,7 @@
  * OpenAPI document.
  */
 import { base } from '../lib/base';
+import { readBody, type Received } from '../lib/received';
 import { decode } from '../sky/decode';
 import type { paths } from './generated/schema';
 import { body, fetched, given, http, multipart, OutlivingRequest } from './http';
@@ -47,15 +48,12 @@ export interface RawImage {
   scale: number;
 }
 
-async function raw(frame_id: number, signal?: AbortSignal): Promise<RawImage> {
-  const { response, data } = await GET('/api/frames/{frame_id}/raw', {
-    params: { path: { frame_id } },
-    parseAs: 'arrayBuffer',
-    signal,
-  });
+/** Return the pixels of a frame. `report` is called with the received bytes if the response takes long. */
+async function raw(frame_id: number, report: (received: Received) => void): Promise<RawImage> {
+  const { response } = await GET('/api/frames/{frame_id}/raw', { params: { path: { frame_id } }, parseAs: 'stream' });
   const header = (name: string): string | null => response.headers.get(name);
   const [columns, rows, bits] = [Number(header('X-Columns')), Number(header('X-Rows')), Number(header('X-Bits'))];
-  const [buffer, dtype, count] = [data as ArrayBuffer, header('X-Dtype') ?? '', columns * rows];
+  const [buffer, dtype, count] = [await readBody(response, report), header('X-Dtype') ?? '', columns * rows];
   const decoder = buffer.byteLength >= count * 4 ? (await import('../sky/painter')).decodeInWorker : decode;
   return { columns, rows, bits, ...(await decoder(buffer, dtype, count)) };
 }

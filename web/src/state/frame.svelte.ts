@@ -2,6 +2,7 @@
 import { api, type RawImage } from '../api/client';
 import type { FrameDetail, Histogram, SolutionDetail } from '../api/types';
 import { problemText } from '../lib/problems';
+import { receivedWords, type Received } from '../lib/received';
 import type { Stretch } from '../sky/stretch';
 import { live } from './live.svelte';
 import { view } from './view.svelte';
@@ -30,6 +31,9 @@ export class FrameView {
   beforePreview = $state.raw<SolutionDetail | null | undefined>(undefined);
   problem = $state('');
   loading = $state(false);
+  /** Received bytes of the pixels that are loaded; null if the load is short or complete. */
+  private received = $state.raw<Received | null>(null);
+  readonly progress = $derived(this.received ? receivedWords(this.received) : '');
   stretch = $state<Stretch>({ low: 0, high: 255, kind: 'asinh', invert: view.theme === 'light' });
   /** Milliseconds from the storage of the frame to the display of its pixels. */
   latencyMs = $state<number | null>(null);
@@ -70,7 +74,7 @@ export class FrameView {
         return;
       }
       // New pixels are loaded together with the results computed from them.
-      const pixels = frameId === this.detail?.id ? null : this.readPixels(frameId);
+      const pixels = frameId === this.detail?.id ? null : this.readPixels(frameId, own);
       pixels?.catch(() => undefined);
       const detail = await api.frame(frameId);
       if (own !== this.generation) return;
@@ -90,7 +94,7 @@ export class FrameView {
       if (own !== this.generation) return;
       this.problem = problemText(error);
     } finally {
-      if (own === this.generation) this.loading = false;
+      if (own === this.generation) this.loaded();
     }
   }
 
@@ -98,11 +102,19 @@ export class FrameView {
   stop(): void {
     this.generation += 1;
     this.loadAgain = false;
-    this.loading = false;
+    this.loaded();
   }
 
-  private readPixels(id: number): Promise<[RawImage, Histogram]> {
-    return Promise.all([api.raw(id), api.histogram(id)]);
+  private loaded(): void {
+    this.loading = false;
+    this.received = null;
+  }
+
+  private readPixels(id: number, own: number): Promise<[RawImage, Histogram]> {
+    const report = (received: Received): void => {
+      if (own === this.generation) this.received = received;
+    };
+    return Promise.all([api.raw(id, report), api.histogram(id)]);
   }
 
   private async showPixels(
@@ -112,7 +124,7 @@ export class FrameView {
   ): Promise<void> {
     const key = `${detail.id} ${detail.sha256} ${detail.rows_held.map((r) => r.join('-')).join(',')}`;
     if (key === this.shown) return;
-    const [image, histogram] = await (pixels ?? this.readPixels(detail.id));
+    const [image, histogram] = await (pixels ?? this.readPixels(detail.id, own));
     if (own !== this.generation) return;
     const previous = this.shown;
     this.image = image;
