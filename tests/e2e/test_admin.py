@@ -195,8 +195,9 @@ def test_a_token_is_shown_once_works_and_can_be_revoked(page, browser, address, 
     program.close()
 
 
-def test_the_audit_log_is_filtered_verified_and_exported(page, picture):
+def test_the_audit_log_is_filtered_verified_and_exported(page, served, picture):
     """The page lists audit rows, states that the log is intact, filters rows, and exports CSV."""
+    served.ask("PUT", "/session/start-page", {"path": ""})
     page.goto("/admin?show=audit")
     rows = page.get_by_test_id("audit-row")
     expect(rows.first).to_be_visible()

@@ -14,6 +14,7 @@ WATCH_LONG_TASKS = """() => {
   const took = (list) => list.getEntries().forEach((e) => window.long.push(Math.round(e.duration)));
   new PerformanceObserver(took).observe({ type: 'longtask' });
 }"""
+ONE_LINE = "document.querySelector('[data-testid=alarm] .text').clientHeight < 20"
 WIDE_BOUND_MS = 5000
 """Wide functional limit of the latency. The measured value is printed; it is meaningful only on an idle machine."""
 
@@ -195,3 +196,14 @@ def test_a_frame_without_stars_keeps_the_last_attitude_with_its_age(live_page, s
     assert shown_frame(page) > solved_frame
     expect(page.get_by_test_id("ground-ra")).to_have_text(ground_ra)
     served.ask("POST", "/commands", {"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 200}})
+
+
+def test_an_alarm_text_of_medium_length_has_one_line_in_the_header(page: Page, served) -> None:
+    """At 1440 px the text of a limit fits in one line, because the names of bank and dictionary give it their width."""
+    limit = "/telemetry/limits/housekeeping.sensor_temperature_c"
+    served.ask("PUT", limit, {"watch": [None, -60], "persistence": 1, "note": "test of the header"})
+    page.goto("/live")
+    text = page.get_by_test_id("alarm").locator(".text")
+    expect(text).to_contain_text("above -60")
+    page.wait_for_function(ONE_LINE)
+    served.ask("DELETE", limit)

@@ -59,6 +59,7 @@ def catalogue_detail(
         instrument_version=row.instrument_version,
         request=row.request,
         manifest=row.manifest,
+        no_magnitude=0 if image is None else len(image) - len(report.sky),
         reduced_stars=(row.manifest.get("counts") or {}).get("reduced catalogue"),
     )
 

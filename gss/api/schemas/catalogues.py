@@ -73,12 +73,14 @@ class CatalogueOrbitOut(Out):
 
 class CatalogueDetailOut(CatalogueOut, StoredReport):
     """Stored catalogue with its request, manifest, maps and quality report. ``instrument_version``: SHA-256 of the
-    instrument package with which the catalogue was built; null: unknown."""
+    instrument package with which the catalogue was built; null: unknown. ``no_magnitude``: number of stars of a catalogue
+    read back from the device that are not in ``sky``, because their magnitude is unknown."""
 
     instrument_version: str | None
     request: JsonObject
     manifest: JsonObject
     reduced_stars: int | None = None
+    no_magnitude: int = 0
 
 
 class UploadIn(In):
