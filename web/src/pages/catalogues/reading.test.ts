@@ -21,7 +21,7 @@ describe('the catalogue on the star map', () => {
     await first;
     expect([reading.detail?.id, reading.problem]).toEqual([2, '']);
   });
-  it('shows the error of its own request, and removes it with the next one', async () => {
+  it('shows the error of the present request, and removes it with the next one', async () => {
     const { reading, answers } = byHand();
     const first = reading.read(1);
     answers.get(1)?.fail(new Error('no such catalogue'));

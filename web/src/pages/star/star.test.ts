@@ -17,9 +17,11 @@ it('shows a dash for a value that the star table does not have', () => {
 it('states what was searched and what could not be searched', () => {
   expect(catalogueWords(card({}))).toBe('No catalogue is stored.');
   const words = catalogueWords(card({ checked_catalogues: 3, unnumbered: 1, unknown_banks: ['B'] }));
-  expect(words).toContain('In 0 of the newest 2 catalogues.');
+  expect(words).toContain('2 catalogues searched, newest first: found in 0.');
   expect(words).toContain('1 more catalogue has no star numbers.');
   expect(words).toContain('bank B is not stored');
   expect(frameWords(card({}))).toBe('No frame is solved.');
-  expect(frameWords(card({ checked_frames: 7 }))).toBe('In the ground result of 0 of the newest 7 solved frames.');
+  expect(frameWords(card({ checked_frames: 7 }))).toBe(
+    '7 solved frames searched, newest first: matched on the ground in 0.',
+  );
 });

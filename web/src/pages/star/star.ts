@@ -19,7 +19,7 @@ export function facts(s: StarCard): [string, string][] {
 export function catalogueWords(s: StarCard): string {
   if (!s.checked_catalogues) return 'No catalogue is stored.';
   const searched = s.checked_catalogues - s.unnumbered;
-  const words = [`In ${fixed(s.catalogues.length)} of the newest ${counted(searched, 'catalogue')}.`];
+  const words = [`${counted(searched, 'catalogue')} searched, newest first: found in ${fixed(s.catalogues.length)}.`];
   if (s.unnumbered)
     words.push(`${counted(s.unnumbered, 'more catalogue has', 'more catalogues have')} no star numbers.`);
   if (s.unknown_banks.length)
@@ -31,5 +31,5 @@ export function catalogueWords(s: StarCard): string {
 export function frameWords(s: StarCard): string {
   if (!s.checked_frames) return 'No frame is solved.';
   const searched = counted(s.checked_frames, 'solved frame');
-  return `In the ground result of ${fixed(s.frames.length)} of the newest ${searched}.`;
+  return `${searched} searched, newest first: matched on the ground in ${fixed(s.frames.length)}.`;
 }
