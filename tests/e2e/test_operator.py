@@ -183,6 +183,9 @@ def test_telemetry_and_contacts_show_received_data(page, picture):
     expect(page).to_have_url(re.compile("current_imager_ma"))
     page.goto("/contacts")
     expect(page.get_by_test_id("contact-row").first).to_contain_text("SIM-0001")
+    expect(page.get_by_test_id("contact-detail")).to_contain_text("Checklist")
+    page.get_by_test_id("contact-detail").get_by_role("button", name="Close").click()
+    expect(page.get_by_test_id("contact-detail")).to_have_count(0)
 
 
 def test_abort_answers_its_key_on_every_page(page):
