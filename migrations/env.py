@@ -7,7 +7,7 @@ from typing import Any
 
 from alembic import context
 
-from gss.store.engine import open_for_migration
+from gss.store.migration import open_for_migration
 from gss.store.models import Base, UtcDateTime
 
 

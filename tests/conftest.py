@@ -264,7 +264,8 @@ def copied_databases(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
 @contextmanager
 def _database(where: Any) -> Iterator[Any]:
     from gss.settings import Settings
-    from gss.store.engine import Database, migrate, open_engine
+    from gss.store.engine import Database, open_engine
+    from gss.store.migration import migrate
 
     if not isinstance(where, str | Path | Settings):  # services
         yield where.base.database

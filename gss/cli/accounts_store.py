@@ -47,7 +47,8 @@ def account_store(arguments: argparse.Namespace) -> Iterator[AccountAdministrati
     from gss.operations.clock import monotonic_s, utc_now
     from gss.operations.folder_lock import own_folder
     from gss.settings import Settings
-    from gss.store.engine import Database, migrate, open_engine
+    from gss.store.engine import Database, open_engine
+    from gss.store.migration import migrate
 
     previous_umask = os.umask(0o077)
     settings = Settings() if arguments.data is None else Settings(data=arguments.data)

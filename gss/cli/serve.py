@@ -45,6 +45,9 @@ def register(subparsers: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve until interrupted."""
+    from gss.cli.lean_numpy import hide_build_tools
+
+    hide_build_tools()
     from gss.api.guard.perimeter import check_exposure
     from gss.api.simulated import start_simulator
     from gss.operations.folder_lock import folder_lock

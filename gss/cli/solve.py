@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from gss.catalogue_tools.sources.hipparcos import EPOCH_RANGE_JYEAR
 from gss.cli.input_files import TEXT_BYTES, TLE_BYTES, read_file, read_limited
 from gss.cli.instruments import CAMERA_HELP, registry
+from gss.cli.lean_numpy import hide_build_tools
 from gss.cli.solve_record import as_record, as_text
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput, GssError, NotFound
@@ -109,6 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
     truths = read_truths(arguments.truth, files)
     with ParseProcesses() as parsing, ThreadPoolExecutor(1) as reader:
         reading = reader.submit(_read, files[0], parsing)
+        hide_build_tools()
         # The import of the solver takes as long as the first image, and each image as long as the solution before it.
         from gss.operations.clock import stopwatch_s
         from gss.operations.frames.figure_files import users_folder

@@ -12,6 +12,7 @@ from __future__ import annotations
 import struct
 
 import numpy as np
+import zstandard
 
 MAGIC = b"GSSPACK1"
 _HEADER = struct.Struct("<8sBQ")
@@ -58,16 +59,15 @@ def decompressed(data: bytes) -> bytes | None:
 
 def zstd(data: bytes | memoryview) -> bytes:
     """Return one zstd frame."""
-    import pyarrow as pa  # imported here because the import takes 0.1 s and 30 MB and many commands store nothing
-
-    return bytes(pa.Codec("zstd", compression_level=LEVEL).compress(data, asbytes=True))
+    return zstandard.ZstdCompressor(level=LEVEL).compress(data)
 
 
 def zstd_plain(data: bytes | memoryview, size: int) -> bytes | None:
     """Return the ``size`` bytes of one zstd frame; None if it is damaged."""
-    import pyarrow as pa
-
     try:
-        return bytes(pa.Codec("zstd").decompress(data, decompressed_size=size, asbytes=True))
-    except (OSError, ValueError):
+        if zstandard.frame_content_size(data) not in (size, -1):  # -1: not given in the frame
+            return None
+        plain = zstandard.ZstdDecompressor().decompress(data, max_output_size=size, allow_extra_data=False)
+    except zstandard.ZstdError:
         return None
+    return plain if len(plain) == size else None

@@ -10,12 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from alembic import command
-from alembic.config import Config
-from alembic.runtime.migration import MigrationContext
-from alembic.script import ScriptDirectory
-from alembic.util import CommandError
-from sqlalchemy import Connection, Engine, create_engine, event, func, inspect, make_url, select
+from sqlalchemy import Engine, create_engine, event, func, make_url, select
 from sqlalchemy.exc import (
     ArgumentError,
     DatabaseError,
@@ -28,7 +23,6 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session, sessionmaker
 
 from gss.domain.errors import BadInput, Conflict, CorruptData, StoreDown
-from gss.store.models import Base
 
 QUICK_CHECK_BYTES = 512 << 20
 LOCK_WAIT_MS = 5000
@@ -40,8 +34,6 @@ DAMAGED_HINT = (
     "stop the server and keep the folder unchanged; run `gss check store` for details and `gss restore` to restore a backup; "
     "the raw captures contain data received after the backup"
 )
-SHIPPED = Path(__file__).parent.parent / "migrations"
-CHECKOUT = Path(__file__).parent.parent.parent / "migrations"
 
 
 def open_engine(url: str) -> Engine:
@@ -100,95 +92,6 @@ def _tune_sqlite(connection: Any, _record: Any) -> None:
 
 def _sync_each_commit(connection: Any, _record: Any, _proxy: Any) -> None:
     connection.execute("PRAGMA synchronous=FULL")
-
-
-def open_for_migration(url: str) -> Engine:
-    """Return an engine whose transactions include schema changes, so that the old schema stays intact if the server is
-    killed during a migration. In SQLite, foreign key checks are off. SQLite alters a table by copying it, and the
-    checks would treat this as a deletion of its rows."""
-    engine = open_engine(url)
-    if url.startswith("sqlite"):
-        event.listen(engine, "connect", _enable_schema_transactions)
-        event.listen(engine, "begin", _begin)
-    return engine
-
-
-def _enable_schema_transactions(connection: Any, _record: Any) -> None:
-    connection.isolation_level = None  # by default, the driver commits before each schema change
-    connection.execute("PRAGMA foreign_keys=OFF")
-
-
-def _begin(connection: Connection) -> None:
-    connection.exec_driver_sql("BEGIN IMMEDIATE")
-
-
-def migration_config(url: str) -> Config:
-    """Return Alembic's configuration: the folder of the migrations, and the URL."""
-    config = Config()
-    config.set_main_option("script_location", str(SHIPPED if SHIPPED.is_dir() else CHECKOUT))
-    config.set_main_option("sqlalchemy.url", url.replace("%", "%%"))
-    return config
-
-
-def known_schemas() -> list[str]:
-    """Return the revisions of all schemas that this version supports, oldest first."""
-    return [step.revision for step in ScriptDirectory.from_config(migration_config("")).walk_revisions()][::-1]
-
-
-def migrate(url: str) -> None:
-    """Upgrade the database to the newest schema if needed. In an empty database the newest schema is created directly.
-
-    Raises CorruptData if the file is damaged or the schema is newer than this version, StoreDown if PostgreSQL is not
-    available.
-    """
-    config = migration_config(url)
-    _check_pages(url)
-    try:
-        if not _create_if_empty(url, config):
-            command.upgrade(config, "head")
-    except CommandError as error:
-        raise CorruptData(
-            "the database was written by a newer version",
-            expected=f"a schema up to {known_schemas()[-1]}",
-            got=str(error),
-            hint="start the newer version again, or restore a backup made before it: gss restore",
-        ) from error
-    except DatabaseError as error:
-        if not url.startswith("sqlite"):
-            cause = str(error.orig).strip().splitlines()[0]
-            raise StoreDown(
-                "the database server cannot be used", got=cause, hint="check the server and GSS_DATABASE"
-            ) from None
-        raise CorruptData("the database cannot be opened", got=str(error.orig), hint=DAMAGED_HINT) from error
-
-
-def _create_if_empty(url: str, config: Config) -> bool:
-    """Create the newest schema from the models if the database has no tables. Return True if it was created."""
-    engine = open_for_migration(url)
-    try:
-        with engine.begin() as connection:
-            if inspect(connection).get_table_names():
-                return False
-            Base.metadata.create_all(connection)
-            MigrationContext.configure(connection).stamp(ScriptDirectory.from_config(config), "head")
-            return True
-    finally:
-        engine.dispose()
-
-
-def _check_pages(url: str) -> None:
-    """Check the pages of an SQLite file before the first write, if the file is small enough for a check of at most two
-    seconds."""
-    path = Path(make_url(url).database or "")
-    if not url.startswith("sqlite") or not path.is_file() or path.stat().st_size > QUICK_CHECK_BYTES:
-        return
-    engine = open_engine(url)
-    try:
-        damaged = damaged_pages(engine)
-    finally:
-        engine.dispose()
-    if damaged:
-        raise CorruptData("the database is damaged", got=damaged, hint=DAMAGED_HINT)
 
 
 def is_large(engine: Engine) -> bool:

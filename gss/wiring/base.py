@@ -20,7 +20,8 @@ from gss.operations.upkeep.clock_trust import ClockTrust
 from gss.operations.upkeep.disk import DiskGuard
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 
 
 @dataclass(frozen=True)

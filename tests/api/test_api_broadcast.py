@@ -18,7 +18,8 @@ from gss.api.stream.route import EventStream, resumed_after
 from gss.operations.clock import utc_now
 from gss.operations.events import EventBus
 from gss.operations.metrics import StreamCounts
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 
 
 @pytest.fixture

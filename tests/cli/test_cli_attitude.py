@@ -17,7 +17,8 @@ from gss.orbit.read_attitude import read_attitude
 from gss.orbit.write_attitude import aem_of
 from gss.settings import Settings
 from gss.store import frames as store
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 from gss.store.models import Frame, Solution
 
 T0 = datetime(2026, 12, 1, 18, tzinfo=UTC)

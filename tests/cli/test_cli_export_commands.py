@@ -12,7 +12,8 @@ import pytest
 from gss.cli import main
 from gss.settings import Settings
 from gss.store import commands
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 
 T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 

@@ -19,7 +19,8 @@ from gss.operations.line.line_capture import RawCapture
 from gss.operations.line.raw_capture import RECEIVED, SENT
 from gss.settings import Settings
 from gss.store import devices, telemetry
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 from gss.store.models import TelemetryPacket
 
 T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)

@@ -14,7 +14,8 @@ import pytest
 from gss.cli import main
 from gss.store import frames
 from gss.store.blobs import BlobStore
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 from gss.store.models import Frame
 
 

@@ -27,7 +27,8 @@ from gss.operations.procedures.conditions import Conditions
 from gss.operations.procedures.procedures import ProcedureService
 from gss.operations.procedures.runs import ProcedureRunner
 from gss.operations.telemetry.telemetry import TelemetryService
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 
 
 class ManualClock:

@@ -30,7 +30,8 @@ from gss.operations.studies.reprocess import ReprocessRequest, ReprocessService
 from gss.pipeline.render import render
 from gss.store import frames as store
 from gss.store.blobs import BlobStore
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 from gss.store.models import Frame
 
 T0 = datetime(2026, 12, 1, tzinfo=UTC)

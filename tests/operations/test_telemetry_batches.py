@@ -24,7 +24,8 @@ from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.limit_book import LimitBook
 from gss.operations.telemetry.limit_check import Judgement
 from gss.operations.telemetry.telemetry import TelemetryBoard, TelemetryService
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 from gss.store.models import Alarm
 
 DICTIONARY = load_dictionary()

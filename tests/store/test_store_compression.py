@@ -12,7 +12,7 @@ import pytest
 
 from gss.domain.errors import CorruptData
 from gss.store.blobs import BlobStore
-from gss.store.compression import MAGIC, compressed, decompressed
+from gss.store.compression import MAGIC, compressed, decompressed, zstd, zstd_plain
 from gss.store.packed_detail import packed, unpacked
 
 
@@ -129,3 +129,14 @@ def test_a_detail_with_other_fields_is_stored_unchanged(detail: dict[str, object
     """Lists that do not have the expected form are stored without packing, so that nothing is lost."""
     assert packed(deepcopy(detail)) == detail
     assert unpacked(deepcopy(detail)) == detail
+
+
+@pytest.mark.parametrize("damage", [lambda b: b[:-1], lambda b: b + b"x", lambda b: b"", lambda b: b"abc" + b[3:]])
+def test_a_damaged_frame_is_not_read(damage):
+    """A truncated, extended, empty or foreign frame gives None."""
+    assert zstd_plain(damage(zstd(bytes(5000))), 5000) is None
+
+
+def test_a_frame_that_states_another_size_is_not_unpacked():
+    """A small frame of 100 MB is rejected by its stated size, before memory is reserved for it."""
+    assert zstd_plain(zstd(bytes(100 << 20)), 5000) is None

@@ -8,7 +8,8 @@ import pytest
 from sqlalchemy.orm import Session
 
 from gss.store import frames
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 from gss.store.models import Frame, Solution
 
 START = datetime(2026, 11, 21, 18, 0, tzinfo=UTC)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
+from alembic.script import ScriptDirectory
 from sqlalchemy import text
 
-from gss.store.engine import CHECKOUT, Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import CHECKOUT, known_schemas, migrate, migration_config
 from gss.store.models import Contact, Transfer
 
 STARTED = "2026-01-02 03:04:05.000000"
@@ -43,3 +47,21 @@ def test_rows_of_the_first_schema_are_read_by_the_newest(tmp_path: Path) -> None
         assert (contact.captures, contact.note, contact.rx_bytes) == ([], "", 1)
         assert (transfer.options, transfer.table_id, transfer.state) == ({}, None, "verified")
     database.close()
+
+
+def test_a_start_with_the_newest_schema_does_not_import_alembic(tmp_path: Path) -> None:
+    """Creating a database and opening it again changes no schema, so Alembic's memory and time are not spent."""
+    program = (
+        "import sys; from gss.store.migration import migrate; migrate(sys.argv[1]); migrate(sys.argv[1]); "
+        "print('alembic' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, f"sqlite:///{tmp_path / 'new.db'}"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "False"
+
+
+def test_every_migration_is_named_by_its_revision() -> None:
+    """The names of the files, which give the known schemas, agree with Alembic's chain of revisions."""
+    steps = ScriptDirectory.from_config(migration_config("")).walk_revisions()
+    assert known_schemas() == [step.revision for step in steps][::-1]

@@ -21,7 +21,8 @@ from alembic.runtime.migration import MigrationContext
 
 from gss.operations.passes.plans import items_of
 from gss.operations.procedures.run_record import entries_of, is_intact
-from gss.store.engine import Database, known_schemas, migrate, migration_config, open_engine, open_for_migration
+from gss.store.engine import Database, open_engine
+from gss.store.migration import known_schemas, migrate, migration_config, open_for_migration
 from gss.store.models import ApiToken, Base, Command, PassPlan, Procedure, ProcedureRun
 
 ROWS = 3

@@ -16,7 +16,8 @@ from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.operations.upkeep.parquet_export import export_parquet
 from gss.store import commands, events, frames, telemetry
 from gss.store import exports as blocks
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 from gss.store.models import Frame, Solution, TelemetryPacket
 
 T0 = datetime(2026, 12, 1, 22, 0, tzinfo=UTC)

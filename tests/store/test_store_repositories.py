@@ -13,7 +13,8 @@ from sqlalchemy import inspect, text
 from gss.domain.errors import CorruptData, NotFound
 from gss.store import catalogues, commands, devices, events, frames, jobs, telemetry, transfers
 from gss.store.blobs import BlobStore
-from gss.store.engine import migrate, migration_config, open_engine, open_for_migration
+from gss.store.engine import open_engine
+from gss.store.migration import migrate, migration_config, open_for_migration
 from gss.store.models import Base, Catalogue, Frame, Job, Solution, TelemetryPacket, Transfer
 
 T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)

@@ -27,7 +27,8 @@ from gss.operations.requests import Id
 from gss.store import jobs as job_store
 from gss.store import rehearsals as store
 from gss.store.blobs import BlobStore
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 from gss.store.models import Job
 
 KIND = "rehearsal"

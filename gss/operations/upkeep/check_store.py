@@ -16,7 +16,8 @@ from gss.operations.line.raw_capture import read_captures
 from gss.store import devices
 from gss.store import upkeep as store
 from gss.store.blobs import BlobStore
-from gss.store.engine import Database, known_schemas
+from gss.store.engine import Database
+from gss.store.migration import known_schemas
 from gss.store.models import Job
 
 SHOWN = 10

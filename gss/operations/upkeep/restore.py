@@ -23,7 +23,8 @@ from gss.store import commands
 from gss.store import upkeep as store
 from gss.store.blobs import BlobStore
 from gss.store.dump import SQLITE, load
-from gss.store.engine import Database, known_schemas, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import known_schemas, migrate
 
 NEW_IDS = 1_000_000
 """Number of command ids that are skipped after a restore, because the device stores the ids of commands that were sent

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,8 @@ from gss.operations.upkeep.check_store import check_store
 from gss.operations.upkeep.restore import NEW_IDS, restore
 from gss.store import commands
 from gss.store.blobs import BlobStore
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 from gss.store.models import Frame, SignIn, User
 
 pytestmark = [pytest.mark.postgres, pytest.mark.timeout(120)]

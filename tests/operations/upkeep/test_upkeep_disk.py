@@ -37,7 +37,8 @@ from gss.operations.upkeep.disk import DiskGuard, DiskWatch
 from gss.operations.upkeep.page_check import PageCheck
 from gss.store import engine
 from gss.store.blobs import BlobStore
-from gss.store.engine import Database, migrate, open_engine
+from gss.store.engine import Database, open_engine
+from gss.store.migration import migrate
 
 DICTIONARY = load_dictionary()
 SIZE = 2 << 20
