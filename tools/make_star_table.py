@@ -42,24 +42,21 @@ def read_d3(folder: Path) -> tuple[NDArray[np.float64], dict[str, dict[str, str]
     return np.array([row(f) for f in features], float), json.loads((folder / "starnames.json").read_text("utf-8"))
 
 
-def display_name(entry: dict[str, str]) -> str:
-    """Return the proper name, else the Bayer, Flamsteed or variable-star designation with its constellation, else
-    ""."""
-    if entry.get("name"):
-        return entry["name"].strip()
+def names_of(entry: dict[str, str]) -> list[str]:
+    """Return the proper name and the Bayer, Flamsteed and variable-star designations with the constellation, as far as a star
+    has them."""
+    names = [entry["name"].strip()] if entry.get("name") else []
     constellation = entry.get("c", "")
     if len(constellation) != 3 or not constellation.isalpha():
-        return ""  # a few rows of the source are shifted by a column
-    bayer = entry.get("bayer", "")
+        return names  # a few rows of the source are shifted by a column
+    bayer, flamsteed, variable = entry.get("bayer", ""), entry.get("flam", ""), entry.get("var", "")
     if bayer and not bayer.startswith("undefined"):
-        return f"{bayer.translate(SUPERSCRIPT)} {constellation}"
-    flamsteed = entry.get("flam", "")
+        names.append(f"{bayer.translate(SUPERSCRIPT)} {constellation}")
     if flamsteed.isdigit():
-        return f"{flamsteed} {constellation}"
-    variable = entry.get("var", "")
+        names.append(f"{flamsteed} {constellation}")
     if variable:
-        return f"{variable[0] + variable[1:].lstrip('0') if variable[0] == 'V' else variable} {constellation}"
-    return ""
+        names.append(f"{variable[0] + variable[1:].lstrip('0') if variable[0] == 'V' else variable} {constellation}")
+    return names
 
 
 def flags_of(h: NDArray[np.float64], has_entry: NDArray[np.bool_]) -> NDArray[np.uint16]:
@@ -86,8 +83,9 @@ def main(folder: Path) -> None:
     def pick(column: int, otherwise: NDArray[np.float64] | float) -> NDArray[np.float64]:
         return np.where(has_entry, h[:, column], otherwise)
 
-    names_by_hip = {str(i): display_name(names.get(str(i), {})) for i in hip}
-    names_text = "\n".join(f"{i}\t{name}" for i, name in names_by_hip.items() if name)
+    names_by_hip = {str(i): names_of(names.get(str(i), {})) for i in hip}
+    names_text = "\n".join(f"{i}\t{found[0]}" for i, found in names_by_hip.items() if found)
+    others_text = "\n".join("\t".join([i, *found[1:]]) for i, found in names_by_hip.items() if found[1:])
     columns = {
         "hip": hip,
         "ra_rad": pick(RA, np.mod(np.radians(d3[:, 3]), 2 * np.pi)),
@@ -101,6 +99,7 @@ def main(folder: Path) -> None:
         "v_i": pick(V_I, np.nan).astype(np.float32),
         "flags": flags_of(h, has_entry),
         "names": np.frombuffer(names_text.encode(), np.uint8),
+        "other_names": np.frombuffer(others_text.encode(), np.uint8),
         "epoch_jyear": np.array(1991.25),
     }
     TARGET.parent.mkdir(exist_ok=True)

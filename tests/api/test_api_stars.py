@@ -60,7 +60,7 @@ def test_a_search_returns_exact_stars_first(clients: dict[str, TestClient]) -> N
     assert (search["stars"][0]["hip"], search["stars"][0]["exact"]) == (RIGEL, True)
     assert (search["table_stars"], search["named_stars"]) == (117972, 4536)
     by_number = clients["viewer"].get("/api/stars", params={"q": "HIP 27989"}).json()["stars"]
-    assert [s["name"] for s in by_number] == ["Betelgeuse"]
+    assert [(s["name"], s["other_names"]) for s in by_number] == [("Betelgeuse", ["α Ori", "58 Ori"])]
     assert clients["viewer"].get("/api/stars", params={"q": "HIP 999999"}).json()["stars"] == []
 
 
@@ -68,6 +68,7 @@ def test_the_facts_of_a_star_name_its_catalogues_and_frames(clients: dict[str, T
     """The facts contain the position at the present epoch, and only catalogues and frames that contain the star."""
     card = clients["viewer"].get(f"/api/stars/{BETELGEUSE}").json()
     assert (card["name"], card["v_mag"]) == ("Betelgeuse", pytest.approx(0.45, abs=0.05))
+    assert card["other_names"] == ["α Ori", "58 Ori"]
     assert card["ra_deg"] == pytest.approx(88.793, abs=0.01)
     assert card["dec_deg"] == pytest.approx(7.407, abs=0.01)
     assert "variable" in card["flags"]

@@ -11,7 +11,7 @@ from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import App
 from gss.api.schemas.stars import FoundStarOut, MatchedFrameOut, StarCardOut, StarSearchOut
-from gss.catalogue_tools.sources.hipparcos import MAS_RAD, load_hipparcos
+from gss.catalogue_tools.sources.hipparcos import MAS_RAD, load_hipparcos, other_names
 from gss.catalogue_tools.sources.star_names import find_stars, named_stars
 from gss.domain.angles import ra_dec_from_unit
 from gss.operations.catalogues.star_card import MatchedFrame
@@ -32,6 +32,7 @@ def search_stars(
         FoundStarOut(
             hip=int(table.hip[hit.row]),
             name=table.name_of(int(table.hip[hit.row])),
+            other_names=list(other_names().get(int(table.hip[hit.row]), ())),
             ra_deg=math.degrees(float(a)),
             dec_deg=math.degrees(float(d)),
             v_mag=float(table.v_mag[hit.row]),

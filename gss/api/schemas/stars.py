@@ -8,8 +8,10 @@ from gss.api.schemas.sky import ChartStarOut
 
 
 class FoundStarOut(ChartStarOut):
-    """Star that matches a search. ``exact``: true if the number or the whole name is equal to the text."""
+    """Star that matches a search. ``other_names``: further designations; ``exact``: true if the number or a whole name is
+    equal to the text."""
 
+    other_names: list[str]
     exact: bool
 
 
@@ -34,14 +36,15 @@ class MatchedFrameOut(Out):
 
 
 class StarCardOut(Out):
-    """Facts of a star. Position: ICRS at ``epoch_jyear``. ``flags``: known properties in words. ``catalogues``: stored
-    catalogues that contain the star; ``checked_catalogues``: number of the newest catalogues that were searched;
-    ``unnumbered``: searched catalogues without star numbers, which can contain the star; ``unknown_banks``: banks with
-    a content that is not stored on the ground. ``frames``: frames in which the star was matched; ``checked_frames``:
-    number of the newest solved frames that were searched."""
+    """Facts of a star. ``other_names``: further designations. Position: ICRS at ``epoch_jyear``. ``flags``: known
+    properties in words. ``catalogues``: stored catalogues that contain the star; ``checked_catalogues``: number of the
+    newest catalogues that were searched; ``unnumbered``: searched catalogues without star numbers, which can contain the
+    star; ``unknown_banks``: banks with a content that is not stored on the ground. ``frames``: frames in which the star
+    was matched; ``checked_frames``: number of the newest solved frames that were searched."""
 
     hip: int
     name: str
+    other_names: list[str]
     ra_deg: float
     dec_deg: float
     epoch_jyear: float

@@ -132,6 +132,14 @@ def _columns(name: str = "stars.npz") -> dict[str, NDArray[np.generic]]:
 
 
 @lru_cache(maxsize=1)
+def other_names() -> dict[int, tuple[str, ...]]:
+    """Return the names that stars have beside the name in the star table, by Hipparcos number: Bayer, Flamsteed and
+    variable-star designations."""
+    lines = _columns()["other_names"].tobytes().decode().split("\n")
+    return {int(hip): tuple(names) for hip, *names in (line.split("\t") for line in lines)}
+
+
+@lru_cache(maxsize=1)
 def _all_stars() -> StarTable:
     c = _columns()
     names = (line.split("\t", 1) for line in c["names"].tobytes().decode().split("\n"))

@@ -9,9 +9,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from gss.catalogue_tools.sources.hipparcos import load_hipparcos
+from gss.catalogue_tools.sources.hipparcos import load_hipparcos, other_names
 
 _NUMBER = re.compile(r"(?:hip\s*)?(\d{1,7})")
+_NUMBERED = re.compile(r"^([a-z]+)\d+ ")
+"""Start of a plain Bayer name whose Greek letter has a number."""
 _MIN_INNER_LETTERS = 3
 """Minimum length of a text that is also searched inside words."""
 _GREEK = {
@@ -34,7 +36,8 @@ def find_stars(text: str, limit: int) -> list[NamedStar]:
     stars.
 
     A text is a Hipparcos number ("27989", "HIP 27989") or part of a proper, Bayer, Flamsteed or variable-star name.
-    Upper case, Greek letters and their English names, and superscripts do not matter: "zeta psc" finds ζ Psc.
+    Upper case, Greek letters and their English names, and superscripts do not matter: "zeta psc" finds ζ Psc, and
+    "alpha cen" α¹ and α² Cen.
     """
     query = plain_name(text)
     if not query:
@@ -42,13 +45,18 @@ def find_stars(text: str, limit: int) -> list[NamedStar]:
     number = _NUMBER.fullmatch(query)
     if number is not None:
         return [NamedStar(int(row), exact=True) for row in np.flatnonzero(load_hipparcos().hip == int(number[1]))]
-    ranked = sorted((rank, row) for name, row in _names() if (rank := _rank(query, name)) is not None)
-    return [NamedStar(row, exact=rank == 0) for rank, row in ranked[:limit]]
+    ranked: dict[int, int] = {}
+    for name, row in _names():
+        rank = _rank(query, name)
+        if rank is not None:
+            ranked[row] = min(rank, ranked.get(row, rank))
+    order = sorted(ranked, key=lambda row: (ranked[row], row))
+    return [NamedStar(row, exact=ranked[row] == 0) for row in order[:limit]]
 
 
 def named_stars() -> int:
     """Return the number of stars that have a name."""
-    return len(_names())
+    return len(load_hipparcos().names)
 
 
 def plain_name(text: str) -> str:
@@ -70,7 +78,12 @@ def _rank(query: str, name: str) -> int | None:
 
 @lru_cache(maxsize=1)
 def _names() -> tuple[tuple[str, int], ...]:
-    """Plain name and row of each star with a name."""
-    stars = load_hipparcos()
-    named_rows = np.flatnonzero(np.isin(stars.hip, np.fromiter(stars.names, np.int64)))
-    return tuple((plain_name(stars.names[int(stars.hip[row])]), int(row)) for row in named_rows)
+    """Every plain name with the row of its star. A Bayer name with a number ("alpha1 cen") is also given without it."""
+    stars, others = load_hipparcos(), other_names()
+    found: dict[tuple[str, int], None] = {}
+    for row in np.flatnonzero(np.isin(stars.hip, np.fromiter(stars.names, np.int64))):
+        hip = int(stars.hip[row])
+        for name in (stars.names[hip], *others.get(hip, ())):
+            plain = plain_name(name)
+            found[plain, int(row)] = found[_NUMBERED.sub(r"\1 ", plain), int(row)] = None
+    return tuple(found)

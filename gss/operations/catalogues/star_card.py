@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gss.catalogue_tools.envelope.orbits import jyear_of
-from gss.catalogue_tools.sources.hipparcos import load_hipparcos, propagate
+from gss.catalogue_tools.sources.hipparcos import load_hipparcos, other_names, propagate
 from gss.domain.angles import ra_dec_from_unit
 from gss.domain.errors import NotFound
 from gss.domain.stars import FLAG_MULTIPLE, FLAG_NO_PROPER_MOTION, FLAG_POOR_POSITION, FLAG_VARIABLE
@@ -47,6 +47,7 @@ class StarCard:
 
     hip: int
     name: str
+    other_names: list[str]
     ra_rad: float
     dec_rad: float
     epoch_jyear: float
@@ -86,6 +87,7 @@ class StarCards:
         return StarCard(
             hip=hip,
             name=table.name_of(hip),
+            other_names=list(other_names().get(hip, ())),
             ra_rad=float(ra[0]),
             dec_rad=float(dec[0]),
             epoch_jyear=star.epoch_jyear,

@@ -3,8 +3,8 @@ import type { StarSearchResult } from '../api/types';
 import { StarSearch } from '../state/starSearch.svelte';
 import { noStarWords, starHit, withStars } from './starHits';
 
-const star = (hip: number, name: string, exact = false) => ({
-  ...{ hip, name, exact, ra_deg: 88.793, dec_deg: 7.407, v_mag: 0.45 },
+const star = (hip: number, name: string, exact = false, other_names: string[] = []) => ({
+  ...{ hip, name, exact, other_names, ra_deg: 88.793, dec_deg: 7.407, v_mag: 0.45 },
 });
 const result = (...stars: ReturnType<typeof star>[]): StarSearchResult => ({
   stars,
@@ -16,6 +16,7 @@ const page = (text: string) => ({ kind: 'page', text, note: '', hip: 0, exact: f
 describe('stars among the results', () => {
   it('have name, number, magnitude and position', () => {
     expect(starHit(star(27989, 'Betelgeuse')).note).toBe('HIP 27989, V 0.45, RA 88.79°, Dec +7.41°');
+    expect(starHit(star(27989, 'Betelgeuse', true, ['α Ori', '58 Ori'])).note).toMatch(/^α Ori, 58 Ori, HIP 27989, V/);
     expect(starHit(star(5, 'HIP 5')).note).toBe('V 0.45, RA 88.79°, Dec +7.41°');
   });
   it('come first if exact, after a result of the same name, and last otherwise', () => {

@@ -11,7 +11,8 @@ export interface StarHit extends Named {
 export function starHit(star: FoundStar): StarHit {
   const number = `HIP ${star.hip}`;
   const place = `V ${fixed(star.v_mag, 2)}, RA ${degrees(star.ra_deg, 2)}, Dec ${degrees(star.dec_deg, 2, true)}`;
-  const note = star.name === number ? place : `${number}, ${place}`;
+  const names = star.name === number ? star.other_names : [...star.other_names, number];
+  const note = [...names, place].join(', ');
   return { kind: 'star', text: star.name, note, hip: star.hip, exact: star.exact };
 }
 
@@ -42,5 +43,5 @@ export function noStarWords(query: string, result: StarSearchResult | null, prob
   const number = /^(?:hip\s*)?(\d{1,7})$/i.exec(query)?.[1];
   return number
     ? `HIP ${Number(number)} is not among the ${fixed(result.table_stars)} stars of the star table.`
-    : `None of the ${fixed(result.named_stars)} named stars has this name. The star table has one name per star.`;
+    : `None of the ${fixed(result.named_stars)} named stars has this name or designation.`;
 }

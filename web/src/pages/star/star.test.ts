@@ -4,7 +4,7 @@ import { catalogueWords, facts, frameWords } from './star';
 
 const card = (changes: Partial<StarCard>): StarCard =>
   ({
-    ...{ hip: 1, name: 'HIP 1', ra_deg: 1, dec_deg: -2, epoch_jyear: 2026.2, v_mag: 9.1, b_v: null },
+    ...{ hip: 1, name: 'HIP 1', other_names: [], ra_deg: 1, dec_deg: -2, epoch_jyear: 2026.2, v_mag: 9.1, b_v: null },
     ...{ proper_motion_mas_yr: 5.42, parallax_mas: 3.5, flags: [], catalogues: [], checked_catalogues: 0 },
     ...{ unnumbered: 0, unknown_banks: [], frames: [], checked_frames: 0 },
     ...changes,
@@ -12,6 +12,7 @@ const card = (changes: Partial<StarCard>): StarCard =>
 
 it('shows a dash for a value that the star table does not have', () => {
   expect(Object.fromEntries(facts(card({})))['B−V']).toBe('–');
+  expect(Object.fromEntries(facts(card({ other_names: ['α Ori', '58 Ori'] })))['Other names']).toBe('α Ori, 58 Ori');
   expect(Object.fromEntries(facts(card({ flags: ['variable'] })))['Properties']).toBe('variable');
 });
 it('states what was searched and what could not be searched', () => {

@@ -5,6 +5,7 @@ import { counted, degrees, fixed } from '../../lib/format';
 /** Return (name, value) of each fact. Values that the star table does not have are a dash. */
 export function facts(s: StarCard): [string, string][] {
   return [
+    ...(s.other_names.length ? [['Other names', s.other_names.join(', ')] as [string, string]] : []),
     ['Right ascension', degrees(s.ra_deg, 5)],
     ['Declination', degrees(s.dec_deg, 5, true)],
     ['V magnitude', fixed(s.v_mag, 2)],
