@@ -73,8 +73,10 @@ def _count_matches(result: SolveResult, truth: Truth, match_px: float) -> tuple[
     used = result.matches.weight > 0
     measured = result.centroids.pixels[result.matches.centroid[used]]
     true_px = true_pixels(truth, result.matches.hip[used])
-    just_outside = _pixels_outside(result, measured - result.matches.residual_px[used], truth)
-    true_px = np.where(np.isnan(true_px), just_outside, true_px)
+    absent = np.isnan(true_px[:, 0])
+    if absent.any():
+        predicted = (measured - result.matches.residual_px[used])[absent]
+        true_px[absent] = _pixels_outside(result, predicted, truth)
     off_px = np.hypot(measured[:, 0] - true_px[:, 0], measured[:, 1] - true_px[:, 1])
     right = int(np.count_nonzero(off_px <= match_px))
     return right, int(np.count_nonzero(used)) - right
