@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import tempfile
 from collections.abc import Callable
 from functools import partial
@@ -214,6 +215,7 @@ def _cedar(sky: SkyCatalogue, optics: Optics) -> Solver:
     stretched."""
     import tetra3  # type: ignore[import-not-found, unused-ignore]  # an optional peer
 
+    vars(np).setdefault("math", math)  # cedar-solve 0.5.1 uses np.math, which numpy 2 does not have
     logging.getLogger("tetra3.Tetra3").setLevel(logging.ERROR)
     width_deg, height_deg = (float(a) for a in np.degrees(optics.fov_rad))
     peer = tetra3.Tetra3(load_database=None)

@@ -40,9 +40,10 @@ def notes(session: Session, contact_id: int) -> list[HandoverNote]:
     return list(session.scalars(query.order_by(HandoverNote.id)))
 
 
-def newest_note(session: Session) -> HandoverNote | None:
-    """Return the newest hand-over note."""
-    return session.scalar(select(HandoverNote).order_by(HandoverNote.id.desc()).limit(1))
+def unacknowledged_notes(session: Session, limit: int) -> list[HandoverNote]:
+    """Return the hand-over notes of all contacts that nobody has acknowledged, oldest first."""
+    query = select(HandoverNote).where(HandoverNote.acknowledged_by == "")
+    return list(session.scalars(query.order_by(HandoverNote.id).limit(limit)))
 
 
 def note(session: Session, note_id: int) -> HandoverNote:

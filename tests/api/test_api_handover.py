@@ -13,7 +13,7 @@ from gss.operations.contacts.handover import DEFAULT_ITEMS, HandoverService
 from gss.store.audit import AuditFilter
 from gss.store.dump import dump
 from gss.store.engine import Database, open_engine
-from gss.store.handover import newest_note
+from gss.store.handover import unacknowledged_notes
 from gss.store.models import Contact
 
 FIRST = DEFAULT_ITEMS[0]
@@ -79,19 +79,21 @@ def test_a_changed_checklist_applies_to_open_contacts_only(
 def test_a_note_is_shown_until_another_user_acknowledges_it(
     app: FastAPI, clients: dict[str, TestClient], contacts: tuple[int, int], tmp_path: Path
 ) -> None:
-    """The newest note has author and time. Its author cannot acknowledge it, and it is acknowledged once. The note is
+    """A note has author and time. Its author cannot acknowledge it, and it is acknowledged once. The note is
     in the pass report and in a copy of the database."""
     path = f"/api/contacts/{contacts[0]}"
     assert clients["operator"].post(f"{path}/handover-notes", json={"text": "  "}).status_code == 400
     text = "Bank B not confirmed.\nTake two frames <first>."
     note = clients["operator"].post(f"{path}/handover-notes", json={"text": text}).json()
     assert (note["user"], note["text"], note["acknowledged_by"]) == ("the operator", text, "")
-    assert clients["viewer"].get("/api/handover-notes/newest").json() == note
+    later = clients["engineer"].post(f"{path}/handover-notes", json={"text": "Frame 7 has gaps."}).json()
+    assert clients["viewer"].get("/api/handover-notes").json() == [note, later]
     acknowledge = f"/api/handover-notes/{note['id']}/acknowledge"
     assert clients["operator"].post(acknowledge).status_code == 409
     assert clients["viewer"].post(acknowledge).status_code == 403
     assert clients["engineer"].post(acknowledge).json()["acknowledged_by"] == "the engineer"
     assert clients["admin"].post(acknowledge).json()["got"] == "by the engineer"
+    assert clients["viewer"].get("/api/handover-notes").json() == [later]
     assert clients["operator"].get(f"{path}/report").json()["handover"]["notes"][0]["text"] == text
     page = clients["operator"].get(f"{path}/report.html").text
     assert "Take two frames &lt;first&gt;." in page
@@ -99,9 +101,7 @@ def test_a_note_is_shown_until_another_user_acknowledges_it(
     copy = tmp_path / "copy.db"
     dump(app.state.services.base.settings.database_url, copy)
     with Database(open_engine(f"sqlite:///{copy}")).unit_of_work() as session:
-        stored = newest_note(session)
-        assert stored is not None
-        assert stored.text == text
+        assert [stored.text for stored in unacknowledged_notes(session, 5)] == ["Frame 7 has gaps."]
 
 
 def test_items_of_the_instrument_package_replace_the_default(app: FastAPI, contacts: tuple[int, int]) -> None:

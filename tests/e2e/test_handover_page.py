@@ -16,8 +16,8 @@ pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 def test_an_operator_checks_items_and_leaves_a_note_for_the_next_one(
     page: Page, served, signed_in: Callable[..., dict[str, str]]
 ) -> None:
-    """A checked item shows user and time after a reload. The note is on Live of the next operator until that operator
-    acknowledges it."""
+    """A checked item shows user and time after a reload. The notes are on Live of the next operator, one after the other,
+    until that operator acknowledges them."""
     contact = served.until("/link", lambda link: link["contact_id"])
     page.goto(f"/contacts?contact={contact}")
     items = page.get_by_test_id("checklist-item")
@@ -27,6 +27,9 @@ def test_an_operator_checks_items_and_leaves_a_note_for_the_next_one(
     page.get_by_test_id("handover-text").fill("Bank B is not confirmed.")
     page.get_by_test_id("handover-add").click()
     expect(page.get_by_test_id("handover-note")).to_contain_text("not acknowledged")
+    page.get_by_test_id("handover-text").fill("Frame 7 has gaps.")
+    page.get_by_test_id("handover-add").click()
+    expect(page.get_by_test_id("handover-note")).to_have_count(2)
     page.get_by_test_id("checklist-edit").click()
     expect(page.get_by_test_id("checklist-items")).to_have_value(re.compile(re.escape(DEFAULT_ITEMS[0])))
     page.get_by_test_id("checklist-items").fill("Dome closed")
@@ -41,8 +44,11 @@ def test_an_operator_checks_items_and_leaves_a_note_for_the_next_one(
     page.context.add_cookies([{"name": "gss_session", "value": key, "url": served.address}])
     page.goto("/live")
     strip = page.get_by_test_id("handover-strip")
+    expect(strip).to_contain_text("1 of 2")
     expect(strip).to_contain_text("Bank B is not confirmed.")
+    page.get_by_test_id("handover-acknowledge").click()
+    expect(strip).to_contain_text("Frame 7 has gaps.")
     page.get_by_test_id("handover-acknowledge").click()
     expect(strip).to_have_count(0)
     page.goto(f"/contacts?contact={contact}")
-    expect(page.get_by_test_id("handover-note")).to_contain_text("acknowledged by kim")
+    expect(page.get_by_test_id("handover-note").first).to_contain_text("acknowledged by kim")

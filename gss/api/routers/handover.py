@@ -46,11 +46,10 @@ def add_handover_note(
     return HandoverNoteOut.model_validate(app.contacts.handover.add_note(contact_id, body.text, user=user))
 
 
-@router.get("/handover-notes/newest")
-def newest_handover_note(app: App) -> HandoverNoteOut | None:
-    """Newest hand-over note of all contacts, null if there is none."""
-    row = app.contacts.handover.newest_note()
-    return None if row is None else HandoverNoteOut.model_validate(row)
+@router.get("/handover-notes")
+def read_unacknowledged_notes(app: App) -> list[HandoverNoteOut]:
+    """Hand-over notes of all contacts that nobody has acknowledged, oldest first, at most 50."""
+    return [HandoverNoteOut.model_validate(row) for row in app.contacts.handover.unacknowledged_notes()]
 
 
 @router.post("/handover-notes/{note_id}/acknowledge", dependencies=[NEED])

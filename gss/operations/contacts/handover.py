@@ -18,7 +18,7 @@ from gss.store import handover as store
 from gss.store.engine import Database
 from gss.store.models import ChecklistMark, ChecklistVersion, HandoverNote
 
-MAX_ITEMS, MAX_ITEM_LENGTH, MAX_NOTE_LENGTH = 40, 200, 4000
+MAX_ITEMS, MAX_ITEM_LENGTH, MAX_NOTE_LENGTH, MAX_NOTES = 40, 200, 4000, 50
 DEFAULT_ITEMS = (
     "Link up, device and dictionary match",
     "Housekeeping received, alarms acknowledged",
@@ -138,10 +138,10 @@ class HandoverService:
         self._bus.record("contact", "ok", f"{user} wrote a hand-over note", contact_id=contact_id)
         return row
 
-    def newest_note(self) -> HandoverNote | None:
-        """Return the newest hand-over note of all contacts."""
+    def unacknowledged_notes(self) -> list[HandoverNote]:
+        """Return the hand-over notes of all contacts that nobody has acknowledged, oldest first, at most MAX_NOTES."""
         with self._database.unit_of_work() as session:
-            return store.newest_note(session)
+            return store.unacknowledged_notes(session, MAX_NOTES)
 
     def acknowledge(self, note_id: int, *, user: str) -> HandoverNote:
         """Record that a user has read a note. Raises NotFound, Conflict for a user's own note or a note that is already

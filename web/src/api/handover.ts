@@ -12,7 +12,7 @@ export const handover = {
     body(PUT('/api/contacts/{contact_id}/checklist', { params: { path: { contact_id } }, body: { item, done } })),
   addHandoverNote: (contact_id: number, text: string) =>
     body(POST('/api/contacts/{contact_id}/handover-notes', { params: { path: { contact_id } }, body: { text } })),
-  newestHandoverNote: () => body(GET('/api/handover-notes/newest')),
+  unacknowledgedNotes: () => body(GET('/api/handover-notes')),
   acknowledgeHandoverNote: (note_id: number) =>
     body(POST('/api/handover-notes/{note_id}/acknowledge', { params: { path: { note_id } } })),
 };
