@@ -41,7 +41,7 @@ def notes(session: Session, contact_id: int) -> list[HandoverNote]:
 
 
 def unacknowledged_notes(session: Session, limit: int) -> list[HandoverNote]:
-    """Return the hand-over notes of all contacts that nobody has acknowledged, oldest first."""
+    """Return the hand-over notes of all contacts that are not acknowledged, oldest first."""
     query = select(HandoverNote).where(HandoverNote.acknowledged_by == "")
     return list(session.scalars(query.order_by(HandoverNote.id).limit(limit)))
 

@@ -48,7 +48,7 @@ def add_handover_note(
 
 @router.get("/handover-notes")
 def read_unacknowledged_notes(app: App) -> list[HandoverNoteOut]:
-    """Hand-over notes of all contacts that nobody has acknowledged, oldest first, at most 50."""
+    """Hand-over notes of all contacts that are not acknowledged, oldest first, at most 50."""
     return [HandoverNoteOut.model_validate(row) for row in app.contacts.handover.unacknowledged_notes()]
 
 

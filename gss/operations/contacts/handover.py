@@ -139,7 +139,7 @@ class HandoverService:
         return row
 
     def unacknowledged_notes(self) -> list[HandoverNote]:
-        """Return the hand-over notes of all contacts that nobody has acknowledged, oldest first, at most MAX_NOTES."""
+        """Return the hand-over notes of all contacts that are not acknowledged, oldest first, at most MAX_NOTES."""
         with self._database.unit_of_work() as session:
             return store.unacknowledged_notes(session, MAX_NOTES)
 
