@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import zlib
 from collections.abc import Callable
 from typing import Any
@@ -29,6 +30,8 @@ encodes slowly."""
 Rows = list[JsonObject]
 BOUNDS = ("col_min", "row_min", "col_max", "row_max", "area_px")
 CENTROID_FIELDS = ("index", "col_px", "row_px", "flux_dn", "peak_dn", "area_px")
+CENTROID_COLUMNS = len(CENTROID_FIELDS) - 1
+"""Stored columns of four bytes per centroid; the index is not stored."""
 MATCH_FIELDS = ("hip", "name", "v_mag", "dx_px", "dy_px", "dx_arcsec", "dy_arcsec", "weight")
 
 
@@ -57,6 +60,27 @@ def unpacked(detail: JsonObject) -> JsonObject:
         if name in detail[key]:
             plain[name] = unpack(_DetailReader(zlib.decompress(DECODERS[key](detail[key][name]))))
     return plain
+
+
+def residuals_px(detail: JsonObject) -> dict[int, float | None]:
+    """Return the Hipparcos number of each matched star with the distance between its measured and predicted position, None
+    if it is not stored. Reads a packed document without building its rows."""
+    key = next((key for key in DECODERS if key in detail), None)
+    if key is None or "stars" not in detail[key]:
+        offsets = [
+            (star["hip"], star.get("dx_px"), star.get("dy_px")) for star in detail.get("stars", []) if "hip" in star
+        ]
+        return {hip: None if dx is None or dy is None else math.hypot(dx, dy) for hip, dx, dy in offsets}
+    reader = _DetailReader(zlib.decompress(DECODERS[key](detail[key]["stars"])))
+    count = reader.count()
+    reader.numbers("<u4", CENTROID_COLUMNS * count)
+    matches = reader.count()
+    reader.numbers("<u4", matches)  # indices
+    hip = reader.numbers("<i4", matches)
+    reader.numbers("<i4", matches)  # magnitudes
+    dx_px, dy_px = (reader.numbers("<f4", matches) for _ in range(2))
+    distances = np.hypot(dx_px, dy_px).tolist()
+    return {number: None if math.isnan(d) else d for number, d in zip(hip.tolist(), distances, strict=True)}
 
 
 def _text(parts: list[bytes]) -> str:

@@ -13,7 +13,7 @@ import pytest
 from gss.domain.errors import CorruptData
 from gss.store.blobs import BlobStore
 from gss.store.compression import MAGIC, compressed, decompressed, zstd, zstd_plain
-from gss.store.packed_detail import packed, unpacked
+from gss.store.packed_detail import packed, residuals_px, unpacked
 
 
 def noise(dtype: str, rows: int = 512, columns: int = 1024) -> np.ndarray:
@@ -110,6 +110,17 @@ def test_a_packed_detail_is_read_back() -> None:
     assert packed(deepcopy(stored)) == stored  # a worker packs, and the column type leaves the document unchanged
     older = {name: b85encode(b64decode(text)).decode() for name, text in stored["packed64"].items()}
     assert unpacked({"packed": older, "versions": {"gss": "1"}}) == before
+
+
+def test_residuals_are_read_without_the_rows() -> None:
+    """The distances of a packed document, of an older one and of a plain one are equal. A missing part gives None."""
+    known = STAR | {"index": 1} | NAMED | RESIDUALS | {"dx_px": 0.375, "dy_px": -0.5}
+    detail = {"stars": [STAR, known, STAR | {"index": 2} | NAMED | RESIDUALS | {"hip": 24436}], "regions": [REGION]}
+    expected = {27989: 0.625, 24436: None}
+    stored = packed(deepcopy(detail))
+    older = {name: b85encode(b64decode(text)).decode() for name, text in stored["packed64"].items()}
+    assert residuals_px(stored) == residuals_px({"packed": older}) == residuals_px(detail) == expected
+    assert residuals_px({}) == residuals_px(packed({"regions": [REGION]})) == {}
 
 
 @pytest.mark.parametrize(
