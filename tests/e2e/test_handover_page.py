@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
 from gss.operations.contacts.handover import DEFAULT_ITEMS
+from tools.screenshots import RUN_AXE
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 
 
 def test_an_operator_checks_items_and_leaves_a_note_for_the_next_one(
-    page: Page, served, signed_in: Callable[..., dict[str, str]]
+    page: Page, served, root: Path, signed_in: Callable[..., dict[str, str]]
 ) -> None:
     """A checked item shows user and time after a reload. The notes are on Live of the next operator, one after the other,
     until that operator acknowledges them."""
@@ -45,6 +47,8 @@ def test_an_operator_checks_items_and_leaves_a_note_for_the_next_one(
     page.goto("/live")
     strip = page.get_by_test_id("handover-strip")
     expect(strip).to_contain_text("1 of 2")
+    page.evaluate((root / "web/node_modules/axe-core/axe.min.js").read_text())
+    assert page.evaluate(RUN_AXE) == []
     expect(strip).to_contain_text("Bank B is not confirmed.")
     page.get_by_test_id("handover-acknowledge").click()
     expect(strip).to_contain_text("Frame 7 has gaps.")
