@@ -7,12 +7,12 @@ expected fields are stored unchanged. Rows with plain lists, which older version
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 import zlib
+from base64 import b64decode, b64encode, b85decode
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ MAGNITUDE_STEP = 1e-4
 NO_MAGNITUDE = np.iinfo(np.int32).min
 LARGEST, MAX_FLOAT = float(1 << 31), 3e38
 PACKED = "packed64"
-DECODERS: dict[str, Callable[[str], bytes]] = {PACKED: base64.b64decode, "packed": base64.b85decode}
+DECODERS: dict[str, Callable[[str], bytes]] = {PACKED: b64decode, "packed": b85decode}
 """Keys of packed lists, and the decoder of their text. Earlier rows use base 85, which Python
 encodes slowly."""
 Rows = list[JsonObject]
@@ -62,16 +62,25 @@ def unpacked(detail: JsonObject) -> JsonObject:
     return plain
 
 
-def residuals_px(detail: JsonObject) -> dict[int, float | None]:
+class StoredDetail(TypedDict, total=False):
+    """Document as it is stored: plain stars, or the texts of packed lists in one of the two forms."""
+
+    stars: Rows
+    packed: dict[str, str]
+    packed64: dict[str, str]
+
+
+def residuals_px(detail: StoredDetail) -> dict[int, float | None]:
     """Return the Hipparcos number of each matched star with the distance between its measured and predicted position, None
     if it is not stored. Reads a packed document without building its rows."""
-    key = next((key for key in DECODERS if key in detail), None)
-    if key is None or "stars" not in detail[key]:
+    forms = ((b64decode, detail.get("packed64", {})), (b85decode, detail.get("packed", {})))
+    packed_stars = next((decode(lists["stars"]) for decode, lists in forms if "stars" in lists), None)
+    if packed_stars is None:
         offsets = [
             (star["hip"], star.get("dx_px"), star.get("dy_px")) for star in detail.get("stars", []) if "hip" in star
         ]
         return {hip: None if dx is None or dy is None else math.hypot(dx, dy) for hip, dx, dy in offsets}
-    reader = _DetailReader(zlib.decompress(DECODERS[key](detail[key]["stars"])))
+    reader = _DetailReader(zlib.decompress(packed_stars))
     count = reader.count()
     reader.numbers("<u4", CENTROID_COLUMNS * count)
     matches = reader.count()
@@ -84,7 +93,7 @@ def residuals_px(detail: JsonObject) -> dict[int, float | None]:
 
 
 def _text(parts: list[bytes]) -> str:
-    return base64.b64encode(zlib.compress(b"".join(parts))).decode("ascii")
+    return b64encode(zlib.compress(b"".join(parts))).decode("ascii")
 
 
 def _integers(rows: Rows, name: str, step: float = 1.0) -> bytes:
