@@ -22,7 +22,8 @@ from starlette.types import Message, Receive, Scope, Send
 from gss.api.units.fleet import Fleet, process_name
 from gss.api.units.unit_gateway import UnitGateway
 from gss.api.units.unit_spec import UnitSpec
-from gss.api.workers.supervisor import Supervisor
+from gss.api.workers.supervisor import Supervisor, no_obstacle
+from gss.domain.errors import Conflict
 
 NAMES = ("A", "B", "FM-1")
 
@@ -61,7 +62,12 @@ def processes() -> Iterator[tuple[dict[str, UnitProcess], Fleet]]:
         while not all(server.started for server in servers):
             time.sleep(0.01)
         specs = tuple(UnitSpec(name, "cubestar", "simulator") for name in NAMES)
-        yield apps, Fleet(specs, paths, Supervisor({}, lambda _: None), lambda name, samples: None, time.monotonic)
+        yield (
+            apps,
+            Fleet(
+                specs, paths, Supervisor({}, lambda _: None, no_obstacle), lambda name, samples: None, time.monotonic
+            ),
+        )
         for server in servers:
             server.should_exit = True
         for thread in threads:
@@ -72,7 +78,7 @@ def test_a_process_without_a_report_has_the_time_since_its_start() -> None:
     """Before its start, a process has no age. A process that hangs before its first report has the time since its
     start."""
     spec, path = UnitSpec("A", "cubestar", "simulator"), Path("/nonexistent/A.socket")
-    supervisor = Supervisor({process_name(spec): partial(time.sleep, 60)}, lambda _: None)
+    supervisor = Supervisor({process_name(spec): partial(time.sleep, 60)}, lambda _: None, no_obstacle)
     now_s = [0.0]
     fleet = Fleet((spec,), {"A": path}, supervisor, lambda name, samples: None, lambda: time.monotonic() + now_s[0])
     assert fleet.states()[0].process_age_s is None
@@ -86,6 +92,36 @@ def test_a_process_without_a_report_has_the_time_since_its_start() -> None:
         assert 300.0 <= (state.process_age_s or 0) < 360.0 + age_s
     finally:
         supervisor.stop()
+
+
+def test_a_process_with_an_obstacle_starts_when_the_obstacle_is_removed() -> None:
+    """The process is not started before, the obstacle is its reason in the fleet, and one event reports it."""
+    spec, checks, events = UnitSpec("A", "cubestar", "simulator"), threading.Semaphore(0), list[str]()
+    obstacles = {process_name(spec): "one of the drivers"}
+
+    def obstacle(name: str) -> str:
+        checks.release()
+        return obstacles[name]
+
+    supervisor = Supervisor({process_name(spec): partial(time.sleep, 60)}, events.append, obstacle)
+    fleet = Fleet((spec,), {"A": Path("/nonexistent/A.socket")}, supervisor, lambda *_: None, time.monotonic)
+    supervisor.start()
+    try:
+        for _ in range(3):
+            assert checks.acquire(timeout=60)
+        (state,) = fleet.states()
+        assert (state.reason, state.process.pid, state.process.restarts) == ("one of the drivers", None, 0)
+        with pytest.raises(Conflict):
+            fleet.restart("A", "admin")
+        obstacles[process_name(spec)] = ""
+        end_s = time.monotonic() + 60
+        while not fleet.states()[0].process.pid and time.monotonic() < end_s:
+            time.sleep(0.01)
+        (state,) = fleet.states()
+        assert (state.reason, bool(state.process.pid), state.process.restarts) == ("", True, 0)
+    finally:
+        supervisor.stop()
+    assert events == ["unit A cannot start: one of the drivers"]
 
 
 async def front_process(scope: Scope, receive: Receive, send: Send) -> None:

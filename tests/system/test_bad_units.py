@@ -175,6 +175,8 @@ def test_each_defect_has_a_clear_state_and_costs_the_other_units_nothing(
         answer = http.post("/commands", json={"name": "GET_STATUS", "arguments": {}, "confirm": ""})
         assert (answer.status_code, "acknowledge" in answer.json()["hint"]) == (409, True)
     _a_restart_ends_a_hang(units, packages)
+    broken = units.fleet()["BROKEN"]
+    assert (broken["process"], broken["restarts"]) == ("ended", 0), "a process was started with an invalid package"
     good = units.fleet()["GOOD"]
     assert (good["restarts"], good["link"]["contact_id"], good["link"]["rx"]["state"]) == (0, contact, "up")
     with units.http("GOOD") as http:
@@ -192,7 +194,7 @@ def _a_restart_ends_a_hang(units: Any, packages: Path) -> None:
         assert units.console.http.post(f"/fleet/units/{name}/restart").status_code == 204
         after = units.connected(name)
         assert (after[name]["restarts"], after[name]["last_end"]) == (before[name]["restarts"] + 1, "user admin")
-        restarted = [n for n in after if after[n]["restarts"] > before[n]["restarts"] and n not in (name, "BROKEN")]
+        restarted = [n for n in after if after[n]["restarts"] > before[n]["restarts"] and n != name]
         assert restarted == []
     rows = [row for row in units.console.get("/audit") if row["action"] == "fleet.restart_unit"]
     assert [(row["who"], row["result"], row["detail"]) for row in rows] == [

@@ -96,7 +96,7 @@ class Fleet:
 
     def _state(self, unit: UnitSpec) -> UnitState:
         process, latest = self._supervisor.state(process_name(unit)), self._latest.get(unit.name)
-        reason = _read(reason_file(self._paths[unit.name]))
+        reason = process.obstacle or _read(reason_file(self._paths[unit.name]))
         process_age_s = None if process.start_s is None else max(0.0, self._monotonic_s() - process.start_s)
         if latest is None:
             return UnitState(unit, process, reason, process_age_s, False, None, None)

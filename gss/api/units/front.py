@@ -6,6 +6,7 @@ from __future__ import annotations
 import socket
 import tempfile
 import threading
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -22,6 +23,8 @@ from gss.api.units.unit_process import serve_unit
 from gss.api.units.unit_spec import UnitSpec, unit_settings
 from gss.api.workers.link_process import record
 from gss.api.workers.supervisor import Supervisor
+from gss.domain.errors import GssError
+from gss.instruments.registry import Registry
 from gss.operations.clock import monotonic_s
 from gss.settings import Settings
 from gss.wiring.services import Services
@@ -48,7 +51,9 @@ def serve_units(
             )
             for k, unit in enumerate(units)
         }
-        supervisor = Supervisor(targets, partial(record, services.base.bus))
+        packages = {process_name(unit): unit.instrument for unit in units}
+        fault = partial(_package_fault, services.base.instruments, packages)
+        supervisor = Supervisor(targets, partial(record, services.base.bus), fault)
         fleet = Fleet(units, paths, supervisor, services.heads.watch.take, monotonic_s)
         app = UnitGateway(create_app(services, fleet=fleet), fleet)
 
@@ -67,3 +72,12 @@ def serve_units(
             server.run(sockets=[LimitedListener(connections, listener.detach())])
         finally:
             supervisor.stop()
+
+
+def _package_fault(instruments: Registry, packages: Mapping[str, str], name: str) -> str:
+    """Return why the package of a unit is invalid, or "". ``packages``: instrument by process name."""
+    try:
+        instruments.get(packages[name])
+    except GssError as error:
+        return str(error)
+    return ""

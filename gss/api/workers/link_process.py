@@ -22,7 +22,7 @@ from gss.api.serving import uvicorn_options
 from gss.api.stopping import StopSignals, begin_stop
 from gss.api.workers.fallback_server import FallbackServer
 from gss.api.workers.private_app import PrivateApp
-from gss.api.workers.supervisor import Supervisor
+from gss.api.workers.supervisor import Supervisor, no_obstacle
 from gss.api.workers.worker import serve_worker
 from gss.domain.errors import GssError
 from gss.operations.events import EventBus
@@ -50,7 +50,7 @@ def serve_behind_workers(
         path = Path(folder) / NAME
         worker = partial(serve_worker, settings.model_dump_json(), NAME, path, listener)
         targets = {f"API worker {k + 1}": worker for k in range(settings.workers)}
-        supervisor = Supervisor(targets, partial(record, services.base.bus))
+        supervisor = Supervisor(targets, partial(record, services.base.bus), no_obstacle)
         fallback_server = FallbackServer(app, listener, connections, uvicorn_options(settings, connections))
         config = uvicorn.Config(
             PrivateApp(app, services, app.state.broadcaster, fallback_server.worker),

@@ -13,6 +13,8 @@ from gss.domain.errors import Conflict
 from gss.operations.clock import monotonic_s
 
 FIRST_WAIT_S, MAX_WAIT_S = 0.2, 10.0
+RECHECK_S = 1.0
+"""Time between two checks of a process that cannot be started."""
 STEADY_S = 30.0
 STOP_WITHIN_S = 3.5
 """Time limit for stopping the child processes. It is shorter than the limit for stopping the link process
@@ -23,20 +25,32 @@ STOP_WITHIN_S = 3.5
 class ProcessState:
     """State of a supervised process. ``pid``: None while it does not run; ``restarts``: number of restarts since the
     supervisor started; ``last_end``: reason of the last exit, "" if it has not exited; ``start_s``: monotonic time of
-    its start in seconds, None while it does not run."""
+    its start in seconds, None while it does not run; ``obstacle``: why it is not started, "" if it can be started."""
 
     pid: int | None = None
     restarts: int = 0
     last_end: str = ""
     start_s: float | None = None
+    obstacle: str = ""
+
+
+def no_obstacle(_name: str) -> str:
+    """Return "": the process can always be started."""
+    return ""
 
 
 class Supervisor:
     """Keeps processes running until :meth:`stop`. ``targets``: picklable functions by process name; ``report``: called
-    with a text when a process has ended."""
+    with a text when a process has ended or cannot be started; ``obstacle``: returns for the name of a process why it
+    would end at once, or "". While there is an obstacle, the process is not started and the check is repeated."""
 
-    def __init__(self, targets: Mapping[str, Callable[[], None]], report: Callable[[str], None]) -> None:
-        self._targets, self._report = targets, report
+    def __init__(
+        self,
+        targets: Mapping[str, Callable[[], None]],
+        report: Callable[[str], None],
+        obstacle: Callable[[str], str],
+    ) -> None:
+        self._targets, self._report, self._obstacle = targets, report, obstacle
         self._stopping = threading.Event()
         self._lock = threading.Lock()
         self._processes: dict[str, SpawnProcess] = {}
@@ -61,7 +75,7 @@ class Supervisor:
         Conflict if the process does not run."""
         with self._lock:
             if self._states[name].pid is None:
-                raise Conflict(f"{name} does not run", hint="it is started again automatically")
+                raise Conflict(f"{name} does not run", hint="it is started automatically as soon as it can run")
             process, self._requested[name] = self._processes[name], cause
         process.terminate()
         # The thread of the process reads its exit code; to join it here too would be a race for this code.
@@ -85,6 +99,9 @@ class Supervisor:
     def _keep_running(self, name: str) -> None:
         wait_s = 0.0
         while not self._stopping.wait(wait_s):
+            if not self._can_start(name):
+                wait_s = RECHECK_S
+                continue
             since_s = monotonic_s()
             process = self._start_process(name)
             if process is None:
@@ -100,6 +117,16 @@ class Supervisor:
             self._report(f"{name} ended ({cause}); restarting it")
             steady = bool(requested) or monotonic_s() - since_s > STEADY_S
             wait_s = 0.0 if steady else min(MAX_WAIT_S, max(FIRST_WAIT_S, 2 * wait_s))
+
+    def _can_start(self, name: str) -> bool:
+        """Check for an obstacle, store it in the state, and report a new one."""
+        obstacle = self._obstacle(name)
+        with self._lock:
+            before = self._states[name].obstacle
+            self._states[name] = replace(self._states[name], obstacle=obstacle)
+        if obstacle and obstacle != before:
+            self._report(f"{name} cannot start: {obstacle}")
+        return not obstacle
 
     def _start_process(self, name: str) -> SpawnProcess | None:
         """Return a new process, or None if the supervisor is stopping."""
