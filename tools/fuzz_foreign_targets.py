@@ -25,7 +25,7 @@ from gss.instruments.package import Instrument, load_instrument
 from gss.instruments.package_source import read_zip, write_zip
 from gss.instruments.registry import shipped_registry
 from gss.instruments.roles import default_roles
-from gss.operations.frames.measured_lists import read_star_lists
+from gss.operations.frames.measured_list_files import read_star_lists
 from gss.operations.procedures.document import read_procedure
 from gss.operations.procedures.validation import mistakes_of
 from gss.orbit.objects import read_objects

@@ -59,14 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Solve every list of the file."""
     from gss.cli.solve import julian_year
     from gss.operations.clock import processor_s, utc_now
-    from gss.operations.frames.measured_lists import (
-        MAX_LIST_BYTES,
-        StarLists,
-        StarListSolver,
-        list_result,
-        read_star_lists,
-        without_distortion,
-    )
+    from gss.operations.frames.measured_list_files import MAX_LIST_BYTES, StarLists, read_star_lists
+    from gss.operations.frames.measured_lists import StarListSolver, list_result, without_distortion
     from gss.operations.frames.solver_cache import SolverCache
     from gss.operations.parsing.parse_processes import ParseProcesses
 

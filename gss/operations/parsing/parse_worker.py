@@ -99,6 +99,8 @@ def main() -> None:
         if not text or data is None:
             return
         _begin(source, limits)
+        if select.select([source], [], [], 0)[0]:  # the parent ended after the job and before the signal was enabled
+            return
         reply, buffers = _answer(json.loads(text), data)
         del data
         _end(source)

@@ -28,14 +28,13 @@ from gss.domain.results import Outcome
 from gss.domain.words import counted
 from gss.operations.clock import Now, processor_s
 from gss.operations.folder_lock import named_lock
+from gss.operations.frames.measured_list_files import StarLists, read_star_lists
 from gss.operations.frames.measured_lists import (
     SIGMA_PX,
     ListRecord,
     ListResult,
-    StarLists,
     StarListSolver,
     list_result,
-    read_star_lists,
     without_distortion,
 )
 from gss.operations.frames.solver_cache import SolverCache

@@ -13,7 +13,7 @@ from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.instruments.telemetry_roles import AttitudeRole, ItemList, StarEntry, Status
-from gss.operations.frames.measured_lists import StarLists
+from gss.operations.frames.measured_list_files import StarLists
 from gss.pipeline.analysis.series import AttitudeSeries
 from gss.store import telemetry
 from gss.store.engine import Database

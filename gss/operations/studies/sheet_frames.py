@@ -7,7 +7,8 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.domain.camera_profile import CameraProfile
 from gss.operations.clock import processor_s
-from gss.operations.frames.measured_lists import StarLists, StarListSolver
+from gss.operations.frames.measured_list_files import StarLists
+from gss.operations.frames.measured_lists import StarListSolver
 from gss.operations.frames.solve import Solver
 from gss.operations.studies.analyse import AnalysisResult, AnalysisRun, subject_of
 from gss.operations.studies.night_frames import ProgressCallback
