@@ -111,6 +111,7 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+@lru_cache
 def _beside(name: str) -> ModuleType:
     """The module of this file in tests/."""
     specification = importlib.util.spec_from_file_location(f"gss_{name}", ROOT / "tests" / f"{name}.py")
@@ -129,7 +130,8 @@ def hostile() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def _preloaded() -> Iterator[Any]:
-    with _beside("nursery").preloaded() as forks:
+    nursery = _beside("nursery")
+    with nursery.preloaded(nursery.SERVERS) as forks:
         yield forks
 
 
@@ -139,6 +141,16 @@ def forked(_preloaded: Any) -> Iterator[None]:
     _preloaded.install()
     yield
     _preloaded.remove()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def forked_parsers() -> Iterator[Any]:
+    """Fork the processes that parse a file from a preloaded one. ``remove`` of the fixture lets a module start new ones."""
+    nursery = _beside("nursery")
+    with nursery.preloaded(nursery.PARSERS) as forks:
+        forks.install()
+        yield forks
+        forks.remove()
 
 
 @pytest.fixture(scope="session")

@@ -74,23 +74,23 @@ def tiled(bitpix: int, *sides: int, rows: int = 0) -> bytes:
 
 
 def zip_bomb() -> bytes:
-    """Return a ZIP with one table of a gigabyte."""
+    """Return a ZIP with one table of 300 MiB, more than a table may have."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         with archive.open("stars.csv", "w", force_zip64=True) as member:
-            for _ in range(1024):
+            for _ in range(300):
                 member.write(bytes(1 << 20))
         archive.writestr("layout.json", "[]")
     return file.getvalue()
 
 
 def parquet_bomb() -> bytes:
-    """Return a ZIP with a table of 600 million equal values."""
+    """Return a ZIP with a table of 60 million equal values, more than a table may have."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     file, buffer = io.BytesIO(), io.BytesIO()
-    piece = pa.table({"hip": np.zeros(10_000_000, np.int64)})
+    piece = pa.table({"hip": np.zeros(1_000_000, np.int64)})
     with pq.ParquetWriter(buffer, piece.schema, write_statistics=False) as writer:
         for _ in range(60):
             writer.write_table(piece)

@@ -1,4 +1,5 @@
 """Preloaded processes: one process imports everything once, and the commands of GSS that the tests start are forked from it.
+There is one for servers, simulators and commands, and a smaller one for the processes that parse a file.
 
 Only the imports are shared. A forked command is an ordinary child process of the process that started it, so it is waited
 for and killed separately. Servers and units have such a preloaded process too, for the simulators and units they start.
@@ -11,6 +12,7 @@ import asyncio
 import contextlib
 import ctypes
 import fcntl
+import importlib
 import json
 import os
 import re
@@ -34,9 +36,27 @@ LONGEST_COMMAND = 4000
 """Bytes that the command line of a forked process can have in /proc."""
 SET_CHILD_SUBREAPER = 36
 """Option of prctl(2) of Linux."""
-COMMANDS = ("gss", "gss.device.simulator")
+SERVERS, PARSERS = "servers", "parsers"
+COMMANDS = {SERVERS: ("gss", "gss.device.simulator"), PARSERS: ("gss.operations.parsing.parse_worker",)}
+IMPORTED_BY_PARSERS = (
+    "astropy.io.ascii",
+    "astropy.io.fits",
+    "astropy.io.votable",
+    "astropy.table",
+    "PIL.Image",
+    "pyarrow.parquet",
+    "gss.catalogue_tools.sources.star_lists",
+    "gss.instruments.package",
+    "gss.operations.catalogues.catalogue_files",
+    "gss.operations.frames.frame_files",
+    "gss.operations.frames.measured_list_files",
+    "gss.operations.instruments.package_check",
+    "gss.operations.parsing.parse_worker",
+    "gss.orbit.read_attitude",
+)
 CHILDREN = re.compile("from multiprocessing[.](spawn|forkserver) import")
 """Programs of the Python processes that a server starts: API workers, units and the process that forks workers of studies."""
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
 OWN_START = ("NUMBA_", "OMP_", "LD_", "PYTHON")
 """Settings that only a new process reads. PYTHONPATH is added to the path of a forked process."""
 _exec = subprocess._fork_exec  # type: ignore[attr-defined]
@@ -44,22 +64,35 @@ _spawn = util.spawnv_passfds  # type: ignore[attr-defined]
 
 
 class Forks:
-    """Requests to a preloaded process. The process ends when the requesting process closes ``channel`` or ends."""
+    """Requests to a preloaded process, which starts at the first request. The process ends when the requesting process calls
+    :meth:`end` or ends. ``kind``: SERVERS or PARSERS. ``channel``: of a process that runs."""
 
-    def __init__(self, channel: socket.socket) -> None:
-        self._channel, self._lock, self._pid = channel, threading.Lock(), os.getpid()
-        self._settings = _own_start(os.environ)
+    def __init__(self, kind: str, channel: socket.socket | None = None) -> None:
+        self._kind, self._channel, self._lock, self._pid = kind, channel, threading.Lock(), os.getpid()
+        self._environment = os.environ | ONE_THREAD
+        self._settings = _own_start(self._environment if kind == PARSERS else os.environ)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._otherwise = _exec
 
     def install(self) -> None:
-        """Let ``subprocess`` and ``multiprocessing`` of this process fork from the preloaded process."""
+        """Let ``subprocess`` of this process fork the commands of this kind from the preloaded process, and
+        ``multiprocessing`` those of servers."""
+        self._otherwise = subprocess._fork_exec  # type: ignore[attr-defined]
         subprocess._fork_exec = self._fork_exec  # type: ignore[attr-defined]
-        util.spawnv_passfds = self._spawn  # type: ignore[attr-defined]
+        if self._kind == SERVERS:
+            util.spawnv_passfds = self._spawn  # type: ignore[attr-defined]
 
-    @staticmethod
-    def remove() -> None:
-        """Let this process start processes as usual."""
-        subprocess._fork_exec = _exec  # type: ignore[attr-defined]
-        util.spawnv_passfds = _spawn  # type: ignore[attr-defined]
+    def remove(self) -> None:
+        """Let this process start these commands as before :meth:`install`."""
+        subprocess._fork_exec = self._otherwise  # type: ignore[attr-defined]
+        if self._kind == SERVERS:
+            util.spawnv_passfds = _spawn  # type: ignore[attr-defined]
+
+    def end(self) -> None:
+        """End the preloaded process, if it has started."""
+        if self._process is not None and self._channel is not None:
+            self._channel.close()
+            self._process.wait(20)
 
     def _fork_exec(self, *options: Any) -> int:
         """Replacement for ``_posixsubprocess.fork_exec``."""
@@ -69,7 +102,7 @@ class Forks:
         error_pipe, new_session, others = options[13], options[15], options[16:22]
         ordinary = not any(other not in (None, -1) for other in others) and set(kept) == {error_pipe}
         if not ordinary or command[:1] != [sys.executable] or not self._forkable(command[1:], environment):
-            return int(_exec(*options))
+            return int(self._otherwise(*options))
         streams = [options[6], options[9], options[11]]
         files = {target: target if source == -1 else source for target, source in enumerate(streams)}
         where = os.fsdecode(folder) if folder is not None else os.getcwd()
@@ -84,7 +117,7 @@ class Forks:
         return self._ask(words[at:], dict(os.environ), os.getcwd(), {n: n for n in (0, 1, 2, *kept)}, False)
 
     def _forkable(self, words: Sequence[str], environment: dict[str, str]) -> bool:
-        own = words[:1] == ["-m"] and words[1] in COMMANDS
+        own = words[:1] == ["-m"] and words[1] in COMMANDS[self._kind]
         return own and os.getpid() == self._pid and _own_start(environment) == self._settings
 
     def _ask(
@@ -94,25 +127,30 @@ class Forks:
         order = {"words": list(words), "environment": environment, "folder": folder, "session": session}
         text = json.dumps({**order, "files": list(files)}).encode()
         with self._lock:
+            channel = self._channel = self._channel or self._started()
             _adopt(True)
             try:
-                socket.send_fds(self._channel, [text], list(files.values()))
-                return int(self._channel.recv(32))
+                socket.send_fds(channel, [text], list(files.values()))
+                return int(channel.recv(32))
             finally:
                 _adopt(False)
 
+    def _started(self) -> socket.socket:
+        """Start the preloaded process, and return the channel to it."""
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        command = [sys.executable, __file__, str(theirs.fileno()), self._kind, " " * LONGEST_COMMAND]
+        inherited, environment = [theirs.fileno()], self._environment
+        self._process = subprocess.Popen(command, pass_fds=inherited, env=environment, stdin=subprocess.DEVNULL)
+        theirs.close()
+        return ours
+
 
 @contextmanager
-def preloaded() -> Iterator[Forks]:
-    """Run a preloaded process."""
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    command = [sys.executable, __file__, str(theirs.fileno()), " " * LONGEST_COMMAND]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen(command, pass_fds=[theirs.fileno()], env=environment, stdin=subprocess.DEVNULL)
-    theirs.close()
-    yield Forks(ours)
-    ours.close()
-    process.wait(20)
+def preloaded(kind: str) -> Iterator[Forks]:
+    """Requests to a preloaded process of this kind, which ends with the context."""
+    forks = Forks(kind)
+    yield forks
+    forks.end()
 
 
 def _own_start(environment: Any) -> dict[str, str]:
@@ -127,7 +165,13 @@ def _adopt(yes: bool) -> None:
 # --- the preloaded process -------------------------------------------------------------------------------------------
 
 
-def load() -> None:
+def load_parsers() -> None:
+    """Import everything that is needed to parse a file."""
+    for name in IMPORTED_BY_PARSERS:
+        importlib.import_module(name)
+
+
+def load_servers() -> None:
     """Import and read everything that a server or a simulator needs at its start, and load the solver's loops."""
     import uvicorn  # noqa: F401
 
@@ -189,7 +233,7 @@ def _live(order: dict[str, Any], received: list[int]) -> None:
         sys.stderr = os.fdopen(2, "w", closefd=False)
         sys.stdin = os.fdopen(0, "r", closefd=False)
         command = _command(order["words"])
-        if "simulator" not in order["words"][1]:
+        if order["words"][:2] == ["-m", "gss"] or order["words"][0] == "-c":
             _descend()
         code = command()
     except SystemExit as end:
@@ -230,6 +274,10 @@ def _command(words: list[str]) -> Callable[[], Any]:
         from gss.cli import main as gss_main
 
         return lambda: gss_main(words[2:])
+    if words[1] in COMMANDS[PARSERS]:
+        from gss.operations.parsing.parse_worker import main as parse_main
+
+        return parse_main
     from gss.device.simulator.__main__ import main as simulator_main
 
     return lambda: simulator_main(words[2:])
@@ -244,11 +292,11 @@ def _descend() -> None:
         serve(socket.socket(fileno=3))
         os._exit(0)
     theirs.close()
-    Forks(ours).install()
+    Forks(SERVERS, ours).install()
 
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
     time.tzset()
-    load()
+    (load_parsers if sys.argv[2] == PARSERS else load_servers)()
     serve(socket.socket(fileno=int(sys.argv[1])))

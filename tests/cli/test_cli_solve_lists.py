@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gss.cli import main
 from gss.instruments.registry import SHIPPED
+from gss.operations.frames.measured_list_files import MAX_LIST_BYTES
 from tools.bench_scenes import CAMERAS, EPOCH_JYEAR, CentroidList, Disturbance, star_lists, visible_stars
 
 OPTICS = CAMERAS[0]
@@ -147,7 +148,7 @@ def test_bad_files_are_refused(content: bytes, words: str, tmp_path: Path, capsy
 def test_an_archive_bomb_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A small archive of a huge array is rejected before it is unpacked."""
     with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("col_px.npy", bytes(300 << 20))
+        archive.writestr("col_px.npy", bytes(MAX_LIST_BYTES + (1 << 20)))
     assert "too large when it is unpacked" in error_of([str(tmp_path / "bomb.npz"), *CAMERA_OPTIONS], capsys)
 
 

@@ -53,7 +53,15 @@ SOURCE = """
         while not Path(path).exists(): time.sleep(0.01)
         return "done"
 """
-LIMITS = ParseLimits(memory_bytes=1 << 30, cpu_s=2.0, wall_s=60.0, result_bytes=2 << 20)
+LIMITS = ParseLimits(memory_bytes=1 << 30, cpu_s=1.0, wall_s=60.0, result_bytes=2 << 20)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _new_processes(forked_parsers: Any) -> Iterator[None]:
+    """Start each child as a new program."""
+    forked_parsers.remove()
+    yield
+    forked_parsers.install()
 
 
 @pytest.fixture
@@ -147,7 +155,7 @@ def test_a_result_that_is_not_plain_data_is_rejected(text: bytes) -> None:
         ("damaged", CorruptData, "damaged"),
         ("defect", BadInput, "ZeroDivisionError: oh"),
         ("strange", BadInput, "not plain data"),
-        ("hold_interpreter", TooCostly, "processor time limit.*2 s"),
+        ("hold_interpreter", TooCostly, "processor time limit.*1 s"),
         ("allocate", TooCostly, "memory limit.*1024 MiB"),
         ("much", TooCostly, "result size limit.*2 MiB"),
         ("crash", BadInput, "SIGSEGV"),
@@ -250,7 +258,10 @@ def test_a_child_ends_with_its_parent(parsers: ModuleType, tmp_path: Path, funct
     children = Path(f"/proc/{parent.pid}/task/{parent.pid}/children")
     until(lambda: children.read_text().split())
     child = int(children.read_text().split()[0])
-    time.sleep(1.0)  # while it reads the file; before that, end of input would end it
+    if function == "wait_for":
+        until((tmp_path / "x.began").exists)
+    else:  # also if the child has not begun after this time, it must end
+        time.sleep(1.0)
     parent.send_signal(signal.SIGKILL)
     parent.wait()
     until(lambda: not is_alive(child))
