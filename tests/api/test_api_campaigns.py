@@ -31,12 +31,12 @@ from gss.settings import Settings
 from gss.wiring.build import build
 from gss.wiring.services import Services
 
-FRAMES = 12
+FRAMES = 9
 
 
 @pytest.fixture(scope="module")
 def services(tmp_path_factory: pytest.TempPathFactory) -> Services:
-    """Services whose store holds twelve rendered frames with their truth."""
+    """Services whose store holds nine rendered frames with their truth."""
     services = build(Settings(data=tmp_path_factory.mktemp("campaigns")))
     profile, stars, rng = shipped_camera("cubestar"), propagate(load_stars(6.0), 2026.5), np.random.default_rng(7)
     for k in range(FRAMES):

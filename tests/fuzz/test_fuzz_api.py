@@ -181,13 +181,16 @@ def routes() -> list[str]:
     return [f"{method} {r.path}" for r in declared if r.include_in_schema for method in sorted(r.methods)]
 
 
+ROUTES = routes()
+
+
 def test_every_operation_of_the_document_is_tested(server: tuple[Any, Any, Any]) -> None:
     """The routes of the tests below are the operations of the API's document."""
     operations = server[1].raw_schema["paths"].items()
-    assert sorted(routes()) == sorted(f"{m.upper()} {path}" for path, methods in operations for m in methods)
+    assert sorted(ROUTES) == sorted(f"{m.upper()} {path}" for path, methods in operations for m in methods)
 
 
-@pytest.mark.parametrize("route", routes())
+@pytest.mark.parametrize("route", ROUTES)
 def test_a_route_responds_to_any_input_as_declared(
     route: str, server: tuple[Any, Any, Any], signed_in: SignIn, peers: tuple[str, str]
 ) -> None:

@@ -19,12 +19,13 @@ from tools.build_web import GENERATED, generate, interface_hash, source_hash
 
 @pytest.fixture(scope="module")
 def checkout(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Copy of the tracked sources of server and pages, with the files that the build generates from them."""
+    """Copy of the sources of server and pages, with the files that the build generates from them. Compiled modules are copied
+    too, which saves compiling them again."""
     folder = tmp_path_factory.mktemp("checkout")
     ignored = shutil.ignore_patterns("node_modules", "generated")
     shutil.copytree(root / "web", folder / "web", ignore=ignored, symlinks=True)
-    shutil.copytree(root / "gss", folder / "gss", ignore=shutil.ignore_patterns("web", "__pycache__"))
-    shutil.copytree(root / "migrations", folder / "migrations", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(root / "gss", folder / "gss", ignore=shutil.ignore_patterns("web"))
+    shutil.copytree(root / "migrations", folder / "migrations")
     (folder / "web" / "node_modules").symlink_to(root / "web" / "node_modules")
     assert generate(folder)
     return folder

@@ -35,7 +35,7 @@ from gss.store.migration import migrate
 from gss.store.models import Frame
 
 T0 = datetime(2026, 12, 1, tzinfo=UTC)
-FRAMES = 14
+FRAMES = 8
 
 
 class Cluster:
