@@ -74,4 +74,6 @@ def _measured(services: Services, chain: str, count: int) -> dict[str, Value]:
         ended_s = time.perf_counter()
         if done and not first:
             first, started_s = done, ended_s
+    if done != count:
+        raise RuntimeError(f"only {done} of {count} frames were solved within {TIMEOUT_S:.0f} s")
     return {"frames": done, "frames_per_s": round((done - first) / max(ended_s - started_s, 1e-9))}

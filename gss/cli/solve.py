@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -118,7 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
         from gss.operations.frames.solve import Solver
         from gss.operations.frames.solver_cache import SolverCache
 
-        solver = Solver(lambda name: registry().camera(name), SolverCache(folder=users_folder()), stopwatch_s)
+        solver = Solver(cache(lambda name: registry().camera(name)), SolverCache(folder=users_folder()), stopwatch_s)
         sequencer = Sequencer(arguments.sequence, arguments.interval, prior(arguments.hint))
         for k, name in enumerate(files):
             image, reading = reading, reader.submit(_read, files[k + 1], parsing) if k + 1 < len(files) else reading

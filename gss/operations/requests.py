@@ -57,9 +57,16 @@ def _check_text(value: Any) -> None:
             raise ValueError("text contains NUL or an incomplete character")
 
 
+NOT_PAGES = ("", "api", "setup", "welcome", "units")
+"""First parts of addresses that are no pages within a unit."""
+
+
 def check_page_path(path: str) -> None:
     """Raise BadInput unless the path can be the address of a page of this console within the unit, with its query."""
-    is_console_path = path.startswith("/") and not path.startswith(("//", "/\\", "/api/"))
+    first = path.partition("?")[0].removeprefix("/").split("/")[0]
+    is_console_path = (
+        path.startswith("/") and first not in NOT_PAGES and "\\" not in path and ".." not in path.split("/")
+    )
     is_printable = path.isascii() and path.isprintable() and " " not in path
     if not is_console_path or len(path) > MAX_PATH_LENGTH or not is_printable:
         raise BadInput(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from sqlalchemy import select
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from gss.domain.errors import NotFound
@@ -40,10 +40,17 @@ def notes(session: Session, contact_id: int) -> list[HandoverNote]:
     return list(session.scalars(query.order_by(HandoverNote.id)))
 
 
-def unacknowledged_notes(session: Session, limit: int) -> list[HandoverNote]:
-    """Return the hand-over notes of all contacts that are not acknowledged, oldest first."""
-    query = select(HandoverNote).where(HandoverNote.acknowledged_by == "")
+def unacknowledged_notes(session: Session, user: str, limit: int) -> list[HandoverNote]:
+    """Return the hand-over notes of other users than ``user`` that are not acknowledged, oldest first."""
+    query = select(HandoverNote).where(HandoverNote.acknowledged_by == "", HandoverNote.user != user)
     return list(session.scalars(query.order_by(HandoverNote.id).limit(limit)))
+
+
+def acknowledge(session: Session, note_id: int, user: str, at: datetime) -> bool:
+    """Record who acknowledged a note. Returns False if another user did so before."""
+    change = update(HandoverNote).where(HandoverNote.id == note_id, HandoverNote.acknowledged_by == "")
+    result = session.execute(change.values(acknowledged_by=user, acknowledged=at))
+    return bool(result.rowcount)
 
 
 def note(session: Session, note_id: int) -> HandoverNote:

@@ -64,6 +64,13 @@ def test_a_search_returns_exact_stars_first(clients: dict[str, TestClient]) -> N
     assert clients["viewer"].get("/api/stars", params={"q": "HIP 999999"}).json()["stars"] == []
 
 
+def test_an_unknown_proper_motion_is_not_given_as_zero(clients: dict[str, TestClient]) -> None:
+    """A star without a solution in Hipparcos has its position at J2000 and no proper motion and parallax."""
+    card = clients["viewer"].get("/api/stars/55203").json()
+    assert "proper motion unknown" in card["flags"]
+    assert (card["epoch_jyear"], card["proper_motion_mas_yr"], card["parallax_mas"]) == (2000.0, None, None)
+
+
 def test_the_facts_of_a_star_name_its_catalogues_and_frames(clients: dict[str, TestClient], stored: int) -> None:
     """The facts contain the position at the present epoch, and only catalogues and frames that contain the star."""
     card = clients["viewer"].get(f"/api/stars/{BETELGEUSE}").json()

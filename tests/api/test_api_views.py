@@ -87,6 +87,7 @@ def test_each_role_has_a_start_page_and_a_user_can_choose_another(clients) -> No
     assert (chosen["start_page"], chosen["role"]) == (PATH, "viewer")
     assert viewer.get("/api/session").json()["start_page"] == PATH
     assert clients["operator"].get("/api/session").json()["start_page"] == ""
-    assert viewer.put("/api/session/start-page", json={"path": "//evil.example"}).status_code == 400
+    for path in ("//evil.example", "/", "/?a=1", "/setup", "/units/B/live", "/live/../x"):
+        assert viewer.put("/api/session/start-page", json={"path": path}).status_code == 400, path
     assert viewer.get("/api/session").json()["start_page"] == PATH
     assert viewer.put("/api/session/start-page", json={"path": ""}).json()["start_page"] == ""

@@ -39,6 +39,13 @@ def test_a_bayer_name_is_found_without_its_number() -> None:
     assert found("alpha cen")[:2] == [("Rigil Kentaurus", True), ("Toliman", True)]
 
 
+def test_the_number_of_a_variable_star_belongs_to_its_name() -> None:
+    """V1057 Cyg and other numbered variables are no exact result of "v cyg"; V Pup and the stars v¹ and v² Pup are of
+    "v pup"."""
+    assert [name for name, exact in found("v cyg", 9) if exact] == []
+    assert {name for name, exact in found("v pup", 9) if exact} == {"V Pup", "v¹ Pup", "v² Pup"}
+
+
 def test_names_that_start_with_the_text_come_first_and_then_brighter_stars() -> None:
     """The order is: whole name, start of the name, start of a word, other part; within each, by magnitude."""
     assert [name for name, _ in found("bel", 3)] == ["Bellatrix", "Belel", "Terebellum"]

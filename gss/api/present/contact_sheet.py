@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from gss.api.schemas.contacts import ReportOut
+from gss.api.schemas.handover import CheckedItemOut
 from gss.operations.report.parts import Fact, Note, Number, Plot, Report, Section, Series, Table
 
 GAP_SHARE, GAP_S = 0.02, 12.0
@@ -40,16 +41,21 @@ def _handover(report: ReportOut) -> list[Section]:
     """Return the checklist and the hand-over notes of the contact."""
     handover = report.handover
     done = sum(item.done for item in handover.items)
-    rows = [
-        [item.text, "done" if item.done else "not done", item.user or "–", _when(item.at) if item.at else "–"]
-        for item in handover.items
-    ]
+    rows = [[item.text, _state(item), item.user or "–", _when(item.at) if item.at else "–"] for item in handover.items]
     checklist = Table(f"{done} of {len(rows)} items done", ["item", "state", "by", "time"], rows)
     sections = [Section("Checklist", tables=[checklist])] if rows else []
     for note in handover.notes:
-        read = f"acknowledged by {note.acknowledged_by}" if note.acknowledged_by else "not acknowledged"
+        read = "not acknowledged"
+        if note.acknowledged:
+            read = f"acknowledged by {note.acknowledged_by}, {_when(note.acknowledged)}"
         sections.append(Section(f"Hand-over note of {note.user}, {_when(note.at)}, {read}", note.text))
     return sections
+
+
+def _state(item: CheckedItemOut) -> str:
+    if item.done:
+        return "done"
+    return f"check of {item.unchecked} removed" if item.unchecked else "not done"
 
 
 def _notes(report: ReportOut) -> list[Note]:
@@ -134,7 +140,7 @@ def _attitude_facts(report: ReportOut) -> list[Fact]:
     attitude = report.attitude
     sigma = attitude.sigma_cross_arcsec_median
     facts = [
-        ("iterations", f"{attitude.iterations}"),
+        ("results reported by the sensor", f"{attitude.iterations}"),
         ("solved", f"{attitude.solved}" + (f" ({100 * attitude.share:.1f} %)" if attitude.share is not None else "")),
         ("median cross-boresight σ", "–" if sigma is None else f"{sigma:.1f}″"),
     ]

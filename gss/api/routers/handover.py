@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from gss.api.api_router import api_router
-from gss.api.deps import App, AuditNote, RowId, User, need
+from gss.api.deps import App, AuditNote, CurrentUser, RowId, User, need
 from gss.api.schemas.handover import CheckIn, ChecklistOut, HandoverNoteIn, HandoverNoteOut, HandoverOut
+from gss.domain.errors import Conflict
 from gss.operations.contacts.handover import ChecklistRequest
 
 router = api_router("contacts")
@@ -47,12 +48,15 @@ def add_handover_note(
 
 
 @router.get("/handover-notes")
-def read_unacknowledged_notes(app: App) -> list[HandoverNoteOut]:
-    """Hand-over notes of all contacts that are not acknowledged, oldest first, at most 50."""
-    return [HandoverNoteOut.model_validate(row) for row in app.contacts.handover.unacknowledged_notes()]
+def read_unacknowledged_notes(app: App, user: User) -> list[HandoverNoteOut]:
+    """Hand-over notes of other users that are not acknowledged, oldest first, at most 50."""
+    return [HandoverNoteOut.model_validate(row) for row in app.contacts.handover.unacknowledged_notes(user)]
 
 
 @router.post("/handover-notes/{note_id}/acknowledge", dependencies=[NEED])
-def acknowledge_handover_note(app: App, user: User, note_id: RowId) -> HandoverNoteOut:
+def acknowledge_handover_note(app: App, caller: CurrentUser, note_id: RowId) -> HandoverNoteOut:
     """Record that the caller has read a note of another user."""
+    if caller.kind != "session":
+        raise Conflict("Tokens cannot acknowledge notes", expected="a signed-in user", hint="sign in")
+    user = caller.name
     return HandoverNoteOut.model_validate(app.contacts.handover.acknowledge(note_id, user=user))

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
+import numpy as np
 from fastapi import Path, Query
 
 from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import App
 from gss.api.schemas.stars import FoundStarOut, MatchedFrameOut, StarCardOut, StarSearchOut
-from gss.catalogue_tools.sources.hipparcos import MAS_RAD, load_hipparcos, other_names
+from gss.catalogue_tools.envelope.orbits import jyear_of
+from gss.catalogue_tools.sources.hipparcos import MAS_RAD, load_hipparcos, other_names, propagate
 from gss.catalogue_tools.sources.star_names import find_stars, named_stars
 from gss.domain.angles import ra_dec_from_unit
 from gss.operations.catalogues.star_card import MatchedFrame
@@ -22,12 +24,13 @@ MAX_HIP = 999_999
 
 @router.get("")
 def search_stars(
-    q: Annotated[str, Query(min_length=1, max_length=60)], limit: Annotated[int, Query(ge=1, le=50)] = 12
+    app: App, q: Annotated[str, Query(min_length=1, max_length=60)], limit: Annotated[int, Query(ge=1, le=50)] = 12
 ) -> StarSearchOut:
     """Search for stars by Hipparcos number, or by proper, Bayer, Flamsteed or variable-star name. Exact matches come
-    first, then brighter stars. Positions: ICRS at J1991.25."""
+    first, then brighter stars. Positions: ICRS at the present epoch."""
     table, hits = load_hipparcos(), find_stars(q, limit)
-    ra, dec = ra_dec_from_unit(table.icrs[[hit.row for hit in hits]].reshape(-1, 3))
+    found = propagate(table.take(np.array([hit.row for hit in hits], int)), jyear_of(app.base.clock.now()))
+    ra, dec = ra_dec_from_unit(found.icrs.reshape(-1, 3))
     stars = [
         FoundStarOut(
             hip=int(table.hip[hit.row]),
@@ -51,13 +54,17 @@ def read_star(app: App, hip: Annotated[int, Path(ge=1, le=MAX_HIP)]) -> StarCard
     facts = {
         "ra_deg": math.degrees(card.ra_rad),
         "dec_deg": math.degrees(card.dec_rad),
-        "proper_motion_mas_yr": card.proper_motion_rad_yr / MAS_RAD,
-        "parallax_mas": card.parallax_rad / MAS_RAD,
+        "proper_motion_mas_yr": _mas(card.proper_motion_rad_yr),
+        "parallax_mas": _mas(card.parallax_rad),
         "catalogues": [present.catalogues.catalogue(row, banks) for row in card.catalogues],
         "unknown_banks": [bank.bank for bank in banks if bank.sha256 and bank.catalogue is None],
         "frames": [_matched(match) for match in card.frames],
     }
     return StarCardOut.model_validate(same | facts)
+
+
+def _mas(value_rad: float | None) -> float | None:
+    return None if value_rad is None else value_rad / MAS_RAD
 
 
 def _matched(match: MatchedFrame) -> MatchedFrameOut:

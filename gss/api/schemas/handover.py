@@ -22,12 +22,14 @@ class ChecklistOut(Out):
 
 
 class CheckedItemOut(Out):
-    """Item of a contact's checklist. ``user`` and ``at``: last change; "" and null if it was never checked."""
+    """Item of a contact's checklist. ``user`` and ``at``: last change; "" and null if it was never checked. ``unchecked``:
+    user whose check was removed, "" if the item is done or was never checked."""
 
     text: str
     done: bool
     user: str
     at: Utc | None
+    unchecked: str
 
 
 class HandoverNoteOut(Out):

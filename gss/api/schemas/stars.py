@@ -36,7 +36,8 @@ class MatchedFrameOut(Out):
 
 
 class StarCardOut(Out):
-    """Facts of a star. ``other_names``: further designations. Position: ICRS at ``epoch_jyear``. ``flags``: known
+    """Facts of a star. ``other_names``: further designations. Position: ICRS at ``epoch_jyear``. ``b_v``,
+    ``proper_motion_mas_yr`` and ``parallax_mas``: null if unknown. ``flags``: known
     properties in words. ``catalogues``: stored catalogues that contain the star; ``checked_catalogues``: number of the
     newest catalogues that were searched; ``unnumbered``: searched catalogues without star numbers, which can contain the
     star; ``unknown_banks``: banks with a content that is not stored on the ground. ``frames``: frames in which the star
@@ -50,8 +51,8 @@ class StarCardOut(Out):
     epoch_jyear: float
     v_mag: float
     b_v: float | None
-    proper_motion_mas_yr: float
-    parallax_mas: float
+    proper_motion_mas_yr: float | None
+    parallax_mas: float | None
     flags: list[str]
     catalogues: list[CatalogueOut]
     checked_catalogues: int

@@ -12,8 +12,8 @@ import numpy as np
 from gss.catalogue_tools.sources.hipparcos import load_hipparcos, other_names
 
 _NUMBER = re.compile(r"(?:hip\s*)?(\d{1,7})")
-_NUMBERED = re.compile(r"^([a-z]+)\d+ ")
-"""Start of a plain Bayer name whose Greek letter has a number."""
+_SUPERSCRIPTS = re.compile("[¹²³⁴⁵⁶⁷⁸⁹]+")
+"""Number of a Bayer name, as in α¹ Cen."""
 _MIN_INNER_LETTERS = 3
 """Minimum length of a text that is also searched inside words."""
 _GREEK = {
@@ -78,12 +78,13 @@ def _rank(query: str, name: str) -> int | None:
 
 @lru_cache(maxsize=1)
 def _names() -> tuple[tuple[str, int], ...]:
-    """Every plain name with the row of its star. A Bayer name with a number ("alpha1 cen") is also given without it."""
+    """Every plain name with the row of its star. A Bayer name with a number (α¹ Cen) is
+    listed twice, with and without its number."""
     stars, others = load_hipparcos(), other_names()
     found: dict[tuple[str, int], None] = {}
     for row in np.flatnonzero(np.isin(stars.hip, np.fromiter(stars.names, np.int64))):
         hip = int(stars.hip[row])
         for name in (stars.names[hip], *others.get(hip, ())):
-            plain = plain_name(name)
-            found[plain, int(row)] = found[_NUMBERED.sub(r"\1 ", plain), int(row)] = None
+            for form in (name, _SUPERSCRIPTS.sub("", name)):
+                found[plain_name(form), int(row)] = None
     return tuple(found)

@@ -77,7 +77,7 @@ class Housekeeper:
             "sigma_cross_arcsec": tracker.sigma_rad[0] / ARCSEC_RAD,
             "sigma_roll_arcsec": tracker.sigma_rad[1] / ARCSEC_RAD,
             "rate_deg_s": float(np.degrees(tracker.prior.rate_rad_s)),
-            "background_dn": float(tracker.detection.black_dn) if tracker.detection else 0.0,
+            "background_dn": float(tracker.detection.black_dn) if tracker.detection else math.nan,
             "orbit_known": tracker.prior.orbit is not None,
         }
         return values | timing_values(tracker.timing) | pose_values(tracker.quaternion)

@@ -21,6 +21,8 @@ from gss.store.matched_stars import newest_matches
 from gss.store.models import Catalogue, Frame
 
 MAX_CATALOGUES, MAX_FRAMES = 100, 200
+EPOCH_WITHOUT_MOTION_JYEAR = 2000.0
+"""Epoch of the positions of stars without proper motion, see docs/star-table.md."""
 FLAG_WORDS = {
     FLAG_VARIABLE: "variable",
     FLAG_MULTIPLE: "double or multiple",
@@ -40,10 +42,10 @@ class MatchedFrame:
 
 @dataclass(frozen=True)
 class StarCard:
-    """Facts of a star. Right ascension and declination are ICRS at ``epoch_jyear``; proper motion in rad/yr; ``b_v`` is
-    None if unknown. ``catalogues``: catalogues that contain the star, newest first; ``frames``: frames in which it was
-    matched, newest first. ``checked_catalogues`` and ``checked_frames``: number of the newest catalogues and solved
-    frames that were searched; ``unnumbered``: searched catalogues without star numbers."""
+    """Facts of a star. Right ascension and declination are ICRS at ``epoch_jyear``; proper motion in rad/yr. ``b_v``,
+    proper motion and parallax are None if unknown. ``catalogues``: catalogues that contain the star, newest first;
+    ``frames``: frames in which it was matched, newest first. ``checked_catalogues`` and ``checked_frames``: number of the
+    newest catalogues and solved frames that were searched; ``unnumbered``: searched catalogues without star numbers."""
 
     hip: int
     name: str
@@ -53,8 +55,8 @@ class StarCard:
     epoch_jyear: float
     v_mag: float
     b_v: float | None
-    proper_motion_rad_yr: float
-    parallax_rad: float
+    proper_motion_rad_yr: float | None
+    parallax_rad: float | None
     flags: list[str]
     catalogues: list[Catalogue]
     checked_catalogues: int
@@ -79,6 +81,7 @@ class StarCards:
                 expected=f"one of the {len(table)} Hipparcos stars",
                 got=f"HIP {hip}",
             )
+        moves = not int(table.flags[table_rows[0]]) & FLAG_NO_PROPER_MOTION
         star = propagate(table.take(table_rows), jyear_of(self._now()))
         (ra, dec), colour = ra_dec_from_unit(star.icrs), float(star.b_v[0])
         with self._database.unit_of_work() as session:
@@ -90,11 +93,11 @@ class StarCards:
             other_names=list(other_names().get(hip, ())),
             ra_rad=float(ra[0]),
             dec_rad=float(dec[0]),
-            epoch_jyear=star.epoch_jyear,
+            epoch_jyear=star.epoch_jyear if moves else EPOCH_WITHOUT_MOTION_JYEAR,
             v_mag=float(star.v_mag[0]),
             b_v=colour if math.isfinite(colour) else None,
-            proper_motion_rad_yr=float(np.linalg.norm(star.proper_motion_rad_yr[0])),
-            parallax_rad=float(star.parallax_rad[0]),
+            proper_motion_rad_yr=float(np.linalg.norm(star.proper_motion_rad_yr[0])) if moves else None,
+            parallax_rad=float(star.parallax_rad[0]) if moves else None,
             flags=[words for flag, words in FLAG_WORDS.items() if int(star.flags[0]) & flag],
             catalogues=[c for c in rows if hip in _numbers(c)],
             checked_catalogues=len(rows),

@@ -52,12 +52,14 @@ class Checklist:
 
 @dataclass(frozen=True)
 class CheckedItem:
-    """Item of a contact's checklist. ``user`` and ``at``: last change; "" and None if it was never checked."""
+    """Item of a contact's checklist. ``user`` and ``at``: last change; "" and None if it was never checked. ``unchecked``:
+    user whose check was removed, "" if the item is done or was never checked."""
 
     text: str
     done: bool
     user: str
     at: datetime | None
+    unchecked: str = ""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class HandoverService:
         self._shipped = Checklist(package, "instrument") if package else Checklist(DEFAULT_ITEMS, "default")
 
     def checklist(self) -> Checklist:
-        """Return the list for the present contact."""
+        """Return the newest list."""
         with self._database.unit_of_work() as session:
             return self._list_of(store.newest_checklist(session))
 
@@ -99,7 +101,8 @@ class HandoverService:
                     got=f"version {request.version}",
                     hint="Open the latest version and change it.",
                 )
-            row = ChecklistVersion(items=items, user=user, changed=self._now())
+            # The id is given, so that the database rejects the second of two changes at the same time.
+            row = ChecklistVersion(id=version + 1, items=items, user=user, changed=self._now())
             store.add(session, row)
         return self._list_of(row)
 
@@ -107,16 +110,19 @@ class HandoverService:
         """Return checklist and notes of a contact. Raises NotFound."""
         with self._database.unit_of_work() as session:
             row, _ = devices.get_contact(session, contact_id)
-            version = store.checklist_at(session, row.ended or self._now())
+            version = store.checklist_at(session, row.ended) if row.ended else store.newest_checklist(session)
             marks, notes = store.marks(session, contact_id), store.notes(session, contact_id)
-        checklist, newest = self._list_of(version), {mark.item: mark for mark in marks}
-        removed = [item for item in newest if item not in checklist.items]
-        return Handover(
-            contact_id, checklist, [_checked(t, newest.get(t)) for t in (*checklist.items, *removed)], notes
-        )
+        checklist, of_item = self._list_of(version), dict[str, list[ChecklistMark]]()
+        for mark in marks:
+            of_item.setdefault(mark.item, []).append(mark)
+        # The list of a package can have changed since the contact ended. Then only the checked items are known.
+        listed = () if row.ended and version is None else checklist.items
+        removed = [item for item in of_item if item not in listed]
+        items = [_checked(text, of_item.get(text, ())) for text in (*listed, *removed)]
+        return Handover(contact_id, checklist, items, notes)
 
     def check(self, contact_id: int, item: str, *, done: bool, user: str) -> Handover:
-        """Mark an item of a contact as done or not done. If it already is, the earlier user and time stay. Raises
+        """Mark an item of a contact as done or not done. An unchanged state keeps its user and time. Raises
         NotFound, BadInput for an item that the contact's list does not contain."""
         before = next((i for i in self.of_contact(contact_id).items if i.text == item), None)
         if before is None:
@@ -138,10 +144,10 @@ class HandoverService:
         self._bus.record("contact", "ok", f"{user} wrote a hand-over note", contact_id=contact_id)
         return row
 
-    def unacknowledged_notes(self) -> list[HandoverNote]:
-        """Return the hand-over notes of all contacts that are not acknowledged, oldest first, at most MAX_NOTES."""
+    def unacknowledged_notes(self, user: str) -> list[HandoverNote]:
+        """Return the hand-over notes of other users that are not acknowledged, oldest first, at most MAX_NOTES."""
         with self._database.unit_of_work() as session:
-            return store.unacknowledged_notes(session, MAX_NOTES)
+            return store.unacknowledged_notes(session, user, MAX_NOTES)
 
     def acknowledge(self, note_id: int, *, user: str) -> HandoverNote:
         """Record that a user has read a note. Raises NotFound, Conflict for a user's own note or a note that is already
@@ -149,15 +155,20 @@ class HandoverService:
         with self._database.unit_of_work() as session:
             row = store.note(session, note_id)
             if row.user == user:
-                raise Conflict("Another user acknowledges your note", expected="the next operator", got=user)
-            if row.acknowledged_by:
+                raise Conflict("You cannot acknowledge your own note", expected="another user", got=user)
+            if not store.acknowledge(session, note_id, user, self._now()):
                 raise Conflict("The note is already acknowledged", got=f"by {row.acknowledged_by}")
-            row.acknowledged_by, row.acknowledged = user, self._now()
+            session.refresh(row)
         return row
 
     def _list_of(self, row: ChecklistVersion | None) -> Checklist:
         return self._shipped if row is None else Checklist(tuple(row.items), "user", row.id, row.user, row.changed)
 
 
-def _checked(text: str, mark: ChecklistMark | None) -> CheckedItem:
-    return CheckedItem(text, False, "", None) if mark is None else CheckedItem(text, mark.done, mark.user, mark.at)
+def _checked(text: str, marks: Sequence[ChecklistMark]) -> CheckedItem:
+    """Return the state of an item from its changes, oldest first."""
+    if not marks:
+        return CheckedItem(text, False, "", None)
+    newest = marks[-1]
+    checks = [mark.user for mark in marks if mark.done]
+    return CheckedItem(text, newest.done, newest.user, newest.at, checks[-1] if checks and not newest.done else "")

@@ -2,11 +2,13 @@ import { expect, it } from 'vitest';
 import { checkWords, itemsOf, progressWords, sourceWords } from './checklist';
 
 const AT = '2026-12-01T18:00:05.000Z';
-const item = (done: boolean, at: string | null = AT) => ({ text: 'a', done, user: at ? 'ann' : '', at });
+const item = (done: boolean, at: string | null = AT) => ({
+  ...{ text: 'a', done, user: at ? 'ann' : '', at, unchecked: done || !at ? '' : 'bob' },
+});
 
 it('states who checked an item and who removed the check', () => {
   expect(checkWords(item(true))).toBe('ann, 2026-12-01 18:00:05Z');
-  expect(checkWords(item(false))).toBe('check removed by ann, 2026-12-01 18:00:05Z');
+  expect(checkWords(item(false))).toBe('check of bob removed by ann, 2026-12-01 18:00:05Z');
   expect(checkWords(item(false, null))).toBe('');
   expect(progressWords([item(true), item(false)])).toBe('1 of 2 done');
 });

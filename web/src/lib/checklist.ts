@@ -18,7 +18,7 @@ export function sourceWords(list: Checklist): string {
 export function checkWords(item: Handover['items'][number]): string {
   if (item.at === null) return '';
   const who = `${item.user}, ${day(item.at)} ${clock(item.at)}`;
-  return item.done ? who : `check removed by ${who}`;
+  return item.done ? who : `check of ${item.unchecked} removed by ${who}`;
 }
 
 /** Return the items of an edited text, one per line, without empty lines. */

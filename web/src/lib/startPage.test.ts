@@ -20,8 +20,8 @@ describe('the start page', () => {
     expect(options.map((o) => o.path)).not.toContain('/admin');
     expect(options.at(-1)).toEqual({ path: '/views/4', text: 'View: Night' });
   });
-  it('stays in the list if it is a page with its state', () => {
+  it('stays in the list if it is a page with filters', () => {
     const options = startOptions(info('/telemetry?plot=a.b'), []);
-    expect(options.at(-1)).toEqual({ path: '/telemetry?plot=a.b', text: 'Telemetry with its state' });
+    expect(options.at(-1)).toEqual({ path: '/telemetry?plot=a.b', text: 'Telemetry with filters' });
   });
 });

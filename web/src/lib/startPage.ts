@@ -10,11 +10,19 @@ type Start = Pick<SessionInfo, 'start_page' | 'role_start_page' | 'permissions'>
 
 const pageOf = (path: string) => PAGES.find((p) => p.path === path.split('?')[0]);
 
+/** Return the name of a page that is not in the list: "Frames with filters", "Star 27989". */
+function nameOf(path: string): string {
+  const page = pageOf(path);
+  if (page) return `${page.name} with filters`;
+  const [kind = '', id = ''] = path.replace(/\?.*/, '').split('/').filter(Boolean);
+  return `${kind.charAt(0).toUpperCase()}${kind.slice(1).replace(/s$/, '')} ${id}`.trim();
+}
+
 /** Return the page to open. If the role may not see the chosen page, the page of the role opens. */
 export function startPath(info: Start): string {
   const permission = pageOf(info.start_page ?? '')?.permission;
   const permitted = !permission || info.permissions?.includes(permission);
-  return (permitted && info.start_page) || info.role_start_page || '/live';
+  return (permitted && info.start_page !== '/' && info.start_page) || info.role_start_page || '/live';
 }
 
 /** Return the pages to choose from. The first one is the page of the role; a chosen page is always in the list. */
@@ -29,7 +37,6 @@ export function startOptions(info: Start, views: readonly View[]): StartOption[]
     ...views.map((v) => ({ path: `/views/${v.id}`, text: `View: ${v.name}` })),
   ];
   const chosen = info.start_page ?? '';
-  if (!options.some((o) => o.path === chosen))
-    options.push({ path: chosen, text: `${pageOf(chosen)?.name ?? 'Page'} with its state` });
+  if (!options.some((o) => o.path === chosen)) options.push({ path: chosen, text: nameOf(chosen) });
   return options;
 }

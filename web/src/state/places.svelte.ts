@@ -122,7 +122,8 @@ class Places {
   ]);
 
   /**
-   * Return the best entries for a query. A number finds the frame with this number first; #161 finds only the command.
+   * Return the best entries for a query. A number up to the newest frame finds this frame first; #161 finds only
+   * the command.
    * Stars are included when the server has returned them.
    */
   find(query: string, limit: number): Place[] {
@@ -133,6 +134,8 @@ class Places {
     const hits = rank(text, this.all, limit);
     if (!/^\d{1,15}$/.test(text)) return withStars(text, hits, stars, limit);
     const loaded = this.all.find((p) => p.text === `Frame ${text}`);
+    const newest = Math.max(0, ...this.frames.map((f) => f.id));
+    if (!loaded && Number(text) > newest) return withStars(text, hits, stars, limit);
     const frame = loaded ?? {
       kind: 'frame',
       text: `Frame ${text}`,

@@ -12,17 +12,16 @@ const card = (changes: Partial<StarCard>): StarCard =>
 
 it('shows a dash for a value that the star table does not have', () => {
   expect(Object.fromEntries(facts(card({})))['B−V']).toBe('–');
+  expect(Object.fromEntries(facts(card({ proper_motion_mas_yr: null })))['Proper motion']).toBe('unknown');
   expect(Object.fromEntries(facts(card({ other_names: ['α Ori', '58 Ori'] })))['Other names']).toBe('α Ori, 58 Ori');
-  expect(Object.fromEntries(facts(card({ flags: ['variable'] })))['Properties']).toBe('variable');
+  expect(Object.fromEntries(facts(card({ flags: ['variable'] })))['Flags of the star table']).toBe('variable');
 });
 it('states what was searched and what could not be searched', () => {
   expect(catalogueWords(card({}))).toBe('No catalogue is stored.');
   const words = catalogueWords(card({ checked_catalogues: 3, unnumbered: 1, unknown_banks: ['B'] }));
-  expect(words).toContain('2 catalogues searched, newest first: found in 0.');
+  expect(words).toContain('In 0 of 2 searched catalogues, newest first.');
   expect(words).toContain('1 more catalogue has no star numbers.');
   expect(words).toContain('bank B is not stored');
   expect(frameWords(card({}))).toBe('No frame is solved.');
-  expect(frameWords(card({ checked_frames: 7 }))).toBe(
-    '7 solved frames searched, newest first: matched on the ground in 0.',
-  );
+  expect(frameWords(card({ checked_frames: 7 }))).toBe('Matched on the ground in 0 of the newest 7 solved frames.');
 });

@@ -2,6 +2,9 @@
 import type { StarCard } from '../../api/types';
 import { counted, degrees, fixed } from '../../lib/format';
 
+const known = (value: number | null, digits: number, unit: string): string =>
+  value === null ? 'unknown' : `${fixed(value, digits)} ${unit}`;
+
 /** Return (name, value) of each fact. Values that the star table does not have are a dash. */
 export function facts(s: StarCard): [string, string][] {
   return [
@@ -10,9 +13,9 @@ export function facts(s: StarCard): [string, string][] {
     ['Declination', degrees(s.dec_deg, 5, true)],
     ['V magnitude', fixed(s.v_mag, 2)],
     ['B−V', fixed(s.b_v, 3)],
-    ['Proper motion', `${fixed(s.proper_motion_mas_yr, 1)} mas/yr`],
-    ['Parallax', `${fixed(s.parallax_mas, 2)} mas`],
-    ['Properties', s.flags.join(', ') || 'none listed'],
+    ['Proper motion', known(s.proper_motion_mas_yr, 1, 'mas/yr')],
+    ['Parallax', known(s.parallax_mas, 2, 'mas')],
+    ['Flags of the star table', s.flags.join(', ') || 'none'],
   ];
 }
 
@@ -20,7 +23,7 @@ export function facts(s: StarCard): [string, string][] {
 export function catalogueWords(s: StarCard): string {
   if (!s.checked_catalogues) return 'No catalogue is stored.';
   const searched = s.checked_catalogues - s.unnumbered;
-  const words = [`${counted(searched, 'catalogue')} searched, newest first: found in ${fixed(s.catalogues.length)}.`];
+  const words = [`In ${fixed(s.catalogues.length)} of ${counted(searched, 'searched catalogue')}, newest first.`];
   if (s.unnumbered)
     words.push(`${counted(s.unnumbered, 'more catalogue has', 'more catalogues have')} no star numbers.`);
   if (s.unknown_banks.length)
@@ -31,6 +34,6 @@ export function catalogueWords(s: StarCard): string {
 /** Return which frames were searched. */
 export function frameWords(s: StarCard): string {
   if (!s.checked_frames) return 'No frame is solved.';
-  const searched = counted(s.checked_frames, 'solved frame');
-  return `${searched} searched, newest first: matched on the ground in ${fixed(s.frames.length)}.`;
+  const newest = counted(s.checked_frames, 'solved frame');
+  return `Matched on the ground in ${fixed(s.frames.length)} of the newest ${newest}.`;
 }
