@@ -168,6 +168,18 @@ def test_centroids_of_trails_are_their_midpoints() -> None:
     assert (distance < 1.0).sum() >= 22
 
 
+@pytest.mark.parametrize(("length_px", "is_cut"), [(20, False), (40, True)])
+def test_trails_that_are_detected_in_parts_are_recognised(length_px: float, is_cut: bool) -> None:
+    """A trail of 20 px is detected as a whole. Of a trail of 40 px only parts are detected, at wrong positions."""
+    rng = np.random.default_rng(19)
+    xy = random_positions(rng)[:16]
+    along = np.linspace(-length_px / 2, length_px / 2, 81)[:, None] * [np.cos(0.4), np.sin(0.4)]
+    light = sum(expected_electrons((256, 512), xy + step, np.full(16, 400_000.0 / 81), 1.0) for step in along)
+    detected = find_stars(read_out(np.asarray(light), rng))
+    assert detected.trailed
+    assert detected.cut_trails == is_cut
+
+
 @pytest.mark.parametrize("value", [0, 7, 255])
 def test_constant_frames_have_no_stars(value: int) -> None:
     """Black, grey and white frames give no centroids."""

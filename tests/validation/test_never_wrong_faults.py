@@ -140,3 +140,9 @@ def test_an_attitude_that_explains_a_quarter_of_the_stars_is_rejected(camera: st
     share = np.array([f.share for f in FAULTS])
     fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
     assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == "none"
+
+
+def test_parts_of_long_trails_give_no_attitude() -> None:
+    """A frame of AIM with trails of 44 px once gave an attitude from four parts of trails, all displaced by 12 px."""
+    sky = propagate(load_stars(8.0), 2000.0)
+    assert FrameCampaign(sky).run(FrameShard("aim", "reference", 1, 4)).wrong == ()

@@ -24,6 +24,8 @@ FIXED_CASES = "\n".join(
         "- reference with far_mst and oersted, mirrored or with false stars, planets or doubles (nine lists, among them attitudes "
         "3636 and 4299 of far_mst, 2389 and 3777 of oersted): an attitude that matched a tenth to a fourth of "
         "the stars was accepted. Now three tenths of the stars must match",
+        "- reference with aim, frame trailed by 44 px (frame 4): four parts of trails matched, all displaced by 12 px. A frame "
+        "with trails longer than 26 px now has no attitude, and the reason says so",
     )
 )
 ORDER = (Verdict.CORRECT, Verdict.IMPRECISE, Verdict.WRONG, Verdict.NONE)

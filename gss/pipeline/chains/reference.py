@@ -18,7 +18,7 @@ from gss.domain.aberration import aberrate
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
-from gss.domain.failure_cause import MIRRORED
+from gss.domain.failure_cause import CUT_TRAILS, MIRRORED
 from gss.domain.results import Centroids, SolveResult, Turning
 from gss.domain.sensor import Sensor
 from gss.pipeline.chains.reference_result import solved, unsolved
@@ -174,6 +174,9 @@ def _identify_known(
     velocity_c: Array | None,
     fast: bool | None,
 ) -> SolveResult:
+    if detections is not None and detections.cut_trails:
+        base = unsolved(NAME, camera, centroids, detections, detections.notes, turning)
+        return replace(base, reason=CUT_TRAILS, timing_s=dict(trace.timing_s))
     view = field_of(centroids, camera, fast=fast)
     with trace.stage("identify"):
         result, note = _identify_field(view, camera, stars, hint, fast)

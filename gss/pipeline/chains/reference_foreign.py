@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.failure_cause import MIRRORED
+from gss.domain.failure_cause import CUT_TRAILS, MIRRORED
 from gss.domain.results import Centroids, SolveResult
 from gss.pipeline.chains.reference import NAME, mirrored, turning_of
 from gss.pipeline.chains.reference_result import solved, unsolved
@@ -43,6 +43,10 @@ def solve_foreign(
     with trace.stage("detect"):
         detections = find_stars(pixels, fast=fast)
     centroids = detections.centroids
+    if detections.cut_trails:
+        guess = Camera.from_fov(pixels.shape[1], pixels.shape[0], float(np.sqrt(fov_range_rad[0] * fov_range_rad[1])))
+        base = unsolved(NAME, guess, centroids, detections, detections.notes)
+        return replace(base, reason=CUT_TRAILS, timing_s=dict(trace.timing_s))
     shape = (int(pixels.shape[1]), int(pixels.shape[0]))
     with trace.stage("identify"):
         result = _blind(centroids, detections.psf_sigma_px, shape, fov_range_rad, sky, level)
