@@ -49,8 +49,8 @@ def unacknowledged_notes(session: Session, user: str, limit: int) -> list[Handov
 def acknowledge(session: Session, note_id: int, user: str, at: datetime) -> bool:
     """Record who acknowledged a note. Returns False if another user did so before."""
     change = update(HandoverNote).where(HandoverNote.id == note_id, HandoverNote.acknowledged_by == "")
-    result = session.execute(change.values(acknowledged_by=user, acknowledged=at))
-    return bool(result.rowcount)
+    acknowledged = session.scalars(change.values(acknowledged_by=user, acknowledged=at).returning(HandoverNote.id))
+    return acknowledged.one_or_none() is not None
 
 
 def note(session: Session, note_id: int) -> HandoverNote:

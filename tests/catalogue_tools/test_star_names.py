@@ -40,8 +40,7 @@ def test_a_bayer_name_is_found_without_its_number() -> None:
 
 
 def test_the_number_of_a_variable_star_belongs_to_its_name() -> None:
-    """V1057 Cyg and other numbered variables are no exact result of "v cyg"; V Pup and the stars v¹ and v² Pup are of
-    "v pup"."""
+    """The text "v cyg" has no exact result, although V1057 Cyg and others exist. The text "v pup" has three."""
     assert [name for name, exact in found("v cyg", 9) if exact] == []
     assert {name for name, exact in found("v pup", 9) if exact} == {"V Pup", "v¹ Pup", "v² Pup"}
 
