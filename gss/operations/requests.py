@@ -58,7 +58,7 @@ def _check_text(value: Any) -> None:
 
 
 NOT_PAGES = ("", "api", "setup", "welcome", "units")
-"""First parts of addresses that are no pages within a unit."""
+"""First parts of addresses outside the pages of a unit."""
 
 
 def check_page_path(path: str) -> None:
