@@ -24,7 +24,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import DatabaseError
 
 from gss.domain.errors import CorruptData, StoreDown
-from gss.store.engine import DAMAGED_HINT, QUICK_CHECK_BYTES, damaged_pages, open_engine
+from gss.store.engine import DAMAGED_HINT, damaged_pages, is_large, open_engine
 from gss.store.models import Base
 
 if TYPE_CHECKING:
@@ -132,12 +132,11 @@ def _revision_or_create(url: str) -> str:
 def _check_pages(url: str) -> None:
     """Check the pages of an SQLite file before the first write, if the file is small enough for a check of at most two
     seconds."""
-    path = Path(make_url(url).database or "")
-    if not url.startswith("sqlite") or not path.is_file() or path.stat().st_size > QUICK_CHECK_BYTES:
+    if not url.startswith("sqlite") or not Path(make_url(url).database or "").is_file():
         return
     engine = open_engine(url)
     try:
-        damaged = damaged_pages(engine)
+        damaged = "" if is_large(engine) else damaged_pages(engine)
     finally:
         engine.dispose()
     if damaged:
