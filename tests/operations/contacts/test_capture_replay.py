@@ -181,9 +181,7 @@ def test_a_replay_is_paused_moved_and_stopped(view):
     for target_s in (middle_s, first_s + 1, last_s - 1):
         replay.change(paused=False, at_s=target_s)
         limit_s = time.monotonic() + 10
-        while (
-            abs((replay.state.at_s or 0) - target_s) > 4
-        ):  # the targets are at least 9 s apart
+        while abs((replay.state.at_s or 0) - target_s) > 4:  # the targets are at least 9 s apart
             assert time.monotonic() < limit_s, replay.state
             time.sleep(0.005)
     replay.change(as_fast_as_possible=True)
