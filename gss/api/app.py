@@ -170,7 +170,7 @@ def create_app(
         stream,
     ):
         app.router.routes.extend(module.router.routes)
-    app.router.routes.extend(upkeep.root.routes + help.router.routes)
+    app.router.routes.extend(upkeep.root.routes + help.listing.routes + help.router.routes)
     route_table.check_routes(app.router)
     app.add_middleware(Counting, metrics=services.upkeep.metrics, kinds=kinds_of(app))
     _serve_pages(app, pages)

@@ -32,6 +32,14 @@ def test_contents_chapters_and_pictures_are_served(help_client):
     assert help_client.get("/help/pictures/live.png").headers["content-type"] == "image/png"
 
 
+def test_the_help_pages_are_listed_for_the_palette(clients):
+    """The list has name, title and group of each page, and each name is the address of a page."""
+    pages = clients["viewer"].get("/api/help").json()
+    assert {"name": "operator", "title": "Operator: a pass", "group": "Guide"} in pages
+    assert {page["group"] for page in pages} == {"Guide", "Reference", "Design decisions"}
+    assert {clients["viewer"].get(f"/help/{page['name']}").status_code for page in pages[:5]} == {200}
+
+
 @pytest.mark.parametrize("name", ["nothing", "..%2Fpyproject", "README.md", "%00", "pictures"])
 def test_an_unknown_chapter_is_a_page_with_the_contents(help_client, name):
     """The server reads only known names as files and answers 404 otherwise."""

@@ -64,6 +64,19 @@ def test_a_search_returns_exact_stars_first(clients: dict[str, TestClient]) -> N
     assert clients["viewer"].get("/api/stars", params={"q": "HIP 999999"}).json()["stars"] == []
 
 
+def test_a_search_tolerates_one_typing_error(clients: dict[str, TestClient]) -> None:
+    """If no name contains the text, stars with one missing, additional, wrong or exchanged letter are found, but not as
+    exact results. Texts with three letters and texts with two errors find no star."""
+
+    def found(q: str) -> list[tuple[str, bool]]:
+        reply = clients["viewer"].get("/api/stars", params={"q": q}).json()
+        return [(star["name"], star["exact"]) for star in reply["stars"]]
+
+    for text in ("betelguese", "betlgeuse", "betelgeusse", "Betelgeuze", "alpha orj"):
+        assert found(text)[:1] == [("Betelgeuse", False)], text
+    assert [found(text) for text in ("betelguesse", "xeg")] == [[], []]
+
+
 def test_an_unknown_proper_motion_is_not_given_as_zero(clients: dict[str, TestClient]) -> None:
     """A star without a solution in Hipparcos has its position at J2000 and no proper motion and parallax."""
     card = clients["viewer"].get("/api/stars/55203").json()
@@ -86,9 +99,12 @@ def test_the_facts_of_a_star_name_its_catalogues_and_frames(clients: dict[str, T
     assert card["checked_frames"] == 2
 
 
-def test_a_star_outside_the_table_is_an_error(clients: dict[str, TestClient]) -> None:
-    """The error states that the star table does not contain the number."""
-    reply = clients["viewer"].get("/api/stars/999998")
+@pytest.mark.parametrize("hip", [0, 999_998, 10**30])
+def test_a_star_outside_the_table_is_an_error(clients: dict[str, TestClient], hip: int) -> None:
+    """The error states that the star table does not contain the number, and how to find a star."""
+    reply = clients["viewer"].get(f"/api/stars/{hip}")
     assert reply.status_code == 404
-    assert reply.json()["message"] == "The star table does not contain this star."
-    assert reply.json()["got"] == "HIP 999998"
+    problem = reply.json()
+    assert problem["message"] == "The star table does not contain this star."
+    assert (problem["expected"], problem["got"]) == ("one of the 117972 Hipparcos stars", f"HIP {hip}")
+    assert "palette" in problem["hint"]

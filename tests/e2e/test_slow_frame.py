@@ -32,12 +32,16 @@ COUNTED = r"""(start) => {
 }"""
 
 
-def test_a_frame_that_loads_slowly_shows_received_and_total_bytes(page: Page, new_frame: Callable[[Page], int]) -> None:
-    """While the pixels are received, the page states how many bytes of how many have arrived; afterwards the image is
-    shown and the statement disappears."""
+def test_a_frame_that_loads_slowly_shows_results_and_received_bytes(
+    page: Page, new_frame: Callable[[Page], int]
+) -> None:
+    """While the pixels are received, the page shows the results of the frame and states how many bytes of how many have
+    arrived. Afterwards the image is shown and the statement disappears."""
     number = new_frame(page)
     page.add_init_script(SLOW_PIXELS)
     page.goto(f"/frames/{number}")
     page.wait_for_function(COUNTED, arg=f"Loading frame {number}: ", polling=50)
+    expect(page.get_by_test_id("star-row").first).to_be_visible()
+    expect(page.get_by_test_id("sky-image")).to_have_count(0)
     expect(page.locator("[data-testid=sky-image][data-ready=true]")).to_be_visible()
     expect(page.get_by_test_id("frame-loading")).to_have_count(0)

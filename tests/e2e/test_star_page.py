@@ -40,3 +40,17 @@ def test_a_star_outside_the_table_is_named(page: Page) -> None:
     expect(page.get_by_test_id("palette")).to_contain_text("HIP 999999 is not among the 117")
     page.goto("/stars/999999")
     expect(page.get_by_test_id("star-problem")).to_contain_text("The star table does not contain this star")
+
+
+def test_the_palette_finds_banks_help_pages_and_misspelled_names(page: Page) -> None:
+    """The palette finds the banks of the device with their content, help pages by title, and names with one wrong
+    letter."""
+    page.goto("/live")
+    expect(page.get_by_test_id("link-state")).to_contain_text("up")
+    first = page.get_by_test_id("place").first
+    for text, name in (("bank b", "Bank B"), ("operator: a pass", "Operator: a pass"), ("campagins", "Campaigns")):
+        search(page, text)
+        expect(first).to_contain_text(name)
+        page.keyboard.press("Escape")
+    search(page, "betelguese")
+    expect(first).to_contain_text("Betelgeuse")

@@ -33,6 +33,7 @@ from gss.operations.line.raw_capture import RECEIVED, SENT, Retention, read_capt
 from gss.operations.telemetry.archive import Thinner
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.telemetry.value_format import plain
+from gss.store.models import Frame
 
 
 def test_captured_bytes_are_returned_in_order_without_a_truncated_record(tmp_path):
@@ -144,14 +145,14 @@ def test_stretch_shows_stars_and_inverts():
     accepted."""
     pixels = np.random.default_rng(1).normal(10, 1, (64, 64)).astype(np.float32)
     pixels[30, 30] = 200
-    stretch = pictures.auto_stretch(pixels)
+    stretch = pictures.auto_stretch(pixels, None)
     grey = pictures.apply(pixels, stretch)
     assert grey[30, 30] > 240
     assert np.median(grey) < 90
     assert np.array_equal(pictures.apply(pixels, stretch, invert=True), 255 - grey)
     for odd in (np.zeros((5, 3), np.uint8), np.full((4, 4), np.nan, np.float32)):
-        assert pictures.apply(odd, pictures.auto_stretch(odd)).shape == odd.shape
-    picture = Image.open(io.BytesIO(pictures.thumbnail(np.pad(pixels, 300))))
+        assert pictures.apply(odd, pictures.auto_stretch(odd, None)).shape == odd.shape
+    picture = Image.open(io.BytesIO(pictures.thumbnail(np.pad(pixels, 300), None)))
     assert max(picture.size) <= 256
     assert np.asarray(picture).max() > 200
 
@@ -159,14 +160,24 @@ def test_stretch_shows_stars_and_inverts():
 @pytest.mark.parametrize("bits", [8, 10, 12, 16])
 def test_a_saturated_image_is_bright(bits):
     """An image whose values are the largest of the converter is white, as an image and as a thumbnail. A constant image
-    below it is black.
+    below it is black, and grey if the largest value of the converter is unknown.
     """
     full = np.full((64, 128), 2**bits - 1, np.uint16)
-    for pixels, grey in ((full, 255), (full - 2, 0)):
-        shown = pictures.apply(pixels, pictures.auto_stretch(pixels))
-        small = np.asarray(Image.open(io.BytesIO(pictures.thumbnail(pixels))))
+    full_dn = pictures.full_scale_dn(Frame(source="device", bits=bits))
+    for pixels, of, grey in ((full, full_dn, 255), (full - 2, full_dn, 0), (full, None, 197), (full - 2, None, 197)):
+        shown = pictures.apply(pixels, pictures.auto_stretch(pixels, of))
+        small = np.asarray(Image.open(io.BytesIO(pictures.thumbnail(pixels, of))))
         assert abs(int(np.median(shown)) - grey) < 40
         assert np.all(small == grey)
+
+
+def test_an_imported_file_of_16_bits_does_not_determine_the_converter():
+    """Values of a converter with 10 to 14 bits are stored in files of 16 bits. Files of 8 bits and frames of the device
+    have the bits of the converter."""
+    assert pictures.full_scale_dn(Frame(source="import", bits=16)) is None
+    assert pictures.full_scale_dn(Frame(source="import", bits=32)) is None
+    assert pictures.full_scale_dn(Frame(source="import", bits=8)) == 255
+    assert pictures.full_scale_dn(Frame(source="device", bits=12)) == 4095
 
 
 ATTITUDE = Attitude(quaternion_from_matrix(cam_from_icrs(*np.radians([84.0, 0.0, 313.0]))), np.eye(3) * 1e-10)

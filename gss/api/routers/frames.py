@@ -109,12 +109,14 @@ def picture(
     """8-bit picture in full resolution."""
     frame = app.frames.frames.get(frame_id)
     return revalidated(
-        request, frame.sha256, lambda: _picture(app.frames.frames.pixels(frame), low, high, stretch, invert)
+        request, frame.sha256, lambda: _picture(app.frames.frames.pixels(frame), frame, low, high, stretch, invert)
     )
 
 
-def _picture(pixels: Pixels, low: float | None, high: float | None, stretch: str, invert: bool) -> Response:
-    auto = pictures.auto_stretch(pixels)
+def _picture(
+    pixels: Pixels, frame: Frame, low: float | None, high: float | None, stretch: str, invert: bool
+) -> Response:
+    auto = pictures.auto_stretch(pixels, pictures.full_scale_dn(frame))
     display_range = pictures.DisplayRange(
         auto.low if low is None else low, auto.high if high is None else high, stretch == "asinh"
     )
@@ -133,11 +135,12 @@ def _picture(pixels: Pixels, low: float | None, high: float | None, stretch: str
 def thumbnail(app: App, request: Request, frame_id: RowId) -> Response:
     """Thumbnail that keeps stars visible."""
     frame = app.frames.frames.get(frame_id)
-    return revalidated(
-        request,
-        frame.sha256,
-        lambda: Response(pictures.thumbnail(app.frames.frames.pixels(frame)), media_type="image/png"),
-    )
+
+    def image() -> Response:
+        small = pictures.thumbnail(app.frames.frames.pixels(frame), pictures.full_scale_dn(frame))
+        return Response(small, media_type="image/png")
+
+    return revalidated(request, frame.sha256, image)
 
 
 @router.get("/{frame_id}/raw", response_class=Response)
@@ -183,9 +186,10 @@ def _value(pixels: pictures.Pixels, frame: Frame, row: int, col: int) -> float |
 @router.get("/{frame_id}/histogram")
 def histogram(app: App, frame_id: RowId) -> HistogramOut:
     """Histogram of pixel values, and a stretch that shows stars."""
-    pixels = app.frames.frames.pixels(app.frames.frames.get(frame_id))
+    frame = app.frames.frames.get(frame_id)
+    pixels = app.frames.frames.pixels(frame)
     edges, counts = pictures.histogram(pixels)
-    auto = pictures.auto_stretch(pixels)
+    auto = pictures.auto_stretch(pixels, pictures.full_scale_dn(frame))
     return HistogramOut(edges=edges, counts=counts, low=auto.low, high=auto.high)
 
 

@@ -8,7 +8,9 @@ from pathlib import Path
 from fastapi import APIRouter
 from fastapi.responses import FileResponse, HTMLResponse
 
-from gss.api.present.help_page import CONTENTS, PICTURES, documents, help_page, not_found_page
+from gss.api.api_router import api_router
+from gss.api.present.help_page import CONTENTS, GROUPS, PICTURES, documents, help_page, not_found_page
+from gss.api.schemas.help import HelpPageOut
 from gss.domain.errors import NotFound
 
 _PACKAGE = Path(__file__).parents[2]
@@ -17,6 +19,14 @@ DOCS = _PACKAGE / "docs" if (_PACKAGE / "docs").is_dir() else _PACKAGE.parent / 
 DEFAULT_TEXT = "# Help\n\nChoose a page from the list on the left."
 
 router = APIRouter(prefix="/help", include_in_schema=False)
+listing = api_router("help", "/help")
+
+
+@listing.get("")
+def list_pages() -> list[HelpPageOut]:
+    """Help pages, in the order of the table of contents."""
+    groups = dict(GROUPS)
+    return [HelpPageOut(name=d.name, title=d.title, group=groups[d.group]) for d in documents(DOCS).values()]
 
 
 @router.get("")

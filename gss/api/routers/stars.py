@@ -6,7 +6,7 @@ import math
 from typing import Annotated
 
 import numpy as np
-from fastapi import Path, Query
+from fastapi import Query
 
 from gss.api import present
 from gss.api.api_router import api_router
@@ -16,10 +16,10 @@ from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.catalogue_tools.sources.hipparcos import MAS_RAD, load_hipparcos, other_names, propagate
 from gss.catalogue_tools.sources.star_names import find_stars, named_stars
 from gss.domain.angles import ra_dec_from_unit
+from gss.operations.catalogues.similar_stars import similar_stars
 from gss.operations.catalogues.star_card import MatchedFrame
 
 router = api_router("stars", "/stars")
-MAX_HIP = 999_999
 
 
 @router.get("")
@@ -27,8 +27,9 @@ def search_stars(
     app: App, q: Annotated[str, Query(min_length=1, max_length=60)], limit: Annotated[int, Query(ge=1, le=50)] = 12
 ) -> StarSearchOut:
     """Search for stars by Hipparcos number, or by proper, Bayer, Flamsteed or variable-star name. Exact matches come
-    first, then brighter stars. Positions: ICRS at the present epoch."""
-    table, hits = load_hipparcos(), find_stars(q, limit)
+    first, then brighter stars. If no name contains the text, stars whose name differs by one typing error are returned.
+    Positions: ICRS at the present epoch."""
+    table, hits = load_hipparcos(), find_stars(q, limit) or similar_stars(q, limit)
     found = propagate(table.take(np.array([hit.row for hit in hits], int)), jyear_of(app.base.clock.now()))
     ra, dec = ra_dec_from_unit(found.icrs.reshape(-1, 3))
     stars = [
@@ -47,7 +48,7 @@ def search_stars(
 
 
 @router.get("/{hip}")
-def read_star(app: App, hip: Annotated[int, Path(ge=1, le=MAX_HIP)]) -> StarCardOut:
+def read_star(app: App, hip: int) -> StarCardOut:
     """Facts of a star: position, magnitude, and the stored catalogues and recent frames that contain it."""
     card, banks = app.catalogues.stars.card(hip), app.transfers.banks.views()
     same = {name: getattr(card, name) for name in StarCardOut.model_fields.keys() & vars(card).keys()}

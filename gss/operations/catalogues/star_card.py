@@ -80,6 +80,7 @@ class StarCards:
                 "The star table does not contain this star",
                 expected=f"one of the {len(table)} Hipparcos stars",
                 got=f"HIP {hip}",
+                hint="search for the star by its name in the palette (Ctrl K)",
             )
         moves = not int(table.flags[table_rows[0]]) & FLAG_NO_PROPER_MOTION
         star = propagate(table.take(table_rows), jyear_of(self._now()))

@@ -71,7 +71,7 @@ class Recorder:
         and regions, which would be drawn over the picture of an earlier frame."""
         self._at(detail.frame.taken, detail.frame.id)
         if pixels is not None:
-            self._picture(pixels)
+            self._picture(pixels, pictures.full_scale_dn(detail.frame))
         best = detail.ground or detail.on_board
         if best is not None and marks:
             self._overlays(best)
@@ -131,9 +131,9 @@ class Recorder:
         self._stream.log("sky/grid", rr.LineStrips3D(circles, colors=(48, 59, 71), radii=0.005), static=True)
         self._stream.log("sky", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 
-    def _picture(self, pixels: Pixels) -> None:
+    def _picture(self, pixels: Pixels, full_dn: float | None) -> None:
         buffer = io.BytesIO()
-        grey = pictures.apply(pixels, pictures.auto_stretch(pixels))
+        grey = pictures.apply(pixels, pictures.auto_stretch(pixels, full_dn))
         Image.fromarray(grey).save(buffer, format="JPEG", quality=JPEG_QUALITY)
         self._stream.log("camera/image", self._rr.EncodedImage(contents=buffer.getvalue(), media_type="image/jpeg"))
 

@@ -241,6 +241,7 @@ const catalogues = {
   figures: () => body(GET('/api/sky/figures')),
   stars: (q: string, limit: number) => body(GET('/api/stars', { params: { query: { q, limit } } })),
   star: (hip: number) => body(GET('/api/stars/{hip}', { params: { path: { hip } } })),
+  helpPages: () => body(GET('/api/help')),
   profiles: () => body(GET('/api/profiles')),
   chains: () => body(GET('/api/chains')),
   chainOptions: (chain: string, profile: string) =>

@@ -34,6 +34,7 @@ export type SolutionDetail = S['SolutionDetailOut'];
 export type Star = S['StarOut'];
 export type StarSearchResult = S['StarSearchOut'];
 export type FoundStar = S['FoundStarOut'];
+export type HelpPage = S['HelpPageOut'];
 export type StarCard = S['StarCardOut'];
 export type Predicted = S['PredictedStar'];
 export type Region = S['RegionOverlay'];

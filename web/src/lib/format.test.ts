@@ -7,6 +7,7 @@ import {
   daysLeft,
   degrees,
   fixed,
+  modeWords,
   pairs,
   paragraphs,
   scientific,
@@ -75,6 +76,9 @@ describe('times and bytes', () => {
   it('groups hex by bytes and shortens hashes', () => {
     expect(pairs('184dc020')).toBe('18 4d c0 20');
     expect(shortHash('7f21aaaaaaaa09c0')).toBe('7f21…09c0');
+  });
+  it('writes the name of a mode as words', () => {
+    expect([modeWords('lost_in_space'), modeWords(null)]).toEqual(['lost in space', '']);
   });
   it('uses the singular for one', () => {
     expect([counted(1, 'frame'), counted(0, 'frame'), counted(1200, 'frame')]).toEqual([

@@ -137,3 +137,6 @@ export function pairs(hexText: string): string {
 export function paragraphs(text: string): string {
   return text.replace(/([^.:;!?\s])\s*\n(?=\S)/g, '$1 ');
 }
+
+/** Return the name of a mode as words: "lost in space"; empty without a mode. */
+export const modeWords = (mode: string | null): string => (mode ?? '').replace(/_/g, ' ');

@@ -55,6 +55,30 @@ function isWordStart(text: string, at: number): boolean {
   return at === 0 || /[\s_\-./,:]/.test(text[at - 1] ?? '');
 }
 
+/** Minimum length of a word that may differ by a typing error. */
+const MIN_LETTERS_WITH_ERROR = 4;
+
+/**
+ * True if each word of the query is the start of a word of the text, or differs from a word by one typing error, and the
+ * query has such an error.
+ */
+export function hasTypingError(query: string, text: string): boolean {
+  const words = text.toLowerCase().split(/[\s_\-./,:]+/);
+  const parts = query.toLowerCase().split(/\s+/).filter(Boolean);
+  const wrong = parts.filter((part) => !words.some((word) => word.startsWith(part)));
+  return wrong.length > 0 && wrong.every((part) => words.some((word) => differsByOne(part, word)));
+}
+
+/** True if one letter is missing, additional, wrong, or exchanged with the next letter. */
+function differsByOne(text: string, word: string): boolean {
+  if (text.length < MIN_LETTERS_WITH_ERROR) return false;
+  let same = 0;
+  while (same < text.length && text[same] === word[same]) same += 1;
+  const [a, b] = [text.slice(same), word.slice(same)];
+  const exchanged = a.length > 1 && a[0] === b[1] && a[1] === b[0] && a.slice(2) === b.slice(2);
+  return a.slice(1) === b.slice(1) || a.slice(1) === b || a === b.slice(1) || exchanged;
+}
+
 /** Return the matching items, best first. Items with equal scores keep their order. */
 export function best<T>(query: string, list: readonly T[], textOf: (item: T) => string, limit: number): T[] {
   return list

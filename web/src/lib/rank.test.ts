@@ -36,6 +36,12 @@ describe('the order of search results', () => {
     expect(found('alarm')).not.toContain('catalogue 25');
     expect(found('sestp').length).toBeGreaterThan(0);
   });
+  it('tolerates one typing error in each word of a name', () => {
+    for (const query of ['temprature', 'sensor tempereture', 'esnsor temp', 'temperatures'])
+      expect(found(query)[0], query).toBe('alarm Sensor temperature');
+    expect(found('alamrs')[0]).toBe('page Alarms');
+    expect(found('tempratur')).toEqual([]);
+  });
   it('finds nothing instead of scattered letters of a long query', () => {
     expect(found('temperate sensors')).toEqual([]);
   });

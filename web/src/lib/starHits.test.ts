@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { StarSearchResult } from '../api/types';
 import { StarSearch } from '../state/starSearch.svelte';
-import { noStarWords, starHit, withStars } from './starHits';
+import { noStarWords, starHits, withStars } from './starHits';
 
 const star = (hip: number, name: string, exact = false, other_names: string[] = []) => ({
   ...{ hip, name, exact, other_names, ra_deg: 88.793, dec_deg: 7.407, v_mag: 0.45 },
@@ -15,12 +15,17 @@ const page = (text: string) => ({ kind: 'page', text, note: '', hip: 0, exact: f
 
 describe('stars among the results', () => {
   it('have name, number, magnitude and position', () => {
-    expect(starHit(star(27989, 'Betelgeuse')).note).toBe('HIP 27989, V 0.45, RA 88.79°, Dec +7.41°');
-    expect(starHit(star(27989, 'Betelgeuse', true, ['α Ori', '58 Ori'])).note).toMatch(/^α Ori, 58 Ori, HIP 27989, V/);
-    expect(starHit(star(5, 'HIP 5')).note).toBe('V 0.45, RA 88.79°, Dec +7.41°');
+    const note = (...of: Parameters<typeof star>) => starHits([star(...of)])[0]?.note;
+    expect(note(27989, 'Betelgeuse')).toBe('HIP 27989, V 0.45, RA 88.79°, Dec +7.41°');
+    expect(note(27989, 'Betelgeuse', true, ['α Ori', '58 Ori'])).toMatch(/^α Ori, 58 Ori, HIP 27989, V/);
+    expect(note(5, 'HIP 5')).toBe('V 0.45, RA 88.79°, Dec +7.41°');
+  });
+  it('have a designation or number after a name that several of them have', () => {
+    const stars = [star(36046, 'Propus', true, ['ι Gem', '60 Gem']), star(2, 'Propus', true), star(3, 'Vega')];
+    expect(starHits(stars).map((hit) => hit.text)).toEqual(['Propus (ι Gem)', 'Propus (HIP 2)', 'Vega']);
   });
   it('come first if exact, after a result of the same name, and last otherwise', () => {
-    const stars = [starHit(star(1, 'Vega', true)), starHit(star(2, 'Vegas star'))];
+    const stars = starHits([star(1, 'Vega', true), star(2, 'Vegas star')]);
     const texts = (hits: string[], limit = 9) =>
       withStars('vega', hits.map(page), stars, limit).map((h) => `${h.kind} ${h.text}`);
     expect(texts(['Vega', 'Vega 2'])).toEqual(['page Vega', 'star Vega', 'page Vega 2', 'star Vegas star']);

@@ -8,7 +8,16 @@ export interface StarHit extends Named {
   exact: boolean;
 }
 
-export function starHit(star: FoundStar): StarHit {
+/** Return the stars as results. A name that several stars have is shown with a designation: "Propus (ι Gem)". */
+export function starHits(stars: readonly FoundStar[]): StarHit[] {
+  return stars.map((star) => {
+    const hit = starHit(star);
+    const shared = stars.some((other) => other.hip !== star.hip && other.name === star.name);
+    return shared ? { ...hit, text: `${star.name} (${star.other_names[0] ?? `HIP ${star.hip}`})` } : hit;
+  });
+}
+
+function starHit(star: FoundStar): StarHit {
   const number = `HIP ${star.hip}`;
   const place = `V ${fixed(star.v_mag, 2)}, RA ${degrees(star.ra_deg, 2)}, Dec ${degrees(star.dec_deg, 2, true)}`;
   const names = star.name === number ? star.other_names : [...star.other_names, number];

@@ -16,6 +16,14 @@ async function latestId(): Promise<number | null> {
 }
 
 const LIVE_WITHIN_MS = 10_000;
+/** Time after the results of a chosen frame in which its pixels are displayed together with them. */
+const PIXELS_WITHIN_MS = 250;
+
+/** True if the promise is settled within this time. */
+function settles(promise: Promise<unknown>, ms: number): Promise<boolean> {
+  const done = (): boolean => true;
+  return Promise.race([promise.then(done, done), new Promise<boolean>((r) => setTimeout(() => r(false), ms))]);
+}
 
 export class FrameView {
   detail = $state.raw<FrameDetail | null>(null);
@@ -45,7 +53,10 @@ export class FrameView {
   private following = false;
   private loadAgain = false;
 
-  /** Load a frame, or the latest one. The pixels are loaded only if they differ. */
+  /**
+   * Load a frame, or the latest one. The pixels are loaded only if they differ. The results of a chosen frame do not
+   * wait for slow pixels. The latest frame is shown complete, because the previous one stays until then.
+   */
   async load(id: number | 'latest'): Promise<void> {
     // Frames can arrive faster than they are loaded. The frame in progress is then shown first, and afterwards the
     // latest frame.
@@ -73,29 +84,36 @@ export class FrameView {
         this.problem = '';
         return;
       }
-      // New pixels are loaded together with the results computed from them.
       const pixels = frameId === this.detail?.id ? null : this.readPixels(frameId, own);
       pixels?.catch(() => undefined);
       const detail = await api.frame(frameId);
       if (own !== this.generation) return;
+      if (id !== 'latest' && pixels && !(await settles(pixels, PIXELS_WITHIN_MS))) {
+        if (own !== this.generation) return;
+        this.image = this.histogram = this.shown = null;
+        this.showResults(detail, id);
+      }
       await this.showPixels(detail, pixels, own);
-      if (own !== this.generation) return;
-      const same = this.detail?.id === detail.id;
-      this.detail = detail;
-      this.problem = '';
-      if (!same) this.beforePreview = undefined;
-      if (same && this.beforePreview !== undefined) return;
-      const chosen = same && this.solution ? detail.solutions.find((s) => s.id === this.solution?.id) : undefined;
-      if (!chosen || chosen.origin === 'on board') this.solution = detail.ground ?? detail.on_board;
-      if (detail.ground?.attitude) this.lastSolved = { detail, solution: this.solution };
-      else if (id !== 'latest') this.lastSolved = null;
-      if (!same) this.selected = null;
+      if (own === this.generation) this.showResults(detail, id);
     } catch (error) {
       if (own !== this.generation) return;
       this.problem = problemText(error);
     } finally {
       if (own === this.generation) this.loaded();
     }
+  }
+
+  private showResults(detail: FrameDetail, id: number | 'latest'): void {
+    const same = this.detail?.id === detail.id;
+    this.detail = detail;
+    this.problem = '';
+    if (!same) this.beforePreview = undefined;
+    if (same && this.beforePreview !== undefined) return;
+    const chosen = same && this.solution ? detail.solutions.find((s) => s.id === this.solution?.id) : undefined;
+    if (!chosen || chosen.origin === 'on board') this.solution = detail.ground ?? detail.on_board;
+    if (detail.ground?.attitude) this.lastSolved = { detail, solution: this.solution };
+    else if (id !== 'latest') this.lastSolved = null;
+    if (!same) this.selected = null;
   }
 
   /** Discard the load in progress. The displayed frame stays. */

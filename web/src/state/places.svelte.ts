@@ -1,6 +1,9 @@
-/** Entries of the palette: pages, commands, frames, catalogues, contacts, telemetry, alarms, stars and help. */
+/**
+ * Entries of the palette: pages, commands, frames, catalogues, banks, contacts, telemetry, alarms, stars and help pages.
+ */
 import { api } from '../api/client';
-import type { Catalogue, Contact, Frame } from '../api/types';
+import type { Catalogue, Contact, Frame, HelpPage } from '../api/types';
+import { contentName } from '../lib/banks';
 import { rank } from '../lib/rank';
 import { withStars } from '../lib/starHits';
 import { clock, day } from '../lib/format';
@@ -27,6 +30,7 @@ class Places {
   frames = $state.raw<Frame[]>([]);
   catalogues = $state.raw<Catalogue[]>([]);
   contacts = $state.raw<Contact[]>([]);
+  helpPages = $state.raw<HelpPage[]>([]);
 
   /** Load the entries that the stream does not report. Called each time the palette opens. */
   async read(): Promise<void> {
@@ -35,6 +39,7 @@ class Places {
       api.catalogues().then((c) => (this.catalogues = c)),
       api.contacts().then((c) => (this.contacts = c)),
       views.read(),
+      this.helpPages.length ? undefined : api.helpPages().then((h) => (this.helpPages = h)),
     ]);
   }
 
@@ -98,6 +103,12 @@ class Places {
       note: `${c.stars} stars, ${day(c.created)}`,
       run: to(`/catalogues/${c.id}`),
     })),
+    ...(live.link?.banks ?? []).map((b) => ({
+      kind: 'bank',
+      text: `Bank ${b.bank}`,
+      note: `${contentName(b)}${b.active ? ', active' : ''}`,
+      run: to(b.catalogue_id === null ? '/catalogues' : `/catalogues/${b.catalogue_id}`),
+    })),
     ...this.contacts.map((c) => ({
       kind: 'contact',
       text: `Contact ${c.id}`,
@@ -112,6 +123,12 @@ class Places {
       note: 'guides by role, reference',
       run: () => void window.open('/help', 'gss-help'),
     },
+    ...this.helpPages.map((h) => ({
+      kind: 'help',
+      text: h.title,
+      note: h.group,
+      run: () => void window.open(`/help/${h.name}`, 'gss-help'),
+    })),
     { kind: 'help', text: 'Command line', note: ':', run: () => view.open('line') },
     {
       kind: 'help',

@@ -3,7 +3,7 @@ import { api } from '../api/client';
 import type { StarSearchResult } from '../api/types';
 import { LatestRequest } from '../lib/latestRequest';
 import { problemText } from '../lib/problems';
-import { noStarWords, starHit, type StarHit } from '../lib/starHits';
+import { noStarWords, starHits, type StarHit } from '../lib/starHits';
 
 export interface StarSource {
   stars: (q: string, limit: number) => Promise<StarSearchResult>;
@@ -43,7 +43,7 @@ export class StarSearch {
 
   /** Return the stars that were found for this text; none if the search is for another text. */
   starsFor(text: string): StarHit[] {
-    return text === this.query ? (this.result?.stars ?? []).map(starHit) : [];
+    return text === this.query ? starHits(this.result?.stars ?? []) : [];
   }
 
   /** Return why no star is shown for this text. */

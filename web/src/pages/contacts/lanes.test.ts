@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { ContactRecord } from '../../api/types';
-import { coverage, recordWords } from './lanes';
+import { counterRows, coverage, recordWords } from './lanes';
 
 const record = (held: number, expected: number, gaps: number, unexplained = 0): ContactRecord => ({
   contact_id: 1,
@@ -16,6 +16,15 @@ const record = (held: number, expected: number, gaps: number, unexplained = 0): 
     cause: i < unexplained ? 'unexplained' : 'lost on the line',
     explained: i >= unexplained,
   })),
+});
+
+it('labels each counter of a contact with what it counts', () => {
+  expect(counterRows({ good: 4365, unframed: 2, sent_good: 458, new_counter: 1 })).toEqual([
+    ['packets received', 4365],
+    ['bytes outside packets', 2],
+    ['packets sent', 458],
+    ['new counter', 1],
+  ]);
 });
 
 describe('the record of a contact', () => {

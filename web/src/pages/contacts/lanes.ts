@@ -88,6 +88,27 @@ export function coverage(record: ContactRecord): string {
   return fixed(Math.floor(10_000 * record.share) / 100, 2);
 }
 
+const COUNTERS: Record<string, string> = {
+  bytes: 'bytes received',
+  good: 'packets received',
+  bad_crc: 'packets with a bad checksum',
+  too_long: 'packets too long',
+  too_short: 'packets too short',
+  unframed: 'bytes outside packets',
+  unknown: 'packets of an unknown type',
+  undecodable: 'packets not in the dictionary',
+  gaps: 'packets missing by sequence count',
+  duplicates: 'packets received twice',
+  repeated_ids: 'repeated command reports',
+  sent_good: 'packets sent',
+  sent_bytes: 'bytes sent',
+};
+
+/** Return (label, value) of the counters of a contact. A counter without a label has its name. */
+export function counterRows(counters: Record<string, number>): [string, number][] {
+  return Object.entries(counters).map(([name, n]) => [COUNTERS[name] ?? name.replace(/_/g, ' '), n]);
+}
+
 /** Return a summary of the record, as in the pass report: "16 gaps, 18 packets missing, all explained". */
 export function recordWords(record: ContactRecord): string {
   if (!record.gaps.length) return 'no gap';
