@@ -106,8 +106,8 @@ def test_a_note_is_shown_until_another_user_acknowledges_it(
 
 
 def test_items_of_the_instrument_package_replace_the_default(app: FastAPI, contacts: tuple[int, int]) -> None:
-    """A package with items replaces the default list until a user changes it."""
+    """A package with items replaces the default list until a user changes it. Spaces and repetitions are removed."""
     base = app.state.services.base
-    service = HandoverService(base.database, base.bus, base.clock.now, ("Lens cap off", "Lens cap off"))
+    service = HandoverService(base.database, base.bus, base.clock.now, (" Lens  cap off", "Lens cap off", " "))
     checklist = service.of_contact(contacts[0]).checklist
     assert (checklist.source, checklist.items) == ("instrument", ("Lens cap off",))

@@ -207,7 +207,7 @@ class Watched:
 
 @contextmanager
 def _watched(browser: Browser, address: str, **size: int) -> Iterator[Watched]:
-    context = browser.new_context(base_url=address, viewport={**SIZE, **size})  # type: ignore[typeddict-item]
+    context = browser.new_context(base_url=address, viewport={**SIZE, **size}, color_scheme="dark")  # type: ignore[typeddict-item]
     context.add_init_script(COUNT_REQUESTS)
     watched = Watched(context.new_page())
     watched.page.set_default_timeout(PATIENCE_MS)

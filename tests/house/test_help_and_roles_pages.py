@@ -6,6 +6,7 @@ import re
 
 from gss.api.present.help_page import documents, help_page, slug
 from gss.operations.accounts.passwords import LONGEST, SHORTEST
+from gss.operations.contacts.handover import MAX_NOTE_LENGTH
 
 
 def test_every_page_has_a_chapter_that_exists(root):
@@ -34,3 +35,9 @@ def test_the_pages_ask_for_passwords_as_long_as_the_server_does(root):
     source = (root / "web" / "src" / "lib" / "password.ts").read_text("utf-8")
     assert f"MIN_LENGTH = {SHORTEST};" in source
     assert f"MAX_LENGTH = {LONGEST};" in source
+
+
+def test_the_page_accepts_hand_over_notes_as_long_as_the_server_does(root):
+    """The page and the server have the same limit for the length of a hand-over note."""
+    source = (root / "web" / "src" / "pages" / "contacts" / "HandoverSection.svelte").read_text("utf-8")
+    assert f"MAX_NOTE_LENGTH = {MAX_NOTE_LENGTH};" in source

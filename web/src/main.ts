@@ -7,7 +7,7 @@ import Gate from './components/shell/Gate.svelte';
 import { startRouter } from './state/router.svelte';
 import { view } from './state/view.svelte';
 
-view.setTheme(view.theme);
+view.followTheme();
 startRouter();
 const target = document.getElementById('app');
 if (target) mount(Gate, { target });

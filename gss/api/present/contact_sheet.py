@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from gss.api.schemas.contacts import ReportOut
-from gss.api.schemas.handover import CheckedItemOut
+from gss.operations.contacts.handover import CheckedItem
 from gss.operations.report.parts import Fact, Note, Number, Plot, Report, Section, Series, Table
 
 GAP_SHARE, GAP_S = 0.02, 12.0
@@ -52,7 +52,7 @@ def _handover(report: ReportOut) -> list[Section]:
     return sections
 
 
-def _state(item: CheckedItemOut) -> str:
+def _state(item: CheckedItem) -> str:
     if item.done:
         return "done"
     return f"check of {item.unchecked} removed" if item.unchecked else "not done"

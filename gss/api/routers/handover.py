@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, CurrentUser, RowId, User, need
-from gss.api.schemas.handover import CheckIn, ChecklistOut, HandoverNoteIn, HandoverNoteOut, HandoverOut
+from gss.api.schemas.handover import CheckIn, HandoverNoteIn, HandoverNoteOut, HandoverOut
 from gss.domain.errors import Conflict
-from gss.operations.contacts.handover import ChecklistRequest
+from gss.operations.contacts.handover import Checklist, ChecklistRequest
 
 router = api_router("contacts")
 NEED = need("contacts.note")
 
 
 @router.get("/checklist")
-def read_checklist(app: App) -> ChecklistOut:
+def read_checklist(app: App) -> Checklist:
     """Items to check in each contact."""
-    return ChecklistOut.model_validate(app.contacts.handover.checklist())
+    return app.contacts.handover.checklist()
 
 
 @router.put("/checklist", dependencies=[NEED])
-def change_checklist(app: App, user: User, body: ChecklistRequest, audit_note: AuditNote) -> ChecklistOut:
+def change_checklist(app: App, user: User, body: ChecklistRequest, audit_note: AuditNote) -> Checklist:
     """Change the items for open and later contacts. 409 if another user has changed them in the meantime."""
     audit_note(f"from version {body.version}:", "; ".join(body.items)[:400])
-    return ChecklistOut.model_validate(app.contacts.handover.change_checklist(body, user=user))
+    return app.contacts.handover.change_checklist(body, user=user)
 
 
 @router.get("/contacts/{contact_id}/handover")

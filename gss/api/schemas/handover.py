@@ -2,34 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
-from gss.operations.contacts.handover import MAX_ITEM_LENGTH, MAX_NOTE_LENGTH
-
-
-class ChecklistOut(Out):
-    """Items to check in each contact. ``source``: changed by a user, from the instrument package, or the default.
-    ``version``: 0 if users have not changed the list; ``user`` and ``changed``: last change."""
-
-    items: list[str]
-    source: Literal["user", "instrument", "default"]
-    version: int
-    user: str
-    changed: Utc | None
-
-
-class CheckedItemOut(Out):
-    """Item of a contact's checklist. ``user`` and ``at``: last change; "" and null if it was never checked. ``unchecked``:
-    user whose check was removed, "" if the item is done or was never checked."""
-
-    text: str
-    done: bool
-    user: str
-    at: Utc | None
-    unchecked: str
+from gss.operations.contacts.handover import MAX_NOTE_LENGTH, CheckedItem, Checklist
+from gss.store.models.handover import MAX_ITEM_LENGTH
 
 
 class HandoverNoteOut(Out):
@@ -48,8 +25,8 @@ class HandoverOut(Out):
     """Checklist and hand-over notes of a contact, notes oldest first."""
 
     contact_id: int
-    checklist: ChecklistOut
-    items: list[CheckedItemOut]
+    checklist: Checklist
+    items: list[CheckedItem]
     notes: list[HandoverNoteOut]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import lru_cache
 
 import numpy as np
@@ -28,7 +27,7 @@ def has_one_typing_error(text: str, name: str) -> bool:
     """True if one letter of the text is missing, additional, wrong, or exchanged with the next letter."""
     if text == name or abs(len(text) - len(name)) > 1:
         return False
-    same = len(os.path.commonprefix((text, name)))
+    same = next((i for i, (x, y) in enumerate(zip(text, name, strict=False)) if x != y), min(len(text), len(name)))
     a, b = text[same:], name[same:]
     return a[1:] == b[1:] or a[1:] == b or a == b[1:] or (a[:2] == b[1::-1] and a[2:] == b[2:])
 

@@ -17,8 +17,9 @@ from gss.store import devices
 from gss.store import handover as store
 from gss.store.engine import Database
 from gss.store.models import ChecklistMark, ChecklistVersion, HandoverNote
+from gss.store.models.handover import MAX_ITEM_LENGTH
 
-MAX_ITEMS, MAX_ITEM_LENGTH, MAX_NOTE_LENGTH, MAX_NOTES = 40, 200, 4000, 50
+MAX_ITEMS, MAX_NOTE_LENGTH, MAX_NOTES = 40, 4000, 50
 DEFAULT_ITEMS = (
     "Link up, device and dictionary match",
     "Housekeeping received, alarms acknowledged",
@@ -29,6 +30,8 @@ DEFAULT_ITEMS = (
     "Hand-over note written",
 )
 """Items of an instrument whose package lists none."""
+
+ListSource = Literal["user", "instrument", "default"]
 
 
 class ChecklistRequest(Request):
@@ -44,10 +47,10 @@ class Checklist:
     change."""
 
     items: tuple[str, ...]
-    source: Literal["user", "instrument", "default"]
-    version: int = 0
-    user: str = ""
-    changed: datetime | None = None
+    source: ListSource
+    version: int
+    user: str
+    changed: datetime | None
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ class CheckedItem:
     done: bool
     user: str
     at: datetime | None
-    unchecked: str = ""
+    unchecked: str
 
 
 @dataclass(frozen=True)
@@ -77,8 +80,9 @@ class HandoverService:
 
     def __init__(self, database: Database, bus: EventBus, now: Now, package_items: Sequence[str]) -> None:
         self._database, self._bus, self._now = database, bus, now
-        package = tuple(dict.fromkeys(package_items))
-        self._shipped = Checklist(package, "instrument") if package else Checklist(DEFAULT_ITEMS, "default")
+        package = tuple(dict.fromkeys(filter(None, map(one_line, package_items))))
+        source: ListSource = "instrument" if package else "default"
+        self._shipped = Checklist(package or DEFAULT_ITEMS, source, version=0, user="", changed=None)
 
     def checklist(self) -> Checklist:
         """Return the newest list."""
@@ -88,7 +92,7 @@ class HandoverService:
     def change_checklist(self, request: ChecklistRequest, *, user: str) -> Checklist:
         """Store a new list. It applies to open and later contacts; closed contacts keep their list. Raises BadInput for
         an empty or repeated item, Conflict if another user has changed the list since."""
-        items = [" ".join(item.split()) for item in request.items]
+        items = [one_line(item) for item in request.items]
         if not all(items) or len(set(items)) < len(items):
             raise BadInput("An item of the checklist is empty or repeated", expected="different texts")
         with self._database.unit_of_work() as session:
@@ -165,10 +169,15 @@ class HandoverService:
         return self._shipped if row is None else Checklist(tuple(row.items), "user", row.id, row.user, row.changed)
 
 
+def one_line(text: str) -> str:
+    """Return the text without line breaks, repeated spaces, and spaces at its ends."""
+    return " ".join(text.split())
+
+
 def _checked(text: str, marks: Sequence[ChecklistMark]) -> CheckedItem:
     """Return the state of an item from its changes, oldest first."""
     if not marks:
-        return CheckedItem(text, False, "", None)
+        return CheckedItem(text, False, "", None, "")
     newest = marks[-1]
     checks = [mark.user for mark in marks if mark.done]
     return CheckedItem(text, newest.done, newest.user, newest.at, checks[-1] if checks and not newest.done else "")

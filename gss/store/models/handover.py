@@ -10,6 +10,8 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from gss.store.models.base import Base
 
+MAX_ITEM_LENGTH = 200
+
 
 class ChecklistVersion(Base):
     """Version of the list of items for contacts, valid from ``changed``. ``items``: texts in order."""
@@ -27,7 +29,7 @@ class ChecklistMark(Base):
     __tablename__ = "checklist_marks"
     id: Mapped[int] = mapped_column(primary_key=True)
     contact_id: Mapped[int] = mapped_column(ForeignKey("contacts.id"), index=True)
-    item: Mapped[str] = mapped_column(String(200))
+    item: Mapped[str] = mapped_column(String(MAX_ITEM_LENGTH))
     done: Mapped[bool]
     user: Mapped[str] = mapped_column(String(60))
     at: Mapped[datetime]

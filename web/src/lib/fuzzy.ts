@@ -59,8 +59,8 @@ function isWordStart(text: string, at: number): boolean {
 const MIN_LETTERS_WITH_ERROR = 4;
 
 /**
- * True if each word of the query is the start of a word of the text, or differs from a word by one typing error, and the
- * query has such an error.
+ * True if each word of the query is the start of a word of the text or differs from a word by one typing error, and at
+ * least one word has such an error.
  */
 export function hasTypingError(query: string, text: string): boolean {
   const words = text.toLowerCase().split(/[\s_\-./,:]+/);

@@ -1,6 +1,4 @@
-/**
- * Entries of the palette: pages, commands, frames, catalogues, banks, contacts, telemetry, alarms, stars and help pages.
- */
+/** Entries of the palette: pages, commands, data of every kind, alarms, stars and help pages. */
 import { api } from '../api/client';
 import type { Catalogue, Contact, Frame, HelpPage } from '../api/types';
 import { contentName } from '../lib/banks';

@@ -1,5 +1,6 @@
 /** State of the user interface: theme, overlays, freeze, window size and keys of the current page. */
 import { untrack } from 'svelte';
+import { themeOf, type Theme } from '../lib/theme';
 
 export type Overlay = 'regions' | 'centroids' | 'matched' | 'predicted' | 'rejected' | 'residual' | 'grid';
 export interface PageKey {
@@ -10,8 +11,11 @@ export interface PageKey {
 /** The panel that is open beside the page. */
 export type Opened = 'none' | 'keys' | 'palette' | 'line';
 
+const THEME_KEY = 'gss-theme';
+const dark = matchMedia('(prefers-color-scheme: dark)');
+
 class View {
-  theme = $state<'dark' | 'light'>(localStorage.getItem('gss-theme') === 'light' ? 'light' : 'dark');
+  theme = $state<Theme>(themeOf(localStorage.getItem(THEME_KEY), dark.matches));
   frozen = $state(false);
   opened = $state<Opened>('none');
   overlays = $state<Record<Overlay, boolean>>({
@@ -48,9 +52,20 @@ class View {
     this.before = null;
   }
 
-  setTheme(theme: 'dark' | 'light'): void {
+  /** Show the theme, and follow the browser's colour scheme until the user chooses a theme. */
+  followTheme(): void {
+    const show = (): void => {
+      this.theme = themeOf(localStorage.getItem(THEME_KEY), dark.matches);
+      document.documentElement.dataset['theme'] = this.theme;
+    };
+    dark.addEventListener('change', show);
+    show();
+  }
+
+  /** Store the theme that the user chose. */
+  setTheme(theme: Theme): void {
     this.theme = theme;
-    localStorage.setItem('gss-theme', theme);
+    localStorage.setItem(THEME_KEY, theme);
     document.documentElement.dataset['theme'] = theme;
   }
 }
