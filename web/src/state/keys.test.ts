@@ -41,6 +41,7 @@ async function keys() {
   vi.stubGlobal('location', { pathname: '/commands', search: '' });
   vi.stubGlobal('history', { pushState: (_: unknown, __: string, to: string) => paths.push(to) });
   vi.stubGlobal('innerWidth', 1440);
+  vi.stubGlobal('matchMedia', () => ({ matches: true }));
   const { onKey } = await import('./keys');
   const press = (name: string, target: FakeElement): boolean => {
     const { seen, event } = key(name, target);
