@@ -44,13 +44,15 @@ USERS_FOLDER = "~/.cache/gss"
 class ListLoops:
     """Compiled loops that work on lists of stars. ``camera_numbers``: converts a camera to an array.
     ``directions``: see ``verify._directions``. ``find``: see
-    ``pyramid.identify_lost``. ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.match_all``."""
+    ``pyramid.identify_lost``. ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.match_all``.
+    ``count_matches``: see ``focal_census._count_matches``."""
 
     camera_numbers: Callable[[Camera], Array]
     directions: Callable[[Camera, Array, Array, Array], tuple[Array, Array, Array]]
     find: Callable[..., tuple[int, int, float, int, bool]]
     find_near: Callable[..., tuple[int, int, float, int, int]]
     finish: Callable[..., tuple[Rows, Rows, Array, Array, Array, float]]
+    count_matches: Callable[[Array, Array, Rows, Array, Array, Camera, float], tuple[int, int]]
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,7 @@ def _compiled() -> Kernels:
     compiled_mark()
     # Imported at first use because the import takes a second and most commands do not need it.
     from gss.pipeline.loops import background, peaks, pixels, stamps
+    from gss.pipeline.loops.census import count_matches
     from gss.pipeline.loops.finish import finish
     from gss.pipeline.loops.geometry import camera_numbers, directions
     from gss.pipeline.loops.prior import find_near
@@ -174,4 +177,4 @@ def _compiled() -> Kernels:
         pixels.lit,
         pixels.components,
     )
-    return Kernels(COMPILED, frames, ListLoops(camera_numbers, directions, find, find_near, finish))
+    return Kernels(COMPILED, frames, ListLoops(camera_numbers, directions, find, find_near, finish, count_matches))

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gss.domain.angles import Array
-from gss.domain.camera import Camera
+from gss.domain.camera import Brown, Camera, Pinhole
+from gss.pipeline.identify import focal_census
 from gss.pipeline.identify.focal_census import focal_objection
+from gss.pipeline.kernels import Kernels, kernels
 
 CAMERA = Camera.from_fov(1280, 1024, np.radians(30))
 RADIUS_PX = 1.0
@@ -80,3 +84,29 @@ def test_frames_without_unmatched_stars_are_accepted() -> None:
     """If all centroids are matched, there is no evidence against the focal length."""
     pixels, stars = _field(np.random.default_rng(5), CAMERA, 4)
     assert focal_objection(pixels, np.arange(4), stars, stars, CAMERA, RADIUS_PX) == ""
+
+
+@pytest.mark.parametrize("scale", [0.99, 1.0, 1.01])
+@pytest.mark.parametrize("lens", [Pinhole(), Brown(k1=-0.32, k2=0.12, p1=0.004, p2=-0.006)])
+def test_compiled_and_numpy_counts_are_equal(
+    scale: float, lens: Pinhole | Brown, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For every focal length that the census tries, both loops count the same matches and the same stars in view."""
+    camera = replace(CAMERA, distortion=lens)
+    compiled = kernels(True).lists.count_matches
+    counts: list[tuple[tuple[int, int], tuple[int, int]]] = []
+
+    def both(*arguments: object) -> tuple[int, int]:
+        counts.append((focal_census._count_matches(*arguments), compiled(*arguments)))
+        return counts[-1][0]
+
+    loops = replace(kernels(True).lists, count_matches=both)
+    monkeypatch.setattr(focal_census, "kernels", lambda _fast: Kernels(lists=loops))
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        pixels, stars = _field(rng, camera.with_focal_scaled(scale))
+        pixels = np.vstack([pixels, rng.uniform((0, 0), (1279, 1023), (10, 2))])
+        matched = _corner(pixels[:40], 2 + seed % 4)
+        focal_objection(pixels, matched, stars[matched], stars, camera, RADIUS_PX)
+    assert len(counts) >= 8
+    assert [numpy_count for numpy_count, _ in counts] == [compiled_count for _, compiled_count in counts]

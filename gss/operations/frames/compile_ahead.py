@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gss.domain.camera import Camera
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import GssError
 from gss.domain.frames import cam_from_icrs
 from gss.domain.results import Outcome
 from gss.operations.frames.rendered_image import RenderRequest, draw
 from gss.operations.frames.solve import Solver, SolveRequest
+from gss.pipeline.identify.focal_census import focal_objection
 from gss.pipeline.identify.near import BoundedPrior
 
 EPOCH_JYEAR = 2026.5
@@ -64,4 +66,12 @@ def compile_ahead(solver: Solver, profile: CameraProfile, report: Report) -> Non
         result = solver.solve(pixels.astype(case.dtype), case.request)
         if result.outcome is not Outcome.SOLVED:
             raise GssError("the loops could not be compiled", got=f"{case.name}: the test frame was not solved")
+    _compile_census(profile.camera)
     report(len(cases), len(cases), "")
+
+
+def _compile_census(camera: Camera) -> None:
+    """Compile the census of focal lengths, which the reference chain runs only for doubtful lists."""
+    pixels = np.array([[0.25, 0.25], [0.75, 0.25], [0.5, 0.75]]) * [camera.columns, camera.rows]
+    unit = camera.unproject(pixels)
+    focal_objection(pixels, np.arange(3), unit, unit, camera, 1.0, fast=True)

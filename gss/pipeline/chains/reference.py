@@ -192,7 +192,7 @@ def _identify_known(
                 return replace(base, reason=MIRRORED, timing_s=dict(trace.timing_s))
         return _with_other_lens(base, result.reason, stars, velocity_c, trace, fast)
     with trace.stage("focal length"):
-        another = _another_focal_length(view, camera, stars.sky, evidence)
+        another = _another_focal_length(view, camera, stars.sky, evidence, fast)
     if another:
         return _with_other_lens(base, another, stars, velocity_c, trace, fast)
     with trace.stage("attitude"):
@@ -220,13 +220,15 @@ def _with_other_lens(
     return solved(base, fit, rows, hip, probability, trace, velocity_c)
 
 
-def _another_focal_length(view: FrameDetections, camera: Camera, sky: SkyCatalogue, evidence: Evidence) -> str:
+def _another_focal_length(
+    view: FrameDetections, camera: Camera, sky: SkyCatalogue, evidence: Evidence, fast: bool | None
+) -> str:
     radius_px = max(CENSUS_PX, RADIUS_SIGMA * view.typical_sigma_px)
     predicted_px = camera.project(sky.icrs[evidence.stars] @ evidence.cam_from_icrs.T)
     coinciding = int((((predicted_px - view.pixels[evidence.rows]) ** 2).sum(1) <= radius_px**2).sum())
     if plenty(coinciding, evidence.predicted, len(view)):
         return ""  # for a census, the verification has already checked the number of matches
-    return focal_objection(view.pixels, evidence.rows, sky.icrs[evidence.stars], sky.icrs, camera, radius_px)
+    return focal_objection(view.pixels, evidence.rows, sky.icrs[evidence.stars], sky.icrs, camera, radius_px, fast)
 
 
 def _name_all(

@@ -15,6 +15,7 @@ from scipy.special import bdtrc
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.failure_cause import OTHER_FOCAL_LENGTH
+from gss.pipeline.kernels import kernels
 from gss.pipeline.small import best_rotation, distances2
 
 Rows = NDArray[np.intp]
@@ -38,14 +39,22 @@ ACCIDENT = 1e-2
 
 
 def focal_objection(
-    pixels: Array, matched: Rows, icrs_of_matched: Array, bank: Array, camera: Camera, radius_px: float
+    pixels: Array,
+    matched: Rows,
+    icrs_of_matched: Array,
+    bank: Array,
+    camera: Camera,
+    radius_px: float,
+    fast: bool | None = None,
 ) -> str:
     """Return why the camera's focal length cannot be right, or "".
 
     ``pixels``: (n, 2) of all centroids; ``matched``: (k,) indices of the identified centroids; ``icrs_of_matched``: (k, 3)
     their stars; ``bank``: (m, 3) directions of all stars that the camera can see; ``radius_px``: largest distance of a
-    match.
+    match; ``fast``: see ``kernels.kernels``.
     """
+    loops = kernels(fast).lists
+    count_matches = _count_matches if loops is None else loops.count_matches
     known_unit = camera.unproject(pixels)
     cam_from_icrs = best_rotation(known_unit[matched], icrs_of_matched, np.ones(len(matched)))
     near = bank[bank @ cam_from_icrs[2] > np.cos(min(camera.half_diagonal_rad + BESIDE_RAD, np.pi))]
@@ -58,7 +67,7 @@ def focal_objection(
         scaled = camera if scale == 1.0 else camera.with_focal_scaled(scale)
         most = (0, 0)
         for rows, icrs in starts:
-            most = max(most, _met(pixels, unit, rows, icrs, near, scaled, radius_px))
+            most = max(most, count_matches(pixels, unit, rows, icrs, near, scaled, radius_px))
             if enough and plenty(*most, len(pixels)):
                 break
         return most
@@ -98,7 +107,7 @@ def plenty(met: int, in_view: int, centroids: int) -> bool:
     return met >= PLENTY * min(centroids, in_view)
 
 
-def _met(
+def _count_matches(
     pixels: Array, unit: Array, rows: Rows, icrs: Array, near: Array, camera: Camera, radius_px: float
 ) -> tuple[int, int]:
     """Return how many stars coincide with centroids and how many are in view, after iterating the attitude on the

@@ -36,7 +36,7 @@ def _fitted(camera, spots, sigma_px, extra2, icrs, velocity, rows, stars, count,
     pixels, unit, sigma = np.empty((count, 2)), np.empty((count, 3)), np.empty(count)
     for k in range(count):
         pixels[k] = spots[rows[k]]
-        aberrated(icrs, stars[k], velocity, unit[k])
+        unit[k, 0], unit[k, 1], unit[k, 2] = aberrated(icrs, stars[k], velocity)
         sigma[k] = math.sqrt(sigma_px[rows[k]] ** 2 + extra2[k])
     residual, weight, covariance = np.empty((count, 2)), np.empty(count), np.empty((3, 3))
     rms = fit_attitude(camera, pixels, unit, sigma, turn, residual, weight, covariance)

@@ -26,22 +26,21 @@ from gss.pipeline.refine import ATTITUDE_DONE, BELIEF, MAX_RAD, NOWHERE_PX, OUTL
 
 
 @loop
-def turned_vector(turn, v):
-    """Return the direction ``v`` rotated by ``turn``, in the camera frame."""
+def turned(turn, x, y, z):
+    """Return the direction (x, y, z) rotated by ``turn``, in the camera frame."""
     return (
-        turn[0, 0] * v[0] + turn[0, 1] * v[1] + turn[0, 2] * v[2],
-        turn[1, 0] * v[0] + turn[1, 1] * v[1] + turn[1, 2] * v[2],
-        turn[2, 0] * v[0] + turn[2, 1] * v[1] + turn[2, 2] * v[2],
+        turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z,
+        turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z,
+        turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z,
     )
 
 
 @loop
-def slopes(camera, x, y, z, jacobian):
-    """Return the pixel of a direction, and write its (2, 3) derivatives with respect to a small rotation to
-    ``jacobian``. Equivalent to ``refine._projected``."""
+def slopes(camera, x, y, z):
+    """Return the column and row of a direction, and their derivatives with respect to a small rotation: three of the
+    column, three of the row. Equivalent to ``refine._projected``."""
     if not z > 1e-6:
-        jacobian[:] = math.nan
-        return math.nan, math.nan
+        return math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan
     a, b = x / z, y / z
     c0, c1, c2 = -a * b, 1 + a * a, -b
     r0, r1, r2 = -1 - b * b, a * b, a
@@ -54,17 +53,16 @@ def slopes(camera, x, y, z, jacobian):
         uu, vu = (right_u - u) / STEP, (right_v - v) / STEP
         uv, vv = (below_u - u) / STEP, (below_v - v) / STEP
     fc, fr = camera[FOCAL_COL], camera[FOCAL_ROW]
-    jacobian[0, 0], jacobian[0, 1], jacobian[0, 2] = (
+    return (
+        u * fc + camera[CENTRE_COL],
+        v * fr + camera[CENTRE_ROW],
         fc * (uu * c0 + uv * r0),
         fc * (uu * c1 + uv * r1),
         fc * (uu * c2 + uv * r2),
-    )
-    jacobian[1, 0], jacobian[1, 1], jacobian[1, 2] = (
         fr * (vu * c0 + vv * r0),
         fr * (vu * c1 + vv * r1),
         fr * (vu * c2 + vv * r2),
     )
-    return u * fc + camera[CENTRE_COL], v * fr + camera[CENTRE_ROW]
 
 
 @loop
@@ -114,23 +112,25 @@ def fit_attitude(camera, pixels, icrs, sigma_px, turn, residual, weight, covaria
     done = False
     for _ in range(ROUNDS):
         for k in range(n):
-            x, y, z = turned_vector(turn, icrs[k])
-            col, row = slopes(camera, x, y, z, jacobian[k])
-            residual[k, 0], residual[k, 1] = pixels[k, 0] - col, pixels[k, 1] - row
-            if not math.isfinite(residual[k].sum() + jacobian[k].sum()):
-                residual[k] = NOWHERE_PX
-                jacobian[k] = 0.0
+            x, y, z = turned(turn, icrs[k, 0], icrs[k, 1], icrs[k, 2])
+            col, row, a, b, c, d, e, f = slopes(camera, x, y, z)
+            across, down = pixels[k, 0] - col, pixels[k, 1] - row
+            if not math.isfinite(across + down + a + b + c + d + e + f):
+                across, down, a, b, c, d, e, f = NOWHERE_PX, NOWHERE_PX, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            residual[k, 0], residual[k, 1] = across, down
+            jacobian[k, 0, 0], jacobian[k, 0, 1], jacobian[k, 0, 2] = a, b, c
+            jacobian[k, 1, 0], jacobian[k, 1, 1], jacobian[k, 1, 2] = d, e, f
         changed = _inliers(residual, weight, n, used)
         normal[:] = 0.0
         gradient[:] = 0.0
         for k in range(n):
             if used[k]:
-                for c in range(2):
+                for axis in range(2):
                     for i in range(3):
-                        pull = weight[k] * jacobian[k, c, i]
-                        gradient[i] += pull * residual[k, c]
+                        pull = weight[k] * jacobian[k, axis, i]
+                        gradient[i] += pull * residual[k, axis]
                         for j in range(3):
-                            normal[i, j] += pull * jacobian[k, c, j]
+                            normal[i, j] += pull * jacobian[k, axis, j]
         inverse(normal, undone)
         for i in range(3):
             step[i] = undone[i, 0] * gradient[0] + undone[i, 1] * gradient[1] + undone[i, 2] * gradient[2]
@@ -148,11 +148,11 @@ def fit_attitude(camera, pixels, icrs, sigma_px, turn, residual, weight, covaria
             break
     for k in range(n):
         if done:
-            for c in range(2):
+            for axis in range(2):
                 for i in range(3):
-                    residual[k, c] -= jacobian[k, c, i] * step[i]
+                    residual[k, axis] -= jacobian[k, axis, i] * step[i]
         else:
-            x, y, z = turned_vector(turn, icrs[k])
+            x, y, z = turned(turn, icrs[k, 0], icrs[k, 1], icrs[k, 2])
             col, row = project(camera, x, y, z)
             residual[k, 0], residual[k, 1] = pixels[k, 0] - col, pixels[k, 1] - row
     return _summary(normal, residual, used, weight, covariance)

@@ -34,7 +34,7 @@ from gss.pipeline.identify.flux_line import (
 )
 from gss.pipeline.identify.flux_line import ROUNDS as LINE_ROUNDS
 from gss.pipeline.loops import loop
-from gss.pipeline.loops.fit import slopes, turned_vector
+from gss.pipeline.loops.fit import slopes, turned
 from gss.pipeline.loops.geometry import COLUMNS, REACH, ROWS, contains, middle_of, project, room_near, stars_near
 
 
@@ -81,18 +81,22 @@ def line_mag(line, magnitude):
 
 
 @loop
-def aberrated(icrs, row, velocity, out):
-    """Write a star's apparent direction for an observer's velocity in units of c. Equivalent to
+def aberrated(icrs, row, velocity):
+    """Return a star's apparent direction (x, y, z) for an observer's velocity in units of c. Equivalent to
     ``aberration.aberrate``."""
-    beta2 = velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
+    x, y, z = icrs[row, 0], icrs[row, 1], icrs[row, 2]
+    u, v, w = velocity[0], velocity[1], velocity[2]
+    beta2 = u * u + v * v + w * w
     if beta2 == 0.0:
-        out[:] = icrs[row]
-        return
+        return x, y, z
     inverse_gamma = math.sqrt(1 - beta2)
-    along = icrs[row, 0] * velocity[0] + icrs[row, 1] * velocity[1] + icrs[row, 2] * velocity[2]
-    factor = 1 + along / (1 + inverse_gamma)
-    for i in range(3):
-        out[i] = (inverse_gamma * icrs[row, i] + factor * velocity[i]) / (1 + along)
+    along = x * u + y * v + z * w
+    factor, scale = 1 + along / (1 + inverse_gamma), 1 + along
+    return (
+        (inverse_gamma * x + factor * u) / scale,
+        (inverse_gamma * y + factor * v) / scale,
+        (inverse_gamma * z + factor * w) / scale,
+    )
 
 
 @loop
@@ -102,20 +106,19 @@ def expected_stars(camera, icrs, v_mag, cells, velocity, turn, covariance, faint
     room = room_near(cells, turn[2], camera[REACH])
     star, places, sigma = np.empty(room, np.int64), np.empty((room, 2)), np.empty(room)
     near = stars_near(icrs, cells, turn[2], camera[REACH], below, star)
-    jacobian, unit, count = np.empty((2, 3)), np.empty(3), 0
+    xx, xy, xz = covariance[0, 0], covariance[0, 1], covariance[0, 2]
+    yy, yz, zz = covariance[1, 1], covariance[1, 2], covariance[2, 2]
+    count = 0
     for k in range(near):
         row = star[k]
-        aberrated(icrs, row, velocity, unit)
-        x, y, z = turned_vector(turn, unit)
+        ax, ay, az = aberrated(icrs, row, velocity)
+        x, y, z = turned(turn, ax, ay, az)
         col, line = project(camera, x, y, z)
         if not contains(camera, col, line, MAX_GATE_PX):
             continue
-        slopes(camera, x, y, z, jacobian)
-        variance = 0.0
-        for c in range(2):
-            for i in range(3):
-                for j in range(3):
-                    variance += jacobian[c, i] * covariance[i, j] * jacobian[c, j]
+        _, _, a, b, c, d, e, f = slopes(camera, x, y, z)
+        variance = a * a * xx + b * b * yy + c * c * zz + 2 * (a * b * xy + a * c * xz + b * c * yz)
+        variance += d * d * xx + e * e * yy + f * f * zz + 2 * (d * e * xy + d * f * xz + e * f * yz)
         star[count], places[count, 0], places[count, 1] = row, col, line
         sigma[count] = math.sqrt(max(variance, 0.0) / 2)
         count += 1

@@ -1,0 +1,138 @@
+"""Compiled count of matching stars for the detection of a wrong focal length; equivalent to ``focal_census._count_matches``."""
+
+# The loops have no type annotations: numba compiles them for the argument types.
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.pipeline.identify.focal_census import MAX_PX, ROUNDS
+from gss.pipeline.loops import loop
+from gss.pipeline.loops.fit import turned
+from gss.pipeline.loops.geometry import best_rotation, camera_numbers, contains, project
+from gss.pipeline.small import Rows
+
+
+def count_matches(
+    pixels: Array, unit: Array, rows: Rows, icrs: Array, near: Array, camera: Camera, radius_px: float
+) -> tuple[int, int]:
+    """Return how many stars coincide with centroids and how many are in view. Arguments as in
+    ``focal_census._count_matches``."""
+    pixels, unit, icrs, near = (np.ascontiguousarray(array, float) for array in (pixels, unit, icrs, near))
+    matched, in_view = _count(
+        camera_numbers(camera), pixels, unit, np.asarray(rows, np.int64), icrs, near, float(radius_px)
+    )
+    return matched, in_view
+
+
+@loop
+def _count(camera, pixels, unit, rows, icrs, near, radius_px):
+    room = max(len(near), len(rows))
+    star, spot, weight = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
+    turn, order = np.empty((3, 3)), np.argsort(pixels[:, 0])
+    column = pixels[order, 0]
+    profile = _profile(unit, rows, icrs, np.arange(len(rows)), np.ones(len(rows)), len(rows))
+    count, is_first, settled = len(rows), True, False
+    spot[:count] = rows
+    weight[:count] = 1.0
+    matched = in_view = 0
+    visible, places = np.empty(len(near), np.int64), np.empty((len(near), 2))
+    to, radius = np.empty(len(near), np.int64), np.empty(len(near))
+    for round_ in range(ROUNDS + 1):
+        last = settled or round_ == ROUNDS
+        best_rotation(profile, turn)
+        in_view = _predicted(camera, turn, near, visible, places)
+        if last:
+            radius[:in_view] = radius_px
+        else:
+            _radii(places, in_view, pixels, spot, weight, count, radius_px, radius)
+        _pair_up(places, in_view, radius, pixels, order, column, to)
+        matched, same = 0, not is_first
+        for p in range(in_view):
+            if to[p] < 0:
+                continue
+            same = same and matched < count and spot[matched] == to[p] and star[matched] == visible[p]
+            spot[matched], star[matched] = to[p], visible[p]
+            weight[matched] = (radius_px / radius[p]) ** 2
+            matched += 1
+        if matched < 2 or last:
+            break
+        settled = same and matched == count
+        count, is_first = matched, False
+        profile = _profile(unit, spot, near, star, weight, count)
+    return matched, in_view
+
+
+@loop
+def _profile(unit, spot, icrs, star, weight, count):
+    """Return the (3, 3) profile matrix of the matches: weighted sum of measured by catalogue direction."""
+    profile = np.zeros((3, 3))
+    for k in range(count):
+        for i in range(3):
+            pull = weight[k] * unit[spot[k], i]
+            for j in range(3):
+                profile[i, j] += pull * icrs[star[k], j]
+    return profile
+
+
+@loop
+def _predicted(camera, turn, near, visible, places):
+    """Write the rows and pixels of the stars on the detector; return their number."""
+    count = 0
+    for s in range(len(near)):
+        x, y, z = turned(turn, near[s, 0], near[s, 1], near[s, 2])
+        col, row = project(camera, x, y, z)
+        if contains(camera, col, row, 0.0):
+            visible[count], places[count, 0], places[count, 1] = s, col, row
+            count += 1
+    return count
+
+
+@loop
+def _radii(places, in_view, pixels, spot, weight, count, radius_px, radius):
+    """Write the search radius of each star; equivalent to ``focal_census._lever``."""
+    total = middle_col = middle_row = extent2 = 0.0
+    for k in range(count):
+        total += weight[k]
+        middle_col += weight[k] * pixels[spot[k], 0]
+        middle_row += weight[k] * pixels[spot[k], 1]
+    middle_col /= total
+    middle_row /= total
+    for k in range(count):
+        extent2 += weight[k] * ((pixels[spot[k], 0] - middle_col) ** 2 + (pixels[spot[k], 1] - middle_row) ** 2)
+    for p in range(in_view):
+        far2 = (places[p, 0] - middle_col) ** 2 + (places[p, 1] - middle_row) ** 2
+        lever = math.sqrt(1 + 1 / total + far2 / max(extent2, 1.0))
+        radius[p] = radius_px * min(lever, MAX_PX / radius_px)
+
+
+@loop
+def _pair_up(places, in_view, radius, pixels, order, column, to):
+    """Write the centroid of each star to ``to``: mutually nearest and within the star's radius, otherwise -1. ``order``:
+    indices of ``pixels`` sorted by ``column``. Equivalent to ``focal_census._nearest``, because no radius exceeds the
+    largest radius, so that more distant centroids need not be examined."""
+    back, back_d2 = np.full(len(pixels), -1, np.int64), np.full(len(pixels), math.inf)
+    reach = 0.0
+    for p in range(in_view):
+        reach = max(reach, radius[p])
+    for p in range(in_view):
+        nearest, nearest_d2 = -1, math.inf
+        for k in range(np.searchsorted(column, places[p, 0] - reach), len(column)):
+            if column[k] > places[p, 0] + reach:
+                break
+            m = order[k]
+            across, down = places[p, 0] - pixels[m, 0], places[p, 1] - pixels[m, 1]
+            d2 = across * across + down * down
+            if d2 < nearest_d2 or (d2 == nearest_d2 and m < nearest):
+                nearest, nearest_d2 = m, d2
+            if d2 < back_d2[m]:
+                back[m], back_d2[m] = p, d2
+        to[p] = nearest if nearest_d2 <= radius[p] * radius[p] else -1
+    for p in range(in_view):
+        if to[p] >= 0 and back[to[p]] != p:
+            to[p] = -1
