@@ -28,6 +28,7 @@ from gss.store import frames
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database, open_engine
 from gss.store.models import Base, Frame, Solution
+from gss.store.packed_detail import packed, with_rows
 
 
 def _runs(process_id: int) -> bool:
@@ -78,6 +79,9 @@ def test_a_stored_solution_is_small_and_shows_the_same_sky(tmp_path: Path) -> No
     assert result.attitude is not None
     values = solution_values(result, stars, known, None)
     assert set(values["detail"]) == {"regions", "stars", "versions"}
+    columns = values["detail"]
+    values["detail"] = with_rows(columns)
+    assert packed(columns) == packed(values["detail"])
     database = Database(open_engine(f"sqlite:///{tmp_path / 'one.db'}"))
     Base.metadata.create_all(database.engine)
     at = datetime.now(UTC)

@@ -16,6 +16,7 @@ from gss.domain.angles import Array, unit_from_ra_dec
 from gss.domain.camera import Camera
 from gss.domain.results import Centroids, Matches, Region
 from gss.domain.stars import StarTable
+from gss.store.packed_detail import BOUNDS, RegionColumns, StarColumns
 
 DETECTED_WITHIN_PX = 3.0
 GRID_STEPS_DEG = (1, 2, 5, 10, 15, 30)
@@ -54,13 +55,6 @@ class StarOverlay(TypedDict):
     weight: NotRequired[float]
 
 
-class MeasuredOverlay(TypedDict):
-    """Regions and stars measured in a frame."""
-
-    regions: list[RegionOverlay]
-    stars: list[StarOverlay]
-
-
 class PredictedStar(TypedDict):
     """Predicted position of a catalogue star. ``detected``: True if a measured star is near it."""
 
@@ -93,11 +87,26 @@ NOTHING: AttitudeOverlay = {"predicted": [], "grid": [], "north": None, "field":
 """Overlays of a result without an attitude."""
 
 
-def measured(
-    camera: Camera, stars: StarTable, regions: tuple[Region, ...], centroids: Centroids, matches: Matches | None
-) -> MeasuredOverlay:
-    """Return the regions and stars of a result as JSON values."""
-    return {"regions": [_region(r) for r in regions], "stars": _stars(stars, camera, centroids, matches)}
+def regions_of(regions: tuple[Region, ...]) -> RegionColumns:
+    """Return the regions of a result as columns."""
+    bounds = np.array([region[: len(BOUNDS)] for region in regions], float).reshape(len(regions), len(BOUNDS))
+    return RegionColumns(bounds, np.array([r.peak_dn for r in regions], float), [r.rejected for r in regions])
+
+
+def stars_of(camera: Camera, stars: StarTable, centroids: Centroids, matches: Matches | None) -> StarColumns:
+    """Return the measured stars of a result as columns. ``stars``: catalogue with names and magnitudes."""
+    columns = (centroids.col_px, centroids.row_px, centroids.flux_dn, centroids.peak_dn, centroids.area_px)
+    measured = np.column_stack(columns).astype(float)
+    if matches is None:
+        none = np.empty(0, int)
+        return StarColumns(measured, none, none, [], np.empty((0, 6)))
+    hip = matches.hip.tolist()
+    rows = [stars.row_of_hip.get(number) for number in hip]
+    v_mag = np.array([math.nan if row is None else stars.v_mag[row] for row in rows], float)
+    residual_px = np.where(np.isfinite(matches.residual_px), matches.residual_px, math.nan)
+    arcsec = residual_px * (math.degrees(camera.pixel_rad) * 3600)
+    numbers = np.column_stack([v_mag, residual_px, arcsec, matches.weight])
+    return StarColumns(measured, matches.centroid, matches.hip, [stars.name_of(number) for number in hip], numbers)
 
 
 def describe(
@@ -116,56 +125,6 @@ def describe(
         "north": north(cam_from_icrs),
         "field": field_outline(camera, cam_from_icrs),
     }
-
-
-def _region(region: Region) -> RegionOverlay:
-    col_min, row_min, col_max, row_max, area_px, peak_dn, _, rejected = region
-    return {
-        "col_min": col_min,
-        "row_min": row_min,
-        "col_max": col_max,
-        "row_max": row_max,
-        "area_px": area_px,
-        "peak_dn": peak_dn,
-        "rejected": rejected,
-    }
-
-
-def _stars(stars: StarTable, camera: Camera, centroids: Centroids, matches: Matches | None) -> list[StarOverlay]:
-    columns = (centroids.col_px, centroids.row_px, centroids.flux_dn, centroids.peak_dn)
-    measured = zip(*(column.tolist() for column in columns), centroids.area_px.tolist(), strict=True)
-    rows: list[StarOverlay] = [
-        {"index": i, "col_px": col, "row_px": row, "flux_dn": flux, "peak_dn": peak, "area_px": area}
-        for i, (col, row, flux, peak, area) in enumerate(measured)
-    ]
-    if matches is None:
-        return rows
-    arcsec_per_px = math.degrees(camera.pixel_rad) * 3600
-    found = zip(
-        matches.centroid.tolist(),
-        matches.hip.tolist(),
-        matches.residual_px.tolist(),
-        matches.weight.tolist(),
-        strict=True,
-    )
-    for i, hip, residual_px, weight in found:
-        star_row = stars.row_of_hip.get(hip)
-        dx, dy = (_finite(v) for v in residual_px)
-        rows[i] |= {
-            "hip": hip,
-            "name": stars.name_of(hip),
-            "v_mag": None if star_row is None else float(stars.v_mag[star_row]),
-            "dx_px": dx,
-            "dy_px": dy,
-            "dx_arcsec": None if dx is None else dx * arcsec_per_px,
-            "dy_arcsec": None if dy is None else dy * arcsec_per_px,
-            "weight": weight,
-        }
-    return rows
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def predicted(

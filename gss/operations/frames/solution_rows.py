@@ -19,6 +19,7 @@ from gss.domain.stars import StarTable
 from gss.operations.frames import overlay
 from gss.operations.frames.planets import with_planets
 from gss.operations.frames.scoring import judge
+from gss.store.packed_detail import RegionColumns, StarColumns, with_rows
 
 if TYPE_CHECKING:
     from gss.store.models import Frame, Solution
@@ -33,9 +34,11 @@ class TurningValues(TypedDict):
     sign_known: bool
 
 
-class SolutionDetail(overlay.MeasuredOverlay):
+class SolutionDetail(TypedDict):
     """Regions and stars, the rate from trails, the observer's velocity, and software versions."""
 
+    regions: RegionColumns
+    stars: StarColumns
     versions: dict[str, str]
     velocity_c: NotRequired[list[float]]
     turning: NotRequired[TurningValues]
@@ -73,9 +76,9 @@ def solution_values(
     profile: CameraProfile | None,
     truth: list[Any] | None,
 ) -> SolutionValues:
-    """Return the columns of a solution as plain values. ``profile``: documented camera, None if unknown. ``truth``: true
-    quaternion of a simulated frame, with which the result is compared. :func:`with_overlays` computes the overlays that are
-    derived from the attitude."""
+    """Return the columns of a solution as plain values, except that ``detail`` has columns of regions and stars.
+    ``profile``: documented camera, None if unknown. ``truth``: true quaternion of a simulated frame, with which the result is
+    compared. :func:`with_overlays` computes the overlays that are derived from the attitude."""
     values: SolutionValues = {
         "chain": result.chain,
         "version": __version__,
@@ -106,10 +109,9 @@ def solution_values(
 
 
 def _detail(result: SolveResult, stars: StarTable) -> SolutionDetail:
-    measured = overlay.measured(result.camera, stars, result.regions, result.centroids, result.matches)
     detail: SolutionDetail = {
-        "regions": measured["regions"],
-        "stars": measured["stars"],
+        "regions": overlay.regions_of(result.regions),
+        "stars": overlay.stars_of(result.camera, stars, result.centroids, result.matches),
         "versions": dict(result.versions),
     }
     if result.velocity_c is not None:
@@ -137,6 +139,7 @@ def solution_row(
     from gss.store.models import Solution
 
     values = solution_values(result, stars, profile, frame.truth)
+    values["detail"] = with_rows(values["detail"])
     return Solution(frame_id=frame.id, origin=origin, created=created, camera_name=camera_name, **values)
 
 

@@ -128,5 +128,5 @@ def _run(state: _WorkerState, settings: BatchSettings, task: Task) -> TaskResult
     stars = state.stars if task.epoch_jyear is None else state.solver.cache.stars(task.epoch_jyear)
     values = solution_values(result, stars, settings.documented.get(task.profile or ""), task.truth)
     # Packed here, because this work can use many workers, and the server then receives a tenth of the data.
-    values["detail"] = packed(dict(values["detail"]))
+    values["detail"] = packed(values["detail"])
     return {"frame_id": task.frame_id, "camera_name": request.camera_name, **values}
