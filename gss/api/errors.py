@@ -28,6 +28,7 @@ from gss.domain.errors import (
     NotPermitted,
     NotSignedIn,
     RateLimited,
+    Restarted,
     StoreDown,
     TooCostly,
     as_sentence,
@@ -41,6 +42,7 @@ STATUS: tuple[tuple[type[GssError], int], ...] = (
     (TooCostly, 413),  # before its base class
     (BadInput, 400),
     (NotFound, 404),
+    (Restarted, 412),  # before its base class
     (Conflict, 409),
     (CorruptData, 409),
     (LinkDown, 503),
@@ -51,7 +53,8 @@ STATUS: tuple[tuple[type[GssError], int], ...] = (
     (Busy, 503),
 )
 PROBLEMS: dict[int | str, dict[str, Any]] = {
-    code: {"description": http.HTTPStatus(code).phrase} for code in (400, 401, 403, 404, 409, 411, 413, 422, 429, 503)
+    code: {"description": http.HTTPStatus(code).phrase}
+    for code in (400, 401, 403, 404, 409, 411, 412, 413, 422, 429, 503)
 }
 """The error responses of every route. ``describe`` adds their schema, because otherwise the framework would prepare a
 model of each code for each route."""

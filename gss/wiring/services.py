@@ -60,6 +60,7 @@ class Services:
         self.base.jobs.start()
         self.transfers.transfers.start()
         self.commanding.commands.start()
+        self.contacts.handover.start()
         self.procedures.runs.start()
         self.passes.runner.start()
         self.telemetry.alarms.start()

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import socket
 import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 from sqlalchemy import Connection, create_engine, text
@@ -72,6 +75,45 @@ def test_abort_is_on_record_after_a_server_that_ended_while_the_database_was_loc
     console.command("GET_STATUS")
     ids = [command["request_id"] for command in console.get("/commands")]
     assert len(ids) == len(set(ids))
+
+
+def test_an_abort_whose_sender_gave_up_is_not_sent(serve, sensor):
+    """A server that is stopped for a while reads a request after its sender has closed the connection, and does not send
+    ABORT. A request for the server before a restart is rejected too, with the start of the present server.
+    """
+    server = serve("--device", sensor.url)
+    console = server.console
+    console.wait("the sensor", lambda: console.get("/link")["dictionary_match"])
+    address = urlsplit(console.address)
+    headers = "".join(f"{name}: {value}\r\n" for name, value in console.headers.items())
+    request = f"POST /api/commands/abort HTTP/1.1\r\nHost: {address.netloc}\r\n{headers}Content-Length: 0\r\n\r\n"
+    server.process.send_signal(signal.SIGSTOP)
+    with socket.create_connection((address.hostname, address.port)) as connection:
+        connection.sendall(request.encode())
+    server.process.send_signal(signal.SIGCONT)
+    console.command("GET_STATUS")
+    started = console.get("/link")["server_started"]
+    outdated = console.http.post("/commands/abort", headers={"server-started": "2026-01-01T00:00:00.000Z"})
+    assert (outdated.status_code, outdated.json()["got"]) == (412, started)
+    assert console.get("/commands", name="ABORT") == []
+    assert console.http.post("/commands/abort", headers={"server-started": started}).status_code == 201
+
+
+def test_a_stored_abort_that_is_still_in_the_journal_is_stored_once(serve, sensor):
+    """A server that ended after it stored ABORT and before it removed ABORT from its journal adds no second row."""
+    server = serve("--device", sensor.url)
+    console = server.console
+    console.wait("the sensor", lambda: console.get("/link")["dictionary_match"])
+    receipt = console.post("/commands/abort")
+    console.wait("the record", lambda: console.get("/commands", name="ABORT"))
+    server.kill()
+    entry = {"request_id": receipt["request_id"], "user": receipt["command"]["user"], "source": "abort"}
+    with sqlite3.connect(server.folder / "gss.db") as database:
+        (created,) = database.execute("SELECT created FROM commands WHERE name = 'ABORT'").fetchone()
+    entry["at"] = datetime.fromisoformat(created).replace(tzinfo=UTC).isoformat()
+    (server.folder / "aborts.jsonl").write_text(json.dumps(entry) + "\n")
+    console = serve("--device", sensor.url).console
+    assert [row["request_id"] for row in console.get("/commands", name="ABORT")] == [receipt["request_id"]]
 
 
 def test_a_line_that_opens_while_the_database_is_locked_gets_its_contact_later(serve, sensor):

@@ -5,17 +5,19 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Iterator
+from datetime import datetime
 from itertools import chain
 from typing import Annotated
 
-from fastapi import Depends, Query
+from fastapi import Depends, Header, Query, Request
 from fastapi.responses import StreamingResponse
 
 from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, ContactId, QueryTime, RowId, User, need
 from gss.api.schemas.commands import AbortOut, CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
-from gss.api.urgent import run_urgent
+from gss.api.urgent import has_closed, run_urgent
+from gss.domain.errors import Conflict
 from gss.operations.accounts.permissions import STOP
 from gss.operations.commanding.command_history import Filter
 from gss.store.models import Command
@@ -102,9 +104,15 @@ def check_command(app: App, body: CommandIn, user: User) -> CheckOut:
 
 
 @router.post("/commands/abort", status_code=201, dependencies=[need(STOP)])
-async def abort(app: App, user: User) -> AbortOut:
+async def abort(
+    app: App, user: User, request: Request, server_started: Annotated[datetime | None, Header()] = None
+) -> AbortOut:
     """Queue ABORT ahead of all other traffic. The response waits at most 0.3 s for the database record. 409: ABORT was
-    not queued."""
+    not queued. 412: it was not queued, because the server has started again since ``server_started``, the start that the
+    caller knows; a request can wait until a server has started, and the caller has given up by then."""
+    app.upkeep.status.require_start(server_started)
+    if await has_closed(request):
+        raise Conflict("ABORT was not sent: the connection was closed before the server read the request")
     receipt = await run_urgent(lambda: app.commanding.commands.abort(user=user, source="abort"))
     row = None
     with contextlib.suppress(TimeoutError):

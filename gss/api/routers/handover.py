@@ -6,7 +6,7 @@ from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, CurrentUser, RowId, User, need
 from gss.api.schemas.handover import CheckIn, HandoverNoteIn, HandoverNoteOut, HandoverOut
 from gss.domain.errors import Conflict
-from gss.operations.contacts.handover import Checklist, ChecklistRequest
+from gss.operations.contacts.handover import CheckedItem, Checklist, ChecklistRequest
 
 router = api_router("contacts")
 NEED = need("contacts.note")
@@ -32,10 +32,10 @@ def read_handover(app: App, contact_id: RowId) -> HandoverOut:
 
 
 @router.put("/contacts/{contact_id}/checklist", dependencies=[NEED])
-def check_item(app: App, user: User, contact_id: RowId, body: CheckIn, audit_note: AuditNote) -> HandoverOut:
+def check_item(app: App, user: User, contact_id: RowId, body: CheckIn, audit_note: AuditNote) -> CheckedItem:
     """Mark an item of a contact's checklist as done or not done."""
     audit_note("done:" if body.done else "not done:", body.item)
-    return HandoverOut.model_validate(app.contacts.handover.check(contact_id, body.item, done=body.done, user=user))
+    return app.contacts.handover.check(contact_id, body.item, done=body.done, user=user)
 
 
 @router.post("/contacts/{contact_id}/handover-notes", status_code=201, dependencies=[NEED])
@@ -49,7 +49,7 @@ def add_handover_note(
 
 @router.get("/handover-notes")
 def read_unacknowledged_notes(app: App, user: User) -> list[HandoverNoteOut]:
-    """Hand-over notes of other users that are not acknowledged, oldest first, at most 50."""
+    """The newest 50 hand-over notes of other users that are not acknowledged, oldest first."""
     return [HandoverNoteOut.model_validate(row) for row in app.contacts.handover.unacknowledged_notes(user)]
 
 

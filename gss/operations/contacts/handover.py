@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Literal
+from unicodedata import normalize
 
 from pydantic import Field
 
@@ -35,7 +36,7 @@ ListSource = Literal["user", "instrument", "default"]
 
 
 class ChecklistRequest(Request):
-    """New list of items. ``version``: the version that was changed, 0 for the first one."""
+    """New list of items. ``version``: the version that was changed."""
 
     items: list[Annotated[str, Field(min_length=1, max_length=MAX_ITEM_LENGTH)]] = Field(max_length=MAX_ITEMS)
     version: int = Field(ge=0, le=MAX_ID)
@@ -43,8 +44,8 @@ class ChecklistRequest(Request):
 
 @dataclass(frozen=True)
 class Checklist:
-    """Items to check in each contact. ``version``: 0 if users have not changed the list; ``user`` and ``changed``: last
-    change."""
+    """Items to check in each contact. ``version``: id of its stored version, 0 if none is stored; ``user`` and ``changed``:
+    last change by a user, "" and None if users have not changed it."""
 
     items: tuple[str, ...]
     source: ListSource
@@ -84,6 +85,14 @@ class HandoverService:
         source: ListSource = "instrument" if package else "default"
         self._shipped = Checklist(package or DEFAULT_ITEMS, source, version=0, user="", changed=None)
 
+    def start(self) -> None:
+        """Store the list of the package as a version, unless users have changed the list, so that each contact keeps
+        its items when a later package has others."""
+        with self._database.unit_of_work() as session:
+            newest = store.newest_checklist(session)
+            if newest is None or (not newest.user and tuple(newest.items) != self._shipped.items):
+                store.add_checklist(session, newest, self._shipped.items, "", self._now())
+
     def checklist(self) -> Checklist:
         """Return the newest list."""
         with self._database.unit_of_work() as session:
@@ -93,8 +102,12 @@ class HandoverService:
         """Store a new list. It applies to open and later contacts; closed contacts keep their list. Raises BadInput for
         an empty or repeated item, Conflict if another user has changed the list since."""
         items = [one_line(item) for item in request.items]
-        if not all(items) or len(set(items)) < len(items):
-            raise BadInput("An item of the checklist is empty or repeated", expected="different texts")
+        if not all(map(_is_visible, items)) or len({normalize("NFC", item) for item in items}) < len(items):
+            raise BadInput(
+                "An item of the checklist is empty or repeated",
+                expected="different texts",
+                hint="Remove empty lines and repeated items.",
+            )
         with self._database.unit_of_work() as session:
             newest = store.newest_checklist(session)
             version = newest.id if newest else 0
@@ -105,41 +118,39 @@ class HandoverService:
                     got=f"version {request.version}",
                     hint="Open the latest version and change it.",
                 )
-            # The id is given, so that the database rejects the second of two changes at the same time.
-            row = ChecklistVersion(id=version + 1, items=items, user=user, changed=self._now())
-            store.add(session, row)
+            row = store.add_checklist(session, newest, items, user, self._now())
         return self._list_of(row)
 
     def of_contact(self, contact_id: int) -> Handover:
         """Return checklist and notes of a contact. Raises NotFound."""
         with self._database.unit_of_work() as session:
-            row, _ = devices.get_contact(session, contact_id)
-            version = store.checklist_at(session, row.ended) if row.ended else store.newest_checklist(session)
+            devices.get_contact(session, contact_id)
+            version = store.checklist_of(session, contact_id)
             marks, notes = store.marks(session, contact_id), store.notes(session, contact_id)
         checklist, of_item = self._list_of(version), dict[str, list[ChecklistMark]]()
         for mark in marks:
             of_item.setdefault(mark.item, []).append(mark)
-        # The list of a package can have changed since the contact ended. Then only the checked items are known.
-        listed = () if row.ended and version is None else checklist.items
+        # Of a contact before the first stored version, only the checked items are known.
+        listed = () if version is None else checklist.items
         removed = [item for item in of_item if item not in listed]
         items = [_checked(text, of_item.get(text, ())) for text in (*listed, *removed)]
         return Handover(contact_id, checklist, items, notes)
 
-    def check(self, contact_id: int, item: str, *, done: bool, user: str) -> Handover:
-        """Mark an item of a contact as done or not done. An unchanged state keeps its user and time. Raises
-        NotFound, BadInput for an item that the contact's list does not contain."""
-        before = next((i for i in self.of_contact(contact_id).items if i.text == item), None)
-        if before is None:
-            raise BadInput("The checklist of this contact has no such item", got=item[:80])
-        if before.done != done:
-            with self._database.unit_of_work() as session:
-                mark = ChecklistMark(contact_id=contact_id, item=item, done=done, user=user, at=self._now())
-                store.add(session, mark)
-        return self.of_contact(contact_id)
+    def check(self, contact_id: int, item: str, *, done: bool, user: str) -> CheckedItem:
+        """Mark an item of a contact as done or not done, and return its state. An unchanged state keeps its user and time.
+        Raises NotFound, BadInput for an item that the contact's list does not contain."""
+        if not any(known.text == item for known in self.of_contact(contact_id).items):
+            raise BadInput(
+                "The checklist of this contact has no such item", got=item[:80], hint="Read the checklist again."
+            )
+        with self._database.unit_of_work() as session:
+            store.mark(session, contact_id, item, done, user, self._now())
+        with self._database.unit_of_work() as session:
+            return _checked(item, [mark for mark in store.marks(session, contact_id) if mark.item == item])
 
     def add_note(self, contact_id: int, text: str, *, user: str) -> HandoverNote:
         """Store a note to the next operator. Raises NotFound, BadInput for an empty text."""
-        if not text.strip():
+        if not _is_visible(text):
             raise BadInput("The hand-over note is empty", expected="a text")
         with self._database.unit_of_work() as session:
             devices.get_contact(session, contact_id)
@@ -149,7 +160,7 @@ class HandoverService:
         return row
 
     def unacknowledged_notes(self, user: str) -> list[HandoverNote]:
-        """Return the hand-over notes of other users that are not acknowledged, oldest first, at most MAX_NOTES."""
+        """Return the newest MAX_NOTES hand-over notes of other users that are not acknowledged, oldest first."""
         with self._database.unit_of_work() as session:
             return store.unacknowledged_notes(session, user, MAX_NOTES)
 
@@ -160,13 +171,24 @@ class HandoverService:
             row = store.note(session, note_id)
             if row.user == user:
                 raise Conflict("You cannot acknowledge your own note", expected="another user", got=user)
-            if not store.acknowledge(session, note_id, user, self._now()):
-                raise Conflict("The note is already acknowledged", got=f"by {row.acknowledged_by}")
+            is_first = store.acknowledge(session, note_id, user, self._now())
             session.refresh(row)
+            if not is_first:
+                raise Conflict("The note is already acknowledged", got=f"by {row.acknowledged_by}")
         return row
 
     def _list_of(self, row: ChecklistVersion | None) -> Checklist:
-        return self._shipped if row is None else Checklist(tuple(row.items), "user", row.id, row.user, row.changed)
+        if row is None:
+            return self._shipped
+        items = tuple(row.items)
+        if row.user:
+            return Checklist(items, "user", row.id, row.user, row.changed)
+        return Checklist(items, "default" if items == DEFAULT_ITEMS else "instrument", row.id, user="", changed=None)
+
+
+def _is_visible(text: str) -> bool:
+    """True if a text has a visible character. False, for example, for spaces of zero width."""
+    return any(c.isprintable() and not c.isspace() for c in text)
 
 
 def one_line(text: str) -> str:

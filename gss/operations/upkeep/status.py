@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
+from gss.domain.errors import Restarted
 from gss.instruments.operations import Operation, absence
-from gss.operations.clock import Now
+from gss.operations.clock import Now, iso_z
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.events import EventBus
 from gss.operations.frames.ground_attitude import GroundAttitude
@@ -179,6 +180,16 @@ class StatusService:
             server_started=self._started,
             utc=self._now(),
         )
+
+    def require_start(self, known: datetime | None) -> None:
+        """Raise Restarted if the server has started again since the start that a caller knows. None: not checked."""
+        if known is not None and iso_z(known) != iso_z(self._started):
+            raise Restarted(
+                "The server has started again since this page was loaded",
+                expected=f"start {iso_z(known)}",
+                got=iso_z(self._started),
+                hint="Check the state of the sensor, then send the command again if it is still necessary.",
+            )
 
     def _directions(self) -> tuple[DirectionState, DirectionState]:
         counters, now_s = self._link.counters, self._link.monotonic_s()

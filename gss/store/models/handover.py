@@ -14,13 +14,16 @@ MAX_ITEM_LENGTH = 200
 
 
 class ChecklistVersion(Base):
-    """Version of the list of items for contacts, valid from ``changed``. ``items``: texts in order."""
+    """Version of the list of items for contacts. ``items``: texts in order. ``user``: "" for the list of the instrument
+    package or the default. ``first_contact_id``: first contact with this list; it is an id and not a time, because the clock
+    can be set."""
 
     __tablename__ = "checklist_versions"
     id: Mapped[int] = mapped_column(primary_key=True)
     items: Mapped[list[Any]]
     user: Mapped[str] = mapped_column(String(60))
     changed: Mapped[datetime]
+    first_contact_id: Mapped[int]
 
 
 class ChecklistMark(Base):

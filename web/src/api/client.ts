@@ -146,8 +146,12 @@ const commanding = {
     body(POST('/api/commands/{command_id}/resolve', { params: { path: { command_id } }, body: { note } })),
   withdraw: (command_id: number) =>
     body(POST('/api/commands/{command_id}/withdraw', { params: { path: { command_id } } })),
-  /** Send ABORT. The request is sent even if the page is closed immediately. */
-  abort: (signal: AbortSignal) => body(POST('/api/commands/abort', { signal })),
+  /**
+   * Send ABORT. The request is sent even if the page is closed immediately. The server rejects it with status 412 if it
+   * has started again since `serverStarted`.
+   */
+  abort: (signal: AbortSignal, serverStarted: string | null) =>
+    body(POST('/api/commands/abort', { signal, params: { header: { 'server-started': serverStarted } } })),
   procedures: () => body(GET('/api/procedures')),
   schedule: () => body(GET('/api/schedule')),
   refreshSchedule: () => body(POST('/api/schedule/refresh')),

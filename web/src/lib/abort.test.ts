@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { answerOf, RECORD_MS, WINDOW_MS } from './abort';
 import { headlineOf, stepsOf, type Press } from './abortPress';
-import { command, receipt, refused, rig, shown, UNREACHABLE } from './abortTestRig';
+import { command, FIRST_START, receipt, refused, rig, shown, UNREACHABLE } from './abortTestRig';
 
 describe('a press of ABORT', () => {
   it('ends as not sent if the server is unreachable during the whole window', async () => {
@@ -48,6 +48,21 @@ describe('a press of ABORT', () => {
     void presses.press();
     await pass(1500);
     expect(seen.presses[0]).toMatchObject({ fate: 'recorded', tries: 3 });
+  });
+  it('is sent again to a server that has started since, within the window', async () => {
+    const restarted = refused(412, 'the server has started again', '2026-12-01T18:42:05.000Z');
+    const { presses, seen, pass } = rig([restarted, command()]);
+    void presses.press();
+    await pass(100);
+    expect(seen.servers).toEqual([FIRST_START, '2026-12-01T18:42:05.000Z']);
+    expect(seen.presses[0]).toMatchObject({ fate: 'recorded' });
+  });
+  it('is not sent if the server rejects its own start again', async () => {
+    const { presses, seen, pass } = rig([refused(412, 'the server has started again', FIRST_START)]);
+    void presses.press();
+    await pass(100);
+    expect(seen.posts).toBe(1);
+    expect(seen.presses[0]).toMatchObject({ fate: 'not_sent' });
   });
   it('is unknown, not "not sent", when the request left and the connection broke', async () => {
     const { presses, seen, pass } = rig([UNREACHABLE()], { online: true });

@@ -30,7 +30,10 @@ const CLOCK_MS = 2_000;
 export type Answer = Pick<Press, 'reason' | 'answered'> & { fate: 'not_sent' | 'unknown' };
 
 export interface AbortParts {
-  post: (signal: AbortSignal) => Promise<Abort>;
+  /** Send ABORT to the server that started at `serverStarted`; null: to any server. */
+  post: (signal: AbortSignal, serverStarted: string | null) => Promise<Abort>;
+  /** Start of the server whose state the page shows; null if unknown. */
+  serverStarted: () => string | null;
   /** ABORT commands created in a time span, from the server's history. */
   history: (startMs: number, endMs: number, signal: AbortSignal) => Promise<Command[]>;
   /** True if the event stream is open. */
@@ -44,6 +47,15 @@ export interface AbortParts {
   load: () => string | null;
   save: (text: string) => void;
   changed: (presses: readonly Press[]) => void;
+}
+
+/**
+ * Start of the present server, from its rejection of a request that was meant for the server before a restart; "" for
+ * every other error. A request can wait in the connection until the server has started again, and would then send ABORT
+ * after the press has ended.
+ */
+function restartOf(error: unknown): string {
+  return error instanceof ApiError && error.status === 412 ? error.problem.got : '';
 }
 
 /** True if the server itself answered with an error. */
@@ -141,16 +153,22 @@ export class Presses {
     const stop = this.parts.later(() => cancel.abort(), WINDOW_MS);
     const windowEnd = rejectOnAbort(cancel.signal);
     const lost = new LostAttempts();
+    let serverStarted = this.parts.serverStarted();
     for (let tries = 1; ; tries += 1) {
       this.change(key, { tries });
       const online = this.parts.online();
-      const request = this.parts.post(cancel.signal);
+      const request = this.parts.post(cancel.signal, serverStarted);
       const probe = this.parts.probe(cancel.signal);
       try {
         const receipt = await Promise.race([request, windowEnd]);
         stop();
         return this.acceptReceipt(key, receipt);
       } catch (error) {
+        const restart = restartOf(error);
+        if (restart && restart !== serverStarted && !cancel.signal.aborted) {
+          serverStarted = restart; // the press is younger than WINDOW_MS, so it is meant for this server too
+          continue;
+        }
         const [answered, timedOut] = [isAnswer(error), cancel.signal.aborted];
         if (!answered) lost.add(online || this.parts.online(), probe);
         if (!answered && !timedOut) {

@@ -4,6 +4,7 @@ import type { Abort, Command, Stage } from '../api/types';
 import { Presses } from './abort';
 import type { Press } from './abortPress';
 
+export const FIRST_START = '2026-12-01T16:00:00.000Z';
 const START = Date.parse('2026-12-01T18:42:07Z');
 export const UNREACHABLE = (): ApiError =>
   new ApiError(0, { id: '', message: 'no answer', expected: '', got: '', hint: '' });
@@ -40,8 +41,15 @@ export function rig(
 ) {
   let now = START;
   let timers: { at: number; run: () => void }[] = [];
-  const seen: { presses: readonly Press[]; saved: string; posts: number; searches: number } = {
+  const seen: {
+    presses: readonly Press[];
+    saved: string;
+    posts: number;
+    servers: (string | null)[];
+    searches: number;
+  } = {
     presses: [],
+    servers: [],
     saved: over.stored ?? '[]',
     posts: 0,
     searches: 0,
@@ -52,8 +60,10 @@ export function rig(
     history: over.history ?? [],
   };
   const presses = new Presses({
-    post: () => {
+    serverStarted: () => FIRST_START,
+    post: (_signal, serverStarted) => {
       seen.posts += 1;
+      seen.servers.push(serverStarted);
       const next = answers.length > 1 ? answers.shift() : answers[0];
       return next === 'hang'
         ? new Promise(() => undefined)

@@ -11,8 +11,8 @@ const KEY = unitStorageKey('gss-abort');
 class Abort {
   presses = $state.raw<readonly Press[]>([]);
   private readonly sender = new Presses({
-    post: async (signal) => {
-      const receipt = await api.abort(signal);
+    post: async (signal, serverStarted) => {
+      const receipt = await api.abort(signal, serverStarted);
       if (receipt.command) live.putCommand(receipt.command);
       return receipt;
     },
@@ -23,6 +23,7 @@ class Abort {
         signal,
       );
     },
+    serverStarted: () => live.link?.server_started ?? null,
     online: () => live.online,
     probe: api.probe,
     now: () => Date.now() + live.clockSkewMs,
