@@ -7,7 +7,11 @@ import re
 import zlib
 from datetime import UTC, datetime
 from html.parser import HTMLParser
+from pathlib import Path
 
+import pytest
+
+from gss.operations.report import pdf
 from gss.operations.report.axes import clock, decades, ticks, written
 from gss.operations.report.html import as_html, as_svg
 from gss.operations.report.parts import (
@@ -103,6 +107,30 @@ def test_the_pdf_has_the_same_content_and_is_reproducible() -> None:
     pages = b"".join(zlib.decompress(s) for s in streams)
     assert pages.count(b" re") > 5
     assert pages.count(b" Tj") + pages.count(b"] TJ") > 20
+
+
+@pytest.mark.parametrize("built", [True, False])
+def test_the_pdf_states_which_characters_it_cannot_show(monkeypatch: pytest.MonkeyPatch, built: bool) -> None:
+    """Characters without a glyph and control characters are replaced and listed. Line breaks are kept, and a long word is
+    wrapped, so that all its letters are on the page."""
+    if not built:
+        monkeypatch.setattr(pdf, "FONTS", Path("absent"))
+    shown: list[str] = []
+    put = pdf._Sheet.put
+
+    def record(sheet: pdf._Sheet, x: float, y: float, text: str, **style: object) -> None:
+        shown.append("".join(letters for _, letters in sheet._runs(text)))
+        put(sheet, x, y, text, **style)
+
+    monkeypatch.setattr(pdf._Sheet, "put", record)
+    text = "Bank B not confirmed.\n\nFrame 7 日\x1b[31m " + 900 * "w"
+    as_pdf(Report("Contact 1", "", [Section("Hand-over note", text)]), MADE)
+    assert shown[2:5] == ["Bank B not confirmed.", "", "Frame 7 ??[31m"]
+    assert "".join(shown).count("w") - "".join(shown[:3]).count("w") >= 900
+    assert "U+001B, U+65E5" in " ".join(shown)
+    shown.clear()
+    as_pdf(REPORT, MADE)
+    assert "do not contain" not in " ".join(shown)
 
 
 def test_an_empty_plot_has_a_message() -> None:

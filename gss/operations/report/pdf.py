@@ -6,11 +6,13 @@ import base64
 import io
 from collections.abc import Iterator, Sequence
 from datetime import datetime
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PIL import Image
 
+from gss.domain.words import counted
 from gss.operations.report.draw import WIDTH, draw, height_of
 from gss.operations.report.parts import Drawing, Fact, Note, Picture, Report, Section, Table
 from gss.operations.report.pens import INK, SOFT, Point
@@ -28,6 +30,9 @@ BARE = str.maketrans({"σ": "sigma", "χ": "chi", "µ": "u", "″": '"', "′": 
 are available."""
 MARGIN, LINE, LEADING = 42.0, 12.0, 1.3
 FACT_SIZE, FACT_GAP = 9.0, 14.0
+LATIN_1 = 0x100
+MAX_NAMED = 8
+"""Maximum number of characters without a glyph that the note lists."""
 MAX_ROWS = 400
 """Maximum number of rows of a table. The report states the number of omitted rows; the CSV file contains all rows."""
 
@@ -43,6 +48,10 @@ def as_pdf(report: Report, created: datetime) -> bytes:
         sheet.note(note)
     for section in report.sections:
         sheet.section(section)
+    if sheet.replaced:
+        letters = ", ".join(f"U+{ord(letter):04X}" for letter in sorted(sheet.replaced)[:MAX_NAMED])
+        text = f'The fonts of this file do not contain {counted(len(sheet.replaced), "character")} ({letters}), shown as "?".'
+        sheet.note(Note(text, "The HTML report contains them."))
     return bytes(sheet.pdf.output())
 
 
@@ -57,6 +66,9 @@ class _Sheet:
         self.pdf.set_title(title)
         self.pdf.set_creator("GSS")
         self._faces = _faces(self.pdf)
+        self._glyphs = {name: set(self.pdf.fonts[name].cmap) for name in FACES} if self._faces else {}
+        self.replaced: set[str] = set()
+        """Characters without a glyph, which are shown as "?"."""
         self.y = 0.0
         self._page()
 
@@ -173,7 +185,7 @@ class _Sheet:
     def _width(self, text: str, size: float) -> float:
         """Return the width of a text in points."""
         width = 0.0
-        for face, run in _runs(text, self._faces):
+        for face, run in self._runs(text):
             self._use(face, size, False)
             width += self.pdf.get_string_width(run)
         return width
@@ -190,7 +202,7 @@ class _Sheet:
         bold: bool = False,
     ) -> None:
         """Draw text on its baseline. Each run of letters uses the font that contains these letters."""
-        runs = list(_runs(text, self._faces))
+        runs = list(self._runs(text))
         widths = []
         for face, run in runs:
             self._use(face, size, bold)
@@ -201,6 +213,21 @@ class _Sheet:
             self._use(face, size, bold)
             self.pdf.text(at, y, run)
             at += width
+
+    def _runs(self, text: str) -> Iterator[tuple[str, str]]:
+        """Split a text into runs of letters of one font. Yield (font, letters) in order."""
+        text = text.translate(PLAIN)
+        if not self._faces:
+            yield "helvetica", "".join(self._known(letter, ord(letter) < LATIN_1) for letter in text.translate(BARE))
+            return
+        for face, letters in groupby(text, key=_face_of):
+            yield face, "".join(self._known(letter, ord(letter) in self._glyphs[face]) for letter in letters)
+
+    def _known(self, letter: str, has_glyph: bool) -> str:
+        if has_glyph and letter.isprintable():
+            return letter
+        self.replaced.add(letter)
+        return "?"
 
     def _use(self, face: str, size: float, bold: bool) -> None:
         self.pdf.set_font(face, "B" if bold and face != "greek" else "", size)
@@ -218,34 +245,27 @@ def _faces(pdf: FPDF) -> bool:
     return True
 
 
-def _runs(text: str, faces: bool) -> Iterator[tuple[str, str]]:
-    """Split a text into runs of letters of one font. Yield (font, letters) in order."""
-    text = text.translate(PLAIN)
-    if not faces:
-        yield "helvetica", text.translate(BARE).encode("latin-1", "replace").decode("latin-1")
-        return
-    face, run = "latin", ""
-    for letter in text:
-        letter_face = "greek" if "\u0370" <= letter <= "\u03ff" else "latin"
-        if letter_face != face and run:
-            yield face, run
-            run = ""
-        face, run = letter_face, run + letter
-    if run:
-        yield face, run
+def _face_of(letter: str) -> str:
+    return "greek" if "\u0370" <= letter <= "\u03ff" else "latin"
 
 
 def _lines(text: str, size: float, across: float) -> list[str]:
-    """Wrap a text at words, assuming that letters are half as wide as they are high."""
+    """Wrap the lines of a text at words, and longer words at the width, assuming that letters are half as wide as they are
+    high."""
     max_letters = int(across / (size * 0.5))
+    return [line for paragraph in text.splitlines() for line in _wrapped(paragraph, max_letters)]
+
+
+def _wrapped(paragraph: str, max_letters: int) -> list[str]:
     lines, line = [], ""
-    for word in text.split():
-        if line and len(line) + 1 + len(word) > max_letters:
-            lines.append(line)
-            line = word
-        else:
-            line = f"{line} {word}".strip()
-    return [*lines, line] if line else lines
+    for word in paragraph.split():
+        for part in (word[k : k + max_letters] for k in range(0, len(word), max_letters)):
+            if line and len(line) + 1 + len(part) > max_letters:
+                lines.append(line)
+                line = part
+            else:
+                line = f"{line} {part}".strip()
+    return [*lines, line] if line or not lines else lines
 
 
 class _PdfPen:
