@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         findings = check_device(probe, write=arguments.write, on_part=_show_part)
         facts = findings.plain(probe.device.hello, dictionary.hash_hex)
     if arguments.json:
-        print(json.dumps(facts, ensure_ascii=False))
+        print(json.dumps(facts))
     else:
         _print(findings, facts["device"])
     return 1 if findings.failed or findings.not_restored else 0
@@ -81,7 +81,7 @@ def _run_declared(arguments: argparse.Namespace, instrument: Instrument) -> int:
     failed = [case for case in cases if case.passed is False]
     if arguments.json:
         facts = {"instrument": instrument.name, "failed": len(failed), "cases": [asdict(case) for case in cases]}
-        print(json.dumps(facts, ensure_ascii=False))
+        print(json.dumps(facts))
         return 1 if failed else 0
     print(f"{instrument.name}: {instrument.about.title}")
     for case in cases:

@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
         sheet = sheet_of_design(question, base, stars)
         arguments.sheet.write_bytes(sheet_file(sheet, arguments.sheet.suffix.removeprefix("."), utc_now()))
     if arguments.json:
-        print(json.dumps(record, ensure_ascii=False, allow_nan=False))
+        print(json.dumps(record, allow_nan=False))
     else:
         print(as_text(record))
     return 0

@@ -72,7 +72,7 @@ def run_list(arguments: argparse.Namespace) -> int:
     instruments = registry(arguments.data)
     rows, broken = [facts_of(i) for i in instruments.all()], instruments.broken()
     if arguments.json:
-        print(json.dumps([*rows, *({"name": b.name, "error": b.reason} for b in broken)], ensure_ascii=False))
+        print(json.dumps([*rows, *({"name": b.name, "error": b.reason} for b in broken)]))
         return 0
     for row in rows:
         print(
@@ -88,7 +88,7 @@ def run_show(arguments: argparse.Namespace) -> int:
     instrument = registry(arguments.data).get(arguments.name)
     facts = facts_of(instrument) | {"about": instrument.about.model_dump(), "link": instrument.link.model_dump()}
     facts |= {"sources": instrument.profile.sources, "procedures": sorted(instrument.procedures)}
-    print(json.dumps(facts, ensure_ascii=False, indent=1))
+    print(json.dumps(facts, indent=1))
     return 0
 
 

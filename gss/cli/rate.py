@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
             record = sequencer.measure(image.pixels, image.taken_at, image.exposure_s)
             record["file"] = name
             missing += k > 0 and record["rate"] is None
-            print(json.dumps(record, allow_nan=False, ensure_ascii=False) if arguments.json else as_text(record))
+            print(json.dumps(record, allow_nan=False) if arguments.json else as_text(record))
             sys.stdout.flush()
     return NO_RATE_EXIT if missing else SOLVED_EXIT
 

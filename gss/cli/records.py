@@ -164,7 +164,7 @@ def check_record(arguments: argparse.Namespace) -> int:
             "held": sum(check.held for check in checks),
             "unexplained": unexplained,
         }
-        print(json.dumps(facts, ensure_ascii=False))
+        print(json.dumps(facts))
     else:
         for check in checks:
             _print(check)

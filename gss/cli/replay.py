@@ -115,7 +115,7 @@ def replay_captures(arguments: argparse.Namespace) -> int:
     for replayed in paced(items, arguments.speed, monotonic_s, time.sleep):
         item_count += 1
         facts = plain_item(replayed)
-        print(json.dumps(facts, ensure_ascii=False) if arguments.json else _line(facts), flush=bool(arguments.speed))
+        print(json.dumps(facts) if arguments.json else _line(facts), flush=bool(arguments.speed))
     counters = decoder.received
     if not counters.bytes and unreadable:
         raise BadInput(

@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         from gss.operations.studies.sheet_record import SheetValues
 
-        print(json.dumps(TypeAdapter(SheetValues).json_schema(), indent=1, ensure_ascii=False))
+        print(json.dumps(TypeAdapter(SheetValues).json_schema(), indent=1))
         return 0
     if not arguments.camera:
         raise BadInput("no camera given", expected="--camera INSTRUMENT")

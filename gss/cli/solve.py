@@ -176,7 +176,7 @@ def _solve_image(
     truth_result = None if truth is None else truth_record(result, truth, solver.cache.stars(request.epoch_jyear))
     if truth is not None:
         record["truth"] = truth_result
-    print(json.dumps(record, allow_nan=False, ensure_ascii=False) if arguments.json else as_text(record))
+    print(json.dumps(record, allow_nan=False) if arguments.json else as_text(record))
     if truth_result is not None and truth_result["verdict"] == "wrong":
         return FAILED_EXIT
     return SOLVED_EXIT if result.outcome is Outcome.SOLVED else NO_SOLUTION_EXIT

@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     results = [list_result(*solution) for solution in solver.solve(lists, arguments.sigma_px)]
     if arguments.json:
         record = {"file": arguments.file, "camera": arguments.camera, "epoch_jyear": epoch}
-        print(json.dumps(record | {"results": [r.as_json() for r in results]}, allow_nan=False, ensure_ascii=False))
+        print(json.dumps(record | {"results": [r.as_json() for r in results]}, allow_nan=False))
     else:
         print(_as_text(results))
     return SOLVED_EXIT if all(r.outcome is Outcome.SOLVED for r in results) else NO_SOLUTION_EXIT

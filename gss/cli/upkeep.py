@@ -247,7 +247,7 @@ def check_store(arguments: argparse.Namespace) -> int:
     finally:
         database.close()
     if arguments.json:
-        print(json.dumps(report.plain(), ensure_ascii=False))
+        print(json.dumps(report.plain()))
     else:
         _print(report)
     return 0 if report.whole else 1

@@ -51,10 +51,13 @@ def decompressed(data: bytes) -> bytes | None:
     _, item_bytes, size = _HEADER.unpack_from(data)
     if not 1 <= item_bytes <= MAX_ITEM_BYTES or size > MAX_UNPACKED_BYTES or size % item_bytes:
         return None
-    plain = zstd_plain(memoryview(data)[_HEADER.size :], size)
-    if plain is None or item_bytes == 1:
-        return plain
-    return np.frombuffer(plain, np.uint8).reshape(item_bytes, -1).T.tobytes()
+    try:
+        plain = zstd_plain(memoryview(data)[_HEADER.size :], size)
+        if plain is None or item_bytes == 1:
+            return plain
+        return np.frombuffer(plain, np.uint8).reshape(item_bytes, -1).T.tobytes()
+    except MemoryError:  # a damaged header states a huge size
+        return None
 
 
 def zstd(data: bytes | memoryview) -> bytes:

@@ -5,6 +5,7 @@ Alembic is imported only when a schema has to be changed, because its import tak
 
 from __future__ import annotations
 
+import sqlite3
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import DatabaseError
 
 from gss.domain.errors import CorruptData, StoreDown
+from gss.domain.words import counted
 from gss.store.engine import DAMAGED_HINT, damaged_pages, is_large, open_engine
 from gss.store.models import Base
 
@@ -39,6 +41,13 @@ VERSION = Table(
     PrimaryKeyConstraint("version_num", name="alembic_version_pkc"),
 )
 """Alembic's table, with one row: the revision of the schema."""
+OTHER_HINTS = {
+    sqlite3.SQLITE_BUSY: "another program holds the database; end it and start again",
+    sqlite3.SQLITE_READONLY: "make the database file and its folder writable",
+    sqlite3.SQLITE_CANTOPEN: "check that the file and its folder exist and can be read and written",
+    sqlite3.SQLITE_FULL: "free space on the disk",
+}
+"""Hints for failures of SQLite that are not damage, by error code."""
 
 
 def migrations_folder() -> Path:
@@ -91,11 +100,11 @@ def migrate(url: str) -> None:
     _check_pages(url)
     try:
         revision = _revision_or_create(url)
-        if revision not in ("", *known_schemas()):
+        if revision not in known_schemas():
             raise CorruptData(
                 "the database was written by a newer version",
                 expected=f"a schema up to {known_schemas()[-1]}",
-                got=f"schema {revision}",
+                got=f"schema {revision[:32]!a}",
                 hint="start the newer version again, or restore a backup made before it: gss restore",
             )
         if revision != known_schemas()[-1]:
@@ -108,12 +117,15 @@ def migrate(url: str) -> None:
             raise StoreDown(
                 "the database server cannot be used", got=cause, hint="check the server and GSS_DATABASE"
             ) from None
+        code = getattr(error.orig, "sqlite_errorcode", 0) & 0xFF
+        if code in OTHER_HINTS:
+            raise StoreDown("the database cannot be opened", got=str(error.orig), hint=OTHER_HINTS[code]) from error
         raise CorruptData("the database cannot be opened", got=str(error.orig), hint=DAMAGED_HINT) from error
 
 
 def _revision_or_create(url: str) -> str:
-    """Return the revision of the schema; "" if the database has tables but no revision. If it has no tables, create the
-    newest schema from the models."""
+    """Return the revision of the schema. If the database has no tables, create the newest schema from the models. Raises
+    CorruptData if it has tables and not exactly one revision: it belongs to another program, or it was changed by hand."""
     engine = open_for_migration(url)
     try:
         with engine.begin() as connection:
@@ -122,9 +134,16 @@ def _revision_or_create(url: str) -> str:
                 Base.metadata.create_all(connection)
                 VERSION.create(connection)
                 connection.execute(VERSION.insert().values(version_num=known_schemas()[-1]))
-            elif VERSION.name not in tables:
-                return ""
-            return str(connection.scalar(select(VERSION.c.version_num)) or "")
+                return known_schemas()[-1]
+            revisions = connection.scalars(select(VERSION.c.version_num)).all() if VERSION.name in tables else []
+            if len(revisions) != 1:
+                raise CorruptData(
+                    "the database is not one of GSS, or its schema is not known",
+                    expected="an empty database, or a table alembic_version with one row",
+                    got=f"tables {', '.join(sorted(tables)[:5])}; {counted(len(revisions), 'revision')}",
+                    hint="state another database with GSS_DATABASE or another folder with --data, or restore a backup",
+                )
+            return str(revisions[0])
     finally:
         engine.dispose()
 

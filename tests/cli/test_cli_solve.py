@@ -6,6 +6,8 @@ import argparse
 import io
 import json
 import math
+import os
+import shutil
 import subprocess
 import sys
 from datetime import UTC, datetime
@@ -167,6 +169,23 @@ def test_as_a_process(sky_file: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert json.load(io.BytesIO(done.stdout))["outcome"] == "solved"
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "utf-8:strict"])
+@pytest.mark.parametrize("form", [[], ["--json"]])
+def test_any_encoding_and_any_file_name_can_be_printed(
+    sky_file: Path, tmp_path: Path, encoding: str, form: list[str]
+) -> None:
+    """Degrees, and a file name that is not UTF-8, do not end the command; JSON stays valid."""
+    name = tmp_path / os.fsdecode(b"sk\xffy.png")
+    shutil.copy(sky_file, name)
+    done = subprocess.run(
+        [sys.executable, "-m", "gss", "solve", str(name), "--camera", "cubestar", *form],
+        capture_output=True, timeout=60, check=False, env=os.environ | {"PYTHONIOENCODING": encoding},
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, b"")
+    if form:
+        assert json.loads(done.stdout.decode("utf-8"))["outcome"] == "solved"
 
 
 def test_a_few_files_of_an_unknown_camera_load_no_compiled_loops_and_no_registry(sky_file: Path) -> None:

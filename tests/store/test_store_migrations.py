@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
+import pytest
 from alembic import command
 from alembic.config import Config
 from alembic.script import ScriptDirectory
 from sqlalchemy import text
 
+from gss.domain.errors import CorruptData, StoreDown
+from gss.store import engine
 from gss.store.engine import Database, open_engine
 from gss.store.migration import CHECKOUT, known_schemas, migrate, migration_config
 from gss.store.models import Contact, Transfer
@@ -65,3 +70,47 @@ def test_every_migration_is_named_by_its_revision() -> None:
     """The names of the files, which give the known schemas, agree with Alembic's chain of revisions."""
     steps = ScriptDirectory.from_config(migration_config("")).walk_revisions()
     assert known_schemas() == [step.revision for step in steps][::-1]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "DROP TABLE alembic_version",
+        "DELETE FROM alembic_version",
+        "INSERT INTO alembic_version VALUES ('0001')",
+    ],
+)
+def test_a_database_without_exactly_one_revision_is_not_changed(tmp_path: Path, change: str) -> None:
+    """It was changed by hand, or it belongs to another program; the message says what is expected."""
+    file = tmp_path / "gss.db"
+    migrate(f"sqlite:///{file}")
+    with closing(sqlite3.connect(file)) as connection:
+        connection.execute(change)
+        connection.commit()
+        before = list(connection.iterdump())
+        with pytest.raises(CorruptData, match="schema is not known") as problem:
+            migrate(f"sqlite:///{file}")
+        assert "with one row" in problem.value.expected
+        assert list(connection.iterdump()) == before
+
+
+def test_a_database_of_another_program_is_not_changed(tmp_path: Path) -> None:
+    """No table is added to it."""
+    file = tmp_path / "customers.db"
+    with closing(sqlite3.connect(file)) as connection:
+        connection.execute("CREATE TABLE customers (name)")
+        with pytest.raises(CorruptData, match="not one of GSS"):
+            migrate(f"sqlite:///{file}")
+        assert connection.execute("SELECT name FROM sqlite_master").fetchall() == [("customers",)]
+
+
+def test_a_locked_database_is_not_called_damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hint names the other program, not a backup."""
+    file = tmp_path / "gss.db"
+    migrate(f"sqlite:///{file}")
+    monkeypatch.setattr(engine, "LOCK_WAIT_MS", 10)
+    with closing(sqlite3.connect(file, isolation_level=None)) as connection:
+        connection.execute("BEGIN IMMEDIATE")
+        with pytest.raises(StoreDown) as problem:
+            migrate(f"sqlite:///{file}")
+    assert "another program" in problem.value.hint
