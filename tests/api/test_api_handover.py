@@ -145,8 +145,8 @@ def test_items_of_the_instrument_package_replace_the_default(tmp_path: Path) -> 
 
 
 def test_the_first_of_equal_checks_is_kept_and_one_acknowledgement_wins(tmp_path: Path) -> None:
-    """Twenty users check an item at the same time: one change is stored. Twelve users acknowledge a note: the others are
-    told who did."""
+    """Twenty users check an item at the same time: one change is stored. Twelve users acknowledge a note: the others see
+    who did."""
     base = build(Settings(data=tmp_path)).base
     service = HandoverService(base.database, base.bus, base.clock.now, ())
     service.start()

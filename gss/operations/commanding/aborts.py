@@ -87,6 +87,16 @@ class Aborts:
         ``LinkService.lock``."""
         return request_id < self._newest_id or count not in (None, self.count)
 
+    def record_left(self) -> None:
+        """Store the ABORTs that the journal of the previous server contains, unless they are stored: the server can end
+        before it updates the journal."""
+        for issued in self._journal.entries():
+            if not self._recorder.is_stored(issued.request_id, issued.moment):
+                abort = self._link.roles.operations.command(Operation.ABORT)
+                names = (issued.user, issued.source)
+                self._recorder.add(issued.request_id, abort, {}, *names, None, None, issued.moment)
+            self._journal.remove(issued.request_id)
+
     def record(self, issued: AbortIssued) -> None:
         """Store the row of an ABORT. The withdrawn commands and the event are stored by separate writes."""
         contact_id, names = self._link.contact_id, (issued.user, issued.source)

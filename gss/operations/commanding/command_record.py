@@ -65,6 +65,12 @@ class CommandRecorder:
         self._completed: list[CommandCompleted] = []
         self._lock = threading.RLock()  # keeps the stages of a row in order of arrival
 
+    def is_stored(self, request_id: int, at: datetime) -> bool:
+        """True if the command with this id, created at this time, has a row."""
+        with self._database.unit_of_work() as session:
+            row = store.by_request(session, request_id)
+        return row is not None and row.created == at
+
     def add(
         self,
         request_id: int,

@@ -13,7 +13,7 @@ from gss.instruments.dictionary.definitions import CommandDefinition as Definiti
 from gss.instruments.operations import Operation
 from gss.operations.accounts.permissions import STOP
 from gss.operations.clock import Now
-from gss.operations.commanding.abort_journal import AbortJournal, IssuedAbort
+from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.aborts import AbortReceipt, Aborts
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_checks import (
@@ -65,7 +65,7 @@ class CommandService:
     ) -> None:
         self._link, self._database, self._bus, self._now = link, database, bus, now
         self._authority, self._permits = authority, permits
-        self._writes, self._journal = DeferredWrites(), journal
+        self._writes = DeferredWrites()
         self._recorder = CommandRecorder(database, bus, now, self.view, link.events, self._writes)
         self._aborts = Aborts(link, self._recorder, bus, now, self._writes, journal)
 
@@ -73,9 +73,7 @@ class CommandService:
         """Mark the commands that were in progress when the previous server stopped as unknown. Nothing is resent automatically.
         Commands with an unknown result can still be retried, and a late report can still end them.
         """
-        for issued in self._journal.entries():  # the previous server ended before these ABORTs were stored
-            self._record_issued(issued)
-            self._journal.remove(issued.request_id)
+        self._aborts.record_left()
         with self._database.unit_of_work() as session:
             for row in store.left_in_flight(session):
                 CommandRecorder.lose(row, self._now(), RESTARTED if self.idempotent(row.name) else NEEDS_OPERATOR)
@@ -84,15 +82,6 @@ class CommandService:
         with self._link.lock:
             in_flight = [(request_id, order) for request_id, order in unknown if order is not None]
             self._link.session.restore(last + 1, in_flight)
-
-    def _record_issued(self, issued: IssuedAbort) -> None:
-        """Store an ABORT of the previous server unless it is stored: the server can end before it updates the journal."""
-        with self._database.unit_of_work() as session:
-            stored = store.by_request(session, issued.request_id)
-        if stored is None or stored.created != issued.moment:
-            abort = self._link.roles.operations.command(Operation.ABORT)
-            names = (issued.user, issued.source)
-            self._recorder.add(issued.request_id, abort, {}, *names, None, None, issued.moment)
 
     def _order_of(self, row: Command) -> EncodedCommand | None:
         """Encode a recorded command again. Return None if the current dictionary does not accept it."""

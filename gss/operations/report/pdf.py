@@ -66,7 +66,7 @@ class _Sheet:
         self.pdf.set_title(title)
         self.pdf.set_creator("GSS")
         self._faces = _faces(self.pdf)
-        self._glyphs = {name: set(self.pdf.fonts[name].cmap) for name in FACES} if self._faces else {}
+        self._glyphs = {name: _glyphs(self.pdf, name) for name in FACES} if self._faces else {}
         self.replaced: set[str] = set()
         """Characters without a glyph, which are shown as "?"."""
         self.y = 0.0
@@ -243,6 +243,14 @@ def _faces(pdf: FPDF) -> bool:
         pdf.add_font(name, "", path)
     pdf.add_font("latin", "B", bold)
     return True
+
+
+def _glyphs(pdf: FPDF, face: str) -> set[int]:
+    """Return the code points that a loaded font contains."""
+    from fpdf.fonts import TTFFont
+
+    font = pdf.fonts[face]
+    return set(font.cmap) if isinstance(font, TTFFont) else set()
 
 
 def _face_of(letter: str) -> str:
