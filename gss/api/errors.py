@@ -28,12 +28,12 @@ from gss.domain.errors import (
     NotPermitted,
     NotSignedIn,
     RateLimited,
-    Restarted,
     StoreDown,
     TooCostly,
     as_sentence,
 )
 from gss.operations.accounts.permissions import ROLES
+from gss.operations.upkeep.status import Restarted
 
 SEE = "see /api/openapi.json for all routes and fields"
 log = logging.getLogger("gss.api")

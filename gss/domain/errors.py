@@ -58,10 +58,6 @@ class Conflict(GssError):
     """The request is valid but not allowed in the current state."""
 
 
-class Restarted(Conflict):
-    """The server has started again since the caller read its state. ``got``: time of the present start, ISO 8601."""
-
-
 class LinkDown(GssError):
     """The device cannot be reached."""
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from gss.domain.errors import Restarted
+from gss.domain.errors import Conflict
 from gss.instruments.operations import Operation, absence
 from gss.operations.clock import Now, iso_z
 from gss.operations.commanding.authority import AuthorityService
@@ -30,6 +30,10 @@ NOISY_ABOVE = 0.005
 ERROR_WINDOW_S = 60
 Conditions = dict[str, tuple[str, str]]
 ORDER = {"ok": 0, "unknown": 1, "watch": 2, "warning": 3, "critical": 4}
+
+
+class Restarted(Conflict):
+    """The server has started again since the caller read its state. ``got``: time of the present start, ISO 8601."""
 
 
 @dataclass(frozen=True)
