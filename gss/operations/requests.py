@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
@@ -61,12 +62,14 @@ NOT_PAGES = ("", "api", "setup", "welcome", "units")
 """First parts of addresses outside the pages of a unit."""
 
 
+PAGE = re.compile(r"/(?P<first>[a-z0-9-]+)(?:/(?!\.\.?(?:[/?]|$))[\w.~-]+)*/?(?:\?[^\\#]*)?$", re.ASCII)
+"""Path of a page: its name, and segments without escapes, so that no browser changes it to another path."""
+
+
 def check_page_path(path: str) -> None:
     """Raise BadInput unless the path can be the address of a page of this console within the unit, with its query."""
-    first = path.partition("?")[0].removeprefix("/").split("/")[0]
-    is_console_path = (
-        path.startswith("/") and first not in NOT_PAGES and "\\" not in path and ".." not in path.split("/")
-    )
+    page = PAGE.match(path)
+    is_console_path = page is not None and page["first"] not in NOT_PAGES
     is_printable = path.isascii() and path.isprintable() and " " not in path
     if not is_console_path or len(path) > MAX_PATH_LENGTH or not is_printable:
         raise BadInput(

@@ -87,7 +87,8 @@ def test_each_role_has_a_start_page_and_a_user_can_choose_another(clients) -> No
     assert (chosen["start_page"], chosen["role"]) == (PATH, "viewer")
     assert viewer.get("/api/session").json()["start_page"] == PATH
     assert clients["operator"].get("/api/session").json()["start_page"] == ""
-    for path in ("//evil.example", "/", "/?a=1", "/setup", "/units/B/live", "/live/../x"):
+    escapes = ("/%2e%2e/api", "/%61pi/session", "/live/%2e%2e/api", "/./api", "/.", "/live/./x", "/API/x", "/live#x")
+    for path in ("//evil.example", "/", "/?a=1", "/setup", "/units/B/live", "/live/../x", *escapes):
         assert viewer.put("/api/session/start-page", json={"path": path}).status_code == 400, path
     assert viewer.get("/api/session").json()["start_page"] == PATH
     assert viewer.put("/api/session/start-page", json={"path": ""}).json()["start_page"] == ""
