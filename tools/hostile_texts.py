@@ -28,7 +28,7 @@ STORED: tuple[tuple[str, str, Json], ...] = (
     ("POST", "/tokens", {"name": SHORT, "role": "viewer", "days": 1}),
     ("POST", "/procedures", {"text": PROCEDURE}),
     ("PUT", "/contacts/1/note", {"note": MARKUP}),
-    ("PUT", "/checklist", {"items": [MARKUP], "version": 0}),
+    ("PUT", "/checklist", {"items": [MARKUP], "version": 1}),
     ("PUT", "/contacts/1/checklist", {"item": MARKUP, "done": True}),
     ("POST", "/contacts/1/handover-notes", {"text": MARKUP}),
     ("PUT", "/session/start-page", {"path": f"/frames?name={quote(MARKUP)}"}),
