@@ -61,6 +61,18 @@ AT_REST = """() => {
   return performance.now() - (window.quiet ??= performance.now()) > 200;
 }"""
 
+FOLLOW = """(address) => {
+  const link = Object.assign(document.createElement('a'), { href: address });
+  document.body.append(link);
+  link.click();
+  link.remove();
+}"""
+SHOWN = """() => {
+  if (document.querySelector('.page > .late')) return false;
+  window.quiet = undefined;
+  return true;
+}"""
+
 
 @pytest.fixture(scope="module", autouse=True)
 def _forked(forked: None) -> None:
@@ -268,6 +280,18 @@ def lasting(browser: Browser, address: str, headers: dict[str, str]) -> Iterator
     with _watched(browser, address, width=1280, height=800) as watched:
         _sign_in(watched.page, address, headers["Cookie"].split("=", 1)[1])
         yield watched
+
+
+@pytest.fixture(scope="session")
+def follow() -> Callable[[Page, str], None]:
+    """Function that clicks on a link to an address of the console and waits for its page. The console is not loaded again:
+    0.25 s of processor time instead of 0.7 s."""
+
+    def click(page: Page, address: str) -> None:
+        page.evaluate(FOLLOW, address)
+        page.wait_for_function(SHOWN, polling=POLL_MS)
+
+    return click
 
 
 @pytest.fixture(scope="session")

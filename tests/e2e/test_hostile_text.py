@@ -99,11 +99,13 @@ def frame_with_markup(served: Any, signed_in: Callable[..., dict[str, str]]) -> 
     return int(ids["frame"])
 
 
-def test_stored_markup_is_text_on_every_page(page: Any, frame_with_markup: int, at_rest: Any) -> None:
+def test_stored_markup_is_text_on_every_page(page: Any, frame_with_markup: int, follow: Any, at_rest: Any) -> None:
     """Stored markup creates no element and runs no script on any page. Many pages show it as text."""
     pages_with_text = []
+    page.goto("/")
+    at_rest(page)
     for path in PAGES:
-        page.goto(path.format(frame=frame_with_markup))
+        follow(page, path.format(frame=frame_with_markup))
         at_rest(page)
         assert page.evaluate(INJECTED) == [0, 0], path
         pages_with_text += [path] if page.evaluate(SHOWN) else []
