@@ -15,6 +15,8 @@ from playwright.sync_api import Page, expect
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(400)]
 SLOW_MS = 150_000
 SMALL = {"width": 1024, "height": 560}
+NO_DEBUG = "console.debug = () => {}"
+"""The viewer logs 17 000 messages of this level. The browser, playwright and the test process would each handle them."""
 IMAGE = re.compile("camera/image")
 
 
@@ -42,10 +44,11 @@ def pick_the_image(page: Page, box) -> None:
             return
 
 
-def test_the_viewer_opens_on_the_frame_reports_its_selection_and_grows_live(page, new_frame, picture):
+def test_the_viewer_opens_on_the_frame_reports_its_selection_and_grows_live(page, new_frame, follow, picture):
     """The viewer shows the frame of the page and reports a clicked entity. The ABORT key works in the viewer, and a
     live recording receives new data.
     """
+    page.add_init_script(NO_DEBUG)
     older, newest = new_frame(page), new_frame(page)
     page.set_viewport_size(SMALL)
     page.goto(f"/frames/{older}?rerun=1")
@@ -62,7 +65,7 @@ def test_the_viewer_opens_on_the_frame_reports_its_selection_and_grows_live(page
     page.keyboard.press("Shift+Escape")
     expect(page.get_by_test_id("abort-strip")).to_contain_text("ABORT")
 
-    page.goto("/rerun?live=1")
+    follow(page, "/rerun?live=1")
     expect(viewer(page)).to_have_attribute("data-pieces", re.compile(r"^[1-9]"), timeout=SLOW_MS)
     pieces = int(viewer(page).get_attribute("data-pieces") or 0)
     expect(viewer(page)).to_have_attribute("data-pieces", re.compile(rf"^(?!{pieces}$)\d+$"), timeout=SLOW_MS)
