@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from typing import Annotated, Any, TypeVar
+from urllib.parse import parse_qsl
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
@@ -75,6 +76,21 @@ def check_page_path(path: str) -> None:
         raise BadInput(
             "The address is not a page of the console", expected="for example /telemetry?plot=…", got=path[:80]
         )
+
+
+NUMBERED_PARTS = frozenset(
+    ("alarm", "contact", "frames", "id", "job", "over", "pass", "plan", "procedure", "run", "station")
+)
+"""Parts of a query that name rows by number."""
+
+
+def names_row(path: str) -> bool:
+    """True if the address of a page names a row of a unit's database: ``/frames/12`` or ``/commands?id=3``. The number of a
+    star is the same for all units."""
+    page, _, query = path.partition("?")
+    first, *rest = page.removeprefix("/").split("/")
+    in_page = first != "stars" and any(part.isdecimal() for part in rest)
+    return in_page or any(name in NUMBERED_PARTS and any(map(str.isdigit, value)) for name, value in parse_qsl(query))
 
 
 R = TypeVar("R", bound=Request)

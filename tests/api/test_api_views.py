@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from gss.operations.requests import names_row
+
 PATH = "/telemetry?own=power&fields=housekeeping.mode&plot=housekeeping.mode"
 
 
@@ -92,3 +94,21 @@ def test_each_role_has_a_start_page_and_a_user_can_choose_another(clients) -> No
         assert viewer.put("/api/session/start-page", json={"path": path}).status_code == 400, path
     assert viewer.get("/api/session").json()["start_page"] == PATH
     assert viewer.put("/api/session/start-page", json={"path": ""}).json()["start_page"] == ""
+
+
+@pytest.mark.parametrize(
+    ("path", "named"),
+    [
+        ("/frames/12", True),
+        ("/views/4", True),
+        ("/commands?id=3", True),
+        ("/calibration?frames=1-4,9", True),
+        ("/stars/27989", False),
+        ("/frames?stars=4&mode=tracking", False),
+        ("/telemetry?plot=housekeeping.frame_id&from=2026-01-01", False),
+        ("/telemetry/derived", False),
+    ],
+)
+def test_an_address_with_the_number_of_a_row_is_recognised(path, named) -> None:
+    """Such an address is no start page for all units. The numbers of stars, and filters, are the same in all units."""
+    assert names_row(path) is named

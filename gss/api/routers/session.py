@@ -22,11 +22,12 @@ from gss.api.schemas.accounts import (
     SignInBody,
     StartPageBody,
 )
-from gss.domain.errors import Conflict
+from gss.domain.errors import BadInput, Conflict
 from gss.operations.accounts import identity
 from gss.operations.accounts.attempts import BY_ADDRESS, Brake
 from gss.operations.accounts.permissions import START_PAGES
 from gss.operations.accounts.sign_in import DEVICE_LASTS, NewSession
+from gss.operations.requests import names_row
 from gss.wiring.services import Services
 
 router = api_router("session")
@@ -102,7 +103,15 @@ def change_password(
 
 @router.put("/session/start-page", dependencies=[SELF])
 def choose_start_page(app: App, caller: CurrentUser, body: StartPageBody) -> SessionOut:
-    """Choose the page that opens after sign-in."""
+    """Choose the page that opens after sign-in. With several units it cannot name a record, such as /frames/12, because
+    the record belongs to one unit."""
+    if _several(app) and names_row(body.path):
+        raise BadInput(
+            "A start page applies to all units and cannot name a record of one unit",
+            expected="a page without the number of a record, such as /frames",
+            got=body.path[:80],
+            hint="choose the page that lists the record",
+        )
     if caller.kind != "session" or caller.user_id is None:
         raise Conflict("tokens have no start page", hint="sign in")
     app.accounts.accounts.users.set_start_page(caller.user_id, body.path)

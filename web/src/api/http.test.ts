@@ -43,6 +43,13 @@ describe('requests', () => {
 });
 
 describe('answers', () => {
+  it('report that the server is reachable only if it handled the request', async () => {
+    let answered = 0;
+    sessionHooks.answered = () => (answered += 1);
+    answers = [json(200, {}), json(502, {})];
+    for (let n = 0; n < 3; n += 1) await http.GET('/api/link', { baseUrl: 'http://gss' }).catch(() => undefined);
+    expect(answered).toBe(1);
+  });
   it('throw the problem that the server described', async () => {
     answers = [
       json(409, { id: 'a1', message: 'the link is closed', expected: 'open', got: 'closed', hint: 'open it' }),

@@ -18,12 +18,14 @@ export class ApiError extends Error {
 
 /**
  * Values and callbacks of the session, set by state/session.svelte.ts: the CSRF token of requests, the reaction to a
- * 401 response, and a promise that resolves after the next sign-in.
+ * 401 response, and a promise that resolves after the next sign-in. `answered`, set by state/live.svelte.ts: reaction to
+ * a successful response, which shows that the server is reachable.
  */
 export const sessionHooks = {
   csrfToken: '1',
   onUnauthorized: (): Promise<void> => Promise.resolve(),
   signedIn: (): Promise<void> => Promise.resolve(),
+  answered: (): void => undefined,
 };
 /** Paths that need no session. A 401 response from them does not mean that the session has ended. */
 const OPEN = [
@@ -88,7 +90,10 @@ export async function fetched(request: Request): Promise<Response> {
       : 'The request is not repeated automatically. Check whether it took effect before you repeat it.';
     throw new ApiError(0, { id: '', message: 'No answer from the server.', expected: '', got: '', hint });
   }
-  if (response.ok) return response;
+  if (response.ok) {
+    sessionHooks.answered();
+    return response;
+  }
   if (response.status === 401 && !OPEN.includes(localPath(new URL(request.url).pathname) ?? '')) {
     await sessionHooks.onUnauthorized();
     if (read) {

@@ -1,6 +1,7 @@
 import { describe, expect, it } from 'vitest';
+import { ApiError } from '../api/http';
 import type { View } from '../api/types';
-import { startOptions, startPath } from './startPage';
+import { afterDeletedView, startOptions, startPath } from './startPage';
 
 const info = (start_page: string, permissions = ['view']) => ({ start_page, role_start_page: '/frames', permissions });
 const view = { id: 4, name: 'Night', path: '/telemetry?plot=a.b' } as View;
@@ -19,6 +20,12 @@ describe('the start page', () => {
     expect(options[0]).toEqual({ path: '', text: 'Frames (page of your role)' });
     expect(options.map((o) => o.path)).not.toContain('/admin');
     expect(options.at(-1)).toEqual({ path: '/views/4', text: 'View: Night' });
+  });
+  it('is the page of the role if it is a deleted view', () => {
+    const failed = (status: number) => new ApiError(status, { id: '', message: '', expected: '', got: '', hint: '' });
+    expect(afterDeletedView(failed(404), 4, info('/views/4'))).toBe('/frames');
+    expect(afterDeletedView(failed(503), 4, info('/views/4'))).toBeNull();
+    expect(afterDeletedView(failed(404), 4, info('/views/5'))).toBeNull();
   });
   it('stays in the list if it is a page with filters', () => {
     const options = startOptions(info('/telemetry?plot=a.b'), []);

@@ -1,4 +1,5 @@
 /** Page that opens after sign-in: chosen by the user, or the page of the role. */
+import { ApiError } from '../api/http';
 import type { SessionInfo, View } from '../api/types';
 import { PAGES } from './pages';
 
@@ -23,6 +24,15 @@ export function startPath(info: Start): string {
   const permission = pageOf(info.start_page ?? '')?.permission;
   const permitted = !permission || info.permissions?.includes(permission);
   return (permitted && info.start_page !== '/' && info.start_page) || info.role_start_page || '/live';
+}
+
+/**
+ * Return the page to open instead of a view that could not be read: the page of the role, if the view is the start page
+ * and has been deleted. Null otherwise.
+ */
+export function afterDeletedView(error: unknown, view: number | null, info: Start): string | null {
+  const deleted = error instanceof ApiError && error.status === 404;
+  return deleted && info.start_page === `/views/${view}` ? startPath({ ...info, start_page: '' }) : null;
 }
 
 /** Return the pages to choose from. The first one is the page of the role; a chosen page is always in the list. */

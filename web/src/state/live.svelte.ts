@@ -1,6 +1,7 @@
 /** Shared state of the console: link, telemetry, commands, transfers, jobs, events. Filled by one stream. */
 import { base } from '../lib/base';
 import { api } from '../api/client';
+import { sessionHooks } from '../api/http';
 import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
 import { problemOf, problemText } from '../lib/problems';
@@ -273,9 +274,7 @@ class Live {
         void this.load();
       },
     );
-    document.addEventListener('visibilitychange', () => {
-      if (!document.hidden) batch.shown();
-    });
+    document.addEventListener('visibilitychange', () => document.hidden || batch.shown());
     const stream = new Stream(
       {
         open: () => new EventSource(`${base}/api/stream`),
@@ -302,6 +301,7 @@ class Live {
     );
     // Data that is loaded before the stream opens could change unnoticed, so all data is loaded when the stream opens.
     stream.start();
+    sessionHooks.answered = () => stream.reconnect();
     return stream;
   }
 }

@@ -109,6 +109,16 @@ describe('the event stream', () => {
     await settle();
     expect(log).toEqual(['event 1', 'offline 7', 'event 2', 'event 3', 'back 2']);
   });
+  it('connects at once, and only once, when the server has answered a request', () => {
+    const { stream, sources, waits } = rig();
+    stream.start();
+    stream.reconnect();
+    expect(sources.length).toBe(1);
+    sources[0]?.fake.onerror?.(new Event('error'));
+    stream.reconnect();
+    waits[0]?.run();
+    expect(sources.length).toBe(2);
+  });
   it('opens no new connection after it was stopped', () => {
     const { stream, sources, waits } = rig();
     stream.start();

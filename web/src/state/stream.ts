@@ -31,6 +31,8 @@ export class Stream {
   private wait = FIRST_WAIT_MS;
   private lost: number | null = null;
   private stopped = false;
+  /** True after a failed connection, until the next one is opened. */
+  private waiting = false;
 
   constructor(
     private readonly parts: StreamParts,
@@ -38,11 +40,17 @@ export class Stream {
   ) {}
 
   start(): void {
+    this.waiting = false;
     this.source = this.parts.open(this.lastSeq);
     this.source.onopen = () => void this.opened();
     this.source.onerror = () => this.failed();
     for (const topic of Object.keys(this.handlers.topics) as Topic[])
       this.source.addEventListener(topic, (e) => this.received(topic, e.data, e.lastEventId));
+  }
+
+  /** Connect immediately if the stream waits. Called when the server has answered a request. */
+  reconnect(): void {
+    if (this.waiting && !this.stopped) this.start();
   }
 
   stop(): void {
@@ -114,7 +122,8 @@ export class Stream {
       this.handlers.offline(this.lost);
     }
     if (this.stopped) return;
-    this.parts.later(() => this.start(), this.wait);
+    this.waiting = true;
+    this.parts.later(() => this.reconnect(), this.wait);
     this.wait = Math.min(MAX_WAIT_MS, this.wait * 2);
   }
 }
