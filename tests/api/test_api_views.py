@@ -110,5 +110,5 @@ def test_each_role_has_a_start_page_and_a_user_can_choose_another(clients) -> No
     ],
 )
 def test_an_address_with_the_number_of_a_row_is_recognised(path, named) -> None:
-    """Such an address is no start page for all units. The numbers of stars, and filters, are the same in all units."""
+    """Such an address names a record of one unit. The numbers of stars, and filters, have the same meaning in all units."""
     assert names_row(path) is named

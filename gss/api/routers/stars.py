@@ -51,8 +51,9 @@ def search_stars(
 def read_star(app: App, hip: int) -> StarCardOut:
     """Facts of a star: position, magnitude, and the stored catalogues and recent frames that contain it."""
     card, banks = app.catalogues.stars.card(hip), app.transfers.banks.views()
-    same = {name: getattr(card, name) for name in StarCardOut.model_fields.keys() & vars(card).keys()}
-    facts = {
+    # Fields with the same name and meaning are copied. The others are converted to degrees, mas and response models.
+    copied = {name: getattr(card, name) for name in StarCardOut.model_fields.keys() & vars(card).keys()}
+    converted = {
         "ra_deg": math.degrees(card.ra_rad),
         "dec_deg": math.degrees(card.dec_rad),
         "proper_motion_mas_yr": _mas(card.proper_motion_rad_yr),
@@ -61,7 +62,7 @@ def read_star(app: App, hip: int) -> StarCardOut:
         "unknown_banks": [bank.bank for bank in banks if bank.sha256 and bank.catalogue is None],
         "frames": [_matched(match) for match in card.frames],
     }
-    return StarCardOut.model_validate(same | facts)
+    return StarCardOut.model_validate(copied | converted)
 
 
 def _mas(value_rad: float | None) -> float | None:

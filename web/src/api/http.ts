@@ -7,6 +7,9 @@ import createClient from 'openapi-fetch';
 import type { paths } from './generated/schema';
 import type * as T from './types';
 
+/** Statuses from here on can come from a proxy in front of a server that is down. */
+const PROXY_ERROR = 500;
+
 export class ApiError extends Error {
   constructor(
     readonly status: number,
@@ -18,8 +21,8 @@ export class ApiError extends Error {
 
 /**
  * Values and callbacks of the session, set by state/session.svelte.ts: the CSRF token of requests, the reaction to a
- * 401 response, and a promise that resolves after the next sign-in. `answered`, set by state/live.svelte.ts: reaction to
- * a successful response, which shows that the server is reachable.
+ * 401 response, and a promise that resolves after the next sign-in. `answered`, set by state/live.svelte.ts: called
+ * after a response of the server.
  */
 export const sessionHooks = {
   csrfToken: '1',
@@ -90,10 +93,8 @@ export async function fetched(request: Request): Promise<Response> {
       : 'The request is not repeated automatically. Check whether it took effect before you repeat it.';
     throw new ApiError(0, { id: '', message: 'No answer from the server.', expected: '', got: '', hint });
   }
-  if (response.ok) {
-    sessionHooks.answered();
-    return response;
-  }
+  if (response.status < PROXY_ERROR) sessionHooks.answered();
+  if (response.ok) return response;
   if (response.status === 401 && !OPEN.includes(localPath(new URL(request.url).pathname) ?? '')) {
     await sessionHooks.onUnauthorized();
     if (read) {

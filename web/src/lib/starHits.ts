@@ -36,13 +36,13 @@ export function withStars<T extends Named>(
   limit: number,
 ): T[] {
   const name = query.toLowerCase();
-  const [same, rest] = [
+  const [sameName, otherHits] = [
     hits.filter((h) => h.text.toLowerCase() === name),
     hits.filter((h) => h.text.toLowerCase() !== name),
   ];
   const [exact, other] = [stars.filter((s) => s.exact), stars.filter((s) => !s.exact)];
-  const room = Math.max(0, limit - same.length - stars.length);
-  return [...same, ...exact, ...rest.slice(0, room), ...other].slice(0, limit);
+  const room = Math.max(0, limit - sameName.length - stars.length);
+  return [...sameName, ...exact, ...otherHits.slice(0, room), ...other].slice(0, limit);
 }
 
 /** Return why a search has no star. */

@@ -1,6 +1,6 @@
 import { expect, it } from 'vitest';
 import type { StarCard } from '../../api/types';
-import { catalogueWords, facts, frameWords } from './star';
+import { catalogueSummary, frameSummary, starFacts } from './star';
 
 const card = (changes: Partial<StarCard>): StarCard =>
   ({
@@ -10,18 +10,20 @@ const card = (changes: Partial<StarCard>): StarCard =>
     ...changes,
   }) as StarCard;
 
-it('shows a dash for a value that the star table does not have', () => {
-  expect(Object.fromEntries(facts(card({})))['B−V']).toBe('–');
-  expect(Object.fromEntries(facts(card({ proper_motion_mas_yr: null })))['Proper motion']).toBe('unknown');
-  expect(Object.fromEntries(facts(card({ other_names: ['α Ori', '58 Ori'] })))['Other names']).toBe('α Ori, 58 Ori');
-  expect(Object.fromEntries(facts(card({ flags: ['variable'] })))['Flags of the star table']).toBe('variable');
+it('names a value that the star table does not contain unknown', () => {
+  expect(Object.fromEntries(starFacts(card({})))['B−V']).toBe('unknown');
+  expect(Object.fromEntries(starFacts(card({ proper_motion_mas_yr: null })))['Proper motion']).toBe('unknown');
+  expect(Object.fromEntries(starFacts(card({ other_names: ['α Ori', '58 Ori'] })))['Other names']).toBe(
+    'α Ori, 58 Ori',
+  );
+  expect(Object.fromEntries(starFacts(card({ flags: ['variable'] })))['Flags of the star table']).toBe('variable');
 });
 it('states what was searched and what could not be searched', () => {
-  expect(catalogueWords(card({}))).toBe('No catalogue is stored.');
-  const words = catalogueWords(card({ checked_catalogues: 3, unnumbered: 1, unknown_banks: ['B'] }));
+  expect(catalogueSummary(card({}))).toBe('No catalogue is stored.');
+  const words = catalogueSummary(card({ checked_catalogues: 3, unnumbered: 1, unknown_banks: ['B'] }));
   expect(words).toContain('In 0 of 2 searched catalogues, newest first.');
   expect(words).toContain('1 more catalogue has no star numbers.');
   expect(words).toContain('bank B is not stored');
-  expect(frameWords(card({}))).toBe('No frame is solved.');
-  expect(frameWords(card({ checked_frames: 7 }))).toBe('Matched on the ground in 0 of the newest 7 solved frames.');
+  expect(frameSummary(card({}))).toBe('No frame is solved.');
+  expect(frameSummary(card({ checked_frames: 7 }))).toBe('Matched on the ground in 0 of the newest 7 solved frames.');
 });

@@ -1,39 +1,43 @@
-/** Facts of a star as text. */
+/** Text of the page of a star: its values, and which catalogues and frames were searched for it. */
 import type { StarCard } from '../../api/types';
 import { counted, degrees, fixed } from '../../lib/format';
 
-const known = (value: number | null, digits: number, unit: string): string =>
-  value === null ? 'unknown' : `${fixed(value, digits)} ${unit}`;
+const valueOrUnknown = (value: number | null, digits: number, unit = ''): string =>
+  value === null ? 'unknown' : `${fixed(value, digits)} ${unit}`.trim();
 
-/** Return (name, value) of each fact. Values that the star table does not have are a dash. */
-export function facts(s: StarCard): [string, string][] {
+/** Return (name, value) of each row of the table. A value that the star table does not contain is "unknown". */
+export function starFacts(star: StarCard): [string, string][] {
   return [
-    ...(s.other_names.length ? [['Other names', s.other_names.join(', ')] as [string, string]] : []),
-    ['Right ascension', degrees(s.ra_deg, 5)],
-    ['Declination', degrees(s.dec_deg, 5, true)],
-    ['V magnitude', fixed(s.v_mag, 2)],
-    ['B−V', fixed(s.b_v, 3)],
-    ['Proper motion', known(s.proper_motion_mas_yr, 1, 'mas/yr')],
-    ['Parallax', known(s.parallax_mas, 2, 'mas')],
-    ['Flags of the star table', s.flags.join(', ') || 'none'],
+    ...(star.other_names.length ? [['Other names', star.other_names.join(', ')] as [string, string]] : []),
+    ['Right ascension', degrees(star.ra_deg, 5)],
+    ['Declination', degrees(star.dec_deg, 5, true)],
+    ['V magnitude', fixed(star.v_mag, 2)],
+    ['B−V', valueOrUnknown(star.b_v, 3)],
+    ['Proper motion', valueOrUnknown(star.proper_motion_mas_yr, 1, 'mas/yr')],
+    ['Parallax', valueOrUnknown(star.parallax_mas, 2, 'mas')],
+    ['Flags of the star table', star.flags.join(', ') || 'none'],
   ];
 }
 
-/** Return which catalogues were searched, and which of them could not be. */
-export function catalogueWords(s: StarCard): string {
-  if (!s.checked_catalogues) return 'No catalogue is stored.';
-  const searched = s.checked_catalogues - s.unnumbered;
-  const words = [`In ${fixed(s.catalogues.length)} of ${counted(searched, 'searched catalogue')}, newest first.`];
-  if (s.unnumbered)
-    words.push(`${counted(s.unnumbered, 'more catalogue has', 'more catalogues have')} no star numbers.`);
-  if (s.unknown_banks.length)
-    words.push(`The content of bank ${s.unknown_banks.join(', ')} is not stored, so the star is not searched there.`);
-  return words.join(' ');
+/** Return in how many catalogues the star is, and which catalogues and banks could not be searched for it. */
+export function catalogueSummary(star: StarCard): string {
+  if (!star.checked_catalogues) return 'No catalogue is stored.';
+  const searched = star.checked_catalogues - star.unnumbered;
+  const sentences = [
+    `In ${fixed(star.catalogues.length)} of ${counted(searched, 'searched catalogue')}, newest first.`,
+  ];
+  if (star.unnumbered)
+    sentences.push(`${counted(star.unnumbered, 'more catalogue has', 'more catalogues have')} no star numbers.`);
+  if (star.unknown_banks.length)
+    sentences.push(
+      `The content of bank ${star.unknown_banks.join(', ')} is not stored, so the star is not searched there.`,
+    );
+  return sentences.join(' ');
 }
 
-/** Return which frames were searched. */
-export function frameWords(s: StarCard): string {
-  if (!s.checked_frames) return 'No frame is solved.';
-  const newest = counted(s.checked_frames, 'solved frame');
-  return `Matched on the ground in ${fixed(s.frames.length)} of the newest ${newest}.`;
+/** Return in how many of the searched frames the star was matched. */
+export function frameSummary(star: StarCard): string {
+  if (!star.checked_frames) return 'No frame is solved.';
+  const searched = counted(star.checked_frames, 'solved frame');
+  return `Matched on the ground in ${fixed(star.frames.length)} of the newest ${searched}.`;
 }
