@@ -15,7 +15,7 @@ h1 { font-size: 16pt; margin: 0 0 1mm } h2 { font-size: 11pt; margin: 6mm 0 1.5m
 h3 { font-size: 10pt; margin: 3mm 0 1mm } p { margin: 1mm 0; white-space: pre-line } .soft { color: #555 }
 .note { border-left: 3px solid #a04600; padding-left: 3mm; margin: 2mm 0 } .severe { border-color: #bf1e2e }
 table { border-collapse: collapse; max-width: 100%; font-variant-numeric: tabular-nums }
-th, td { text-align: left; padding: .6mm 6mm .6mm 0; vertical-align: top; border-bottom: 1px solid #ddd }
+th, td { text-align: left; padding: .6mm 4mm .6mm 0; vertical-align: top; border-bottom: 1px solid #ddd }
 dl { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: .6mm 8mm; margin: 0 }
 dl div { display: flex; justify-content: space-between; border-bottom: 1px solid #eee }
 dt { color: #555 } dd { margin: 0 0 0 3mm; text-align: right; overflow-wrap: anywhere; font-variant-numeric: tabular-nums }
