@@ -42,7 +42,10 @@ def _handover(report: ReportOut) -> list[Section]:
     handover = report.handover
     done = sum(item.done for item in handover.items)
     rows = [[item.text, _state(item), item.user or "–", _when(item.at) if item.at else "–"] for item in handover.items]
-    checklist = Table(f"{done} of {len(rows)} items done", ["item", "state", "by", "time"], rows)
+    # A contact of an earlier version has no stored list; then only the checked items are known.
+    is_stored = handover.checklist.version > 0
+    words = f"{done} of {len(rows)} items done" if is_stored else f"{done} items checked; the list is not stored"
+    checklist = Table(words, ["item", "state", "by", "time"], rows)
     sections = [Section("Checklist", tables=[checklist])] if rows else []
     for note in handover.notes:
         read = "not acknowledged"

@@ -10,7 +10,12 @@ it('states who checked an item and who removed the check', () => {
   expect(checkWords(item(true))).toBe('ann, 2026-12-01 18:00:05Z');
   expect(checkWords(item(false))).toBe('check of bob removed by ann, 2026-12-01 18:00:05Z');
   expect(checkWords(item(false, null))).toBe('');
-  expect(progressWords([item(true), item(false)])).toBe('1 of 2 done');
+  const checklist = { items: [], version: 3, user: '', changed: null, source: 'default' as const };
+  const items = [item(true), item(false)];
+  expect(progressWords({ items, checklist })).toBe('1 of 2 done, default items');
+  expect(progressWords({ items: [], checklist: { ...checklist, version: 0 } })).toBe(
+    '0 checked, the list of this contact is not stored',
+  );
 });
 it('states where the items come from', () => {
   const list = { items: [], version: 0, user: '', changed: null };

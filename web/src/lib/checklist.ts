@@ -2,9 +2,14 @@
 import type { Checklist, Handover } from '../api/types';
 import { clock, day } from './format';
 
-/** Return how many items are done: "3 of 7 done". */
-export function progressWords(items: Handover['items']): string {
-  return `${items.filter((i) => i.done).length} of ${items.length} done`;
+/**
+ * Return how many items are done and where they come from: "3 of 7 done, default items". A contact of an earlier version
+ * has no stored list; then only the checked items are known.
+ */
+export function progressWords({ items, checklist }: Pick<Handover, 'items' | 'checklist'>): string {
+  const done = items.filter((i) => i.done).length;
+  if (checklist.version === 0) return `${done} checked, the list of this contact is not stored`;
+  return `${done} of ${items.length} done, ${sourceWords(checklist)}`;
 }
 
 /** Return where the items come from. */
