@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from fastapi.testclient import TestClient
 from gss.domain.errors import Conflict
 from gss.operations.contacts.handover import DEFAULT_ITEMS, ChecklistRequest, HandoverService
 from gss.settings import Settings
+from gss.store import engine
 from gss.store.audit import AuditFilter
 from gss.store.dump import dump
 from gss.store.engine import Database, open_engine
@@ -142,6 +145,19 @@ def test_items_of_the_instrument_package_replace_the_default(tmp_path: Path) -> 
     assert service.checklist().source == "instrument"
     service.change_checklist(ChecklistRequest(items=["Mine"], version=service.checklist().version), user="kim")
     assert started("Lens cap off").checklist().items == ("Mine",)
+
+
+def test_a_database_that_is_locked_at_the_start_gets_the_list_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The server starts, and the next reader stores the list."""
+    monkeypatch.setattr(engine, "LOCK_WAIT_MS", 10)
+    base = build(Settings(data=tmp_path)).base
+    service = HandoverService(base.database, base.bus, base.clock.now, ("Dome open",))
+    with closing(sqlite3.connect(tmp_path / "gss.db", isolation_level=None)) as connection:
+        connection.execute("BEGIN IMMEDIATE")
+        service.start()
+    assert (service.checklist().items, service.checklist().version) == (("Dome open",), 1)
 
 
 def test_the_first_of_equal_checks_is_kept_and_one_acknowledgement_wins(tmp_path: Path) -> None:

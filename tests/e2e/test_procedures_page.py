@@ -78,9 +78,10 @@ def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[
     page.locator("[data-step=signed]").get_by_test_id("procedure-note").fill("all well", timeout=SLOW)
     page.locator("[data-step=signed]").get_by_test_id("procedure-run").click()
     expect(page.get_by_test_id("procedure-hash")).to_contain_text("unchanged", timeout=SLOW)
+    page.set_viewport_size({"width": 1440, "height": 700})
+    expect(page.get_by_test_id("run-telemetry")).to_have_count(0)
     plots: list[str] = []
     page.on("request", lambda request: plots.append(request.url) if "/history" in request.url else None)
-    page.set_viewport_size({"width": 1440, "height": 700})
     page.locator("[data-procedure='Warm start']").get_by_test_id("procedure-start").click()
     compared = page.get_by_test_id("procedure-comparison")
     expect(compared).to_contain_text("compared with 1 earlier run", timeout=SLOW)

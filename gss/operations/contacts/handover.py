@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -10,7 +11,7 @@ from unicodedata import normalize
 
 from pydantic import Field
 
-from gss.domain.errors import BadInput, Conflict
+from gss.domain.errors import BadInput, Conflict, StoreDown
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.requests import MAX_ID, Request
@@ -19,6 +20,8 @@ from gss.store import handover as store
 from gss.store.engine import Database
 from gss.store.models import ChecklistMark, ChecklistVersion, HandoverNote
 from gss.store.models.handover import MAX_ITEM_LENGTH
+
+log = logging.getLogger("gss.contacts")
 
 MAX_ITEMS, MAX_NOTE_LENGTH, MAX_NOTES = 40, 4000, 50
 DEFAULT_ITEMS = (
@@ -84,17 +87,28 @@ class HandoverService:
         package = tuple(dict.fromkeys(filter(None, map(one_line, package_items))))
         source: ListSource = "instrument" if package else "default"
         self._shipped = Checklist(package or DEFAULT_ITEMS, source, version=0, user="", changed=None)
+        self._is_shipped_stored = False
 
     def start(self) -> None:
         """Store the list of the package as a version, unless users have changed the list, so that each contact keeps
-        its items when a later package has others."""
+        its items when a later package has others. If the store is down, the next reader of a list stores it."""
+        try:
+            self._store_shipped()
+        except StoreDown as error:
+            log.warning("the checklist of the package was not stored: %s", error)
+
+    def _store_shipped(self) -> None:
+        if self._is_shipped_stored:
+            return
         with self._database.unit_of_work() as session:
             newest = store.newest_checklist(session)
             if newest is None or (not newest.user and tuple(newest.items) != self._shipped.items):
                 store.add_checklist(session, newest, self._shipped.items, "", self._now())
+        self._is_shipped_stored = True
 
     def checklist(self) -> Checklist:
         """Return the newest list."""
+        self._store_shipped()
         with self._database.unit_of_work() as session:
             return self._list_of(store.newest_checklist(session))
 
@@ -123,6 +137,7 @@ class HandoverService:
 
     def of_contact(self, contact_id: int) -> Handover:
         """Return checklist and notes of a contact. Raises NotFound."""
+        self._store_shipped()
         with self._database.unit_of_work() as session:
             devices.get_contact(session, contact_id)
             version = store.checklist_of(session, contact_id)
