@@ -69,9 +69,9 @@ def compile_ahead(solver: Solver, profile: CameraProfile, report: Report) -> Non
         if result.outcome is not Outcome.SOLVED:
             raise GssError("the loops could not be compiled", got=f"{case.name}: the test frame was not solved")
     _compile_census(profile.camera)
-    for dtype in (np.uint8, np.uint16):
+    for image in (pixels.astype(np.uint8), pixels.astype(np.uint16)):
         # A sensor's own chain uses these loops only after the compilation is marked as complete.
-        find_blobs(pixels.astype(dtype), float(pixels.max()) - 1, 1, kernels(fast=True))
+        find_blobs(image, float(image.max()) - 1, 1, kernels(fast=True))
     report(len(cases), len(cases), "")
 
 
