@@ -3,8 +3,8 @@ import type { Checklist, Handover } from '../api/types';
 import { clock, day } from './format';
 
 /**
- * Return how many items are done and where they come from: "3 of 7 done, default items". A contact of an earlier version
- * has no stored list; then only the checked items are known.
+ * Return how many items are done and where they come from: "3 of 7 done, default items". A contact of an earlier
+ * version has no stored list; then only the checked items are known.
  */
 export function progressWords({ items, checklist }: Pick<Handover, 'items' | 'checklist'>): string {
   const done = items.filter((i) => i.done).length;
