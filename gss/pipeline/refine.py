@@ -13,7 +13,7 @@ from gss.domain.camera import Brown, Camera, Pinhole
 from gss.domain.rotation import rotation_from_vector
 from gss.pipeline.small import median
 
-ROUNDS = 8
+ROUNDS = 12
 DONE = 1e-10
 ATTITUDE_DONE = (
     1e-5  # limit of a step; the error after such a step is at most a thousandth of it, about a milliarcsecond
@@ -26,6 +26,8 @@ CALIBRATED_CENTRE_PX = 10.0  # prior sigma of the optical axis's offset from its
 STEP = 1e-6
 NOWHERE_PX = 1e9  # residual of a star that the camera cannot image
 MAX_RAD = 0.2  # largest rotation per axis in one step
+DISPLACED = 1e-3  # a star counts as displaced if the probability, over all stars of the frame, is below this
+LEAST_FREEDOM = 3  # with fewer degrees of freedom of the other stars, no star can be called displaced
 BELIEF = 20.0  # number of degrees of freedom with which the stated errors of the centroids are weighted
 
 
@@ -67,18 +69,19 @@ def refine(
     two focal lengths, and the optical centre's ``col`` and ``row``. If the stars do not determine them, a prior keeps
     them near zero, near one and near the middle, or near the values of ``calibration``, if given. The distortion of
     ``camera`` must be Brown if coefficients are fitted.
-    The method is Gauss–Newton with numeric derivatives; outliers beyond 4 robust sigmas have zero weight.
+    The method is Gauss–Newton with numeric derivatives. Outliers beyond 4 robust sigmas have zero weight, and so has a
+    star that is far from the position predicted by the others (:func:`displaced_star`).
     """
     names = ["x", "y", "z", *(["focal"] if fit_focal else []), *fit_lens]
     prior = _prior(camera, names, calibration)
     expected = np.array([value_of(calibration, name) if calibration else 0.0 for name in names])
     weight = 1 / np.asarray(sigma_px, float) ** 2
-    used = np.ones(len(pixels), bool)
+    used, displaced = np.ones(len(pixels), bool), np.zeros(len(pixels), bool)
     residual = np.zeros((len(pixels), 2))
     done, ridge = ATTITUDE_DONE if len(names) == 3 else DONE, 1 + 1e-12 * np.eye(len(names))
     for _ in range(ROUNDS):
-        residual, jacobian = _linearised(pixels, icrs, camera, cam_from_icrs, names)
-        before, used = used, _inliers(residual, weight, len(names))
+        residual, jacobian = linearised(pixels, icrs, camera, cam_from_icrs, names)
+        before, used = used, _inliers(residual, weight, len(names)) & ~displaced
         w = np.repeat(np.where(used, weight, 0.0), 2)
         j = jacobian.reshape(-1, len(names))
         weighted = (w[:, None] * j).T
@@ -90,13 +93,45 @@ def refine(
         camera, cam_from_icrs = _moved(camera, cam_from_icrs, step, names)
         if np.abs(step).max() < done and (used == before).all():
             residual = residual - jacobian @ step
-            break
+            worst, _ = displaced_star(residual, jacobian, np.where(used, weight, 0.0), normal * ridge)
+            if worst < 0:
+                break
+            displaced[worst] = True
     else:
         residual = pixels - camera.project(icrs @ cam_from_icrs.T)
     good = (np.abs(residual) < NOWHERE_PX).all(1) & used
     rms = float(np.sqrt((residual[good] ** 2).mean())) if good.any() else float("inf")
     covariance = _covariance(normal, residual, weight, good, len(names))
     return Refined(camera, cam_from_icrs, residual, np.where(good, weight, 0.0), rms, tuple(names), covariance)
+
+
+def displaced_star(residual: Array, jacobian: Array, weight: Array, normal: Array) -> tuple[int, float]:
+    """Return the star that does not fit the attitude given by the other stars, and its distance in pixels from the position
+    that they predict; (-1, 0.0) if every star fits.
+
+    A star far from the others determines the rotation about them, so its own residual is small even if it is displaced.
+    Therefore each star is compared with a fit without it. ``residual``: (n, 2) after the fit; ``jacobian``: (n, 2, p);
+    ``weight``: (n,) 1/σ², 0 for excluded stars; ``normal``: (p, p) normal matrix.
+
+    If a star is removed, χ² decreases by d, and ν degrees of freedom are left. For normal errors of unknown scale, d/2
+    divided by the rest of χ² per degree of freedom has an F distribution with 2 and ν degrees of freedom, whose tail is
+    (1 + d / rest)^(−ν/2). The scale is at least that of the stated errors.
+    """
+    freedom = 2 * (int(np.count_nonzero(weight)) - 1) - len(normal)
+    if freedom < LEAST_FREEDOM:
+        return -1, 0.0
+    left = np.eye(2) - weight[:, None, None] * (jacobian @ np.linalg.inv(normal) @ jacobian.transpose(0, 2, 1))
+    a, b, c, d = left[:, 0, 0], left[:, 0, 1], left[:, 1, 0], left[:, 1, 1]
+    determinant = a * d - b * c
+    across, down = residual[:, 0], residual[:, 1]
+    ok = (weight > 0) & (determinant > 1e-9)  # the others determine the position of such a star
+    scale = np.where(ok, 1 / np.where(ok, determinant, 1.0), 0.0)
+    off_col, off_row = (d * across - b * down) * scale, (a * down - c * across) * scale
+    decrease = weight * (across * off_col + down * off_row)
+    rest = np.maximum((weight * (across**2 + down**2)).sum() - decrease, freedom)
+    chance = np.count_nonzero(weight) * (1 + np.maximum(decrease, 0.0) / rest) ** (-freedom / 2)
+    worst = int(chance.argmin())
+    return (worst, float(np.hypot(off_col[worst], off_row[worst]))) if chance[worst] < DISPLACED else (-1, 0.0)
 
 
 def _prior(camera: Camera, names: Sequence[str], calibration: Camera | None) -> Array:
@@ -127,13 +162,13 @@ def value_of(camera: Camera, name: str) -> float:
 def prediction_sigma_px(fit: Refined, icrs: Array) -> Array:
     """Return the (n,) standard deviations per axis of the predicted positions of (n, 3) stars, from the errors of all
     fitted parameters."""
-    _, jacobian = _linearised(np.zeros((len(icrs), 2)), icrs, fit.camera, fit.cam_from_icrs, list(fit.parameters))
+    _, jacobian = linearised(np.zeros((len(icrs), 2)), icrs, fit.camera, fit.cam_from_icrs, list(fit.parameters))
     variance = ((jacobian @ fit.covariance) * jacobian).sum((1, 2))
     return np.asarray(np.sqrt(np.maximum(variance, 0) / 2))
 
 
-def _linearised(
-    pixels: Array, icrs: Array, camera: Camera, cam_from_icrs: Array, names: list[str]
+def linearised(
+    pixels: Array, icrs: Array, camera: Camera, cam_from_icrs: Array, names: Sequence[str] = ("x", "y", "z")
 ) -> tuple[Array, Array]:
     """Return the residuals (n, 2) and the derivatives (n, 2, parameters) of the predicted positions."""
     base, rotation_slopes = _projected(icrs @ cam_from_icrs.T, camera)
@@ -177,7 +212,7 @@ def _projected(unit: Array, camera: Camera) -> tuple[Array, Array]:
     return distorted[0] * focal + centre, slopes * focal[:, None]
 
 
-def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: list[str]) -> tuple[Camera, Array]:
+def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: Sequence[str]) -> tuple[Camera, Array]:
     """Return camera and attitude after a step of the parameters."""
     rotation = step[:3] if np.abs(step[:3]).max() <= MAX_RAD else np.clip(step[:3], -MAX_RAD, MAX_RAD)
     rotated = rotation_from_vector(rotation) @ cam_from_icrs if rotation.any() else cam_from_icrs

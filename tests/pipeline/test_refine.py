@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.domain.rotation import rotation_from_vector
+from gss.pipeline.loops.fit import fit_attitude
+from gss.pipeline.loops.geometry import camera_numbers
 from gss.pipeline.refine import refine
 
 CAMERA = Camera(1000, 800, 2000.0, 2000.0, 499.5, 399.5, Brown(k1=-0.2))
@@ -59,6 +61,46 @@ def test_one_false_match_has_weight_zero() -> None:
     assert fit.weight[4] == 0
     assert (fit.weight[np.arange(15) != 4] > 0).all()
     assert np.linalg.norm(Rotation.from_matrix(fit.cam_from_icrs @ attitude.T).as_rotvec()[:2]) < 0.2 * CAMERA.pixel_rad
+
+
+def displaced_far_star() -> tuple[Array, Array, Array]:
+    """Return ICRS directions, pixels and attitude of four stars within 80 px and a fifth, 500 px away, that is displaced by
+    4 px across the line to the others, so that it determines the roll angle.
+    """
+    true_px = np.array([[200.0, 200], [260, 210], [215, 270], [275, 255], [690, 420]])
+    attitude = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix()
+    noise = np.random.default_rng(6).normal(0, 0.1, (5, 2))
+    noise[4] = [-1.6, 3.7]
+    return CAMERA.unproject(true_px) @ attitude, true_px + noise, attitude
+
+
+def test_a_displaced_star_that_determines_the_roll_has_weight_zero() -> None:
+    """The star is excluded although its residual is no larger than that of the others. The compiled fit gives the same
+    result.
+    """
+    icrs, pixels, attitude = displaced_far_star()
+    fit = refine(pixels, icrs, np.full(5, 0.1), CAMERA, attitude)
+    assert fit.weight[4] == 0
+    assert (fit.weight[:4] > 0).all()
+    turn, residual, weight, covariance = attitude.copy(), np.empty((5, 2)), np.empty(5), np.empty((3, 3))
+    rms = fit_attitude(camera_numbers(CAMERA), pixels, icrs, np.full(5, 0.1), turn, residual, weight, covariance)
+    assert weight == pytest.approx(fit.weight)
+    assert turn == pytest.approx(fit.cam_from_icrs, abs=1e-9)
+    assert covariance == pytest.approx(fit.covariance, rel=1e-6)
+    assert rms == pytest.approx(fit.rms_px, rel=1e-6)
+
+
+def test_normal_errors_rarely_exclude_a_star() -> None:
+    """Of a thousand fits to eight stars with normal errors, whose stated errors are too small by a third, at most five lose a
+    star; 1 is expected.
+    """
+    rng = np.random.default_rng(7)
+    lost = 0
+    for _ in range(1000):
+        icrs, pixels, attitude = stars(8, rng)
+        fit = refine(pixels + rng.normal(0, 0.3, pixels.shape), icrs, np.full(8, 0.2), CAMERA, attitude)
+        lost += int((fit.weight == 0).any())
+    assert lost <= 5
 
 
 @pytest.mark.parametrize(("n", "tolerance"), [(60, 0.02), (5, 0.25)])

@@ -146,3 +146,18 @@ def test_parts_of_long_trails_give_no_attitude() -> None:
     """A frame of AIM with trails of 44 px once gave an attitude from four parts of trails, all displaced by 12 px."""
     sky = propagate(load_stars(8.0), 2000.0)
     assert FrameCampaign(sky).run(FrameShard("aim", "reference", 1, 4)).wrong == ()
+
+
+def test_a_displaced_star_that_determines_the_roll_is_not_used() -> None:
+    """The far star of a frame of CubeStar was a false match, and the far star of a list of Oersted is saturated and displaced
+    by 3 px. The frame has no attitude, and the list an attitude from the other stars.
+    """
+    sky = propagate(load_stars(8.0), 2000.0)
+    assert FrameCampaign(sky).run(FrameShard("cubestar", "own", 1, 29)).wrong == ()
+    tested = subject(setting_of("oersted", "reference"), sky)
+    rng = np.random.default_rng([1, 910, CAMERAS.index("oersted"), 11523])
+    share = np.array([f.share for f in FAULTS])
+    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    assert fault.title == "bright stars saturated"
+    judged = judge_with(tested, fault, Mode.LOST_IN_SPACE, rng)
+    assert (judged.verdict.value, judged.matched) == ("correct", 20)

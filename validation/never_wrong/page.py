@@ -26,6 +26,9 @@ FIXED_CASES = "\n".join(
         "the stars was accepted. Now three tenths of the stars must match",
         "- reference with aim, frame trailed by 44 px (frame 4): four parts of trails matched, all displaced by 12 px. A frame "
         "with trails longer than 26 px now has no attitude, and the reason says so",
+        "- cubestar, frame with 100 false stars, tracking (frame 29), and reference with oersted, bright stars saturated (attitude "
+        "11523): a star far from the others, a false match or displaced by 3 px, determined the roll angle. Now each star is "
+        "compared with the position predicted by the others",
     )
 )
 ORDER = (Verdict.CORRECT, Verdict.IMPRECISE, Verdict.WRONG, Verdict.NONE)

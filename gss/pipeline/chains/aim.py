@@ -58,7 +58,7 @@ def calculate_attitude(
     if attitude is None:
         return proof.rejected(f"{len(chosen)} stars in one direction do not determine the attitude")
     probability = false_match_probability(matching, attitude, camera, catalogue, parameters)
-    reason = _objection(matching, attitude, camera, catalogue, parameters, hint, sigma_rad, probability)
+    reason = _objection(matching, attitude, centroids, camera, catalogue, parameters, hint, probability)
     if reason and parameters.proves:
         return proof.rejected(reason, probability)
     weights = np.ones(len(chosen))
@@ -70,15 +70,16 @@ def calculate_attitude(
 def _objection(
     matching: AimMatching,
     attitude: Array,
+    centroids: Centroids,
     camera: Camera,
     catalogue: AimCatalogue,
     parameters: AimParameters,
     hint: AttitudePrior | None,
-    sigma_rad: Array,
     probability: float,
 ) -> str:
     """Return the reason to reject this attitude, or ""."""
     chosen = matching.selected
+    sigma_rad = centroids.sigma_px[chosen] * camera.pixel_rad
     reference = catalogue.icrs[matching.row[chosen]]
     miss_rad = np.linalg.norm(reference @ attitude.T - matching.unit_cam[chosen], axis=1)
     near = None if matching.mode is Mode.LOST_IN_SPACE else hint
@@ -89,6 +90,7 @@ def _objection(
         or _may_be_mirrored(matching, attitude, reference, sigma_rad, parameters, hint)
         or (proof.off_hint(near, attitude, limit_rad) if near else "")
         or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
+        or proof.displaced(centroids, chosen, reference, camera, attitude)
     )
 
 

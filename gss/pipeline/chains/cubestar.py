@@ -106,7 +106,7 @@ def calculate_attitude(
     reason = (
         _off_hint(matching.mode, hint, cam_from_icrs, camera, parameters)
         or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
-        or (_unsound(matching, centroids, camera, catalogue, parameters) if parameters.proves else "")
+        or (_unsound(matching, centroids, camera, catalogue, parameters, cam_from_icrs) if parameters.proves else "")
     )
     if reason:
         return proof.rejected(reason, probability)
@@ -123,13 +123,16 @@ def _unsound(
     camera: Camera,
     catalogue: OnboardCatalogue,
     parameters: CubestarParameters,
+    cam_from_icrs: Array,
 ) -> str:
-    """Return why the frame could be mirrored or have another focal length, or ""."""
+    """Return why the frame could be mirrored, have another focal length or contain a false match, or ""."""
     chosen, bank = matching.selected, catalogue.icrs.astype(float)
     reference = bank[matching.row[chosen]]
     radius_px = parameters.tolerance_rad / camera.pixel_rad
-    return proof.mirrored(matching.unit_cam[chosen], reference, parameters.tolerance_rad) or proof.another_focal_length(
-        centroids.pixels, matching.unit_cam, chosen, reference, bank, camera, radius_px
+    return (
+        proof.mirrored(matching.unit_cam[chosen], reference, parameters.tolerance_rad)
+        or proof.displaced(centroids, chosen, reference, camera, cam_from_icrs)
+        or proof.another_focal_length(centroids.pixels, matching.unit_cam, chosen, reference, bank, camera, radius_px)
     )
 
 

@@ -50,13 +50,18 @@ def calculate_attitude(
     row, unit = matching.row[chosen], matching.unit_cam[chosen]
     reference, weight = catalogue.icrs[row], matching.weight[chosen]
     quaternion = attitude_of(unit, reference, weight, parameters.attitude_method)
-    predicted = reference @ matrix_from_quaternion(quaternion).T
+    cam_from_icrs = matrix_from_quaternion(quaternion)
+    predicted = reference @ cam_from_icrs.T
     sigma_rad = np.maximum(centroids.sigma_px[chosen], 1e-3) * camera.pixel_rad
     if parameters.acceptance == "bound":
         radius_rad = star_radius_rad(sigma_rad, camera.pixel_rad, parameters)
         miss_rad, radius_px = np.linalg.norm(predicted - unit, axis=1), float(np.max(radius_rad)) / camera.pixel_rad
-        reason = proof.misfit(miss_rad, MISFIT_RADII * radius_rad, camera.pixel_rad) or proof.another_focal_length(
-            centroids.pixels, matching.unit_cam, chosen, reference, catalogue.icrs, camera, radius_px
+        reason = (
+            proof.misfit(miss_rad, MISFIT_RADII * radius_rad, camera.pixel_rad)
+            or proof.displaced(centroids, chosen, reference, camera, cam_from_icrs)
+            or proof.another_focal_length(
+                centroids.pixels, matching.unit_cam, chosen, reference, catalogue.icrs, camera, radius_px
+            )
         )
         if reason:
             return proof.rejected(reason, probability)

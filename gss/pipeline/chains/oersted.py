@@ -88,7 +88,7 @@ def calculate_attitude(
         return proof.rejected(f"{len(chosen)} stars in one direction do not determine the attitude")
     sigma_rad = centroids.sigma_px[chosen] * camera.pixel_rad
     probability = false_match_probability(matching, cam_from_icrs, camera, catalogue, parameters)
-    reason = _objection(matching, cam_from_icrs, camera, catalogue, parameters, hint, sigma_rad, probability)
+    reason = _objection(matching, cam_from_icrs, centroids, camera, catalogue, parameters, hint, probability)
     reason = reason or _another_focal_length(matching, centroids, camera, catalogue, parameters)
     if reason and parameters.proves:
         return proof.rejected(reason, probability)
@@ -111,15 +111,16 @@ def _averaged(quaternion: Array, mode: Mode, hint: AttitudePrior | None, paramet
 def _objection(
     matching: OerstedMatching,
     cam_from_icrs: Array,
+    centroids: Centroids,
     camera: Camera,
     catalogue: OerstedCatalogue,
     parameters: OerstedParameters,
     hint: AttitudePrior | None,
-    sigma_rad: Array,
     probability: float,
 ) -> str:
     """Return the reason to reject this attitude, or ""."""
     chosen = matching.selected
+    sigma_rad = centroids.sigma_px[chosen] * camera.pixel_rad
     reference = catalogue.icrs[matching.row[chosen]]
     miss_rad = np.linalg.norm(reference @ cam_from_icrs.T - matching.unit_cam[chosen], axis=1)
     unit, tolerance_rad = matching.unit_cam[chosen], parameters.uncertainty_rad
@@ -131,6 +132,7 @@ def _objection(
         or (proof.mirrored(unit, reference, tolerance_rad) if len(chosen) > 2 else "")
         or (proof.off_hint(near, cam_from_icrs, _hint_error_rad(camera, parameters)) if near else "")
         or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
+        or proof.displaced(centroids, chosen, reference, camera, cam_from_icrs)
     )
 
 

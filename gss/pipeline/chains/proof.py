@@ -18,8 +18,13 @@ from gss.pipeline.chains.modes import AttitudePrior
 from gss.pipeline.chains.onboard import OnboardSolution
 from gss.pipeline.identify.focal_census import focal_objection
 from gss.pipeline.identify.soundness import is_handed
+from gss.pipeline.identify.verify import MIN_SIGMA_PX
+from gss.pipeline.refine import displaced_star, linearised
 
 Rows = NDArray[np.integer]
+LEAST_STARS, DISPLACED_PX = 4, 2.0
+"""Number of stars from which a displaced star can be detected, and distance from the predicted position up to which a star
+may be displaced, for example by a close companion."""
 ERROR_SIGMA, MAX_ERROR_PX = 3.0, 5.0
 """Standard deviations of the boresight that must be below the error from which an attitude counts as wrong."""
 
@@ -57,6 +62,25 @@ def mirrored(unit_cam: Array, reference: Array, tolerance_rad: float) -> str:
     """Test that the pattern of (k, 3) measured directions does not also fit its mirror image."""
     handed = is_handed(unit_cam, reference, tolerance_rad)
     return "" if handed else f"{len(unit_cam)} stars in a pattern that is its own mirror image"
+
+
+def displaced(centroids: Centroids, selected: Rows, reference: Array, camera: Camera, cam_from_icrs: Array) -> str:
+    """Test that no star is far from the position predicted by the others. ``reference``: (k, 3) catalogue directions of the
+    ``selected`` centroids.
+
+    A false match far from the other stars determines the rotation about them, so its own residual is small.
+    """
+    if len(selected) < LEAST_STARS:
+        return ""
+    weight = 1 / np.maximum(centroids.sigma_px[selected], MIN_SIGMA_PX) ** 2
+    residual, jacobian = linearised(centroids.pixels[selected], reference, camera, cam_from_icrs)
+    weighted = weight[:, None, None] * jacobian
+    normal = np.einsum("kai,kaj->ij", weighted, jacobian) * (1 + 1e-12 * np.eye(3))
+    residual = residual - jacobian @ np.linalg.solve(normal, np.einsum("kai,ka->i", weighted, residual))
+    worst, off_px = displaced_star(residual, jacobian, weight, normal)
+    if worst < 0 or off_px <= DISPLACED_PX:
+        return ""
+    return f"one of {len(selected)} stars is {off_px:.1f} px from the position predicted by the others"
 
 
 def off_hint(hint: AttitudePrior, cam_from_icrs: Array, limit_rad: float) -> str:

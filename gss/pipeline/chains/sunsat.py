@@ -117,9 +117,12 @@ def calculate_attitude(
     named, rows = np.concatenate([chosen, extra]), np.concatenate([rows, guide])
     weight = np.concatenate([matching.weight[chosen], np.zeros(len(extra))])
     seen_px = camera.project(catalogue.guides.unit[rows] @ cam_from_icrs.T)
-    undetermined = proof.undetermined(covariance, centroids.pixels[named] - seen_px, centroids.sigma_px[named], camera)
-    if undetermined and p.acceptance != "document":
-        return proof.rejected(undetermined, probability)
+    residual_px, sigma_px = centroids.pixels[named] - seen_px, centroids.sigma_px[named]
+    reason = proof.undetermined(covariance, residual_px, sigma_px, camera) or proof.displaced(
+        centroids, chosen, catalogue.guides.unit[rows[: len(chosen)]], camera, cam_from_icrs
+    )
+    if reason and p.acceptance != "document":
+        return proof.rejected(reason, probability)
     attitude = Attitude(quaternion_from_matrix(cam_from_icrs), covariance)
     return proof.solved(attitude, probability, centroids, named, catalogue.bank.hip[rows], weight, seen_px)
 

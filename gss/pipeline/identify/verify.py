@@ -68,8 +68,10 @@ class FrameDetections:
         return median(self.sigma_px) if len(self) else 0.1
 
     @cached_property
-    def arrays(self) -> tuple[Array, Array, Array, Array, float, float]:
-        """Return the input of the compiled loops."""
+    def arrays(self) -> tuple[Array, Array, Array, Array, float, float, NDArray[np.intp], Array]:
+        """Return the input of the compiled loops. The last two: order of the detections by column, and their columns in
+        this order."""
+        order = np.argsort(self.pixels[:, 0])
         return (
             self.pixels,
             self.unit,
@@ -77,6 +79,8 @@ class FrameDetections:
             self.magnitude,
             float(self.typical_sigma_px),
             self.magnitude_spread,
+            order,
+            self.pixels[order, 0],
         )
 
     @cached_property

@@ -15,6 +15,7 @@ from gss.pipeline.identify.focal_census import MAX_PX, ROUNDS
 from gss.pipeline.loops import loop
 from gss.pipeline.loops.fit import turned
 from gss.pipeline.loops.geometry import best_rotation, camera_numbers, contains, project
+from gss.pipeline.loops.pairing import by_column, pair_up
 from gss.pipeline.small import Rows
 
 
@@ -34,8 +35,8 @@ def count_matches(
 def _count(camera, pixels, unit, rows, icrs, near, radius_px):
     room = max(len(near), len(rows))
     star, spot, weight = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
-    turn, order = np.empty((3, 3)), np.argsort(pixels[:, 0])
-    column = pixels[order, 0]
+    turn = np.empty((3, 3))
+    order, column = by_column(pixels)
     profile = _profile(unit, rows, icrs, np.arange(len(rows)), np.ones(len(rows)), len(rows))
     count, is_first, settled = len(rows), True, False
     spot[:count] = rows
@@ -43,6 +44,7 @@ def _count(camera, pixels, unit, rows, icrs, near, radius_px):
     matched = in_view = 0
     visible, places = np.empty(len(near), np.int64), np.empty((len(near), 2))
     to, radius = np.empty(len(near), np.int64), np.empty(len(near))
+    back = np.empty(len(pixels), np.int64)
     for round_ in range(ROUNDS + 1):
         last = settled or round_ == ROUNDS
         best_rotation(profile, turn)
@@ -51,7 +53,7 @@ def _count(camera, pixels, unit, rows, icrs, near, radius_px):
             radius[:in_view] = radius_px
         else:
             _radii(places, in_view, pixels, spot, weight, count, radius_px, radius)
-        _pair_up(places, in_view, radius, pixels, order, column, to)
+        pair_up(places, radius, in_view, pixels, order, column, to, back)
         matched, same = 0, not is_first
         for p in range(in_view):
             if to[p] < 0:
@@ -109,30 +111,3 @@ def _radii(places, in_view, pixels, spot, weight, count, radius_px, radius):
         far2 = (places[p, 0] - middle_col) ** 2 + (places[p, 1] - middle_row) ** 2
         lever = math.sqrt(1 + 1 / total + far2 / max(extent2, 1.0))
         radius[p] = radius_px * min(lever, MAX_PX / radius_px)
-
-
-@loop
-def _pair_up(places, in_view, radius, pixels, order, column, to):
-    """Write the centroid of each star to ``to``: mutually nearest and within the star's radius, otherwise -1. ``order``:
-    indices of ``pixels`` sorted by ``column``. Equivalent to ``focal_census._nearest``, because no radius exceeds the
-    largest radius, so that more distant centroids need not be examined."""
-    back, back_d2 = np.full(len(pixels), -1, np.int64), np.full(len(pixels), math.inf)
-    reach = 0.0
-    for p in range(in_view):
-        reach = max(reach, radius[p])
-    for p in range(in_view):
-        nearest, nearest_d2 = -1, math.inf
-        for k in range(np.searchsorted(column, places[p, 0] - reach), len(column)):
-            if column[k] > places[p, 0] + reach:
-                break
-            m = order[k]
-            across, down = places[p, 0] - pixels[m, 0], places[p, 1] - pixels[m, 1]
-            d2 = across * across + down * down
-            if d2 < nearest_d2 or (d2 == nearest_d2 and m < nearest):
-                nearest, nearest_d2 = m, d2
-            if d2 < back_d2[m]:
-                back[m], back_d2[m] = p, d2
-        to[p] = nearest if nearest_d2 <= radius[p] * radius[p] else -1
-    for p in range(in_view):
-        if to[p] >= 0 and back[to[p]] != p:
-            to[p] = -1

@@ -22,7 +22,17 @@ from gss.pipeline.loops.geometry import (
     middle_of,
     project,
 )
-from gss.pipeline.refine import ATTITUDE_DONE, BELIEF, MAX_RAD, NOWHERE_PX, OUTLIER_SIGMA, ROUNDS, STEP
+from gss.pipeline.refine import (
+    ATTITUDE_DONE,
+    BELIEF,
+    DISPLACED,
+    LEAST_FREEDOM,
+    MAX_RAD,
+    NOWHERE_PX,
+    OUTLIER_SIGMA,
+    ROUNDS,
+    STEP,
+)
 
 
 @loop
@@ -84,8 +94,8 @@ def rotate(turn, x, y, z):
 
 
 @loop
-def _inliers(residual, weight, n, used):
-    """Mark the stars within the outlier limit. Return True if any mark changed."""
+def _inliers(residual, weight, n, displaced, used):
+    """Mark the stars within the outlier limit that are not ``displaced``. Return True if any mark changed."""
     scaled = np.empty(n)
     for k in range(n):
         scaled[k] = math.sqrt((residual[k, 0] ** 2 + residual[k, 1] ** 2) * weight[k])
@@ -94,17 +104,58 @@ def _inliers(residual, weight, n, used):
         limit = OUTLIER_SIGMA * 1.2 * max(middle_of(scaled, n) / 1.1774, 1.0)
     changed = False
     for k in range(n):
-        good = scaled[k] < limit
+        good = scaled[k] < limit and not displaced[k]
         changed |= good != used[k]
         used[k] = good
     return changed
 
 
 @loop
+def _displaced_star(residual, jacobian, step, weight, used, undone):
+    """Return the star that does not fit the attitude given by the others, -1 if every star fits. Equivalent to
+    ``refine.displaced_star``. ``undone``: inverse of the normal matrix."""
+    n, good, total = len(residual), 0, 0.0
+    offset, decrease = np.empty((n, 2)), np.zeros(n)
+    for k in range(n):
+        if not used[k]:
+            continue
+        for axis in range(2):
+            offset[k, axis] = residual[k, axis]
+            for i in range(3):
+                offset[k, axis] -= jacobian[k, axis, i] * step[i]
+        good += 1
+        total += weight[k] * (offset[k, 0] ** 2 + offset[k, 1] ** 2)
+    freedom = 2 * (good - 1) - 3
+    if freedom < LEAST_FREEDOM:
+        return -1
+    for k in range(n):
+        if not used[k]:
+            continue
+        a = b = d = 0.0
+        for i in range(3):
+            for j in range(3):
+                a += jacobian[k, 0, i] * undone[i, j] * jacobian[k, 0, j]
+                b += jacobian[k, 0, i] * undone[i, j] * jacobian[k, 1, j]
+                d += jacobian[k, 1, i] * undone[i, j] * jacobian[k, 1, j]
+        a, b, d = 1 - weight[k] * a, -weight[k] * b, 1 - weight[k] * d
+        determinant = a * d - b * b
+        if determinant > 1e-9:
+            across, down = offset[k, 0], offset[k, 1]
+            pull = d * across * across - 2 * b * across * down + a * down * down
+            decrease[k] = max(weight[k] * pull / determinant, 0.0)
+    worst, smallest = -1, DISPLACED / good
+    for k in range(n):
+        chance = (1 + decrease[k] / max(total - decrease[k], freedom)) ** (-freedom / 2)
+        if chance < smallest:
+            worst, smallest = k, chance
+    return worst
+
+
+@loop
 def fit_attitude(camera, pixels, icrs, sigma_px, turn, residual, weight, covariance):
     """Fit ``turn`` in place to (n, 2) pixels of (n, 3) stars. Write residuals, weights and covariance, and return the rms."""
     n = len(pixels)
-    used = np.ones(n, np.bool_)
+    used, displaced = np.ones(n, np.bool_), np.zeros(n, np.bool_)
     jacobian = np.empty((n, 2, 3))
     normal, undone, gradient, step = np.zeros((3, 3)), np.empty((3, 3)), np.zeros(3), np.zeros(3)
     for k in range(n):
@@ -120,7 +171,7 @@ def fit_attitude(camera, pixels, icrs, sigma_px, turn, residual, weight, covaria
             residual[k, 0], residual[k, 1] = across, down
             jacobian[k, 0, 0], jacobian[k, 0, 1], jacobian[k, 0, 2] = a, b, c
             jacobian[k, 1, 0], jacobian[k, 1, 1], jacobian[k, 1, 2] = d, e, f
-        changed = _inliers(residual, weight, n, used)
+        changed = _inliers(residual, weight, n, displaced, used)
         normal[:] = 0.0
         gradient[:] = 0.0
         for k in range(n):
@@ -144,8 +195,11 @@ def fit_attitude(camera, pixels, icrs, sigma_px, turn, residual, weight, covaria
             break  # fewer than two stars are left
         rotate(turn, x, y, z)
         if largest < ATTITUDE_DONE and not changed:
-            done = True
-            break
+            worst = _displaced_star(residual, jacobian, step, weight, used, undone)
+            if worst < 0:
+                done = True
+                break
+            displaced[worst] = True
     for k in range(n):
         if done:
             for axis in range(2):

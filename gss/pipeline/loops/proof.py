@@ -23,6 +23,7 @@ from gss.pipeline.loops.geometry import (
     project,
     stars_near,
 )
+from gss.pipeline.loops.pairing import pair_up
 
 GAMMA_TERMS = 2000
 
@@ -139,28 +140,6 @@ def _chance_of_offsets(offset, count, radius, predicted, camera, trials, brightn
 
 
 @loop
-def _pair_up(places, radius, predicted, pixels, count, to, back):
-    """Pair stars and detections that are mutually nearest and within the star's radius. Write the detection of each
-    star, or -1, to ``to``."""
-    back_d2 = np.full(count, math.inf)
-    for m in range(count):
-        back[m] = -1
-    for p in range(predicted):
-        nearest, nearest_d2 = -1, math.inf
-        for m in range(count):
-            across, down = places[p, 0] - pixels[m, 0], places[p, 1] - pixels[m, 1]
-            d2 = across * across + down * down
-            if d2 < nearest_d2:
-                nearest, nearest_d2 = m, d2
-            if d2 < back_d2[m]:
-                back[m], back_d2[m] = p, d2
-        to[p] = nearest if nearest_d2 <= radius[p] * radius[p] else -1
-    for p in range(predicted):
-        if to[p] >= 0 and back[to[p]] != p:
-            to[p] = -1
-
-
-@loop
 def _radii(camera, unit, sigma_rad, rows, used, cam, predicted, typical_px, radius):
     """Write the acceptance radius of each star; equivalent to ``verify._radius`` without calibration error."""
     information, covariance = np.zeros((3, 3)), np.empty((3, 3))
@@ -191,7 +170,7 @@ def verify(view, sky, camera, work, rows, stars, count, hypotheses, turn):
     """Verify a hypothesis; equivalent to ``verify.verify``. Replaces the first ``count`` ``rows`` and ``stars`` by all
     matches and writes the rotation. Returns the numbers of matches and of predicted stars, and the false-match
     probability; no matches if the hypothesis is inconsistent."""
-    pixels, unit, sigma_rad, magnitude, typical_px, magnitude_spread = view
+    pixels, unit, sigma_rad, magnitude, typical_px, magnitude_spread, order, column = view
     icrs, v_mag, cells = sky
     visible, places, cam, radius, first_places, first_radius, to, back = work
     n = len(pixels)
@@ -220,7 +199,7 @@ def verify(view, sky, camera, work, rows, stars, count, hypotheses, turn):
             first_places[:predicted] = places[:predicted]
             first_radius[:predicted] = radius[:predicted]
             first_seen = visible[:predicted].copy()
-        _pair_up(places, radius, predicted, pixels, n, to, back)
+        pair_up(places, radius, predicted, pixels, order, column, to, back)
         matched, same = 0, 0
         for p in range(predicted):
             if to[p] >= 0:
