@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import sys
 
+from gss import process
 from gss.cli import main as run
 
 
 def main() -> None:
     """Entry point of the installed script."""
-    sys.exit(run())
+    process.starting()
+    try:
+        sys.exit(run())
+    finally:
+        process.ending()
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import ctypes
 import fcntl
+import gc
 import importlib
 import json
 import os
@@ -178,7 +179,7 @@ def load_servers() -> None:
     import gss.api.app
     import gss.api.serving
     import gss.cli
-    import gss.device.simulator.__main__
+    import gss.device.simulator.program
     import gss.wiring.build
     from gss.catalogue_tools.sources.hipparcos import load_stars
     from gss.instruments.dictionary.read_dictionary import load_dictionary
@@ -278,7 +279,7 @@ def _command(words: list[str]) -> Callable[[], Any]:
         from gss.operations.parsing.parse_worker import main as parse_main
 
         return parse_main
-    from gss.device.simulator.__main__ import main as simulator_main
+    from gss.device.simulator.program import main as simulator_main
 
     return lambda: simulator_main(words[2:])
 
@@ -299,4 +300,5 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
     time.tzset()
     (load_parsers if sys.argv[2] == PARSERS else load_servers)()
+    gc.freeze()  # a collection in a forked process would copy the memory of these objects
     serve(socket.socket(fileno=int(sys.argv[1])))

@@ -17,7 +17,7 @@ from gss.catalogue_tools.onboard import encode
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import Stage, Telemetry, TransferDone
-from gss.device.simulator.__main__ import main
+from gss.device.simulator.program import main
 from gss.device.transport import open_stream
 from gss.domain.errors import BadInput, Conflict, LinkDown, NotFound
 from gss.skytables.pairs import distance_table

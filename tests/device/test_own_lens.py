@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from gss.device.protocol.transfer import Compatibility
-from gss.device.simulator.__main__ import main
 from gss.device.simulator.own_lens import own_lens
+from gss.device.simulator.program import main
 from gss.device.simulator.sky import SimulatedSky
 from gss.device.table_use import calibration_values
 from gss.device.tables import TABLE_FORMAT, encode_table

@@ -11,6 +11,8 @@ import socket
 import threading
 from pathlib import Path
 
+from gss import process
+
 STOP_WITHIN_S = 5.0
 GRACE_S = 3
 
@@ -20,6 +22,7 @@ def serve_worker(settings_json: str, name: str, path: Path, listener: socket.soc
     are inside the function, so that the new process ignores Ctrl-C before it loads modules; the link process stops the
     workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    process.starting()
     import uvicorn
 
     from gss.api.app import create_app
@@ -37,7 +40,9 @@ def serve_worker(settings_json: str, name: str, path: Path, listener: socket.soc
     options = uvicorn_options(settings, connections)
     config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=GRACE_S, **options)
     threading.Thread(target=stop_with_parent, name="parent", daemon=True).start()
+    process.started()
     StoppableServer(config, app.state.broadcaster.close).run(sockets=[LimitedListener(connections, listener.detach())])
+    process.ending()
 
 
 def stop_with_parent() -> None:

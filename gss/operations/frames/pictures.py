@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gss.store.models import Frame
+if TYPE_CHECKING:
+    from gss.store.models import Frame
 
 Pixels = NDArray[np.generic]
 THUMBNAIL_PX = 144
