@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any, NamedTuple
 
-from sqlalchemy import func, insert, select, update
+from sqlalchemy import exists, func, insert, select, update
 from sqlalchemy.orm import Session, aliased, defer
 
 from gss.domain.errors import NotFound
@@ -212,11 +212,13 @@ def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:
     with the default constants and the frame's camera are considered. Call this after the rows were added: an SQLite
     transaction that begins with a write excludes other writers."""
     _lock(session, frame_ids)
-    pinned = select(Solution.frame_id).where(Solution.operational)
+    other = aliased(Solution)
+    # Correlated, because a list of all frames with an operational solution would be read for every batch.
+    pinned = exists().where(other.frame_id == Frame.id, other.operational)
     oldest = (
         select(func.min(Solution.id))
         .join(Frame, Frame.id == Solution.frame_id)
-        .where(Frame.id.in_(frame_ids), Frame.id.not_in(pinned))
+        .where(Frame.id.in_(frame_ids), ~pinned)
         .where(Solution.origin == "ground", Solution.replay.is_(None), Solution.chain == chain)
         .where(Solution.camera_name == func.coalesce(Frame.profile, BLIND), Solution.options == "")
         .group_by(Frame.id)

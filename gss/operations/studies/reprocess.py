@@ -39,7 +39,7 @@ from gss.store.engine import Database
 from gss.store.models import Frame, Job
 
 KIND = "reprocess"
-BATCH = 8
+BATCH = 16
 WORKERS = 2
 REPORT_EVERY_S = 0.25
 """Interval between progress reports."""

@@ -10,6 +10,8 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.context import ForkServerContext
 
+from gss import process
+
 IDLE_S = 300.0
 PRELOADED = ("gss.operations.studies.reprocess_worker", "gss.operations.studies.list_runs")
 """Modules that are imported once, in the process from which workers are forked. Importing them in each worker would
@@ -39,7 +41,7 @@ class WarmPool:
         with self._lock:
             self._stop_timer()
             if self._pool is None:
-                self._pool = ProcessPoolExecutor(self._workers, _fork_server())
+                self._pool = ProcessPoolExecutor(self._workers, _fork_server(), process.started)
             pool, self._users = self._pool, self._users + 1
         try:
             yield pool
