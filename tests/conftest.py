@@ -3,6 +3,7 @@ failure in continuous integration (GSS_TEST_FORBID_SKIPS=1)."""
 
 from __future__ import annotations
 
+import gc
 import glob
 import importlib.util
 import os
@@ -31,6 +32,8 @@ from tools.browser import chromium_for_tests
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """Set before numpy is imported, for this process and its children. Several test processes share two cores, and the
 second thread of a matrix product takes more time to wait than to compute."""
+gc.set_threshold(20_000, 20, 50)
+"""Seven thousand collected tests are millions of objects, and with the usual thresholds the collector takes 7 % of the time."""
 ROOT = Path(__file__).parent.parent
 PHOTOGRAPHS = Path(os.environ.get("GSS_SKY_PHOTOGRAPHS", ROOT.parent / "shared" / "data" / "sky-photographs"))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,9 @@ class ChainStage:
 LOST, NEAR, TRACKED = "without `--hint`", "`--hint RA,DEC,ROLL,5`", "`--hint RA,DEC,ROLL,0.3`, or `--sequence`"
 VECTORS = "simulated unit with an orbit: telemetry `matched_vectors`"
 DOCUMENT = "always; with `--set acceptance=document` it rejects nothing"
+
+DISPLACED_STAR = ChainStage("GSS: no displaced star", "chains.proof:displaced", "–", DOCUMENT)
+NO_DISPLACED_STAR = replace(DISPLACED_STAR, reach="", left_out_by="--set acceptance=document")
 
 STAGES: dict[str, tuple[ChainStage, ...]] = {
     "sunsat": (
@@ -121,6 +124,7 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             "–",
             DOCUMENT,
         ),
+        DISPLACED_STAR,
     ),
     "cubestar": (
         ChainStage(
@@ -153,6 +157,7 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             "–",
             left_out_by="--set acceptance=document",
         ),
+        NO_DISPLACED_STAR,
     ),
     "far_mst": (
         ChainStage(
@@ -216,6 +221,7 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             "–",
             left_out_by="--set acceptance=document",
         ),
+        NO_DISPLACED_STAR,
     ),
     "oersted": (
         ChainStage("threshold, brightness limit", "chains.oersted:find_centroids", "Liebe 1992, Magnitude-Uncertainty"),
@@ -263,6 +269,7 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             "–",
             DOCUMENT,
         ),
+        DISPLACED_STAR,
     ),
     "aim": (
         ChainStage("coarse image and its mask", "coarse_mask:coarse_mask", "Moniteq 1983 §6.1, Fig. 6.1", LOST),
@@ -297,5 +304,6 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             "–",
             DOCUMENT,
         ),
+        DISPLACED_STAR,
     ),
 }

@@ -54,7 +54,8 @@ SOURCES: dict[str, str] = {
     "assisted_radius_rad": "GSS: half diagonal + 5°",
     "attitude_method": "Huffman 2006 §6.1.3 chose QUEST; 'pad' is §6.1.2",
     "acceptance": "'document' accepts a unique figure (Huffman 2006 §5.5.4); 'bound' (GSS): all stars identified, a "
-    "bound on an accidental identification, and no other focal length indicated by the field",
+    "bound on an accidental identification, no star displaced from the position predicted by the others, and no other "
+    "focal length indicated by the field",
     "max_false_probability": "GSS: largest accepted bound",
     "min_identified": "GSS: four without prior, three with a hint, two in tracking",
     "min_share": "GSS: with a wrong plate scale a small group can match accidentally; a third of the identifiable stars "

@@ -42,7 +42,8 @@ SOURCES: dict[str, str] = {
     "min_group": "Jacobs 1995 §3.3.5: ICLim ends at one, which is three stars",
     "matcher": "match_groups is Jacobs 1995 §3.3, star_vectors §3.2.2 (Baldini)",
     "acceptance": "document: the largest group counts (Jacobs 1995 §3.3.5); bound (GSS): in addition, an accidental group must be "
-    "improbable, the stars must determine the boresight, and the field must not indicate another focal length",
+    "improbable, the stars must determine the boresight, none may be displaced from the position predicted by the "
+    "others, and the field must not indicate another focal length",
     "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
     "residual_tolerances": "GSS: largest residual of a matched star in the TRIAD attitude; three distance tolerances",
     "sure_mag": "GSS: a star 0.5 mag brighter than the catalogue's limit is always detected",
