@@ -75,7 +75,7 @@ def displaced_far_star() -> tuple[Array, Array, Array]:
 
 
 def test_a_displaced_star_that_determines_the_roll_has_weight_zero() -> None:
-    """The star is excluded although its residual is no larger than that of the others. The compiled fit gives the same
+    """The star is excluded although its residual is as small as those of the others. The compiled fit gives the same
     result.
     """
     icrs, pixels, attitude = displaced_far_star()
