@@ -81,6 +81,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items[:] = [item for path in order for item in files[path]]
 
 
+def pytest_collection_finish() -> None:
+    """Exclude modules and collected tests from later collections of garbage, which would examine them each time."""
+    gc.freeze()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_unconfigure() -> None:
+    """Collect once, and exclude the rest from the five collections of pytest and from the last one of the interpreter: they
+    took half a minute of each process."""
+    gc.collect()
+    gc.freeze()
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Print the first failure of every test that was run again."""
     for report in terminalreporter.getreports("rerun"):

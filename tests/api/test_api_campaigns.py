@@ -134,10 +134,11 @@ def test_the_report_of_a_chain_explains_its_failures_against_another(client: Tes
         assert client.get("/api/campaigns/chains/report", params=pair | unknown).status_code == 404
 
 
-def test_a_cancelled_job_keeps_complete_results_only(services: Services) -> None:
+def test_a_cancelled_job_keeps_complete_results_only(services: Services, monkeypatch: pytest.MonkeyPatch) -> None:
     """A job that is cancelled at its first result keeps the results of the first batch. Before, it reports that it has
     no result yet. The next start runs the other frames.
     """
+    monkeypatch.setattr("gss.operations.studies.reprocess.BATCH", 8)
     request = ReprocessRequest(chain="reference")
     tasks = services.studies.reprocessing.tasks(request)
     texts: list[str] = []
