@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import sys
 
-from gss import process
+from gss import garbage
 from gss.cli import main as run
 
 
 def main() -> None:
     """Entry point of the installed script."""
-    process.starting()
+    garbage.collect_rarely()
     try:
         sys.exit(run())
     finally:
-        process.ending()
+        garbage.skip_last_collection()
 
 
 if __name__ == "__main__":

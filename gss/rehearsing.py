@@ -6,6 +6,7 @@ from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
 
+from gss import garbage
 from gss.instruments.registry import Registry
 from gss.operations.clock import stopwatch_s
 from gss.operations.passes.plan_runner import EARLY
@@ -58,6 +59,7 @@ def rehearse(folder: Path, report: Callable[[float, str], None]) -> RehearsalRep
     ) as unit:
         line = RehearsalLine(unit.stream)
         services = build(settings, clock=clock.clock, open_line=line.open)
+        garbage.collect_as_usual()
         passes = services.passes
         ground = Ground(
             services.line.link,

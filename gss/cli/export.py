@@ -68,11 +68,10 @@ def export_shell(arguments: argparse.Namespace) -> int:
 
 def export_solutions(arguments: argparse.Namespace) -> int:
     """Write the solutions as a table."""
+    from gss.cli.records import services_of
     from gss.operations.frames import solution_export
-    from gss.settings import Settings
-    from gss.wiring.build import build
 
-    services = build(Settings(**({"data": arguments.data} if arguments.data else {})))
+    services = services_of(arguments)
     data = solution_export.export_solutions(services.base.database, arguments.format, arguments.chain)
     arguments.out.write_bytes(data)
     print(f"{arguments.out}: {len(data)} bytes")

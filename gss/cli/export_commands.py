@@ -33,11 +33,10 @@ def register(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def export_commands(arguments: argparse.Namespace) -> int:
     """Write the matching commands."""
-    from gss.settings import Settings
-    from gss.wiring.build import build
+    from gss.cli.records import services_of
 
     command_filter = filter_of(arguments)
-    services = build(Settings(**({"data": arguments.data} if arguments.data else {})))
+    services = services_of(arguments)
     try:
         pieces = (
             services.commanding.history.csv(command_filter)

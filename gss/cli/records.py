@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import atexit
 import json
 import sys
 from collections.abc import Iterable
@@ -70,7 +71,9 @@ def services_of(arguments: argparse.Namespace, backups: Path | None = None) -> S
         settings = settings.model_copy(update={"backups": str(backups.resolve())})
     if not settings.data.is_dir():
         raise NotFound("there is no such data folder", got=str(settings.data), hint="set --data or GSS_DATA")
-    return build(settings)
+    services = build(settings)
+    atexit.register(services.close_databases)
+    return services
 
 
 def parse_time(text: str) -> datetime:

@@ -93,7 +93,7 @@ def _serve(
     during this time."""
     import uvicorn
 
-    from gss import process
+    from gss import garbage
     from gss.api.app import create_app
     from gss.api.connections.limited_listener import LimitedListener
     from gss.api.serving import greeting, open_connections, uvicorn_options
@@ -107,7 +107,7 @@ def _serve(
         services.frames.frames.warm(settings.simulator)
 
     app = create_app(services) if not units else None
-    process.started()
+    garbage.collect_as_usual()
     port, signals = listener.getsockname()[1], StopSignals()
     print(greeting(settings, port, services.accounts.accounts.users.set_up_link()), flush=True)
     if app is None:

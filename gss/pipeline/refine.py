@@ -13,7 +13,7 @@ from gss.domain.camera import Brown, Camera, Pinhole
 from gss.domain.rotation import rotation_from_vector
 from gss.pipeline.small import median
 
-ROUNDS = 12
+ROUNDS = 8
 DONE = 1e-10
 ATTITUDE_DONE = (
     1e-5  # limit of a step; the error after such a step is at most a thousandth of it, about a milliarcsecond
@@ -27,7 +27,7 @@ STEP = 1e-6
 NOWHERE_PX = 1e9  # residual of a star that the camera cannot image
 MAX_RAD = 0.2  # largest rotation per axis in one step
 DISPLACED = 1e-3  # a star counts as displaced if the probability, over all stars of the frame, is below this
-LEAST_FREEDOM = 3  # with fewer degrees of freedom of the other stars, no star can be called displaced
+LEAST_FREEDOM = 5  # of the other stars: with four stars in two pairs, either star of a pair can appear displaced
 BELIEF = 20.0  # number of degrees of freedom with which the stated errors of the centroids are weighted
 
 
@@ -70,7 +70,8 @@ def refine(
     them near zero, near one and near the middle, or near the values of ``calibration``, if given. The distortion of
     ``camera`` must be Brown if coefficients are fitted.
     The method is Gauss–Newton with numeric derivatives. Outliers beyond 4 robust sigmas have zero weight, and so has a
-    star that is far from the position predicted by the others (:func:`displaced_star`).
+    star that is far from the position predicted by the others (:func:`displacements`) in a fit that converges. Each
+    exclusion has a further ``ROUNDS`` rounds.
     """
     names = ["x", "y", "z", *(["focal"] if fit_focal else []), *fit_lens]
     prior = _prior(camera, names, calibration)
@@ -79,7 +80,9 @@ def refine(
     used, displaced = np.ones(len(pixels), bool), np.zeros(len(pixels), bool)
     residual = np.zeros((len(pixels), 2))
     done, ridge = ATTITUDE_DONE if len(names) == 3 else DONE, 1 + 1e-12 * np.eye(len(names))
-    for _ in range(ROUNDS):
+    left = ROUNDS
+    while left:
+        left -= 1
         residual, jacobian = linearised(pixels, icrs, camera, cam_from_icrs, names)
         before, used = used, _inliers(residual, weight, len(names)) & ~displaced
         w = np.repeat(np.where(used, weight, 0.0), 2)
@@ -93,10 +96,11 @@ def refine(
         camera, cam_from_icrs = _moved(camera, cam_from_icrs, step, names)
         if np.abs(step).max() < done and (used == before).all():
             residual = residual - jacobian @ step
-            worst, _ = displaced_star(residual, jacobian, np.where(used, weight, 0.0), normal * ridge)
-            if worst < 0:
+            chance, _ = displacements(residual, jacobian, np.where(used, weight, 0.0), normal * ridge)
+            if chance.min() >= DISPLACED:
                 break
-            displaced[worst] = True
+            displaced[chance.argmin()] = True
+            left = ROUNDS
     else:
         residual = pixels - camera.project(icrs @ cam_from_icrs.T)
     good = (np.abs(residual) < NOWHERE_PX).all(1) & used
@@ -105,9 +109,9 @@ def refine(
     return Refined(camera, cam_from_icrs, residual, np.where(good, weight, 0.0), rms, tuple(names), covariance)
 
 
-def displaced_star(residual: Array, jacobian: Array, weight: Array, normal: Array) -> tuple[int, float]:
-    """Return the star that does not fit the attitude given by the other stars, and its distance in pixels from the position
-    that they predict; (-1, 0.0) if every star fits.
+def displacements(residual: Array, jacobian: Array, weight: Array, normal: Array) -> tuple[Array, Array]:
+    """Return for each star the probability, over all stars of the frame, that it is so far from the position predicted by the
+    others, and this distance in pixels. Both are (n,); the probability is 1 if there are too few stars.
 
     A star far from the others determines the rotation about them, so its own residual is small even if it is displaced.
     Therefore each star is compared with a fit without it. ``residual``: (n, 2) after the fit; ``jacobian``: (n, 2, p);
@@ -119,7 +123,7 @@ def displaced_star(residual: Array, jacobian: Array, weight: Array, normal: Arra
     """
     freedom = 2 * (int(np.count_nonzero(weight)) - 1) - len(normal)
     if freedom < LEAST_FREEDOM:
-        return -1, 0.0
+        return np.ones(len(weight)), np.zeros(len(weight))
     left = np.eye(2) - weight[:, None, None] * (jacobian @ np.linalg.inv(normal) @ jacobian.transpose(0, 2, 1))
     a, b, c, d = left[:, 0, 0], left[:, 0, 1], left[:, 1, 0], left[:, 1, 1]
     determinant = a * d - b * c
@@ -127,11 +131,10 @@ def displaced_star(residual: Array, jacobian: Array, weight: Array, normal: Arra
     ok = (weight > 0) & (determinant > 1e-9)  # the others determine the position of such a star
     scale = np.where(ok, 1 / np.where(ok, determinant, 1.0), 0.0)
     off_col, off_row = (d * across - b * down) * scale, (a * down - c * across) * scale
-    decrease = weight * (across * off_col + down * off_row)
+    decrease = np.maximum(weight * (across * off_col + down * off_row), 0.0)
     rest = np.maximum((weight * (across**2 + down**2)).sum() - decrease, freedom)
-    chance = np.count_nonzero(weight) * (1 + np.maximum(decrease, 0.0) / rest) ** (-freedom / 2)
-    worst = int(chance.argmin())
-    return (worst, float(np.hypot(off_col[worst], off_row[worst]))) if chance[worst] < DISPLACED else (-1, 0.0)
+    chance = np.count_nonzero(weight) * (1 + decrease / rest) ** (-freedom / 2)
+    return np.asarray(chance), np.asarray(np.hypot(off_col, off_row))
 
 
 def _prior(camera: Camera, names: Sequence[str], calibration: Camera | None) -> Array:

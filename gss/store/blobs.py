@@ -139,6 +139,7 @@ class BlobStore:
         return data
 
     def _read(self, path: str) -> bytes:
+        """Return the content of a file. Raises FileNotFoundError."""
         if self._is_folder:  # without the layers of fsspec, which take as long as the read
             return Path(path).read_bytes()
         return bytes(self._call(lambda: self._fs.cat_file(path), MAX_READ_S))

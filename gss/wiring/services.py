@@ -103,6 +103,11 @@ class Services:
         self.base.jobs.stop()
         self.telemetry.telemetry.rollups.stop()
         self.studies.executor.stop()
+        self.close_databases()
+
+    def close_databases(self) -> None:
+        """Close the databases, also of services that were not started. SQLite then writes its log to the file of the database,
+        unless another process uses it."""
         self.accounts.intents.close()
         self.accounts.accounts.close()
         self.base.database.close()

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.domain.rotation import rotation_from_vector
+from gss.pipeline.chains import proof
 from gss.pipeline.loops.fit import fit_attitude
 from gss.pipeline.loops.geometry import camera_numbers
 from gss.pipeline.refine import refine
@@ -74,20 +75,62 @@ def displaced_far_star() -> tuple[Array, Array, Array]:
     return CAMERA.unproject(true_px) @ attitude, true_px + noise, attitude
 
 
+def compiled_fit(pixels: Array, icrs: Array, attitude: Array) -> tuple[Array, Array, Array, float]:
+    """Return weights, attitude, covariance and rms of the compiled fit with errors of 0.1 px."""
+    n, turn = len(pixels), attitude.copy()
+    residual, weight, covariance = np.empty((n, 2)), np.empty(n), np.empty((3, 3))
+    rms = fit_attitude(camera_numbers(CAMERA), pixels, icrs, np.full(n, 0.1), turn, residual, weight, covariance)
+    return weight, turn, covariance, rms
+
+
 def test_a_displaced_star_that_determines_the_roll_has_weight_zero() -> None:
-    """The star is excluded although its residual is as small as those of the others. The compiled fit gives the same
-    result.
-    """
+    """The star is excluded although its residual is as small as those of the others. With four stars, none is excluded."""
     icrs, pixels, attitude = displaced_far_star()
     fit = refine(pixels, icrs, np.full(5, 0.1), CAMERA, attitude)
     assert fit.weight[4] == 0
     assert (fit.weight[:4] > 0).all()
-    turn, residual, weight, covariance = attitude.copy(), np.empty((5, 2)), np.empty(5), np.empty((3, 3))
-    rms = fit_attitude(camera_numbers(CAMERA), pixels, icrs, np.full(5, 0.1), turn, residual, weight, covariance)
-    assert weight == pytest.approx(fit.weight)
-    assert turn == pytest.approx(fit.cam_from_icrs, abs=1e-9)
-    assert covariance == pytest.approx(fit.covariance, rel=1e-6)
-    assert rms == pytest.approx(fit.rms_px, rel=1e-6)
+    four = refine(pixels[1:], icrs[1:], np.full(4, 0.1), CAMERA, attitude)
+    assert (four.weight > 0).all()
+
+
+@pytest.mark.parametrize("displaced", [0, 1, 2])
+def test_the_compiled_fit_excludes_the_same_stars(displaced: int) -> None:
+    """Weights, attitude, covariance and rms are equal, with four to twelve stars of which up to two are displaced."""
+    rng, excluded = np.random.default_rng(8), 0
+    for n in (4, 5, 6, 8, 12):
+        for _ in range(4):
+            icrs, pixels, attitude = stars(n, rng)
+            pixels += rng.normal(0, 0.1, pixels.shape)
+            pixels[:displaced] += rng.choice([-3.0, 3.0], (displaced, 2))
+            fit = refine(pixels, icrs, np.full(n, 0.1), CAMERA, attitude)
+            weight, turn, covariance, rms = compiled_fit(pixels, icrs, attitude)
+            assert weight == pytest.approx(fit.weight)
+            assert turn == pytest.approx(fit.cam_from_icrs, abs=1e-9)
+            assert covariance == pytest.approx(fit.covariance, rel=1e-5)
+            assert rms == pytest.approx(fit.rms_px, rel=1e-5)
+            excluded += int((fit.weight == 0).sum())
+    assert (excluded >= 12) == (displaced > 0)
+
+
+@pytest.mark.parametrize(
+    ("moved_px", "count", "rejected"),
+    [((0.0, 0.0), 8, False), ((1.0, 1.2), 8, False), ((2.5, 2.0), 8, True), ((2.5, 2.0), 4, False)],
+)
+def test_a_chain_rejects_an_attitude_with_a_star_displaced_by_more_than_two_pixels(
+    moved_px: tuple[float, float], count: int, rejected: bool
+) -> None:
+    """With four stars no star can be tested. A more precise star that is displaced by less does not prevent the test of
+    another one.
+    """
+    rng = np.random.default_rng(9)
+    icrs, pixels, attitude = stars(count, rng)
+    pixels += rng.normal(0, 0.1, pixels.shape)
+    pixels[2] += moved_px
+    sigma_px = np.full(count, 0.1)
+    assert bool(proof.displaced(CAMERA.unproject(pixels), sigma_px, icrs, CAMERA, attitude)) == rejected
+    sigma_px[0] = 0.05
+    pixels[0] += [0.0, 1.0]
+    assert bool(proof.displaced(CAMERA.unproject(pixels), sigma_px, icrs, CAMERA, attitude)) == rejected
 
 
 def test_normal_errors_rarely_exclude_a_star() -> None:

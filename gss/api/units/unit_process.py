@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gss import process
+from gss import garbage
 
 if TYPE_CHECKING:
     from gss.operations.line.simulated_sensor import SimulatedSensor
@@ -32,7 +32,7 @@ def serve_unit(settings_json: str, path: Path) -> None:
     """Serve until stopped. ``path``: path of the private socket. The settings are JSON and the imports are inside the
     function, so that the new process ignores Ctrl-C before it loads modules; the front process stops the units."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    process.starting()
+    garbage.collect_rarely()
     from gss.api.simulated import start_simulator
     from gss.api.workers.worker import stop_with_parent
     from gss.domain.errors import GssError
@@ -53,8 +53,6 @@ def serve_unit(settings_json: str, path: Path) -> None:
         reason_file(path).write_text(str(error))
         logging.getLogger("gss.units").error("unit %s cannot start: %s", settings.data.name, error)
         sys.exit(1)
-    finally:
-        process.ending()
 
 
 def _serve(settings: Settings, path: Path, sensor: SimulatedSensor | None) -> None:
@@ -88,5 +86,5 @@ def _serve(settings: Settings, path: Path, sensor: SimulatedSensor | None) -> No
         server_header=False,
         proxy_headers=False,
     )
-    process.started()
+    garbage.collect_as_usual()
     StoppableServer(config, announce).run()

@@ -11,7 +11,7 @@ import socket
 import threading
 from pathlib import Path
 
-from gss import process
+from gss import garbage
 
 STOP_WITHIN_S = 5.0
 GRACE_S = 3
@@ -22,7 +22,7 @@ def serve_worker(settings_json: str, name: str, path: Path, listener: socket.soc
     are inside the function, so that the new process ignores Ctrl-C before it loads modules; the link process stops the
     workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    process.starting()
+    garbage.collect_rarely()
     import uvicorn
 
     from gss.api.app import create_app
@@ -40,9 +40,8 @@ def serve_worker(settings_json: str, name: str, path: Path, listener: socket.soc
     options = uvicorn_options(settings, connections)
     config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=GRACE_S, **options)
     threading.Thread(target=stop_with_parent, name="parent", daemon=True).start()
-    process.started()
+    garbage.collect_as_usual()
     StoppableServer(config, app.state.broadcaster.close).run(sockets=[LimitedListener(connections, listener.detach())])
-    process.ending()
 
 
 def stop_with_parent() -> None:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import sys
 
-from gss import process
+from gss import garbage
 
 
 def main() -> None:
     """Run the simulator and end the process."""
-    process.starting()
+    garbage.collect_rarely()
     from gss.device.simulator.program import main as run
 
     try:
         sys.exit(run())
     finally:
-        process.ending()
+        garbage.skip_last_collection()
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from gss import process
+from gss import garbage
 from gss.device.line_address import CAN
 from gss.device.link_keys import read_link_keys
 from gss.device.simulator.can_line import CanBusLine, bus_port
@@ -120,7 +120,6 @@ def serve(
 
     signal.signal(signal.SIGTERM, stop)
     signal.signal(signal.SIGINT, stop)
-    process.started()
     _say(f"READY {url}")
     time_control = TimeControl(clock, terminal, lambda: stopping)
     terminal.paced = paced or not clock.stopped
@@ -157,6 +156,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if line is not None:
             line.close()
         return 2
+    garbage.collect_as_usual()
     serve(
         terminal,
         device,

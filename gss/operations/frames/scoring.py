@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
@@ -18,16 +17,16 @@ def judge(result: SolveResult, truth_quaternion: Array, profile: CameraProfile, 
     """Return the verdict on a result: correct, imprecise, wrong or none. Only the matched stars are computed, because the
     verdict depends on no other star."""
     matched = [] if result.matches is None else result.matches.hip.tolist()
-    rows = np.array([row for hip in matched if (row := stars.row_of_hip.get(hip)) is not None], np.intp)
-    return score(result, truth_on(profile.camera, truth_quaternion, stars, rows), profile.camera)
+    rows = [row for hip in matched if (row := stars.row_of_hip.get(hip)) is not None]
+    return score(
+        result, truth_on(profile.camera, truth_quaternion, stars.take(np.array(rows, np.intp))), profile.camera
+    )
 
 
-def truth_on(camera: Camera, quaternion: Array, stars: StarTable, rows: NDArray[np.intp] | None = None) -> Truth:
-    """Return the truth for an attitude: the stars on the detector with their positions. ``rows``: limit it to these stars."""
+def truth_on(camera: Camera, quaternion: Array, stars: StarTable) -> Truth:
+    """Return the truth for an attitude: the stars on the detector with their positions."""
     cam_from_icrs = matrix_from_quaternion(quaternion)
-    icrs = stars.icrs if rows is None else stars.icrs[rows]
-    near = np.flatnonzero(icrs @ cam_from_icrs[2] > np.cos(camera.half_diagonal_rad * 1.05 + 0.01))
-    pixels = camera.project(icrs[near] @ cam_from_icrs.T)
+    near = np.flatnonzero(stars.icrs @ cam_from_icrs[2] > np.cos(camera.half_diagonal_rad * 1.05 + 0.01))
+    pixels = camera.project(stars.icrs[near] @ cam_from_icrs.T)
     on = camera.contains(pixels)
-    index = near[on] if rows is None else rows[near[on]]
-    return Truth(quaternion, stars.hip[index], pixels[on], stars.v_mag[index])
+    return Truth(quaternion, stars.hip[near][on], pixels[on], stars.v_mag[near][on])

@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.context import ForkServerContext
 
-from gss import process
+from gss import garbage
 
 IDLE_S = 300.0
 PRELOADED = ("gss.operations.studies.reprocess_worker", "gss.operations.studies.list_runs")
@@ -41,7 +41,7 @@ class WarmPool:
         with self._lock:
             self._stop_timer()
             if self._pool is None:
-                self._pool = ProcessPoolExecutor(self._workers, _fork_server(), process.started)
+                self._pool = ProcessPoolExecutor(self._workers, _fork_server(), garbage.collect_as_usual)
             pool, self._users = self._pool, self._users + 1
         try:
             yield pool

@@ -90,7 +90,7 @@ def _objection(
         or _may_be_mirrored(matching, attitude, reference, sigma_rad, parameters, hint)
         or (proof.off_hint(near, attitude, limit_rad) if near else "")
         or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
-        or proof.displaced(centroids, chosen, reference, camera, attitude)
+        or proof.displaced(matching.unit_cam[chosen], centroids.sigma_px[chosen], reference, camera, attitude)
     )
 
 

@@ -131,7 +131,7 @@ def _unsound(
     radius_px = parameters.tolerance_rad / camera.pixel_rad
     return (
         proof.mirrored(matching.unit_cam[chosen], reference, parameters.tolerance_rad)
-        or proof.displaced(centroids, chosen, reference, camera, cam_from_icrs)
+        or proof.displaced(matching.unit_cam[chosen], centroids.sigma_px[chosen], reference, camera, cam_from_icrs)
         or proof.another_focal_length(centroids.pixels, matching.unit_cam, chosen, reference, bank, camera, radius_px)
     )
 

@@ -58,7 +58,7 @@ def calculate_attitude(
         miss_rad, radius_px = np.linalg.norm(predicted - unit, axis=1), float(np.max(radius_rad)) / camera.pixel_rad
         reason = (
             proof.misfit(miss_rad, MISFIT_RADII * radius_rad, camera.pixel_rad)
-            or proof.displaced(centroids, chosen, reference, camera, cam_from_icrs)
+            or proof.displaced(unit, centroids.sigma_px[chosen], reference, camera, cam_from_icrs)
             or proof.another_focal_length(
                 centroids.pixels, matching.unit_cam, chosen, reference, catalogue.icrs, camera, radius_px
             )

@@ -132,7 +132,7 @@ def _objection(
         or (proof.mirrored(unit, reference, tolerance_rad) if len(chosen) > 2 else "")
         or (proof.off_hint(near, cam_from_icrs, _hint_error_rad(camera, parameters)) if near else "")
         or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
-        or proof.displaced(centroids, chosen, reference, camera, cam_from_icrs)
+        or proof.displaced(unit, centroids.sigma_px[chosen], reference, camera, cam_from_icrs)
     )
 
 

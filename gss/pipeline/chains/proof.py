@@ -6,25 +6,25 @@ Each test returns the reason to reject the attitude, or "". A chain chooses its 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
-from gss.domain.camera import Camera
+from gss.domain.camera import Camera, Pinhole
 from gss.domain.results import Attitude, Centroids, Matches
 from gss.pipeline.chains.modes import AttitudePrior
 from gss.pipeline.chains.onboard import OnboardSolution
 from gss.pipeline.identify.focal_census import focal_objection
 from gss.pipeline.identify.soundness import is_handed
 from gss.pipeline.identify.verify import MIN_SIGMA_PX
-from gss.pipeline.refine import displaced_star, linearised
+from gss.pipeline.refine import DISPLACED, LEAST_FREEDOM, displacements, linearised
 
 Rows = NDArray[np.integer]
-LEAST_STARS, DISPLACED_PX = 4, 2.0
-"""Number of stars from which a displaced star can be detected, and distance from the predicted position up to which a star
-may be displaced, for example by a close companion."""
+DISPLACED_PX = 2.0
+"""Distance from the predicted position up to which a star may be displaced, for example by a close companion."""
 ERROR_SIGMA, MAX_ERROR_PX = 3.0, 5.0
 """Standard deviations of the boresight that must be below the error from which an attitude counts as wrong."""
 
@@ -64,23 +64,25 @@ def mirrored(unit_cam: Array, reference: Array, tolerance_rad: float) -> str:
     return "" if handed else f"{len(unit_cam)} stars in a pattern that is its own mirror image"
 
 
-def displaced(centroids: Centroids, selected: Rows, reference: Array, camera: Camera, cam_from_icrs: Array) -> str:
-    """Test that no star is far from the position predicted by the others. ``reference``: (k, 3) catalogue directions of the
-    ``selected`` centroids.
+def displaced(unit_cam: Array, sigma_px: Array, reference: Array, camera: Camera, cam_from_icrs: Array) -> str:
+    """Test that no star is far from the position predicted by the others. ``unit_cam`` (k, 3), ``sigma_px`` (k,) and
+    ``reference`` (k, 3): measured directions, errors and catalogue directions of the identified stars.
 
-    A false match far from the other stars determines the rotation about them, so its own residual is small.
+    A false match far from the other stars determines the rotation about them, so its own residual is small. The positions
+    are those of a camera without distortion, so that they agree with the directions from which the attitude was computed.
     """
-    if len(selected) < LEAST_STARS:
+    if 2 * (len(unit_cam) - 1) - 3 < LEAST_FREEDOM:
         return ""
-    weight = 1 / np.maximum(centroids.sigma_px[selected], MIN_SIGMA_PX) ** 2
-    residual, jacobian = linearised(centroids.pixels[selected], reference, camera, cam_from_icrs)
+    ideal, weight = replace(camera, distortion=Pinhole()), 1 / np.maximum(sigma_px, MIN_SIGMA_PX) ** 2
+    residual, jacobian = linearised(ideal.project(unit_cam), reference, ideal, cam_from_icrs)
     weighted = weight[:, None, None] * jacobian
     normal = np.einsum("kai,kaj->ij", weighted, jacobian) * (1 + 1e-12 * np.eye(3))
     residual = residual - jacobian @ np.linalg.solve(normal, np.einsum("kai,ka->i", weighted, residual))
-    worst, off_px = displaced_star(residual, jacobian, weight, normal)
-    if worst < 0 or off_px <= DISPLACED_PX:
+    chance, off_px = displacements(residual, jacobian, weight, normal)
+    far = (chance < DISPLACED) & (off_px > DISPLACED_PX)
+    if not far.any():
         return ""
-    return f"one of {len(selected)} stars is {off_px:.1f} px from the position predicted by the others"
+    return f"one of {len(unit_cam)} stars is {off_px[far].max():.1f} px from the position predicted by the others"
 
 
 def off_hint(hint: AttitudePrior, cam_from_icrs: Array, limit_rad: float) -> str:

@@ -198,8 +198,9 @@ def _identify_known(
     with trace.stage("attitude"):
         matches = _name_all(view, camera, stars, evidence, centroids, detections, velocity_c, fast)
     seen_both = min(len(view), evidence.predicted)
-    if len(matches.rows) < EXPLAINED * seen_both:
-        reason = f"the best solution identifies only {len(matches.rows)} of {seen_both} stars"
+    identified = int(np.count_nonzero(matches.fit.weight))
+    if identified < EXPLAINED * seen_both:
+        reason = f"the best solution identifies only {identified} of {seen_both} stars"
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
     hip = stars.deep.hip[matches.stars]
     rows, probability = view.centroid[matches.rows], evidence.false_match_probability

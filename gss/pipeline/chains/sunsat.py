@@ -119,7 +119,11 @@ def calculate_attitude(
     seen_px = camera.project(catalogue.guides.unit[rows] @ cam_from_icrs.T)
     residual_px, sigma_px = centroids.pixels[named] - seen_px, centroids.sigma_px[named]
     reason = proof.undetermined(covariance, residual_px, sigma_px, camera) or proof.displaced(
-        centroids, chosen, catalogue.guides.unit[rows[: len(chosen)]], camera, cam_from_icrs
+        matching.unit_cam[chosen],
+        centroids.sigma_px[chosen],
+        catalogue.guides.unit[rows[: len(chosen)]],
+        camera,
+        cam_from_icrs,
     )
     if reason and p.acceptance != "document":
         return proof.rejected(reason, probability)

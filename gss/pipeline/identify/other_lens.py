@@ -159,7 +159,11 @@ def _merit(solution: BlindSolution, view: FrameDetections) -> float:
     """Return the number of identified stars minus a penalty for residuals and for a free optical centre, which determines
     the attitude less well."""
     excess = max(solution.fit.rms_px / max(view.typical_sigma_px, MIN_SIGMA_PX), 1.0) - 1.0
-    return len(solution.rows) - RESIDUAL_PENALTY * excess - (1.0 if CENTRE[0] in solution.fit.parameters else 0.0)
+    return (
+        np.count_nonzero(solution.fit.weight)
+        - RESIDUAL_PENALTY * excess
+        - (1.0 if CENTRE[0] in solution.fit.parameters else 0.0)
+    )
 
 
 def _is_proved(solution: BlindSolution, view: FrameDetections, calibration: Camera) -> bool:

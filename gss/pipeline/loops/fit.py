@@ -113,7 +113,7 @@ def _inliers(residual, weight, n, displaced, used):
 @loop
 def _displaced_star(residual, jacobian, step, weight, used, undone):
     """Return the star that does not fit the attitude given by the others, -1 if every star fits. Equivalent to
-    ``refine.displaced_star``. ``undone``: inverse of the normal matrix."""
+    ``refine.displacements``. ``undone``: inverse of the normal matrix."""
     n, good, total = len(residual), 0, 0.0
     offset, decrease = np.empty((n, 2)), np.zeros(n)
     for k in range(n):
@@ -160,8 +160,9 @@ def fit_attitude(camera, pixels, icrs, sigma_px, turn, residual, weight, covaria
     normal, undone, gradient, step = np.zeros((3, 3)), np.empty((3, 3)), np.zeros(3), np.zeros(3)
     for k in range(n):
         weight[k] = 1 / sigma_px[k] ** 2
-    done = False
-    for _ in range(ROUNDS):
+    done, left = False, ROUNDS
+    while left > 0:
+        left -= 1
         for k in range(n):
             x, y, z = turned(turn, icrs[k, 0], icrs[k, 1], icrs[k, 2])
             col, row, a, b, c, d, e, f = slopes(camera, x, y, z)
@@ -200,6 +201,7 @@ def fit_attitude(camera, pixels, icrs, sigma_px, turn, residual, weight, covaria
                 done = True
                 break
             displaced[worst] = True
+            left = ROUNDS
     for k in range(n):
         if done:
             for axis in range(2):

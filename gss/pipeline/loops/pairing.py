@@ -22,8 +22,8 @@ def by_column(pixels):
 @loop
 def pair_up(places, radius, predicted, pixels, order, column, to, back):
     """Pair the first ``predicted`` stars with detections that are mutually nearest and within the star's radius. Write the
-    detection of each star, or -1, to ``to``, and the nearest star of each detection, or -1, to ``back``. ``order`` and
-    ``column``: result of :func:`by_column`.
+    detection of each star, or -1, to ``to``. ``back``: nearest star of each detection among the stars within reach, valid only
+    for the pairs in ``to``. ``order`` and ``column``: result of :func:`by_column`.
 
     Detections further than the largest radius from a star are not examined, because they cannot be its pair.
     """
