@@ -37,19 +37,16 @@ def export_commands(arguments: argparse.Namespace) -> int:
 
     command_filter = filter_of(arguments)
     services = services_of(arguments)
-    try:
-        pieces = (
-            services.commanding.history.csv(command_filter)
-            if arguments.format == "csv"
-            else services.commanding.history.json(command_filter)
-        )
-        if arguments.out is None:
-            sys.stdout.writelines(pieces)
-        else:
-            with arguments.out.open("w", encoding="utf-8", newline="") as file:
-                file.writelines(pieces)
-    finally:
-        services.base.database.close()
+    pieces = (
+        services.commanding.history.csv(command_filter)
+        if arguments.format == "csv"
+        else services.commanding.history.json(command_filter)
+    )
+    if arguments.out is None:
+        sys.stdout.writelines(pieces)
+    else:
+        with arguments.out.open("w", encoding="utf-8", newline="") as file:
+            file.writelines(pieces)
     return 0
 
 
