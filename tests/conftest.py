@@ -41,6 +41,7 @@ PHOTOGRAPHS = Path(os.environ.get("GSS_SKY_PHOTOGRAPHS", ROOT.parent / "shared" 
 PROXIES = ("nginx", "caddy")
 WAITING = ("system", "contract")
 """Folders whose files mostly wait for servers and lines."""
+TIMER = pytest.StashKey[Any]()
 RUN_ONCE_MORE = pytest.mark.flaky(reruns=1)
 """Real processes, threads and lines need real time, and a machine that pauses for seconds can fail their tests. A failed
 test is run once more; the first failure is printed at the end."""
@@ -51,17 +52,24 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--evidence", action="store_true", help="run every trial of the statistical tests (make evidence)")
 
 
-class OneBrowser(LoadFileScheduling):
-    """Distributes files among processes; all browser tests stay in one process, which shares browser and server."""
+class TwoBrowsers(LoadFileScheduling):
+    """Distributes files among processes. The browser tests are the longest chain of waiting, so two processes run them:
+    every second file each. The files of a process share its browser."""
+
+    def __init__(self, config: pytest.Config, log: Producer) -> None:
+        super().__init__(config, log)
+        self._browser_files: dict[str, int] = {}
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.partition("::")[0]
-        return "e2e" if "/e2e/" in file else file
+        if "/e2e/" not in file:
+            return file
+        return f"e2e {self._browser_files.setdefault(file, len(self._browser_files)) % 2}"
 
 
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> OneBrowser:
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> TwoBrowsers:
     """Use this scheduler for every ``-n`` run, regardless of ``--dist``."""
-    return OneBrowser(config, log)
+    return TwoBrowsers(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -94,6 +102,25 @@ def pytest_unconfigure() -> None:
     gc.freeze()
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_timeout_set_timer(item: pytest.Item, settings: Any) -> None:
+    """Store the settings of a test's timer for ``_restart_timer``; pytest-timeout starts it."""
+    item.stash[TIMER] = settings
+
+
+def _restart_timer(item: pytest.Item) -> None:
+    """Start a test's timer again. pytest-timeout starts it once, and a failure stops it, so that the end of a failed test
+    and its second attempt could wait forever."""
+    if TIMER in item.stash:
+        item.config.hook.pytest_timeout_set_timer(item=item, settings=item.stash[TIMER])
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_teardown(item: pytest.Item) -> None:
+    """Limit the time of fixtures that end after a failure."""
+    _restart_timer(item)
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Print the first failure of every test that was run again."""
     for report in terminalreporter.getreports("rerun"):
@@ -102,6 +129,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Limit the time of each attempt, and skip a test whose program or data is absent."""
+    _restart_timer(item)
     needs = {
         "browser": (chromium_for_tests() is not None, "no chromium here: apt install chromium"),
         "postgres": (postgres_bin() is not None, "no PostgreSQL server here: apt install postgresql"),

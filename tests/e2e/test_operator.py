@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+import threading
 
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import expect
+from playwright.sync_api import Route, expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 
@@ -214,13 +215,21 @@ def test_the_live_page_at_rest_sends_few_requests(page, at_rest):
 )
 def test_a_list_is_loading_until_the_first_answer(page, page_path, request_path, empty):
     """Before the first answer a page states that it loads, not that its list is empty."""
-    held = []
-    page.route(re.compile(rf"/api/{request_path}(\?|$)"), lambda route: held.append(route))
+    held, ended = [], threading.Event()
+
+    def hold(route: Route) -> None:
+        if ended.is_set():
+            route.continue_()
+        else:
+            held.append(route)
+
+    page.route(re.compile(rf"/api/{request_path}(\?|$)"), hold)
     page.goto(page_path)
     main = page.locator("main")
     expect(main).to_contain_text("Loading …")
     expect(main).not_to_contain_text(empty)
     assert held
+    ended.set()
     for route in held:
         route.continue_()
     expect(main).not_to_contain_text("Loading …")
