@@ -60,15 +60,17 @@ BROWSERS ?= 1
 soak: $(VENV)/.test-installed web
 	$(BIN)/python -m tools.soak $(HOURS) --workers $(WORKERS) --browsers $(BROWSERS)
 
-# Hours of lists and frames with faults: every wrong attitude is a fault. An interrupted run continues. never-wrong-daily: minutes.
+# Hours of lists and frames with faults: every wrong attitude is a fault. It continues with the results of earlier runs, which
+# are in the repository. never-wrong-daily: minutes, on the present sources.
 LISTS ?= 1000000
 FRAMES ?= 10000
+RESULTS := validation/never_wrong/results.json
 never-wrong: $(VENV)/.test-installed kernels
-	$(BIN)/gss experiments never-wrong --attitudes $(LISTS) --frames $(FRAMES) --workers 2
+	$(BIN)/gss experiments never-wrong --attitudes $(LISTS) --frames $(FRAMES) --workers 2 --keep $(RESULTS)
+	$(BIN)/gss experiments never-wrong --keep $(RESULTS) --page docs/never-wrong.md
 
-never-wrong-daily: LISTS := 1000
-never-wrong-daily: FRAMES := 20
-never-wrong-daily: never-wrong
+never-wrong-daily: $(VENV)/.test-installed kernels
+	$(BIN)/gss experiments never-wrong --attitudes 1000 --frames 26 --workers 2 --keep never-wrong-daily.json --again
 
 bench: $(VENV)/.test-installed
 	$(BIN)/python -m tools.bench

@@ -7,6 +7,7 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -56,10 +57,8 @@ def add_commands(parser: argparse.ArgumentParser, make_executor: Callable[[str |
     p.add_argument("--seed", type=int, default=1, help="seed of all random numbers (default 1)")
     p.add_argument("--camera", action="append", metavar="NAME", help="restrict to this camera; can be repeated")
     p.add_argument("--chain", action="append", metavar="own|reference", help="restrict to this chain; can be repeated")
-    p.add_argument(
-        "--keep", type=Path, default=Path("never-wrong.jsonl"), metavar="FILE", help="file of stored results"
-    )
-    p.add_argument("--again", action="store_true", help="rerun cases that FILE contains; the newer result counts")
+    p.add_argument("--keep", type=Path, default=Path("never-wrong.json"), metavar="FILE", help="file of stored results")
+    p.add_argument("--again", action="store_true", help="run all cases; the results replace those in FILE")
     p.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
     p.add_argument(
         "--cluster", metavar="URL", help="Dask scheduler that runs the cases instead of local processes (GSS_CLUSTER)"
@@ -118,9 +117,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def never_wrong(make_executor: Callable[[str | None, int], OrderedExecutor], arguments: argparse.Namespace) -> int:
     """Run the remaining trials of the campaign, or write a page of the completed trials."""
-    from validation.never_wrong.campaign import CampaignSettings, read, run_campaign, selected
+    from validation.never_wrong.campaign import CampaignSettings, run_campaign
     from validation.never_wrong.lists import CAMERAS, CHAINS
     from validation.never_wrong.page import page
+    from validation.never_wrong.record import CampaignRecord
 
     if not 1 <= arguments.workers <= 64:
         raise BadInput("number of processes is out of range", expected="1 – 64", got=str(arguments.workers))
@@ -132,19 +132,24 @@ def never_wrong(make_executor: Callable[[str | None, int], OrderedExecutor], arg
         tuple(arguments.chain or CHAINS),
     )
 
+    began_s = time.monotonic()
+
     def progress(count: int, total: int) -> None:
         if sys.stderr.isatty():
-            print(f"\r{count} of {total}", end="", file=sys.stderr, flush=True)
+            left = timedelta(seconds=round((time.monotonic() - began_s) * (total - count) / count))
+            print(f"\r{count} of {total} parts, about {left} left ", end="", file=sys.stderr, flush=True)
 
+    record = CampaignRecord(arguments.keep)
     if arguments.page is not None:
-        arguments.page.write_text(page(settings, read(arguments.keep)), "utf-8")
+        arguments.page.write_text(page(record.blocks(arguments.seed), arguments.seed), "utf-8")
     else:
+        if arguments.again:
+            record.clear()
         executor = make_executor(arguments.cluster, arguments.workers)
         try:
-            run_campaign(settings, arguments.keep, executor=executor, again=arguments.again, progress=progress)
+            run_campaign(settings, record, executor=executor, progress=progress)
         finally:
             executor.stop()
-    done = read(arguments.keep)
-    wrong = sorted(text for key in selected(done, settings) for text in done[key]["wrong"])
+    wrong = sorted(text for block in record.blocks(arguments.seed) for text in block.wrong)
     print("\n".join(wrong) if wrong else "no wrong result")
     return 3 if wrong else 0

@@ -2,43 +2,89 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from gss.cli import main
-from gss.domain.errors import BadInput
+from gss.domain.errors import BadInput, Conflict
 from gss.operations.studies.executor import HereExecutor
-from validation.never_wrong.campaign import CampaignSettings, keys, read, run_campaign
+from validation.never_wrong.campaign import CampaignSettings, keys, run_campaign
+from validation.never_wrong.frames import FrameShard
+from validation.never_wrong.lists import Shard, Verdicts
 from validation.never_wrong.page import page
+from validation.never_wrong.record import CampaignRecord
 
 LOCAL = HereExecutor()
 SMALL = CampaignSettings(0, 13, 3, ("cubestar",), ("own",))
 
 
 def test_an_interrupted_run_continues_where_it_ended(tmp_path: Path) -> None:
-    """A second run of a completed campaign runs nothing. A shard whose line is truncated is run again."""
-    file = tmp_path / "kept.jsonl"
-    assert run_campaign(SMALL, file, executor=LOCAL) == 1
-    assert run_campaign(SMALL, file, executor=LOCAL) == 0
-    content = file.read_text("utf-8")
-    file.write_text(content[: len(content) // 2] + "\n", "utf-8")
-    assert run_campaign(SMALL, file, executor=LOCAL) == 1
-    (record,) = read(file).values()
-    assert sum(n for *_, n in record["counts"]) == 13
-    text = page(SMALL, read(file))
+    """A second run of a completed campaign runs nothing, and a larger campaign runs only what is missing. The page has
+    the results of both."""
+    file = tmp_path / "folder" / "kept.json"
+    assert run_campaign(SMALL, CampaignRecord(file), executor=LOCAL) == 1
+    assert run_campaign(SMALL, CampaignRecord(file), executor=LOCAL) == 0
+    assert run_campaign(replace(SMALL, frames=26), CampaignRecord(file), executor=LOCAL) == 1
+    (block,) = CampaignRecord(file).blocks(3)
+    assert (block.shards, block.cases) == ([(0, 1)], 26)
+    text = page([block], 3)
     assert "| frame, blank |" in text
-    assert record["code"] in text
-    assert "| cubestar | cubestar (own) | frames | 13 |" in text
+    assert f"{block.code}: 0 lists and 26 frames" in text
+    assert "| cubestar | cubestar (own) | frames | 26 |" in text
+
+
+def test_the_file_is_small_and_complete(tmp_path: Path) -> None:
+    """Shards in any order are stored as ranges, with the sum of their counts. Results of other sources are separate."""
+    file, verdicts = tmp_path / "kept.json", Verdicts({(0, 1, "none"): 2, (3, 0, "wrong"): 1}, ("a case",))
+    record = CampaignRecord(file)
+    for number in (0, 1, 5, 3, 4):
+        record.add(Shard("aim", "own", 1, number), "first", verdicts)
+    record.add(Shard("aim", "own", 1, 2), "second", verdicts)
+    record.add(FrameShard("aim", "own", 1, 0), "second", verdicts)
+    first, second, frames = CampaignRecord(file).blocks(1)
+    assert (first.shards, first.cases, first.wrong) == ([(0, 1), (3, 5)], 15, ["a case"] * 5)
+    assert (second.shards, second.code, frames.name) == ([(2, 2)], "second", "frames")
+    assert CampaignRecord(file).completed() == {
+        FrameShard("aim", "own", 1, 0),
+        *(Shard("aim", "own", 1, n) for n in range(6)),
+    }
+    assert CampaignRecord(file).blocks(2) == []
+
+
+@pytest.mark.parametrize(
+    "change", [lambda text: text[:-20], lambda text: text.replace('"version": 1', '"version": 2'), lambda _: "[]"]
+)
+def test_a_file_that_is_not_a_record_is_rejected(tmp_path: Path, change: Callable[[str], str]) -> None:
+    """A truncated file, one of another version and other JSON are rejected and left as they are."""
+    file = tmp_path / "kept.json"
+    CampaignRecord(file).add(Shard("aim", "own", 1, 0), "first", Verdicts({}, ()))
+    file.write_text(change(file.read_text("utf-8")), "utf-8")
+    before = file.read_text("utf-8")
+    assert main(["experiments", "never-wrong", "--attitudes", "250", "--keep", str(file)]) == 2
+    assert file.read_text("utf-8") == before
+
+
+def test_two_runs_with_one_file_lose_nothing(tmp_path: Path) -> None:
+    """A run ends if another one has added results to its file."""
+    file, verdicts = tmp_path / "kept.json", Verdicts({(0, 0, "none"): 13}, ())
+    first, second = CampaignRecord(file), CampaignRecord(file)
+    first.add(FrameShard("aim", "own", 1, 0), "code", verdicts)
+    with pytest.raises(Conflict, match="another run"):
+        second.add(FrameShard("aim", "own", 1, 1), "code", verdicts)
+    first.add(FrameShard("aim", "own", 1, 1), "code", verdicts)
+    assert len(CampaignRecord(file).completed()) == 2
 
 
 def test_a_wrong_solution_is_listed_and_gives_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A wrong solution is listed on the page, and the exit code of the command is 3."""
-    file, page_file = tmp_path / "kept.jsonl", tmp_path / "page.md"
-    run_campaign(SMALL, file, executor=LOCAL)
-    file.write_text(file.read_text("utf-8").replace('"wrong": []', '"wrong": ["cubestar, planted"]'), "utf-8")
-    arguments = ["--attitudes", "0", "--frames", "13", "--seed", "3", "--camera", "cubestar", "--chain", "own"]
-    assert main(["experiments", "never-wrong", *arguments, "--keep", str(file), "--page", str(page_file)]) == 3
+    file, page_file = tmp_path / "kept.json", tmp_path / "page.md"
+    CampaignRecord(file).add(
+        FrameShard("cubestar", "own", 3, 0), "first", Verdicts({(0, 0, "wrong"): 13}, ("cubestar, planted",))
+    )
+    assert main(["experiments", "never-wrong", "--seed", "3", "--keep", str(file), "--page", str(page_file)]) == 3
     assert "cubestar, planted" in capsys.readouterr().out
     assert "- cubestar, planted" in page_file.read_text("utf-8")
 

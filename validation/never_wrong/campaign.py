@@ -1,21 +1,20 @@
-"""The long never-wrong campaign. Worker processes or a cluster run its shards. Each shard is stored as a line of a
-file, so a run can be resumed, and shards affected by a change can be rerun."""
+"""The long never-wrong campaign. Worker processes or a cluster run its shards. Each completed shard is added to a file, so
+a run can be resumed."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Generator, Iterable
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, Protocol
 
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.errors import BadInput
 from validation.fingerprint import fingerprint
-from validation.never_wrong.frames import FRAME_SHARD, FrameCampaign, FrameShard, frame_shards
-from validation.never_wrong.lists import CAMERAS, CHAINS, SHARD, Campaign, Shard, shards
+from validation.never_wrong.frames import FrameCampaign, FrameShard, frame_shards
+from validation.never_wrong.lists import CAMERAS, CHAINS, Campaign, Shard, Verdicts, shards
+from validation.never_wrong.record import CampaignRecord
 
 FAINTEST_MAG = 8.0
 EPOCH_JYEAR = 2000.0
@@ -65,51 +64,24 @@ def keys(run_campaign: CampaignSettings) -> list[Shard | FrameShard]:
     ]
 
 
-def read(file: Path) -> dict[Shard | FrameShard, dict[str, Any]]:
-    """Return the completed shards. If a shard has two records, the newer record is returned. A line that a crash has
-    truncated is ignored."""
-    done: dict[Shard | FrameShard, dict[str, Any]] = {}
-    if not file.is_file():
-        return done
-    for line in file.read_text("utf-8").splitlines():
-        try:
-            record = json.loads(line)
-        except ValueError:
-            continue
-        shard_type = FrameShard if record["kind"] == "frames" else Shard
-        done[shard_type(**record["shard"])] = record
-    return done
-
-
 def run_campaign(
     settings: CampaignSettings,
-    file: Path,
+    record: CampaignRecord,
     *,
     executor: OrderedExecutor,
-    again: bool = False,
     progress: ProgressReport = lambda _, __: None,
 ) -> int:
-    """Run the shards that ``file`` does not contain, or all shards if ``again`` is True. Return the number of shards
-    run."""
-    completed = {} if again else read(file)
+    """Run the shards that ``record`` does not contain, and add them. Return the number of shards run."""
+    completed = record.completed()
     missing = [key for key in keys(settings) if key not in completed]
     if not missing:
         return 0
     code = fingerprint()
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with closing(executor.in_order(_run, missing)) as answers, file.open("a", encoding="utf-8") as out:
-        for count, (key, answer) in enumerate(zip(missing, answers, strict=True), 1):
-            kind = "frames" if isinstance(key, FrameShard) else "lists"
-            record = {"kind": kind, "shard": asdict(key), "code": code} | answer
-            out.write(json.dumps(record, ensure_ascii=False) + "\n")
-            out.flush()
+    with closing(executor.in_order(_run, missing)) as answers:
+        for count, (key, verdicts) in enumerate(zip(missing, answers, strict=True), 1):
+            record.add(key, code, verdicts)
             progress(count, len(missing))
     return len(missing)
-
-
-def selected(done: Iterable[Any], settings: CampaignSettings) -> set[Any]:
-    """Return the completed shards that belong to a campaign."""
-    return set(keys(settings)) & set(done)
 
 
 @lru_cache(maxsize=1)
@@ -119,9 +91,6 @@ def _campaigns() -> tuple[Campaign, FrameCampaign]:
     return Campaign(stars), FrameCampaign(stars)
 
 
-def _run(key: Shard | FrameShard, _progress: Callable[[float], None]) -> dict[str, Any]:
+def _run(key: Shard | FrameShard, _progress: Callable[[float], None]) -> Verdicts:
     lists, frames = _campaigns()
-    verdicts = frames.run(key) if isinstance(key, FrameShard) else lists.run(key)
-    of = FRAME_SHARD if isinstance(key, FrameShard) else SHARD
-    counts = [[*cell, number] for cell, number in sorted(verdicts.counts.items())]
-    return {"of": of, "counts": counts, "wrong": list(verdicts.wrong)}
+    return frames.run(key) if isinstance(key, FrameShard) else lists.run(key)

@@ -15,8 +15,9 @@ from scipy.special import bdtrc
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.failure_cause import OTHER_FOCAL_LENGTH
+from gss.pipeline.identify.verify import pair_up
 from gss.pipeline.kernels import kernels
-from gss.pipeline.small import best_rotation, distances2
+from gss.pipeline.small import best_rotation
 
 Rows = NDArray[np.intp]
 
@@ -127,7 +128,7 @@ def _count_matches(
         radius = np.full(len(visible), radius_px)
         if not last:
             radius *= _lever(star_px, pixels[spots], weight, MAX_PX / radius_px)
-        star, spot = _nearest(star_px, pixels, radius)
+        star, spot = pair_up(star_px, pixels, radius)
         matched, in_view = len(spot), len(visible)
         if matched < 2 or last:
             break
@@ -145,14 +146,3 @@ def _lever(positions: Array, fitted: Array, weight: Array, limit: float) -> Arra
     extent2 = float(weight @ ((fitted - middle) ** 2).sum(1))
     far2 = ((positions - middle) ** 2).sum(1)
     return np.asarray(np.minimum(np.sqrt(1 + 1 / total + far2 / max(extent2, 1.0)), limit))
-
-
-def _nearest(predicted: Array, pixels: Array, radius_px: Array) -> tuple[Rows, Rows]:
-    """Return the mutually nearest pairs (star, centroid) within the star's radius."""
-    if not len(predicted):
-        return np.empty(0, np.intp), np.empty(0, np.intp)
-    off2 = distances2(predicted, pixels)
-    nearest, back = off2.argmin(1), off2.argmin(0)
-    star = np.arange(len(predicted))
-    ok = (back[nearest] == star) & (off2[star, nearest] <= radius_px**2)
-    return star[ok], nearest[ok]

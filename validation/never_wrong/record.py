@@ -1,0 +1,154 @@
+"""Results of a campaign in one small file, so that the campaign continues on any machine that has the file."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gss.domain.errors import BadInput, Conflict
+from validation.never_wrong.frames import FRAME_SHARD, FrameShard
+from validation.never_wrong.lists import SHARD, Shard, Verdicts
+
+VERSION = 1
+
+
+@dataclass
+class CampaignBlock:
+    """Sum of completed shards of one camera, chain, seed and state of the sources. ``shards``: ranges (first, last) of shard
+    numbers in ascending order. ``counts``: by (fault index, mode index, verdict). ``wrong``: a text for every wrong result."""
+
+    kind: type[Shard | FrameShard]
+    camera: str
+    chain: str
+    seed: int
+    code: str
+    shards: list[tuple[int, int]] = field(default_factory=list)
+    counts: Counter[tuple[int, int, str]] = field(default_factory=Counter)
+    wrong: list[str] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """Return ``lists`` or ``frames``."""
+        return KINDS[self.kind]
+
+    @property
+    def cases(self) -> int:
+        """Return the number of lists or frames."""
+        return self.counts.total()
+
+    def completed(self) -> Iterator[Shard | FrameShard]:
+        """Yield the completed shards."""
+        for first, last in self.shards:
+            for number in range(first, last + 1):
+                yield self.kind(self.camera, self.chain, self.seed, number)
+
+    def add(self, number: int, verdicts: Verdicts) -> None:
+        """Add a shard that is not in this block."""
+        self.counts.update(verdicts.counts)
+        self.wrong += verdicts.wrong
+        merged: list[tuple[int, int]] = []
+        for first, last in sorted([*self.shards, (number, number)]):
+            if merged and first == merged[-1][1] + 1:
+                merged[-1] = (merged[-1][0], last)
+            else:
+                merged.append((first, last))
+        self.shards = merged
+
+
+KINDS: dict[type[Shard | FrameShard], str] = {Shard: "lists", FrameShard: "frames"}
+SIZES = {"lists": SHARD, "frames": FRAME_SHARD}
+"""Cases per shard. The numbers of a file are valid only for the same sizes."""
+
+
+class CampaignRecord:
+    """Completed shards of a campaign, stored in ``file``. A missing file is an empty record. Raises BadInput if the file is
+    not a record."""
+
+    def __init__(self, file: Path) -> None:
+        self._file, self._state = file, _state(file)
+        self._blocks: dict[tuple[type[Shard | FrameShard], str, str, int, str], CampaignBlock] = {}
+        if file.is_file():
+            for block in _read(file):
+                self._blocks[block.kind, block.camera, block.chain, block.seed, block.code] = block
+
+    def blocks(self, seed: int) -> list[CampaignBlock]:
+        """Return the blocks of a seed."""
+        return [block for block in self._blocks.values() if block.seed == seed]
+
+    def completed(self) -> set[Shard | FrameShard]:
+        """Return the completed shards."""
+        return {key for block in self._blocks.values() for key in block.completed()}
+
+    def add(self, key: Shard | FrameShard, code: str, verdicts: Verdicts) -> None:
+        """Add the verdicts of a shard, and write the file. ``code``: fingerprint of the sources. Raises Conflict if
+        another program has changed the file since it was read."""
+        if _state(self._file) != self._state:
+            raise Conflict(
+                "another run has changed the results of the campaign",
+                got=str(self._file),
+                hint="run one campaign per file",
+            )
+        at = (type(key), key.camera, key.chain, key.seed, code)
+        self._blocks.setdefault(at, CampaignBlock(*at)).add(key.number, verdicts)
+        self._file.parent.mkdir(parents=True, exist_ok=True)
+        part = self._file.with_name(self._file.name + ".part")
+        part.write_text(self._text(), "utf-8")
+        part.replace(self._file)
+        self._state = _state(self._file)
+
+    def clear(self) -> None:
+        """Forget all shards; the file is overwritten when a shard is added."""
+        self._blocks.clear()
+
+    def _text(self) -> str:
+        """Return JSON with a line per block."""
+        lines = [json.dumps(_as_record(block), ensure_ascii=False) for block in self._blocks.values()]
+        head = json.dumps({"version": VERSION, "cases_per_shard": SIZES})
+        return f'{head[:-1]}, "blocks": [\n' + ",\n".join(lines) + "\n]}\n"
+
+
+def _state(file: Path) -> tuple[int, int, int] | None:
+    """Return what differs between two versions of a file; None if it does not exist."""
+    if not file.is_file():
+        return None
+    stat = file.stat()
+    return stat.st_ino, stat.st_mtime_ns, stat.st_size
+
+
+def _as_record(block: CampaignBlock) -> dict[str, Any]:
+    counts = [[*cell, number] for cell, number in sorted(block.counts.items())]
+    return asdict(block) | {"kind": block.name, "counts": counts}
+
+
+def _read(file: Path) -> list[CampaignBlock]:
+    kinds = {name: kind for kind, name in KINDS.items()}
+    try:
+        content = json.loads(file.read_text("utf-8"))
+        made_by = (content["version"], content["cases_per_shard"])
+        blocks = [
+            CampaignBlock(
+                kinds[b["kind"]],
+                b["camera"],
+                b["chain"],
+                b["seed"],
+                b["code"],
+                [(first, last) for first, last in b["shards"]],
+                Counter({(fault, mode, verdict): number for fault, mode, verdict, number in b["counts"]}),
+                list(b["wrong"]),
+            )
+            for b in content["blocks"]
+        ]
+    except (ValueError, KeyError, TypeError) as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise BadInput(
+            f"{file} is not a file of campaign results", expected="the file of an earlier run", got=reason
+        ) from None
+    if made_by != (VERSION, SIZES):
+        raise BadInput(
+            f"{file} is from another version of the campaign", expected=str((VERSION, SIZES)), got=str(made_by)
+        )
+    return blocks
