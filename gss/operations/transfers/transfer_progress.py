@@ -134,9 +134,10 @@ class TransferProgress:
             self._update(storing.row.id, storing.deferred[0])
             storing.deferred.pop(0)
         if storing.transfer_id is not None:
-            if storing.keeps_part:
-                self.note(storing.row.id, state=str(TransferState.FAILED), reason="received, but not stored")
             self._end(storing.transfer_id, keep_part=storing.keeps_part)
+            if storing.keeps_part:  # last, because a transfer that is shown as failed can be resumed
+                failed = {"state": str(TransferState.FAILED), "reason": "received, but not stored"}
+                self._writes.add(partial(self.note, storing.row.id, **failed))
         self._storing.remove(storing)
 
     def _interrupted_parts(self) -> list[PartArrived]:

@@ -5,12 +5,14 @@ import { sessionHooks } from '../api/http';
 import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
 import { problemOf, problemText } from '../lib/problems';
+import { RequestOrder } from '../lib/requestOrder';
 import { hasEnded, mergeCommands, retained } from '../lib/stages';
 import { session } from './session.svelte';
 import { Batch } from './batch';
 import { outageText, type Outage } from './outage';
 import { merged, mergedBy, UpdateLog } from './snapshot';
 import { Stream, type TopicHandlers } from './stream';
+import { unlessEnded, upsert } from './upsert';
 import { toast } from './toasts.svelte';
 
 /** Return a field's name without its packet prefix, if it has one. */
@@ -306,27 +308,6 @@ class Live {
   }
 }
 
-/**
- * Insert or replace an item, unless it ended already: a response can arrive after the stream has reported the end.
- * `revives`: an ended item can start again, as a resumed transfer does.
- */
-function unlessEnded<R extends { id: number; finished: string | null; state: string }>(
-  list: R[],
-  item: R,
-  revives = true,
-): R[] {
-  const before = list.find((x) => x.id === item.id);
-  const stale =
-    before !== undefined && before.finished !== null && item.finished === null && (!revives || item.state === 'queued');
-  return stale ? list : upsert(list, item);
-}
-
-function upsert<R extends { id: number }>(list: R[], item: R): R[] {
-  const at = list.findIndex((x) => x.id === item.id);
-  if (at < 0) return [item, ...list];
-  return list.map((x, i) => (i === at ? item : x));
-}
-
 export const live = new Live();
 
 /** Run a request. Shows a failure in a toast and returns null. */
@@ -339,12 +320,15 @@ export async function attempt<R>(run: () => Promise<R>): Promise<R | null> {
   }
 }
 
+const commandOrder = new RequestOrder();
+
+/** Send a command after all commands that this page sent before. ABORT does not wait for them. */
 export async function sendCommand(
   name: string,
   args: Record<string, T.ArgumentValue> = {},
   confirm = '',
 ): Promise<T.Command | null> {
-  const sent = await attempt(() => api.send(name, args, confirm));
+  const sent = await attempt(() => commandOrder.run(() => api.send(name, args, confirm)));
   if (sent) live.putCommand(sent);
   return sent;
 }

@@ -1,0 +1,22 @@
+/** Lists of records, newest first, that are replaced and never changed in place. */
+
+/**
+ * Insert or replace an item, unless it ended already: a response can arrive after the stream has reported the end.
+ * `revives`: an ended item can start again, as a resumed transfer does.
+ */
+export function unlessEnded<R extends { id: number; finished: string | null; state: string }>(
+  list: R[],
+  item: R,
+  revives = true,
+): R[] {
+  const before = list.find((x) => x.id === item.id);
+  const stale =
+    before !== undefined && before.finished !== null && item.finished === null && (!revives || item.state === 'queued');
+  return stale ? list : upsert(list, item);
+}
+
+export function upsert<R extends { id: number }>(list: R[], item: R): R[] {
+  const at = list.findIndex((x) => x.id === item.id);
+  if (at < 0) return [item, ...list];
+  return list.map((x, i) => (i === at ? item : x));
+}
