@@ -109,15 +109,16 @@ def pytest_timeout_set_timer(item: pytest.Item, settings: Any) -> None:
 
 
 def _restart_timer(item: pytest.Item) -> None:
-    """Start a test's timer again. pytest-timeout starts it once, and a failure stops it, so that the end of a failed test
-    and its second attempt could wait forever."""
+    """Start a test's timer again. pytest-timeout starts it once, and a failure stops it, so that the teardown of a failed
+    test and its second attempt could wait forever."""
     if TIMER in item.stash:
+        item.config.hook.pytest_timeout_cancel_timer(item=item)
         item.config.hook.pytest_timeout_set_timer(item=item, settings=item.stash[TIMER])
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_teardown(item: pytest.Item) -> None:
-    """Limit the time of fixtures that end after a failure."""
+    """Limit the time of the teardown after a failure."""
     _restart_timer(item)
 
 

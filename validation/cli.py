@@ -58,7 +58,9 @@ def add_commands(parser: argparse.ArgumentParser, make_executor: Callable[[str |
     p.add_argument("--camera", action="append", metavar="NAME", help="restrict to this camera; can be repeated")
     p.add_argument("--chain", action="append", metavar="own|reference", help="restrict to this chain; can be repeated")
     p.add_argument("--keep", type=Path, default=Path("never-wrong.json"), metavar="FILE", help="file of stored results")
-    p.add_argument("--again", action="store_true", help="run all cases; the results replace those in FILE")
+    p.add_argument(
+        "--again", action="store_true", help="rerun the selected cameras and chains; the results replace those in FILE"
+    )
     p.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
     p.add_argument(
         "--cluster", metavar="URL", help="Dask scheduler that runs the cases instead of local processes (GSS_CLUSTER)"
@@ -117,7 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def never_wrong(make_executor: Callable[[str | None, int], OrderedExecutor], arguments: argparse.Namespace) -> int:
     """Run the remaining trials of the campaign, or write a page of the completed trials."""
-    from validation.never_wrong.campaign import CampaignSettings, run_campaign
+    from validation.never_wrong.campaign import CampaignSettings, keys, run_campaign
     from validation.never_wrong.lists import CAMERAS, CHAINS
     from validation.never_wrong.page import page
     from validation.never_wrong.record import CampaignRecord
@@ -141,10 +143,17 @@ def never_wrong(make_executor: Callable[[str | None, int], OrderedExecutor], arg
 
     record = CampaignRecord(arguments.keep)
     if arguments.page is not None:
-        arguments.page.write_text(page(record.blocks(arguments.seed), arguments.seed), "utf-8")
+        blocks = record.blocks(arguments.seed)
+        if not blocks:
+            raise BadInput(
+                "no stored results",
+                expected="the file of an earlier run",
+                got=f"{arguments.keep}, seed {arguments.seed}",
+            )
+        arguments.page.write_text(page(blocks, arguments.seed, arguments.keep.name), "utf-8")
     else:
         if arguments.again:
-            record.clear()
+            record.remove(set(keys(settings)))
         executor = make_executor(arguments.cluster, arguments.workers)
         try:
             run_campaign(settings, record, executor=executor, progress=progress)

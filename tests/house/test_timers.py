@@ -36,7 +36,7 @@ def test_last_ends_what_the_session_shares():
 
 
 def test_a_second_attempt_and_the_end_after_a_failure_are_limited(root, tmp_path):
-    """pytest-timeout limits only what happens before the first failure; tests/conftest.py limits the rest."""
+    """pytest-timeout limits only what happens before the first failure; tests/conftest.py limits teardown and second attempt."""
     (tmp_path / "test_waits.py").write_text(TESTS)
     options = ["-p", "conftest", "-p", "no:cacheprovider", "-c", root / "pyproject.toml"]
     done = subprocess.run(

@@ -30,7 +30,7 @@ def test_an_interrupted_run_continues_where_it_ended(tmp_path: Path) -> None:
     assert run_campaign(replace(SMALL, frames=26), CampaignRecord(file), executor=LOCAL) == 1
     (block,) = CampaignRecord(file).blocks(3)
     assert (block.shards, block.cases) == ([(0, 1)], 26)
-    text = page([block], 3)
+    text = page([block], 3, "kept.json")
     assert "| frame, blank |" in text
     assert f"{block.code}: 0 lists and 26 frames" in text
     assert "| cubestar | cubestar (own) | frames | 26 |" in text
@@ -52,6 +52,28 @@ def test_the_file_is_small_and_complete(tmp_path: Path) -> None:
         *(Shard("aim", "own", 1, n) for n in range(6)),
     }
     assert CampaignRecord(file).blocks(2) == []
+
+
+def test_selected_results_are_replaced(tmp_path: Path) -> None:
+    """``--again`` reruns the selected chain, also after it gave a wrong result, and keeps the results of the others."""
+    file = tmp_path / "kept.json"
+    for camera, number in (("cubestar", 0), ("cubestar", 1), ("aim", 0)):
+        CampaignRecord(file).add(
+            FrameShard(camera, "own", 3, number), "old", Verdicts({(0, 0, "wrong"): 13}, (camera,))
+        )
+    selected = ["--attitudes", "0", "--frames", "13", "--seed", "3", "--camera", "cubestar", "--chain", "own"]
+    assert main(["experiments", "never-wrong", *selected, "--workers", "1", "--keep", str(file), "--again"]) == 3
+    others, rerun = CampaignRecord(file).blocks(3)
+    assert (others.camera, others.wrong, others.code) == ("aim", ["aim"], "old")
+    assert (rerun.camera, rerun.shards, rerun.wrong) == ("cubestar", [(0, 0)], [])
+
+
+def test_a_page_needs_results(tmp_path: Path) -> None:
+    """Without stored results there is no page, which would report that nothing was wrong."""
+    page_file = tmp_path / "page.md"
+    arguments = ["experiments", "never-wrong", "--keep", str(tmp_path / "absent.json"), "--page", str(page_file)]
+    assert main(arguments) == 2
+    assert not page_file.exists()
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -92,17 +92,18 @@ class CampaignRecord:
                 got=str(self._file),
                 hint="run one campaign per file",
             )
-        at = (type(key), key.camera, key.chain, key.seed, code)
-        self._blocks.setdefault(at, CampaignBlock(*at)).add(key.number, verdicts)
+        block_key = (type(key), key.camera, key.chain, key.seed, code)
+        self._blocks.setdefault(block_key, CampaignBlock(*block_key)).add(key.number, verdicts)
         self._file.parent.mkdir(parents=True, exist_ok=True)
         part = self._file.with_name(self._file.name + ".part")
         part.write_text(self._text(), "utf-8")
         part.replace(self._file)
         self._state = _state(self._file)
 
-    def clear(self) -> None:
-        """Forget all shards; the file is overwritten when a shard is added."""
-        self._blocks.clear()
+    def remove(self, keys: set[Shard | FrameShard]) -> None:
+        """Remove the blocks that contain a shard of ``keys``, with their other shards, because a sum cannot be divided. The
+        file changes when a shard is added."""
+        self._blocks = {k: block for k, block in self._blocks.items() if keys.isdisjoint(block.completed())}
 
     def _text(self) -> str:
         """Return JSON with a line per block."""
@@ -112,7 +113,7 @@ class CampaignRecord:
 
 
 def _state(file: Path) -> tuple[int, int, int] | None:
-    """Return what differs between two versions of a file; None if it does not exist."""
+    """Return inode, time of modification and size of a file; None if it does not exist."""
     if not file.is_file():
         return None
     stat = file.stat()
@@ -120,35 +121,41 @@ def _state(file: Path) -> tuple[int, int, int] | None:
 
 
 def _as_record(block: CampaignBlock) -> dict[str, Any]:
-    counts = [[*cell, number] for cell, number in sorted(block.counts.items())]
-    return asdict(block) | {"kind": block.name, "counts": counts}
+    return {
+        "kind": block.name,
+        "camera": block.camera,
+        "chain": block.chain,
+        "seed": block.seed,
+        "code": block.code,
+        "shards": block.shards,
+        "counts": [[*cell, number] for cell, number in sorted(block.counts.items())],
+        "wrong": block.wrong,
+    }
 
 
 def _read(file: Path) -> list[CampaignBlock]:
-    kinds = {name: kind for kind, name in KINDS.items()}
     try:
         content = json.loads(file.read_text("utf-8"))
-        made_by = (content["version"], content["cases_per_shard"])
-        blocks = [
-            CampaignBlock(
-                kinds[b["kind"]],
-                b["camera"],
-                b["chain"],
-                b["seed"],
-                b["code"],
-                [(first, last) for first, last in b["shards"]],
-                Counter({(fault, mode, verdict): number for fault, mode, verdict, number in b["counts"]}),
-                list(b["wrong"]),
-            )
-            for b in content["blocks"]
-        ]
+        found = (content["version"], content["cases_per_shard"])
+        if found == (VERSION, SIZES):
+            return [_from_record(record) for record in content["blocks"]]
     except (ValueError, KeyError, TypeError) as error:
         reason = f"{type(error).__name__}: {error}"
         raise BadInput(
             f"{file} is not a file of campaign results", expected="the file of an earlier run", got=reason
         ) from None
-    if made_by != (VERSION, SIZES):
-        raise BadInput(
-            f"{file} is from another version of the campaign", expected=str((VERSION, SIZES)), got=str(made_by)
-        )
-    return blocks
+    raise BadInput(f"{file} is from another version of the campaign", expected=str((VERSION, SIZES)), got=str(found))
+
+
+def _from_record(record: dict[str, Any]) -> CampaignBlock:
+    kinds = {name: kind for kind, name in KINDS.items()}
+    return CampaignBlock(
+        kinds[record["kind"]],
+        record["camera"],
+        record["chain"],
+        record["seed"],
+        record["code"],
+        [(first, last) for first, last in record["shards"]],
+        Counter({(fault, mode, verdict): number for fault, mode, verdict, number in record["counts"]}),
+        list(record["wrong"]),
+    )

@@ -136,8 +136,8 @@ class TransferProgress:
         if storing.transfer_id is not None:
             self._end(storing.transfer_id, keep_part=storing.keeps_part)
             if storing.keeps_part:  # last, because a transfer that is shown as failed can be resumed
-                failed = {"state": str(TransferState.FAILED), "reason": "received, but not stored"}
-                self._writes.add(partial(self.note, storing.row.id, **failed))
+                reason = "received, but not stored"
+                self._writes.add(partial(self.note, storing.row.id, state=str(TransferState.FAILED), reason=reason))
         self._storing.remove(storing)
 
     def _interrupted_parts(self) -> list[PartArrived]:

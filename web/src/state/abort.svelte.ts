@@ -3,6 +3,7 @@ import { unitStorageKey } from '../lib/base';
 import { api } from '../api/client';
 import { Presses } from '../lib/abort';
 import type { Press } from '../lib/abortPress';
+import { commandOrder } from '../lib/requestOrder';
 import { live } from './live.svelte';
 import { session } from './session.svelte';
 
@@ -39,8 +40,9 @@ class Abort {
     },
   });
 
-  /** Send ABORT immediately, without a confirmation. */
+  /** Send ABORT immediately, without a confirmation. Commands of this page that have not been sent are cancelled. */
   send(): void {
+    commandOrder.cancel('ABORT was pressed');
     void this.sender.press();
   }
 

@@ -5,7 +5,7 @@ import { sessionHooks } from '../api/http';
 import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
 import { problemOf, problemText } from '../lib/problems';
-import { RequestOrder } from '../lib/requestOrder';
+import { commandOrder } from '../lib/requestOrder';
 import { hasEnded, mergeCommands, retained } from '../lib/stages';
 import { session } from './session.svelte';
 import { Batch } from './batch';
@@ -320,15 +320,13 @@ export async function attempt<R>(run: () => Promise<R>): Promise<R | null> {
   }
 }
 
-const commandOrder = new RequestOrder();
-
-/** Send a command after all commands that this page sent before. ABORT does not wait for them. */
+/** Send a command after the commands that were clicked earlier. */
 export async function sendCommand(
   name: string,
   args: Record<string, T.ArgumentValue> = {},
   confirm = '',
 ): Promise<T.Command | null> {
-  const sent = await attempt(() => commandOrder.run(() => api.send(name, args, confirm)));
+  const sent = await attempt(() => commandOrder.run(name, () => api.send(name, args, confirm)));
   if (sent) live.putCommand(sent);
   return sent;
 }

@@ -2,6 +2,7 @@
 import { base } from '../lib/base';
 import { api, sessionHooks } from '../api/client';
 import type { SessionInfo } from '../api/types';
+import { commandOrder } from '../lib/requestOrder';
 import { lacking } from '../lib/roles';
 
 class Session {
@@ -53,6 +54,7 @@ class Session {
   }
 
   private end(info: SessionInfo): void {
+    commandOrder.cancel('your session ended');
     if (!this.info?.signed_in) this.info = info;
     else if (this.endedAt === null) this.endedAt = Date.now();
   }
