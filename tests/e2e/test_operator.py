@@ -198,6 +198,26 @@ def test_abort_answers_its_key_on_every_page(page):
     expect(page.get_by_test_id("history-row").filter(has_text="ABORT").first).to_contain_text("completed")
 
 
+def test_a_waiting_command_is_not_sent_after_abort(page, served):
+    """A command that waits for the answer to the previous one is not sent after ABORT, and a message names it."""
+
+    def sent() -> int:
+        return sum(command["name"] == "MATCH_STARS" for command in served.ask("GET", "/commands?limit=100"))
+
+    page.goto("/live")
+    expect(page.get_by_test_id("link-state")).to_contain_text("up")
+    held, before = [], sent()
+    page.route(re.compile(r"/api/commands$"), lambda route: route.continue_() if held else held.append(route))
+    page.get_by_test_id("cmd-FIND_CENTROIDS").click()
+    page.get_by_test_id("cmd-MATCH_STARS").click()
+    page.keyboard.press("Shift+Escape")
+    expect(page.get_by_test_id("abort-sent")).to_have_attribute("data-point", "done")
+    assert len(held) == 1
+    held[0].continue_()
+    expect(page.locator("body")).to_contain_text("MATCH_STARS was not sent: ABORT was pressed")
+    assert sent() == before
+
+
 def test_the_live_page_at_rest_sends_few_requests(page, at_rest):
     """The Live page sends fewer than twelve requests in three seconds, because the event stream updates it."""
     page.goto("/live")
