@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -13,6 +14,7 @@ SLOW_PIXELS = """(() => {
   window.fetch = async (...request) => {
     const response = await real(...request);
     if (!response.url.endsWith('/raw')) return response;
+    window.downloads = (window.downloads ?? 0) + 1;
     const bytes = new Uint8Array(await response.arrayBuffer());
     let sent = 0;
     const body = new ReadableStream({
@@ -33,15 +35,21 @@ COUNTED = r"""(start) => {
 
 
 def test_a_frame_that_loads_slowly_shows_results_and_received_bytes(
-    page: Page, new_frame: Callable[[Page], int]
+    page: Page, served: Any, new_frame: Callable[[Page], int]
 ) -> None:
     """While the pixels are received, the page shows the results of the frame and states how many bytes of how many have
-    arrived. Afterwards the image is shown and the statement disappears."""
+    arrived. A new result of the frame is shown and does not restart the download. Afterwards the image is shown and the
+    statement disappears."""
     number = new_frame(page)
     page.add_init_script(SLOW_PIXELS)
     page.goto(f"/frames/{number}")
     page.wait_for_function(COUNTED, arg=f"Loading frame {number}: ", polling=50)
     expect(page.get_by_test_id("star-row").first).to_be_visible()
     expect(page.get_by_test_id("sky-image")).to_have_count(0)
+    results = page.get_by_test_id("chain-row").count()
+    served.ask("POST", f"/frames/{number}/solve", {"chain": "sunsat", "profile": "cubestar"})
+    expect(page.get_by_test_id("chain-row")).to_have_count(results + 1)
+    expect(page.get_by_test_id("frame-loading")).to_have_count(1)
     expect(page.locator("[data-testid=sky-image][data-ready=true]")).to_be_visible()
     expect(page.get_by_test_id("frame-loading")).to_have_count(0)
+    assert page.evaluate("window.downloads") == 1

@@ -145,13 +145,15 @@ def thumbnail(app: App, request: Request, frame_id: RowId) -> Response:
 
 @router.get("/{frame_id}/raw", response_class=Response)
 def raw(app: App, request: Request, frame_id: RowId) -> Response:
-    """Pixels as stored: little-endian, row by row. The header X-Dtype contains the data type."""
+    """Pixels as stored: little-endian, row by row. The header X-Dtype contains the data type, and X-Sha256 the hash of the
+    pixels."""
     frame = app.frames.frames.get(frame_id)
     headers = {
         "X-Columns": str(frame.columns),
         "X-Rows": str(frame.rows),
         "X-Bits": str(frame.bits),
         "X-Dtype": frame.dtype,
+        "X-Sha256": frame.sha256,
     }
     return revalidated(
         request,

@@ -3,8 +3,6 @@
  * OpenAPI document.
  */
 import { base } from '../lib/base';
-import { readBody, type Received } from '../lib/received';
-import { decode } from '../sky/decode';
 import type { paths } from './generated/schema';
 import { body, fetched, given, http, multipart, OutlivingRequest } from './http';
 import type * as T from './types';
@@ -35,27 +33,6 @@ async function probe(signal: AbortSignal): Promise<boolean> {
   } catch {
     return signal.aborted;
   }
-}
-
-export interface RawImage {
-  columns: number;
-  rows: number;
-  bits: number;
-  /** Values to paint. For an integer image: its pixel values. For a floating-point image: 16-bit steps. */
-  pixels: Uint8Array | Uint16Array;
-  /** DN of a step: `offset + scale · step`. */
-  offset: number;
-  scale: number;
-}
-
-/** Return the pixels of a frame. `report` is called with the received bytes if the response takes long. */
-async function raw(frame_id: number, report: (received: Received) => void): Promise<RawImage> {
-  const { response } = await GET('/api/frames/{frame_id}/raw', { params: { path: { frame_id } }, parseAs: 'stream' });
-  const header = (name: string): string | null => response.headers.get(name);
-  const [columns, rows, bits] = [Number(header('X-Columns')), Number(header('X-Rows')), Number(header('X-Bits'))];
-  const [buffer, dtype, count] = [await readBody(response, report), header('X-Dtype') ?? '', columns * rows];
-  const decoder = buffer.byteLength >= count * 4 ? (await import('../sky/painter')).decodeInWorker : decode;
-  return { columns, rows, bits, ...(await decoder(buffer, dtype, count)) };
 }
 
 const session = {
@@ -183,7 +160,6 @@ const frames = {
     body(GET('/api/frames/{frame_id}', { params: { path: { frame_id } }, signal })),
   frameReplay: (frame_id: number, signal?: AbortSignal) =>
     body(GET('/api/frames/{frame_id}/replay', { params: { path: { frame_id } }, signal })),
-  raw,
   histogram: (frame_id: number, signal?: AbortSignal) =>
     body(GET('/api/frames/{frame_id}/histogram', { params: { path: { frame_id } }, signal })),
   solve: (frame_id: number, request: T.SolveIn) =>

@@ -1,5 +1,5 @@
 /** Pixels of a region, reconstructed from the raw image, and their outline. */
-import type { RawImage } from '../api/client';
+import type { RawImage } from '../api/pixels';
 
 export interface Bounds {
   col_min: number;

@@ -2,7 +2,7 @@
  * Interface to the painter, a worker for all images. An image that is requested during painting replaces the waiting
  * image.
  */
-import type { RawImage } from '../api/client';
+import type { RawImage } from '../api/pixels';
 import type { Decoded } from './decode';
 import type { DecodeJob, PaintJob } from './painter.worker';
 import type { Stretch } from './stretch';

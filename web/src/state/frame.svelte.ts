@@ -1,10 +1,12 @@
 /** The displayed frame: details, raw pixels, histogram, chosen solution, selected star and stretch. */
-import { api, type RawImage } from '../api/client';
+import { api } from '../api/client';
+import type { RawImage } from '../api/pixels';
 import type { FrameDetail, Histogram, SolutionDetail } from '../api/types';
 import { problemText } from '../lib/problems';
 import { receivedWords, type Received } from '../lib/received';
 import type { Stretch } from '../sky/stretch';
 import { live } from './live.svelte';
+import { PixelDownload } from './pixelDownload';
 import { view } from './view.svelte';
 
 /** Return the id of the device's latest frame, or of the latest imported frame if there is no device frame. */
@@ -46,6 +48,7 @@ export class FrameView {
   /** Milliseconds from the storage of the frame to the display of its pixels. */
   latencyMs = $state<number | null>(null);
   private shown: string | null = null;
+  private download: PixelDownload | null = null;
   private arrived: { image: RawImage; at: number } | null = null;
   private generation = 0;
   /** Not reactive, so that an effect that starts a load does not run again when the load starts. */
@@ -54,8 +57,9 @@ export class FrameView {
   private loadAgain = false;
 
   /**
-   * Load a frame, or the latest one. The pixels are loaded only if they differ. The results of a chosen frame do not
-   * wait for slow pixels. The latest frame is shown complete, because the previous one stays until then.
+   * Load a frame, or the latest one. The pixels are loaded only if they differ, and a download that has begun continues
+   * when the frame gets another result. The results of a chosen frame do not wait for slow pixels. The latest frame is
+   * shown complete, because the previous one stays until then.
    */
   async load(id: number | 'latest'): Promise<void> {
     // Frames can arrive faster than they are loaded. The frame in progress is then shown first, and afterwards the
@@ -84,16 +88,22 @@ export class FrameView {
         this.problem = '';
         return;
       }
-      const pixels = frameId === this.detail?.id ? null : this.readPixels(frameId, own);
-      pixels?.catch(() => undefined);
+      const isOther = frameId !== this.detail?.id;
+      const isMissing = isOther || !this.image;
+      if (this.download?.frameId !== frameId) this.endDownload();
+      const running = this.download;
+      const started = isOther && !running ? this.startDownload(frameId) : null;
       const detail = await api.frame(frameId);
       if (own !== this.generation) return;
-      if (id !== 'latest' && pixels && !(await settles(pixels, PIXELS_WITHIN_MS))) {
-        if (own !== this.generation) return;
+      const continued = running?.contains(detail.sha256) ? running : null;
+      const download = started ?? continued ?? (isMissing ? this.startDownload(frameId) : null);
+      const isSlow = download !== null && !(await settles(download.result, PIXELS_WITHIN_MS));
+      if (own !== this.generation) return;
+      if (id !== 'latest' && isSlow && isMissing) {
         this.image = this.histogram = this.shown = null;
         this.showResults(detail, id);
       }
-      await this.showPixels(detail, pixels, own);
+      await this.showPixels(detail, download, own);
       if (own === this.generation) this.showResults(detail, id);
     } catch (error) {
       if (own !== this.generation) return;
@@ -120,6 +130,7 @@ export class FrameView {
   stop(): void {
     this.generation += 1;
     this.loadAgain = false;
+    this.endDownload();
     this.loaded();
   }
 
@@ -128,23 +139,28 @@ export class FrameView {
     this.received = null;
   }
 
-  private readPixels(id: number, own: number): Promise<[RawImage, Histogram]> {
-    const report = (received: Received): void => {
-      if (own === this.generation) this.received = received;
-    };
-    return Promise.all([api.raw(id, report), api.histogram(id)]);
+  /** Download the pixels of a frame instead of those that are being downloaded. */
+  private startDownload(id: number): PixelDownload {
+    this.endDownload();
+    const download = new PixelDownload(id, (received) => {
+      if (download === this.download) this.received = received;
+    });
+    this.download = download;
+    return download;
   }
 
-  private async showPixels(
-    detail: FrameDetail,
-    pixels: Promise<[RawImage, Histogram]> | null,
-    own: number,
-  ): Promise<void> {
+  private endDownload(): void {
+    this.download?.cancel();
+    this.download = null;
+  }
+
+  private async showPixels(detail: FrameDetail, download: PixelDownload | null, own: number): Promise<void> {
     const key = `${detail.id} ${detail.sha256} ${detail.rows_held.map((r) => r.join('-')).join(',')}`;
     if (key === this.shown) return;
-    const [image, histogram] = await (pixels ?? this.readPixels(detail.id, own));
+    const [image, histogram] = await (download ?? this.startDownload(detail.id)).result;
     if (own !== this.generation) return;
     const previous = this.shown;
+    this.download = null;
     this.image = image;
     this.histogram = histogram;
     this.stretch = { ...this.stretch, low: histogram.low, high: histogram.high };

@@ -3,7 +3,7 @@
  * background.
  */
 import type { Frame, SolutionDetail } from '../../api/types';
-import type { RawImage } from '../../api/client';
+import type { RawImage } from '../../api/pixels';
 import type { Overlay } from '../../state/view.svelte';
 import type { Box } from '../labels';
 
