@@ -12,7 +12,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 PORT ?= $(or $(GSS_PORT),8181)
 SIMULATOR ?= $(or $(GSS_SIMULATOR),cubestar)
 
-.PHONY: run check test lint types unit web web-test kernels evidence never-wrong never-wrong-daily bench soak lock clean docs
+.PHONY: run check test lint types unit web web-test kernels collected evidence never-wrong never-wrong-daily bench soak lock clean docs
 
 run: $(VENV)/.run-installed
 	@$(BIN)/python tools/build_web.py --once
@@ -21,9 +21,9 @@ run: $(VENV)/.run-installed
 check: lint types
 	@$(BIN)/python -m tools.check_tests
 
-# The checks before the tests use one processor each, so that two run at a time.
+# The checks before the tests use one processor each, so that two run at a time, the longest first.
 test: $(VENV)/.test-installed web
-	@$(MAKE) --jobs 2 --no-print-directory lint types web-test kernels
+	@$(MAKE) --jobs 2 --no-print-directory kernels types collected web-test lint
 	@$(MAKE) --no-print-directory unit
 
 lint: web
@@ -44,6 +44,10 @@ web-test: web
 # Compiles the solver's loops once, instead of in every process that solves a frame.
 kernels: $(VENV)/.test-installed
 	@$(BIN)/gss compile --camera cubestar
+
+# Compiles the test files once. On a new checkout, each of the four processes would compile all of them. unit reports errors.
+collected: $(VENV)/.test-installed
+	@$(BIN)/pytest --collect-only --quiet --quiet > /dev/null || true
 
 # Four processes on two cores: while two wait for servers, two compute. tests/conftest.py says what stays together.
 unit: $(VENV)/.test-installed web
