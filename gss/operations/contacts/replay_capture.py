@@ -28,6 +28,8 @@ from gss.operations.telemetry.telemetry import TelemetryBoard
 SPEEDS = (0.1, 1000.0)
 PUBLISH_EVERY_S = 0.2
 MAX_NAP_S = 0.2
+ACTIVE = ("running", "paused")
+"""States in which a replay can be changed."""
 
 
 @dataclass(frozen=True)
@@ -123,9 +125,9 @@ class CaptureReplay:
         """Change speed, pause or position. Arguments that are not given leave their setting unchanged. Raises Conflict if no
         replay is running."""
         _check_speed(speed)
-        if self._thread is None or not self._thread.is_alive():
-            raise Conflict("no replay is running", got=self._state.state, hint="start the replay again")
         with self._changed:
+            if self._state.state not in ACTIVE:
+                raise Conflict("no replay is running", got=self._state.state, hint="start the replay again")
             if speed is not None or as_fast_as_possible:
                 self._controls.speed = None if as_fast_as_possible else speed
             if paused is not None:
@@ -146,7 +148,7 @@ class CaptureReplay:
         if self._thread is not None:
             self._thread.join(timeout=5)
             self._thread = None
-        if self._state.state in ("running", "paused"):
+        if self._state.state in ACTIVE:
             self._publish(state="ended", reason="stopped")
         return self.state
 
@@ -189,10 +191,12 @@ class CaptureReplay:
                 published_s = self._monotonic_s()
                 self._show(at_s)
         self._show(self._counts.at_s or 0.0)
-        self._publish(
-            state="ended",
-            reason=f"damaged: {', '.join(unread)} could not be read" if unread else "end of the capture",
-        )
+        with self._changed:  # a seek after the last record still takes effect
+            if self._seek_requested():
+                return True
+            reason = f"damaged: {', '.join(unread)} could not be read" if unread else "end of the capture"
+            self._state = replace(self._state, state="ended", reason=reason)
+        self._bus.publish("replay", self.state)
         return False
 
     def _seek_requested(self) -> bool:
@@ -236,7 +240,8 @@ class CaptureReplay:
         self._bus.publish("replay", self.state)
 
     def _publish(self, **changes: Any) -> None:
-        self._state = replace(self._state, **changes)
+        with self._changed:
+            self._state = replace(self._state, **changes)
         self._bus.publish("replay", self.state)
 
 

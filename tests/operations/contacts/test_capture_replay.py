@@ -165,6 +165,27 @@ def test_the_replay_publishes_on_separate_topics_and_stores_nothing(view):
     assert shown == live
 
 
+def test_a_replay_cannot_be_changed_after_its_end_was_published(view):
+    """A change directly after the end is rejected, although the thread of the replay still runs, and the state stays."""
+    station, contact_id, replay = view
+    rejected = []
+
+    def change() -> None:
+        if replay.state.state == "ended" and not rejected:
+            try:
+                replay.change(paused=True)
+                rejected.append(False)
+            except Conflict:
+                rejected.append(True)
+
+    station.bus.subscribe(change)
+    replay.start(contact_id, None)
+    wait_for_end(replay)
+    replay.stop()
+    assert rejected == [True]
+    assert (replay.state.state, replay.state.reason) == ("ended", "end of the capture")
+
+
 def test_a_replay_is_paused_moved_and_stopped(view):
     """A paused replay stays at its position, seeking works in both directions, and a stopped one ends. An invalid request
     is rejected with the reason."""
