@@ -107,6 +107,7 @@ export class FrameView {
       if (own === this.generation) this.showResults(detail, id);
     } catch (error) {
       if (own !== this.generation) return;
+      this.endDownload();
       this.problem = problemText(error);
     } finally {
       if (own === this.generation) this.loaded();
