@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -23,6 +24,8 @@ CORNER_DISTORTION = 0.02  # prior sigma of the distortion of an unknown lens at 
 ASPECT_SIGMA = 0.1  # prior sigma of the log aspect ratio of an unknown camera's pixels
 CENTRE_SIGMA = 0.12  # prior sigma of the optical axis's offset from the middle, relative to the frame's width
 CALIBRATED_CENTRE_PX = 10.0  # prior sigma of the optical axis's offset from its calibration
+BROWN = ("k1", "k2", "p1", "p2")
+AXES = {"col": np.array([1.0, 0.0]), "row": np.array([0.0, 1.0])}
 STEP = 1e-6
 NOWHERE_PX = 1e9  # residual of a star that the camera cannot image
 MAX_RAD = 0.2  # largest rotation per axis in one step
@@ -69,7 +72,7 @@ def refine(
     two focal lengths, and the optical centre's ``col`` and ``row``. If the stars do not determine them, a prior keeps
     them near zero, near one and near the middle, or near the values of ``calibration``, if given. The distortion of
     ``camera`` must be Brown if coefficients are fitted.
-    The method is Gauss–Newton with numeric derivatives. Outliers beyond 4 robust sigmas have zero weight, and so has a
+    The method is Gauss–Newton. Outliers beyond 4 robust sigmas have zero weight, and so has a
     star that is far from the position predicted by the others (:func:`displacements`) in a fit that converges. Each
     exclusion has a further ``ROUNDS`` rounds.
     """
@@ -174,16 +177,13 @@ def linearised(
     pixels: Array, icrs: Array, camera: Camera, cam_from_icrs: Array, names: Sequence[str] = ("x", "y", "z")
 ) -> tuple[Array, Array]:
     """Return the residuals (n, 2) and the derivatives (n, 2, parameters) of the predicted positions."""
-    base, rotation_slopes = _projected(icrs @ cam_from_icrs.T, camera)
+    base, ideal, rotation_slopes = _projected(icrs @ cam_from_icrs.T, camera)
     jacobian = rotation_slopes
     if len(names) > 3:
         jacobian = np.empty((len(icrs), 2, len(names)))
         jacobian[..., :3] = rotation_slopes
-    for k in range(3, len(names)):
-        step = np.zeros(len(names))
-        step[k] = STEP
-        moved_camera, moved = _moved(camera, cam_from_icrs, step, names)
-        jacobian[..., k] = (moved_camera.project(icrs @ moved.T) - base) / STEP
+        for k, name in enumerate(names[3:], 3):
+            jacobian[..., k] = _slope(name, camera, ideal, base)
     residual = pixels - base
     if not np.isfinite(jacobian.sum() + residual.sum()):
         bad: NDArray[np.bool_] = np.asarray(~np.isfinite(residual).all(1) | ~np.isfinite(jacobian).all((1, 2)))
@@ -191,9 +191,10 @@ def linearised(
     return residual, jacobian
 
 
-def _projected(unit: Array, camera: Camera) -> tuple[Array, Array]:
-    """Return the (n, 2) pixels of camera-frame vectors and their (n, 2, 3) derivatives with respect to a small rotation
-    about x, y, z. The derivatives are exact on the tangent plane and finite differences through the distortion."""
+def _projected(unit: Array, camera: Camera) -> tuple[Array, Array, Array]:
+    """Return the (n, 2) pixels of camera-frame vectors, their (n, 2) positions on the tangent plane, and the (n, 2, 3)
+    derivatives of the pixels with respect to a small rotation about x, y, z. The derivatives are exact on the tangent
+    plane and finite differences through the distortion."""
     n = len(unit)
     z = np.where(unit[:, 2] > 1e-6, unit[:, 2], np.nan)
     x, y = unit[:, 0] / z, unit[:, 1] / z
@@ -204,7 +205,8 @@ def _projected(unit: Array, camera: Camera) -> tuple[Array, Array]:
     focal = np.array([camera.focal_col_px, camera.focal_row_px])
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
     if isinstance(camera.distortion, Pinhole):
-        return np.column_stack([x, y]) * focal + centre, plane * focal[:, None]
+        tangent = np.column_stack([x, y])
+        return tangent * focal + centre, tangent, plane * focal[:, None]
     ideal = np.empty((3, n, 2))
     ideal[..., 0], ideal[..., 1] = x, y
     ideal[1, :, 0] += STEP
@@ -212,25 +214,50 @@ def _projected(unit: Array, camera: Camera) -> tuple[Array, Array]:
     distorted = camera.distortion.distort(ideal.reshape(-1, 2)).reshape(3, n, 2)
     across, down = (distorted[1] - distorted[0]) / STEP, (distorted[2] - distorted[0]) / STEP
     slopes = across[:, :, None] * plane[:, None, 0] + down[:, :, None] * plane[:, None, 1]
-    return distorted[0] * focal + centre, slopes * focal[:, None]
+    return distorted[0] * focal + centre, ideal[0], slopes * focal[:, None]
+
+
+def _slope(name: str, camera: Camera, ideal: Array, pixels: Array) -> Array:
+    """Return the derivatives of ``pixels`` with respect to a camera parameter, (n, 2) or equal for all n stars. ``ideal``:
+    (n, 2) positions on the tangent plane. The steps of the parameters are those of :func:`_moved`."""
+    focal = np.array([camera.focal_col_px, camera.focal_row_px])
+    if name in AXES:
+        return np.asarray(focal * AXES[name])
+    if name in ("focal", "aspect"):
+        offset = pixels - (camera.centre_col_px, camera.centre_row_px)
+        return np.asarray(offset if name == "focal" else offset * AXES["row"])
+    if not isinstance(camera.distortion, Brown):
+        return np.zeros(2)
+    x, y = ideal[:, 0], ideal[:, 1]
+    r2 = x * x + y * y
+    if name in ("k1", "k2"):
+        return np.asarray(ideal * (r2 if name == "k1" else r2 * r2)[:, None] * focal)
+    across = 2 * x * y
+    slopes = (across, r2 + 2 * y * y) if name == "p1" else (r2 + 2 * x * x, across)
+    return np.asarray(np.stack(slopes, axis=1) * focal)
 
 
 def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: Sequence[str]) -> tuple[Camera, Array]:
     """Return camera and attitude after a step of the parameters."""
     rotation = step[:3] if np.abs(step[:3]).max() <= MAX_RAD else np.clip(step[:3], -MAX_RAD, MAX_RAD)
     rotated = rotation_from_vector(rotation) @ cam_from_icrs if rotation.any() else cam_from_icrs
-    for value, name in zip(step[3:], names[3:], strict=True):
-        if name == "focal":
-            camera = camera.with_focal_scaled(float(np.exp(np.clip(value, -0.3, 0.3))))
-        elif name == "aspect":
-            camera = replace(camera, focal_row_px=camera.focal_row_px * float(np.exp(np.clip(value, -0.3, 0.3))))
-        elif name == "col":
-            camera = replace(camera, centre_col_px=camera.centre_col_px + float(value) * camera.focal_col_px)
-        elif name == "row":
-            camera = replace(camera, centre_row_px=camera.centre_row_px + float(value) * camera.focal_row_px)
-        elif isinstance(camera.distortion, Brown):
-            changed = replace(camera.distortion, **{name: getattr(camera.distortion, name) + float(value)})
-            camera = replace(camera, distortion=changed)
+    if len(names) == 3:
+        return camera, rotated
+    by = dict(zip(names[3:], step[3:].tolist(), strict=True))
+    factor, aspect = (math.exp(min(max(by.get(name, 0.0), -0.3), 0.3)) for name in ("focal", "aspect"))
+    focal_col_px, focal_row_px = camera.focal_col_px * factor, camera.focal_row_px * factor
+    distortion = camera.distortion
+    if isinstance(distortion, Brown):
+        changed = {name: getattr(distortion, name) + by[name] for name in BROWN if name in by}
+        distortion = replace(distortion, **changed) if changed else distortion
+    camera = replace(
+        camera,
+        focal_col_px=focal_col_px,
+        focal_row_px=focal_row_px * aspect,
+        centre_col_px=camera.centre_col_px + by.get("col", 0.0) * focal_col_px,
+        centre_row_px=camera.centre_row_px + by.get("row", 0.0) * focal_row_px,
+        distortion=distortion,
+    )
     return camera, rotated
 
 

@@ -14,6 +14,7 @@ from gss.pipeline.identify import pair_search
 from gss.pipeline.identify.near import BoundedPrior
 from gss.pipeline.identify.pyramid import PyramidMatch, identify_lost
 from gss.pipeline.identify.verify import SkyCatalogue, field_of
+from gss.pipeline.loops import search
 
 TABLE = propagate(load_stars(), 2025.0)
 CAMERAS = {
@@ -104,28 +105,54 @@ def test_compiled_loops_solve_a_list_like_numpy(
             )
 
 
-@pytest.mark.parametrize("limits", [{"MAX_JOINED_ROWS": 20_000}, {"ROWS_AT_ONCE": 900}])
+@pytest.mark.parametrize(("budget", "of_a_pair"), [(20_000, 50_000), (500_000, 900)])
 def test_both_searches_have_the_same_budget(
-    limits: dict[str, int], skies: dict[str, KnownSky], monkeypatch: pytest.MonkeyPatch
+    budget: int, of_a_pair: int, skies: dict[str, KnownSky], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """For random dots, both searches stop after the same number of hypotheses with the same reason."""
-    for name, value in limits.items():
-        monkeypatch.setattr(pair_search, name, value)
+    monkeypatch.setattr(pair_search, "MAX_OF_A_PAIR", of_a_pair)
     camera, _ = CAMERAS["sunsat"]
     prepared_sky = skies["sunsat"]
     for seed in range(3):
         rng = np.random.default_rng(seed)
         view = field_of(Centroids.from_pixels(rng.uniform(0, 580, (40, 2)), 10 ** rng.uniform(0, 2, 40)), camera)
         with_numpy, compiled = (
-            identify_lost(view, prepared_sky.sky, prepared_sky.pairs, camera, accept=1e-30, fast=fast)
+            identify_lost(view, prepared_sky.sky, prepared_sky.pairs, camera, accept=1e-30, budget=budget, fast=fast)
             for fast in (False, True)
         )
         assert summary(with_numpy) == summary(compiled)
+        assert (with_numpy.hypotheses > budget) == (budget == 20_000)
+
+
+@pytest.mark.parametrize("bits", [1, 2, 8, 32])
+def test_the_length_of_the_marks_does_not_change_the_candidates(bits: int, skies: dict[str, KnownSky]) -> None:
+    """Marks of any length exclude only hypotheses without support: each pair of detections has the same candidates as in the
+    search with numpy.
+    """
+    camera, _ = CAMERAS["sunsat"]
+    sky, pairs = skies["sunsat"].sky, skies["sunsat"].pairs
+    view = field_of(random_list("sunsat", sky, 60, 9)[0], camera)
+    n, found = len(view), 0
+    expected = pair_search.PairSearch(view, sky, pairs, n, 0.001, 2, 1, 500_000)
+    geometry = search._no_pairs(n)
+    detections = view.arrays[1], view.arrays[2], pair_search.TOLERANCE_SIGMA, 0.001
+    marks = np.empty((n, len(sky), (n * bits + search.WORD - 1) // search.WORD), np.uint64)
+    state, out = np.array([1, 0, 0]), np.empty((pair_search.MAX_CANDIDATES, 5), np.int64)
+    table = pairs.first, pairs.second, pairs.distance_rad, *pairs.by_star
+    limits = pair_search.MAX_OF_A_PAIR, 60_000, pair_search.COLLINEAR, 2, 1
+    is_marked = np.zeros(n, bool)
+    while (
+        count := search.next_pair(detections, sky.icrs, table, geometry, bits, marks, is_marked, state, limits, out)
+    ) > 0:
+        i, j = state[1] - 1, state[0] - state[1] + 1
+        assert [tuple(row) for row in out[:count, :4].tolist()] == expected._candidates(i, j)
+        found += count
+    assert found > 20
 
 
 @pytest.mark.parametrize("fast", [False, True])
-def test_more_detections_than_bits(fast: bool, skies: dict[str, KnownSky]) -> None:
-    """More detections than a word of marks has bits are searched by lists, and the correct attitude is found."""
+def test_lists_of_many_detections(fast: bool, skies: dict[str, KnownSky]) -> None:
+    """The correct attitude is found if most of the detections are false."""
     camera, _ = CAMERAS["sunsat"]
     prepared_sky = skies["sunsat"]
     for false_count in (30, 60):

@@ -12,7 +12,7 @@ from gss.domain.rotation import rotation_from_vector
 from gss.pipeline.chains import proof
 from gss.pipeline.loops.fit import fit_attitude
 from gss.pipeline.loops.geometry import camera_numbers
-from gss.pipeline.refine import refine
+from gss.pipeline.refine import _moved, linearised, refine
 
 CAMERA = Camera(1000, 800, 2000.0, 2000.0, 499.5, 399.5, Brown(k1=-0.2))
 
@@ -156,3 +156,21 @@ def test_k1_is_fitted_with_enough_stars(n: int, tolerance: float) -> None:
     fit = refine(noisy, icrs, np.full(n, 0.1), start, attitude, fit_focal=True, fit_lens=("k1",))
     assert isinstance(fit.camera.distortion, Brown)
     assert abs(fit.camera.distortion.k1 + 0.2) < tolerance
+
+
+@pytest.mark.parametrize("name", ["focal", "aspect", "k1", "k2", "p1", "p2", "col", "row"])
+def test_derivatives_agree_with_differences(name: str) -> None:
+    """The derivative with respect to each camera parameter agrees with the difference of two predictions after half a step
+    in each direction.
+    """
+    lens = Brown(k1=-0.2, k2=0.05, p1=0.001, p2=-0.002)
+    camera = Camera(1000, 800, 900.0, 930.0, 510.0, 380.0, lens)
+    pixels = np.random.default_rng(4).uniform(0, [999, 799], (40, 2))
+    icrs, names, step = camera.unproject(pixels), ["x", "y", "z", name], 1e-4
+    _, jacobian = linearised(pixels, icrs, camera, np.eye(3), names)
+    before, after = (
+        moved.project(icrs)
+        for moved, _ in (_moved(camera, np.eye(3), np.array([0, 0, 0, s / 2]), names) for s in (-step, step))
+    )
+    assert np.abs(jacobian[..., 3]).max() > 1
+    np.testing.assert_allclose(jacobian[..., 3], (after - before) / step, rtol=0, atol=1e-4)

@@ -136,6 +136,7 @@ def _prove(
     radius = acquire_px
     fit = Refined(camera, cam_from_icrs, np.zeros((0, 2)), np.zeros(0), radius)
     first, expected = np.zeros((0, 2)), 0
+    fitted: tuple[object, ...] = ()
     for round_ in range(6):
         visible, predicted = _visible(sky, fit.camera, fit.cam_from_icrs, count)
         if len(visible) < 4:
@@ -147,27 +148,29 @@ def _prove(
             first = np.full((len(sky), 2), np.inf)
             first[visible] = predicted
             expected = len(visible)
-        free = also if len(m) >= ENOUGH_FOR_MORE or calibration else ()
-        try:
-            lens: tuple[str, ...] = ("k1",)
-            if calibration and len(m) < ENOUGH_FOR_MORE:
-                lens = ()
-            elif len(m) >= WIDE_STARS and round_ >= 2 and _is_wide(fit.camera):
-                lens = WIDE_LENS
-            fit = refine(
-                pixels[m],
-                sky.icrs[visible[p]],
-                sigma[m],
-                fit.camera,
-                fit.cam_from_icrs,
-                fit_focal=True,
-                fit_lens=(*lens, *free),
-                calibration=calibration,
-            )
-        except np.linalg.LinAlgError:
-            return None
-        if not np.isfinite(fit.rms_px):
-            return None
+        lens: tuple[str, ...] = ("k1",)
+        if calibration and len(m) < ENOUGH_FOR_MORE:
+            lens = ()
+        elif len(m) >= WIDE_STARS and round_ >= 2 and _is_wide(fit.camera):
+            lens = WIDE_LENS
+        lens += also if len(m) >= ENOUGH_FOR_MORE or calibration else ()
+        before, fitted = fitted, (lens, *m, *visible[p])
+        if fitted != before:  # otherwise the fit would give the same result
+            try:
+                fit = refine(
+                    pixels[m],
+                    sky.icrs[visible[p]],
+                    sigma[m],
+                    fit.camera,
+                    fit.cam_from_icrs,
+                    fit_focal=True,
+                    fit_lens=lens,
+                    calibration=calibration,
+                )
+            except np.linalg.LinAlgError:
+                return None
+            if not np.isfinite(fit.rms_px):
+                return None
         radius = (
             float(np.clip(4.0 * fit.rms_px, 0.8, max(acquire_px * 0.7, 0.8)))
             if round_ < 3

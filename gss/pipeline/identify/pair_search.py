@@ -17,16 +17,15 @@ from gss.pipeline.identify.verify import FrameDetections, SkyCatalogue
 from gss.skytables.pairs import DistanceTable
 
 TOLERANCE_SIGMA = 3.5
-MAX_JOINED_ROWS = 3_000_000
-ROWS_AT_ONCE = 4_000_000
-ROWS_PER_PAIR = 600  # fixed cost of one join, in rows
+MAX_HYPOTHESES = 500_000
+MAX_OF_A_PAIR = 50_000  # hypotheses; a pair with more identifies no star
 COLLINEAR = 4.0
-MAX_CANDIDATES = 8
+MAX_CANDIDATES = 3
 
 
-def limits(budget: int) -> tuple[int, int, int, float, int]:
+def limits(budget: int) -> tuple[int, int, float, int]:
     """Return the limits of a search in the order that the compiled search expects."""
-    return ROWS_PER_PAIR, ROWS_AT_ONCE, budget, COLLINEAR, MAX_CANDIDATES
+    return MAX_OF_A_PAIR, budget, COLLINEAR, MAX_CANDIDATES
 
 
 class Trial(NamedTuple):
@@ -80,7 +79,6 @@ class PairSearch:
         self.xyz = np.ascontiguousarray(sky.icrs.T)
         self.anchors: dict[int, tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.int32]]] = {}
         self.hypotheses = 0
-        self.joined_rows = 0
         self.is_too_long = False
 
     def _anchor(self, i: int) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.int32]]:
@@ -101,7 +99,7 @@ class PairSearch:
     def run(self) -> Iterator[Trial]:
         """Yield the trials of each pair, best supported first, until the budget is used up."""
         for i, j in _pair_order(self.n, self.groups):
-            if self.joined_rows > self.budget:
+            if self.hypotheses > self.budget:
                 self.is_too_long = True
                 return
             for first, second, third, its in self._candidates(i, j):
@@ -114,14 +112,10 @@ class PairSearch:
         a = np.concatenate([self.table.first[s], self.table.second[s]])
         b = np.concatenate([self.table.second[s], self.table.first[s]])
         self.hypotheses += len(a)
-        if not len(a):
+        if not 0 < len(a) <= MAX_OF_A_PAIR:
             return []
         offsets, anchor_k, anchor_c = self._anchor(i)
         count = offsets[a + 1] - offsets[a]
-        rows = int(count.sum())
-        self.joined_rows += rows + ROWS_PER_PAIR
-        if rows > ROWS_AT_ONCE:
-            return []  # too many candidates identify no star; their join would need gigabytes
         h = np.repeat(np.arange(len(a)), count)
         pos = np.arange(len(h)) + (offsets[a] - (np.cumsum(count) - count))[h]
         k, c = anchor_k.take(pos), anchor_c.take(pos)

@@ -20,7 +20,10 @@ from gss.pipeline.kernels import ListLoops, kernels
 from gss.skytables.pairs import DistanceTable
 
 ACCEPT = 1e-6
-MAX_STARS = 120
+MAX_STARS, FEW_STARS = 120, 20
+CROWDED = 24.0
+"""Only so many of the brightest detections are examined that a catalogue star is part of this number of pairs of one
+detection, on average, but at least ``FEW_STARS``. With more, unrelated stars often support a pair."""
 SUPPORT = 2
 MIN_MATCHED = 4  # three stars are never sufficient evidence over the whole sky, even with a low false-match probability
 
@@ -44,7 +47,8 @@ def identify_lost(
     accept: float = ACCEPT,
     support: int = SUPPORT,
     groups: int = 1,
-    budget: int = pair_search.MAX_JOINED_ROWS,
+    budget: int = pair_search.MAX_HYPOTHESES,
+    most: int = MAX_STARS,
     fast: bool | None = None,
 ) -> PyramidMatch:
     """Identify a field without prior attitude.
@@ -53,9 +57,10 @@ def identify_lost(
     ``support``: minimum number of further detections that must fit a pair before it is verified. ``groups``: only pairs
     of detections whose rows are equal modulo ``groups`` are examined. If more than ``groups`` detections are stars, at
     least one of these pairs consists of stars.
-    ``budget``: maximum number of combinations of stars. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
+    ``budget``: maximum number of hypotheses, i.e. of catalogue pairs that pairs of detections can be. ``most``: only so
+    many of the brightest detections are examined. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
-    n = min(len(field), MAX_STARS)
+    n = min(len(field), most, _uncrowded(field, sky, camera, scale_error))
     if n < MIN_MATCHED:
         return PyramidMatch(None, 0, f"{counted(len(field))} found: at least {MIN_MATCHED} are needed without a hint")
     loops = kernels(fast).lists
@@ -74,8 +79,19 @@ def identify_lost(
             best = evidence
     probability = math.nan if best is None else best.false_match_probability
     why = (0 if best is None else len(best.rows), probability)
-    reason = _too_long(budget, search.hypotheses, *why) if search.is_too_long else _why_not(field, *why, accept)
+    reason = _too_long(search.hypotheses, *why) if search.is_too_long else _why_not(field, *why, accept)
     return PyramidMatch(None, search.hypotheses, reason)
+
+
+def _uncrowded(field: FrameDetections, sky: SkyCatalogue, camera: Camera, scale_error: float) -> int:
+    """Return the largest number of detections with at most ``CROWDED`` pairs, but at least ``FEW_STARS``. The number of pairs
+    is estimated for stars distributed evenly over the sky and the largest angle from the boresight."""
+    angle_rad = min(camera.half_diagonal_rad, np.pi / 2)
+    tolerance_rad = pair_search.TOLERANCE_SIGMA * math.sqrt(2) * field.typical_sigma_px * camera.pixel_rad
+    pairs_per_detection = len(sky) * math.sin(angle_rad) * (tolerance_rad + scale_error * angle_rad)
+    return (
+        max(FEW_STARS, int(CROWDED / pairs_per_detection)) if pairs_per_detection * len(field) > CROWDED else len(field)
+    )
 
 
 def _compiled(
@@ -111,11 +127,7 @@ def _compiled(
     )
     if count > 0:
         return PyramidMatch(Evidence(rows[:count], stars[:count], turn, predicted, probability), hypotheses)
-    reason = (
-        _too_long(budget, hypotheses, -count, probability)
-        if is_too_long
-        else _why_not(field, -count, probability, accept)
-    )
+    reason = _too_long(hypotheses, -count, probability) if is_too_long else _why_not(field, -count, probability, accept)
     return PyramidMatch(None, hypotheses, reason)
 
 
@@ -131,6 +143,6 @@ def _why_not(field: FrameDetections, matched: int, probability: float, accept: f
     return not_credible(matched, len(field), probability, accept)
 
 
-def _too_long(budget: int, hypotheses: int, matched: int, probability: float) -> str:
+def _too_long(hypotheses: int, matched: int, probability: float) -> str:
     tail = f"; best false-match probability {probability:.1e}" if matched else ""
-    return f"budget of {budget} combinations used up after {hypotheses} hypotheses{tail}"
+    return f"no match after {hypotheses} hypotheses, the limit{tail}"

@@ -14,11 +14,12 @@ from gss.pipeline.loops import loop
 from gss.pipeline.loops.proof import verify, workspace
 
 EXHAUSTED, TOO_LONG = 0, -1
-BITS, MARKED = 32, 8.0
-"""BITS: marks are used for at most this many detections, one bit each. MARKED: marks are used only if a catalogue star is
-in at most this many matching pairs on average, estimated from the brightest detection. Marks reject unsupported
-hypotheses faster than lists."""
-FIRST_POOL_ROWS = 1 << 16
+WORD = 64
+MAX_BITS, MAX_WORDS = 32, 10
+"""Largest number of bits of a detection in a mark, and largest length of a mark in words."""
+ACCIDENTAL = 0.08
+"""Expected number of detections, relative to the required number, that marks do not exclude although they support no
+hypothesis."""
 
 
 @loop
@@ -61,54 +62,35 @@ def _no_pairs(n):
 
 
 @loop
-def _mark(i, start, stop, first, second, mark):
-    """Mark the catalogue stars that star i can be. ``mark`` (stars, 2): bit k is set if the pair with star k allows it;
-    number of these pairs of the table."""
-    mark[:] = 0
-    one = np.uint32(1)
-    for k in range(len(start)):
-        if k == i:
-            continue
-        bit = one << np.uint32(k)
-        for p in range(start[k], stop[k]):
-            for s in (first[p], second[p]):
-                mark[s, 0] |= bit
-                mark[s, 1] += one
+def _bits_of_a_detection(pairs_of_a_star, detections, need):
+    """Return the number of bits of each detection in a mark. ``pairs_of_a_star``: average number of pairs of one detection
+    with all others that a catalogue star can be part of."""
+    bits = 1
+    each = pairs_of_a_star / max(detections - 1, 1)
+    while (
+        bits < MAX_BITS
+        and 2 * bits * detections <= WORD * MAX_WORDS
+        and detections * each * each > ACCIDENTAL * need * bits
+    ):
+        bits *= 2
+    return bits
 
 
 @loop
-def _list(i, start, stop, first, second, offsets, pool_k, pool_c, used):
-    """List for each catalogue star that star i can be the other stars and their detections, in the pool from row ``used``
-    on. Return the pool, which can be a larger copy, and the end of the rows used."""
-    stars = len(offsets) - 1
-    offsets[:] = 0
-    total = 0
+def _mark(i, start, stop, first, second, bits, marks):
+    """Write the marks (stars, words) of the catalogue stars that detection i can be. In a mark, each detection k has
+    ``bits`` bits. A bit is set if a pair of i and k allows it, and the row of the star of k gives its number. Two stars
+    can be those of i and j, with support by k, only if their marks have a common bit of k."""
+    marks[:] = 0
+    one, last = np.uint64(1), np.uint64(bits - 1)  # unsigned numbers, because signed ones need tests and more time
     for k in range(len(start)):
         if k == i:
             continue
-        total += 2 * max(stop[k] - start[k], 0)
+        word, shift = np.uint64(k * bits // WORD), np.uint64(k * bits % WORD)
         for p in range(start[k], stop[k]):
-            offsets[first[p] + 1] += 1
-            offsets[second[p] + 1] += 1
-    if used + total > len(pool_k):
-        size = max(2 * len(pool_k), used + total)
-        more_k, more_c = np.empty(size, np.int16), np.empty(size, np.int32)
-        more_k[:used], more_c[:used] = pool_k[:used], pool_c[:used]
-        pool_k, pool_c = more_k, more_c
-    offsets[0] = used
-    for s in range(stars):
-        offsets[s + 1] += offsets[s]
-    next_row = offsets[:stars].copy()
-    for k in range(len(start)):
-        if k == i:
-            continue
-        for p in range(start[k], stop[k]):
-            a, b = first[p], second[p]
-            pool_k[next_row[a]], pool_c[next_row[a]] = k, b
-            next_row[a] += 1
-            pool_k[next_row[b]], pool_c[next_row[b]] = k, a
-            next_row[b] += 1
-    return pool_k, pool_c, used + total
+            a, b = np.uint64(first[p]), np.uint64(second[p])
+            marks[a, word] |= one << (shift + (b & last))
+            marks[b, word] |= one << (shift + (a & last))
 
 
 @loop
@@ -155,30 +137,33 @@ def _first_pair(pairs, low, high, row):
 
 
 @loop
-def _join_marks(i, j, table, start, stop, mark_i, mark_j, icrs, handedness, flat, middle, half, need, out):
+def _join(i, j, table, start, stop, bits, marks_i, marks_j, icrs, handedness, flat, middle, half, need, out):
     """Write the best supported hypotheses of the pair (i, j) to ``out``: rows (star of i, star of j, third, star of the
-    third, votes). Return their number. Third stars are looked up only if enough bits are set for both stars."""
+    third, votes). Return their number. Third stars are looked up only if the marks have enough bits in common."""
     first, second, offsets, pairs, partner = table
-    one = np.uint32(1)
+    one, all_of_one = np.uint64(1), (np.uint64(1) << np.uint64(bits)) - np.uint64(1)
+    words = marks_i.shape[1]
     count = 0
     for side in range(2):
         for p in range(start[j], stop[j]):
             a, b = (first[p], second[p]) if side == 0 else (second[p], first[p])
-            both = mark_i[a, 0] & mark_j[b, 0]
-            common, bits = 0, both
-            while bits:
-                bits &= bits - one
-                common += 1
+            common = 0
+            for word in range(words):
+                rest = marks_i[a, word] & marks_j[b, word]
+                while rest:
+                    rest &= rest - one
+                    common += 1
             if common < need:
                 continue
             normal = _normal(icrs, a, b)
             votes, third, its, widest = 0, -1, -1, -1.0
-            k = -1
-            while common > 0 and votes + common >= need:
-                k += 1
-                if not both >> np.uint32(k) & one:
+            word, shift = 0, -bits
+            for k in range(len(start)):
+                shift += bits
+                if shift == WORD:
+                    word, shift = word + 1, 0
+                if not (marks_i[a, word] & marks_j[b, word]) >> np.uint64(shift) & all_of_one:
                     continue
-                common -= 1
                 star = -1
                 q = _first_pair(pairs, offsets[a], offsets[a + 1], start[k])
                 while q < offsets[a + 1] and pairs[q] < stop[k]:
@@ -196,47 +181,18 @@ def _join_marks(i, j, table, start, stop, mark_i, mark_j, icrs, handedness, flat
 
 
 @loop
-def _join_lists(i, j, table, start, stop, lists, icrs, handedness, flat, middle, half, need, out):
-    """Write the best supported hypotheses as :func:`_join_marks`."""
-    first, second = table
-    offsets, pool_k, pool_c = lists
-    count = 0
-    for side in range(2):
-        for p in range(start[j], stop[j]):
-            a, b = (first[p], second[p]) if side == 0 else (second[p], first[p])
-            normal = _normal(icrs, a, b)
-            votes, voter, third, its, widest = 0, -1, -1, -1, -1.0
-            for q in range(offsets[a], offsets[a + 1]):
-                k, c = pool_k[q], pool_c[q]
-                if k == j or not _fits(b, c, normal, icrs, middle[j, k], half[j, k], handedness[k], flat[k]):
-                    continue
-                votes += k != voter
-                voter = k
-                wide = abs(handedness[k])
-                if wide > widest or (k == third and c < its):
-                    widest, third, its = wide, k, c
-            if votes >= need:
-                count = _insert(out, count, a, b, third, its, votes)
-    return count
-
-
-@loop
-def next_pair(detections, icrs, table, pair_geometry, candidates_of, pool, state, limits, out):
-    """Examine pairs in order from ``state`` until one has candidates. Return their number, EXHAUSTED or TOO_LONG, and
-    the pool.
+def next_pair(detections, icrs, table, pair_geometry, bits, marks, is_marked, state, limits, out):
+    """Examine pairs in order from ``state`` until one has candidates. Return their number, EXHAUSTED or TOO_LONG.
 
     ``table``: first and second stars of the pairs, their distances, and the pairs by star (``DistanceTable.by_star``).
-    ``pair_geometry``: see :func:`_compute_pairs`. ``candidates_of``: marks (:func:`_mark`), empty if lists are used, and
-    lists (:func:`_list`), each followed by an array that is True where they are made. ``state``: sum of the rows of the
-    next pair, its first row, number of hypotheses, joined rows, used rows of the pool. ``limits``: rows per pair, rows of
-    one join, rows in total, COLLINEAR, minimum number of supporting detections, groups.
+    ``pair_geometry``: see :func:`_compute_pairs`. ``marks`` (detections, stars, words): see :func:`_mark`. ``is_marked``:
+    True where they are made. ``state``: sum of the rows of the next pair, its first row, number of hypotheses.
+    ``limits``: hypotheses of one pair, hypotheses in total, COLLINEAR, minimum number of supporting detections, groups.
     """
     unit = detections[0]
     distance, tolerance, middle, half, start, stop, _ = pair_geometry
     first, second, table_rad, by_star, pairs, partner = table
-    mark, is_marked, offsets, is_listed = candidates_of
-    pool_k, pool_c = pool
-    n, by_marks = len(unit), len(mark) > 0
+    n = len(unit)
     handedness, flat = np.empty(n), np.empty(n)
     while state[0] < 2 * n - 2:
         total, i = state[0], state[1]
@@ -245,50 +201,35 @@ def next_pair(detections, icrs, table, pair_geometry, candidates_of, pool, state
             state[1] = max(0, total + 1 - n + 1)
             continue
         j = total - i
-        if state[3] > limits[2]:
-            return TOO_LONG, (pool_k, pool_c)
+        if state[2] > limits[1]:
+            return TOO_LONG
         state[1] = i + 1
-        if (j - i) % limits[5]:
+        if (j - i) % limits[4]:
             continue
         _compute_pairs(i, detections, table_rad, pair_geometry)
         if stop[i, j] <= start[i, j]:
             continue
-        _compute_pairs(j, detections, table_rad, pair_geometry)
-        state[2] += 2 * (stop[i, j] - start[i, j])
-        rows = 0
-        if by_marks:
-            for k in (i, j):
-                if not is_marked[k]:
-                    _mark(k, start[k], stop[k], first, second, mark[k])
-                    is_marked[k] = True
-            for p in range(start[i, j], stop[i, j]):
-                rows += int(mark[i, first[p], 1]) + int(mark[i, second[p], 1])
-        else:
-            if not is_listed[i]:
-                pool_k, pool_c, used = _list(i, start[i], stop[i], first, second, offsets[i], pool_k, pool_c, state[4])
-                state[4] = used
-                is_listed[i] = True
-            for p in range(start[i, j], stop[i, j]):
-                a, b = first[p], second[p]
-                rows += offsets[i, a + 1] - offsets[i, a] + offsets[i, b + 1] - offsets[i, b]
-        state[3] += rows + limits[0]
-        if rows > limits[1]:
+        hypotheses = 2 * (stop[i, j] - start[i, j])
+        state[2] += hypotheses
+        if hypotheses > limits[0]:
             continue  # too unspecific to be evidence
+        _compute_pairs(j, detections, table_rad, pair_geometry)
+        for k in (i, j):
+            if not is_marked[k]:
+                _mark(k, start[k], stop[k], first, second, bits, marks[k])
+                is_marked[k] = True
         cx = unit[i, 1] * unit[j, 2] - unit[i, 2] * unit[j, 1]
         cy = unit[i, 2] * unit[j, 0] - unit[i, 0] * unit[j, 2]
         cz = unit[i, 0] * unit[j, 1] - unit[i, 1] * unit[j, 0]
         for k in range(n):
             handedness[k] = unit[k, 0] * cx + unit[k, 1] * cy + unit[k, 2] * cz
-            flat[k] = limits[3] * tolerance[i, j] * max(distance[i, j], distance[i, k], distance[j, k])
-        rest = icrs, handedness, flat, middle, half, limits[4], out
-        if by_marks:
-            of_stars = first, second, by_star, pairs, partner
-            count = _join_marks(i, j, of_stars, start[i], stop[i], mark[i], mark[j], *rest)
-        else:
-            count = _join_lists(i, j, (first, second), start[i], stop[i], (offsets[i], pool_k, pool_c), *rest)
+            flat[k] = limits[2] * tolerance[i, j] * max(distance[i, j], distance[i, k], distance[j, k])
+        of_stars = first, second, by_star, pairs, partner
+        rest = icrs, handedness, flat, middle, half, limits[3], out
+        count = _join(i, j, of_stars, start[i], stop[i], bits, marks[i], marks[j], *rest)
         if count:
-            return count, (pool_k, pool_c)
-    return EXHAUSTED, (pool_k, pool_c)
+            return count
+    return EXHAUSTED
 
 
 @loop
@@ -307,22 +248,17 @@ def find(
     detections = view[1][:n], view[2][:n], sigmas, scale_error
     pair_geometry = _no_pairs(n)
     _compute_pairs(0, detections, table[2], pair_geometry)
-    is_sparse = 2 * (pair_geometry[5][0] - pair_geometry[4][0]).sum() <= MARKED * count_of_stars
-    marked, listed = (n, 0) if n <= BITS and is_sparse else (0, n)
-    candidates_of = (
-        np.empty((marked, count_of_stars, 2), np.uint32),
-        np.zeros(n, np.bool_),
-        np.empty((listed, count_of_stars + 1), np.int64),
-        np.zeros(n, np.bool_),
-    )
-    pool = np.empty(FIRST_POOL_ROWS, np.int16), np.empty(FIRST_POOL_ROWS, np.int32)
-    state = np.array([1, 0, 0, 0, 0], np.int64)
-    out = np.empty((limits[4], 5), np.int64)
+    pairs_of_a_star = 2 * (pair_geometry[5][0] - pair_geometry[4][0]).sum() / count_of_stars
+    bits = _bits_of_a_detection(pairs_of_a_star, n, need)
+    marks = np.empty((n, count_of_stars, (n * bits + WORD - 1) // WORD), np.uint64)
+    is_marked = np.zeros(n, np.bool_)
+    state = np.array([1, 0, 0], np.int64)
+    out = np.empty((limits[3], 5), np.int64)
     work = workspace(count_of_stars, len(view[0]))
-    pair_limits = limits[0], limits[1], limits[2], float(limits[3]), need, groups
+    pair_limits = limits[0], limits[1], float(limits[2]), need, groups
     best_count, best_predicted, best = 0, 0, 2.0
     while True:
-        trials, pool = next_pair(detections, sky[0], table, pair_geometry, candidates_of, pool, state, pair_limits, out)
+        trials = next_pair(detections, sky[0], table, pair_geometry, bits, marks, is_marked, state, pair_limits, out)
         if trials <= 0:
             return -best_count, best_predicted, best, state[2], trials == TOO_LONG
         i = state[1] - 1
