@@ -130,16 +130,19 @@ def test_wrong_attitudes_that_the_campaign_found_do_not_recur(camera: str, attit
     assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value != "wrong"
 
 
-@pytest.mark.parametrize(("camera", "attitude"), [("far_mst", 3636), ("far_mst", 4299), ("oersted", 3777)])
-def test_an_attitude_that_explains_a_quarter_of_the_stars_is_rejected(camera: str, attitude: int) -> None:
-    """The reference chain returns no attitude for faulty lists in which the best attitude matched only between 3 of 27
-    and 11 of 42 stars.
+@pytest.mark.parametrize(
+    ("camera", "attitude", "verdict"),
+    [("far_mst", 3636, "none"), ("far_mst", 4299, "none"), ("oersted", 3777, "correct")],
+)
+def test_an_attitude_that_explains_a_quarter_of_the_stars_is_rejected(camera: str, attitude: int, verdict: str) -> None:
+    """The reference chain does not return the attitude that matched only between 3 of 27 and 11 of 42 stars of a faulty list.
+    In one of the lists it finds the correct attitude.
     """
     tested = subject(setting_of(camera, "reference"), propagate(load_stars(8.0), 2000.0))
     rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
     share = np.array([f.share for f in FAULTS])
     fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
-    assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == "none"
+    assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == verdict
 
 
 def test_parts_of_long_trails_give_no_attitude() -> None:
