@@ -27,11 +27,9 @@ SCALES = (1.0, *(1 + sign * k * STEP for k in range(1, STEPS + 1) for sign in (1
 CANDIDATE = 1e-2  # limit of a candidate's false-match probability; the verification decides
 LIMIT = ACCEPT / 3  # because there are three verifications
 FEW = 5  # with fewer stars, a free focal length leaves too little evidence
-GROUPS, DETECTIONS_PER_GROUP = 3, 7
-"""Of ``FEW`` stars, at least two pairs are inside one of three groups. A third of all pairs is examined, and less of
-many detections, of which more must be stars to be evidence."""
+GROUPS = 3
+"""Of ``FEW`` stars, at least two pairs are inside one of three groups. A third of all pairs is examined."""
 BUDGET = 200_000  # hypotheses per focal length
-MOST = 60  # detections that are examined
 FITTED_SCALES = 325
 """Number of focal lengths in the range that differ by 0.1 px at 500 px. A fitted focal length is as good as the best of
 these, so each is a hypothesis."""
@@ -66,9 +64,8 @@ def identify_other_lens(
             scale_error=STEP / 2,
             accept=CANDIDATE,
             support=FEW - 2,
-            groups=max(GROUPS, min(len(view), MOST) // DETECTIONS_PER_GROUP),
+            groups=GROUPS,
             budget=BUDGET,
-            most=MOST,
             fast=fast,
         )
         if match.evidence is None:

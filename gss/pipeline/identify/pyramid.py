@@ -48,7 +48,6 @@ def identify_lost(
     support: int = SUPPORT,
     groups: int = 1,
     budget: int = pair_search.MAX_HYPOTHESES,
-    most: int = MAX_STARS,
     fast: bool | None = None,
 ) -> PyramidMatch:
     """Identify a field without prior attitude.
@@ -57,10 +56,10 @@ def identify_lost(
     ``support``: minimum number of further detections that must fit a pair before it is verified. ``groups``: only pairs
     of detections whose rows are equal modulo ``groups`` are examined. If more than ``groups`` detections are stars, at
     least one of these pairs consists of stars.
-    ``budget``: maximum number of hypotheses, i.e. of catalogue pairs that pairs of detections can be. ``most``: only so
-    many of the brightest detections are examined. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
+    ``budget``: maximum number of hypotheses, i.e. of catalogue pairs that pairs of detections can be. ``fast``: see
+    :func:`gss.pipeline.kernels.kernels`.
     """
-    n = min(len(field), most, _uncrowded(field, sky, camera, scale_error))
+    n = min(len(field), MAX_STARS, _uncrowded(field, sky, camera, scale_error))
     if n < MIN_MATCHED:
         return PyramidMatch(None, 0, f"{counted(len(field))} found: at least {MIN_MATCHED} are needed without a hint")
     loops = kernels(fast).lists
