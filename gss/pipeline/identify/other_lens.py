@@ -29,7 +29,7 @@ LIMIT = ACCEPT / 3  # because there are three verifications
 FEW = 5  # with fewer stars, a free focal length leaves too little evidence
 GROUPS = 3
 """Of ``FEW`` stars, at least two pairs are inside one of three groups. A third of all pairs is examined."""
-BUDGET = 200_000  # hypotheses per focal length
+BUDGET = 300_000  # hypotheses per focal length
 FITTED_SCALES = 325
 """Number of focal lengths in the range that differ by 0.1 px at 500 px. A fitted focal length is as good as the best of
 these, so each is a hypothesis."""
