@@ -22,8 +22,8 @@ from gss.skytables.pairs import DistanceTable
 ACCEPT = 1e-6
 MAX_STARS, FEW_STARS = 120, 20
 CROWDED = 24.0
-"""Only so many of the brightest detections are examined that a catalogue star is part of this number of pairs of one
-detection, on average, but at least ``FEW_STARS``. With more, unrelated stars often support a pair."""
+"""Largest average number of pairs of a detection that a catalogue star can be part of. With more, unrelated stars often support
+a pair, so only the brightest detections are examined, but at least ``FEW_STARS``."""
 SUPPORT = 2
 MIN_MATCHED = 4  # three stars are never sufficient evidence over the whole sky, even with a low false-match probability
 
