@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, lengths
 from gss.domain.errors import BadInput
 
 NEWTON_STEPS = 25
@@ -140,10 +140,11 @@ class RadialTilt:
 
     def _aberration(self, r_mm: Array) -> tuple[Array, Array]:
         """Return Δr in millimetres and its derivative at radius ``r_mm``."""
-        powers = np.arange(1, len(self.radial) + 1)
-        k = np.asarray(self.radial)
-        r = np.asarray(r_mm)[..., None]
-        return np.sum(k * r**powers, axis=-1), np.sum(k * powers * r ** (powers - 1), axis=-1)
+        delta_mm, slope = np.zeros_like(r_mm), np.zeros_like(r_mm)
+        for power in range(len(self.radial), 0, -1):
+            k = self.radial[power - 1]
+            delta_mm, slope = (delta_mm + k) * r_mm, slope * r_mm + power * k
+        return delta_mm, slope
 
     def undistort(self, measured: Array) -> Array:
         x, y = measured[..., 0], measured[..., 1]
@@ -234,7 +235,7 @@ class Camera:
         measured = (np.asarray(pixels, float) - self._centre()) / self._focal()
         ideal = self.distortion.undistort(measured)
         v = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
-        return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
+        return np.asarray(v / lengths(v)[..., None])
 
     def contains(self, pixels: Array, margin_px: float = 0.0) -> NDArray[np.bool_]:
         """Return the (n,) mask of (n, 2) pixels on the detector and at least ``margin_px`` inside its edge. False for NaN."""

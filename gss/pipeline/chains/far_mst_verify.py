@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, lengths
 from gss.domain.camera import Camera
 from gss.domain.rotation import matrix_from_quaternion
 from gss.pipeline.attitude import quest
@@ -74,7 +74,7 @@ def complete(
     radius = star_radius_rad(sigma_rad, camera.pixel_rad, p)
     weight = 1.0 / sigma_rad**2
     rotation = matrix_from_quaternion(quest(unit_cam[centroid], catalogue.icrs[row], weight[centroid]))
-    miss = np.linalg.norm(catalogue.icrs[row] @ rotation.T - unit_cam[centroid], axis=1)
+    miss = lengths(catalogue.icrs[row] @ rotation.T - unit_cam[centroid])
     if np.any(miss > radius[centroid]):
         return None
     in_view = np.empty(0, np.intp)
@@ -83,7 +83,7 @@ def complete(
         in_view = stars_in_view(catalogue.icrs, rotation, camera)
         predicted = catalogue.icrs[in_view] @ rotation.T
         pairs = mutual_nearest(predicted, unit_cam, widening * float(radius.max()))
-        off = np.linalg.norm(predicted[pairs[:, 0]] - unit_cam[pairs[:, 1]], axis=1)
+        off = lengths(predicted[pairs[:, 0]] - unit_cam[pairs[:, 1]])
         pairs = pairs[off <= widening * radius[pairs[:, 1]]]
         if len(pairs) < 2:
             return None
@@ -100,7 +100,7 @@ def complete(
 def _still_near(names: Rows, unit_cam: Array, radius: Array, rotation: Array, icrs: Array) -> Rows:
     """Return the catalogue rows with residuals of the last fit within the radius; −1 for the others."""
     matched = np.flatnonzero(names >= 0)
-    off = np.linalg.norm(icrs[names[matched]] @ rotation.T - unit_cam[matched], axis=1)
+    off = lengths(icrs[names[matched]] @ rotation.T - unit_cam[matched])
     names[matched[off > radius[matched]]] = -1
     return names
 

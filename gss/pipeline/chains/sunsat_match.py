@@ -15,7 +15,7 @@ from gss.domain.results import Centroids
 from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.sunsat_detect import magnitudes
 from gss.pipeline.chains.sunsat_parameters import SunsatParameters
-from gss.pipeline.identify.geometric_voting import Mask, reduced_table
+from gss.pipeline.identify.geometric_voting import Mask
 from gss.pipeline.identify.match_groups import Grouping, GroupLimits, Guides, MatchGroup, match_groups
 from gss.pipeline.identify.star_vectors import match_star_vectors
 from gss.skytables.bank import OnboardCatalogue
@@ -137,11 +137,9 @@ def _grouping(
 ) -> Grouping:
     allowed = _uncertainty_area(catalogue, camera, p, mode, hint)
     limits = GroupLimits(p.distance_tolerance_rad, p.magnitude_tolerance_mag, p.min_group, p.clique_budget)
-    g = catalogue.guides
     if p.matcher == "star_vectors":
-        return match_star_vectors(unit, v_mag, g, allowed, limits)
-    table = g.table if allowed.all() else reduced_table(g.table, allowed)
-    return match_groups(unit, v_mag, Guides(g.unit, g.v_mag, table), limits)
+        return match_star_vectors(unit, v_mag, catalogue.guides, allowed, limits)
+    return match_groups(unit, v_mag, catalogue.guides, limits, allowed)
 
 
 def _named(empty: SunsatMatching, group: MatchGroup, first: int) -> SunsatMatching:

@@ -8,6 +8,7 @@ q. They correspond to a column of the document's matrix S, and a star can have s
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -24,25 +25,27 @@ class BaselineCandidates:
     key: Rows
     stars: int
 
+    @cached_property
     def pairs(self) -> Rows:
-        """Return the (m, 2) candidates p, q."""
+        """(m, 2) candidates p, q."""
         return np.stack(np.divmod(self.key, self.stars), axis=1)
 
     def partners(self, of: Rows) -> tuple[Rows, Rows]:
         """Return all partners of the (n,) stars ``of``, and for each partner the index of its star in ``of``."""
-        low = np.searchsorted(self.key, of * self.stars)
-        high = np.searchsorted(self.key, (of + 1) * self.stars)
-        count = high - low
-        index = np.repeat(np.arange(len(of)), count)
-        entry = np.arange(len(index)) + np.repeat(low - np.cumsum(count) + count, count)
-        return index, self.key[entry] % self.stars
+        first_key = of * self.stars
+        low, high = self.key.searchsorted(first_key), self.key.searchsorted(first_key + self.stars)
+        some = np.flatnonzero(high > low)
+        count = high[some] - low[some]
+        end = count.cumsum()
+        entry = np.arange(end[-1] if len(end) else 0) + (low[some] - end + count).repeat(count)
+        return some.repeat(count), self.pairs[entry, 1]
 
     def holds(self, p: Rows, q: Rows) -> np.ndarray:
         """True for each of n pairs that is a candidate."""
         if not len(self.key):
             return np.zeros(len(p), bool)
         keys = p * self.stars + q
-        position = np.minimum(np.searchsorted(self.key, keys), len(self.key) - 1)
+        position = np.minimum(self.key.searchsorted(keys), len(self.key) - 1)
         return np.asarray(self.key[position] == keys)
 
 

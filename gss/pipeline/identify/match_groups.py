@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, lengths
 from gss.skytables.pairs import DistanceTable, expanded
 
 Rows = NDArray[np.intp]
@@ -93,14 +93,17 @@ class _Graph:
         return _Graph(self.observed[nodes], self.guide[nodes], number[self.a[joins]], number[self.b[joins]])
 
 
-def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits) -> Grouping:
-    """Find the best group for (n, 3) observed unit vectors with (n,) magnitudes. Stars with NaN are ignored.
+def match_groups(
+    unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits, allowed: Flags | None = None
+) -> Grouping:
+    """Find the best group for (n, 3) observed unit vectors with (n,) magnitudes. Stars with NaN are ignored. ``allowed``:
+    mask of the guide stars that can be in view, None for all.
 
     If two largest groups do not have two matches in common, the result is ambiguous and rejected (§3.3.5), unless they
     are parts of one constellation. Among groups that agree, the group with the best quality is used. The mirror test
     uses vectors, because the right ascensions of eq. 3.3 fail at the poles.
     """
-    graph, entries = _joined_matches(unit, v_mag, guides, limits)
+    graph, entries = _joined_matches(unit, v_mag, guides, limits, allowed)
     pairs = len(graph.a) // 2
     if not pairs:
         return Grouping(None, (), 0, entries, "no pair of stars fits a pair of the catalogue")
@@ -126,7 +129,9 @@ def largest_possible(confidence: Rows) -> int:
     return int(np.max(np.minimum(falling, np.arange(1, len(falling) + 1)), initial=0))
 
 
-def _joined_matches(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits) -> tuple[_Graph, int]:
+def _joined_matches(
+    unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits, allowed: Flags | None
+) -> tuple[_Graph, int]:
     n, stars, table = len(unit), len(guides.v_mag), guides.table
     bright = np.abs(v_mag[:, None] - guides.v_mag[None, :]) <= limits.magnitude_mag
     i, j = np.triu_indices(n, 1)
@@ -134,6 +139,9 @@ def _joined_matches(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimi
     ok = np.isfinite(apart)
     i, j, apart = i[ok], j[ok], apart[ok]
     pair, entry = expanded(*table.ranges(apart - limits.distance_rad, apart + limits.distance_rad))
+    if allowed is not None:
+        in_area = allowed[table.first[entry]] & allowed[table.second[entry]]
+        pair, entry = pair[in_area], entry[in_area]
     i, j, first, second = i[pair], j[pair], table.first[entry].astype(np.intp), table.second[entry].astype(np.intp)
     straight, crossed = bright[i, first] & bright[j, second], bright[i, second] & bright[j, first]
     first_match = np.concatenate([i[straight] * stars + first[straight], i[crossed] * stars + second[crossed]])
@@ -146,7 +154,7 @@ def _joined_matches(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimi
 
 def _angle_rad(a: Array, b: Array) -> Array:
     """Return the angle from the chord, because the arccosine of eq. C.7 loses 1e-8 rad for close stars."""
-    return np.asarray(2 * np.arcsin(np.minimum(0.5 * np.linalg.norm(a - b, axis=-1), 1.0)))
+    return np.asarray(2 * np.arcsin(np.minimum(0.5 * lengths(a - b), 1.0)))
 
 
 def _pruned(graph: _Graph, min_confidence: int) -> _Graph:

@@ -14,6 +14,7 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.pipeline.identify.baselines import Baselines
+from gss.pipeline.small import determinant
 from gss.skytables.kvector import Rows
 
 FLATTEST = 1e-7
@@ -21,21 +22,24 @@ FLATTEST = 1e-7
 
 def consistent_names(figure: tuple[int, ...], baselines: Baselines) -> Rows:
     """Return all (m, n) sets of catalogue rows for the imaged stars ``figure`` that are consistent on every baseline."""
-    names = baselines.column(figure[0], figure[1]).pairs()
+    names = baselines.column(figure[0], figure[1]).pairs
     for k in range(2, len(figure)):
         if not len(names):
             break
         index, partner = baselines.column(figure[0], figure[k]).partners(names[:, 0])
-        names = np.column_stack([names[index], partner])
         for other in range(1, k):
-            names = names[baselines.column(figure[other], figure[k]).holds(names[:, other], names[:, k])]
+            good = baselines.column(figure[other], figure[k]).holds(names[index, other], partner)
+            index, partner = index[good], partner[good]
+        names = np.concatenate([names[index], partner[:, None]], axis=1)
     return names if names.shape[1] == len(figure) else np.empty((0, len(figure)), np.intp)
 
 
 def same_handed(names: Rows, figure: tuple[int, ...], unit_cam: Array, icrs: Array) -> Rows:
     """Return the sets whose first three stars have the handedness of the imaged stars. Nearly flat figures are not tested."""
-    handedness = float(np.linalg.det(unit_cam[list(figure[:3])]))
-    if not len(names) or abs(handedness) < FLATTEST:
+    if not len(names):
+        return names
+    handedness = determinant(unit_cam[list(figure[:3])])
+    if abs(handedness) < FLATTEST:
         return names
     return np.asarray(names[np.linalg.det(icrs[names[:, :3]]) * handedness > 0])
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from gss.domain.angles import Array, separation_rad
+from gss.domain.angles import Array, lengths, separation_rad
 from gss.skytables.pairs import DistanceTable, expanded
 
 Index = NDArray[np.intp]
@@ -88,9 +88,9 @@ def pair_attitudes(unit_cam: Array, icrs: Array, h: PairHypotheses) -> Array:
 def _axes(p: Array, q: Array) -> Array:
     """Return (h, 3, 3) axes with rows midpoint, across, along."""
     middle = p + q
-    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    middle /= lengths(middle)[:, None]
     across = np.cross(p, q)
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    across /= np.maximum(lengths(across)[:, None], 1e-300)
     return np.stack([middle, across, np.cross(middle, across)], axis=1)
 
 
@@ -116,13 +116,15 @@ def supporters(
     for begin in range(0, len(h), CHUNK):
         part = slice(begin, begin + CHUNK)
         sky = np.einsum("nk,hka->hna", unit_cam, attitudes[part])
-        distance, star = tree.query(sky)
+        # Most spots are far from every star, and a search of limited distance ends sooner.
+        distance, star = tree.query(sky, distance_upper_bound=(1 + 1e-9) * MAX_AMPLIFIED * tolerance_rad)
         middle = unit_cam[h.i[part]] + unit_cam[h.j[part]]
-        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-        apart = np.linalg.norm(unit_cam[h.i[part]] - unit_cam[h.j[part]], axis=1)
-        lever = np.linalg.norm(unit_cam[None] - middle[:, None], axis=2) / np.maximum(apart, 1e-12)[:, None]
+        middle /= lengths(middle)[:, None]
+        apart = lengths(unit_cam[h.i[part]] - unit_cam[h.j[part]])
+        lever = lengths(unit_cam[None] - middle[:, None]) / np.maximum(apart, 1e-12)[:, None]
         allowed_rad = tolerance_rad * np.minimum(np.maximum(1.0, 2 * lever), MAX_AMPLIFIED)
-        near = distance <= allowed_rad
-        near &= magnitude_fits(spot_mag[None], saturated[None], star_mag[star], error_mag)
-        count[part] = near.sum(axis=1)
+        hypothesis, spot = np.nonzero(distance <= allowed_rad)
+        star_of_spot = star[hypothesis, spot]
+        fits = magnitude_fits(spot_mag[spot], saturated[spot], star_mag[star_of_spot], error_mag)
+        count[part] = np.bincount(hypothesis[fits], minlength=len(sky))
     return count

@@ -19,7 +19,7 @@ LEAST_STARS = 3
 def pivoted(order: tuple[int, ...], baselines: Baselines) -> tuple[tuple[int, ...], Rows]:
     """Match the pair of the first two imaged stars of ``order``, then pair the first star with one further star after the
     other until at most one solution is left. Returns the stars used and the (m, used) sets of catalogue rows."""
-    names = baselines.column(order[0], order[1]).pairs()
+    names = baselines.column(order[0], order[1]).pairs
     used = 2
     while used < len(order) and len(names) and (used < LEAST_STARS or len(names) > 1):
         index, partner = baselines.column(order[0], order[used]).partners(names[:, 0])

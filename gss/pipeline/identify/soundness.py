@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, lengths
 from gss.pipeline.attitude import profile_matrix
 
 # Residuals that are distributed evenly over a disc of radius T have an rms of T/2 per axis. Residuals of real stars are
@@ -20,10 +20,11 @@ SIGMAS = 2.0
 
 def separate_stars(unit: Array, radius_rad: float) -> int:
     """Return the number of (n, 3) directions that are further than ``radius_rad`` from every direction counted before."""
-    counted: list[Array] = []
-    for direction in unit:
-        if all(np.linalg.norm(direction - other) > radius_rad for other in counted):
-            counted.append(direction)
+    apart = lengths(unit[:, None] - unit[None]) > radius_rad
+    counted: list[int] = []
+    for k, from_star in enumerate(apart.tolist()):
+        if all(from_star[other] for other in counted):
+            counted.append(k)
     return len(counted)
 
 
@@ -31,7 +32,7 @@ def is_handed(measured_cam: Array, reference_icrs: Array, tolerance_rad: float) 
     """True if the mirror image of the (n, 3) measured directions does not fit the stars within the tolerance."""
     u, _, vt = np.linalg.svd(profile_matrix(measured_cam, reference_icrs))
     mirrored = u @ np.diag([1.0, 1.0, -np.sign(np.linalg.det(u) * np.linalg.det(vt))]) @ vt
-    miss_rad = np.linalg.norm(reference_icrs @ mirrored.T - measured_cam, axis=1)
+    miss_rad = lengths(reference_icrs @ mirrored.T - measured_cam)
     return bool(np.max(miss_rad) > tolerance_rad)
 
 

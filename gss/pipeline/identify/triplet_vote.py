@@ -86,10 +86,9 @@ def agreement_of_candidates(
     unit_cam: Array, centroid: Index, icrs: Array, candidate: Index, tolerance_rad: float
 ) -> NDArray[np.bool_]:
     """Return the (c, c) mask of candidate pairs for different stars with the measured distance."""
-    observed, reference = unit_cam[centroid], icrs[candidate]
-    off = np.abs(
-        separation_rad(observed[:, None], observed[None]) - separation_rad(reference[:, None], reference[None])
-    )
+    reference = icrs[candidate]
+    measured_rad = separation_rad(unit_cam[:, None], unit_cam[None])[centroid[:, None], centroid]
+    off = np.abs(measured_rad - separation_rad(reference[:, None], reference[None]))
     other = (centroid[:, None] != centroid) & (candidate[:, None] != candidate)
     return np.asarray((off <= tolerance_rad) & other)
 

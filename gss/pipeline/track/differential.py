@@ -18,20 +18,6 @@ STEPS = 10
 CONVERGED_RAD = 1e-12
 
 
-def small_rotation_rad(predicted_cam: Array, measured_cam: Array, weights: Array) -> Array | None:
-    """Return the (3,) rotation vector from (n, 3) predicted to measured directions. None if the stars do not determine all axes."""
-    normal = _information(predicted_cam, weights)
-    if np.linalg.eigvalsh(normal)[0] <= 1e-14 * np.trace(normal):
-        return None
-    torque = np.sum(weights[:, None] * np.cross(predicted_cam, measured_cam), axis=0)
-    return np.asarray(np.linalg.solve(normal, torque))
-
-
-def _information(unit: Array, weights: Array) -> Array:
-    """Return the information matrix Σ w (1 − p pᵀ)."""
-    return np.asarray(np.sum(weights) * np.eye(3) - (weights[:, None] * unit).T @ unit)
-
-
 def differential_attitude(
     measured_cam: Array, reference_icrs: Array, cam_from_icrs: Array, weights: Array | None = None, steps: int = STEPS
 ) -> Array | None:
@@ -42,11 +28,17 @@ def differential_attitude(
     w = np.ones(len(measured_cam)) if weights is None else np.asarray(weights, float)
     if len(measured_cam) < 2:
         return None
+    # The sums over all stars, Σ w m rᵀ and Σ w (1 − r rᵀ), rotate with the attitude, so they are computed once.
+    weighted = w[:, None] * reference_icrs
+    profile = measured_cam.T @ weighted
+    normal = float(w.sum()) * np.eye(3) - weighted.T @ reference_icrs
+    if np.linalg.eigvalsh(normal)[0] <= 1e-14 * np.trace(normal):
+        return None
     turn = None
     for _ in range(steps):
-        turn = small_rotation_rad(reference_icrs @ attitude.T, measured_cam, w)
-        if turn is None:
-            return None
+        turned = profile @ attitude.T
+        torque = (turned.T - turned)[(1, 2, 0), (2, 0, 1)]
+        turn = np.linalg.solve(attitude @ normal @ attitude.T, torque)
         attitude = rotation_from_vector(turn) @ attitude
         if np.linalg.norm(turn) < CONVERGED_RAD:
             break

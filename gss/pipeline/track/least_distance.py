@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, lengths
 
 Index = NDArray[np.intp]
 
@@ -21,7 +21,7 @@ def pair_least_distance(unit_cam: Array, predicted_cam: Array, radius_rad: float
     none = np.empty(0, np.intp)
     if not len(unit_cam) or not len(predicted_cam):
         return none, none
-    chord = np.linalg.norm(unit_cam[:, None] - predicted_cam[None], axis=2)
+    chord = lengths(unit_cam[:, None] - predicted_cam[None])
     i, j = np.nonzero(chord <= 2 * np.sin(radius_rad / 2))
     order = np.argsort(chord[i, j], kind="stable")
     free_i, free_j = np.ones(len(unit_cam), bool), np.ones(len(predicted_cam), bool)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, lengths
 from gss.domain.camera import Camera
 
 Rows = NDArray[np.intp]
@@ -25,7 +25,7 @@ def mutual_nearest(predicted: Array, measured: Array, radius_rad: float) -> Rows
     """Return (m, 2) rows (predicted, measured) of (n, 3) directions that are mutual nearest neighbours within ``radius_rad``."""
     if not len(predicted) or not len(measured):
         return np.empty((0, 2), np.intp)
-    chord = np.linalg.norm(predicted[:, None] - measured[None], axis=2)
+    chord = lengths(predicted[:, None] - measured[None])
     forward, backward = np.argmin(chord, axis=1), np.argmin(chord, axis=0)
     rows = np.arange(len(predicted))
     good = (backward[forward] == rows) & (chord[rows, forward] <= 2 * np.sin(radius_rad / 2))
