@@ -284,7 +284,7 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
         ChainStage("linked neighbour list, convex hull", "gss.skytables.neighbours:neighbour_links", "§6.1"),
         ChainStage("walk along the links", "track.link_walk:walk", "§6.1, Fig. 6.1", TRACKED),
         ChainStage("combinatorial blind search", "identify.neighbour_pattern:pair_hypotheses", "§6.1, Fig. 6.1", LOST),
-        ChainStage("differential small-angle attitude, iterated", "track.differential:small_rotation_rad", "§6.2"),
+        ChainStage("differential small-angle attitude, iterated", "track.differential:differential_attitude", "§6.2"),
         ChainStage(
             "guidance error: blind search of the same frame",
             "track.search_and_track:raises_guidance_error",
