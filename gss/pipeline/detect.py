@@ -105,7 +105,9 @@ def find_stars(
             else:
                 pass_one = repeat_single_test(image, pass_one, covariance, loops)
     detections = _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes, loops)
-    cut = detections.streak_px > LONG_TRAIL_PX and _long_axis_px(image, pass_one) > MAX_TRAIL_SIGMA_PX
+    # A faint trail is found in parts, none of which is bright enough to show its length.
+    can_be_cut = detections.streak_px > LONG_TRAIL_PX or (psf_is_given and not large)
+    cut = can_be_cut and _long_axis_px(image, pass_one) > MAX_TRAIL_SIGMA_PX
     return replace(detections, trailed=trailed or detections.streak_px > 0, cut_trails=cut)
 
 

@@ -16,6 +16,7 @@ from gss.domain.rotation import matrix_from_quaternion
 SIGMAS = 3.0
 MATCH_PX = 3.0
 ATTITUDE_PX = 5.0
+EDGE_PX = 1.0
 
 
 @dataclass(frozen=True)
@@ -93,14 +94,15 @@ def true_pixels(truth: Truth, hip: NDArray[np.int32]) -> Array:
 
 
 def _pixels_outside(result: SolveResult, predicted: Array, truth: Truth) -> Array:
-    """Return the (n, 2) positions of the matched stars under the true attitude, NaN if on the detector.
+    """Return the (n, 2) positions of the matched stars under the true attitude, NaN if more than ``EDGE_PX`` inside the
+    detector.
 
     The truth does not list a star just outside the detector, although part of its light reaches the detector. Its
     position is computed from the position ``predicted`` (n, 2) by the result, rotated by the difference of the
-    attitudes.
+    attitudes. With a fitted lens, it can be inside by a fraction of a pixel.
     """
     if result.attitude is None:
         return np.full_like(predicted, np.nan)
     true_from_result = matrix_from_quaternion(truth.quaternion) @ result.attitude.cam_from_icrs.T
     true_px = result.camera.project(result.camera.unproject(predicted) @ true_from_result.T)
-    return np.where(result.camera.contains(true_px)[:, None], np.nan, true_px)
+    return np.where(result.camera.contains(true_px, EDGE_PX)[:, None], np.nan, true_px)

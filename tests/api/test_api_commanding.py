@@ -37,7 +37,7 @@ class ConsoleClient:
         return reply.json() if reply.content else None
 
     def wait(self, condition: Callable[[], Any]) -> Any:
-        limit_s = time.monotonic() + 30
+        limit_s = time.monotonic() + 90
         while not (result := condition()):
             assert time.monotonic() < limit_s, self.request("GET", "/events")[-3:]
             time.sleep(0.01)

@@ -79,19 +79,20 @@ def test_a_star_that_is_not_in_the_frame_is_a_false_match() -> None:
     assert score(_result((0, 0, 0), (11, 12, 99)), TRUTH, CAMERA) is Verdict.WRONG
 
 
-def test_a_star_just_outside_the_frame_may_be_matched() -> None:
-    """A star just outside the frame is not in the truth. A match with the part of its light inside the frame is
-    correct.
+@pytest.mark.parametrize(("predicted_row_px", "verdict"), [(-0.8, "correct"), (-0.3, "correct"), (1.0, "wrong")])
+def test_a_star_just_outside_the_frame_may_be_matched(predicted_row_px: float, verdict: str) -> None:
+    """A star just outside the frame is not in the truth. A match with the part of its light inside the frame is correct,
+    also if a fitted lens predicts the star slightly inside.
     """
     result = _result((0, 0, 0), (11, 12, 99))
     assert result.matches is not None
     pixels = result.centroids.pixels
     pixels[2] = [500.0, -0.2]
-    residual = np.array([[0.0, 0], [0, 0], [0, 0.6]])
+    residual = np.array([[0.0, 0], [0, 0], [0, -0.2 - predicted_row_px]])
     at_edge = replace(
         result, centroids=Centroids.from_pixels(pixels), matches=replace(result.matches, residual_px=residual)
     )
-    assert score(at_edge, TRUTH, CAMERA) is Verdict.CORRECT
+    assert score(at_edge, TRUTH, CAMERA).value == verdict
 
 
 def test_a_result_without_attitude_is_none() -> None:

@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from sqlalchemy import Connection, create_engine, text
+from sqlalchemy.exc import OperationalError
 
 LOCK_WAIT_S = 5.0
 """Time that SQLite waits for a lock. An action that waits for the store takes longer."""
@@ -105,9 +106,9 @@ def test_a_stored_abort_that_is_still_in_the_journal_is_stored_once(serve, senso
     console = server.console
     console.wait("the sensor", lambda: console.get("/link")["dictionary_match"])
     receipt = console.post("/commands/abort")
-    console.wait("the record", lambda: console.get("/commands", name="ABORT"))
+    (record,) = console.wait("the record", lambda: console.get("/commands", name="ABORT"))
     server.kill()
-    entry = {"request_id": receipt["request_id"], "user": receipt["command"]["user"], "source": "abort"}
+    entry = {"request_id": receipt["request_id"], "user": record["user"], "source": "abort"}
     with sqlite3.connect(server.folder / "gss.db") as database:
         (created,) = database.execute("SELECT created FROM commands WHERE name = 'ABORT'").fetchone()
     entry["at"] = datetime.fromisoformat(created).replace(tzinfo=UTC).isoformat()
@@ -139,11 +140,18 @@ OTHERS = "FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg
 
 @contextmanager
 def locked_tables(connection: Connection) -> Iterator[None]:
-    """Hold the lock of a VACUUM FULL on every table: other transactions can neither read nor write."""
-    with connection.begin():
-        names = connection.scalars(text("SELECT tablename FROM pg_tables WHERE schemaname = 'public'")).all()
-        connection.execute(text(f"LOCK TABLE {', '.join(names)} IN ACCESS EXCLUSIVE MODE"))
-        yield
+    """Hold the lock of a VACUUM FULL on every table: other transactions can neither read nor write. A transaction that locks
+    its tables in another order causes a deadlock, and PostgreSQL then ends one of both; the locks are tried again."""
+    while True:
+        with connection.begin() as transaction:
+            names = connection.scalars(text("SELECT tablename FROM pg_tables WHERE schemaname = 'public'")).all()
+            try:
+                connection.execute(text(f"LOCK TABLE {', '.join(names)} IN ACCESS EXCLUSIVE MODE"))
+            except OperationalError:
+                transaction.rollback()
+                continue
+            yield
+            return
 
 
 @contextmanager

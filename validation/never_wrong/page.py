@@ -23,8 +23,8 @@ FIXED_CASES = "\n".join(
         "- reference with far_mst and oersted, mirrored or with false stars, planets or doubles (nine lists, among them attitudes "
         "3636 and 4299 of far_mst, 2389 and 3777 of oersted): an attitude that matched a tenth to a fourth of "
         "the stars was accepted. Now three tenths of the stars must match",
-        "- reference with aim, frame trailed by 44 px (frame 4): four parts of trails matched, all displaced by 12 px. A frame "
-        "with trails longer than 26 px now has no attitude, and the reason says so",
+        "- reference with aim, frame trailed by 44 px (frames 4 and 56): four parts of trails matched, all displaced by 12 px or "
+        "5 px. A frame with trails longer than 26 px now has no attitude, also if the trails are faint, and the reason says so",
         "- cubestar, frame with 100 false stars, tracking (frame 29), and reference with oersted, bright stars saturated (attitude "
         "11523): a star far from the others, a false match or displaced by 3 px, determined the roll angle. Now each star is "
         "compared with the position predicted by the others",
