@@ -65,12 +65,15 @@ soak: $(VENV)/.test-installed web
 	$(BIN)/python -m tools.soak $(HOURS) --workers $(WORKERS) --browsers $(BROWSERS)
 
 # Hours of lists and frames with faults: every wrong attitude is a fault. It continues with the results of earlier runs, which
-# are in the repository. never-wrong-daily: minutes, on the current sources.
+# are in the repository. LISTS, FRAMES: of each system's chain, and of the reference chain over five cameras together.
+# never-wrong-daily: minutes, on the current sources.
 LISTS ?= 1000000
 FRAMES ?= 10000
 RESULTS := validation/never_wrong/results.json
 never-wrong: $(VENV)/.test-installed kernels
-	$(BIN)/gss experiments never-wrong --attitudes $(LISTS) --frames $(FRAMES) --workers 2 --keep $(RESULTS) || [ $$? = 3 ]
+	$(BIN)/gss experiments never-wrong --chain reference --attitudes $$(($(LISTS) / 5)) --frames $$(($(FRAMES) / 5)) --workers 2 \
+	  --keep $(RESULTS) || [ $$? = 3 ]
+	$(BIN)/gss experiments never-wrong --chain own --attitudes $(LISTS) --frames $(FRAMES) --workers 2 --keep $(RESULTS) || [ $$? = 3 ]
 	$(BIN)/gss experiments never-wrong --keep $(RESULTS) --page docs/never-wrong.md
 
 never-wrong-daily: $(VENV)/.test-installed kernels
