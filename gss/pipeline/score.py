@@ -16,7 +16,7 @@ from gss.domain.rotation import matrix_from_quaternion
 SIGMAS = 3.0
 MATCH_PX = 3.0
 ATTITUDE_PX = 5.0
-EDGE_PX = 1.0
+EDGE_PX = 0.5
 
 
 @dataclass(frozen=True)

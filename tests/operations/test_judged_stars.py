@@ -25,8 +25,8 @@ FAST_HIP = 104214
 
 
 def attitude_after_star_entered(old: Any, new: Any) -> np.ndarray:
-    """Return cam_from_icrs (3, 3) of a camera in which the star moved into the first column by proper motion."""
-    place = CAMERA.unproject(np.array([[0.0, CAMERA.rows / 2], [0.1, CAMERA.rows / 2]]))
+    """Return cam_from_icrs (3, 3) of a camera in which the star moved across the first column by proper motion."""
+    place = CAMERA.unproject(np.array([[0.3, CAMERA.rows / 2], [0.4, CAMERA.rows / 2]]))
     inwards = np.cross(np.cross(place[0], place[1] - place[0]), place[0])
     across = np.cross(np.cross(new, new - old), new)
     in_cam = np.array([v / np.linalg.norm(v) for v in (place[0], inwards, np.cross(place[0], inwards))])

@@ -153,6 +153,13 @@ def test_parts_of_long_trails_give_no_attitude(number: int) -> None:
     assert FrameCampaign(sky).run(FrameShard("aim", "reference", 1, number)).wrong == ()
 
 
+@pytest.mark.parametrize("number", [446, 500])
+def test_few_matches_in_a_mirrored_frame_give_no_attitude(number: int) -> None:
+    """In two mirrored frames, Oersted once tracked an attitude from three or four of about thirty stars."""
+    sky = propagate(load_stars(8.0), 2000.0)
+    assert FrameCampaign(sky).run(FrameShard("oersted", "own", 1, number)).wrong == ()
+
+
 def test_a_displaced_star_that_determines_the_roll_is_not_used() -> None:
     """The far star of a frame of CubeStar was a false match, and the far star of a list of Oersted is saturated and displaced
     by 3 px. The frame has no attitude, and the list an attitude from the other stars.

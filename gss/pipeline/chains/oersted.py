@@ -133,6 +133,9 @@ def _objection(
         or (proof.off_hint(near, cam_from_icrs, _hint_error_rad(camera, parameters)) if near else "")
         or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
         or proof.displaced(unit, centroids.sigma_px[chosen], reference, camera, cam_from_icrs)
+        or proof.few_identified(
+            len(chosen), len(matching.row), probability, catalogue.icrs[catalogue.detectable], cam_from_icrs, camera
+        )
     )
 
 

@@ -25,6 +25,8 @@ from gss.pipeline.refine import DISPLACED, LEAST_FREEDOM, displacements, lineari
 Rows = NDArray[np.integer]
 DISPLACED_PX = 2.0
 """Distance from the predicted position up to which a star may be displaced, for example by a close companion."""
+MIN_SHARE, FEW_PROBABILITY = 0.3, 1e-6
+"""Share of the stars that can be identified, below which a smaller bound on the false-match probability is required."""
 ERROR_SIGMA, MAX_ERROR_PX = 3.0, 5.0
 """Standard deviations of the boresight that must be below the error from which an attitude counts as wrong."""
 
@@ -122,6 +124,18 @@ def accidental(selected: int, centroids: int, probability: float, allowed: float
     )
 
 
+def few_identified(
+    selected: int, centroids: int, probability: float, icrs: Array, cam_from_icrs: Array, camera: Camera
+) -> str:
+    """Test that the ``selected`` stars are not few of the ``centroids`` and of the (n, 3) detectable stars in the field, unless
+    the bound on the false-match ``probability`` is very small. In a mirrored frame near a known attitude, three or four of
+    thirty stars can match by accident."""
+    in_view = _in_view(icrs, cam_from_icrs, camera)
+    if probability <= FEW_PROBABILITY or selected >= MIN_SHARE * min(centroids, in_view):
+        return ""
+    return f"only {selected} of {centroids} stars identified, although the list has {in_view} in this field"
+
+
 def another_focal_length(
     pixels: Array, unit_cam: Array, selected: Rows, reference: Array, bank: Array, camera: Camera, radius_px: float
 ) -> str:
@@ -147,8 +161,11 @@ def hint_error_rad(camera: Camera, assisted_radius_rad: float, least_rad: float)
 
 def stars_per_sr(icrs: Array, cam_from_icrs: Array, camera: Camera) -> float:
     """Return the density of the (n, 3) stars in the field of view, assuming at least one star."""
-    in_view = int(np.count_nonzero(camera.contains(camera.project(icrs @ cam_from_icrs.T))))
-    return max(1, in_view) / solid_angle_sr(camera)
+    return max(1, _in_view(icrs, cam_from_icrs, camera)) / solid_angle_sr(camera)
+
+
+def _in_view(icrs: Array, cam_from_icrs: Array, camera: Camera) -> int:
+    return int(np.count_nonzero(camera.contains(camera.project(icrs @ cam_from_icrs.T))))
 
 
 def solid_angle_sr(camera: Camera) -> float:
