@@ -1,4 +1,4 @@
-"""A serial device server that speaks RFC 2217, in front of a simulator's TCP port. pyserial's server side does the telnet work."""
+"""A serial device server that speaks RFC 2217, in front of a simulator's TCP port. pyserial implements the protocol."""
 
 from __future__ import annotations
 

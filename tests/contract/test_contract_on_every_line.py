@@ -70,7 +70,7 @@ class MemoryLine:
 
 @pytest.fixture
 def probe_at(simulator: Start, tmp_path: Path) -> Iterator[Place]:
-    """A greeted device on the line of that name."""
+    """Return a device that has identified itself, on the line of this name."""
     opened: list[Probe] = []
 
     def place(where: str, camera: str = "cubestar") -> Probe:
@@ -109,10 +109,9 @@ def test_the_other_cameras_keep_the_contract_too(probe_at: Callable[..., Probe],
     assert findings.not_restored == []
 
 
-def test_the_instructor_spoils_the_line_of_a_running_simulator(probe_at: Place) -> None:
-    """Bit errors reach the real line: a command is lost or carried out, never misunderstood; taken back, all come
-    through.
-    """
+def test_bit_errors_are_injected_into_the_line_of_a_running_simulator(probe_at: Place) -> None:
+    """With injected bit errors on a real line, each command is lost or carried out, and none is misread. Without them, all
+    commands are completed."""
     probe = probe_at("tcp")
     assert probe.order("SIM_SET_LINE", {"direction": "up", "bit_error_rate": 0.002}).is_("completed")
     answers = []

@@ -30,7 +30,7 @@ def server(simulator: Callable[..., Simulator], tmp_path: Path) -> Iterator[Rfc2
 
 
 def until(client: TestClient, done: Callable[[Any], bool]) -> Any:
-    """The link's state as soon as it is so; the time is only the limit after which a broken link is given up."""
+    """Return the link's state when the condition is true. Fails after a time limit."""
     limit_s = time.monotonic() + 30
     while not done(state := client.get("/api/link").json()):
         assert time.monotonic() < limit_s, state
@@ -55,7 +55,7 @@ def test_a_link_over_rfc2217_opens_through_the_api_and_the_sensor_answers(
 
 
 def test_bytes_that_telnet_escapes_arrive_unchanged(server: Rfc2217Server, contact: Callable[[str], Contact]) -> None:
-    """A frame holds every byte value, also 255: the one downloaded is the one on board."""
+    """A frame that contains every byte value, also 255, is downloaded without a change."""
     device = contact(server.url)
     assert device.do("TAKE_IMAGE").reason == ""
     update = device.finish(device.host.transfers.start_download("image", 0))

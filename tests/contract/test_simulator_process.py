@@ -42,7 +42,8 @@ def compatible(contact: Contact) -> Compatibility:
 
 @pytest.mark.parametrize("place", ["pty", "tcp"])
 def test_the_main_job_over_a_real_line(simulator: Start, contact: Open, tmp_path: Path, place: str) -> None:
-    """Take an image, bring it down, solve on board, send a catalogue up, verify, activate, confirm; state survives."""
+    """An image is taken, downloaded and solved on board; a catalogue is uploaded, verified, activated and confirmed. The
+    state remains after a restart."""
     where = ["--tcp", "0"] if place == "tcp" else ["--symlink", str(tmp_path / "port")]
     options = [*where, "--state-dir", str(tmp_path / "state"), "--baud", "0", "--attitude", "84,5,20", "--speed", "5"]
     unit = simulator(*options)
@@ -77,7 +78,7 @@ def test_the_main_job_over_a_real_line(simulator: Start, contact: Open, tmp_path
 def test_a_killed_simulator_is_a_lost_line_and_the_upload_resumes(
     simulator: Start, contact: Open, tmp_path: Path
 ) -> None:
-    """Crash of the device in the middle of a write: what is in its flash file counts."""
+    """After a crash of the device during a write, the upload resumes with the content of its flash file."""
     options = ["--tcp", "0", "--state-dir", str(tmp_path), "--baud", "921600"]
     unit = simulator(*options)
     c, image = contact(unit.url), catalogue()
@@ -106,7 +107,7 @@ def test_the_process_ends_with_its_input_and_removes_its_name(simulator: Start, 
 
 
 def test_a_port_is_owned_by_one_process(simulator: Start) -> None:
-    """A second process gets the owner's name; after closing it can open the port."""
+    """A second process is rejected with the name of the owner. It can open the port after the owner has closed it."""
     unit = simulator("--baud", "0")
     first = open_stream(unit.url)
     with pytest.raises(Conflict, match="another process uses"):
@@ -145,7 +146,7 @@ def test_bad_options_end_with_code_2(options: list[str], capsys: pytest.CaptureF
 
 
 def test_gss_simulate_is_the_same_process(tmp_path: Path) -> None:
-    """The command passes its options on, READY comes through, and SIGTERM ends both."""
+    """The command passes its options to the simulator and prints its READY, and SIGTERM ends both processes."""
     command = [sys.executable, "-m", "gss", "simulate", "--tcp", "0", "--exit-with-stdin"]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ.copy()

@@ -99,7 +99,7 @@ def test_each_fault_comes_at_its_rate_and_is_counted(rates: FaultRates, count: s
 
 
 def test_a_burst_is_short_and_in_one_place() -> None:
-    """At most sixteen neighbouring bytes change, the length stays."""
+    """At most sixteen neighbouring bytes change, and the length remains."""
     line = LineFaults(FaultRates(burst_rate=1.0), 8)
     for _ in range(50):
         piece = bytes(64)
@@ -109,7 +109,7 @@ def test_a_burst_is_short_and_in_one_place() -> None:
 
 
 def test_delayed_bytes_arrive_in_order_and_late() -> None:
-    """Nothing before its time; when the delay is taken away, what is under way still comes first."""
+    """No byte arrives before the delay has passed. After the delay is removed, delayed bytes still arrive before later ones."""
     line = LineFaults(FaultRates(delay_s=0.5), 1)
     assert line.carry(b"one", 10.0) == b""
     assert line.carry(b"two", 10.2) == b""
@@ -141,7 +141,7 @@ def test_rates_change_by_name_and_direction() -> None:
 
 
 def test_faults_set_while_the_line_is_open_take_effect(tcp: TcpLine) -> None:
-    """Through a real connection: clean, then every block lost on the downlink only, then clean again."""
+    """A real connection transfers all blocks, then loses every block of the downlink only, then transfers all again."""
     world = World(tcp)
     with socket.create_connection(("127.0.0.1", int(tcp.url.rsplit(":", 1)[1]))) as peer:
         peer.settimeout(2)
@@ -162,7 +162,7 @@ def test_faults_set_while_the_line_is_open_take_effect(tcp: TcpLine) -> None:
 
 
 def test_delay_applies_both_ways_and_keeps_the_data_rate(tcp: TcpLine) -> None:
-    """A second of bytes takes a second, shifted by the delay."""
+    """A second of bytes takes a second and arrives after the delay."""
     world = World(tcp, 9600, FaultRates(delay_s=0.3))
     with socket.create_connection(("127.0.0.1", int(tcp.url.rsplit(":", 1)[1]))) as peer:
         peer.setblocking(False)
@@ -183,7 +183,7 @@ def test_delay_applies_both_ways_and_keeps_the_data_rate(tcp: TcpLine) -> None:
 
 
 def test_a_stall_blocks_the_line_and_is_counted(tcp: TcpLine) -> None:
-    """No byte arrives during the stall, all of them afterwards."""
+    """No byte arrives during the stall; all of them arrive afterwards."""
     world = World(tcp, 0, FaultRates(stall_rate=100.0, stall_s=0.5))
     with socket.create_connection(("127.0.0.1", int(tcp.url.rsplit(":", 1)[1]))) as peer:
         peer.sendall(b"later")
@@ -242,7 +242,7 @@ def test_a_cut_named_port_disappears_and_returns(pty: PtyLine, tmp_path: Path) -
 
 
 def test_a_nameless_port_only_stops_transferring() -> None:
-    """It could not be reopened under its name, so it stays open without transferring data."""
+    """A pseudo-terminal without a name remains open without transferring data, because it could not be opened again."""
     line = PtyLine()
     world = World(line)
     handle = os.open(line.url, os.O_RDWR | os.O_NOCTTY)
@@ -259,7 +259,7 @@ def test_a_nameless_port_only_stops_transferring() -> None:
 
 
 def test_bytes_wait_for_a_reader_that_pauses_for_seconds(pty: PtyLine, tmp_path: Path) -> None:
-    """A full buffer for four seconds loses nothing; without a reader for longer, the lost bytes are counted."""
+    """No byte is lost while the buffer is full for four seconds. If no one reads for longer, the lost bytes are counted."""
     world, frames = World(pty), [bytes([i % 251]) * 100 for i in range(400)]
     handle = os.open(tmp_path / "port", os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     world.device.to_say = list(frames)

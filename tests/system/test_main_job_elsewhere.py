@@ -40,7 +40,7 @@ def elsewhere(postgres_url: str, s3_server: str) -> dict[str, str]:
 
 @pytest.fixture
 def bucket(elsewhere: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The object store as others see it."""
+    """Client of the object store, independent of the server."""
     s3fs = pytest.importorskip("s3fs")
     for name, value in elsewhere.items():
         if name.startswith("AWS_"):
@@ -55,12 +55,13 @@ def bucket(elsewhere: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_the_main_job_runs_on_postgresql_and_an_object_store(
     serve: Callable[..., Any], elsewhere: dict[str, str], bucket: Any, tmp_path: Path
 ) -> None:
-    """Command, frame, solve, import, build, upload; a restart finds all of it; the folder holds neither rows nor pixels."""
+    """Command, frame, solution, import, catalogue and upload are stored and present after a restart. The data folder contains
+    neither rows nor pixels."""
     server = serve("--simulator", "cubestar", "--workers", "2", **elsewhere)
     console = server.console
     console.wait("the sensor's banks", lambda: (console.get("/link")["active_bank"] or {}).get("catalogue_id"), 60)
     completed(console, "TAKE_IMAGE")
-    console.wait("the frame", lambda: console.get("/frames")["frames"], 60)  # a busy machine is slow to bring it down
+    console.wait("the frame", lambda: console.get("/frames")["frames"], 60)  # a download takes longer on a busy machine
     for step in ("FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE"):
         completed(console, step)
 
@@ -135,8 +136,8 @@ def test_the_main_job_runs_on_postgresql_and_an_object_store(
 
 
 def completed(console: Any, name: str) -> None:
-    """Send a command that may be sent again, until its end is known: on a busy machine the simulated sensor may not answer within
-    two seconds while it gets its compiled loops ready."""
+    """Send an idempotent command until its result is known. On a busy machine, a simulated sensor that loads its compiled
+    loops may not respond within two seconds."""
 
     def known() -> Any:
         ended = console.command(name)
@@ -147,7 +148,7 @@ def completed(console: Any, name: str) -> None:
 
 
 def serve_refused(folder: Path, elsewhere: dict[str, str]) -> str:
-    """What a second server on the same database says before it ends."""
+    """Return the output of a second server on the same database, which ends with an error."""
     import os
     import subprocess
     import sys

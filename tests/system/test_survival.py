@@ -50,7 +50,7 @@ def test_command_in_flight_at_a_crash_comes_back_unknown_and_is_not_sent_again(s
         assert "restarted" in row["detail"]
         settled = second.console.post(f"/commands/{row['id']}/resolve", {"note": "frame seen on board"}, status=200)
         assert settled["result"] == "resolved"
-    else:  # the report came back late, to the new server, and was recognised by its id
+    else:  # the report arrived late, at the new server, which identified it by its id
         assert row["result"] == "completed"
     assert [c["name"] for c in second.console.get("/commands", limit=20)].count("TAKE_IMAGE") == 1
 

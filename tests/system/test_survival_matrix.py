@@ -1,6 +1,8 @@
-"""Server and sensor killed at every stage of a transfer: the content arrives whole, nothing is done twice, states stay honest.
+"""Server and sensor are killed, and the line is disconnected, at every stage of transfers, commands and jobs: the content
+arrives completely, no command is repeated, and states are correct.
 
-A tap between server and sensor reads every packet and can hold one back, so that a kill hits exactly the stage it is for.
+A proxy between server and sensor reads every packet and can stop the data at a given one, so that a test kills a process
+at a known stage.
 """
 
 from __future__ import annotations
@@ -42,7 +44,8 @@ def name_of(packet: Packet) -> str:
 
 
 class Tap:
-    """Sits on the line. ``hold``: (direction, packet name, how many of them pass first); ``held`` is set when it struck."""
+    """Proxy on the line. ``hold``: direction and name of the packet that is held, and the number of such packets that pass
+    first. ``held`` is set when a packet is held."""
 
     def __init__(self, sensor_port: Callable[[], int]) -> None:
         self._sensor_port = sensor_port
@@ -96,7 +99,7 @@ class Tap:
             sink.close()
 
     def _look(self, way: str, name: str) -> None:
-        """From the packet to hold on nothing passes in its direction: the data it came in is dropped."""
+        """Drop the held packet and all data after it in its direction."""
         if self.hold is None or self.held.is_set() or (way, name) != self.hold[:2]:
             return
         if self.hold[2] > 0:
@@ -105,14 +108,14 @@ class Tap:
             self.held.set()
 
     def wait(self) -> None:
-        assert self.held.wait(30), f"{self.hold} never came"
+        assert self.held.wait(30), f"{self.hold} did not arrive"
 
     def release(self) -> None:
         self.hold = None
         self.held.clear()
 
     def pull(self) -> None:
-        """The plug out and in again: both ends see it, what was on its way is lost."""
+        """Disconnect and reconnect the line. Both ends detect it, and data in transit is lost."""
         for end in self._open:
             with contextlib.suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
@@ -136,7 +139,7 @@ def online(console):
 
 
 def build(console, name: str, faint_mag: float) -> int:
-    """A catalogue of the whole sky in the store; its id."""
+    """Build a catalogue of the whole sky on the server and return its id."""
     body = {"name": name, "profile": "cubestar", "format": "cubestar", "faint_mag": faint_mag, "orbit": "none"}
     job = console.post("/catalogues", body, status=202)
     done = console.wait("the catalogue", lambda: _ended(console.get("/jobs"), job["id"]))
@@ -148,7 +151,7 @@ def _ended(jobs, job_id):
 
 
 def ended(console, transfer_id: int, state: str):
-    """The transfer in its good end; fails at once in a bad one."""
+    """Wait until the transfer has this state and return it. Fails if the transfer fails or is aborted."""
 
     def look():
         row = console.get(f"/transfers/{transfer_id}")
@@ -159,7 +162,7 @@ def ended(console, transfer_id: int, state: str):
 
 
 def failed(console, transfer_id: int):
-    """The transfer after it has failed."""
+    """Wait until the transfer has failed and return it."""
 
     def look():
         row = console.get(f"/transfers/{transfer_id}")
@@ -177,7 +180,7 @@ UPLOAD_POINTS = {
 }
 DOWNLOAD_POINTS = {"opening": (UP, "OPEN_DOWNLOAD", 0), "transferring": (DOWN, "CHUNK", 120)}
 ALL_SENT = ("verifying", "before commit", "after commit")
-"""Stages at which the device holds the whole upload."""
+"""Stages at which the device has received the whole upload."""
 
 
 def hold_at(tap: Tap, point: tuple[str, str, int]) -> None:
@@ -186,20 +189,20 @@ def hold_at(tap: Tap, point: tuple[str, str, int]) -> None:
 
 
 def commands_sent(tap: Tap) -> Counter:
-    """How often each request id went up with each command that must not run twice."""
+    """Count the transmissions of each command that must not be repeated, by name and request id."""
     risky = {c.name for c in DICTIONARY.commands if not c.idempotent}
     return Counter((name, request_id) for way, name, request_id, _ in tap.packets if way == UP and name in risky)
 
 
 def chunk_bytes(tap: Tap, way: str, since: int) -> int:
-    """Content that went that way since the tap had seen that many packets."""
+    """Return the bytes of content sent in one direction after the first ``since`` packets."""
     layout = DICTIONARY.service("CHUNK").fields
     seen = [p for w, name, _, p in tap.packets[since:] if (w, name) == (way, "CHUNK")]
     return sum(len(decode(layout, payload).values["data"]) for payload in seen)
 
 
 def bank_content(folder: Path, bank: str, size: int) -> bytes:
-    """What the simulator's flash file holds."""
+    """Return the content of a bank in the simulator's flash file."""
     order = ("A", "B", "C", "golden")
     cells = (folder / "flash.bin").read_bytes()
     bank_bytes = 192 * 1024
@@ -208,7 +211,7 @@ def bank_content(folder: Path, bank: str, size: int) -> bytes:
 
 
 def held_upload(console, tap: Tap, stage: str) -> tuple[int, str]:
-    """An upload of a new catalogue that is held at a stage: id of the transfer, hash of the content."""
+    """Start the upload of a new catalogue and hold it at a stage. Return the id of the transfer and the hash of the content."""
     catalogue = build(console, stage, 3.0 + 0.1 * list(UPLOAD_POINTS).index(stage))
     content = console.get(f"/catalogues/{catalogue}")["sha256"]
     hold_at(tap, UPLOAD_POINTS[stage])
@@ -218,7 +221,7 @@ def held_upload(console, tap: Tap, stage: str) -> tuple[int, str]:
 
 
 def arrived(console, transfer_id: int, content: str, sensor):
-    """The upload in its good end: the content of that hash lies in flash."""
+    """Wait until the upload is committed, check the content in flash, and return the transfer."""
     end = ended(console, transfer_id, "committed")
     assert end["sha256"] == content
     assert hashlib.sha256(bank_content(sensor.folder, "B", end["size"])).hexdigest() == content
@@ -248,7 +251,7 @@ def test_server_killed_at_any_stage_of_an_upload(serve, sensor, tap):
 
 
 def test_server_killed_at_any_stage_of_a_download(serve, sensor, tap):
-    """The part that had come is on the ground's disk and is not sent again; the frame is whole, once."""
+    """Received content is on the server's disk and is not sent again. The frame is complete and stored once."""
     server = serve("--device", tap.url)
     online(server.console)
     # The server first reads the catalogue of the active bank, which is a download too.
@@ -353,7 +356,7 @@ EXPERIMENTS = {"names": ["moniteq-2-1", "liebe-2", "huffman-5-1"], "trials": 20,
 
 
 def end_of(console, job_id: int):
-    """The job in its good end."""
+    """Wait until the job is done and return it. Fails if the job fails or is cancelled."""
 
     def look():
         job = console.get(f"/jobs/{job_id}")
@@ -389,7 +392,7 @@ def test_server_killed_at_each_state_of_a_command_and_of_a_job(serve, sensor, ta
         row = server.console.get(f"/commands/{sent['id']}")
         assert row["result"] in ("unknown", "completed"), stage
         if row["result"] == "unknown":
-            server.console.post(f"/commands/{row['id']}/resolve", {"note": "looked at the frames"}, status=200)
+            server.console.post(f"/commands/{row['id']}/resolve", {"note": "checked the frames"}, status=200)
         assert end_of(server.console, running)["result"] == whole, stage
     names = [end_of(server.console, job)["result"].get("name") for job in left[1::2]]
     assert sorted(names) == sorted(made["name"] for made in server.console.get("/admin/backups"))
@@ -397,15 +400,16 @@ def test_server_killed_at_each_state_of_a_command_and_of_a_job(serve, sensor, ta
 
 
 def job_row(path: Path, job_id: int) -> dict:
-    """What a dead server left of a job."""
+    """Return the state of a job, and its number of completed chunks, from the database of a killed server."""
     with sqlite3.connect(path) as connection:
         state, checkpoint = connection.execute("SELECT state, checkpoint FROM jobs WHERE id = ?", (job_id,)).fetchone()
     connection.close()
     return {"state": state, "chunks": len(json.loads(checkpoint or "{}").get("experiments", []))}
 
 
-def test_a_simulator_that_the_server_started_comes_back_after_its_death(serve, tmp_path, signed_in):
-    """kill -9 of the child, twice: it is started again on its flash and answers; what was put back from a backup is served too."""
+def test_a_killed_simulator_is_started_again_by_the_server(serve, tmp_path, signed_in):
+    """After kill -9 of the simulator, twice, the server starts it again with its flash and it answers. A server on a restored
+    backup has the same frames."""
     server = serve("--simulator", "cubestar")
     online(server.console)
     frame = server.console.command("TAKE_IMAGE")["values"]["frame_number"]
@@ -432,7 +436,7 @@ def test_a_simulator_that_the_server_started_comes_back_after_its_death(serve, t
     before, server.console.headers = server.console.headers, signed_in(tmp_path / "data")
     back = serve()
     old = back.console.http.get("/frames", headers=before)
-    assert old.status_code == 401, "a session of the backup is worth nothing"
+    assert old.status_code == 401, "a session from the backup is still valid"
     assert [(f["id"], f["sha256"]) for f in back.console.get("/frames")["frames"]] == [
         (f["id"], f["sha256"]) for f in frames
     ]
@@ -442,7 +446,7 @@ def test_a_simulator_that_the_server_started_comes_back_after_its_death(serve, t
 
 
 def children(pid: int, words: str) -> list[int]:
-    """Living processes of that parent whose command line has these words."""
+    """Return the running child processes whose command line contains these words."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):

@@ -38,8 +38,8 @@ def received_bytes(console) -> int:
 
 
 def test_a_stored_image_does_not_cross_the_line_again(serve):
-    """Ordering an image that was downloaded automatically gives the same frame, without its half megabyte on the
-    line; a new image in the slot is downloaded. Without the automatic download, an image comes only on request.
+    """A request for an image that was downloaded automatically returns the same frame without another download. A new
+    image in the slot is downloaded. Without the automatic download, an image is downloaded only on request.
     """
     console = serve("--simulator", "cubestar").console
     online(console)
@@ -53,9 +53,8 @@ def test_a_stored_image_does_not_cross_the_line_again(serve):
 
 
 def test_without_the_automatic_download_an_image_comes_on_request(serve, monkeypatch):
-    """GSS_AUTO_DOWNLOAD=false: a new image is described only; an order downloads it, and the next image of the
-    slot too.
-    """
+    """With GSS_AUTO_DOWNLOAD=false a new image is listed without its pixels. A request downloads it, and also the next
+    image of the slot."""
     monkeypatch.setenv("GSS_AUTO_DOWNLOAD", "false")
     console = serve("--simulator", "cubestar").console
     online(console)
@@ -179,7 +178,7 @@ def test_a_calibration_is_made_sent_activated_rolled_back_and_read_back(serve):
 
 
 def test_a_stored_frame_is_sent_up_and_solved_on_board(serve):
-    """The sensor's own chain on a picture from the ground: its solution is laid beside the stored frame and agrees."""
+    """The sensor's own chain solves a frame that was uploaded. Its solution is stored with the frame and agrees."""
     console = serve("--simulator", "cubestar").console
     online(console)
     console.command("SET_MODE", mode="lost_in_space")
