@@ -47,7 +47,7 @@ def test_optimal_solvers_agree_with_scipy(name: str, n: int) -> None:
         b, r = _scene(rng, n, 0.4, 3e-4, random_quaternion(rng))
         w = rng.uniform(0.2, 9.0, n)
         expected = Rotation.align_vectors(b, r, weights=w)[0].as_matrix()
-        assert rotation_angle_rad(_as_matrix(name, b, r, w), expected) < 1e-13 * _condition(b, w)
+        assert rotation_angle_rad(_as_matrix(name, b, r, w), expected) < 3e-13 * _condition(b, w)
 
 
 @pytest.mark.parametrize("name", ["quest", "q_method", "svd", "foam"])
