@@ -198,8 +198,10 @@ def test_abort_answers_its_key_on_every_page(page):
     expect(page.get_by_test_id("history-row").filter(has_text="ABORT").first).to_contain_text("completed")
 
 
-def test_a_waiting_command_is_not_sent_after_abort(page, served):
-    """A command that waits for the answer to the previous one is not sent after ABORT, and a message names it."""
+@pytest.mark.parametrize("pressed_here", [True, False])
+def test_a_waiting_command_is_not_sent_after_abort(page, served, pressed_here):
+    """A command that waits for the answer to the previous one is not sent after ABORT, also if another page sent ABORT. A
+    message names the command."""
 
     def sent() -> int:
         return sum(command["name"] == "MATCH_STARS" for command in served.ask("GET", "/commands?limit=100"))
@@ -210,11 +212,16 @@ def test_a_waiting_command_is_not_sent_after_abort(page, served):
     page.route(re.compile(r"/api/commands$"), lambda route: route.continue_() if held else held.append(route))
     page.get_by_test_id("cmd-FIND_CENTROIDS").click()
     page.get_by_test_id("cmd-MATCH_STARS").click()
-    page.keyboard.press("Shift+Escape")
-    expect(page.get_by_test_id("abort-sent")).to_have_attribute("data-point", "done")
+    if pressed_here:
+        page.keyboard.press("Shift+Escape")
+        expect(page.get_by_test_id("abort-sent")).to_have_attribute("data-point", "done")
+    else:
+        elsewhere = served.ask("POST", "/commands/abort")["command"]
+        expect(page.locator(f"[data-testid=recent-ABORT][href$='id={elsewhere['id']}']")).to_be_visible()
     assert len(held) == 1
     held[0].continue_()
-    expect(page.locator("body")).to_contain_text("MATCH_STARS was not sent: ABORT was pressed")
+    reason = "ABORT was pressed" if pressed_here else "ABORT was sent"
+    expect(page.locator("body")).to_contain_text(f"MATCH_STARS was not sent: {reason}")
     assert sent() == before
 
 

@@ -86,7 +86,7 @@ class Live {
   private readonly topics: TopicHandlers = {
     link: (link) => this.putLink(link),
     telemetry: (latest) => this.putTelemetry(latest),
-    command: (command) => this.putCommand(command),
+    command: (command) => this.putReportedCommand(command),
     transfer: (transfer) => (this.transfers = unlessEnded(this.transfers, transfer)),
     job: (job) => (this.jobs = unlessEnded(this.jobs, job, false)),
     cycle: (cycle) => this.putCycle(cycle),
@@ -175,6 +175,16 @@ class Live {
 
   private putCycle(cycle: T.Cycle): void {
     this.cycles = [cycle, ...this.cycles.filter((c) => c.iteration !== cycle.iteration)].slice(0, 40);
+  }
+
+  /**
+   * A new ABORT may come from another page or user. Commands that wait on this page would reach the sensor after it, so
+   * they are cancelled.
+   */
+  private putReportedCommand(command: T.Command): void {
+    const isNew = !this.commands.some((c) => c.id === command.id);
+    if (command.name === 'ABORT' && isNew && !hasEnded(command)) commandOrder.cancel('ABORT was sent');
+    this.putCommand(command);
   }
 
   putCommand(command: T.Command): void {
