@@ -98,6 +98,17 @@ def test_the_sheet_is_well_formed_and_loads_nothing() -> None:
     assert "http://" not in sheet.replace("http://www.w3.org/2000/svg", "")
 
 
+def test_characters_without_a_glyph_are_replaced_in_every_text() -> None:
+    """A text that contains characters without a glyph, such as one that reverses the direction of the text, is readable in
+    the sheet and in its drawings. Line breaks and wide spaces are kept."""
+    text = "cat\u202egpj.exe\x00\u200b, 5\u202fpx\nnext"
+    series = Plot(text, "x", "y", [Series(text, [0.0, 1.0], [0.0, 1.0])])
+    table = Table(text, [text], [[text]])
+    sheet = as_html(Report(text, text, [Section(text, text, [Fact(text, text, text)], [series], [table])], []))
+    assert not re.search("[\u202e\x00\u200b]", sheet)
+    assert sheet.count("cat\ufffdgpj.exe\ufffd\ufffd, 5\u202fpx\nnext") >= 9
+
+
 def test_the_pdf_has_the_same_content_and_is_reproducible() -> None:
     """The same report gives the same bytes; the pages contain drawings and text."""
     first, repeated = as_pdf(REPORT, MADE), as_pdf(REPORT, MADE)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from html import escape
-
 from gss.operations.report.draw import WIDTH, draw, height_of
 from gss.operations.report.parts import Drawing, Drawn, Fact, Note, Picture, Report, Section, Table
-from gss.operations.report.pens import SvgPen
+from gss.operations.report.pens import SvgPen, escaped
 
 STYLE = """
 @page { size: A4; margin: 15mm }
@@ -28,13 +26,13 @@ def as_html(report: Report) -> str:
     """Return the HTML file."""
     body = "".join(
         [
-            f"<h1>{escape(report.title)}</h1><p class='soft'>{escape(report.subtitle)}</p>",
+            f"<h1>{escaped(report.title)}</h1><p class='soft'>{escaped(report.subtitle)}</p>",
             *map(_note, report.notes),
             *map(_section, report.sections),
         ]
     )
     return (
-        f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{escape(report.title)}</title>"
+        f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{escaped(report.title)}</title>"
         f"<style>{STYLE}</style></head><body>{body}</body></html>"
     )
 
@@ -42,31 +40,29 @@ def as_html(report: Report) -> str:
 def _note(note: Note) -> str:
     label = "Do not rely on this" if note.severe else "Note"
     css_class = "note severe" if note.severe else "note"
-    return (
-        f"<p class='{css_class}'><b>{label}:</b> {escape(note.text)} <span class='soft'>{escape(note.hint)}</span></p>"
-    )
+    return f"<p class='{css_class}'><b>{label}:</b> {escaped(note.text)} <span class='soft'>{escaped(note.hint)}</span></p>"
 
 
 def _section(section: Section) -> str:
-    text = f"<p>{escape(section.text)}</p>" if section.text else ""
+    text = f"<p>{escaped(section.text)}</p>" if section.text else ""
     facts = f"<dl>{''.join(map(_fact, section.facts))}</dl>" if section.facts else ""
     drawings = "".join(f"<figure>{_drawn(d)}</figure>" for d in section.drawings)
-    return f"<h2>{escape(section.title)}</h2>{text}{facts}{drawings}{''.join(map(_table, section.tables))}"
+    return f"<h2>{escaped(section.title)}</h2>{text}{facts}{drawings}{''.join(map(_table, section.tables))}"
 
 
 def _fact(fact: Fact) -> str:
-    note = f" <span class='soft'>{escape(fact.note)}</span>" if fact.note else ""
-    unit = f" <span class='soft'>{escape(fact.unit)}</span>" if fact.unit else ""
-    return f"<div><dt>{escape(fact.label)}{note}</dt><dd>{escape(fact.value)}{unit}</dd></div>"
+    note = f" <span class='soft'>{escaped(fact.note)}</span>" if fact.note else ""
+    unit = f" <span class='soft'>{escaped(fact.unit)}</span>" if fact.unit else ""
+    return f"<div><dt>{escaped(fact.label)}{note}</dt><dd>{escaped(fact.value)}{unit}</dd></div>"
 
 
 def _drawn(drawing: Drawing) -> str:
     if not isinstance(drawing, Picture):
         return as_svg(drawing)
-    title, note = escape(drawing.title), escape(drawing.note)
+    title, note = escaped(drawing.title), escaped(drawing.note)
     return (
         f"<figcaption>{title} <span class='soft'>{note}</span></figcaption>"
-        f"<img alt='{title}' src='data:image/png;base64,{escape(drawing.png)}'>"
+        f"<img alt='{title}' src='data:image/png;base64,{escaped(drawing.png)}'>"
     )
 
 
@@ -78,9 +74,9 @@ def as_svg(drawing: Drawn) -> str:
 
 
 def _table(table: Table) -> str:
-    head = "".join(f"<th>{escape(c)}</th>" for c in table.columns)
-    rows = "".join("<tr>" + "".join(f"<td>{escape(v)}</td>" for v in row) + "</tr>" for row in table.rows)
-    title = f"<h3>{escape(table.title)}</h3>" if table.title else ""
+    head = "".join(f"<th>{escaped(c)}</th>" for c in table.columns)
+    rows = "".join("<tr>" + "".join(f"<td>{escaped(v)}</td>" for v in row) + "</tr>" for row in table.rows)
+    title = f"<h3>{escaped(table.title)}</h3>" if table.title else ""
     if not table.rows:
         return f"{title}<p class='soft'>None.</p>"
     return f"{title}<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"

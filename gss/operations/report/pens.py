@@ -5,11 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 from typing import Protocol
+from unicodedata import category
 
 Point = tuple[float, float]
 INK, SOFT, HAIR = "#1b222a", "#5a6672", "#c9d0d8"
 COLOURS = ("#0a66ad", "#b04f00", "#11704a", "#6a43bf", "#8a6d00")
 """Colours of the series, in order. Labels also identify the series, so colour is not the only distinction."""
+
+INVISIBLE = ("Cc", "Cf", "Cs", "Zl", "Zp")
+"""Unicode categories of characters without a glyph. Some of them reverse the direction of the text after them, so that a
+stored text can look like another one."""
+
+
+def escaped(text: str) -> str:
+    """Return a text for HTML and SVG. Characters without a glyph, except line breaks and tabs, are replaced by �."""
+    if not text.isprintable():
+        text = "".join("\N{REPLACEMENT CHARACTER}" if category(c) in INVISIBLE and c not in "\n\t" else c for c in text)
+    return escape(text)
 
 
 class Pen(Protocol):
@@ -82,7 +94,7 @@ class SvgPen:
         rotation = f" transform='rotate(-90 {x:.1f} {y:.1f})'" if up else ""
         self._parts.append(
             f"<text x='{x:.1f}' y='{y:.1f}' font-size='{size:g}' text-anchor='{anchor}' fill='{colour}'{rotation}>"
-            f"{escape(text)}</text>"
+            f"{escaped(text)}</text>"
         )
 
     def svg(self) -> str:
@@ -90,5 +102,5 @@ class SvgPen:
         width, height = self._size
         return (
             f"<svg viewBox='0 0 {width:g} {height:g}' role='img' xmlns='http://www.w3.org/2000/svg'>"
-            f"<title>{escape(self._title)}</title>{''.join(self._parts)}</svg>"
+            f"<title>{escaped(self._title)}</title>{''.join(self._parts)}</svg>"
         )
