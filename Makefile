@@ -86,20 +86,20 @@ bench: $(VENV)/.test-installed
 # when it is first imported instead of all at installation: that saves a third of the time and a tenth of the disk.
 unexport PYTHONDONTWRITEBYTECODE
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
-INSTALL := $(PIP) install --no-compile --require-hashes -r
+INSTALL := $(BIN)/python -m tools.install_packages
 
 $(VENV)/.run-installed: constraints.txt pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed; try make PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'
 	@echo "creating a Python environment in $(VENV) …"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@echo "installing what running needs, about a minute, once …"
+	@echo "installing what running needs, once …"
 	@$(INSTALL) constraints.txt
 	@$(PIP) install --no-compile --no-deps --no-build-isolation -e .
 	@$(BIN)/python -m tools.slim
 	@touch $@
 
 $(VENV)/.test-installed: $(VENV)/.run-installed constraints-dev.txt
-	@echo "installing extras and test tools, about two minutes, once …"
+	@echo "installing extras and test tools, once …"
 	@$(INSTALL) constraints-dev.txt
 	@touch $@
 

