@@ -32,7 +32,7 @@ def ra_dec_from_unit(unit: Array) -> tuple[Array, Array]:
 
 
 def lengths(vectors: Array) -> Array:
-    """Return the (…) lengths of (…, 3) vectors. For so short an axis, this takes a third of the time of numpy's norm."""
+    """Return the (…) lengths of (…, 3) vectors. Faster than numpy's norm for so short an axis."""
     return np.asarray(np.sqrt(np.einsum("...k,...k->...", vectors, vectors)))
 
 

@@ -117,9 +117,11 @@ def test_faulty_frames_give_no_attitude() -> None:
         assert pixels.shape == (profile.camera.rows, profile.camera.columns)
 
 
-@pytest.mark.parametrize(("camera", "attitude"), [("aim", 4085), ("aim", 5417), ("sunsat", 1784)])
+@pytest.mark.parametrize(
+    ("camera", "attitude"), [("aim", 4085), ("aim", 5417), ("sunsat", 1784), ("far_mst", 17723), ("aim", 15013)]
+)
 def test_wrong_attitudes_that_the_campaign_found_do_not_recur(camera: str, attitude: int) -> None:
-    """Cases that once gave a wrong attitude no longer do: two stars of a mirrored frame, and three in a corner with
+    """Cases that once gave a wrong attitude no longer do: two to five stars of a mirrored list, and three in a corner with
     another focal length.
     """
     tested = subject(setting_of(camera, "own"), propagate(load_stars(8.0), 2000.0))

@@ -27,6 +27,8 @@ FIXED_CASES = "\n".join(
         "5 px. A frame with trails longer than 26 px now has no attitude, also if the trails are faint, and the reason says so",
         "- oersted, frame mirrored, tracking (frames 446 and 500): three and four of about thirty stars matched near the known "
         "attitude. If less than three tenths of the stars match, the bound on the false-match probability must now be 1e-6",
+        "- far_mst, mirrored, tracking (attitude 17723), and aim, mirrored, assisted (attitude 15013): five of 71 and four of 16 "
+        "stars matched. The same limit now applies to these chains",
         "- cubestar, frame with 100 false stars, tracking (frame 29), and reference with oersted, bright stars saturated (attitude "
         "11523): a star far from the others, a false match or displaced by 3 px, determined the roll angle. Now each star is "
         "compared with the position predicted by the others",

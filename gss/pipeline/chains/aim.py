@@ -91,6 +91,7 @@ def _objection(
         or (proof.off_hint(near, attitude, limit_rad) if near else "")
         or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
         or proof.displaced(matching.unit_cam[chosen], centroids.sigma_px[chosen], reference, camera, attitude)
+        or proof.few_identified(len(chosen), len(matching.row), probability, catalogue.icrs, attitude, camera)
     )
 
 

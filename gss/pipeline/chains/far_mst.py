@@ -59,6 +59,7 @@ def calculate_attitude(
         reason = (
             proof.misfit(miss_rad, MISFIT_RADII * radius_rad, camera.pixel_rad)
             or proof.displaced(unit, centroids.sigma_px[chosen], reference, camera, cam_from_icrs)
+            or proof.few_identified(len(chosen), len(matching.row), probability, catalogue.icrs, cam_from_icrs, camera)
             or proof.another_focal_length(
                 centroids.pixels, matching.unit_cam, chosen, reference, catalogue.icrs, camera, radius_px
             )

@@ -128,8 +128,8 @@ def few_identified(
     selected: int, centroids: int, probability: float, icrs: Array, cam_from_icrs: Array, camera: Camera
 ) -> str:
     """Test that the ``selected`` stars are not few of the ``centroids`` and of the (n, 3) detectable stars in the field, unless
-    the bound on the false-match ``probability`` is very small. In a mirrored frame near a known attitude, three or four of
-    thirty stars can match by accident."""
+    the bound on the false-match ``probability`` is very small. In a mirrored frame near a known attitude, three to five of
+    thirty or more stars can match by accident."""
     in_view = _in_view(icrs, cam_from_icrs, camera)
     if probability <= FEW_PROBABILITY or selected >= MIN_SHARE * min(centroids, in_view):
         return ""
