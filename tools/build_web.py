@@ -30,6 +30,10 @@ except ImportError:  # this module runs as a script and not in a build
 ROOT = Path(__file__).resolve().parent.parent
 GENERATED = Path("web") / "src" / "api" / "generated"
 DOCUMENT, TYPES, ROLES, STAMP = "openapi.json", "schema.d.ts", "roles.ts", ".generated-from"
+PIP_INSTALL = (
+    *(sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"),
+    *("install", "--no-compile", "--require-hashes"),
+)
 FONTS = tuple(f"ibm-plex-sans-{face}-normal.woff" for face in ("latin-400", "latin-600", "greek-400"))
 
 
@@ -128,8 +132,7 @@ def install_pinned(name: str, folder: Path) -> None:
         sys.exit(f"constraints-dev.txt does not pin {name}. Run make lock")
     requirements = folder / "requirements.txt"
     requirements.write_text(pinned[0])
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "install", "--no-compile"]
-    subprocess.run([*pip, "--target", str(folder), "--require-hashes", "-r", str(requirements)], check=True)
+    subprocess.run([*PIP_INSTALL, "--target", str(folder), "-r", str(requirements)], check=True)
 
 
 def _path() -> str:

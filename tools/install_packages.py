@@ -11,7 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tools.build_web import install_pinned
+from tools.build_web import PIP_INSTALL, install_pinned
 
 
 def with_uv(lock_file: str, folder: Path) -> bool:
@@ -26,8 +26,7 @@ def with_uv(lock_file: str, folder: Path) -> bool:
 
 def with_pip(lock_file: str) -> bool:
     """Install the packages with pip. Returns False if this is not possible."""
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "install", "--no-compile"]
-    return subprocess.run([*pip, "--require-hashes", "-r", lock_file]).returncode == 0
+    return subprocess.run([*PIP_INSTALL, "-r", lock_file]).returncode == 0
 
 
 def main(lock_file: str) -> int:

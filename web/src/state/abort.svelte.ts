@@ -42,7 +42,7 @@ class Abort {
 
   /** Send ABORT immediately, without a confirmation. Commands of this page that have not been sent are cancelled. */
   send(): void {
-    commandOrder.cancel('ABORT was pressed');
+    commandOrder.cancel('ABORT cancelled it');
     void this.sender.press();
   }
 

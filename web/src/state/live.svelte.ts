@@ -183,7 +183,7 @@ class Live {
    */
   private putReportedCommand(command: T.Command): void {
     const isNew = !this.commands.some((c) => c.id === command.id);
-    if (command.name === 'ABORT' && isNew && !hasEnded(command)) commandOrder.cancel('ABORT was sent');
+    if (command.name === 'ABORT' && isNew && !hasEnded(command)) commandOrder.cancel('ABORT cancelled it');
     this.putCommand(command);
   }
 
