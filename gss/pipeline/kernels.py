@@ -45,7 +45,7 @@ class ListLoops:
     """Compiled loops that work on lists of stars. ``camera_numbers``: converts a camera to an array.
     ``directions``: see ``verify._directions``. ``find``: see
     ``pyramid.identify_lost``. ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.match_all``.
-    ``count_matches``: see ``focal_census._count_matches``."""
+    ``count_matches``: see ``focal_census._count_matches``. ``extended``: see ``baselines.extended``."""
 
     camera_numbers: Callable[[Camera], Array]
     directions: Callable[[Camera, Array, Array, Array], tuple[Array, Array, Array]]
@@ -53,6 +53,7 @@ class ListLoops:
     find_near: Callable[..., tuple[int, int, float, int, int]]
     finish: Callable[..., tuple[Rows, Rows, Array, Array, Array, float]]
     count_matches: Callable[[Array, Array, Rows, Array, Array, Camera, float], tuple[int, int]]
+    extended: Callable[[Rows, tuple[Any, ...]], Rows]
 
 
 @dataclass(frozen=True)
@@ -157,6 +158,7 @@ def _compiled() -> Kernels:
     # Imported at first use because the import takes a second and most commands do not need it.
     from gss.pipeline.loops import background, peaks, pixels, stamps
     from gss.pipeline.loops.census import count_matches
+    from gss.pipeline.loops.figures import extended
     from gss.pipeline.loops.finish import finish
     from gss.pipeline.loops.geometry import camera_numbers, directions
     from gss.pipeline.loops.prior import find_near
@@ -177,4 +179,5 @@ def _compiled() -> Kernels:
         pixels.lit,
         pixels.components,
     )
-    return Kernels(COMPILED, frames, ListLoops(camera_numbers, directions, find, find_near, finish, count_matches))
+    lists = ListLoops(camera_numbers, directions, find, find_near, finish, count_matches, extended)
+    return Kernels(COMPILED, frames, lists)

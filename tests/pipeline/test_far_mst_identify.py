@@ -118,6 +118,33 @@ def test_consistent_matches_equal_brute_force() -> None:
     assert compared >= 10
 
 
+def test_the_compiled_match_gives_the_same_sets_in_the_same_order() -> None:
+    """With a wide tolerance, the sets of random figures of three to five stars are the same with numpy and with the compiled
+    loop. The figures have none to hundreds of sets; some contain a false star.
+    """
+    rng = np.random.default_rng(8)
+    stars = load_stars(4.0)
+    directory = sin2_directory(distance_table(stars, 0.0, 0.5), len(stars))
+    sizes = []
+    for number in range(30):
+        centre = stars.icrs[rng.integers(len(stars))]
+        nearby = rng.permutation(np.flatnonzero(stars.icrs @ centre > np.cos(0.24)))[:5]
+        if len(nearby) < 5:
+            continue
+        unit = stars.icrs[nearby].copy()
+        if number % 3 == 0:
+            unit[3] = stars.icrs[rng.integers(len(stars))]
+        tolerance = np.full((5, 5), 10 ** rng.uniform(-4, -1.5))
+        with_numpy, compiled = (baselines(unit, tolerance, directory, fast=fast) for fast in (False, True))
+        for vertices in (3, 4, 5):
+            expected = consistent_names(tuple(range(vertices)), with_numpy)
+            np.testing.assert_array_equal(consistent_names(tuple(range(vertices)), compiled), expected)
+            sizes.append(len(expected))
+        assert compiled.hits == with_numpy.hits
+    assert min(sizes) == 0
+    assert max(sizes) > 100
+
+
 def test_a_mirrored_figure_is_excluded() -> None:
     """The matches of a mirrored triangle are consistent but have the wrong handedness, and are excluded."""
     stars = load_stars(3.0)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gss.domain.angles import lengths
 from gss.domain.camera import Camera
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import GssError
@@ -19,10 +20,14 @@ from gss.domain.frames import cam_from_icrs
 from gss.domain.results import Outcome
 from gss.operations.frames.rendered_image import RenderRequest, draw
 from gss.operations.frames.solve import Solver, SolveRequest
+from gss.pipeline.identify.baselines import baselines
 from gss.pipeline.identify.focal_census import focal_objection
+from gss.pipeline.identify.n_vertex import consistent_names
 from gss.pipeline.identify.near import BoundedPrior
 from gss.pipeline.kernels import kernels
 from gss.pipeline.regions import find_blobs
+from gss.skytables.pairs import distance_table_of_units
+from gss.skytables.sin2 import sin2_directory
 
 EPOCH_JYEAR = 2026.5
 POINTING = cam_from_icrs(math.radians(84.0), math.radians(-2.0), math.radians(30.0))
@@ -69,6 +74,7 @@ def compile_ahead(solver: Solver, profile: CameraProfile, report: Report) -> Non
         if result.outcome is not Outcome.SOLVED:
             raise GssError("the loops could not be compiled", got=f"{case.name}: the test frame was not solved")
     _compile_census(profile.camera)
+    _compile_figures()
     for image in (pixels.astype(np.uint8), pixels.astype(np.uint16)):
         # A sensor's own chain uses these loops only after the compilation is marked as complete.
         find_blobs(image, float(image.max()) - 1, 1, kernels(fast=True))
@@ -80,3 +86,12 @@ def _compile_census(camera: Camera) -> None:
     pixels = np.array([[0.25, 0.25], [0.75, 0.25], [0.5, 0.75]]) * [camera.columns, camera.rows]
     unit = camera.unproject(pixels)
     focal_objection(pixels, np.arange(3), unit, unit, camera, 1.0, fast=True)
+
+
+def _compile_figures() -> None:
+    """Compile the match of figures of three to five stars, which only the chain of FAR-MST uses."""
+    turn_rad = np.radians([0.0, 2.0, 5.0, 9.0, 14.0])
+    unit = np.stack([np.sin(turn_rad), 0.1 * turn_rad, np.cos(turn_rad)], axis=1)
+    unit /= lengths(unit)[:, None]
+    directory = sin2_directory(distance_table_of_units(unit, 0.0, math.radians(20.0)), len(unit))
+    consistent_names((0, 1, 2, 3, 4), baselines(unit, np.full((5, 5), 1e-6), directory, fast=True))

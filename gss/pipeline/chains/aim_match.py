@@ -256,6 +256,8 @@ def _blind(
     )
     best: Fit | None = None
     for k in np.argsort(-count, kind="stable")[:FITTED].tolist():
+        if best is not None and count[k] <= len(best.row):
+            break  # supporters are counted within a larger radius than the matches of a fit
         fit = _fit(spots, attitudes[k], camera, catalogue, parameters)
         if fit is not None and (best is None or len(fit.row) > len(best.row)):
             best = fit

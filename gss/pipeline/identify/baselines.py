@@ -7,12 +7,14 @@ q. They correspond to a column of the document's matrix S, and a star can have s
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from gss.domain.angles import Array
+from gss.pipeline.kernels import kernels
 from gss.skytables.kvector import Rows
 from gss.skytables.sin2 import Sin2Directory, sin2_interval, sin2_of
 
@@ -49,14 +51,25 @@ class BaselineCandidates:
         return np.asarray(self.key[position] == keys)
 
 
+def extended(names: Rows, columns: tuple[BaselineCandidates, ...]) -> Rows:
+    """Return the (m, k + 1) sets that add one star to (n, k) sets of catalogue rows. ``columns``: the k baselines from the
+    stars of the set to the star that is added."""
+    index, partner = columns[0].partners(names[:, 0])
+    for other, column in enumerate(columns[1:], 1):
+        good = column.holds(names[index, other], partner)
+        index, partner = index[good], partner[good]
+    return np.concatenate([names[index], partner[:, None]], axis=1)
+
+
 @dataclass
 class Baselines:
     """All baselines of n imaged stars. A column is computed at its first use. ``hits``: number of directory entries
-    read up to now. ``low``, ``high``: (n, n) bounds of the slices of the directory."""
+    read up to now. ``low``, ``high``: (n, n) bounds of the slices of the directory. ``extend``: see :func:`extended`."""
 
     directory: Sin2Directory
     low: Rows
     high: Rows
+    extend: Callable[[Rows, tuple[BaselineCandidates, ...]], Rows] = extended
     hits: int = 0
     _columns: dict[tuple[int, int], BaselineCandidates] = field(default_factory=dict, repr=False)
 
@@ -74,12 +87,14 @@ class Baselines:
         return self._columns[key]
 
 
-def baselines(unit_cam: Array, tolerance_rad: Array, directory: Sin2Directory) -> Baselines:
-    """Build the baselines of (n, 3) measured directions; ``tolerance_rad``: (n, n) tolerance of the angle of each pair."""
+def baselines(unit_cam: Array, tolerance_rad: Array, directory: Sin2Directory, fast: bool | None = None) -> Baselines:
+    """Build the baselines of (n, 3) measured directions; ``tolerance_rad``: (n, n) tolerance of the angle of each pair;
+    ``fast``: see ``kernels.kernels``."""
+    loops = kernels(fast).lists
     n = len(unit_cam)
     i, j = np.triu_indices(n, 1)
     low, high = np.zeros((n, n), np.intp), np.zeros((n, n), np.intp)
     if len(i):
         interval = sin2_interval(sin2_of(unit_cam[i], unit_cam[j]), tolerance_rad[i, j])
         low[i, j], high[i, j] = directory.ranges(*interval)
-    return Baselines(directory, low, high)
+    return Baselines(directory, low, high, extended if loops is None else loops.extended)

@@ -26,11 +26,7 @@ def consistent_names(figure: tuple[int, ...], baselines: Baselines) -> Rows:
     for k in range(2, len(figure)):
         if not len(names):
             break
-        index, partner = baselines.column(figure[0], figure[k]).partners(names[:, 0])
-        for other in range(1, k):
-            good = baselines.column(figure[other], figure[k]).holds(names[index, other], partner)
-            index, partner = index[good], partner[good]
-        names = np.concatenate([names[index], partner[:, None]], axis=1)
+        names = baselines.extend(names, tuple(baselines.column(other, figure[k]) for other in figure[:k]))
     return names if names.shape[1] == len(figure) else np.empty((0, len(figure)), np.intp)
 
 

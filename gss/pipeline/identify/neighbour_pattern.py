@@ -115,16 +115,17 @@ def supporters(
     count = np.zeros(len(h), np.intp)
     for begin in range(0, len(h), CHUNK):
         part = slice(begin, begin + CHUNK)
-        sky = np.einsum("nk,hka->hna", unit_cam, attitudes[part])
+        sky = unit_cam @ attitudes[part]
         # Most spots are far from every star, and a search of limited distance ends sooner.
         distance, star = tree.query(sky, distance_upper_bound=(1 + 1e-9) * MAX_AMPLIFIED * tolerance_rad)
-        middle = unit_cam[h.i[part]] + unit_cam[h.j[part]]
-        middle /= lengths(middle)[:, None]
-        apart = lengths(unit_cam[h.i[part]] - unit_cam[h.j[part]])
-        lever = lengths(unit_cam[None] - middle[:, None]) / np.maximum(apart, 1e-12)[:, None]
-        allowed_rad = tolerance_rad * np.minimum(np.maximum(1.0, 2 * lever), MAX_AMPLIFIED)
-        hypothesis, spot = np.nonzero(distance <= allowed_rad)
+        hypothesis, spot = np.nonzero(np.isfinite(distance))
         star_of_spot = star[hypothesis, spot]
+        first, second = unit_cam[h.i[part][hypothesis]], unit_cam[h.j[part][hypothesis]]
+        middle = first + second
+        middle /= lengths(middle)[:, None]
+        lever = lengths(unit_cam[spot] - middle) / np.maximum(lengths(first - second), 1e-12)
+        allowed_rad = tolerance_rad * np.minimum(np.maximum(1.0, 2 * lever), MAX_AMPLIFIED)
         fits = magnitude_fits(spot_mag[spot], saturated[spot], star_mag[star_of_spot], error_mag)
+        fits &= distance[hypothesis, spot] <= allowed_rad
         count[part] = np.bincount(hypothesis[fits], minlength=len(sky))
     return count

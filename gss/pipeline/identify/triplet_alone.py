@@ -11,6 +11,7 @@ import numpy as np
 
 from gss.domain.angles import Array, separation_rad
 from gss.pipeline.attitude import svd
+from gss.pipeline.track.least_distance import COSINE_ERROR
 
 
 def attitudes_of_triplet(triplet_cam: Array, candidate: int, icrs: Array, tolerance_rad: float) -> list[Array]:
@@ -18,15 +19,18 @@ def attitudes_of_triplet(triplet_cam: Array, candidate: int, icrs: Array, tolera
     ``icrs`` with the same three distances and handedness. ``triplet_cam``: (3, 3), rows star, nearest, second
     nearest."""
     star, first, second = triplet_cam
-    distance = separation_rad(icrs[candidate], icrs)
-    first_rows = np.flatnonzero(np.abs(distance - separation_rad(star, first)) <= tolerance_rad)
-    second_rows = np.flatnonzero(np.abs(distance - separation_rad(star, second)) <= tolerance_rad)
+    to_first, to_second = float(separation_rad(star, first)), float(separation_rad(star, second))
+    reach = max(to_first, to_second) + tolerance_rad
+    near = np.flatnonzero(icrs @ icrs[candidate] >= np.cos(min(reach, np.pi)) - COSINE_ERROR)
+    distance = separation_rad(icrs[candidate], icrs[near])
+    first_rows = near[np.abs(distance - to_first) <= tolerance_rad]
+    second_rows = near[np.abs(distance - to_second) <= tolerance_rad]
     i, j = (axis.ravel() for axis in np.meshgrid(first_rows, second_rows, indexing="ij"))
     apart = np.abs(separation_rad(icrs[i], icrs[j]) - separation_rad(first, second))
     sense = np.linalg.det(triplet_cam)
     volume = np.cross(icrs[i], icrs[j]) @ icrs[candidate]
     # The handedness of nearly collinear triplets is not significant, because position errors can reverse it.
-    open_rad3 = tolerance_rad * float(separation_rad(star, second))
+    open_rad3 = tolerance_rad * to_second
     right = (volume * sense > 0) | (np.abs(volume) < open_rad3)
     keep = np.flatnonzero((apart <= tolerance_rad) & (i != j) & (i != candidate) & (j != candidate) & right)
     return [svd(triplet_cam, icrs[[candidate, i[k], j[k]]]) for k in keep.tolist()]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array, lengths
 
 Index = NDArray[np.intp]
+COSINE_ERROR = 1e-12
 
 
 def pair_least_distance(unit_cam: Array, predicted_cam: Array, radius_rad: float) -> tuple[Index, Index]:
@@ -21,9 +22,13 @@ def pair_least_distance(unit_cam: Array, predicted_cam: Array, radius_rad: float
     none = np.empty(0, np.intp)
     if not len(unit_cam) or not len(predicted_cam):
         return none, none
-    chord = lengths(unit_cam[:, None] - predicted_cam[None])
-    i, j = np.nonzero(chord <= 2 * np.sin(radius_rad / 2))
-    order = np.argsort(chord[i, j], kind="stable")
+    limit = 2 * np.sin(radius_rad / 2)
+    # The cosine is computed faster than the chord, but has too few digits for small angles.
+    i, j = np.nonzero(unit_cam @ predicted_cam.T >= 1 - limit**2 / 2 - COSINE_ERROR)
+    chord = lengths(unit_cam[i] - predicted_cam[j])
+    near = chord <= limit
+    i, j, chord = i[near], j[near], chord[near]
+    order = np.argsort(chord, kind="stable")
     free_i, free_j = np.ones(len(unit_cam), bool), np.ones(len(predicted_cam), bool)
     pairs: list[int] = []
     for k in order.tolist():
