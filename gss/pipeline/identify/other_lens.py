@@ -15,7 +15,7 @@ from gss.domain.results import Centroids
 from gss.pipeline.identify.blind_proof import BlindSolution, prove
 from gss.pipeline.identify.pyramid import ACCEPT, identify_lost
 from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, field_of, verify
-from gss.pipeline.refine import Refined, refine
+from gss.pipeline.refine import Refined, refine, value_of
 from gss.skytables.pairs import DistanceTable
 
 STEP = 0.0025
@@ -36,6 +36,9 @@ these, so each is a hypothesis."""
 CENTRE = ("col", "row")
 MAX_CENTRE_PX = 40.0
 """Largest difference of the optical centre, twice what is expected at first light."""
+CENTRE_CHI2 = 25.0
+"""Minimum χ² (two degrees of freedom, by chance in 4e-6) of the fitted centre's difference from the calibration. In a wide
+field, the stars determine the centre to about 5 px, and an error of the centre is an error of the boresight."""
 MIN_SIGMA_PX, RESIDUAL_PENALTY = 0.1, 2.0
 MAX_RMS_PX, MAX_RMS_SIGMA = 0.5, 3.0
 """A correct fit has residuals below the larger of these limits, the second relative to the position errors."""
@@ -86,6 +89,8 @@ def identify_other_lens(
             for lens in ((), CENTRE)
         )
         few = _few_stars(centroids, view, scaled, match.evidence, sky, hypotheses, fast)
+        if free is not None and not _centre_differs(free.fit, camera):
+            free = None
         found = [
             solution for solution in (fixed, free, few) if solution is not None and _is_proved(solution, view, camera)
         ]
@@ -155,14 +160,18 @@ def _fit(view: FrameDetections, evidence: Evidence, sky: SkyCatalogue, camera: C
 
 
 def _merit(solution: BlindSolution, view: FrameDetections) -> float:
-    """Return the number of identified stars minus a penalty for residuals and for a free optical centre, which determines
-    the attitude less well."""
+    """Return the number of identified stars minus a penalty for residuals."""
     excess = max(solution.fit.rms_px / max(view.typical_sigma_px, MIN_SIGMA_PX), 1.0) - 1.0
-    return (
-        np.count_nonzero(solution.fit.weight)
-        - RESIDUAL_PENALTY * excess
-        - (1.0 if CENTRE[0] in solution.fit.parameters else 0.0)
-    )
+    return float(np.count_nonzero(solution.fit.weight) - RESIDUAL_PENALTY * excess)
+
+
+def _centre_differs(fit: Refined, calibration: Camera) -> bool:
+    """True if the stars require another optical centre than the calibrated one."""
+    if CENTRE[0] not in fit.parameters:
+        return False
+    index = [fit.parameters.index(name) for name in CENTRE]
+    off = np.array([value_of(fit.camera, name) - value_of(calibration, name) for name in CENTRE])
+    return float(off @ np.linalg.solve(fit.covariance[np.ix_(index, index)], off)) >= CENTRE_CHI2
 
 
 def _is_proved(solution: BlindSolution, view: FrameDetections, calibration: Camera) -> bool:
