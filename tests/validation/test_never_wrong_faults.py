@@ -147,6 +147,21 @@ def test_an_attitude_that_explains_a_quarter_of_the_stars_is_rejected(camera: st
     assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == verdict
 
 
+@pytest.mark.parametrize(
+    ("camera", "attitude", "verdict"), [("cubestar", 23194, "none"), ("oersted", 20805, "correct")]
+)
+def test_wrong_attitudes_of_the_reference_chain_do_not_recur(camera: str, attitude: int, verdict: str) -> None:
+    """The reference chain rejects three of eight stars of a mirrored list near a known attitude. With another focal length, it
+    keeps the calibrated optical centre, because the stars do not require another one.
+    """
+    tested = subject(setting_of(camera, "reference"), propagate(load_stars(8.0), 2000.0))
+    rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
+    share = np.array([f.share for f in FAULTS])
+    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    assert fault.mirrored or fault.scale != 1.0
+    assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == verdict
+
+
 @pytest.mark.parametrize("number", [4, 56])
 def test_parts_of_long_trails_give_no_attitude(number: int) -> None:
     """Frames of AIM with trails of 44 px once gave an attitude from four parts of trails, all displaced by 12 px or 5 px.

@@ -32,6 +32,11 @@ FIXED_CASES = "\n".join(
         "- cubestar, frame with 100 false stars, tracking (frame 29), and reference with oersted, bright stars saturated (attitude "
         "11523): a star far from the others, a false match or displaced by 3 px, determined the roll angle. Now each star is "
         "compared with the position predicted by the others",
+        "- reference with cubestar, mirrored with 10 false stars, assisted (attitude 23194): three of eight stars matched, with a "
+        "bound of 9e-5. If less than four tenths of the stars match, all chains now require a bound of 1e-6",
+        "- reference with oersted, focal length +1 %, lost in space (attitude 20805): all 33 matches were correct, but the optical "
+        "centre was fitted although the stars did not require it, and the boresight error was 12 px. Now the fitted centre must "
+        "differ from the calibration by a χ² of 25",
     )
 )
 ORDER = (Verdict.CORRECT, Verdict.IMPRECISE, Verdict.WRONG, Verdict.NONE)

@@ -106,7 +106,11 @@ def calculate_attitude(
     reason = (
         _off_hint(matching.mode, hint, cam_from_icrs, camera, parameters)
         or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
-        or (_unsound(matching, centroids, camera, catalogue, parameters, cam_from_icrs) if parameters.proves else "")
+        or (
+            _unsound(matching, centroids, camera, catalogue, parameters, cam_from_icrs, probability)
+            if parameters.proves
+            else ""
+        )
     )
     if reason:
         return proof.rejected(reason, probability)
@@ -124,6 +128,7 @@ def _unsound(
     catalogue: OnboardCatalogue,
     parameters: CubestarParameters,
     cam_from_icrs: Array,
+    probability: float,
 ) -> str:
     """Return why the frame could be mirrored, have another focal length or contain a false match, or ""."""
     chosen, bank = matching.selected, catalogue.icrs.astype(float)
@@ -133,6 +138,7 @@ def _unsound(
         proof.mirrored(matching.unit_cam[chosen], reference, parameters.tolerance_rad)
         or proof.displaced(matching.unit_cam[chosen], centroids.sigma_px[chosen], reference, camera, cam_from_icrs)
         or proof.another_focal_length(centroids.pixels, matching.unit_cam, chosen, reference, bank, camera, radius_px)
+        or proof.few_identified(len(chosen), len(matching.row), probability, bank, cam_from_icrs, camera)
     )
 
 

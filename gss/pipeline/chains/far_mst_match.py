@@ -217,7 +217,7 @@ def _figure_only(s: _FrameSearch, figure: Rows, names: Rows) -> Identified:
     """Return the result as in the document, with only the stars of the figure."""
     row = np.full(len(s.unit), -1, np.intp)
     row[figure] = names
-    return Identified(row, len(figure), len(figure), np.eye(3), float("nan"), float("nan"))
+    return Identified(row, len(figure), len(figure), len(figure), np.eye(3), float("nan"), float("nan"))
 
 
 def _track(s: _FrameSearch) -> bool:

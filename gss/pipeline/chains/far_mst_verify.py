@@ -9,12 +9,12 @@ import numpy as np
 
 from gss.domain.angles import Array, lengths
 from gss.domain.camera import Camera
-from gss.domain.rotation import matrix_from_quaternion
-from gss.pipeline.attitude import quest
 from gss.pipeline.chains.far_mst_catalogue import FarMstCatalogue
 from gss.pipeline.chains.far_mst_parameters import FarMstParameters
 from gss.pipeline.chains.proof import solid_angle_sr
 from gss.pipeline.identify.accidental import accidental_bound, chance_within
+from gss.pipeline.identify.soundness import separate_stars
+from gss.pipeline.small import best_rotation
 from gss.pipeline.track.rate_match import mutual_nearest
 from gss.skytables.kvector import Rows
 
@@ -24,16 +24,19 @@ WIDENINGS = (3.0, 1.5, 1.0)
 # The fit adapts to the stars that it collects, so accidental matches can occur within a radius that is larger than the
 # last radius.
 ROOM = 1.5
+# Companions closer than two search radii of the first round match together, so they are not independent evidence.
+COMPANION_RADII = 2 * WIDENINGS[0]
 
 
 @dataclass(frozen=True)
 class Identified:
     """Extended identification. ``row``: (n,) catalogue rows, −1 if not identified; ``count``: number identified, of
-    ``in_view`` stars of the bank in this field, with density ``per_sr``; ``cam_from_icrs``: fitted attitude;
-    ``chance``: probability that a random direction matches."""
+    ``in_view`` stars of the bank in this field, with density ``per_sr``; ``separate``: number identified, where close
+    companions count as one; ``cam_from_icrs``: fitted attitude; ``chance``: probability that a random direction matches."""
 
     row: Rows
     count: int
+    separate: int
     in_view: int
     cam_from_icrs: Array
     per_sr: float
@@ -47,7 +50,7 @@ class Identified:
 
     def bound(self, hypotheses: float) -> float:
         """Return an upper bound on the expected number of accidental matches of this quality among ``hypotheses``."""
-        return accidental_bound(hypotheses, self.count, len(self.row), self.chance)
+        return accidental_bound(hypotheses, self.separate, len(self.row), self.chance)
 
 
 def pair_tolerance_rad(sigma_rad: Array, pixel_rad: float, p: FarMstParameters) -> Array:
@@ -73,7 +76,7 @@ def complete(
     not fit one attitude."""
     radius = star_radius_rad(sigma_rad, camera.pixel_rad, p)
     weight = 1.0 / sigma_rad**2
-    rotation = matrix_from_quaternion(quest(unit_cam[centroid], catalogue.icrs[row], weight[centroid]))
+    rotation = best_rotation(unit_cam[centroid], catalogue.icrs[row], weight[centroid])
     miss = lengths(catalogue.icrs[row] @ rotation.T - unit_cam[centroid])
     if np.any(miss > radius[centroid]):
         return None
@@ -90,11 +93,13 @@ def complete(
         names[:] = -1
         names[pairs[:, 1]] = in_view[pairs[:, 0]]
         matched = np.sort(pairs[:, 1])
-        rotation = matrix_from_quaternion(quest(unit_cam[matched], catalogue.icrs[names[matched]], weight[matched]))
+        rotation = best_rotation(unit_cam[matched], catalogue.icrs[names[matched]], weight[matched])
     names = _still_near(names, unit_cam, radius, rotation, catalogue.icrs)
     per_sr = max(1, len(in_view)) / solid_angle_sr(camera)
     chance = chance_within(per_sr, ROOM * float(radius.max()))
-    return Identified(names, int(np.count_nonzero(names >= 0)), len(in_view), rotation, per_sr, chance)
+    identified = unit_cam[names >= 0]
+    separate = separate_stars(identified, COMPANION_RADII * float(radius.max()))
+    return Identified(names, len(identified), separate, len(in_view), rotation, per_sr, chance)
 
 
 def _still_near(names: Rows, unit_cam: Array, radius: Array, rotation: Array, icrs: Array) -> Rows:

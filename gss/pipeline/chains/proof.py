@@ -18,15 +18,13 @@ from gss.domain.results import Attitude, Centroids, Matches
 from gss.pipeline.chains.modes import AttitudePrior
 from gss.pipeline.chains.onboard import OnboardSolution
 from gss.pipeline.identify.focal_census import focal_objection
-from gss.pipeline.identify.soundness import is_handed
+from gss.pipeline.identify.soundness import is_few, is_handed
 from gss.pipeline.identify.verify import MIN_SIGMA_PX
 from gss.pipeline.refine import DISPLACED, LEAST_FREEDOM, displacements, linearised
 
 Rows = NDArray[np.integer]
 DISPLACED_PX = 2.0
 """Distance from the predicted position up to which a star may be displaced, for example by a close companion."""
-MIN_SHARE, FEW_PROBABILITY = 0.3, 1e-6
-"""Share of the stars that can be identified, below which a smaller bound on the false-match probability is required."""
 ERROR_SIGMA, MAX_ERROR_PX = 3.0, 5.0
 """Standard deviations of the boresight that must be below the error from which an attitude counts as wrong."""
 
@@ -130,8 +128,10 @@ def few_identified(
     """Test that the ``selected`` stars are not few of the ``centroids`` and of the (n, 3) detectable stars in the field, unless
     the bound on the false-match ``probability`` is very small. In a mirrored frame near a known attitude, three to five of
     thirty or more stars can match by accident."""
+    if not is_few(selected, centroids, probability):
+        return ""
     in_view = _in_view(icrs, cam_from_icrs, camera)
-    if probability <= FEW_PROBABILITY or selected >= MIN_SHARE * min(centroids, in_view):
+    if not is_few(selected, min(centroids, in_view), probability):
         return ""
     return f"only {selected} of {centroids} stars identified, although the list has {in_view} in this field"
 

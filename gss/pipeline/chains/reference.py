@@ -29,6 +29,7 @@ from gss.pipeline.identify.focal_census import focal_objection, plenty
 from gss.pipeline.identify.near import BoundedPrior, identify_near
 from gss.pipeline.identify.other_lens import identify_other_lens, lens_difference
 from gss.pipeline.identify.pyramid import ACCEPT, PyramidMatch, identify_lost
+from gss.pipeline.identify.soundness import is_few
 from gss.pipeline.identify.verify import RADIUS_SIGMA, Evidence, FrameDetections, SkyCatalogue, field_of
 from gss.pipeline.kernels import ListLoops, are_compiled, kernels
 from gss.pipeline.refine import Refined, refine
@@ -199,12 +200,12 @@ def _identify_known(
         matches = _name_all(view, camera, stars, evidence, centroids, detections, velocity_c, fast)
     seen_both = min(len(view), evidence.predicted)
     identified = int(np.count_nonzero(matches.fit.weight))
-    if identified < EXPLAINED * seen_both:
+    probability = evidence.false_match_probability
+    if identified < EXPLAINED * seen_both or is_few(identified, seen_both, probability):
         reason = f"the best solution identifies only {identified} of {seen_both} stars"
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
     hip = stars.deep.hip[matches.stars]
-    rows, probability = view.centroid[matches.rows], evidence.false_match_probability
-    return solved(base, matches.fit, rows, hip, probability, trace, velocity_c)
+    return solved(base, matches.fit, view.centroid[matches.rows], hip, probability, trace, velocity_c)
 
 
 def _with_other_lens(

@@ -118,12 +118,11 @@ def calculate_attitude(
     weight = np.concatenate([matching.weight[chosen], np.zeros(len(extra))])
     seen_px = camera.project(catalogue.guides.unit[rows] @ cam_from_icrs.T)
     residual_px, sigma_px = centroids.pixels[named] - seen_px, centroids.sigma_px[named]
-    reason = proof.undetermined(covariance, residual_px, sigma_px, camera) or proof.displaced(
-        matching.unit_cam[chosen],
-        centroids.sigma_px[chosen],
-        catalogue.guides.unit[rows[: len(chosen)]],
-        camera,
-        cam_from_icrs,
+    unit, first = matching.unit_cam[chosen], catalogue.guides.unit[rows[: len(chosen)]]
+    reason = (
+        proof.undetermined(covariance, residual_px, sigma_px, camera)
+        or proof.displaced(unit, centroids.sigma_px[chosen], first, camera, cam_from_icrs)
+        or proof.few_identified(len(named), len(centroids), probability, catalogue.guides.unit, cam_from_icrs, camera)
     )
     if reason and p.acceptance != "document":
         return proof.rejected(reason, probability)
