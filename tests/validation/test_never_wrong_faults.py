@@ -118,7 +118,16 @@ def test_faulty_frames_give_no_attitude() -> None:
 
 
 @pytest.mark.parametrize(
-    ("camera", "attitude"), [("aim", 4085), ("aim", 5417), ("sunsat", 1784), ("far_mst", 17723), ("aim", 15013)]
+    ("camera", "attitude"),
+    [
+        ("aim", 4085),
+        ("aim", 5417),
+        ("sunsat", 1784),
+        ("far_mst", 17723),
+        ("aim", 15013),
+        ("far_mst", 38612),
+        ("aim", 38936),
+    ],
 )
 def test_wrong_attitudes_that_the_campaign_found_do_not_recur(camera: str, attitude: int) -> None:
     """Cases that once gave a wrong attitude no longer do: two to five stars of a mirrored list, and three in a corner with

@@ -7,7 +7,7 @@ prior knowledge. If a matcher fails, the next matcher is tried.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.results import Centroids
-from gss.domain.rotation import matrix_from_quaternion
+from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix
 from gss.pipeline.chains.far_mst_catalogue import FarMstCatalogue
 from gss.pipeline.chains.far_mst_parameters import HINT_ERROR_RAD, FarMstParameters
 from gss.pipeline.chains.far_mst_verify import Identified, complete, pair_tolerance_rad, stars_in_view
 from gss.pipeline.chains.modes import AttitudePrior, Mode, check_hint
-from gss.pipeline.chains.proof import hint_error_rad
+from gss.pipeline.chains.proof import hint_error_rad, off_hint
 from gss.pipeline.identify.accidental import tracking_hypotheses
 from gss.pipeline.identify.baselines import Baselines, baselines
 from gss.pipeline.identify.frame_matching import angle_matrix_rad
@@ -169,7 +169,7 @@ def _directory(s: _FrameSearch) -> Sin2Directory:
     """Return the directory, or the part of it near the hint."""
     if s.mode is Mode.LOST_IN_SPACE or s.hint is None:
         return s.catalogue.directory
-    cosine = s.catalogue.icrs @ _expected_boresight(s.hint, s.mode)
+    cosine = s.catalogue.icrs @ _expected(s.hint, s.mode).boresight_icrs
     return s.catalogue.directory.restricted(cosine >= np.cos(s.p.assisted_radius_rad))
 
 
@@ -192,7 +192,7 @@ def _accept(s: _FrameSearch, candidate: Identified, method: str, hypotheses: flo
     bound = candidate.bound(hypotheses)
     if s.best is None or candidate.count > s.best.count:
         s.best, s.best_bound, s.method = candidate, bound, method
-    if candidate.count < _min_verified(s) or bound > s.p.max_false_probability or candidate.share < _min_share(s):
+    if candidate.count < _min_verified(s) or bound > s.p.max_false_probability or candidate.share < s.p.min_share:
         return False
     s.best, s.best_bound, s.method = candidate, bound, method
     return True
@@ -202,15 +202,10 @@ def _min_verified(s: _FrameSearch) -> int:
     return s.p.min_identified[ORDER.index(s.mode)]
 
 
-def _min_share(s: _FrameSearch) -> float:
-    return s.p.min_share[ORDER.index(s.mode)]
-
-
 def _off_hint(s: _FrameSearch, candidate: Identified) -> bool:
     if s.mode is Mode.LOST_IN_SPACE or s.hint is None:
         return False
-    chord = np.linalg.norm(_expected_boresight(s.hint, s.mode) - candidate.cam_from_icrs[2])
-    return bool(2 * np.arcsin(min(1.0, float(chord) / 2)) > _hint_error_rad(s))
+    return off_hint(_expected(s.hint, s.mode), candidate.cam_from_icrs, _hint_error_rad(s)) != ""
 
 
 def _figure_only(s: _FrameSearch, figure: Rows, names: Rows) -> Identified:
@@ -249,12 +244,12 @@ def _predictions(hint: AttitudePrior | None) -> list[Array]:
     return [extrapolate(hint.quaternion, hint.earlier[0], hint.steps), *still] if hint.earlier else still
 
 
-def _expected_boresight(hint: AttitudePrior, mode: Mode) -> Array:
-    """Return the (3,) expected boresight: the hint's boresight, extrapolated at constant rate in tracking."""
+def _expected(hint: AttitudePrior, mode: Mode) -> AttitudePrior:
+    """Return the hint, in tracking extrapolated at constant rate. The boresight is a unit vector."""
     if mode is Mode.TRACKING and hint.quaternion is not None:
-        return np.asarray(_predictions(hint)[0][2])
+        return AttitudePrior.from_quaternion(quaternion_from_matrix(_predictions(hint)[0]))
     boresight = np.asarray(hint.boresight_icrs, float)
-    return np.asarray(boresight / np.linalg.norm(boresight))
+    return replace(hint, boresight_icrs=boresight / np.linalg.norm(boresight))
 
 
 def _agreeing(s: _FrameSearch, matched: Rows, names: Rows) -> Rows:
@@ -287,7 +282,7 @@ def _reason(s: _FrameSearch) -> str:
         return f"no figure of the {n} stars fits the catalogue"
     if s.best.count < needed:
         return f"{s.best.count} of {n} stars identified; {needed} needed in {mode} mode"
-    if s.best.share < _min_share(s):
+    if s.best.share < s.p.min_share:
         return f"only {s.best.count} of {n} stars identified, although the catalogue has {s.best.in_view} in this field"
     if s.best_bound <= s.p.max_false_probability:
         return "the stars fit only far from the hint"

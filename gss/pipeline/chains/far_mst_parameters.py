@@ -59,7 +59,7 @@ SOURCES: dict[str, str] = {
     "max_false_probability": "GSS: largest accepted bound",
     "min_identified": "GSS: four without prior, three with a hint, two in tracking",
     "min_share": "GSS: with a wrong plate scale a small group can match accidentally; a third of the identifiable stars "
-    "must be identified, less in tracking",
+    "must be identified",
     "dark_dn": "Huffman 2006 §4.1: per-pixel median over frames of a sequence; without one, the frame's own median",
     "max_small_regions": "GSS: maximum number of regions below min_area_px in the report of a frame, which limits its size",
 }
@@ -98,7 +98,7 @@ class FarMstParameters:
     acceptance: str = "bound"
     max_false_probability: float = 1e-3
     min_identified: tuple[int, int, int] = (4, 3, 2)
-    min_share: tuple[float, float, float] = (0.34, 0.34, 0.15)
+    min_share: float = 0.34
     max_small_regions: int = 100
     dark_dn: Array | None = field(default=None, compare=False, repr=False)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 from gss.domain.camera import Camera, Pinhole
 from gss.domain.results import Attitude, Centroids, Matches
+from gss.domain.rotation import matrix_from_quaternion, rotation_angle_rad
 from gss.pipeline.chains.modes import AttitudePrior
 from gss.pipeline.chains.onboard import OnboardSolution
 from gss.pipeline.identify.focal_census import focal_objection
@@ -86,11 +87,17 @@ def displaced(unit_cam: Array, sigma_px: Array, reference: Array, camera: Camera
 
 
 def off_hint(hint: AttitudePrior, cam_from_icrs: Array, limit_rad: float) -> str:
-    """Test that the boresight is within ``limit_rad`` of the hint's."""
+    """Test that the boresight is within ``limit_rad`` of the hint's and, if the hint is a full attitude, that the rotation
+    from it is at most twice as large."""
     off_rad = boresight_error_rad(hint, cam_from_icrs)
-    if off_rad <= limit_rad:
+    if off_rad > limit_rad:
+        return f"boresight is {np.degrees(off_rad):.1f}° from the hint; {np.degrees(limit_rad):.1f}° allowed"
+    if hint.quaternion is None:
         return ""
-    return f"boresight is {np.degrees(off_rad):.1f}° from the hint; {np.degrees(limit_rad):.1f}° allowed"
+    turn_rad = rotation_angle_rad(cam_from_icrs, matrix_from_quaternion(hint.quaternion))
+    if turn_rad <= 2 * limit_rad:
+        return ""
+    return f"attitude is rotated by {np.degrees(turn_rad):.1f}° from the hint; {np.degrees(2 * limit_rad):.1f}° allowed"
 
 
 def undetermined(covariance_rad2: Array, residual_px: Array, sigma_px: Array, camera: Camera) -> str:
@@ -125,9 +132,8 @@ def accidental(selected: int, centroids: int, probability: float, allowed: float
 def few_identified(
     selected: int, centroids: int, probability: float, icrs: Array, cam_from_icrs: Array, camera: Camera
 ) -> str:
-    """Test that the ``selected`` stars are not few of the ``centroids`` and of the (n, 3) detectable stars in the field, unless
-    the bound on the false-match ``probability`` is very small. In a mirrored frame near a known attitude, three to five of
-    thirty or more stars can match by accident."""
+    """Test that the ``selected`` stars are not few of the ``centroids`` and of the (n, 3) detectable stars in the field. In a
+    mirrored frame near a known attitude, three to five of thirty or more stars can match by accident."""
     if not is_few(selected, centroids, probability):
         return ""
     in_view = _in_view(icrs, cam_from_icrs, camera)

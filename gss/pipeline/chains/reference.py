@@ -43,10 +43,6 @@ FIT_FLOOR_PX = 0.01
 BESIDE_RAD = 0.05  # stars up to this far outside the field can contribute light to it
 CENSUS_PX = 1.0  # the census of focal lengths has steps of half this size
 DEEPER_ACCEPT = ACCEPT / 2  # half of the limit, because a second search can cause a second false match
-EXPLAINED = 0.3
-"""Minimum share of identified stars, relative to the number of detected or expected stars, whichever is smaller.
-Correct matches have a share of nearly 1. In one of a few thousand (mostly mirrored) frames, an accidental match has a
-share of a quarter, whatever its false-match probability."""
 
 
 @dataclass(frozen=True)
@@ -201,7 +197,7 @@ def _identify_known(
     seen_both = min(len(view), evidence.predicted)
     identified = int(np.count_nonzero(matches.fit.weight))
     probability = evidence.false_match_probability
-    if identified < EXPLAINED * seen_both or is_few(identified, seen_both, probability):
+    if is_few(identified, seen_both, probability):
         reason = f"the best solution identifies only {identified} of {seen_both} stars"
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
     hip = stars.deep.hip[matches.stars]
@@ -214,7 +210,9 @@ def _with_other_lens(
     """Solve with a lens near its calibration. The notes state the difference. Without a solution, state ``reason``."""
     with trace.stage("other lens"):
         solution = identify_other_lens(base.centroids, base.camera, stars.sky, stars.pairs, fast=fast)
-    if solution is None or len(solution.rows) < EXPLAINED * min(len(base.centroids), solution.predicted):
+    if solution is None or is_few(
+        len(solution.rows), min(len(base.centroids), solution.predicted), solution.false_match_probability
+    ):
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
     fit = with_aberration(solution, base.centroids.pixels, stars.sky, velocity_c, base.camera)
     base = replace(base, notes=(*base.notes, lens_difference(fit, base.camera)))
