@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -77,6 +77,10 @@ class Centroids:
             self.area_px[index],
             self.sigma_px[index],
         )
+
+    def mirrored(self, columns: int) -> Centroids:
+        """Return the centroids of the left-right mirrored frame of ``columns`` pixels width."""
+        return replace(self, col_px=columns - 1 - self.col_px)
 
     @classmethod
     def from_pixels(cls, pixels: Array, flux_dn: Array | None = None, sigma_px: float = 0.2) -> Centroids:

@@ -127,6 +127,8 @@ def test_faulty_frames_give_no_attitude() -> None:
         ("aim", 15013),
         ("far_mst", 38612),
         ("aim", 38936),
+        ("aim", 59329),
+        ("far_mst", 76181),
     ],
 )
 def test_wrong_attitudes_that_the_campaign_found_do_not_recur(camera: str, attitude: int) -> None:

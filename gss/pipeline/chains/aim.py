@@ -14,6 +14,7 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.camera_profile import CameraProfile
+from gss.domain.failure_cause import MIRRORED
 from gss.domain.results import Attitude, Centroids
 from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix
 from gss.pipeline.attitude import weighted_covariance_rad2
@@ -24,7 +25,7 @@ from gss.pipeline.chains.aim_parameters import NAME, AimParameters, default_para
 from gss.pipeline.chains.modes import AttitudePrior, Mode, next_mode
 from gss.pipeline.chains.onboard import Commanded, Detection, OnboardSolution, Work, with_commanded
 from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
-from gss.pipeline.identify.soundness import errors_objection, separate_stars
+from gss.pipeline.identify.soundness import DOUBTFUL_PROBABILITY, errors_objection, separate_stars
 from gss.pipeline.regions import Pixels
 from gss.pipeline.track.differential import differential_attitude
 from gss.skytables.bank import OnboardCatalogue
@@ -92,6 +93,7 @@ def _objection(
         or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
         or proof.displaced(matching.unit_cam[chosen], centroids.sigma_px[chosen], reference, camera, attitude)
         or proof.few_identified(len(chosen), len(matching.row), probability, catalogue.icrs, attitude, camera)
+        or _matches_mirrored(matching, centroids, camera, catalogue, parameters, hint, probability)
     )
 
 
@@ -116,6 +118,24 @@ def _may_be_mirrored(
     if turn_rad <= limit_rad:
         return ""
     return f"two stars would turn the attitude by {np.degrees(turn_rad):.2f}°; {np.degrees(limit_rad):.2f}° believed"
+
+
+def _matches_mirrored(
+    matching: AimMatching,
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: AimCatalogue,
+    parameters: AimParameters,
+    hint: AttitudePrior | None,
+    probability: float,
+) -> str:
+    """Return the reason if the mirrored frame matches more stars, or "". A few stars of a mirrored frame match near a known
+    attitude more often than the bound states, so the frame is tested unless the bound is very small."""
+    if probability <= DOUBTFUL_PROBABILITY:
+        return ""
+    mode = matching.mode if hint is None or hint.quaternion is None else Mode.TRACKING
+    mirrored = match_stars(centroids.mirrored(camera.columns), camera, catalogue, parameters, mode, hint)
+    return MIRRORED if len(mirrored.selected) > len(matching.selected) else ""
 
 
 def false_match_probability(

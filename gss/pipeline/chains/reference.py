@@ -303,13 +303,8 @@ def _solves_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky, fast
     """True if the left-right mirrored frame can be solved, i.e. the file or the optics are mirrored."""
     if len(centroids) < 5:
         return False
-    view = field_of(mirrored(centroids, camera.columns), camera, fast=fast)
+    view = field_of(centroids.mirrored(camera.columns), camera, fast=fast)
     return identify_lost(view, stars.sky, stars.pairs, camera, fast=fast).evidence is not None
-
-
-def mirrored(centroids: Centroids, columns: int) -> Centroids:
-    """Return the centroids of the left-right mirrored frame."""
-    return replace(centroids, col_px=columns - 1 - centroids.col_px)
 
 
 def _identify_field(

@@ -13,7 +13,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.failure_cause import CUT_TRAILS, MIRRORED
 from gss.domain.results import Centroids, SolveResult
-from gss.pipeline.chains.reference import NAME, mirrored, turning_of
+from gss.pipeline.chains.reference import NAME, turning_of
 from gss.pipeline.chains.reference_result import solved, unsolved
 from gss.pipeline.detect import find_stars
 from gss.pipeline.identify.blind import BlindResult, identify_blind
@@ -63,7 +63,7 @@ def solve_foreign(
         with trace.stage("why not"):
             reverse = (
                 _blind(
-                    mirrored(centroids, shape[0]), detections.psf_sigma_px, shape, fov_range_rad, sky, level, odd=False
+                    centroids.mirrored(shape[0]), detections.psf_sigma_px, shape, fov_range_rad, sky, level, odd=False
                 )
                 if len(centroids) >= 5
                 else None
