@@ -66,7 +66,7 @@ class OerstedParameters:
     min_verified_lost: int = 4
     min_verified_assisted: int = 3
     min_verified_tracking: int = 2
-    max_false_probability: float = 1e-6
+    max_false_probability: float = 1e-3
     acceptance: str = "proved"
     averaged: int = 1
     max_small_regions: int = 100
