@@ -16,7 +16,7 @@ from gss import __version__
 from gss.domain.errors import BadInput
 
 if TYPE_CHECKING:
-    from validation.never_wrong.campaign import OrderedExecutor
+    from validation.never_wrong.campaign import CampaignSettings, OrderedExecutor
 
 
 def add_commands(parser: argparse.ArgumentParser, make_executor: Callable[[str | None, int], OrderedExecutor]) -> None:
@@ -54,21 +54,38 @@ def add_commands(parser: argparse.ArgumentParser, make_executor: Callable[[str |
     )
     p.add_argument("--attitudes", type=int, default=10_000, metavar="N", help="centroid lists per camera and chain")
     p.add_argument("--frames", type=int, default=130, metavar="N", help="rendered frames per camera and chain")
-    p.add_argument("--seed", type=int, default=1, help="seed of all random numbers (default 1)")
-    p.add_argument("--camera", action="append", metavar="NAME", help="restrict to this camera; can be repeated")
-    p.add_argument("--chain", action="append", metavar="own|reference", help="restrict to this chain; can be repeated")
+    _add_selection(p)
     p.add_argument("--keep", type=Path, default=Path("never-wrong.json"), metavar="FILE", help="file of stored results")
     p.add_argument(
         "--again", action="store_true", help="rerun the selected cameras and chains; the results replace those in FILE"
-    )
-    p.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
-    p.add_argument(
-        "--cluster", metavar="URL", help="Dask scheduler that runs the cases instead of local processes (GSS_CLUSTER)"
     )
     p.add_argument(
         "--page", type=Path, metavar="FILE", help="write a Markdown page of the stored results without further runs"
     )
     p.set_defaults(run=partial(never_wrong, make_executor))
+    p = kinds.add_parser(
+        "search-wrong",
+        help="search for false attitudes among the lists with selected faults",
+        description="Solve only the centroid lists of the campaign that have selected faults. The default is mirrored and "
+        "random lists and lists of another camera, which cause most false attitudes. Nothing is stored. Exit code 0: no "
+        "wrong result; 3: at least one.",
+    )
+    p.add_argument("--fault", action="append", metavar="TITLE", help="lists with this fault; can be repeated")
+    p.add_argument("--first", type=int, default=0, metavar="N", help="first attitude (default 0)")
+    p.add_argument("--attitudes", type=int, default=100_000, metavar="N", help="end of the attitudes (default 100 000)")
+    _add_selection(p)
+    p.set_defaults(run=partial(search_wrong, make_executor))
+
+
+def _add_selection(p: argparse.ArgumentParser) -> None:
+    """Add the options that select cases and the processes that run them."""
+    p.add_argument("--seed", type=int, default=1, help="seed of all random numbers (default 1)")
+    p.add_argument("--camera", action="append", metavar="NAME", help="restrict to this camera; can be repeated")
+    p.add_argument("--chain", action="append", metavar="own|reference", help="restrict to this chain; can be repeated")
+    p.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
+    p.add_argument(
+        "--cluster", metavar="URL", help="Dask scheduler that runs the cases instead of local processes (GSS_CLUSTER)"
+    )
 
 
 def list_experiments(_: argparse.Namespace) -> int:
@@ -119,28 +136,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def never_wrong(make_executor: Callable[[str | None, int], OrderedExecutor], arguments: argparse.Namespace) -> int:
     """Run the remaining trials of the campaign, or write a page of the completed trials."""
-    from validation.never_wrong.campaign import CampaignSettings, keys, run_campaign
-    from validation.never_wrong.lists import CAMERAS, CHAINS
+    from validation.never_wrong.campaign import keys, run_campaign
     from validation.never_wrong.page import page
     from validation.never_wrong.record import CampaignRecord
 
-    if not 1 <= arguments.workers <= 64:
-        raise BadInput("number of processes is out of range", expected="1 – 64", got=str(arguments.workers))
-    settings = CampaignSettings(
-        arguments.attitudes,
-        arguments.frames,
-        arguments.seed,
-        tuple(arguments.camera or CAMERAS),
-        tuple(arguments.chain or CHAINS),
-    )
-
-    began_s = time.monotonic()
-
-    def progress(count: int, total: int) -> None:
-        if sys.stderr.isatty():
-            left = timedelta(seconds=round((time.monotonic() - began_s) * (total - count) / count))
-            print(f"\r{count} of {total} parts, about {left} left ", end="", file=sys.stderr, flush=True)
-
+    settings = _settings(arguments, arguments.frames)
     record = CampaignRecord(arguments.keep)
     if arguments.page is not None:
         blocks = record.blocks(arguments.seed)
@@ -156,9 +156,53 @@ def never_wrong(make_executor: Callable[[str | None, int], OrderedExecutor], arg
             record.remove(set(keys(settings)))
         executor = make_executor(arguments.cluster, arguments.workers)
         try:
-            run_campaign(settings, record, executor=executor, progress=progress)
+            run_campaign(settings, record, executor=executor, progress=_progress())
         finally:
             executor.stop()
     wrong = sorted(text for block in record.blocks(arguments.seed) for text in block.wrong)
     print("\n".join(wrong) if wrong else "no wrong result")
     return 3 if wrong else 0
+
+
+def search_wrong(make_executor: Callable[[str | None, int], OrderedExecutor], arguments: argparse.Namespace) -> int:
+    """Run the lists with selected faults, and print each wrong result at once."""
+    from validation.never_wrong.search import DEFAULT_FAULTS, search
+
+    settings, faults = _settings(arguments, 0), tuple(arguments.fault or DEFAULT_FAULTS)
+    executor = make_executor(arguments.cluster, arguments.workers)
+    try:
+        verdicts = search(
+            settings,
+            faults,
+            arguments.first,
+            executor=executor,
+            progress=_progress(),
+            report=partial(print, flush=True),
+        )
+    finally:
+        executor.stop()
+    print(f"{sum(verdicts.counts.values())} lists, {len(verdicts.wrong) or 'no'} wrong")
+    return 3 if verdicts.wrong else 0
+
+
+def _settings(arguments: argparse.Namespace, frames: int) -> CampaignSettings:
+    """Return the settings of a campaign. Raises BadInput if a number or name is not valid."""
+    from validation.never_wrong.campaign import CampaignSettings
+    from validation.never_wrong.lists import CAMERAS, CHAINS
+
+    if not 1 <= arguments.workers <= 64:
+        raise BadInput("number of processes is out of range", expected="1 – 64", got=str(arguments.workers))
+    cameras, chains = tuple(arguments.camera or CAMERAS), tuple(arguments.chain or CHAINS)
+    return CampaignSettings(arguments.attitudes, frames, arguments.seed, cameras, chains)
+
+
+def _progress() -> Callable[[int, int], None]:
+    """Return a function that shows the completed parts and the time left on a terminal."""
+    began_s = time.monotonic()
+
+    def show(count: int, total: int) -> None:
+        if sys.stderr.isatty():
+            left = timedelta(seconds=round((time.monotonic() - began_s) * (total - count) / count))
+            print(f"\r{count} of {total} parts, about {left} left ", end="", file=sys.stderr, flush=True)
+
+    return show

@@ -11,11 +11,13 @@ import pytest
 from gss.cli import main
 from gss.domain.errors import BadInput, Conflict
 from gss.operations.studies.executor import HereExecutor
-from validation.never_wrong.campaign import CampaignSettings, keys, run_campaign
+from validation.never_wrong.campaign import CampaignSettings, campaigns, keys, run_campaign
+from validation.never_wrong.faults import FAULTS
 from validation.never_wrong.frames import FrameShard
 from validation.never_wrong.lists import Shard, Verdicts
 from validation.never_wrong.page import page
 from validation.never_wrong.record import CampaignRecord
+from validation.never_wrong.search import search
 
 LOCAL = HereExecutor()
 SMALL = CampaignSettings(0, 13, 3, ("cubestar",), ("own",))
@@ -118,3 +120,18 @@ def test_invalid_campaigns_are_rejected() -> None:
     with pytest.raises(BadInput, match="attitudes"):
         CampaignSettings(attitudes=-1)
     assert len(set(keys(CampaignSettings()))) == len(keys(CampaignSettings())) == (40 + 10) * 5 * 2
+
+
+def test_a_search_solves_the_campaigns_lists_with_the_selected_faults(capsys: pytest.CaptureFixture[str]) -> None:
+    """The counts of a search equal those of the campaign's shards for the same faults. The command rejects unknown faults
+    and an empty range."""
+    settings, reports = CampaignSettings(500, 0, 1, ("cubestar",), ("own",)), []
+    verdicts = search(settings, ("mirrored",), 250, executor=LOCAL, report=reports.append)
+    shard = campaigns()[0].run(Shard("cubestar", "own", 1, 1))
+    mirrored = [fault.title for fault in FAULTS].index("mirrored")
+    assert verdicts.counts == {cell: n for cell, n in shard.counts.items() if cell[0] == mirrored}
+    assert 0 < sum(verdicts.counts.values()) < 20
+    assert list(verdicts.wrong) == reports == []
+    for options in (["--fault", "no such fault"], ["--first", "500"], ["--first", "-1"]):
+        assert main(["experiments", "search-wrong", "--attitudes", "500", *options]) == 2
+    assert "Unknown fault" in capsys.readouterr().err

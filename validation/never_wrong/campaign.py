@@ -85,12 +85,12 @@ def run_campaign(
 
 
 @lru_cache(maxsize=1)
-def _campaigns() -> tuple[Campaign, FrameCampaign]:
+def campaigns() -> tuple[Campaign, FrameCampaign]:
     """Build the state that a process keeps between shards."""
     stars = propagate(load_stars(FAINTEST_MAG), EPOCH_JYEAR)
     return Campaign(stars), FrameCampaign(stars)
 
 
 def _run(key: Shard | FrameShard, _progress: Callable[[float], None]) -> Verdicts:
-    lists, frames = _campaigns()
+    lists, frames = campaigns()
     return frames.run(key) if isinstance(key, FrameShard) else lists.run(key)

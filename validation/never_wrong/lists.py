@@ -74,8 +74,8 @@ class Campaign:
         """Return the cached chain with that camera."""
         return self._made(camera, chain)
 
-    def run(self, shard: Shard) -> Verdicts:
-        """Score every attitude of a shard."""
+    def run(self, shard: Shard, faults: tuple[str, ...] = ()) -> Verdicts:
+        """Score every attitude of a shard, or only those with one of the ``faults``."""
         subject = self.subject(shard.camera, shard.chain)
         counts: Counter[tuple[int, int, str]] = Counter()
         wrong = []
@@ -83,6 +83,8 @@ class Campaign:
             key = [shard.seed, _STREAM, CAMERAS.index(shard.camera), attitude]
             rng = np.random.default_rng(key)
             j, k = int(rng.choice(len(FAULTS), p=_WEIGHT)), attitude % len(MODES)
+            if faults and FAULTS[j].title not in faults:
+                continue
             judged = judge_with(subject, FAULTS[j], MODES[k], rng)
             counts[j, k, str(judged.verdict)] += 1
             if judged.verdict is Verdict.WRONG:

@@ -29,8 +29,8 @@ FIXED_CASES = "\n".join(
         "attitude. If less than three tenths of the stars match, the bound on the false-match probability must now be 1e-6",
         "- far_mst, mirrored, tracking (attitude 17723), and aim, mirrored, assisted (attitude 15013): five of 71 and four of 16 "
         "stars matched. The same limit now applies to these chains",
-        "- far_mst, mirrored, tracking (attitudes 38612 and 76181): four of 25 stars matched, with a bound of 5e-7, because stars near "
-        "the axis of the mirror image keep their places. Less than three tenths of the stars are now never enough",
+        "- far_mst, mirrored, tracking (attitudes 38612 and 76181): four of 25 stars matched, with a bound of 5e-7, because "
+        "stars near the axis of the mirror image keep their places. Less than three tenths of the stars are now never enough",
         "- aim, mirrored, tracking (attitude 38936): after a guidance error, three of three stars matched at an attitude that was "
         "rotated by 155° about the boresight. The rotation from a known attitude is now limited as well as the boresight",
         "- aim, mirrored, assisted (attitude 59329): four of ten stars matched, with a bound of 1e-5. If the bound is above 1e-6, "
