@@ -11,7 +11,15 @@ import validation
 FOLDERS = ("domain", "skytables", "instruments", "pipeline", "catalogue_tools")
 STORAGE = {
     f"validation/{name}.py"
-    for name in ("cli", "fingerprint", "result_store", "never_wrong/campaign", "never_wrong/page", "never_wrong/record")
+    for name in (
+        "cli",
+        "fingerprint",
+        "result_store",
+        "never_wrong/campaign",
+        "never_wrong/page",
+        "never_wrong/record",
+        "never_wrong/search",
+    )
 }
 """Files that start runs, store results and write pages, and do not change a result."""
 
