@@ -54,7 +54,7 @@ def test_the_viewer_opens_on_the_frame_reports_its_selection_and_grows_live(page
     page.goto(f"/frames/{older}?rerun=1")
     expect(viewer(page)).to_have_attribute("data-opened", "true", timeout=SLOW_MS)
     expect(viewer(page)).to_have_attribute("data-frame", str(older), timeout=SLOW_MS)
-    page.get_by_role("button", name="Newer frame").click()
+    page.get_by_role("button", name="Newer frame").click(timeout=SLOW_MS)
     expect(page).to_have_url(re.compile(rf"/frames/{newest}\b"))
     expect(viewer(page)).to_have_attribute("data-frame", str(newest), timeout=SLOW_MS)
     box = viewer(page).locator("canvas").bounding_box()

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, expect
 
-pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
+SLOW_MS = 120_000
 SLOW_PIXELS = """(() => {
   const real = window.fetch;
   window.fetch = async (...request) => {
@@ -43,13 +44,13 @@ def test_a_frame_that_loads_slowly_shows_results_and_received_bytes(
     number = new_frame(page)
     page.add_init_script(SLOW_PIXELS)
     page.goto(f"/frames/{number}")
-    page.wait_for_function(COUNTED, arg=f"Loading frame {number}: ", polling=50)
+    page.wait_for_function(COUNTED, arg=f"Loading frame {number}: ", polling=50, timeout=SLOW_MS)
     expect(page.get_by_test_id("star-row").first).to_be_visible()
     expect(page.get_by_test_id("sky-image")).to_have_count(0)
     results = page.get_by_test_id("chain-row").count()
     served.ask("POST", f"/frames/{number}/solve", {"chain": "sunsat", "profile": "cubestar"})
     expect(page.get_by_test_id("chain-row")).to_have_count(results + 1)
     expect(page.get_by_test_id("frame-loading")).to_have_count(1)
-    expect(page.locator("[data-testid=sky-image][data-ready=true]")).to_be_visible()
+    expect(page.locator("[data-testid=sky-image][data-ready=true]")).to_be_visible(timeout=SLOW_MS)
     expect(page.get_by_test_id("frame-loading")).to_have_count(0)
     assert page.evaluate("window.downloads") == 1
