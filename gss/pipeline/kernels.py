@@ -61,7 +61,8 @@ class FrameLoops:
     """Compiled loops over the pixels of a frame. ``binomial``: see ``peaks._binomial_sum``. ``tile_samples``, ``clip``,
     ``smooth_mesh``, ``residuals``: see the functions of ``background``. ``significant``, ``sky_of``, ``single_pixels``: see
     ``peaks``. ``separate``, ``sizes``: see ``detect``. ``measure``: see ``psf.measure_stars``. ``lit``: (frame, threshold)
-    → flat indices of lit pixels. ``components``: (flat indices, frame's width) → count and label of each."""
+    → flat indices of lit pixels. ``components``: (flat indices, frame's width) → count and label of each. ``trail_sums``: see
+    ``streaks.fit_sums``."""
 
     binomial: Callable[[NDArray[Any]], NDArray[Any]]
     tile_samples: Callable[[NDArray[Any], int, int], NDArray[Any]]
@@ -76,6 +77,7 @@ class FrameLoops:
     measure: Callable[..., tuple[Any, ...]]
     lit: Callable[[NDArray[Any], float], Rows]
     components: Callable[[Rows, int], tuple[int, NDArray[np.int32]]]
+    trail_sums: Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -156,7 +158,7 @@ def _compiled() -> Kernels:
         raise BadInput("numba is not installed", expected="the package numba", hint="run pip install numba")
     compiled_mark()
     # Imported at first use because the import takes a second and most commands do not need it.
-    from gss.pipeline.loops import background, peaks, pixels, stamps
+    from gss.pipeline.loops import background, peaks, pixels, stamps, trails
     from gss.pipeline.loops.census import count_matches
     from gss.pipeline.loops.figures import extended
     from gss.pipeline.loops.finish import finish
@@ -178,6 +180,7 @@ def _compiled() -> Kernels:
         stamps.measure,
         pixels.lit,
         pixels.components,
+        trails.sums,
     )
     lists = ListLoops(camera_numbers, directions, find, find_near, finish, count_matches, extended)
     return Kernels(COMPILED, frames, lists)

@@ -8,7 +8,9 @@ motion, so −ω fits as well as ω.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.results import Centroids, Turning
 from gss.pipeline.background import Background
+from gss.pipeline.kernels import kernels
 from gss.pipeline.psf import cut_stamps
 from gss.pipeline.trail_shape import trailed_gaussian
 
@@ -34,6 +37,7 @@ DONE = 0.01  # convergence limit of a step, in standard deviations
 STEP_RAD = 1e-5
 MIN_SIGNIFICANT = 25.0  # improvement in χ² of trails over untrailed stars required to report a rate
 PIXEL_VARIANCE_PX2 = 1 / 12
+LEAST_FLUX = 1e-3  # lower limit of a fitted flux, as a share of the sum of the absolute pixels
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,19 @@ class Trails:
         )
 
 
+@dataclass(frozen=True)
+class FitSums:
+    """Sums of a step of the fit, for n trails of k pixels. ``model``: (n, k) pixels at the best fluxes; ``variance``: (n, k)
+    predicted by the model. ``products``: (n, 7, 7) weighted sums of products of the derivatives with respect to flux, x, y,
+    the three rotations, and the width; ``pulls``: (n, 7) of the derivatives and the residuals."""
+
+    model: Array
+    chi2: float
+    variance: Array
+    products: Array
+    pulls: Array
+
+
 def measure_turning(
     image: NDArray[Any],
     centroids: Centroids,
@@ -75,24 +92,27 @@ def measure_turning(
     psf_sigma_px: float | None = None,
     e_per_dn: float = 0.0,
     saturation_dn: float = float("inf"),
+    fast: bool | None = None,
 ) -> Turning | None:
     """Measure the angular velocity from a (rows, columns) frame; None if no trail is significant.
 
     ``covariance_px2``: (2, 2) of the frame's typical spot, trail included. ``psf_sigma_px``: width of an untrailed
-    star, if known; it is the starting value of the fitted width.
+    star, if known; it is the starting value of the fitted width. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
     trails = _cut(image, centroids, background, camera, covariance_px2, saturation_dn)
     if trails is None:
         return None
+    frames = kernels(fast).frames
+    sums: Sums = partial(frames.trail_sums if frames else fit_sums, e_per_dn=e_per_dn)
     width2 = PIXEL_VARIANCE_PX2 + (psf_sigma_px**2 if psf_sigma_px else max(_narrow2(covariance_px2), 0.3))
-    best = _best(trails, _starts(trails, width2), width2, e_per_dn)
-    consistent = _consistent(trails, best, e_per_dn)
+    best = _best(trails, _starts(trails, width2), width2, sums)
+    consistent = _consistent(trails, best, sums)
     if int(consistent.sum()) < max(MIN_TRAILS, MAX_ALIKE * len(consistent)):
         return None  # the elongated spots are not trails of one common rotation
     if not consistent.all():
         trails = trails.take(consistent)
-        best = _best(trails, [best.turned_rad], best.width2, e_per_dn)
-    untrailed = _fit(trails, np.zeros(3), width2, e_per_dn, turn=False)
+        best = _best(trails, [best.turned_rad], best.width2, sums)
+    untrailed = _fit(trails, np.zeros(3), width2, sums, turn=False)
     freedom = int(trails.use.sum()) - 3 * len(trails.value) - 4
     longest_px = float(np.linalg.norm(trails.per_rad @ best.turned_rad, axis=1).max())
     if freedom <= 0 or not np.isfinite(best.covariance).all() or longest_px > 2 * trails.dx.max():
@@ -207,22 +227,23 @@ def _starts(trails: Trails, width2: float) -> list[Array]:
     return [np.asarray(start, float) for start in starts]
 
 
-def _best(trails: Trails, starts: list[Array], width2: float, e_per_dn: float) -> _Fitted:
+def _best(trails: Trails, starts: list[Array], width2: float, sums: Sums) -> _Fitted:
     """Return the best fit from the first guess (pure roll) and from the ``PROMISING`` other guesses with the lowest χ²."""
     variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
-    start_chi2 = [_linear(trails, start, width2, trails.col, trails.row, variance, e_per_dn)[2] for start in starts]
+    start_chi2 = [sums(trails, start, width2, trails.col, trails.row, variance).chi2 for start in starts]
     chosen = [0, *(int(k) + 1 for k in np.argsort(start_chi2[1:])[:PROMISING])]
-    fits = [_fit(trails, starts[k], width2, e_per_dn, turn=True) for k in chosen]
+    fits = [_fit(trails, starts[k], width2, sums, turn=True) for k in chosen]
     return min(fits, key=lambda f: f.chi2)
 
 
-def _consistent(trails: Trails, fit: _Fitted, e_per_dn: float) -> NDArray[np.bool_]:
+def _consistent(trails: Trails, fit: _Fitted, sums: Sums) -> NDArray[np.bool_]:
     """True for trails that the common rotation fits as well as it fits the median trail. Trails with a neighbour or
     defect and trails of planets fit worse."""
     variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
     for _ in range(2):
-        model, _, _, variance = _linear(trails, fit.turned_rad, fit.width2, fit.x, fit.y, variance, e_per_dn)
-    misfit = (trails.use * (trails.value - model) ** 2 / variance).sum(1) / np.maximum(trails.use.sum(1), 1)
+        at = sums(trails, fit.turned_rad, fit.width2, fit.x, fit.y, variance)
+        variance = at.variance
+    misfit = (trails.use * (trails.value - at.model) ** 2 / variance).sum(1) / np.maximum(trails.use.sum(1), 1)
     return np.asarray(misfit < UNLIKE * max(float(np.median(misfit)), 1.0))
 
 
@@ -238,7 +259,7 @@ class _Fitted:
     y: Array
 
 
-def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn: bool) -> _Fitted:
+def _fit(trails: Trails, turned: Array, width2: float, sums: Sums, *, turn: bool) -> _Fitted:
     """Fit the common rotation and width by Levenberg–Marquardt. The position and flux of each trail are eliminated star by star."""
     x, y, w2 = trails.col.copy(), trails.row.copy(), width2
     shared = 4 if turn else 1
@@ -248,24 +269,22 @@ def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn:
     normal = np.eye(shared)
     step_size = np.inf
     for _ in range(FIT_ROUNDS):
-        model, slopes, chi2, variance_next = _linear(trails, turned, w2, x, y, variance, e_per_dn)
-        if chi2 > before * (1 + 1e-12) and np.isfinite(before):
+        at = sums(trails, turned, w2, x, y, variance)
+        if at.chi2 > before * (1 + 1e-12) and np.isfinite(before):
             damping *= 10
             turned, w2, x, y = terms
             if damping > 1e6:
                 break
-            model, slopes, chi2, variance_next = _linear(trails, turned, w2, x, y, variance, e_per_dn)
+            at = sums(trails, turned, w2, x, y, variance)
         else:
             damping = max(damping / 10, 1e-9)
         if step_size < DONE and np.isfinite(before):
             break
-        before, terms = chi2, (turned, w2, x, y)
-        weight = trails.use / variance
-        products = (slopes * weight[..., None]).swapaxes(1, 2) @ slopes
-        pulls = (((trails.value - model) * weight)[:, None, :] @ slopes)[:, 0]
+        before, terms = at.chi2, (turned, w2, x, y)
         own, common = slice(3), slice(3 if turn else 6, 7)
-        a, b, c = products[:, own, own], products[:, own, common], products[:, common, common].sum(axis=0)
-        p, q = pulls[:, own], pulls[:, common].sum(axis=0)
+        a, b = at.products[:, own, own], at.products[:, own, common]
+        c = at.products[:, common, common].sum(axis=0)
+        p, q = at.pulls[:, own], at.pulls[:, common].sum(axis=0)
         a = a + 1e-12 * np.trace(a, axis1=1, axis2=2)[:, None, None] * np.eye(3)
         solved, own_step = np.linalg.solve(a, b), np.linalg.solve(a, p[..., None])
         normal = c - np.einsum("nij,nik->jk", b, solved)
@@ -277,32 +296,42 @@ def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn:
             turned = turned + step[:3]
         w2 = float(np.clip(w2 + step[-1], 0.6 * w2, 1.6 * w2))
         step_size = float(np.max(np.abs(step) * np.sqrt(np.maximum(np.diag(normal), 0.0))))
-        variance = variance_next
+        variance = at.variance
     turned, w2, x, y = terms
     with np.errstate(all="ignore"):
         try:
             covariance: Array = np.asarray(np.linalg.inv(normal), float)
         except np.linalg.LinAlgError:
             covariance = np.full((shared, shared), np.inf)
-    return _Fitted(turned, float(min(before, chi2)), covariance, w2, x, y)
+    return _Fitted(turned, float(min(before, at.chi2)), covariance, w2, x, y)
 
 
-def _linear(
+def fit_sums(
     trails: Trails, turned: Array, width2: float, x: Array, y: Array, variance: Array, e_per_dn: float
-) -> tuple[Array, Array, float, Array]:
-    """Return the model (n, k) at the best fluxes, its derivatives (n, k, 7) with respect to flux, x, y, the three
-    rotations and the width, χ², and the variance predicted by the model."""
+) -> FitSums:
+    """Return the sums of a step. ``turned``: (3,) rotation in rad; ``x``, ``y``: (n,) centres in px; ``variance``: (n, k) of
+    the pixels."""
     trail = trails.per_rad @ turned
     shape, derivatives = trailed_gaussian(trails.dx - x[:, None], trails.dy - y[:, None], trail, width2)
     weight = trails.use / variance
     flux = (weight * shape * trails.value).sum(1) / np.maximum((weight * shape * shape).sum(1), 1e-300)
-    flux = np.maximum(flux, 1e-3 * np.abs(trails.value).sum(1))
+    flux = np.maximum(flux, LEAST_FLUX * np.abs(trails.value).sum(1))
     model = flux[:, None] * shape
     slopes = np.empty((*shape.shape, 7))
     slopes[..., 0] = shape
     slopes[..., 1:3] = -flux[:, None, None] * derivatives[..., :2]
     slopes[..., 3:6] = flux[:, None, None] * (derivatives[..., 2:4] @ trails.per_rad)
     slopes[..., 6] = flux[:, None] * derivatives[..., 4]
-    chi2 = float((weight * (trails.value - model) ** 2).sum())
+    weighted_residual = weight * (trails.value - model)
     expected = trails.sky_variance[:, None] + (np.maximum(model, 0) / e_per_dn if e_per_dn > 0 else 0.0)
-    return model, slopes, chi2, np.broadcast_to(expected, model.shape)
+    return FitSums(
+        model,
+        float((weighted_residual * (trails.value - model)).sum()),
+        np.broadcast_to(expected, model.shape),
+        (slopes * weight[..., None]).swapaxes(1, 2) @ slopes,
+        (weighted_residual[:, None, :] @ slopes)[:, 0],
+    )
+
+
+Sums = Callable[[Trails, Array, float, Array, Array, Array], FitSums]
+"""``fit_sums``, or its compiled equivalent, with the number of electrons per DN."""

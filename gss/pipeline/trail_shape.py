@@ -7,20 +7,17 @@ from scipy.special import erf
 
 from gss.domain.angles import Array
 
-MIN_PX = 0.3  # minimum length during an iteration, because a shorter trail has no direction
+LEAST_PX = 0.3  # minimum length during an iteration, because a shorter trail has no direction
+UNDIRECTED_PX = 1e-9  # up to this length, the direction is that of the columns
 
 
 def trailed_gaussian(ax: Array, ay: Array, trail: Array, width2: float) -> tuple[Array, Array]:
     """Return a Gaussian of unit flux and variance ``width2``, moved along ``trail`` (n, 2), at (n, k) offsets. Also
     return its derivatives (n, k, 5) with respect to the two offsets, the two components of the trail, and the
     variance."""
-    length = np.maximum(np.hypot(trail[:, 0], trail[:, 1]), MIN_PX)
-    direction = np.where(
-        (np.hypot(trail[:, 0], trail[:, 1]) > 1e-9)[:, None],
-        trail / np.maximum(np.hypot(trail[:, 0], trail[:, 1]), 1e-9)[:, None],
-        np.array([1.0, 0.0]),
-    )
-    ex, ey, long = direction[:, :1], direction[:, 1:], length[:, None]
+    length = np.hypot(trail[:, 0], trail[:, 1])[:, None]
+    direction = np.where(length > UNDIRECTED_PX, trail / np.maximum(length, UNDIRECTED_PX), np.array([1.0, 0.0]))
+    ex, ey, long = direction[:, :1], direction[:, 1:], np.maximum(length, LEAST_PX)
     sigma = np.sqrt(width2)
     a, b = ax * ex + ay * ey, ay * ex - ax * ey
     high, low = (a + long / 2) / sigma, (a - long / 2) / sigma

@@ -16,7 +16,7 @@ from gss.operations.frames.compile_ahead import compile_ahead
 from gss.operations.frames.solve import Solver
 from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.kernels import kernels
-from gss.pipeline.loops import background, geometry, peaks, pixels, stamps
+from gss.pipeline.loops import background, geometry, peaks, pixels, stamps, trails
 
 
 def test_every_loop_is_compiled_and_progress_is_reported() -> None:
@@ -25,12 +25,12 @@ def test_every_loop_is_compiled_and_progress_is_reported() -> None:
     cameras = shipped_registry()
     solver = Solver(cameras.camera, SolverCache(), time.perf_counter)
     compile_ahead(solver, cameras.camera("cubestar"), lambda *step: steps.append(step))
-    assert [done for done, _, _ in steps] == [0, 1, 2, 3, 4, 5]
-    assert (steps[0][2], steps[-1]) == ("lost in space", (5, 5, ""))
+    assert [done for done, _, _ in steps] == [0, 1, 2, 3, 4, 5, 6]
+    assert (steps[0][2], steps[-1]) == ("lost in space", (6, 6, ""))
     lists = kernels(fast=True).lists
     assert lists is not None
     called = [loop for loop in vars(lists).values() if isinstance(loop, Dispatcher)]
-    for module in (background, geometry, peaks, pixels, stamps):
+    for module in (background, geometry, peaks, pixels, stamps, trails):
         called += called_from_python(module)
     assert len(called) >= 20
     assert [loop.py_func.__name__ for loop in called if not loop.signatures] == []

@@ -27,7 +27,7 @@ def rendered_frame(profile: CameraProfile, rate_rad_s: Array, rng: np.random.Gen
     )
 
 
-def measured_rate(profile: CameraProfile, frame: Rendered) -> Turning | None:
+def measured_rate(profile: CameraProfile, frame: Rendered, fast: bool | None = None) -> Turning | None:
     """Measure the rotation from the trails of the frame, or return None if there are no trails."""
     sensor = profile.sensor
     detected = find_stars(
@@ -48,6 +48,7 @@ def measured_rate(profile: CameraProfile, frame: Rendered) -> Turning | None:
         psf_sigma_px=sensor.psf_sigma_px,
         e_per_dn=sensor.gain_e_per_dn,
         saturation_dn=sensor.saturation_dn,
+        fast=fast,
     )
 
 
@@ -119,6 +120,26 @@ def test_trail_per_radian_agrees_with_a_small_rotation() -> None:
     turn = np.array([2e-5, -3e-5, 5e-5])
     moved = camera.project(camera.unproject(pixels) @ rotation_from_vector(-turn).T)
     assert np.allclose(trail_per_rad(camera, pixels) @ turn, moved - pixels, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["cubestar", "sunsat"])
+def test_numpy_and_compiled_loops_measure_the_same_rate(name: str) -> None:
+    """The rates of both agree to a ten-thousandth of their standard deviation, for short and long trails and for a rotation
+    about the optical axis."""
+    profile, rng = shipped_camera(name), np.random.default_rng(25)
+    measured = 0
+    for direction in ([0.0, 5.0, 0.0], [3.0, -2.0, 4.0], [0.0, 0.0, 40.0], [-12.0, 9.0, 0.0]):
+        rate = np.array(direction) * profile.camera.pixel_rad / profile.sensor.exposure_s
+        frame = rendered_frame(profile, rate, rng)
+        plain, compiled = (measured_rate(profile, frame, fast=fast) for fast in (False, True))
+        assert (plain is None) == (compiled is None)
+        if plain is not None and compiled is not None:
+            measured += 1
+            assert compiled.stars == plain.stars
+            difference = compiled.vector_rad_s - plain.vector_rad_s
+            assert np.abs(difference / np.array(plain.sigma_rad_s)).max() < 1e-4
+            assert compiled.covariance_rad2_s2 == pytest.approx(plain.covariance_rad2_s2, rel=1e-3)
+    assert measured >= 2
 
 
 def test_derivatives_of_the_trail_agree_with_differences() -> None:

@@ -32,17 +32,19 @@ from gss.skytables.sin2 import sin2_directory
 EPOCH_JYEAR = 2026.5
 POINTING = cam_from_icrs(math.radians(84.0), math.radians(-2.0), math.radians(30.0))
 PRIOR_RADIUS_RAD = math.radians(5.0)
+TRAIL_PX = 8.0
 Report = Callable[[int, int, str], None]
 """Called with the number of completed cases, the total number, and the name of the next case."""
 
 
 @dataclass(frozen=True)
 class CompileCase:
-    """One method of solving the test frame. ``dtype``: type of the pixels."""
+    """One method of solving the test frame. ``dtype``: type of the pixels; ``trailed``: the camera turns."""
 
     name: str
     request: SolveRequest
     dtype: type[np.generic] = np.uint8
+    trailed: bool = False
 
 
 def _cases(profile: CameraProfile) -> list[CompileCase]:
@@ -53,6 +55,7 @@ def _cases(profile: CameraProfile) -> list[CompileCase]:
         CompileCase("with a prior attitude", replace(request, hint=BoundedPrior(POINTING, PRIOR_RADIUS_RAD))),
         CompileCase("16-bit pixels", request, np.uint16),
         CompileCase("pixels of other types", request, np.float32),
+        CompileCase("trailed stars", replace(request, exposure_s=profile.sensor.exposure_s), trailed=True),
     ]
     return (
         [*cases, CompileCase("the sensor's own chain", replace(request, chain=profile.chain))]
@@ -66,11 +69,15 @@ def compile_ahead(solver: Solver, profile: CameraProfile, report: Report) -> Non
 
     Raises BadInput if numba is not installed, GssError if a frame is not solved.
     """
-    pixels = draw(profile, RenderRequest(POINTING, epoch_jyear=EPOCH_JYEAR)).pixels
+    still = RenderRequest(POINTING, epoch_jyear=EPOCH_JYEAR)
+    rate_rad_s = TRAIL_PX * profile.camera.pixel_rad / profile.sensor.exposure_s
+    pixels, trailed = (
+        draw(profile, request).pixels for request in (still, replace(still, rate_rad_s=(rate_rad_s, 0.0, 0.0)))
+    )
     cases = _cases(profile)
     for k, case in enumerate(cases):
         report(k, len(cases), case.name)
-        result = solver.solve(pixels.astype(case.dtype), case.request)
+        result = solver.solve((trailed if case.trailed else pixels).astype(case.dtype), case.request)
         if result.outcome is not Outcome.SOLVED:
             raise GssError("the loops could not be compiled", got=f"{case.name}: the test frame was not solved")
     _compile_census(profile.camera)

@@ -111,7 +111,7 @@ def solve_known(
     turning = None
     if detections.trailed and exposure_s:
         with trace.stage("trails"):
-            turning = turning_of(pixels, detections, camera, exposure_s, sensor)
+            turning = turning_of(pixels, detections, camera, exposure_s, sensor, fast)
     return _identify_known(
         detections.centroids, camera, stars, deeper, hint, trace, detections, turning, velocity_c, fast
     )
@@ -133,7 +133,12 @@ def solve_centroids(
 
 
 def turning_of(
-    pixels: NDArray[Any], detections: Detections, camera: Camera, exposure_s: float, sensor: Sensor | None
+    pixels: NDArray[Any],
+    detections: Detections,
+    camera: Camera,
+    exposure_s: float,
+    sensor: Sensor | None,
+    fast: bool | None = None,
 ) -> Turning | None:
     """Return the rate measured from the trails of a frame, or None."""
     return measure_turning(
@@ -146,6 +151,7 @@ def turning_of(
         psf_sigma_px=sensor.psf_sigma_px if sensor else None,
         e_per_dn=sensor.gain_e_per_dn if sensor else 0.0,
         saturation_dn=float(sensor.saturation_dn) if sensor else float(pixels.max()),
+        fast=fast,
     )
 
 
