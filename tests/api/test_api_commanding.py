@@ -65,6 +65,7 @@ def make_console(tmp_path, sensor_in_memory, signed_in, client_of) -> Iterator[C
             Settings(data=tmp_path / "data"),
             clock=Clock(lambda: start + timedelta(seconds=sensor.now_s), sensor.monotonic_s),
         )
+        sensor.keep_pace_with(services.line.link.events)
         client = client_of(services)
         clients.append(client.__enter__())
         services.line.link.open_later(sensor.url)
