@@ -14,6 +14,7 @@ from gss.instruments.registry import shipped_camera
 from gss.pipeline import kernels
 from gss.pipeline.chains import cubestar
 from gss.pipeline.detect import Detections, find_stars
+from gss.pipeline.loops.pixels import _lit
 from gss.pipeline.peaks import _binomial_sum
 from gss.pipeline.regions import find_blobs
 from gss.pipeline.render import render
@@ -79,6 +80,16 @@ def test_compiled_blobs_are_bit_identical(threshold: float, dtype: str) -> None:
     with_numpy, compiled = (find_blobs(image, threshold, 3, kernels.kernels(f)) for f in (False, True))
     assert np.array_equal(with_numpy.index, compiled.index)
     assert np.array_equal(with_numpy.start, compiled.start)
+
+
+def test_a_read_only_frame_needs_no_other_loops() -> None:
+    """Frames of a sensor are read-only, rendered ones are not. Both are searched with the same compiled loop."""
+    pixels = frame(3)
+    find_blobs(pixels, 30.0, 1, kernels.kernels(fast=True))
+    before = list(_lit.signatures)
+    read_only = np.frombuffer(pixels.tobytes(), np.uint8).reshape(pixels.shape)
+    find_blobs(read_only, 30.0, 1, kernels.kernels(fast=True))
+    assert list(_lit.signatures) == before
 
 
 def test_cubestar_detection_is_bit_identical() -> None:

@@ -85,7 +85,9 @@ def lit(image: NDArray[Any], threshold: float) -> Rows:
         if limit < 0:
             return np.arange(image.size)
         limit_value = np.full(1, limit, image.dtype)
-        rows: Rows = _lit(np.ascontiguousarray(image).ravel(), limit_value[0])
+        flat = np.ascontiguousarray(image).ravel().view()
+        flat.flags.writeable = False  # otherwise the loop would be compiled again for a frame that is read-only
+        rows: Rows = _lit(flat, limit_value[0])
         return rows
     return np.flatnonzero(image > threshold)
 

@@ -35,7 +35,9 @@ def sizes(image: NDArray[Any], peaks: Peaks, covariance: Array, ceiling: float) 
     """Return the two sizes of the bright stars in px²; equivalent to ``detect._sizes``."""
     half = math.ceil(4 * math.sqrt(covariance[0, 0]))
     moments = np.empty((3, BRIGHTEST))
-    usual, large = _sizes(image, peaks.col, peaks.row, peaks.sky, peaks.snr, peaks.single, half, ceiling, moments)
+    usual, large = _sizes(
+        image, peaks.col, peaks.row, peaks.sky, peaks.snr, peaks.single, half, float(ceiling), moments
+    )
     return float(usual), float(large)
 
 
@@ -91,7 +93,7 @@ def measure(
     xx, xy, yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     det = xx * yy - xy * xy
     inverse = np.array([[yy, -xy], [-xy, xx]]) / det
-    _cut(image, col, row, sky, noise, half, ceiling, value, use, area, peak)
+    _cut(image, col, row, sky, noise, half, float(ceiling), value, use, area, peak)
     fits = (x, y, top, sigma, good)
     _fit(side, value, use, noise, e_per_dn, inverse, reach_px(half), math.sqrt(det), np.ones(n, np.bool_), *fits)
     reach = half + NEIGHBOUR_SIGMA * widths_px(covariance)[1]
