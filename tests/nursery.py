@@ -190,9 +190,10 @@ def load_servers() -> None:
     load_stars()
     load_dictionary()
     asyncio.run(anyio.sleep(0))
+    camera = shipped_camera("cubestar")
     for chain in ("reference", "cubestar"):
-        request = SolveRequest(chain=chain, profile="cubestar")
-        Solver(shipped_camera).solve(warm_up_image(shipped_camera("cubestar")), request)
+        request = SolveRequest(chain=chain, profile="cubestar", exposure_s=camera.sensor.exposure_s)
+        Solver(shipped_camera).solve(warm_up_image(camera), request)
 
 
 def serve(channel: socket.socket) -> None:

@@ -85,7 +85,8 @@ class FrameService:
         image = warm_up_image(profile)
         for chain in dict.fromkeys((self._chain, on_board(profile).name)):
             try:
-                self._solver.solve(image, SolveRequest(chain=chain, profile=profile_name))
+                request = SolveRequest(chain=chain, profile=profile_name, exposure_s=profile.sensor.exposure_s)
+                self._solver.solve(image, request)
             except Exception as error:  # after a failure, only the first frame is slower
                 self._bus.record("solution", "warning", f"The {chain} chain could not run: {error}")
 

@@ -212,12 +212,12 @@ class Solver:
 
 
 def warm_up_image(profile: CameraProfile) -> NDArray[np.unsignedinteger[Any]]:
-    """Return an image of a camera with twelve random spots. A chain that solves it compiles its loops."""
+    """Return an image of a camera with twelve random trails. A chain that solves it with its exposure loads its loops."""
     rows, columns = profile.camera.rows, profile.camera.columns
-    spots = np.random.default_rng(1).integers(4, [columns - 4, rows - 4], (12, 2))
+    places = np.random.default_rng(1).integers(20, [columns - 20, rows - 20], (12, 2))
     pixels = np.random.default_rng(2).integers(8, 14, (rows, columns))
-    for col, row in spots:
-        pixels[row - 1 : row + 2, col - 1 : col + 2] += np.array([[9, 30, 9], [30, 90, 30], [9, 30, 9]])
+    for col, row in places:
+        pixels[row - 1 : row + 2, col - 4 : col + 5] += np.array([[30], [90], [30]])
     return pixels.astype(np.uint8 if profile.sensor.bits <= 8 else np.uint16)
 
 

@@ -87,7 +87,7 @@ def _products(near, shapes, weight, light):
 @loop
 def _share_below(x, bell):
     """Return the normal distribution at ``x`` with an error below 1e-7 (Abramowitz and Stegun, 26.2.17). ``bell``: exp(-x²/2),
-    which the caller needs too; the error function of the library takes three times as long."""
+    which the caller needs too."""
     t = 1.0 / (1.0 + 0.2316419 * abs(x))
     tail = t * (0.319381530 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))))
     above = bell * PEAK * tail
@@ -96,8 +96,9 @@ def _share_below(x, bell):
 
 @loop
 def _shapes(dx, dy, x, y, trail, width2, shapes, place):
-    """Write the shape of a trail of unit flux and its derivatives (6, k), and the places of the k pixels near the trail.
-    Return k. Equivalent to ``trail_shape.trailed_gaussian``."""
+    """Write the (6, k) shape of a trail of unit flux and its derivatives with respect to x, y, the two components of the trail,
+    and the variance, and the places of the k pixels near the trail. Return k. Equivalent to
+    ``trail_shape.trailed_gaussian``."""
     sigma, length = math.sqrt(width2), math.hypot(trail[0], trail[1])
     long, ex, ey = max(length, LEAST_PX), 1.0, 0.0
     if length > UNDIRECTED_PX:
