@@ -45,13 +45,13 @@ web-test: web
 kernels: $(VENV)/.test-installed
 	@$(BIN)/gss compile --camera cubestar
 
-# Compiles the test files once. On a new checkout, each of the four processes would compile all of them. unit reports errors.
+# Compiles the test files once. On a new checkout, each of the processes would compile all of them. unit reports errors.
 collected: $(VENV)/.test-installed
 	@$(BIN)/pytest --collect-only --quiet --quiet > /dev/null || true
 
-# Four processes on two cores: while two wait for servers, two compute. tests/conftest.py says what stays together.
+# Three processes on two cores: one can wait for a server while two compute. tests/conftest.py says what stays together.
 unit: $(VENV)/.test-installed web
-	$(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # Every trial of the statistical tests; make test runs a part of them. Campaigns: gss experiments, tools/fuzz.py, make soak.
 evidence: $(VENV)/.test-installed

@@ -48,7 +48,7 @@ def test_a_frame_that_loads_slowly_shows_results_and_received_bytes(
     expect(page.get_by_test_id("star-row").first).to_be_visible()
     expect(page.get_by_test_id("sky-image")).to_have_count(0)
     results = page.get_by_test_id("chain-row").count()
-    served.ask("POST", f"/frames/{number}/solve", {"chain": "sunsat", "profile": "cubestar"})
+    served.ask("POST", f"/frames/{number}/solve", {"chain": "reference", "profile": "cubestar"})
     expect(page.get_by_test_id("chain-row")).to_have_count(results + 1)
     expect(page.get_by_test_id("frame-loading")).to_have_count(1)
     expect(page.locator("[data-testid=sky-image][data-ready=true]")).to_be_visible(timeout=SLOW_MS)

@@ -152,7 +152,7 @@ def test_mirrored_fields_have_no_solution() -> None:
 def test_random_dots_have_no_solution() -> None:
     """Random dots have no solution, and a reason is given."""
     rng = np.random.default_rng(5)
-    for n in (0, 3, 8, 12, 20, 200):
+    for n in (0, 3, 40):
         pixels = rng.uniform(0, SHAPE, (n, 2))
         result = solve(pixels, np.linspace(1, 6, n), 4, 60)
         assert result.solved is None

@@ -22,7 +22,9 @@ def false_centroids(console, frame: dict, hot: np.ndarray) -> int:
 def new_frame(console, number: int) -> dict:
     return console.wait(
         f"frame {number}",
-        lambda: next((f for f in console.get("/frames")["frames"] if f["complete"] and f["number"] == number), None),
+        lambda: next(
+            (f for f in console.get("/frames", limit=1)["frames"] if f["complete"] and f["number"] == number), None
+        ),
     )
 
 
