@@ -173,6 +173,18 @@ def test_wrong_attitudes_of_the_reference_chain_do_not_recur(camera: str, attitu
     assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == verdict
 
 
+@pytest.mark.parametrize("attitude", [40837, 43666])
+def test_a_match_with_a_displaced_bright_star_is_correct(attitude: int) -> None:
+    """The fault displaced Procyon or Fomalhaut by more than three pixels. Their identification is correct, and the attitude is
+    imprecise."""
+    tested = subject(setting_of("cubestar", "reference"), propagate(load_stars(8.0), 2000.0))
+    rng = np.random.default_rng([1, 910, CAMERAS.index("cubestar"), attitude])
+    share = np.array([f.share for f in FAULTS])
+    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    assert fault.saturated
+    assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == "imprecise"
+
+
 @pytest.mark.parametrize("number", [4, 56])
 def test_parts_of_long_trails_give_no_attitude(number: int) -> None:
     """Frames of AIM with trails of 44 px once gave an attitude from four parts of trails, all displaced by 12 px or 5 px.

@@ -159,7 +159,7 @@ def prior(setting: Setting, mode: Mode, attitude: Array, rng: np.random.Generato
 
 @dataclass(frozen=True)
 class Shown:
-    """A centroid list, brightest first, and its truth."""
+    """A centroid list, brightest first, and its truth, whose positions are those of the light: a fault can displace it."""
 
     centroids: Centroids
     truth: Truth
@@ -179,14 +179,16 @@ def shown(subject: Subject, fault: Fault, attitude: Array, rng: np.random.Genera
     v_mag = fade(v_mag + fault.shift_mag, fault, rng)
     seen = (v_mag <= setting.seen_mag) & (rng.random(n) >= fault.missing) & believed.contains(truth.pixels)
     pixels = truth.pixels[seen] + setting.noise_px * rng.normal(size=(int(seen.sum()), 2))
-    pixels, v_mag = displace(pixels, v_mag[seen], setting.seen_mag, fault, rng)
+    displaced, v_mag = displace(pixels, v_mag[seen], setting.seen_mag, fault, rng)
+    light = truth.pixels.copy()
+    light[seen] += displaced - pixels
     more_pixels, more_mag = strangers(fault, setting.seen_mag, believed, rng)
-    pixels, v_mag = np.vstack([pixels, more_pixels]), np.concatenate([v_mag, more_mag])
+    pixels, v_mag = np.vstack([displaced, more_pixels]), np.concatenate([v_mag, more_mag])
     if fault.mirrored:
         pixels[:, 0] = believed.columns - 1 - pixels[:, 0]
     order = np.argsort(v_mag, kind="stable")
     flux = _flux_dn(setting, subject.profile, v_mag[order])
-    return Shown(Centroids.from_pixels(pixels[order], flux, setting.noise_px), truth)
+    return Shown(Centroids.from_pixels(pixels[order], flux, setting.noise_px), replace(truth, pixels=light))
 
 
 def _flux_dn(setting: Setting, profile: CameraProfile, v_mag: Array) -> Array:
