@@ -22,6 +22,7 @@ from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 from xdist.remote import Producer
@@ -197,11 +198,8 @@ def forked(_preloaded: Any) -> Iterator[None]:
 def _restored_environment() -> Iterator[None]:
     """Undo changes of the environment by libraries. The import of OpenCV sets LD_LIBRARY_PATH, and a preloaded process forks only
     commands that have its own settings; the others import everything themselves."""
-    before = dict(os.environ)
-    yield
-    for name in os.environ.keys() - before.keys():
-        del os.environ[name]
-    os.environ.update(before)
+    with patch.dict(os.environ):
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -214,7 +214,7 @@ class Solver:
 def warm_up_image(profile: CameraProfile) -> NDArray[np.unsignedinteger[Any]]:
     """Return an image of a camera with twelve random trails. A chain that solves it with its exposure loads its loops."""
     rows, columns = profile.camera.rows, profile.camera.columns
-    places = np.random.default_rng(1).integers(20, [columns - 20, rows - 20], (12, 2))
+    places = np.random.default_rng(1).integers(5, [columns - 5, rows - 5], (12, 2))
     pixels = np.random.default_rng(2).integers(8, 14, (rows, columns))
     for col, row in places:
         pixels[row - 1 : row + 2, col - 4 : col + 5] += np.array([[30], [90], [30]])

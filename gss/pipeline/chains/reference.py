@@ -138,7 +138,7 @@ def turning_of(
     camera: Camera,
     exposure_s: float,
     sensor: Sensor | None,
-    fast: bool | None = None,
+    fast: bool | None,
 ) -> Turning | None:
     """Return the rate measured from the trails of a frame, or None."""
     return measure_turning(

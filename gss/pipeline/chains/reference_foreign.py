@@ -74,7 +74,7 @@ def solve_foreign(
     turning = None
     if detections.trailed and exposure_s:
         with trace.stage("trails"):
-            turning = turning_of(pixels, detections, fit.camera, exposure_s, None)
+            turning = turning_of(pixels, detections, fit.camera, exposure_s, None, fast)
     rows, hip, probability = solution.rows, sky.hip[solution.stars], solution.false_match_probability
     return replace(solved(base, fit, rows, hip, probability, trace, velocity_c), turning=turning)
 
