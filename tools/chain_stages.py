@@ -245,10 +245,7 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             scene="crowded",
         ),
         ChainStage(
-            "predicted image, nearest fit", "track.least_distance:pair_least_distance", "Predictional Estimate", TRACKED
-        ),
-        ChainStage(
-            "predictional estimate, least squares",
+            "predicted image, pairs by least distance, least squares",
             "track.predictional:predictional_fit",
             "Predictional Estimate",
             TRACKED,

@@ -9,6 +9,8 @@ Array = NDArray[np.float64]
 
 ARCSEC_RAD = np.pi / 648_000.0
 TWO_PI_RAD = 2.0 * np.pi
+COSINE_ERROR = 1e-12
+"""Upper limit of the error of a dot product of unit vectors in double precision."""
 
 
 def wrap_pi_rad(angle_rad: Array | float) -> Array | float:

@@ -45,7 +45,8 @@ class ListLoops:
     """Compiled loops that work on lists of stars. ``camera_numbers``: converts a camera to an array.
     ``directions``: see ``verify._directions``. ``find``: see
     ``pyramid.identify_lost``. ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.match_all``.
-    ``count_matches``: see ``focal_census._count_matches``. ``extended``: see ``baselines.extended``."""
+    ``count_matches``: see ``focal_census._count_matches``. ``extended``: see ``baselines.extended``.
+    ``predictional_fit``: see ``predictional.predictional_fit``. ``supporters``: see ``neighbour_pattern.supporters``."""
 
     camera_numbers: Callable[[Camera], Array]
     directions: Callable[[Camera, Array, Array, Array], tuple[Array, Array, Array]]
@@ -54,6 +55,8 @@ class ListLoops:
     finish: Callable[..., tuple[Rows, Rows, Array, Array, Array, float]]
     count_matches: Callable[[Array, Array, Rows, Array, Array, Camera, float], tuple[int, int]]
     extended: Callable[[Rows, tuple[Any, ...]], Rows]
+    predictional_fit: Callable[..., tuple[Array, Rows, Rows, int] | None]
+    supporters: Callable[..., Rows]
 
 
 @dataclass(frozen=True)
@@ -158,13 +161,14 @@ def _compiled() -> Kernels:
         raise BadInput("numba is not installed", expected="the package numba", hint="run pip install numba")
     compiled_mark()
     # Imported at first use because the import takes a second and most commands do not need it.
-    from gss.pipeline.loops import background, peaks, pixels, stamps, trails
+    from gss.pipeline.loops import background, peaks, pixels, predictional, stamps, trails
     from gss.pipeline.loops.census import count_matches
     from gss.pipeline.loops.figures import extended
     from gss.pipeline.loops.finish import finish
     from gss.pipeline.loops.geometry import camera_numbers, directions
     from gss.pipeline.loops.prior import find_near
     from gss.pipeline.loops.search import find
+    from gss.pipeline.loops.supporters import supporters
 
     frames = FrameLoops(
         pixels.binomial,
@@ -182,5 +186,15 @@ def _compiled() -> Kernels:
         pixels.components,
         trails.sums,
     )
-    lists = ListLoops(camera_numbers, directions, find, find_near, finish, count_matches, extended)
+    lists = ListLoops(
+        camera_numbers,
+        directions,
+        find,
+        find_near,
+        finish,
+        count_matches,
+        extended,
+        predictional.fit,
+        supporters,
+    )
     return Kernels(COMPILED, frames, lists)

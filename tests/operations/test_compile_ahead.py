@@ -16,7 +16,7 @@ from gss.operations.frames.compile_ahead import compile_ahead
 from gss.operations.frames.solve import Solver
 from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.kernels import kernels
-from gss.pipeline.loops import background, geometry, peaks, pixels, stamps, trails
+from gss.pipeline.loops import background, geometry, peaks, pixels, predictional, stamps, supporters, trails
 
 
 def test_every_loop_is_compiled_and_progress_is_reported() -> None:
@@ -30,7 +30,7 @@ def test_every_loop_is_compiled_and_progress_is_reported() -> None:
     lists = kernels(fast=True).lists
     assert lists is not None
     called = [loop for loop in vars(lists).values() if isinstance(loop, Dispatcher)]
-    for module in (background, geometry, peaks, pixels, stamps, trails):
+    for module in (background, geometry, peaks, pixels, predictional, stamps, supporters, trails):
         called += called_from_python(module)
     assert len(called) >= 20
     assert [loop.py_func.__name__ for loop in called if not loop.signatures] == []

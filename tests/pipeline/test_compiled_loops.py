@@ -9,15 +9,25 @@ import pytest
 from numpy.typing import NDArray
 
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.domain.rotation import matrix_from_quaternion, random_quaternion
+from gss.domain.angles import lengths
+from gss.domain.rotation import matrix_from_quaternion, random_quaternion, rotation_from_vector
 from gss.instruments.registry import shipped_camera
 from gss.pipeline import kernels
 from gss.pipeline.chains import cubestar
 from gss.pipeline.detect import Detections, find_stars
+from gss.pipeline.identify.neighbour_pattern import (
+    PatternSpots,
+    pair_attitudes,
+    pair_hypotheses,
+    pattern_stars,
+    supporters,
+)
 from gss.pipeline.loops.pixels import _lit
 from gss.pipeline.peaks import _binomial_sum
 from gss.pipeline.regions import find_blobs
 from gss.pipeline.render import render
+from gss.pipeline.track.predictional import predictional_fit
+from gss.skytables.neighbours import link_distances, neighbour_links
 
 TOLERANCE_PX = 1e-6
 
@@ -121,3 +131,52 @@ def test_noise_at_the_edge_gives_no_stars() -> None:
     rng = np.random.default_rng(6)
     detected = [find_stars(rng.normal(40, 3, (256, 512)), psf_sigma_px=1.0, fast=False).centroids for _ in range(12)]
     assert sum(len(c) for c in detected) == 0
+
+
+def test_both_predictional_fits_pair_the_same_stars() -> None:
+    """Both loops correct an attitude that is off by half of the first radius to the same attitude, with the same pairs, or
+    both fail. The lists have close pairs, false stars and missing stars; some have fewer than two pairs."""
+    rng, fitted = np.random.default_rng(8), 0
+    for case in range(60):
+        attitude = matrix_from_quaternion(random_quaternion(rng))
+        sky = rng.normal([0.0, 0.0, 12.0], 1.0, (3 * case // 2, 3))
+        sky /= lengths(sky)[:, None]
+        measured = np.concatenate([sky[::2], sky[:5] + 2e-4, rng.normal([0.0, 0.0, 12.0], 1.0, (case // 6, 3))])
+        measured = measured + 5e-5 * rng.normal(size=measured.shape)
+        measured /= lengths(measured)[:, None]
+        rows, icrs = np.flatnonzero(rng.random(len(sky)) < 0.9), sky @ attitude
+        start = rotation_from_vector(1e-3 * rng.normal(size=3) / 2) @ attitude
+        plain, compiled = (
+            predictional_fit(measured, icrs, rows, start, (2e-3, 1e-3, 5e-4), 0.2, fast=fast) for fast in (False, True)
+        )
+        assert (plain is None) == (compiled is None)
+        if plain is None or compiled is None:
+            continue
+        fitted += 1
+        assert (plain.measured.tolist(), plain.row.tolist()) == (compiled.measured.tolist(), compiled.row.tolist())
+        assert plain.compared == compiled.compared
+        assert np.abs(plain.cam_from_icrs - compiled.cam_from_icrs).max() < 1e-12
+    assert 40 < fitted < 60
+
+
+def test_both_loops_count_the_same_supporters() -> None:
+    """Both loops count the same spots at the attitudes of all hypotheses. PatternSpots have other magnitudes than their stars, are
+    saturated or are false; stars have unknown magnitudes, companions, or lie at the edge of the field."""
+    rng, most = np.random.default_rng(5), 0
+    table = load_stars(7.5)
+    v_mag = np.where(rng.random(len(table)) < 0.01, np.nan, table.v_mag)
+    stars, links = pattern_stars(table.icrs, v_mag), link_distances(neighbour_links(table.icrs), table.icrs)
+    for _ in range(8):
+        attitude = matrix_from_quaternion(random_quaternion(rng))
+        near = np.flatnonzero(table.icrs @ attitude[2] > np.cos(np.radians(3.0)))
+        unit = np.concatenate([table.icrs[near] @ attitude.T, rng.normal([0.0, 0.0, 40.0], 1.0, (5, 3))])
+        unit = unit + 1e-4 * rng.normal(size=unit.shape)
+        unit /= lengths(unit)[:, None]
+        mag = np.concatenate([table.v_mag[near], rng.uniform(4, 7, 5)]) + 0.3 * rng.normal(size=len(unit))
+        spots = PatternSpots(np.arange(len(unit)), unit, mag, rng.random(len(unit)) < 0.2)
+        pairs = pair_hypotheses(spots, links, v_mag, np.ones(len(table), bool), 4e-4, 0.6, 2000)
+        attitudes = pair_attitudes(unit, table.icrs, pairs)
+        plain, compiled = (supporters(spots, pairs, attitudes, stars, 4e-4, 0.6, fast=f) for f in (False, True))
+        assert plain.tolist() == compiled.tolist()
+        most = max(most, int(plain.max()))
+    assert most > 10

@@ -169,10 +169,9 @@ def shown(subject: Subject, fault: Fault, attitude: Array, rng: np.random.Genera
     """Simulate the camera's centroid list at an attitude with a fault. The list contains every star measured brighter
     than the limit, including stars that are not in the bank."""
     setting, believed = subject.setting, subject.camera
-    taken_by = shipped_camera(OTHER_CAMERA[setting.camera]).camera if fault.another else believed
-    true = replace(
-        taken_by, focal_col_px=fault.scale * taken_by.focal_col_px, focal_row_px=fault.scale * taken_by.focal_row_px
-    )
+    true = shipped_camera(OTHER_CAMERA[setting.camera]).camera if fault.another else believed
+    if fault.scale != 1:
+        true = replace(true, focal_col_px=fault.scale * true.focal_col_px, focal_row_px=fault.scale * true.focal_row_px)
     truth = truth_of(stars_near(subject.stars, true, attitude), true, attitude)
     n = len(truth.hip)
     v_mag = truth.v_mag + setting.noise_mag * rng.normal(size=n) + fault.off_mag * rng.choice((-1.0, 1.0), n)

@@ -24,8 +24,10 @@ from gss.pipeline.identify.baselines import baselines
 from gss.pipeline.identify.focal_census import focal_objection
 from gss.pipeline.identify.n_vertex import consistent_names
 from gss.pipeline.identify.near import BoundedPrior
+from gss.pipeline.identify.neighbour_pattern import PairHypotheses, PatternSpots, pattern_stars, supporters
 from gss.pipeline.kernels import kernels
 from gss.pipeline.regions import find_blobs
+from gss.pipeline.track.predictional import predictional_fit
 from gss.skytables.pairs import distance_table_of_units
 from gss.skytables.sin2 import sin2_directory
 
@@ -82,6 +84,7 @@ def compile_ahead(solver: Solver, profile: CameraProfile, report: Report) -> Non
             raise GssError("the loops could not be compiled", got=f"{case.name}: the test frame was not solved")
     _compile_census(profile.camera)
     _compile_figures()
+    _compile_patterns()
     for image in (pixels.astype(np.uint8), pixels.astype(np.uint16)):
         # A sensor's own chain uses these loops only after the compilation is marked as complete.
         find_blobs(image, float(image.max()) - 1, 1, kernels(fast=True))
@@ -102,3 +105,13 @@ def _compile_figures() -> None:
     unit /= lengths(unit)[:, None]
     directory = sin2_directory(distance_table_of_units(unit, 0.0, math.radians(20.0)), len(unit))
     consistent_names((0, 1, 2, 3, 4), baselines(unit, np.full((5, 5), 1e-6), directory, fast=True))
+
+
+def _compile_patterns() -> None:
+    """Compile the predictional estimate and the search for supporting spots, which only the chains of Oersted and AIM
+    use."""
+    unit, row = np.eye(3), np.arange(3)
+    predictional_fit(unit, unit, row, unit, [1e-3], math.pi / 2, fast=True)
+    spots, stars = PatternSpots(row, unit, np.zeros(3), np.zeros(3, bool)), pattern_stars(unit, np.zeros(3))
+    pair = PairHypotheses(row[:1], row[1:2], row[:1], row[1:2], 1, 0)
+    supporters(spots, pair, unit[None], stars, 1e-3, 0.1, fast=True)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
@@ -19,9 +18,12 @@ from gss.pipeline.chains.aim_parameters import AimParameters, detectable_mag
 from gss.pipeline.chains.modes import AttitudePrior, Mode, check_hint
 from gss.pipeline.identify.neighbour_pattern import (
     PairHypotheses,
+    PatternSpots,
+    PatternStars,
     magnitude_fits,
     pair_attitudes,
     pair_hypotheses,
+    pattern_stars,
     supporters,
 )
 from gss.pipeline.identify.triplet_vote import agreement_of_candidates, consistent_set
@@ -41,15 +43,19 @@ FITTED = 12
 
 @dataclass(frozen=True)
 class AimCatalogue:
-    """A bank prepared for AIM: star list, unit vectors in full precision (n, 3), links to neighbours and their lengths, a tree for
-    nearest stars, and the magnitude to which the list is complete."""
+    """A bank prepared for AIM: star list, the same stars in full precision with their search structures, links to
+    neighbours and their lengths, and the magnitude to which the list is complete."""
 
     stars: OnboardCatalogue
-    icrs: Array
+    pattern: PatternStars
     links: NeighbourLinks
     lengths: DistanceTable
-    tree: cKDTree
     limit_mag: float
+
+    @property
+    def icrs(self) -> Array:
+        """Return the (n, 3) unit vectors."""
+        return self.pattern.icrs
 
     def __len__(self) -> int:
         return len(self.stars)
@@ -62,7 +68,8 @@ def prepare(catalogue: OnboardCatalogue, profile: CameraProfile) -> AimCatalogue
     links = neighbour_links(icrs) if catalogue.tables.links is None else catalogue.tables.links
     finite_mag = catalogue.v_mag[np.isfinite(catalogue.v_mag)]
     limit = min(float(finite_mag.max()), detectable_mag(profile)) if len(finite_mag) else profile.sensor.faint_limit_mag
-    return AimCatalogue(catalogue, icrs, links, link_distances(links, icrs), cKDTree(icrs), limit)
+    pattern = pattern_stars(icrs, catalogue.v_mag.astype(float))
+    return AimCatalogue(catalogue, pattern, links, link_distances(links, icrs), limit)
 
 
 @dataclass(frozen=True)
@@ -126,16 +133,6 @@ class AimMatching:
         return len(self.selected) / len(self.row) if len(self.row) else 0.0
 
 
-@dataclass(frozen=True)
-class _Spots:
-    """Centroids with a direction: index, unit vector, magnitude and saturation."""
-
-    index: Index
-    unit: Array
-    mag: Array
-    saturated: Mask
-
-
 def match_stars(
     centroids: Centroids,
     camera: Camera,
@@ -168,21 +165,21 @@ def match_stars(
     return matching
 
 
-def _spots(centroids: Centroids, unit: Array, parameters: AimParameters) -> _Spots:
+def _spots(centroids: Centroids, unit: Array, parameters: AimParameters) -> PatternSpots:
     # A centroid outside the domain of the distortion has no direction. It remains in the arrays but is not used.
     good = np.flatnonzero(np.isfinite(unit).all(axis=1))
     flux = np.maximum(centroids.flux_dn[good], 1e-9) / (parameters.dn_at_mag_0 * parameters.light_share)
     saturated = centroids.peak_dn[good] >= 0.97 * parameters.saturation_dn
-    return _Spots(good, unit[good], -2.5 * np.log10(flux), saturated)
+    return PatternSpots(good, unit[good], -2.5 * np.log10(flux), saturated)
 
 
 def _verify(
-    spots: _Spots, expected: PredictedStars, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
+    spots: PatternSpots, expected: PredictedStars, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
 ) -> Fit | None:
     """Verify the stars detected at their predicted positions with the expected brightness and separations (step 2e)."""
     chord = np.linalg.norm(spots.unit[:, None] - expected.predicted_cam[None], axis=2)
     near = chord <= 2 * np.sin(parameters.capture_rad / 2)
-    star_mag = catalogue.stars.v_mag[expected.rows].astype(float)
+    star_mag = catalogue.pattern.v_mag[expected.rows]
     near &= magnitude_fits(spots.mag[:, None], spots.saturated[:, None], star_mag[None], parameters.magnitude_error)
     spot, star = np.nonzero(near)
     candidate = expected.rows[star]
@@ -195,7 +192,7 @@ def _verify(
 
 
 def _fit(
-    spots: _Spots, attitude: Array, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
+    spots: PatternSpots, attitude: Array, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
 ) -> Fit | None:
     """Match the image predicted at an attitude, correct the attitude differentially, and drop stars whose spots have
     another brightness."""
@@ -207,14 +204,14 @@ def _fit(
     bright = magnitude_fits(
         spots.mag[fit.measured],
         spots.saturated[fit.measured],
-        catalogue.stars.v_mag[fit.row].astype(float),
+        catalogue.pattern.v_mag[fit.row],
         parameters.magnitude_error,
     )
     return Fit(fit.cam_from_icrs, fit.measured[bright], fit.row[bright], fit.compared)
 
 
 def _blind(
-    spots: _Spots,
+    spots: PatternSpots,
     camera: Camera,
     catalogue: AimCatalogue,
     parameters: AimParameters,
@@ -227,13 +224,10 @@ def _blind(
         boresight = np.asarray(hint.boresight_icrs, float)
         boresight = boresight / np.linalg.norm(boresight)
         allowed = catalogue.icrs @ boresight >= np.cos(parameters.assisted_radius_rad)
-    star_mag = catalogue.stars.v_mag.astype(float)
     pairs = pair_hypotheses(
-        spots.unit,
-        spots.mag,
-        spots.saturated,
+        spots,
         catalogue.lengths,
-        star_mag,
+        catalogue.pattern.v_mag,
         allowed,
         2 * parameters.tolerance_rad,
         parameters.magnitude_error,
@@ -242,18 +236,8 @@ def _blind(
     if not len(pairs):
         return None, pairs
     attitudes = pair_attitudes(spots.unit, catalogue.icrs, pairs)
-    count = supporters(
-        spots.unit,
-        spots.mag,
-        spots.saturated,
-        pairs,
-        attitudes,
-        catalogue.icrs,
-        catalogue.tree,
-        star_mag,
-        2 * parameters.tolerance_rad,
-        parameters.magnitude_error,
-    )
+    tolerance_rad = 2 * parameters.tolerance_rad
+    count = supporters(spots, pairs, attitudes, catalogue.pattern, tolerance_rad, parameters.magnitude_error)
     best: Fit | None = None
     for k in np.argsort(-count, kind="stable")[:FITTED].tolist():
         if best is not None and count[k] <= len(best.row):
@@ -267,7 +251,7 @@ def _blind(
 def _matching(
     mode: Mode,
     unit: Array,
-    spots: _Spots,
+    spots: PatternSpots,
     fit: Fit | None,
     guidance_error: bool,
     hypotheses: int,

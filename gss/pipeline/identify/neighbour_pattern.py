@@ -14,12 +14,44 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from gss.domain.angles import Array, lengths, separation_rad
+from gss.pipeline.kernels import kernels
+from gss.skytables.cells import SkyCells, sky_cells
 from gss.skytables.pairs import DistanceTable, expanded
 
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 CHUNK = 512
 MAX_AMPLIFIED = 3.0
+
+
+@dataclass(frozen=True)
+class PatternSpots:
+    """Centroids with a direction: ``index`` (n,) in the frame's list, ``unit`` (n, 3) in the camera frame, ``mag`` (n,),
+    ``saturated`` (n,)."""
+
+    index: Index
+    unit: Array
+    mag: Array
+    saturated: Mask
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+@dataclass(frozen=True)
+class PatternStars:
+    """Stars of a bank: directions (m, 3), magnitudes (m,), a tree for the nearest star, and sky cells for the compiled
+    loops."""
+
+    icrs: Array
+    v_mag: Array
+    tree: cKDTree
+    cells: SkyCells
+
+
+def pattern_stars(icrs: Array, v_mag: Array) -> PatternStars:
+    """Prepare the search for stars at (m, 3) directions."""
+    return PatternStars(icrs, v_mag, cKDTree(icrs), sky_cells(icrs))
 
 
 @dataclass(frozen=True)
@@ -46,9 +78,7 @@ def magnitude_fits(spot_mag: Array, saturated: Mask, star_mag: Array, error_mag:
 
 
 def pair_hypotheses(
-    unit_cam: Array,
-    spot_mag: Array,
-    saturated: Mask,
+    spots: PatternSpots,
     links: DistanceTable,
     star_mag: Array,
     allowed: Mask,
@@ -56,27 +86,31 @@ def pair_hypotheses(
     error_mag: float,
     max_hypotheses: int,
 ) -> PairHypotheses:
-    """Return at most ``max_hypotheses`` matches of pairs of (n, 3) spots, brightest first, with links of ``allowed``
-    stars."""
-    i, j = np.triu_indices(len(unit_cam), 1)
+    """Return at most ``max_hypotheses`` matches of pairs of spots, brightest first, with links of ``allowed`` (m,) stars
+    with magnitudes ``star_mag`` (m,)."""
+    i, j = np.triu_indices(len(spots), 1)
     # The pairs of the brightest spots are first: 01, 02, 12, 03 …
     order = np.lexsort((i, j))
     i, j = i[order], j[order]
-    apart = separation_rad(unit_cam[i], unit_cam[j])
+    apart = separation_rad(spots.unit[i], spots.unit[j])
     pair, link = expanded(*links.ranges(apart - tolerance_rad, apart + tolerance_rad))
     checks = len(link)
     first, second = links.first[link].astype(np.intp), links.second[link].astype(np.intp)
     keep = allowed[first] & allowed[second]
     pair, first, second = pair[keep], first[keep], second[keep]
-    both_orders = np.stack([np.stack([first, second], 1), np.stack([second, first], 1)], 1).reshape(-1, 2)
-    pair = np.repeat(pair, 2)
-    fits = magnitude_fits(spot_mag[i[pair]], saturated[i[pair]], star_mag[both_orders[:, 0]], error_mag)
-    fits &= magnitude_fits(spot_mag[j[pair]], saturated[j[pair]], star_mag[both_orders[:, 1]], error_mag)
-    index = np.flatnonzero(fits)
-    used = index[:max_hypotheses]
-    return PairHypotheses(
-        i[pair[used]], j[pair[used]], both_orders[used, 0], both_orders[used, 1], checks, len(index) - len(used)
+    i, j = i[pair], j[pair]
+    both_orders = np.stack(
+        [
+            magnitude_fits(spots.mag[i], spots.saturated[i], star_mag[a], error_mag)
+            & magnitude_fits(spots.mag[j], spots.saturated[j], star_mag[b], error_mag)
+            for a, b in ((first, second), (second, first))
+        ],
+        axis=1,
     )
+    index = np.flatnonzero(both_orders)
+    used, swapped = np.divmod(index[:max_hypotheses], 2)
+    a, b = np.where(swapped, second[used], first[used]), np.where(swapped, first[used], second[used])
+    return PairHypotheses(i[used], j[used], a, b, checks, len(index) - len(used))
 
 
 def pair_attitudes(unit_cam: Array, icrs: Array, h: PairHypotheses) -> Array:
@@ -95,37 +129,37 @@ def _axes(p: Array, q: Array) -> Array:
 
 
 def supporters(
-    unit_cam: Array,
-    spot_mag: Array,
-    saturated: Mask,
+    spots: PatternSpots,
     h: PairHypotheses,
     attitudes: Array,
-    icrs: Array,
-    tree: cKDTree,
-    star_mag: Array,
+    stars: PatternStars,
     tolerance_rad: float,
     error_mag: float,
+    fast: bool | None = None,
 ) -> NDArray[np.intp]:
     """Return, for each hypothesis, the number of spots that coincide with a star of similar brightness at its attitude
-    (h,).
+    (h,). ``attitudes``: (h, 3, 3); ``fast``: see ``kernels.kernels``.
 
     A close pair determines the roll poorly, so the tolerance grows with the distance from its midpoint, up to a factor
     of three.
     """
+    loops = kernels(fast).lists
+    if loops is not None:
+        return loops.supporters(spots, h, attitudes, stars, tolerance_rad, error_mag)
     count = np.zeros(len(h), np.intp)
     for begin in range(0, len(h), CHUNK):
         part = slice(begin, begin + CHUNK)
-        sky = unit_cam @ attitudes[part]
+        sky = spots.unit @ attitudes[part]
         # Most spots are far from every star, and a search of limited distance ends sooner.
-        distance, star = tree.query(sky, distance_upper_bound=(1 + 1e-9) * MAX_AMPLIFIED * tolerance_rad)
+        distance, star = stars.tree.query(sky, distance_upper_bound=(1 + 1e-9) * MAX_AMPLIFIED * tolerance_rad)
         hypothesis, spot = np.nonzero(np.isfinite(distance))
         star_of_spot = star[hypothesis, spot]
-        first, second = unit_cam[h.i[part][hypothesis]], unit_cam[h.j[part][hypothesis]]
+        first, second = spots.unit[h.i[part][hypothesis]], spots.unit[h.j[part][hypothesis]]
         middle = first + second
         middle /= lengths(middle)[:, None]
-        lever = lengths(unit_cam[spot] - middle) / np.maximum(lengths(first - second), 1e-12)
+        lever = lengths(spots.unit[spot] - middle) / np.maximum(lengths(first - second), 1e-12)
         allowed_rad = tolerance_rad * np.minimum(np.maximum(1.0, 2 * lever), MAX_AMPLIFIED)
-        fits = magnitude_fits(spot_mag[spot], saturated[spot], star_mag[star_of_spot], error_mag)
+        fits = magnitude_fits(spots.mag[spot], spots.saturated[spot], stars.v_mag[star_of_spot], error_mag)
         fits &= distance[hypothesis, spot] <= allowed_rad
         count[part] = np.bincount(hypothesis[fits], minlength=len(sky))
     return count

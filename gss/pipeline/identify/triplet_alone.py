@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gss.domain.angles import Array, separation_rad
+from gss.domain.angles import COSINE_ERROR, Array, separation_rad
 from gss.pipeline.attitude import svd
-from gss.pipeline.track.least_distance import COSINE_ERROR
 
 
 def attitudes_of_triplet(triplet_cam: Array, candidate: int, icrs: Array, tolerance_rad: float) -> list[Array]:

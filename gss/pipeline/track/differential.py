@@ -15,7 +15,10 @@ from gss.domain.angles import Array
 from gss.domain.rotation import rotation_from_vector
 
 STEPS = 10
-CONVERGED_RAD = 1e-12
+CONVERGED_RAD, SETTLED_RAD = 1e-12, 1e-6
+"""Last correction that ends the steps, and largest last correction of a result."""
+SINGULAR = 1e-14
+"""Ratio of the smallest eigenvalue of the normal matrix to its trace up to which the stars do not determine an axis."""
 
 
 def differential_attitude(
@@ -32,7 +35,7 @@ def differential_attitude(
     weighted = w[:, None] * reference_icrs
     profile = measured_cam.T @ weighted
     normal = float(w.sum()) * np.eye(3) - weighted.T @ reference_icrs
-    if np.linalg.eigvalsh(normal)[0] <= 1e-14 * np.trace(normal):
+    if np.linalg.eigvalsh(normal)[0] <= SINGULAR * np.trace(normal):
         return None
     turn = None
     for _ in range(steps):
@@ -42,5 +45,5 @@ def differential_attitude(
         attitude = rotation_from_vector(turn) @ attitude
         if np.linalg.norm(turn) < CONVERGED_RAD:
             break
-    settled = turn is not None and (steps == 1 or float(np.linalg.norm(turn)) < 1e-6)
+    settled = turn is not None and (steps == 1 or float(np.linalg.norm(turn)) < SETTLED_RAD)
     return attitude if settled else None

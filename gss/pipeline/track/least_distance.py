@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.domain.angles import Array, lengths
+from gss.domain.angles import COSINE_ERROR, Array, lengths
 
 Index = NDArray[np.intp]
-COSINE_ERROR = 1e-12
 
 
 def pair_least_distance(unit_cam: Array, predicted_cam: Array, radius_rad: float) -> tuple[Index, Index]:

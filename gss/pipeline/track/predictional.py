@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
+from gss.pipeline.kernels import kernels
 from gss.pipeline.track.differential import differential_attitude
 from gss.pipeline.track.least_distance import pair_least_distance
 
@@ -29,14 +30,25 @@ class Fit:
 
 
 def predictional_fit(
-    unit_cam: Array, icrs: Array, rows: Index, cam_from_icrs: Array, radii_rad: Sequence[float], view_rad: float
+    unit_cam: Array,
+    icrs: Array,
+    rows: Index,
+    cam_from_icrs: Array,
+    radii_rad: Sequence[float],
+    view_rad: float,
+    fast: bool | None = None,
 ) -> Fit | None:
     """Fit (n, 3) measured directions to the ``rows`` of a star list (m, 3) that are within ``view_rad`` of the
     boresight.
 
     ``radii_rad`` decrease from the error of the attitude to the error of a star's position. The last radius is repeated
     until the pairs no longer change. None if there are fewer than two pairs or the attitude does not converge.
+    ``fast``: see ``kernels.kernels``.
     """
+    loops = kernels(fast).lists
+    if loops is not None:
+        fitted = loops.predictional_fit(unit_cam, icrs, rows, cam_from_icrs, radii_rad, view_rad)
+        return None if fitted is None else Fit(*fitted)
     attitude, compared = np.asarray(cam_from_icrs, float), 0
     before: tuple[bytes, bytes] | None = None
     for radius_rad in [*radii_rad, *[radii_rad[-1]] * ROUNDS]:
