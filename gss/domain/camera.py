@@ -21,6 +21,7 @@ from gss.domain.errors import BadInput
 NEWTON_STEPS = 25
 # Newton's method doubles the number of correct digits: after a step this short, the error is below the rounding error.
 CONVERGED = 1e-9
+LONGEST_STEP = 0.5
 
 
 class Distortion(Protocol):
@@ -68,37 +69,48 @@ class Brown:
             measured[..., 1] += self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y
         return measured
 
-    def _jacobian(self, p: Array) -> tuple[Array, Array, Array, Array]:
-        x, y = p[..., 0], p[..., 1]
-        r2 = x * x + y * y
-        radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
-        slope = 2 * (self.k1 + r2 * (2 * self.k2 + 3 * r2 * self.k3))
-        cross = x * y * slope + 2 * self.p1 * x + 2 * self.p2 * y
-        xx = radial + x * x * slope + 2 * self.p1 * y + 6 * self.p2 * x
-        yy = radial + y * y * slope + 6 * self.p1 * y + 2 * self.p2 * x
-        return xx, cross, cross, yy
-
     def undistort(self, measured: Array) -> Array:
-        p = np.array(measured, float)
+        measured = np.array(measured, float)
+        if self == _NO_DISTORTION:
+            return measured
+        u, v = measured[..., 0], measured[..., 1]
+        x, y = u.copy(), v.copy()
         for _ in range(NEWTON_STEPS):
-            error = self.distort(p) - measured
-            a, b, c, d = self._jacobian(p)
-            det = a * d - b * c
-            step = np.empty(p.shape)
-            step[..., 0] = (d * error[..., 0] - b * error[..., 1]) / det
-            step[..., 1] = (a * error[..., 1] - c * error[..., 0]) / det
-            # Long steps are damped because they can jump over the fold of a strong barrel polynomial.
-            length = np.sqrt((step * step).sum(-1, keepdims=True))
-            p -= (
-                step
-                if length.size and length.max() <= 0.5
-                else step * np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))
-            )
+            step_x, step_y = self._newton_step(x, y, u, v)
+            length = np.sqrt(step_x * step_x + step_y * step_y)
+            if not (length <= LONGEST_STEP).all():
+                # Long steps are damped because they can jump over the fold of a strong barrel polynomial.
+                damping = np.minimum(1.0, LONGEST_STEP / np.maximum(length, 1e-300))
+                step_x, step_y = step_x * damping, step_y * damping
+            x -= step_x
+            y -= step_y
             if not (length > CONVERGED).any():
                 break
-        bad = np.linalg.norm(self.distort(p) - measured, axis=-1) > 1e-9
-        p[bad] = np.nan
-        return p
+        ideal = np.stack([x, y], axis=-1)
+        bad = lengths(self.distort(ideal) - measured) > 1e-9
+        ideal[bad] = np.nan
+        return ideal
+
+    def _newton_step(self, x: Array, y: Array, u: Array, v: Array) -> tuple[Array, Array]:
+        """Return the difference of ideal points (x, y) from the points that are measured at (u, v), to first order."""
+        x2, y2, xy = x * x, y * y, x * y
+        r2 = x2 + y2
+        radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        slope = 2 * (self.k1 + r2 * (2 * self.k2 + 3 * r2 * self.k3))
+        error_u, error_v = x * radial - u, y * radial - v
+        xx, cross, yy = radial + x2 * slope, xy * slope, radial + y2 * slope
+        if self.p1 or self.p2:
+            error_u += 2 * self.p1 * xy + self.p2 * (r2 + 2 * x2)
+            error_v += self.p1 * (r2 + 2 * y2) + 2 * self.p2 * xy
+            p1_x, p1_y, p2_x, p2_y = 2 * self.p1 * x, 2 * self.p1 * y, 2 * self.p2 * x, 2 * self.p2 * y
+            cross += p1_x + p2_y
+            xx += p1_y + 3 * p2_x
+            yy += 3 * p1_y + p2_x
+        determinant = xx * yy - cross * cross
+        return (yy * error_u - cross * error_v) / determinant, (xx * error_v - cross * error_u) / determinant
+
+
+_NO_DISTORTION = Brown()
 
 
 @dataclass(frozen=True)
@@ -160,12 +172,12 @@ class RadialTilt:
         x, y = ideal[..., 0], ideal[..., 1]
         ideal_r = np.hypot(x, y)
         tilt = self._tilt_rad(x, y)
+        cosine, sine = np.cos(tilt), np.sin(tilt)
         r = ideal_r.copy()
         for _ in range(NEWTON_STEPS):
             delta_mm, slope = self._aberration(r * self.focal_mm)
-            value = np.cos(tilt) * (r - delta_mm / self.focal_mm) - ideal_r * (1 + r * np.sin(tilt))
-            derivative = np.cos(tilt) * (1 - slope) - ideal_r * np.sin(tilt)
-            step = value / derivative
+            value = cosine * (r - delta_mm / self.focal_mm) - ideal_r * (1 + r * sine)
+            step = value / (cosine * (1 - slope) - ideal_r * sine)
             r = r - step
             if not np.any(np.abs(step) > CONVERGED):
                 break
@@ -235,8 +247,10 @@ class Camera:
         """Return (n, 3) camera-frame unit vectors of (n, 2) pixels (col, row)."""
         measured = (np.asarray(pixels, float) - self._centre()) / self._focal()
         ideal = self.distortion.undistort(measured)
-        v = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
-        return np.asarray(v / lengths(v)[..., None])
+        v = np.ones((*ideal.shape[:-1], 3))
+        v[..., :2] = ideal
+        v /= lengths(v)[..., None]
+        return v
 
     def contains(self, pixels: Array, margin_px: float = 0.0) -> NDArray[np.bool_]:
         """Return the (n,) mask of (n, 2) pixels on the detector and at least ``margin_px`` inside its edge. False for NaN."""
