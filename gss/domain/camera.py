@@ -22,6 +22,9 @@ NEWTON_STEPS = 25
 # Newton's method doubles the number of correct digits: after a step this short, the error is below the rounding error.
 CONVERGED = 1e-9
 LONGEST_STEP = 0.5
+"""Longest step of Newton's method on the tangent plane, whose unit is the focal length."""
+INVERSE_ERROR = 1e-9
+"""Largest distance on the tangent plane between a measured point and the distorted solution."""
 
 
 class Distortion(Protocol):
@@ -87,12 +90,13 @@ class Brown:
             if not (length > CONVERGED).any():
                 break
         ideal = np.stack([x, y], axis=-1)
-        bad = lengths(self.distort(ideal) - measured) > 1e-9
+        bad = lengths(self.distort(ideal) - measured) > INVERSE_ERROR
         ideal[bad] = np.nan
         return ideal
 
     def _newton_step(self, x: Array, y: Array, u: Array, v: Array) -> tuple[Array, Array]:
-        """Return the difference of ideal points (x, y) from the points that are measured at (u, v), to first order."""
+        """Return the (…) steps along x and y, on the tangent plane, to subtract from the estimates (x, y) of the ideal points that
+        are measured at (u, v)."""
         x2, y2, xy = x * x, y * y, x * y
         r2 = x2 + y2
         radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))

@@ -80,18 +80,23 @@ def _filter_frame(
     y, x = np.mgrid[-half : half + 1, -half : half + 1]
     q = np.linalg.inv(covariance)
     kernel = np.exp(-0.5 * (q[0, 0] * x * x + 2 * q[0, 1] * x * y + q[1, 1] * y * y))
-    smooth = _convolved(np.pad(image.astype(np.float32), half, mode="edge"), (kernel / kernel.sum()).astype(np.float32))
+    smooth = _convolved(np.pad(image, half, mode="edge"), kernel / kernel.sum())
     return smooth, 1.0, (_edge_noise(kernel.sum(1)), _edge_noise(kernel.sum(0)))
 
 
-def _convolved(image: NDArray[np.float32], kernel: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the convolution where the kernel is completely inside the image. scipy.signal needs 1.2 to 2 times as long, and
-    its import takes 35 MB of memory."""
+def _convolved(image: NDArray[Any], kernel: Array) -> NDArray[np.float32]:
+    """Return the convolution where the (k, m) kernel is completely inside the (rows, columns) image. scipy.signal needs 1.2 to 2
+    times as long, and its import takes 35 MB of memory."""
+    # The transform spreads the rounding error of an absurdly bright pixel over the frame. Only frames of floating-point
+    # numbers can contain such a pixel.
+    precision = np.float64 if image.dtype.kind == "f" else np.float32
+    image, kernel = image.astype(precision), kernel.astype(precision)
     shape = [fft.next_fast_len(side, real=True) for side in image.shape]
     # The transform repeats the image at its edges, which affects only the places that are not returned.
     repeated = fft.irfft2(fft.rfft2(image, shape) * fft.rfft2(kernel, shape), shape)
     rows, columns = kernel.shape
-    return np.asarray(repeated[rows - 1 : image.shape[0], columns - 1 : image.shape[1]])
+    inside = repeated[rows - 1 : image.shape[0], columns - 1 : image.shape[1]]
+    return np.ascontiguousarray(inside, np.float32)
 
 
 def _edge_noise(line: Array) -> Array:

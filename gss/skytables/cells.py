@@ -26,6 +26,11 @@ class SkyCells:
     first: NDArray[np.int64]
     star: NDArray[np.int64]
 
+    @property
+    def arrays(self) -> tuple[Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]:
+        """Return the input of the compiled loops."""
+        return self.centre, self.cos_extent, self.sin_extent, self.first, self.star
+
 
 def lattice(spacing_rad: float) -> Array:
     """Return (n, 3) unit vectors distributed evenly over the sphere, about ``spacing_rad`` apart (Fibonacci lattice)."""

@@ -157,21 +157,29 @@ def test_both_predictional_fits_pair_the_same_stars() -> None:
         assert plain.compared == compiled.compared
         assert np.abs(plain.cam_from_icrs - compiled.cam_from_icrs).max() < 1e-12
     assert 40 < fitted < 60
+    one_place = np.tile([0.0, 0.0, 1.0], (3, 1))
+    assert [
+        predictional_fit(one_place, one_place, np.arange(3), np.eye(3), (1e-3,), 0.2, fast=f) for f in (False, True)
+    ] == [
+        None,
+        None,
+    ]
 
 
 def test_both_loops_count_the_same_supporters() -> None:
-    """Both loops count the same spots at the attitudes of all hypotheses. PatternSpots have other magnitudes than their stars, are
+    """Both loops count the same spots at the attitudes of all hypotheses. Spots have other magnitudes than their stars, are
     saturated or are false; stars have unknown magnitudes, companions, or lie at the edge of the field."""
     rng, most = np.random.default_rng(5), 0
     table = load_stars(7.5)
     v_mag = np.where(rng.random(len(table)) < 0.01, np.nan, table.v_mag)
-    stars, links = pattern_stars(table.icrs, v_mag), link_distances(neighbour_links(table.icrs), table.icrs)
+    stars, links = pattern_stars(table.icrs.copy(), v_mag), link_distances(neighbour_links(table.icrs), table.icrs)
     for _ in range(8):
         attitude = matrix_from_quaternion(random_quaternion(rng))
         near = np.flatnonzero(table.icrs @ attitude[2] > np.cos(np.radians(3.0)))
         unit = np.concatenate([table.icrs[near] @ attitude.T, rng.normal([0.0, 0.0, 40.0], 1.0, (5, 3))])
         unit = unit + 1e-4 * rng.normal(size=unit.shape)
         unit /= lengths(unit)[:, None]
+        unit[1] = unit[0]  # a centroid twice
         mag = np.concatenate([table.v_mag[near], rng.uniform(4, 7, 5)]) + 0.3 * rng.normal(size=len(unit))
         spots = PatternSpots(np.arange(len(unit)), unit, mag, rng.random(len(unit)) < 0.2)
         pairs = pair_hypotheses(spots, links, v_mag, np.ones(len(table), bool), 4e-4, 0.6, 2000)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from scipy.special import erf
 
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.pipeline.detect import find_stars
+from gss.pipeline.peaks import _filter_frame
 from gss.pipeline.psf import NARROWEST_PX, widths_px
 
 GAIN_E, READ_E, SKY_E, BIAS_DN = 40.0, 40.0, 80.0, 8.0
@@ -210,3 +212,22 @@ def test_second_moments_below_zero_give_the_narrowest_width() -> None:
     assert widths_px(np.array([[-0.3, 0.1], [0.1, -0.2]])) == (NARROWEST_PX, NARROWEST_PX)
     low, high = widths_px(np.array([[4.0, 0.0], [0.0, 1.0]]))
     assert (low, high) == (1.0, 2.0)
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (9, 13), (8, 200), (120, 97)])
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
+def test_the_filter_for_elongated_stars_is_a_convolution(shape: tuple[int, int], dtype: str) -> None:
+    """The filtered frame is equal to a direct convolution with repeated edge pixels, for any size. A pixel of 1e12 in a frame
+    of floating-point numbers changes only its neighbours."""
+    image = np.random.default_rng(2).integers(90, 110, shape).astype(dtype)
+    if dtype == "float32":
+        image[0, 0] = 1e12
+    covariance = np.array([[9.0, 2.0], [2.0, 1.0]])
+    smooth, _, _ = _filter_frame(image, covariance)
+    high = np.sqrt(np.linalg.eigvalsh(covariance)[1])
+    half = int(np.ceil(2.5 * high))
+    y, x = np.mgrid[-half : half + 1, -half : half + 1]
+    kernel = np.exp(-0.5 * np.einsum("kij,kl,lij->ij", np.stack([x, y]), np.linalg.inv(covariance), np.stack([x, y])))
+    direct = ndimage.convolve(image.astype(float), kernel / kernel.sum(), mode="nearest")
+    assert (smooth.dtype, smooth.flags["C_CONTIGUOUS"]) == (np.float32, True)
+    assert np.allclose(smooth, direct, rtol=1e-5, atol=0.05)

@@ -159,10 +159,12 @@ def test_an_attitude_that_explains_a_quarter_of_the_stars_is_rejected(camera: st
 
 
 @pytest.mark.parametrize(
-    ("camera", "attitude", "verdict"), [("cubestar", 23194, "none"), ("oersted", 20805, "correct")]
+    ("camera", "attitude", "verdict"),
+    [("cubestar", 23194, "none"), ("sunsat", 51843, "none"), ("oersted", 20805, "correct")],
 )
 def test_wrong_attitudes_of_the_reference_chain_do_not_recur(camera: str, attitude: int, verdict: str) -> None:
-    """The reference chain rejects three of eight stars of a mirrored list near a known attitude. With another focal length, it
+    """The reference chain rejects three of eight stars of a mirrored list near a known attitude, and four stars of a mirrored list
+    that lie in a line. With another focal length, it
     keeps the calibrated optical centre, because the stars do not require another one.
     """
     tested = subject(setting_of(camera, "reference"), propagate(load_stars(8.0), 2000.0))

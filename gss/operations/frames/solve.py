@@ -67,7 +67,8 @@ class SolveRequest:
     ``fov_limits_rad``: range of horizontal fields of view of a blind solve; None: 4° to 60°. ``hint``: prior attitude, for a known
     camera. ``epoch_jyear``: epoch of the star positions; None: default of the solver. ``observer``: velocity of the observer when
     the frame was taken; None: aberration is not corrected. ``exposure_s``: exposure, needed for the rate of trailed frames.
-    ``fast``: True for compiled loops, False for loops without compilation; None: compiled loops if numba is installed.
+    ``fast``: True for compiled loops, False for loops without compilation; None: compiled loops if they are compiled. The
+    chains of the systems always use the latter.
     ``options``: changed constants of a system's chain, as (name, text). ``started``: mode and prior knowledge of a system's
     chain, instead of ``hint``.
     """

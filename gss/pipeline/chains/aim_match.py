@@ -36,7 +36,6 @@ from gss.skytables.neighbours import NeighbourLinks, link_distances, neighbour_l
 from gss.skytables.pairs import DistanceTable
 
 Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 FURTHEST_STEP_RAD = float(np.radians(3.0))
 FITTED = 12
 
@@ -152,7 +151,7 @@ def match_stars(
         checks = expected.checks
         fit = _verify(spots, expected, camera, catalogue, parameters)
         verified = 0 if fit is None else len(fit.row)
-        guidance_error = raises_guidance_error(verified, len(spots.index) - verified)
+        guidance_error = raises_guidance_error(verified, len(spots) - verified)
         if not guidance_error:
             return _matching(mode, unit, spots, fit, False, 0, checks, parameters)
         mode = Mode.ASSISTED

@@ -29,7 +29,7 @@ from gss.pipeline.identify.focal_census import focal_objection, plenty
 from gss.pipeline.identify.near import BoundedPrior, identify_near
 from gss.pipeline.identify.other_lens import identify_other_lens, lens_difference
 from gss.pipeline.identify.pyramid import ACCEPT, PyramidMatch, identify_lost
-from gss.pipeline.identify.soundness import is_few
+from gss.pipeline.identify.soundness import is_few, is_handed
 from gss.pipeline.identify.verify import RADIUS_SIGMA, Evidence, FrameDetections, SkyCatalogue, field_of
 from gss.pipeline.kernels import ListLoops, are_compiled, kernels
 from gss.pipeline.refine import Refined, refine
@@ -41,6 +41,8 @@ NAME = "reference"
 MANY_MORE = 1.5
 FIT_FLOOR_PX = 0.01
 BESIDE_RAD = 0.05  # stars up to this far outside the field can contribute light to it
+MOST_IN_LINE = 6
+"""Number of identified stars up to which they are tested for lying in a line."""
 CENSUS_PX = 1.0  # the census of focal lengths has steps of half this size
 DEEPER_ACCEPT = ACCEPT / 2  # half of the limit, because a second search can cause a second false match
 
@@ -191,7 +193,7 @@ def _identify_known(
     evidence = result.evidence
     if evidence is None:
         with trace.stage("why not"):
-            if _solves_mirrored(centroids, camera, stars, fast):
+            if _identified_mirrored(centroids, camera, stars, fast):
                 return replace(base, reason=MIRRORED, timing_s=dict(trace.timing_s))
         return _with_other_lens(base, result.reason, stars, velocity_c, trace, fast)
     with trace.stage("focal length"):
@@ -205,6 +207,11 @@ def _identify_known(
     probability = evidence.false_match_probability
     if is_few(identified, seen_both, probability):
         reason = f"the best solution identifies only {identified} of {seen_both} stars"
+        return replace(base, reason=reason, timing_s=dict(trace.timing_s))
+    if identified <= MOST_IN_LINE and _is_mirror_image_of_itself(view, camera, stars, matches):
+        with trace.stage("why not"):
+            is_mirrored = _identified_mirrored(centroids, camera, stars, fast) > identified
+        reason = MIRRORED if is_mirrored else f"{identified} stars in a pattern that is its own mirror image"
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
     hip = stars.deep.hip[matches.stars]
     return solved(base, matches.fit, view.centroid[matches.rows], hip, probability, trace, velocity_c)
@@ -229,7 +236,7 @@ def _with_other_lens(
 def _another_focal_length(
     view: FrameDetections, camera: Camera, sky: SkyCatalogue, evidence: Evidence, fast: bool | None
 ) -> str:
-    radius_px = max(CENSUS_PX, RADIUS_SIGMA * view.typical_sigma_px)
+    radius_px = _coincidence_px(view)
     predicted_px = camera.project(sky.icrs[evidence.stars] @ evidence.cam_from_icrs.T)
     coinciding = int((((predicted_px - view.pixels[evidence.rows]) ** 2).sum(1) <= radius_px**2).sum())
     if plenty(coinciding, evidence.predicted, len(view)):
@@ -305,12 +312,26 @@ def _expected(stars: KnownSky, camera: Camera) -> float:
     return len(stars.sky) * camera.columns * camera.rows * camera.pixel_rad**2 / (4 * np.pi)
 
 
-def _solves_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky, fast: bool | None) -> bool:
-    """True if the left-right mirrored frame can be solved, i.e. the file or the optics are mirrored."""
+def _coincidence_px(view: FrameDetections) -> float:
+    """Return the distance up to which a detection and a predicted star coincide."""
+    return max(CENSUS_PX, RADIUS_SIGMA * view.typical_sigma_px)
+
+
+def _is_mirror_image_of_itself(view: FrameDetections, camera: Camera, stars: KnownSky, matches: AllMatches) -> bool:
+    """True if the matched stars are so close to a line that they match a mirrored frame as well."""
+    used = matches.fit.weight > 0
+    radius_rad = _coincidence_px(view) * camera.pixel_rad
+    return not is_handed(view.unit[matches.rows[used]], stars.deep.icrs[matches.stars[used]], radius_rad)
+
+
+def _identified_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky, fast: bool | None) -> int:
+    """Return the number of stars identified in the left-right mirrored frame. More than 0 means that the file or the
+    optics are mirrored, unless the frame itself is identified too."""
     if len(centroids) < 5:
-        return False
+        return 0
     view = field_of(centroids.mirrored(camera.columns), camera, fast=fast)
-    return identify_lost(view, stars.sky, stars.pairs, camera, fast=fast).evidence is not None
+    evidence = identify_lost(view, stars.sky, stars.pairs, camera, fast=fast).evidence
+    return 0 if evidence is None else len(evidence.rows)
 
 
 def _identify_field(

@@ -22,6 +22,8 @@ Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 CHUNK = 512
 MAX_AMPLIFIED = 3.0
+ROUNDING = 1 + 1e-9
+"""Factor of the largest distance of a search, so that a star exactly at this distance is found."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,7 @@ def pair_hypotheses(
     order = np.lexsort((i, j))
     i, j = i[order], j[order]
     apart = separation_rad(spots.unit[i], spots.unit[j])
+    i, j, apart = i[apart > 0], j[apart > 0], apart[apart > 0]  # two spots at the same place give no direction
     pair, link = expanded(*links.ranges(apart - tolerance_rad, apart + tolerance_rad))
     checks = len(link)
     first, second = links.first[link].astype(np.intp), links.second[link].astype(np.intp)
@@ -138,7 +141,8 @@ def supporters(
     fast: bool | None = None,
 ) -> NDArray[np.intp]:
     """Return, for each hypothesis, the number of spots that coincide with a star of similar brightness at its attitude
-    (h,). ``attitudes``: (h, 3, 3); ``fast``: see ``kernels.kernels``.
+    (h,). ``attitudes``: (h, 3, 3); ``fast``: see ``kernels.kernels``. The directions are finite. Of two stars at the same
+    place, either is compared.
 
     A close pair determines the roll poorly, so the tolerance grows with the distance from its midpoint, up to a factor
     of three.
@@ -151,7 +155,7 @@ def supporters(
         part = slice(begin, begin + CHUNK)
         sky = spots.unit @ attitudes[part]
         # Most spots are far from every star, and a search of limited distance ends sooner.
-        distance, star = stars.tree.query(sky, distance_upper_bound=(1 + 1e-9) * MAX_AMPLIFIED * tolerance_rad)
+        distance, star = stars.tree.query(sky, distance_upper_bound=ROUNDING * MAX_AMPLIFIED * tolerance_rad)
         hypothesis, spot = np.nonzero(np.isfinite(distance))
         star_of_spot = star[hypothesis, spot]
         first, second = spots.unit[h.i[part][hypothesis]], spots.unit[h.j[part][hypothesis]]

@@ -42,9 +42,8 @@ class SkyCatalogue:
     @cached_property
     def arrays(self) -> SkyArrays:
         """Return the input of the compiled loops: directions, magnitudes, and stars by sky cells."""
-        cells = sky_cells(self.icrs)
-        by_cell = (cells.centre, cells.cos_extent, cells.sin_extent, cells.first, cells.star)
-        return np.ascontiguousarray(self.icrs, float), np.ascontiguousarray(self.v_mag, float), by_cell
+        icrs, v_mag = np.ascontiguousarray(self.icrs, float), np.ascontiguousarray(self.v_mag, float)
+        return icrs, v_mag, sky_cells(self.icrs).arrays
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,23 @@ from functools import lru_cache
 import numpy as np
 
 from gss.domain.angles import Array
-from gss.domain.camera import CONVERGED, NEWTON_STEPS, Brown, BrownUndistort, Camera, Pinhole, RadialTilt
+from gss.domain.camera import (
+    CONVERGED,
+    INVERSE_ERROR,
+    LONGEST_STEP,
+    NEWTON_STEPS,
+    Brown,
+    BrownUndistort,
+    Camera,
+    Pinhole,
+    RadialTilt,
+)
 from gss.pipeline.identify.verify import LARGEST_FLUX_DN, LEAST_FLUX_DN, reach_cosine
 from gss.pipeline.loops import loop
 
 PINHOLE, BROWN, BROWN_UNDISTORT, RADIAL_TILT = range(4)
 # Indices of a camera's numbers in the array; the lens model's parameters follow.
 KIND, COLUMNS, ROWS, FOCAL_COL, FOCAL_ROW, CENTRE_COL, CENTRE_ROW, PIXEL_RAD, REACH, LENS = range(10)
-INVERSE_ERROR = 1e-9
 JACOBI_SWEEPS = 12
 
 
@@ -69,7 +78,7 @@ def _brown_inverse(camera, u, v):
         det = xx * yy - cross * cross
         sx, sy = (yy * eu - cross * ev) / det, (xx * ev - cross * eu) / det
         length = math.sqrt(sx * sx + sy * sy)
-        damped = min(1.0, 0.5 / max(length, 1e-300))
+        damped = min(1.0, LONGEST_STEP / max(length, 1e-300))
         x -= sx * damped
         y -= sy * damped
         if not length > CONVERGED:

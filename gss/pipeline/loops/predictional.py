@@ -101,6 +101,8 @@ def _correct(unit, icrs, near, partner, turn):
 
 @loop
 def _fit(unit, icrs, rows, turn, radii_rad, view_rad, partner):
+    """Fit ``turn`` in place and write the row of each measured star's partner, -1 without partner. Return the number of
+    comparisons, -1 without a fit."""
     near, predicted = np.empty(len(rows), np.int64), np.empty((len(rows), 3))
     before, star = np.full(len(unit), -2), np.full(len(unit), -1)
     compared = 0
@@ -125,7 +127,7 @@ def _fit(unit, icrs, rows, turn, radii_rad, view_rad, partner):
 def fit(unit_cam, icrs, rows, cam_from_icrs, radii_rad, view_rad):
     """Return attitude, measured stars, their rows and the number of comparisons, or None. Arguments as in
     ``predictional.predictional_fit``."""
-    turn, row = np.array(cam_from_icrs, float), np.empty(len(unit_cam), np.int64)
+    turn, row = np.array(cam_from_icrs, float, order="C"), np.empty(len(unit_cam), np.int64)
     compared = _fit(
         np.ascontiguousarray(unit_cam, float), icrs, rows, turn, np.array(radii_rad, float), float(view_rad), row
     )

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from gss.domain.angles import Array
-from gss.pipeline.identify.neighbour_pattern import MAX_AMPLIFIED, PairHypotheses, PatternSpots, PatternStars
+from gss.pipeline.identify.neighbour_pattern import MAX_AMPLIFIED, ROUNDING, PairHypotheses, PatternSpots, PatternStars
 from gss.pipeline.loops import loop
 from gss.pipeline.loops.fit import turned
 from gss.pipeline.loops.geometry import stars_near
@@ -26,12 +26,13 @@ def supporters(
     error_mag: float,
 ) -> Rows:
     """Return the number of supporting spots of each hypothesis. Arguments as in ``neighbour_pattern.supporters``."""
-    count, cells = np.zeros(len(h), np.int64), stars.cells
-    by_cell = (cells.centre, cells.cos_extent, cells.sin_extent, cells.first, cells.star)
+    count = np.zeros(len(h), np.int64)
+    if not len(h):
+        return count
     _supporters(
         (np.ascontiguousarray(spots.unit), spots.mag, spots.saturated),
         (h.i, h.j, np.ascontiguousarray(attitudes)),
-        (stars.icrs, stars.v_mag, by_cell),
+        (stars.icrs, stars.v_mag, stars.cells.arrays),
         float(tolerance_rad),
         float(error_mag),
         count,
@@ -41,6 +42,8 @@ def supporters(
 
 @loop
 def _supporters(spots, pairs, stars, tolerance_rad, error_mag, count):
+    """Write the number of supporting spots of each hypothesis to ``count``. ``spots``: directions, magnitudes, saturation.
+    ``pairs``: first and second spot, attitude. ``stars``: directions, magnitudes, sky cells."""
     unit, mag, saturated = spots
     first, second, attitudes = pairs
     icrs, star_mag, cells = stars
@@ -59,7 +62,7 @@ def _supporters(spots, pairs, stars, tolerance_rad, error_mag, count):
             middle[i] = (p[i] + q[i]) / length
         apart = max(math.sqrt(_chord2(p, q)), 1e-12)
         for spot in range(len(unit)):
-            star, closest2 = -1, reach_rad * reach_rad * (1 + 1e-9) ** 2
+            star, closest2 = -1, reach_rad * reach_rad * ROUNDING**2
             for m in range(visible):
                 chord2 = _chord2(unit[spot], predicted[m])
                 if chord2 < closest2:
