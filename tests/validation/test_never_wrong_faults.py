@@ -187,6 +187,19 @@ def test_a_match_with_a_displaced_bright_star_is_correct(attitude: int) -> None:
     assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == "imprecise"
 
 
+@pytest.mark.parametrize(("camera", "attitude"), [("cubestar", 109980), ("oersted", 121581)])
+def test_two_saturated_stars_at_one_place_may_exchange_their_names(camera: str, attitude: int) -> None:
+    """The fault displaced α Centauri A and B by more than three pixels in different directions, so that each centroid matches
+    the other star. Their places differ by 0.1 px, and the attitude is not wrong."""
+    tested = subject(setting_of(camera, "own"), propagate(load_stars(8.0), 2000.0))
+    rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
+    share = np.array([f.share for f in FAULTS])
+    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    assert fault.saturated
+    judged = judge_with(tested, fault, list(Mode)[attitude % 3], rng)
+    assert (judged.verdict.value in ("correct", "imprecise"), judged.false_matches) == (True, 0)
+
+
 @pytest.mark.parametrize("number", [4, 56])
 def test_parts_of_long_trails_give_no_attitude(number: int) -> None:
     """Frames of AIM with trails of 44 px once gave an attitude from four parts of trails, all displaced by 12 px or 5 px.

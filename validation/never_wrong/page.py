@@ -107,9 +107,9 @@ You can reproduce a case from the seed ({seed}), the camera and the number of th
   frame, and for a frame without stars, any solution
 - **none**: no solution, with a reason
 
-A match is correct if the light of its star is at most three pixels from the centroid. Some faults displace the light: saturated
-stars by a pixel (one standard deviation in each direction), stars with a companion by up to 1.5 px. The attitude is compared
-with the camera's.
+A match is correct if its star or the light of its star is at most three pixels from the centroid. Some faults displace the
+light: saturated stars by a pixel (one standard deviation in each direction), stars with a companion by up to 1.5 px. The
+attitude is compared with the camera's.
 
 Settings of each camera:
 

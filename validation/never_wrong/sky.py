@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, lengths
 from gss.domain.camera import Camera
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.results import Centroids, Outcome, SolveResult, Truth
@@ -159,10 +159,22 @@ def prior(setting: Setting, mode: Mode, attitude: Array, rng: np.random.Generato
 
 @dataclass(frozen=True)
 class Shown:
-    """A centroid list, brightest first, and its truth, whose positions are those of the light: a fault can displace it."""
+    """A centroid list, brightest first, the truth, and the (n, 2) positions of the stars' light, which a fault can displace."""
 
     centroids: Centroids
     truth: Truth
+    light_px: Array
+
+    def truth_for(self, result: SolveResult) -> Truth:
+        """Return the truth with which to compare a result. A star is at its light or, if this is nearer to the matched
+        centroid, at its place: two stars at one place, such as α Centauri A and B, can exchange their names."""
+        pixels = self.light_px.copy()
+        if result.matches is not None:
+            _, star, match = np.intersect1d(self.truth.hip, result.matches.hip, return_indices=True)
+            measured, place = self.centroids.pixels[result.matches.centroid[match]], self.truth.pixels[star]
+            nearer = lengths(place - measured) < lengths(pixels[star] - measured)
+            pixels[star[nearer]] = place[nearer]
+        return replace(self.truth, pixels=pixels)
 
 
 def shown(subject: Subject, fault: Fault, attitude: Array, rng: np.random.Generator) -> Shown:
@@ -187,7 +199,7 @@ def shown(subject: Subject, fault: Fault, attitude: Array, rng: np.random.Genera
         pixels[:, 0] = believed.columns - 1 - pixels[:, 0]
     order = np.argsort(v_mag, kind="stable")
     flux = _flux_dn(setting, subject.profile, v_mag[order])
-    return Shown(Centroids.from_pixels(pixels[order], flux, setting.noise_px), replace(truth, pixels=light))
+    return Shown(Centroids.from_pixels(pixels[order], flux, setting.noise_px), truth, light)
 
 
 def _flux_dn(setting: Setting, profile: CameraProfile, v_mag: Array) -> Array:

@@ -145,7 +145,7 @@ def judge_with(subject: Subject, fault: Fault, mode: Mode, rng: np.random.Genera
     attitude = attitude_at(fault.place, subject.camera, rng)
     made = shown(subject, fault, attitude, rng)
     result = subject.solve(made.centroids, mode, prior(subject.setting, mode, attitude, rng))
-    judged = assess(result, made.truth, subject.camera)
+    judged = assess(result, made.truth_for(result), subject.camera)
     if fault.mirrored and result.attitude is not None:
         return replace(judged, verdict=Verdict.WRONG)
     return judged
