@@ -44,7 +44,8 @@ FIXED_CASES = "\n".join(
         "centre was fitted although the stars did not require it, and the boresight error was 12 px. Now the fitted centre must "
         "differ from the calibration by a χ² of 25",
         "- reference with sunsat, mirrored with 10 false stars, lost in space (attitude 51843): the four matched stars lie in a "
-        "line, so they match the mirrored frame as well. Up to six stars in a line no longer give an attitude",
+        "line, so they match the mirrored frame as well. With the calibrated lens, up to six stars in a line no longer give an "
+        "attitude",
     )
 )
 ORDER = (Verdict.CORRECT, Verdict.IMPRECISE, Verdict.WRONG, Verdict.NONE)
