@@ -158,6 +158,12 @@ STAGES: dict[str, tuple[ChainStage, ...]] = {
             left_out_by="--set acceptance=document",
         ),
         NO_DISPLACED_STAR,
+        ChainStage(
+            "GSS: residuals of three or four stars",
+            "chains.proof:scattered",
+            "–",
+            left_out_by="--set acceptance=document",
+        ),
     ),
     "far_mst": (
         ChainStage(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.domain.results import SolveResult
 from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.modes import Mode
 from validation.never_wrong.faults import FAULTS, Fault, FieldLocation, attitude_at
@@ -163,9 +165,9 @@ def test_an_attitude_that_explains_a_quarter_of_the_stars_is_rejected(camera: st
     [("cubestar", 23194, "none"), ("sunsat", 51843, "none"), ("oersted", 20805, "correct")],
 )
 def test_wrong_attitudes_of_the_reference_chain_do_not_recur(camera: str, attitude: int, verdict: str) -> None:
-    """The reference chain rejects three of eight stars of a mirrored list near a known attitude, and four stars of a mirrored list
-    that lie in a line. With another focal length, it
-    keeps the calibrated optical centre, because the stars do not require another one.
+    """The reference chain rejects three of eight stars of a mirrored list near a known attitude, and four stars of a
+    mirrored list that lie in a line. With another focal length, it keeps the calibrated optical centre, because the
+    stars do not require another one.
     """
     tested = subject(setting_of(camera, "reference"), propagate(load_stars(8.0), 2000.0))
     rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
@@ -173,6 +175,25 @@ def test_wrong_attitudes_of_the_reference_chain_do_not_recur(camera: str, attitu
     fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
     assert fault.mirrored or fault.scale != 1.0
     assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == verdict
+
+
+def test_three_stars_with_improbable_residuals_are_rejected() -> None:
+    """CubeStar's chain matched two stars and a false one near a known attitude. The residuals are four times the errors, which is
+    less probable than an accidental match.
+    """
+    tested = subject(setting_of("cubestar", "own"), propagate(load_stars(8.0), 2000.0))
+    rng = np.random.default_rng([1, 910, CAMERAS.index("cubestar"), 467671])
+    share = np.array([f.share for f in FAULTS])
+    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    reasons: list[str] = []
+
+    def solve(*inputs: Any) -> SolveResult:
+        result = tested.solve(*inputs)
+        reasons.append(result.reason)
+        return result
+
+    assert judge_with(replace(tested, solve=solve), fault, Mode.ASSISTED, rng).verdict.value == "none"
+    assert "less probable than an accidental match" in reasons[0]
 
 
 @pytest.mark.parametrize("attitude", [40837, 43666])

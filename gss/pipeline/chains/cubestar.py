@@ -133,10 +133,12 @@ def _unsound(
     """Return why the frame could be mirrored, have another focal length or contain a false match, or ""."""
     chosen, bank = matching.selected, catalogue.icrs.astype(float)
     reference = bank[matching.row[chosen]]
+    residual_px = centroids.pixels[chosen] - camera.project(reference @ cam_from_icrs.T)
     radius_px = parameters.tolerance_rad / camera.pixel_rad
     return (
         proof.mirrored(matching.unit_cam[chosen], reference, parameters.tolerance_rad)
         or proof.displaced(matching.unit_cam[chosen], centroids.sigma_px[chosen], reference, camera, cam_from_icrs)
+        or proof.scattered(residual_px, centroids.sigma_px[chosen], probability)
         or proof.another_focal_length(centroids.pixels, matching.unit_cam, chosen, reference, bank, camera, radius_px)
         or proof.few_identified(len(chosen), len(matching.row), probability, bank, cam_from_icrs, camera)
     )

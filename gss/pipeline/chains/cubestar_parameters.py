@@ -34,9 +34,9 @@ SOURCES: dict[str, str] = {
     "min_verified_lost": MIN_VERIFIED,
     "min_verified_assisted": MIN_VERIFIED,
     "min_verified_tracking": MIN_VERIFIED,
-    "acceptance": "GSS 'proved': no mirror-symmetric pattern, no star displaced from the position predicted by the others, and "
-    "none if the field indicates another focal length; "
-    "'document': without these conditions (Erlank 2013 §4.3–4.5)",
+    "acceptance": "GSS 'proved': no mirror-symmetric pattern, no star displaced from the position predicted by the others, "
+    "no residuals of three or four stars that are less probable than an accidental match, and none if the field indicates "
+    "another focal length; 'document': without these conditions (Erlank 2013 §4.3–4.5)",
     "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
     "tracking_radius_rad": "Erlank 2013 §4.5: 0.3°",
     "assisted_radius_rad": "Erlank 2013 §4.3.4: 35°; other cameras: half diagonal + 5°",

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera, Pinhole
@@ -84,6 +85,22 @@ def displaced(unit_cam: Array, sigma_px: Array, reference: Array, camera: Camera
     if not far.any():
         return ""
     return f"one of {len(unit_cam)} stars is {off_px[far].max():.1f} px from the position predicted by the others"
+
+
+def scattered(residual_px: Array, sigma_px: Array, probability: float) -> str:
+    """Test that the stated errors explain the residuals of few stars better than an accidental match does. ``residual_px``
+    (k, 2), ``sigma_px`` (k,); ``probability``: false-match bound. :func:`displaced` tests more stars."""
+    freedom = 2 * len(residual_px) - 3
+    if freedom - 2 >= LEAST_FREEDOM:
+        return ""
+    sigma_px = np.maximum(sigma_px, MIN_SIGMA_PX)
+    chi2 = float(np.sum((residual_px / sigma_px[:, None]) ** 2))
+    if chdtrc(freedom, chi2) >= probability:
+        return ""
+    return (
+        f"the residuals of {len(residual_px)} stars are {np.sqrt(chi2 / freedom):.1f} times their errors, "
+        "which is less probable than an accidental match"
+    )
 
 
 def off_hint(hint: AttitudePrior, cam_from_icrs: Array, limit_rad: float) -> str:
