@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures.process import BrokenProcessPool
@@ -56,6 +59,30 @@ def test_processes_are_kept_and_end_when_idle() -> None:
     assert later != one
     pool.stop()
     assert not _runs(later)
+
+
+KILLED = """
+import os, signal
+from gss.operations.studies.warm_pool import WarmPool
+if __name__ == "__main__":
+    with WarmPool(1).borrowed() as processes:
+        print(processes.submit(os.getpid).result(60), processes.submit(os.getppid).result(60), flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_processes_end_if_their_parent_is_killed(tmp_path: Path) -> None:
+    """A process that is killed leaves neither its worker nor the fork server."""
+    program = tmp_path / "killed.py"
+    program.write_text(KILLED, "utf-8")
+    killed = subprocess.run([sys.executable, str(program)], stdout=subprocess.PIPE, text=True, timeout=120, check=False)
+    assert killed.returncode == -signal.SIGKILL
+    worker, fork_server = map(int, killed.stdout.split())
+    deadline = time.monotonic() + 30
+    while (_runs(worker) or _runs(fork_server)) and time.monotonic() < deadline:
+        threading.Event().wait(0.02)
+    assert not _runs(worker)
+    assert not _runs(fork_server)
 
 
 def test_a_killed_process_fails_only_its_job() -> None:

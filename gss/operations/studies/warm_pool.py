@@ -4,6 +4,7 @@ processes."""
 from __future__ import annotations
 
 import multiprocessing
+import os
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -41,7 +42,7 @@ class WarmPool:
         with self._lock:
             self._stop_timer()
             if self._pool is None:
-                self._pool = ProcessPoolExecutor(self._workers, _fork_server(), garbage.collect_as_usual)
+                self._pool = ProcessPoolExecutor(self._workers, _fork_server(), _begin_worker)
             pool, self._users = self._pool, self._users + 1
         try:
             yield pool
@@ -83,6 +84,20 @@ class WarmPool:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+
+
+def _begin_worker() -> None:
+    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+    garbage.collect_as_usual()
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent ends for any reason, because it would wait for work forever. The fork server ends
+    after its last worker."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _fork_server() -> ForkServerContext:
