@@ -162,12 +162,12 @@ def test_an_attitude_that_explains_a_quarter_of_the_stars_is_rejected(camera: st
 
 @pytest.mark.parametrize(
     ("camera", "attitude", "verdict"),
-    [("cubestar", 23194, "none"), ("sunsat", 51843, "none"), ("oersted", 20805, "correct")],
+    [("cubestar", 23194, "none"), ("sunsat", 51843, "none"), ("aim", 67110, "none"), ("oersted", 20805, "correct")],
 )
 def test_wrong_attitudes_of_the_reference_chain_do_not_recur(camera: str, attitude: int, verdict: str) -> None:
-    """The reference chain rejects three of eight stars of a mirrored list near a known attitude, and four stars of a
-    mirrored list that lie in a line. With another focal length, it keeps the calibrated optical centre, because the
-    stars do not require another one.
+    """The reference chain rejects three of eight stars of a mirrored list near a known attitude, four stars of a mirrored
+    list that lie in a line, and four of nine stars if all nine match in the mirrored list. With another focal length,
+    it keeps the calibrated optical centre, because the stars do not require another one.
     """
     tested = subject(setting_of(camera, "reference"), propagate(load_stars(8.0), 2000.0))
     rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])

@@ -46,6 +46,11 @@ FIXED_CASES = "\n".join(
         "- reference with sunsat, mirrored with 10 false stars, lost in space (attitude 51843): the four matched stars lie in a "
         "line, so they match the mirrored frame as well. With the calibrated lens, up to six stars in a line no longer give an "
         "attitude",
+        "- cubestar, a third of the stars missing and 2 false, assisted (attitude 467671): two stars and a false one matched with "
+        "residuals four times their errors. Three or four stars must now have residuals that are more probable than an "
+        "accidental match",
+        "- reference with aim, mirrored, lost in space (attitude 67110): four of nine stars matched with a probability of 1e-7 of "
+        "being accidental, although all nine match in the mirrored list. Above 1e-9, the mirrored list is now searched as well",
     )
 )
 ORDER = (Verdict.CORRECT, Verdict.IMPRECISE, Verdict.WRONG, Verdict.NONE)

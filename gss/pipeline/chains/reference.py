@@ -43,6 +43,7 @@ FIT_FLOOR_PX = 0.01
 BESIDE_RAD = 0.05  # stars up to this far outside the field can contribute light to it
 MOST_IN_LINE = 6
 """Number of identified stars up to which they are tested for lying in a line."""
+DOUBTFUL = 1e-9  # false-match probability above which the mirrored list is searched as well
 CENSUS_PX = 1.0  # the census of focal lengths has steps of half this size
 DEEPER_ACCEPT = ACCEPT / 2  # half of the limit, because a second search can cause a second false match
 
@@ -208,11 +209,13 @@ def _identify_known(
     if is_few(identified, seen_both, probability):
         reason = f"the best solution identifies only {identified} of {seen_both} stars"
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
-    if identified <= MOST_IN_LINE and _is_mirror_image_of_itself(view, camera, stars, matches):
+    in_line = identified <= MOST_IN_LINE and _is_mirror_image_of_itself(view, camera, stars, matches)
+    if in_line or probability > DOUBTFUL:
         with trace.stage("why not"):
             is_mirrored = _identified_mirrored(centroids, camera, stars, fast) > identified
-        reason = MIRRORED if is_mirrored else f"{identified} stars in a pattern that is its own mirror image"
-        return replace(base, reason=reason, timing_s=dict(trace.timing_s))
+        if is_mirrored or in_line:
+            reason = MIRRORED if is_mirrored else f"{identified} stars in a pattern that is its own mirror image"
+            return replace(base, reason=reason, timing_s=dict(trace.timing_s))
     hip = stars.deep.hip[matches.stars]
     return solved(base, matches.fit, view.centroid[matches.rows], hip, probability, trace, velocity_c)
 
