@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from gss.domain.angles import Array
-from gss.domain.camera import Camera
+from gss.domain.camera import Camera, Pinhole
 from gss.domain.errors import BadInput
 from gss.domain.results import Attitude, Centroids, Outcome, SolveResult
 from gss.domain.rotation import matrix_from_quaternion
@@ -133,7 +133,9 @@ def _unsound(
     """Return why the frame could be mirrored, have another focal length or contain a false match, or ""."""
     chosen, bank = matching.selected, catalogue.icrs.astype(float)
     reference = bank[matching.row[chosen]]
-    residual_px = centroids.pixels[chosen] - camera.project(reference @ cam_from_icrs.T)
+    # Without distortion, so that the positions agree with the directions from which the attitude was computed.
+    ideal = replace(camera, distortion=Pinhole())
+    residual_px = ideal.project(matching.unit_cam[chosen]) - ideal.project(reference @ cam_from_icrs.T)
     radius_px = parameters.tolerance_rad / camera.pixel_rad
     return (
         proof.mirrored(matching.unit_cam[chosen], reference, parameters.tolerance_rad)
