@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,16 +29,6 @@ class DistanceTable:
 
     def __len__(self) -> int:
         return len(self.distance_rad)
-
-    @cached_property
-    def by_star(self) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]:
-        """The pairs grouped by star: (offsets, rows of the table, other stars). ``offsets[s]`` to ``offsets[s + 1]`` are
-        the pairs of star s, closest first."""
-        star = np.stack([self.first, self.second], axis=1).ravel()
-        other = np.stack([self.second, self.first], axis=1).ravel()
-        offsets = np.concatenate([[0], np.cumsum(np.bincount(star))]).astype(np.int64)
-        order = np.argsort(star, kind="stable")
-        return offsets, (order // 2).astype(np.int32), other[order]
 
     def single_precision(self) -> DistanceTable:
         """Return the table with distances in float32, as a device stores them."""

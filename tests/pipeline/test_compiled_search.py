@@ -1,4 +1,4 @@
-"""The compiled pair search gives the same results as the numpy one, and the success rate has a lower limit."""
+"""The compiled anchor search gives the same results as the numpy one, and the success rate has a lower limit."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.camera import Brown, Camera, Pinhole
 from gss.domain.results import Centroids
 from gss.pipeline.chains.reference import KnownSky, known_sky, solve_centroids
-from gss.pipeline.identify import pair_search
+from gss.pipeline.identify import anchor_search
 from gss.pipeline.identify.near import BoundedPrior
 from gss.pipeline.identify.pyramid import PyramidMatch, identify_lost
 from gss.pipeline.identify.verify import SkyCatalogue, field_of
@@ -68,13 +68,53 @@ def test_both_searches_give_the_same_matches(name: str, false_count: int, skies:
     for seed in range(12):
         view = field_of(random_list(name, prepared_sky.sky, false_count, seed)[0], camera)
         with_numpy, compiled = (
-            identify_lost(
-                view, prepared_sky.sky, prepared_sky.pairs, camera, support=2 + seed % 2, groups=1 + seed % 3, fast=fast
-            )
+            identify_lost(view, prepared_sky.sky, prepared_sky.pairs, camera, support=2 + seed % 2, fast=fast)
             for fast in (False, True)
         )
         assert summary(with_numpy)[:3] == summary(compiled)[:3]
         assert summary(compiled)[3:] == pytest.approx(summary(with_numpy)[3:], rel=1e-8)
+
+
+@pytest.mark.parametrize("most", [3, 64])
+@pytest.mark.parametrize("pairs_at_once", [20_000, 200_000])
+def test_both_searches_have_the_same_candidates(
+    most: int, pairs_at_once: int, skies: dict[str, KnownSky], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each anchor has the same candidates in the same order, also if there are too many, and whatever number of pairs is
+    compared at once.
+    """
+    monkeypatch.setattr(anchor_search, "MAX_CANDIDATES", most)
+    monkeypatch.setattr(anchor_search, "PAIRS_AT_ONCE", pairs_at_once)
+    sky, table = skies["sunsat"].sky, skies["sunsat"].pairs
+    camera, _ = CAMERAS["sunsat"]
+    view = field_of(random_list("sunsat", sky, 40, 9)[0], camera)
+    n, need = len(view), 2
+    expected = anchor_search.AnchorSearch(view, sky, table, n, 0.001, need, 10**9)
+    pairs = search._no_pairs(n)
+    arrays = table.first, table.second, table.distance_rad
+    search._compute_pairs(0, n, (view.unit, view.sigma_rad, anchor_search.TOLERANCE_SIGMA, 0.001), arrays[2], pairs)
+    end, entry, out = np.empty(len(sky), np.uint32), np.empty(0, np.uint32), np.empty((most, 6), np.int64)
+    largest, collinear = anchor_search.MAX_OF_A_PAIR, anchor_search.COLLINEAR
+    counts = []
+    for i in range(n - need - 1):
+        longest, entry = search._entries(i, n, pairs, arrays, largest, end, entry)
+        count = search._candidates(i, view.unit, sky.icrs, pairs, end, longest, entry, collinear, need, out)
+        assert [tuple(row[:5]) for row in out[:count].tolist()] == expected._candidates(i, expected._entries(i, n))
+        counts.append(count)
+    assert max(counts) == most
+    assert min(counts) == 0
+
+
+@pytest.mark.parametrize(
+    ("detections", "expected"),
+    [(4, [4]), (14, [14]), (15, [8, 15]), (17, [9, 17]), (30, [8, 16, 30]), (120, [8, 16, 32, 64, 120])],
+)
+def test_stages_end_with_all_detections(detections: int, expected: list[int]) -> None:
+    """The first stage has at least eight detections if there are as many, each other stage at most twice as many as the one
+    before.
+    """
+    stages = list(anchor_search.stages(detections))
+    assert stages == expected
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -110,7 +150,7 @@ def test_both_searches_have_the_same_budget(
     budget: int, of_a_pair: int, skies: dict[str, KnownSky], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """For random dots, both searches stop after the same number of hypotheses with the same reason."""
-    monkeypatch.setattr(pair_search, "MAX_OF_A_PAIR", of_a_pair)
+    monkeypatch.setattr(anchor_search, "MAX_OF_A_PAIR", of_a_pair)
     camera, _ = CAMERAS["sunsat"]
     prepared_sky = skies["sunsat"]
     for seed in range(3):
@@ -124,32 +164,6 @@ def test_both_searches_have_the_same_budget(
         assert (with_numpy.hypotheses > budget) == (budget == 20_000)
 
 
-@pytest.mark.parametrize("bits", [1, 2, 8, 32])
-def test_the_length_of_the_marks_does_not_change_the_candidates(bits: int, skies: dict[str, KnownSky]) -> None:
-    """Marks of any length exclude only hypotheses without support: each pair of detections has the same candidates as in the
-    search with numpy.
-    """
-    camera, _ = CAMERAS["sunsat"]
-    sky, pairs = skies["sunsat"].sky, skies["sunsat"].pairs
-    view = field_of(random_list("sunsat", sky, 60, 9)[0], camera)
-    n, found = len(view), 0
-    expected = pair_search.PairSearch(view, sky, pairs, n, 0.001, 2, 1, 500_000)
-    geometry = search._no_pairs(n)
-    detections = view.arrays[1], view.arrays[2], pair_search.TOLERANCE_SIGMA, 0.001
-    marks = np.empty((n, len(sky), (n * bits + search.WORD - 1) // search.WORD), np.uint64)
-    state, out = np.array([1, 0, 0]), np.empty((pair_search.MAX_CANDIDATES, 5), np.int64)
-    table = pairs.first, pairs.second, pairs.distance_rad, *pairs.by_star
-    limits = pair_search.MAX_OF_A_PAIR, 60_000, pair_search.COLLINEAR, 2, 1
-    is_marked = np.zeros(n, bool)
-    while (
-        count := search.next_pair(detections, sky.icrs, table, geometry, bits, marks, is_marked, state, limits, out)
-    ) > 0:
-        i, j = state[1] - 1, state[0] - state[1] + 1
-        assert [tuple(row) for row in out[:count, :4].tolist()] == expected._candidates(i, j)
-        found += count
-    assert found > 20
-
-
 @pytest.mark.parametrize("fast", [False, True])
 def test_lists_of_many_detections(fast: bool, skies: dict[str, KnownSky]) -> None:
     """The correct attitude is found if most of the detections are false."""
@@ -158,9 +172,7 @@ def test_lists_of_many_detections(fast: bool, skies: dict[str, KnownSky]) -> Non
     for false_count in (30, 60):
         centroids, attitude, stars = random_list("sunsat", prepared_sky.sky, false_count, 3)
         assert stars > 10
-        match = identify_lost(
-            field_of(centroids, camera), prepared_sky.sky, prepared_sky.pairs, camera, groups=3, fast=fast
-        )
+        match = identify_lost(field_of(centroids, camera), prepared_sky.sky, prepared_sky.pairs, camera, fast=fast)
         assert match.evidence is not None
         assert match.evidence.cam_from_icrs[2] @ attitude[2] > np.cos(5 * camera.pixel_rad)
 

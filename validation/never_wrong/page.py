@@ -43,6 +43,9 @@ FIXED_CASES = "\n".join(
         "- reference with oersted, focal length +1 %, lost in space (attitude 20805): all 33 matches were correct, but the optical "
         "centre was fitted although the stars did not require it, and the boresight error was 12 px. Now the fitted centre must "
         "differ from the calibration by a χ² of 25",
+        "- reference with cubestar, 5 false stars, lost in space (attitude 63930, not released): a false star 3 px from a star "
+        "matched it and rotated the attitude about the other matches. A match of less than three quarters of the stars is now "
+        "verified again without each detection from which it began",
         "- reference with sunsat, mirrored with 10 false stars, lost in space (attitude 51843): the four matched stars lie in a "
         "line, so they match the mirrored frame as well. With the calibrated lens, up to six stars in a line no longer give an "
         "attitude",

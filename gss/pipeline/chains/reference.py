@@ -1,4 +1,4 @@
-"""Reference chain: robust detection, Gaussian centroids, k-vector pyramid or blind figures, least squares with
+"""Reference chain: robust detection, Gaussian centroids, anchor search or blind figures, least squares with
 covariance.
 
 Every solution has a false-match probability. Solutions above the limit are not returned. The chain shares no

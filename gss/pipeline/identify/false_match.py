@@ -2,7 +2,7 @@
 
 The bound is the expected number of pointings that would have at least as many coincidences between predicted and
 detected stars if the detections were scattered at random. It is the product of a binomial tail from the positions, an
-independent factor from the brightness, and the number of tried pointings.
+independent factor from the brightness, and the number of tried hypotheses.
 """
 
 from __future__ import annotations
@@ -61,5 +61,8 @@ def not_credible(matched: int, stars: int, probability: float, limit: float, whe
 
 
 def false_match_probability(hypotheses: float, tail: float) -> float:
-    """Return an upper bound on the probability that at least one of the tried hypotheses is this good by chance."""
+    """Return an upper bound on the probability that at least one of the tried hypotheses is this good by chance.
+
+    A search that can stop early counts the hypotheses up to each candidate; see ``anchor_search.Trial``.
+    """
     return float(min(1.0, max(hypotheses, 1.0) * tail))

@@ -27,9 +27,7 @@ SCALES = (1.0, *(1 + sign * k * STEP for k in range(1, STEPS + 1) for sign in (1
 CANDIDATE = 1e-2  # limit of a candidate's false-match probability; the verification decides
 LIMIT = ACCEPT / 3  # because there are three verifications
 FEW = 5  # with fewer stars, a free focal length leaves too little evidence
-GROUPS = 3
-"""Of ``FEW`` stars, at least two pairs are inside one of three groups. A third of all pairs is examined."""
-BUDGET = 300_000  # hypotheses per focal length
+BUDGET = 1_000_000  # hypotheses per focal length
 FITTED_SCALES = 325
 """Number of focal lengths in the range that differ by 0.1 px at 500 px. A fitted focal length is as good as the best of
 these, so each is a hypothesis."""
@@ -67,7 +65,6 @@ def identify_other_lens(
             scale_error=STEP / 2,
             accept=CANDIDATE,
             support=FEW - 2,
-            groups=GROUPS,
             budget=BUDGET,
             fast=fast,
         )

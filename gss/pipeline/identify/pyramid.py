@@ -1,19 +1,20 @@
-"""Lost-in-space identification with a known camera. Pairs from the k-vector are supported by third and fourth stars and
-verified on the whole field.
+"""Lost-in-space identification with a known camera. Pairs of the distance table are supported by third and fourth stars
+and verified on the whole field.
 
-After Mortari, Samaan, Bruccoleri & Junkins 2004 (pyramid), with two changes: all third stars of a pair are examined
-together, and a candidate is accepted by its false-match probability instead of by its fourth star alone.
+After Mortari, Samaan, Bruccoleri & Junkins 2004 (pyramid), with two changes: all stars that the other detections can be
+are examined together (:mod:`~gss.pipeline.identify.anchor_search`), and a candidate is accepted by its false-match
+probability instead of by its fourth star alone.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gss.domain.camera import Camera
-from gss.pipeline.identify import pair_search
+from gss.pipeline.identify import anchor_search
 from gss.pipeline.identify.false_match import not_credible
 from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, verify
 from gss.pipeline.kernels import ListLoops, kernels
@@ -21,16 +22,20 @@ from gss.skytables.pairs import DistanceTable
 
 ACCEPT = 1e-6
 MAX_STARS, FEW_STARS = 120, 20
-CROWDED = 24.0
+CROWDED = 27.0
 """Largest average number of pairs of a detection that a catalogue star can be part of. With more, unrelated stars often support
 a pair, so only the brightest detections are examined, but at least ``FEW_STARS``."""
 SUPPORT = 2
+FULL_SHARE = 0.75
+"""Share of the stars that a match must have, or it is verified again without each detection from which it began: a false
+detection beside a star rotates the attitude, so that only the stars near the axis match."""
 MIN_MATCHED = 4  # three stars are never sufficient evidence over the whole sky, even with a low false-match probability
 
 
 @dataclass(frozen=True)
 class PyramidMatch:
-    """Result of the identification: the accepted evidence, or None and the reason. ``hypotheses``: number of pointings tried."""
+    """Result of the identification: the accepted evidence, or None and the reason. ``hypotheses``: number of hypotheses in
+    the false-match probability of the evidence; without evidence, number of examined ones."""
 
     evidence: Evidence | None
     hypotheses: int
@@ -46,17 +51,15 @@ def identify_lost(
     scale_error: float = 0.0,
     accept: float = ACCEPT,
     support: int = SUPPORT,
-    groups: int = 1,
-    budget: int = pair_search.MAX_HYPOTHESES,
+    budget: int = anchor_search.MAX_HYPOTHESES,
     fast: bool | None = None,
 ) -> PyramidMatch:
     """Identify a field without prior attitude.
 
     ``scale_error``: relative uncertainty of distances from the camera's calibration, added to the centroid errors.
-    ``support``: minimum number of further detections that must fit a pair before it is verified. ``groups``: only pairs
-    of detections whose rows are equal modulo ``groups`` are examined. If more than ``groups`` detections are stars, at
-    least one of these pairs consists of stars.
-    ``budget``: maximum number of hypotheses, i.e. of catalogue pairs that pairs of detections can be. ``fast``: see
+    ``support``: minimum number of further detections that must fit a pair before it is verified.
+    ``budget``: number of hypotheses, i.e. of catalogue pairs that pairs of detections can be, after which no further
+    anchor is examined. ``fast``: see
     :func:`gss.pipeline.kernels.kernels`.
     """
     n = min(len(field), MAX_STARS, _uncrowded(field, sky, camera, scale_error))
@@ -64,16 +67,16 @@ def identify_lost(
         return PyramidMatch(None, 0, f"{counted(len(field))} found: at least {MIN_MATCHED} are needed without a hint")
     loops = kernels(fast).lists
     if loops is not None:
-        return _compiled(field, sky, table, camera, n, scale_error, accept, support, groups, budget, loops)
-    search = pair_search.PairSearch(field, sky, table, n, scale_error, support, groups, budget)
+        return _compiled(field, sky, table, camera, n, scale_error, accept, support, budget, loops)
+    search = anchor_search.AnchorSearch(field, sky, table, n, scale_error, support, budget)
     best: Evidence | None = None
     for trial in search.run():
         rows, stars = np.array(trial.rows), np.array(trial.stars)
-        evidence = verify(field, sky, camera, rows=rows, stars=stars, hypotheses=search.hypotheses)
+        evidence = verify(field, sky, camera, rows=rows, stars=stars, hypotheses=trial.rank)
         if evidence is None or len(evidence.rows) < MIN_MATCHED:
             continue
         if evidence.false_match_probability <= accept:
-            return PyramidMatch(evidence, search.hypotheses)
+            return PyramidMatch(_without_one(field, sky, camera, trial, evidence), trial.rank)
         if best is None or evidence.false_match_probability < best.false_match_probability:
             best = evidence
     probability = math.nan if best is None else best.false_match_probability
@@ -82,11 +85,30 @@ def identify_lost(
     return PyramidMatch(None, search.hypotheses, reason)
 
 
+def _without_one(
+    field: FrameDetections, sky: SkyCatalogue, camera: Camera, trial: anchor_search.Trial, evidence: Evidence
+) -> Evidence:
+    """Verify again without each of the first three detections, if the match has few of the stars. Return the match with most
+    stars, with the first match's false-match probability: the stars of the others were selected."""
+    best, probability = evidence, evidence.false_match_probability
+    if len(evidence.rows) >= FULL_SHARE * min(len(field), evidence.predicted):
+        return best
+    for left_out in trial.rows:
+        others = evidence.rows != left_out
+        if np.count_nonzero(others) < 3:
+            continue
+        rows, stars = evidence.rows[others], evidence.stars[others]
+        again = verify(field, sky, camera, rows=rows, stars=stars, hypotheses=trial.rank)
+        if again is not None and len(again.rows) > len(best.rows) and again.false_match_probability <= probability:
+            best = replace(again, false_match_probability=probability)
+    return best
+
+
 def _uncrowded(field: FrameDetections, sky: SkyCatalogue, camera: Camera, scale_error: float) -> int:
     """Return the largest number of detections with at most ``CROWDED`` pairs, but at least ``FEW_STARS``. The number of pairs
     is estimated for stars distributed evenly over the sky and the largest angle from the boresight."""
     angle_rad = min(camera.half_diagonal_rad, np.pi / 2)
-    tolerance_rad = pair_search.TOLERANCE_SIGMA * math.sqrt(2) * field.typical_sigma_px * camera.pixel_rad
+    tolerance_rad = anchor_search.TOLERANCE_SIGMA * math.sqrt(2) * field.typical_sigma_px * camera.pixel_rad
     pairs_per_detection = len(sky) * math.sin(angle_rad) * (tolerance_rad + scale_error * angle_rad)
     return (
         max(FEW_STARS, int(CROWDED / pairs_per_detection)) if pairs_per_detection * len(field) > CROWDED else len(field)
@@ -102,7 +124,6 @@ def _compiled(
     scale_error: float,
     accept: float,
     support: int,
-    groups: int,
     budget: int,
     loops: ListLoops,
 ) -> PyramidMatch:
@@ -110,14 +131,13 @@ def _compiled(
     count, predicted, probability, hypotheses, is_too_long = loops.find(
         field.arrays,
         sky.arrays,
-        (table.first, table.second, table.distance_rad, *table.by_star),
+        (table.first, table.second, table.distance_rad),
         loops.camera_numbers(camera),
         brightest,
         scale_error,
-        pair_search.TOLERANCE_SIGMA,
-        pair_search.limits(budget),
+        anchor_search.TOLERANCE_SIGMA,
+        anchor_search.limits(budget),
         support,
-        groups,
         accept,
         MIN_MATCHED,
         rows,

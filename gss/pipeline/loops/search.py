@@ -1,7 +1,8 @@
-"""Compiled pair search for identification without a prior attitude; equivalent to ``pair_search.PairSearch`` and
+"""Compiled search for identification without a prior attitude; equivalent to ``anchor_search.AnchorSearch`` and
 ``pyramid.identify_lost``."""
 
-# The loops have no type annotations: numba compiles them for the argument types.
+# The loops have no type annotations: numba compiles them for the argument types. Indices are unsigned where possible,
+# because signed ones need tests for negative numbers and more time.
 # mypy: allow-untyped-defs
 
 from __future__ import annotations
@@ -10,266 +11,268 @@ import math
 
 import numpy as np
 
+from gss.pipeline.identify.anchor_search import SMALLEST_STAGE
+from gss.pipeline.identify.pyramid import FULL_SHARE
 from gss.pipeline.loops import loop
 from gss.pipeline.loops.proof import verify, workspace
 
-EXHAUSTED, TOO_LONG = 0, -1
-WORD = 64
-MAX_BITS, MAX_WORDS = 32, 10
-"""Largest number of bits of a detection in a mark, and largest length of a mark in words."""
-ACCIDENTAL = 0.08
-"""Expected number of detections, relative to the required number, that marks do not exclude although they support no
-hypothesis."""
-
-
-@loop
-def _compute_pairs(i, detections, table_rad, pair_geometry):
-    """Compute the pairs of detection i with the others, if they are not computed yet: distance and tolerance, middle and
-    half width of the range of the cosine, and first and last + 1 row of the distance table. Computed on first use,
-    because most star lists need the pairs of only two detections."""
-    unit, sigma_rad, sigmas, scale_error = detections
-    distance, tolerance, middle, half, start, stop, is_computed = pair_geometry
-    if is_computed[i]:
-        return
-    is_computed[i] = True
-    for k in range(len(unit)):
-        if is_computed[k]:
-            continue  # symmetrical
-        x, y, z = unit[i, 0] - unit[k, 0], unit[i, 1] - unit[k, 1], unit[i, 2] - unit[k, 2]
-        d = 2 * math.asin(min(1.0, math.sqrt(x * x + y * y + z * z) / 2))
-        t = sigmas * math.sqrt(sigma_rad[i] ** 2 + sigma_rad[k] ** 2) + scale_error * d
-        near, far = math.cos(max(d - t, 0.0)), math.cos(d + t)
-        distance[i, k] = distance[k, i] = d
-        tolerance[i, k] = tolerance[k, i] = t
-        middle[i, k] = middle[k, i] = (far + near) / 2
-        half[i, k] = half[k, i] = (near - far) / 2
-        start[i, k] = start[k, i] = np.searchsorted(table_rad, max(d - t, 0.0))
-        stop[i, k] = stop[k, i] = np.searchsorted(table_rad, d + t, side="right")
+STAR_BITS = np.uint32(24)
+"""Bits of the star in an entry; the others contain the detection."""
+STAR_MASK = np.uint32(2**24 - 1)
 
 
 @loop
 def _no_pairs(n):
-    """Return the arrays for the pairs of n detections, none computed; see :func:`_compute_pairs`."""
+    """Return arrays for the pairs of n detections: distance and tolerance, middle and half width of the range of the cosine,
+    and first and last + 1 row of the distance table."""
     return (
-        np.zeros((n, n)),
-        np.zeros((n, n)),
-        np.zeros((n, n)),
-        np.zeros((n, n)),
-        np.zeros((n, n), np.int64),
-        np.zeros((n, n), np.int64),
-        np.zeros(n, np.bool_),
+        np.empty((n, n)),
+        np.empty((n, n)),
+        np.empty((n, n)),
+        np.empty((n, n)),
+        np.empty((n, n), np.int64),
+        np.empty((n, n), np.int64),
     )
 
 
 @loop
-def _bits_of_a_detection(pairs_of_a_star, detections, need):
-    """Return the number of bits of each detection in a mark. ``pairs_of_a_star``: average number of pairs of one detection
-    with all others that a catalogue star can be part of."""
-    bits = 1
-    each = pairs_of_a_star / max(detections - 1, 1)
-    while (
-        bits < MAX_BITS
-        and 2 * bits * detections <= WORD * MAX_WORDS
-        and detections * each * each > ACCIDENTAL * need * bits
-    ):
-        bits *= 2
-    return bits
+def _compute_pairs(computed, count, detections, table_rad, pairs):
+    """Compute the pairs of the first ``count`` detections, of which those of the first ``computed`` exist already."""
+    unit, sigma_rad, sigmas, scale_error = detections
+    distance, tolerance, middle, half, start, stop = pairs
+    for k in range(computed, count):
+        for i in range(k):
+            x, y, z = unit[i, 0] - unit[k, 0], unit[i, 1] - unit[k, 1], unit[i, 2] - unit[k, 2]
+            d = 2 * math.asin(min(1.0, math.sqrt(x * x + y * y + z * z) / 2))
+            t = sigmas * math.sqrt(sigma_rad[i] ** 2 + sigma_rad[k] ** 2) + scale_error * d
+            near, far = math.cos(max(d - t, 0.0)), math.cos(d + t)
+            distance[i, k] = distance[k, i] = d
+            tolerance[i, k] = tolerance[k, i] = t
+            middle[i, k] = middle[k, i] = (far + near) / 2
+            half[i, k] = half[k, i] = (near - far) / 2
+            start[i, k] = start[k, i] = np.searchsorted(table_rad, max(d - t, 0.0))
+            stop[i, k] = stop[k, i] = np.searchsorted(table_rad, d + t, side="right")
 
 
 @loop
-def _mark(i, start, stop, first, second, bits, marks):
-    """Write the marks (stars, words) of the catalogue stars that detection i can be. In a mark, each detection k has
-    ``bits`` bits. A bit is set if a pair of i and k allows it, and the row of the star of k gives its number. Two stars
-    can be those of i and j, with support by k, only if their marks have a common bit of k."""
-    marks[:] = 0
-    one, last = np.uint64(1), np.uint64(bits - 1)  # unsigned numbers, because signed ones need tests and more time
-    for k in range(len(start)):
-        if k == i:
-            continue
-        word, shift = np.uint64(k * bits // WORD), np.uint64(k * bits % WORD)
-        for p in range(start[k], stop[k]):
-            a, b = np.uint64(first[p]), np.uint64(second[p])
-            marks[a, word] |= one << (shift + (b & last))
-            marks[b, word] |= one << (shift + (a & last))
+def _ranks(count, pairs, largest):
+    """Return the number of hypotheses of all pairs of the first ``count`` detections, up to each sum of their rows."""
+    start, stop = pairs[4:]
+    ranks = np.zeros(2 * count, np.int64)
+    for k in range(count):
+        for i in range(k):
+            hypotheses = 2 * (stop[i, k] - start[i, k])
+            if hypotheses <= largest:
+                ranks[i + k] += hypotheses
+    return np.cumsum(ranks)
 
 
 @loop
-def _fits(b, c, normal, icrs, middle, half, handedness, flat):
-    """True if star c has the right distance from star b, and the triangle has the right handedness."""
-    off = -middle + icrs[b, 0] * icrs[c, 0] + icrs[b, 1] * icrs[c, 1] + icrs[b, 2] * icrs[c, 2]
-    if abs(off) > half or c == b:
-        return False
-    triple = normal[0] * icrs[c, 0] + normal[1] * icrs[c, 1] + normal[2] * icrs[c, 2]
-    # Nearly collinear triangles have no reliable handedness; they are tested later on the whole field.
-    return handedness * triple > 0 or max(abs(handedness), abs(triple)) < flat
+def _entries(i, count, pairs, table, largest, end, entry):
+    """Write an entry for each hypothesis that detection i is one star and a later one of ``count`` is another: detection
+    and star of the other, grouped by the star of i. ``end``: index after the last entry of each star. Return the largest
+    number of entries of a star, and ``entry``, which is replaced if it is too short."""
+    start, stop = pairs[4:]
+    first, second = table[:2]
+    one, total = np.uint32(1), np.int64(0)
+    end[:] = 0
+    for k in range(i + 1, count):
+        if 2 * (stop[i, k] - start[i, k]) <= largest:
+            total += 2 * (stop[i, k] - start[i, k])
+            for p in range(np.uint64(start[i, k]), np.uint64(stop[i, k])):
+                end[np.uint32(first[p])] += one
+                end[np.uint32(second[p])] += one
+    if total > len(entry):
+        entry = np.empty(total, np.uint32)
+    at = most = np.uint32(0)
+    for star in range(len(end)):
+        of_star = end[star]
+        most = max(most, of_star)
+        end[star] = at
+        at += of_star
+    for k in range(i + 1, count):
+        if 2 * (stop[i, k] - start[i, k]) <= largest:
+            detection = np.uint32(k) << STAR_BITS
+            for p in range(np.uint64(start[i, k]), np.uint64(stop[i, k])):
+                a, b = np.uint32(first[p]), np.uint32(second[p])
+                entry[end[a]] = detection | b
+                end[a] += one
+                entry[end[b]] = detection | a
+                end[b] += one
+    return most, entry
 
 
 @loop
-def _normal(icrs, a, b):
-    ax, ay, az = icrs[a, 0], icrs[a, 1], icrs[a, 2]
-    bx, by, bz = icrs[b, 0], icrs[b, 1], icrs[b, 2]
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+def _triple(v, a, b, c):
+    """Return the triple product of three rows."""
+    return (
+        v[a, 0] * (v[b, 1] * v[c, 2] - v[b, 2] * v[c, 1])
+        + v[a, 1] * (v[b, 2] * v[c, 0] - v[b, 0] * v[c, 2])
+        + v[a, 2] * (v[b, 0] * v[c, 1] - v[b, 1] * v[c, 0])
+    )
 
 
 @loop
-def _insert(out, count, a, b, third, its, votes):
-    """Insert a hypothesis into the ``count`` best ones. Return their number."""
-    if count == len(out) and votes <= out[count - 1, 4]:
+def _same_handedness(measured, listed, i, k, m, pairs, collinear):
+    """True if the triple products of the detections i, k and m and of their stars have the same sign, or are too small for
+    a reliable sign: nearly collinear triangles are tested later on the whole field."""
+    distance, tolerance = pairs[:2]
+    longest = max(distance[i, k], distance[i, m], distance[k, m])
+    flat = collinear * max(tolerance[i, k], tolerance[i, m]) * longest
+    return measured * listed > 0 or max(abs(measured), abs(listed)) < flat
+
+
+@loop
+def _insert(out, count, candidate, votes):
+    """Insert a candidate into the ``count`` ones with most votes. Return their number."""
+    if count == len(out) and votes <= out[count - 1, 5]:
         return count
     slot = count if count < len(out) else count - 1
-    while slot > 0 and out[slot - 1, 4] < votes:
+    while slot > 0 and out[slot - 1, 5] < votes:
         out[slot] = out[slot - 1]
         slot -= 1
-    out[slot, 0], out[slot, 1], out[slot, 2], out[slot, 3], out[slot, 4] = a, b, third, its, votes
+    for column in range(5):
+        out[slot, column] = candidate[column]
+    out[slot, 5] = votes
     return min(count + 1, len(out))
 
 
 @loop
-def _first_pair(pairs, low, high, row):
-    """Return the index between ``low`` and ``high`` of the first of the ascending ``pairs`` that is not below ``row``."""
-    while low < high:
-        middle = (low + high) // 2
-        if pairs[middle] < row:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
-@loop
-def _join(i, j, table, start, stop, bits, marks_i, marks_j, icrs, handedness, flat, middle, half, need, out):
-    """Write the best supported hypotheses of the pair (i, j) to ``out``: rows (star of i, star of j, third, star of the
-    third, votes). Return their number. Third stars are looked up only if the marks have enough bits in common."""
-    first, second, offsets, pairs, partner = table
-    one, all_of_one = np.uint64(1), (np.uint64(1) << np.uint64(bits)) - np.uint64(1)
-    words = marks_i.shape[1]
+def _candidates(i, unit, icrs, pairs, end, most, entry, collinear, need, out):
+    """Write the candidates of anchor i to ``out``, those with most votes first: rows (star of i, detection, its star, third
+    detection, its star, votes). Return their number. An entry has a vote for every other detection
+    of which an entry of the same star fits its distance and handedness."""
+    middle, half = pairs[2:4]
+    x, y, z = np.empty(most), np.empty(most), np.empty(most)
+    detection, star = np.empty(most, np.uint32), np.empty(most, np.uint32)
+    votes, latest = np.empty(most, np.int64), np.empty(most, np.int64)
+    stop, one = np.uint64(0), np.uint64(1)
     count = 0
-    for side in range(2):
-        for p in range(start[j], stop[j]):
-            a, b = (first[p], second[p]) if side == 0 else (second[p], first[p])
-            common = 0
-            for word in range(words):
-                rest = marks_i[a, word] & marks_j[b, word]
-                while rest:
-                    rest &= rest - one
-                    common += 1
-            if common < need:
-                continue
-            normal = _normal(icrs, a, b)
-            votes, third, its, widest = 0, -1, -1, -1.0
-            word, shift = 0, -bits
-            for k in range(len(start)):
-                shift += bits
-                if shift == WORD:
-                    word, shift = word + 1, 0
-                if not (marks_i[a, word] & marks_j[b, word]) >> np.uint64(shift) & all_of_one:
+    for a in range(len(end)):
+        start, stop = stop, np.uint64(end[a])
+        n = stop - start
+        if n <= np.uint64(need):
+            continue
+        for e in range(n):
+            c = entry[start + e] & STAR_MASK
+            detection[e], star[e] = entry[start + e] >> STAR_BITS, c
+            x[e], y[e], z[e] = icrs[c, 0], icrs[c, 1], icrs[c, 2]
+            votes[e], latest[e] = 0, -1
+        most_votes = 0
+        for e in range(n - one):
+            if most_votes + np.int64(n - e - one) < need:
+                break  # no entry can have enough votes
+            k, c, xe, ye, ze = detection[e], star[e], x[e], y[e], z[e]
+            for f in range(e + one, n):
+                m, d = detection[f], star[f]
+                if abs(xe * x[f] + ye * y[f] + ze * z[f] - middle[k, m]) > half[k, m] or k == m or c == d:
                     continue
-                star = -1
-                q = _first_pair(pairs, offsets[a], offsets[a + 1], start[k])
-                while q < offsets[a + 1] and pairs[q] < stop[k]:
-                    c = partner[q]
-                    q += 1
-                    if _fits(b, c, normal, icrs, middle[j, k], half[j, k], handedness[k], flat[k]):
-                        star = c if star < 0 else min(star, c)
-                if star >= 0:
-                    votes += 1
-                    if abs(handedness[k]) > widest:
-                        widest, third, its = abs(handedness[k]), k, star
-            if votes >= need:
-                count = _insert(out, count, a, b, third, its, votes)
+                if not _same_handedness(_triple(unit, i, k, m), _triple(icrs, a, c, d), i, k, m, pairs, collinear):
+                    continue
+                # A detection votes once, whatever stars it can be; its entries follow each other.
+                if latest[e] != m:
+                    latest[e] = m
+                    votes[e] += 1
+                if latest[f] != k:
+                    latest[f] = k
+                    votes[f] += 1
+                most_votes = max(most_votes, votes[e], votes[f])
+        if most_votes < need:
+            continue
+        for e in range(n):
+            if votes[e] < need:
+                continue
+            k, c = detection[e], star[e]
+            third, third_star, widest = np.uint32(0), np.uint32(0), -1.0
+            for f in range(n):
+                m, d = detection[f], star[f]
+                off = x[e] * x[f] + y[e] * y[f] + z[e] * z[f] - middle[k, m]
+                if abs(off) > half[k, m] or k == m or c == d:
+                    continue
+                triple = _triple(unit, i, k, m)
+                if abs(triple) > widest and _same_handedness(triple, _triple(icrs, a, c, d), i, k, m, pairs, collinear):
+                    third, third_star, widest = m, d, abs(triple)
+            candidate = np.int64(a), np.int64(k), np.int64(c), np.int64(third), np.int64(third_star)
+            count = _insert(out, count, candidate, votes[e])
     return count
 
 
 @loop
-def next_pair(detections, icrs, table, pair_geometry, bits, marks, is_marked, state, limits, out):
-    """Examine pairs in order from ``state`` until one has candidates. Return their number, EXHAUSTED or TOO_LONG.
-
-    ``table``: first and second stars of the pairs, their distances, and the pairs by star (``DistanceTable.by_star``).
-    ``pair_geometry``: see :func:`_compute_pairs`. ``marks`` (detections, stars, words): see :func:`_mark`. ``is_marked``:
-    True where they are made. ``state``: sum of the rows of the next pair, its first row, number of hypotheses.
-    ``limits``: hypotheses of one pair, hypotheses in total, COLLINEAR, minimum number of supporting detections, groups.
-    """
-    unit = detections[0]
-    distance, tolerance, middle, half, start, stop, _ = pair_geometry
-    first, second, table_rad, by_star, pairs, partner = table
-    n = len(unit)
-    handedness, flat = np.empty(n), np.empty(n)
-    while state[0] < 2 * n - 2:
-        total, i = state[0], state[1]
-        if i >= (total + 1) // 2:
-            state[0] = total + 1
-            state[1] = max(0, total + 1 - n + 1)
+def _without_one(view, sky, camera, work, first, rows, stars, count, predicted, chance, rank, turn):
+    """Verify again without each of the ``first`` three detections, if the match has few of the stars; equivalent to
+    ``pyramid._without_one``. Replace the match by one with more stars. Return its number of stars and of predicted
+    stars."""
+    n = len(view[0])
+    if count >= FULL_SHARE * min(n, predicted):
+        return count, predicted
+    some_rows, some_stars, other_turn = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((3, 3))
+    matched_rows, matched_stars = rows[:count].copy(), stars[:count].copy()
+    for left_out in first:
+        others = 0
+        for m in range(len(matched_rows)):
+            if matched_rows[m] != left_out:
+                some_rows[others], some_stars[others] = matched_rows[m], matched_stars[m]
+                others += 1
+        if others < 3:
             continue
-        j = total - i
-        if state[2] > limits[1]:
-            return TOO_LONG
-        state[1] = i + 1
-        if (j - i) % limits[4]:
-            continue
-        _compute_pairs(i, detections, table_rad, pair_geometry)
-        if stop[i, j] <= start[i, j]:
-            continue
-        hypotheses = 2 * (stop[i, j] - start[i, j])
-        state[2] += hypotheses
-        if hypotheses > limits[0]:
-            continue  # too unspecific to be evidence
-        _compute_pairs(j, detections, table_rad, pair_geometry)
-        for k in (i, j):
-            if not is_marked[k]:
-                _mark(k, start[k], stop[k], first, second, bits, marks[k])
-                is_marked[k] = True
-        cx = unit[i, 1] * unit[j, 2] - unit[i, 2] * unit[j, 1]
-        cy = unit[i, 2] * unit[j, 0] - unit[i, 0] * unit[j, 2]
-        cz = unit[i, 0] * unit[j, 1] - unit[i, 1] * unit[j, 0]
-        for k in range(n):
-            handedness[k] = unit[k, 0] * cx + unit[k, 1] * cy + unit[k, 2] * cz
-            flat[k] = limits[2] * tolerance[i, j] * max(distance[i, j], distance[i, k], distance[j, k])
-        of_stars = first, second, by_star, pairs, partner
-        rest = icrs, handedness, flat, middle, half, limits[3], out
-        count = _join(i, j, of_stars, start[i], stop[i], bits, marks[i], marks[j], *rest)
-        if count:
-            return count
-    return EXHAUSTED
+        more, more_predicted, its_chance = verify(
+            view, sky, camera, work, some_rows, some_stars, others, float(rank), other_turn
+        )
+        if more > count and its_chance <= chance:
+            count, predicted = more, more_predicted
+            rows[:more], stars[:more] = some_rows[:more], some_stars[:more]
+            turn[:] = other_turn
+    return count, predicted
 
 
 @loop
-def find(
-    view, sky, table, camera, brightest, scale_error, sigmas, limits, need, groups, accept, least, rows, stars, turn
-):
-    """Examine pairs of the ``brightest`` detections, verify their hypotheses, and stop at the first whose false-match
-    probability is at most ``accept``. Write its matches and rotation.
+def find(view, sky, table, camera, brightest, scale_error, sigmas, limits, need, accept, least, rows, stars, turn):
+    """Take each of the ``brightest`` detections as an anchor, verify its candidates, and stop at the first whose
+    false-match probability is at most ``accept``. Write its matches and rotation.
 
-    Returns the number of matches, predicted stars, false-match probability, hypotheses, and True if the budget was used
-    up. If no candidate is accepted, the number of matches is minus that of the best candidate. ``limits``: as in
-    :func:`next_pair`, then the maximum number of candidates of a pair. ``need``: minimum number of detections that
-    support a pair. ``groups``: see ``pyramid.identify_lost``. ``least``: minimum number of matches.
+    Returns the number of matches, predicted stars, false-match probability, hypotheses (see ``PyramidMatch``), and True if
+    the budget was used up. If no candidate is accepted, the number of matches is minus that of the best candidate.
+    ``table``: first and second stars of the pairs, and their distances. ``limits``: hypotheses of one pair, hypotheses in
+    total, COLLINEAR, candidates of an anchor. ``need``: minimum number of votes. ``least``: minimum number of matches.
     """
-    n, count_of_stars = brightest, len(sky[0])
-    detections = view[1][:n], view[2][:n], sigmas, scale_error
-    pair_geometry = _no_pairs(n)
-    _compute_pairs(0, detections, table[2], pair_geometry)
-    pairs_of_a_star = 2 * (pair_geometry[5][0] - pair_geometry[4][0]).sum() / count_of_stars
-    bits = _bits_of_a_detection(pairs_of_a_star, n, need)
-    marks = np.empty((n, count_of_stars, (n * bits + WORD - 1) // WORD), np.uint64)
-    is_marked = np.zeros(n, np.bool_)
-    state = np.array([1, 0, 0], np.int64)
-    out = np.empty((limits[3], 5), np.int64)
-    work = workspace(count_of_stars, len(view[0]))
-    pair_limits = limits[0], limits[1], float(limits[2]), need, groups
+    icrs, unit = sky[0], view[1][:brightest]
+    detections = unit, view[2][:brightest], sigmas, scale_error
+    pairs = _no_pairs(brightest)
+    end, entry = np.empty(len(icrs), np.uint32), np.empty(0, np.uint32)
+    out = np.empty((limits[3], 6), np.int64)
+    work = workspace(len(icrs), len(view[0]))
     best_count, best_predicted, best = 0, 0, 2.0
+    stage = brightest
+    while (stage + 1) // 2 >= SMALLEST_STAGE:
+        stage = (stage + 1) // 2
+    computed, examined = 0, 0
     while True:
-        trials = next_pair(detections, sky[0], table, pair_geometry, bits, marks, is_marked, state, pair_limits, out)
-        if trials <= 0:
-            return -best_count, best_predicted, best, state[2], trials == TOO_LONG
-        i = state[1] - 1
-        j = state[0] - i
-        for t in range(trials):
-            rows[0], rows[1], rows[2] = i, j, out[t, 2]
-            stars[0], stars[1], stars[2] = out[t, 0], out[t, 1], out[t, 3]
-            count, predicted, chance = verify(view, sky, camera, work, rows, stars, 3, float(state[2]), turn)
-            if count < least:
-                continue
-            if chance <= accept:
-                return count, predicted, chance, state[2], False
-            if chance < best:
-                best_count, best_predicted, best = count, predicted, chance
+        _compute_pairs(computed, stage, detections, table[2], pairs)
+        ranks = _ranks(stage, pairs, limits[0])
+        for i in range(stage - need - 1):
+            if examined > limits[1]:
+                return -best_count, best_predicted, best, examined, True
+            for k in range(max(i + 1, computed), stage):
+                hypotheses = 2 * (pairs[5][i, k] - pairs[4][i, k])
+                if hypotheses <= limits[0]:
+                    examined += hypotheses
+            most, entry = _entries(i, stage, pairs, table, limits[0], end, entry)
+            trials = _candidates(i, unit, icrs, pairs, end, most, entry, float(limits[2]), need, out)
+            for t in range(trials):
+                rows[0], rows[1], rows[2] = i, out[t, 1], out[t, 3]
+                stars[0], stars[1], stars[2] = out[t, 0], out[t, 2], out[t, 4]
+                rank = ranks[i + out[t, 1]]
+                count, predicted, chance = verify(view, sky, camera, work, rows, stars, 3, float(rank), turn)
+                if count < least:
+                    continue
+                if chance <= accept:
+                    first = i, out[t, 1], out[t, 3]
+                    count, predicted = _without_one(
+                        view, sky, camera, work, first, rows, stars, count, predicted, chance, rank, turn
+                    )
+                    return count, predicted, chance, rank, False
+                if chance < best:
+                    best_count, best_predicted, best = count, predicted, chance
+        if stage == brightest:
+            return -best_count, best_predicted, best, examined, False
+        computed, stage = stage, min(2 * stage, brightest)
