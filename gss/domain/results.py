@@ -65,7 +65,9 @@ class Centroids:
     @property
     def pixels(self) -> Array:
         """(n, 2) array of (col, row)."""
-        return np.column_stack([self.col_px, self.row_px])
+        pixels = np.empty((len(self), 2))
+        pixels[:, 0], pixels[:, 1] = self.col_px, self.row_px
+        return pixels
 
     def take(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> Centroids:
         """Return the rows selected by a mask or an index array."""

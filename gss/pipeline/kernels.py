@@ -45,7 +45,7 @@ class ListLoops:
     """Compiled loops that work on lists of stars. ``camera_numbers``: converts a camera to an array.
     ``directions``: see ``verify._directions``. ``find``: see
     ``pyramid.identify_lost``. ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.match_all``.
-    ``count_matches``: see ``focal_census._count_matches``. ``extended``: see ``baselines.extended``.
+    ``count_coinciding``, ``count_matches``: see the functions of ``focal_census``. ``extended``: see ``baselines.extended``.
     ``predictional_fit``: see ``predictional.predictional_fit``. ``supporters``: see ``neighbour_pattern.supporters``."""
 
     camera_numbers: Callable[[Camera], Array]
@@ -53,6 +53,7 @@ class ListLoops:
     find: Callable[..., tuple[int, int, float, int, bool]]
     find_near: Callable[..., tuple[int, int, float, int, int]]
     finish: Callable[..., tuple[Rows, Rows, Array, Array, Array, float]]
+    count_coinciding: Callable[[Array, Rows, Array, Rows, Array, Camera, float], int]
     count_matches: Callable[[Array, Array, Rows, Array, Array, Camera, float], tuple[int, int]]
     extended: Callable[[Rows, tuple[Any, ...]], Rows]
     predictional_fit: Callable[..., tuple[Array, Rows, Rows, int] | None]
@@ -104,7 +105,7 @@ def kernels(fast: bool | None = None) -> Kernels:
 def are_compiled() -> bool:
     """True if ``gss compile`` has compiled the present loops for this processor. False if they cannot be stored."""
     folder = cache_folder() if AVAILABLE else None
-    return folder is not None and (folder / MARK).exists()
+    return folder is not None and os.path.exists(f"{folder}/{MARK}")  # faster than a Path; each solution asks
 
 
 def compiled_mark() -> Path:
@@ -162,7 +163,7 @@ def _compiled() -> Kernels:
     compiled_mark()
     # Imported at first use because the import takes a second and most commands do not need it.
     from gss.pipeline.loops import background, peaks, pixels, predictional, stamps, trails
-    from gss.pipeline.loops.census import count_matches
+    from gss.pipeline.loops.census import count_coinciding, count_matches
     from gss.pipeline.loops.figures import extended
     from gss.pipeline.loops.finish import finish
     from gss.pipeline.loops.geometry import camera_numbers, directions
@@ -192,6 +193,7 @@ def _compiled() -> Kernels:
         find,
         find_near,
         finish,
+        count_coinciding,
         count_matches,
         extended,
         predictional.fit,

@@ -3,6 +3,8 @@ would exceed the computation."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,12 @@ def median(values: Array) -> float:
     ordered = np.sort(values)
     n = len(ordered)
     return float(ordered[n // 2]) if n % 2 else 0.5 * (float(ordered[n // 2 - 1]) + float(ordered[n // 2]))
+
+
+def spread(values: Array) -> float:
+    """Return the standard deviation of (n ≥ 1) numbers."""
+    off = values - values.sum() / len(values)
+    return math.sqrt(float(off @ off) / len(values))
 
 
 def quantile(values: Array, share: float) -> float:

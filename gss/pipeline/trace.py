@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 
 Clock = Callable[[], float]
@@ -18,17 +18,17 @@ class Trace:
     timing_s: dict[str, float] = field(default_factory=dict)
     kept: dict[str, object] = field(default_factory=dict)
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
+    def stage(self, name: str) -> AbstractContextManager[None]:
         """Measure the time of the enclosed block. If a stage is entered more than once, its times are added."""
-        if self.clock is None:
-            yield
-            return
-        start_s = self.clock()
+        return nullcontext() if self.clock is None else self._measured(name, self.clock)
+
+    @contextmanager
+    def _measured(self, name: str, clock: Clock) -> Iterator[None]:
+        start_s = clock()
         try:
             yield
         finally:
-            self.timing_s[name] = self.timing_s.get(name, 0.0) + self.clock() - start_s
+            self.timing_s[name] = self.timing_s.get(name, 0.0) + clock() - start_s
 
     def keep(self, name: str, value: object) -> None:
         """Store an intermediate result. It replaces an earlier result with the same name."""

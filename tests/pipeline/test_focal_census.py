@@ -10,7 +10,7 @@ import pytest
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera, Pinhole
 from gss.pipeline.identify import focal_census
-from gss.pipeline.identify.focal_census import focal_objection
+from gss.pipeline.identify.focal_census import count_coinciding, focal_objection
 from gss.pipeline.kernels import Kernels, kernels
 
 CAMERA = Camera.from_fov(1280, 1024, np.radians(30))
@@ -84,6 +84,24 @@ def test_frames_without_unmatched_stars_are_accepted() -> None:
     """If all centroids are matched, there is no evidence against the focal length."""
     pixels, stars = _field(np.random.default_rng(5), CAMERA, 4)
     assert focal_objection(pixels, np.arange(4), stars, stars, CAMERA, RADIUS_PX) == ""
+
+
+@pytest.mark.parametrize("fast", [False, True])
+@pytest.mark.parametrize("lens", [Pinhole(), Brown(k1=-0.32, k2=0.12, p1=0.004, p2=-0.006)])
+def test_matches_within_the_radius_are_counted(fast: bool, lens: Pinhole | Brown) -> None:
+    """Of forty matches, those displaced by less than the radius are counted, whatever their order."""
+    rng = np.random.default_rng(3)
+    camera = replace(CAMERA, distortion=lens)
+    pixels, stars = _field(rng, camera)
+    rows = rng.permutation(40)
+    attitude = np.eye(3)
+    predicted = camera.project(stars[rows] @ attitude.T)
+    angle = rng.uniform(0, 2 * np.pi, 40)
+    off_px = np.linspace(0.11, 2.5, 40)
+    pixels[rows] = predicted + off_px[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    for radius_px in (0.05, 1.0, 1.7, 3.0):
+        count = count_coinciding(pixels, rows, stars, rows, attitude, camera, radius_px, fast)
+        assert count == np.count_nonzero(off_px <= radius_px)
 
 
 @pytest.mark.parametrize("scale", [0.99, 1.0, 1.01])

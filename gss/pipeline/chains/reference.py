@@ -1,5 +1,4 @@
-"""Reference chain: robust detection, Gaussian centroids, anchor search or blind figures, least squares with
-covariance.
+"""Reference chain: robust detection, Gaussian centroids, anchor search or blind figures, least squares with covariance.
 
 Every solution has a false-match probability. Solutions above the limit are not returned. The chain shares no
 identification code with the replicas of the documents' systems.
@@ -25,7 +24,7 @@ from gss.pipeline.chains.reference_result import solved, unsolved
 from gss.pipeline.detect import Detections, find_stars
 from gss.pipeline.identify.blind_proof import with_aberration
 from gss.pipeline.identify.faint import AllMatches, Spots, match_all
-from gss.pipeline.identify.focal_census import focal_objection, plenty
+from gss.pipeline.identify.focal_census import count_coinciding, focal_objection, plenty
 from gss.pipeline.identify.near import BoundedPrior, identify_near
 from gss.pipeline.identify.other_lens import identify_other_lens, lens_difference
 from gss.pipeline.identify.pyramid import ACCEPT, PyramidMatch, identify_lost
@@ -240,8 +239,9 @@ def _another_focal_length(
     view: FrameDetections, camera: Camera, sky: SkyCatalogue, evidence: Evidence, fast: bool | None
 ) -> str:
     radius_px = _coincidence_px(view)
-    predicted_px = camera.project(sky.icrs[evidence.stars] @ evidence.cam_from_icrs.T)
-    coinciding = int((((predicted_px - view.pixels[evidence.rows]) ** 2).sum(1) <= radius_px**2).sum())
+    coinciding = count_coinciding(
+        view.pixels, evidence.rows, sky.icrs, evidence.stars, evidence.cam_from_icrs, camera, radius_px, fast
+    )
     if plenty(coinciding, evidence.predicted, len(view)):
         return ""  # for a census, the verification has already checked the number of matches
     return focal_objection(view.pixels, evidence.rows, sky.icrs[evidence.stars], sky.icrs, camera, radius_px, fast)

@@ -103,6 +103,30 @@ def _without_furthest(pixels: Array) -> Rows:
     return np.delete(np.arange(len(pixels)), int(np.argmax(off)))
 
 
+def count_coinciding(
+    pixels: Array,
+    rows: Rows,
+    icrs: Array,
+    stars: Rows,
+    cam_from_icrs: Array,
+    camera: Camera,
+    radius_px: float,
+    fast: bool | None = None,
+) -> int:
+    """Return how many of the (k,) matched ``rows`` of the pixels are within the radius of their predicted ``stars``.
+    ``fast``: see ``kernels.kernels``."""
+    loops = kernels(fast).lists
+    count = _count_coinciding if loops is None else loops.count_coinciding
+    return count(pixels, rows, icrs, stars, cam_from_icrs, camera, radius_px)
+
+
+def _count_coinciding(
+    pixels: Array, rows: Rows, icrs: Array, stars: Rows, cam_from_icrs: Array, camera: Camera, radius_px: float
+) -> int:
+    off = camera.project(icrs[stars] @ cam_from_icrs.T) - pixels[rows]
+    return int(np.count_nonzero((off * off).sum(1) <= radius_px**2))
+
+
 def plenty(met: int, in_view: int, centroids: int) -> bool:
     """True if the share of possible matches is so large that no other focal length needs to be tried."""
     return met >= PLENTY * min(centroids, in_view)

@@ -14,7 +14,7 @@ from gss.domain.camera import Camera
 from gss.domain.results import Centroids
 from gss.pipeline.identify.false_match import brightness_tail, false_match_probability, match_tail
 from gss.pipeline.kernels import kernels
-from gss.pipeline.small import best_rotation, distances2, median
+from gss.pipeline.small import best_rotation, distances2, median, spread
 from gss.skytables.cells import sky_cells
 
 RADIUS_SIGMA = 3.5
@@ -85,7 +85,7 @@ class FrameDetections:
     @cached_property
     def magnitude_spread(self) -> float:
         """Return the standard deviation of the magnitudes."""
-        return float(self.magnitude.std())
+        return spread(self.magnitude)
 
 
 def field_of(centroids: Centroids, camera: Camera, *, fast: bool | None = None) -> FrameDetections:

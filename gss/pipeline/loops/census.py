@@ -1,4 +1,4 @@
-"""Compiled count of matching stars for the detection of a wrong focal length; equivalent to ``focal_census._count_matches``."""
+"""Compiled counts of stars for the detection of a wrong focal length; equivalent to the functions of ``focal_census``."""
 
 # The loops have no type annotations: numba compiles them for the argument types.
 # mypy: allow-untyped-defs
@@ -17,6 +17,26 @@ from gss.pipeline.loops.fit import turned
 from gss.pipeline.loops.geometry import best_rotation, camera_numbers, contains, project
 from gss.pipeline.loops.pairing import by_column, pair_up
 from gss.pipeline.small import Rows
+
+
+def count_coinciding(
+    pixels: Array, rows: Rows, icrs: Array, stars: Rows, cam_from_icrs: Array, camera: Camera, radius_px: float
+) -> int:
+    """Return how many matches are within the radius of their predictions; see ``focal_census._count_coinciding``."""
+    pixels, icrs, turn = (np.ascontiguousarray(array, float) for array in (pixels, icrs, cam_from_icrs))
+    rows, stars = np.asarray(rows, np.int64), np.asarray(stars, np.int64)
+    return int(_coinciding(camera_numbers(camera), pixels, rows, icrs, stars, turn, float(radius_px)))
+
+
+@loop
+def _coinciding(camera, pixels, rows, icrs, stars, turn, radius_px):
+    count = 0
+    for k in range(len(rows)):
+        s = stars[k]
+        x, y, z = turned(turn, icrs[s, 0], icrs[s, 1], icrs[s, 2])
+        col, row = project(camera, x, y, z)
+        count += (col - pixels[rows[k], 0]) ** 2 + (row - pixels[rows[k], 1]) ** 2 <= radius_px * radius_px
+    return count
 
 
 def count_matches(
