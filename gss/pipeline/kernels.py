@@ -54,7 +54,7 @@ class ListLoops:
     find_near: Callable[..., tuple[int, int, float, int, int]]
     finish: Callable[..., tuple[Rows, Rows, Array, Array, Array, float]]
     count_coinciding: Callable[[Array, Rows, Array, Rows, Array, Camera, float], int]
-    count_matches: Callable[[Array, Array, Rows, Array, Array, Camera, float], tuple[int, int]]
+    count_matches: Callable[..., NDArray[np.int64]]
     extended: Callable[[Rows, tuple[Any, ...]], Rows]
     predictional_fit: Callable[..., tuple[Array, Rows, Rows, int] | None]
     supporters: Callable[..., Rows]

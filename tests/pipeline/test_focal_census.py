@@ -112,11 +112,12 @@ def test_compiled_and_numpy_counts_are_equal(
     """For every focal length that the census tries, both loops count the same matches and the same stars in view."""
     camera = replace(CAMERA, distortion=lens)
     compiled = kernels(True).lists.count_matches
-    counts: list[tuple[tuple[int, int], tuple[int, int]]] = []
+    counts: list[tuple[list[list[int]], list[list[int]]]] = []
 
-    def both(*arguments: object) -> tuple[int, int]:
-        counts.append((focal_census._count_matches(*arguments), compiled(*arguments)))
-        return counts[-1][0]
+    def both(*arguments: object) -> np.ndarray:
+        with_numpy = focal_census._count_matches(*arguments)
+        counts.append((with_numpy.tolist(), compiled(*arguments).tolist()))
+        return with_numpy
 
     loops = replace(kernels(True).lists, count_matches=both)
     monkeypatch.setattr(focal_census, "kernels", lambda _fast: Kernels(lists=loops))

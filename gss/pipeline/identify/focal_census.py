@@ -17,7 +17,7 @@ from gss.domain.camera import Camera
 from gss.domain.failure_cause import OTHER_FOCAL_LENGTH
 from gss.pipeline.identify.verify import pair_up
 from gss.pipeline.kernels import kernels
-from gss.pipeline.small import best_rotation
+from gss.pipeline.small import best_rotation, median
 
 Rows = NDArray[np.intp]
 
@@ -64,29 +64,25 @@ def focal_objection(
         inner = _without_furthest(pixels[matched])
         starts.append((matched[inner], icrs_of_matched[inner]))
 
-    def census(scale: float, unit: Array, enough: bool = False) -> tuple[int, int]:
-        scaled = camera if scale == 1.0 else camera.with_focal_scaled(scale)
-        most = (0, 0)
-        for rows, icrs in starts:
-            most = max(most, count_matches(pixels, unit, rows, icrs, near, scaled, radius_px))
-            if enough and plenty(*most, len(pixels)):
-                break
-        return most
-
-    at_scale_one, in_view = census(1.0, known_unit, enough=True)
-    if plenty(at_scale_one, in_view, len(pixels)):
-        return ""
+    at_scale_one = in_view = 0
+    for rows, icrs in starts:
+        counted = count_matches(pixels, known_unit[None], rows, icrs, near, camera, (1.0,), radius_px)[0].tolist()
+        at_scale_one, in_view = max((at_scale_one, in_view), (counted[0], counted[1]))
+        if plenty(at_scale_one, in_view, len(pixels)):
+            return ""
     scales = (*AS_KNOWN, *OTHERS)
-    met = [census(scale, unit)[0] for scale, unit in zip(scales, _seen_with(camera, scales, pixels), strict=True)]
-    at_scale_one, counts = max(at_scale_one, *met[: len(AS_KNOWN)]), met[len(AS_KNOWN) :]
-    best = int(np.argmax(counts))
-    gain = counts[best] - at_scale_one
+    seen = _seen_with(camera, scales, pixels)
+    counts = [count_matches(pixels, seen, rows, icrs, near, camera, scales, radius_px)[:, 0] for rows, icrs in starts]
+    met = np.max(counts, axis=0)
+    at_scale_one, met = max(at_scale_one, int(met[: len(AS_KNOWN)].max())), met[len(AS_KNOWN) :]
+    best = int(np.argmax(met))
+    gain = int(met[best]) - at_scale_one
     chance = min(1.0, in_view * np.pi * radius_px**2 / (camera.columns * camera.rows))
     if gain <= 0 or len(OTHERS) * float(bdtrc(gain - 1, max(len(pixels) - at_scale_one, gain), chance)) > ACCIDENT:
         return ""
     return (
         f"{at_scale_one} stars of the bank are where the focal length of the camera puts them, "
-        f"{counts[best]} where one of {100 * (OTHERS[best] - 1):+.2g} % would: {OTHER_FOCAL_LENGTH}"
+        f"{met[best]} where one of {100 * (OTHERS[best] - 1):+.2g} % would: {OTHER_FOCAL_LENGTH}"
     )
 
 
@@ -99,8 +95,9 @@ def _seen_with(camera: Camera, scales: tuple[float, ...], pixels: Array) -> Arra
 
 def _without_furthest(pixels: Array) -> Rows:
     """Return all rows except the row furthest from the median, which is often a false match."""
-    off = np.linalg.norm(pixels - np.median(pixels, axis=0), axis=1)
-    return np.delete(np.arange(len(pixels)), int(np.argmax(off)))
+    col, row = pixels[:, 0], pixels[:, 1]
+    furthest = np.argmax((col - median(col)) ** 2 + (row - median(row)) ** 2)
+    return np.flatnonzero(np.arange(len(pixels)) != furthest)
 
 
 def count_coinciding(
@@ -133,6 +130,25 @@ def plenty(met: int, in_view: int, centroids: int) -> bool:
 
 
 def _count_matches(
+    pixels: Array,
+    units: Array,
+    rows: Rows,
+    icrs: Array,
+    near: Array,
+    camera: Camera,
+    scales: tuple[float, ...],
+    radius_px: float,
+) -> NDArray[np.int64]:
+    """Return, for each of the s focal lengths, how many stars coincide with centroids and how many are in view: (s, 2).
+    ``units``: (s, n, 3) directions of the pixels with each focal length."""
+    cameras = camera.with_focal_lengths(scales)
+    counts = [
+        _count(pixels, unit, rows, icrs, near, scaled, radius_px) for unit, scaled in zip(units, cameras, strict=True)
+    ]
+    return np.array(counts, np.int64)
+
+
+def _count(
     pixels: Array, unit: Array, rows: Rows, icrs: Array, near: Array, camera: Camera, radius_px: float
 ) -> tuple[int, int]:
     """Return how many stars coincide with centroids and how many are in view, after iterating the attitude on the

@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
@@ -40,15 +42,32 @@ def _coinciding(camera, pixels, rows, icrs, stars, turn, radius_px):
 
 
 def count_matches(
-    pixels: Array, unit: Array, rows: Rows, icrs: Array, near: Array, camera: Camera, radius_px: float
-) -> tuple[int, int]:
-    """Return how many stars coincide with centroids and how many are in view. Arguments as in
+    pixels: Array,
+    units: Array,
+    rows: Rows,
+    icrs: Array,
+    near: Array,
+    camera: Camera,
+    scales: tuple[float, ...],
+    radius_px: float,
+) -> NDArray[np.int64]:
+    """Return how many stars coincide with centroids and how many are in view, for each focal length. Arguments as in
     ``focal_census._count_matches``."""
-    pixels, unit, icrs, near = (np.ascontiguousarray(array, float) for array in (pixels, unit, icrs, near))
-    matched, in_view = _count(
-        camera_numbers(camera), pixels, unit, np.asarray(rows, np.int64), icrs, near, float(radius_px)
-    )
-    return matched, in_view
+    pixels, units, icrs, near = (np.ascontiguousarray(array, float) for array in (pixels, units, icrs, near))
+    counts = np.empty((len(scales), 2), np.int64)
+    _counts(_numbers(camera, scales), pixels, units, np.asarray(rows, np.int64), icrs, near, float(radius_px), counts)
+    return counts
+
+
+@lru_cache(maxsize=32)
+def _numbers(camera: Camera, scales: tuple[float, ...]) -> Array:
+    return np.stack([camera_numbers(scaled) for scaled in camera.with_focal_lengths(scales)])
+
+
+@loop
+def _counts(cameras, pixels, units, rows, icrs, near, radius_px, counts):
+    for c in range(len(cameras)):
+        counts[c, 0], counts[c, 1] = _count(cameras[c], pixels, units[c], rows, icrs, near, radius_px)
 
 
 @loop
