@@ -24,6 +24,31 @@ VARIABLE, MULTIPLE, NO_PROPER_MOTION, POOR_POSITION = 1, 2, 4, 8  # as in gss.do
 VARIABLE_SCATTER_MAG = 0.03
 POOR_POSITION_MAS = 20.0
 SUPERSCRIPT = str.maketrans("123456789", "¹²³⁴⁵⁶⁷⁸⁹")
+STAR_OF_NAME: dict[str, int | None] = {
+    "Al Sharasif": None,
+    "Alnair": 109268,
+    "Angetenar": 13288,
+    "Atik": 17448,
+    "Beemim": 20535,
+    "Castula": 4422,
+    "Fawaris": 97165,
+    "Grafias": None,
+    "Kuma": None,
+    "Marfak": None,
+    "Markab": 113963,
+    "Markeb": 45941,
+    "Menkar": 14135,
+    "Muscida": 41704,
+    "Nembus": 7607,
+    "Propus": 29655,
+    "Ruchba": None,
+    "Tarazed": 97278,
+    "Terebellum": 98066,
+    "Ukdah": 47431,
+    "Zubenelgenubi": 72622,
+}
+"""The proper names that d3-celestial gives to several stars, and the Hipparcos number of the star that has the name in the
+IAU Catalog of Star Names (2018-06-19). None: the IAU list does not contain the name, and no star has it."""
 
 
 def read_hip2() -> NDArray[np.float64]:
@@ -42,10 +67,11 @@ def read_d3(folder: Path) -> tuple[NDArray[np.float64], dict[str, dict[str, str]
     return np.array([row(f) for f in features], float), json.loads((folder / "starnames.json").read_text("utf-8"))
 
 
-def names_of(entry: dict[str, str]) -> list[str]:
+def names_of(hip: int, entry: dict[str, str]) -> list[str]:
     """Return the proper name and the Bayer, Flamsteed and variable-star designations with the constellation, as far as a star
     has them."""
-    names = [entry["name"].strip()] if entry.get("name") else []
+    proper = entry.get("name", "").strip()
+    names = [proper] if proper and STAR_OF_NAME.get(proper, hip) == hip else []
     constellation = entry.get("c", "")
     if len(constellation) != 3 or not constellation.isalpha():
         return names  # a few rows of the source are shifted by a column
@@ -83,7 +109,7 @@ def main(folder: Path) -> None:
     def pick(column: int, otherwise: NDArray[np.float64] | float) -> NDArray[np.float64]:
         return np.where(has_entry, h[:, column], otherwise)
 
-    names_by_hip = {str(i): names_of(names.get(str(i), {})) for i in hip}
+    names_by_hip = {str(i): names_of(int(i), names.get(str(i), {})) for i in hip}
     names_text = "\n".join(f"{i}\t{found[0]}" for i, found in names_by_hip.items() if found)
     others_text = "\n".join("\t".join([i, *found[1:]]) for i, found in names_by_hip.items() if found[1:])
     columns = {

@@ -1,5 +1,8 @@
 """The star table, compared with well-known stars, published counts and astropy's space motion."""
 
+import re
+from collections import Counter
+
 import astropy.units as u
 import numpy as np
 import pytest
@@ -53,6 +56,15 @@ def test_known_stars_have_their_names_and_magnitudes(stars, hip, name, v_mag, to
     """Names and V magnitudes of well-known stars are correct."""
     assert stars.name_of(hip) == name
     assert stars.v_mag[row(stars, hip)] == pytest.approx(v_mag, abs=tolerance_mag)
+
+
+def test_a_proper_name_belongs_to_one_star(stars):
+    """Only components of a double star and variables with the same designation share a name. Names that the source gives to
+    several stars belong to the star in the IAU list, and the other stars have their designation."""
+    shared = [name for name, count in Counter(stars.names.values()).items() if count > 1]
+    assert shared
+    assert not [name for name in shared if not re.fullmatch(r"\S+ [A-Z][A-Za-z]{2}", name)]
+    assert [stars.name_of(hip) for hip in (29655, 36046, 28734)] == ["Propus", "ι Gem", "1 Gem"]
 
 
 def test_a_star_without_a_name_is_named_by_its_number(stars):

@@ -53,7 +53,7 @@ Oph Ophiuchus: Rasalhague,Cebalrai,Sabik,Saik,Yed Posterior,Yed Prior,κ,Rasalha
 Ori Orion: Meissa,Betelgeuse,Alnitak,Saiph,Rigel,Mintaka,Bellatrix,Meissa; Alnitak,Alnilam,Mintaka; Betelgeuse,Bellatrix
 Pav Pavo: Peacock,γ,β,δ,Peacock
 Peg Pegasus: Markab,Scheat,Alpheratz,Algenib,Markab,Homam,Biham,Enif; Scheat,Matar
-Per Perseus: Miram,γ,Mirfak,δ,ε,Menkib,Atik; Mirfak,Algol,Gorgonea Tertia
+Per Perseus: Miram,γ,Mirfak,δ,ε,Menkib,ζ; Mirfak,Algol,Gorgonea Tertia
 Phe Phoenix: Ankaa,β,γ,δ
 Psc Pisces: Alpherg,Torcular,Alrescha,ν,ε,ω,ι,θ,γ,λ,ι
 PsA Piscis Austrinus: γ,δ,Fomalhaut,ε,μ

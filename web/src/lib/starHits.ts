@@ -8,7 +8,7 @@ export interface StarHit extends Named {
   exact: boolean;
 }
 
-/** Return the stars as results. A name that several stars have is shown with a designation: "Propus (ι Gem)". */
+/** Return the stars as results. A name that several stars have is shown with a designation: "δ Cep (27 Cep)". */
 export function starHits(stars: readonly FoundStar[]): StarHit[] {
   return stars.map((star) => {
     const hit = starHit(star);
