@@ -16,6 +16,8 @@ restores the program."""
 UNUSED = ("setuptools", "pkg_resources", "pyarrow/include", "pyarrow/src")
 UNUSED_LIBRARIES = ("flight", "python_flight", "s3")
 """Parts of Apache Arrow for remote services. Telemetry files and Rerun use only Arrow's tables and Parquet."""
+UNUSED_BACKENDS = "zstandard/_cffi*.so"
+"""The second of two implementations in the package, which CPython does not use."""
 PACKAGES_WITH_TESTS = ("astropy", "numpy", "pyarrow", "scipy")
 """Packages whose test suites are removed."""
 IMPORTED = ("astropy/tests",)
@@ -27,6 +29,7 @@ def unneeded(packages: Path) -> list[Path]:
     paths = [path for name in (PROGRAM, *UNUSED) if (path := packages / name).exists()]
     suites = [folder for name in PACKAGES_WITH_TESTS for folder in (packages / name).rglob("tests")]
     libraries = [file for name in UNUSED_LIBRARIES for file in packages.glob(f"pyarrow/libarrow_{name}.so*")]
+    libraries += packages.glob(UNUSED_BACKENDS)
     return paths + libraries + [folder for folder in suites if folder.relative_to(packages).as_posix() not in IMPORTED]
 
 

@@ -8,19 +8,32 @@ from tools.slim import unneeded
 
 
 def test_the_program_and_test_suites_are_removed(tmp_path: Path) -> None:
-    """The program of Rerun and the test suites of scipy and astropy are removed. Imported files and other packages are
-    not.
+    """The program of Rerun, the unused backend of zstandard and the test suites of scipy and astropy are removed. Imported
+    files and other packages are not.
     """
     for name in (
         "rerun_cli/rerun",
         "pyarrow/libarrow_s3.so.1",
+        "zstandard/_cffi.cpython.so",
         "scipy/stats/tests/test_a.py",
         "astropy/wcs/tests/test_b.py",
     ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
-    for name in ("astropy/tests/helper.py", "rerun/__init__.py", "pyarrow/libarrow.so.1", "other/tests/test_c.py"):
+    for name in (
+        "astropy/tests/helper.py",
+        "rerun/__init__.py",
+        "pyarrow/libarrow.so.1",
+        "zstandard/backend_c.cpython.so",
+        "other/tests/test_c.py",
+    ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     removed = {path.relative_to(tmp_path).as_posix() for path in unneeded(tmp_path)}
-    assert removed == {"rerun_cli/rerun", "pyarrow/libarrow_s3.so.1", "scipy/stats/tests", "astropy/wcs/tests"}
+    assert removed == {
+        "rerun_cli/rerun",
+        "pyarrow/libarrow_s3.so.1",
+        "zstandard/_cffi.cpython.so",
+        "scipy/stats/tests",
+        "astropy/wcs/tests",
+    }
