@@ -239,9 +239,10 @@ class Camera:
         """Return the same camera with both focal lengths multiplied by ``factor``."""
         return replace(self, focal_col_px=self.focal_col_px * factor, focal_row_px=self.focal_row_px * factor)
 
-    def with_focal_lengths(self, factors: tuple[float, ...]) -> tuple[Camera, ...]:
-        """Return the cameras whose focal lengths are multiplied by each of the factors. They are cached with their angles."""
-        return _with_focal_lengths(self, factors)
+    def with_focal_scales(self, factors: tuple[float, ...]) -> tuple[Camera, ...]:
+        """Return the cameras whose focal lengths are multiplied by each of the factors. The last 16 results are kept, so that
+        the angles of these cameras are computed once."""
+        return _with_focal_scales(self, factors)
 
     def project(self, unit_cam: Array) -> Array:
         """Return (n, 2) pixels (col, row) of (n, 3) camera-frame vectors. NaN behind the camera or outside the domain of the
@@ -314,5 +315,5 @@ class Camera:
 
 
 @lru_cache(maxsize=16)
-def _with_focal_lengths(camera: Camera, factors: tuple[float, ...]) -> tuple[Camera, ...]:
+def _with_focal_scales(camera: Camera, factors: tuple[float, ...]) -> tuple[Camera, ...]:
     return tuple(camera if factor == 1.0 else camera.with_focal_scaled(factor) for factor in factors)

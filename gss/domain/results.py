@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
 from gss.domain.frames import ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
 
@@ -58,6 +59,14 @@ class Centroids:
     peak_dn: Array
     area_px: NDArray[np.int32]
     sigma_px: Array
+
+    def __post_init__(self) -> None:
+        if len(self.row_px) != len(self.col_px):
+            raise BadInput(
+                "the centroids have different numbers of columns and rows",
+                expected=f"{len(self.col_px)} rows",
+                got=str(len(self.row_px)),
+            )
 
     def __len__(self) -> int:
         return len(self.col_px)

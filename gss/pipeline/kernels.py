@@ -22,7 +22,7 @@ from functools import lru_cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput, StoreDown
 from gss.pipeline.small import Rows
+
+if TYPE_CHECKING:
+    from gss.pipeline.identify.focal_census import CensusField
 
 AVAILABLE = find_spec("numba") is not None
 PLAIN, COMPILED = "numpy", "numba"
@@ -53,8 +56,8 @@ class ListLoops:
     find: Callable[..., tuple[int, int, float, int, bool]]
     find_near: Callable[..., tuple[int, int, float, int, int]]
     finish: Callable[..., tuple[Rows, Rows, Array, Array, Array, float]]
-    count_coinciding: Callable[[Array, Rows, Array, Rows, Array, Camera, float], int]
-    count_matches: Callable[..., NDArray[np.int64]]
+    count_coinciding: Callable[[Array, Array, Array, Camera, float], int]
+    count_matches: Callable[[CensusField, Rows, Array, tuple[float, ...]], NDArray[np.int64]]
     extended: Callable[[Rows, tuple[Any, ...]], Rows]
     predictional_fit: Callable[..., tuple[Array, Rows, Rows, int] | None]
     supporters: Callable[..., Rows]
@@ -105,7 +108,7 @@ def kernels(fast: bool | None = None) -> Kernels:
 def are_compiled() -> bool:
     """True if ``gss compile`` has compiled the present loops for this processor. False if they cannot be stored."""
     folder = cache_folder() if AVAILABLE else None
-    return folder is not None and os.path.exists(f"{folder}/{MARK}")  # faster than a Path; each solution asks
+    return folder is not None and os.path.exists(f"{folder}/{MARK}")  # faster than a Path, and called for each solution
 
 
 def compiled_mark() -> Path:

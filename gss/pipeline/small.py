@@ -20,8 +20,8 @@ def median(values: Array) -> float:
     return float(ordered[n // 2]) if n % 2 else 0.5 * (float(ordered[n // 2 - 1]) + float(ordered[n // 2]))
 
 
-def spread(values: Array) -> float:
-    """Return the standard deviation of (n ≥ 1) numbers."""
+def standard_deviation(values: Array) -> float:
+    """Return the standard deviation of (n ≥ 1) finite numbers: the root of their mean square difference from the mean."""
     off = values - values.sum() / len(values)
     return math.sqrt(float(off @ off) / len(values))
 

@@ -19,7 +19,8 @@ class Trace:
     kept: dict[str, object] = field(default_factory=dict)
 
     def stage(self, name: str) -> AbstractContextManager[None]:
-        """Measure the time of the enclosed block. If a stage is entered more than once, its times are added."""
+        """Return a context manager for one block, which measures its time if there is a clock. The times of blocks with the
+        same name are added."""
         return nullcontext() if self.clock is None else self._measured(name, self.clock)
 
     @contextmanager

@@ -100,27 +100,33 @@ def test_matches_within_the_radius_are_counted(fast: bool, lens: Pinhole | Brown
     off_px = np.linspace(0.11, 2.5, 40)
     pixels[rows] = predicted + off_px[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     for radius_px in (0.05, 1.0, 1.7, 3.0):
-        count = count_coinciding(pixels, rows, stars, rows, attitude, camera, radius_px, fast)
+        count = count_coinciding(pixels[rows], stars[rows], attitude, camera, radius_px, fast)
         assert count == np.count_nonzero(off_px <= radius_px)
+
+
+@pytest.fixture
+def counts(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[list[int]], list[list[int]]]]:
+    """Counts of the numpy and of the compiled loops for every call of ``count_matches``."""
+    compiled = kernels(True).lists.count_matches
+    calls: list[tuple[list[list[int]], list[list[int]]]] = []
+
+    def both(*arguments: object) -> np.ndarray:
+        with_numpy = focal_census._count_matches(*arguments)
+        calls.append((with_numpy.tolist(), compiled(*arguments).tolist()))
+        return with_numpy
+
+    loops = replace(kernels(True).lists, count_matches=both)
+    monkeypatch.setattr(focal_census, "kernels", lambda _fast: Kernels(lists=loops))
+    return calls
 
 
 @pytest.mark.parametrize("scale", [0.99, 1.0, 1.01])
 @pytest.mark.parametrize("lens", [Pinhole(), Brown(k1=-0.32, k2=0.12, p1=0.004, p2=-0.006)])
 def test_compiled_and_numpy_counts_are_equal(
-    scale: float, lens: Pinhole | Brown, monkeypatch: pytest.MonkeyPatch
+    scale: float, lens: Pinhole | Brown, counts: list[tuple[list[list[int]], list[list[int]]]]
 ) -> None:
     """For every focal length that the census tries, both loops count the same matches and the same stars in view."""
     camera = replace(CAMERA, distortion=lens)
-    compiled = kernels(True).lists.count_matches
-    counts: list[tuple[list[list[int]], list[list[int]]]] = []
-
-    def both(*arguments: object) -> np.ndarray:
-        with_numpy = focal_census._count_matches(*arguments)
-        counts.append((with_numpy.tolist(), compiled(*arguments).tolist()))
-        return with_numpy
-
-    loops = replace(kernels(True).lists, count_matches=both)
-    monkeypatch.setattr(focal_census, "kernels", lambda _fast: Kernels(lists=loops))
     for seed in range(8):
         rng = np.random.default_rng(seed)
         pixels, stars = _field(rng, camera.with_focal_scaled(scale))
@@ -129,3 +135,25 @@ def test_compiled_and_numpy_counts_are_equal(
         focal_objection(pixels, matched, stars[matched], stars, camera, RADIUS_PX)
     assert len(counts) >= 8
     assert [numpy_count for numpy_count, _ in counts] == [compiled_count for _, compiled_count in counts]
+
+
+@pytest.mark.parametrize("in_corner", [2, 4])
+def test_centroids_without_a_direction_are_not_counted(
+    in_corner: int, counts: list[tuple[list[list[int]], list[list[int]]]]
+) -> None:
+    """At short focal lengths, this lens model gives no direction for some or all of the four identified centroids. They are
+    not counted, in both loops."""
+    camera = replace(CAMERA, distortion=Brown(k1=-1.25))
+    rng = np.random.default_rng(1)
+    pixels = rng.uniform((100, 100), (1180, 924), (40, 2))
+    pixels[:4] = [[1200, 30], [1180, 80], [1150, 60], [1200, 120]]
+    pixels[:in_corner] = [[1278 - k, k] for k in range(in_corner)]
+    stars = camera.unproject(pixels)
+    assert np.isfinite(stars).all()
+    assert np.isnan(camera.with_focal_scaled(0.97).unproject(pixels)[:, 0]).sum() == in_corner
+    pixels = np.vstack([pixels, rng.uniform((100, 100), (1180, 924), (30, 2))])
+    undetected = camera.unproject(rng.uniform((100, 100), (1180, 924), (30, 2)))
+    focal_objection(pixels, np.arange(4), stars[:4], np.vstack([stars[:12], undetected]), camera, RADIUS_PX)
+    assert [numpy_count for numpy_count, _ in counts] == [compiled_count for _, compiled_count in counts]
+    assert [len(call) for call, _ in counts] == [1, 1, 24, 24]
+    assert np.max(counts[-1][0]) > 0

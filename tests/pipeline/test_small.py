@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from gss.domain.rotation import rotation_from_vector
-from gss.pipeline.small import best_rotation, determinant, distances2, median
+from gss.pipeline.small import best_rotation, determinant, distances2, median, standard_deviation
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 8])
@@ -16,6 +16,13 @@ def test_median_agrees_with_numpy(count: int) -> None:
     """The median agrees for odd and even numbers of values in any order."""
     values = np.random.default_rng(count).normal(size=count)
     assert median(values) == pytest.approx(np.median(values), abs=1e-15)
+
+
+@pytest.mark.parametrize("count", [1, 2, 40])
+def test_standard_deviation_agrees_with_numpy(count: int) -> None:
+    """The standard deviation agrees."""
+    values = np.random.default_rng(count).normal(5.0, 2.0, count)
+    assert standard_deviation(values) == pytest.approx(values.std(), rel=1e-12, abs=1e-15)
 
 
 def test_determinant_agrees_with_numpy() -> None:

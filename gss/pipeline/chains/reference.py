@@ -101,7 +101,7 @@ def solve_known(
             hint="name the camera that took it, or solve it with its field of view or blind",
         )
     trace = Trace(clock)
-    fast = are_compiled() if fast is None else fast  # the question needs a disk access
+    fast = are_compiled() if fast is None else fast  # needs a disk access
     with trace.stage("detect"):
         detections = find_stars(
             pixels,
@@ -239,12 +239,13 @@ def _another_focal_length(
     view: FrameDetections, camera: Camera, sky: SkyCatalogue, evidence: Evidence, fast: bool | None
 ) -> str:
     radius_px = _coincidence_px(view)
+    matched_icrs = sky.icrs[evidence.stars]
     coinciding = count_coinciding(
-        view.pixels, evidence.rows, sky.icrs, evidence.stars, evidence.cam_from_icrs, camera, radius_px, fast
+        view.pixels[evidence.rows], matched_icrs, evidence.cam_from_icrs, camera, radius_px, fast
     )
     if plenty(coinciding, evidence.predicted, len(view)):
-        return ""  # for a census, the verification has already checked the number of matches
-    return focal_objection(view.pixels, evidence.rows, sky.icrs[evidence.stars], sky.icrs, camera, radius_px, fast)
+        return ""
+    return focal_objection(view.pixels, evidence.rows, matched_icrs, sky.icrs, camera, radius_px, fast)
 
 
 def _name_all(

@@ -8,6 +8,8 @@ centroids. This module counts these coincidences.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc
@@ -17,9 +19,7 @@ from gss.domain.camera import Camera
 from gss.domain.failure_cause import OTHER_FOCAL_LENGTH
 from gss.pipeline.identify.verify import pair_up
 from gss.pipeline.kernels import kernels
-from gss.pipeline.small import best_rotation, median
-
-Rows = NDArray[np.intp]
+from gss.pipeline.small import Rows, best_rotation, median
 
 # Adjacent scales differ by half a pixel at a distance of 200 px from the middle. With a larger error, matching rarely
 # succeeds.
@@ -39,6 +39,17 @@ BESIDE_RAD = 0.05
 ACCIDENT = 1e-2
 
 
+@dataclass(frozen=True)
+class CensusField:
+    """Centroids and stars whose coincidences are counted. ``pixels``: (n, 2) of all centroids; ``near_icrs``: (m, 3)
+    directions of the stars in and around the field; ``camera``: known camera; ``radius_px``: largest distance of a match."""
+
+    pixels: Array
+    near_icrs: Array
+    camera: Camera
+    radius_px: float
+
+
 def focal_objection(
     pixels: Array,
     matched: Rows,
@@ -56,41 +67,32 @@ def focal_objection(
     """
     loops = kernels(fast).lists
     count_matches = _count_matches if loops is None else loops.count_matches
-    known_unit = camera.unproject(pixels)
-    cam_from_icrs = best_rotation(known_unit[matched], icrs_of_matched, np.ones(len(matched)))
+    cam_from_icrs = best_rotation(camera.unproject(pixels[matched]), icrs_of_matched, np.ones(len(matched)))
     near = bank[bank @ cam_from_icrs[2] > np.cos(min(camera.half_diagonal_rad + BESIDE_RAD, np.pi))]
+    field = CensusField(pixels, near, camera, radius_px)
     starts = [(matched, icrs_of_matched)]
     if len(matched) > 2:
         inner = _without_furthest(pixels[matched])
         starts.append((matched[inner], icrs_of_matched[inner]))
 
     at_scale_one = in_view = 0
-    for rows, icrs in starts:
-        counted = count_matches(pixels, known_unit[None], rows, icrs, near, camera, (1.0,), radius_px)[0].tolist()
+    for rows, matched_icrs in starts:
+        counted = count_matches(field, rows, matched_icrs, (1.0,))[0].tolist()
         at_scale_one, in_view = max((at_scale_one, in_view), (counted[0], counted[1]))
         if plenty(at_scale_one, in_view, len(pixels)):
             return ""
     scales = (*AS_KNOWN, *OTHERS)
-    seen = _seen_with(camera, scales, pixels)
-    counts = [count_matches(pixels, seen, rows, icrs, near, camera, scales, radius_px)[:, 0] for rows, icrs in starts]
-    met = np.max(counts, axis=0)
-    at_scale_one, met = max(at_scale_one, int(met[: len(AS_KNOWN)].max())), met[len(AS_KNOWN) :]
-    best = int(np.argmax(met))
-    gain = int(met[best]) - at_scale_one
+    counts = np.max([count_matches(field, *start, scales)[:, 0] for start in starts], axis=0)
+    at_scale_one, counts = max(at_scale_one, int(counts[: len(AS_KNOWN)].max())), counts[len(AS_KNOWN) :]
+    best = int(np.argmax(counts))
+    gain = int(counts[best]) - at_scale_one
     chance = min(1.0, in_view * np.pi * radius_px**2 / (camera.columns * camera.rows))
     if gain <= 0 or len(OTHERS) * float(bdtrc(gain - 1, max(len(pixels) - at_scale_one, gain), chance)) > ACCIDENT:
         return ""
     return (
         f"{at_scale_one} stars of the bank are where the focal length of the camera puts them, "
-        f"{met[best]} where one of {100 * (OTHERS[best] - 1):+.2g} % would: {OTHER_FOCAL_LENGTH}"
+        f"{counts[best]} where one of {100 * (OTHERS[best] - 1):+.2g} % would: {OTHER_FOCAL_LENGTH}"
     )
-
-
-def _seen_with(camera: Camera, scales: tuple[float, ...], pixels: Array) -> Array:
-    """Return the (scales, n, 3) directions of the pixels with each focal length. All distortions are inverted in one call."""
-    centre = np.array([camera.centre_col_px, camera.centre_row_px])
-    nearer = centre + (pixels - centre) / np.array(scales)[:, None, None]
-    return camera.unproject(nearer.reshape(-1, 2)).reshape(len(scales), len(pixels), 3)
 
 
 def _without_furthest(pixels: Array) -> Rows:
@@ -101,78 +103,71 @@ def _without_furthest(pixels: Array) -> Rows:
 
 
 def count_coinciding(
-    pixels: Array,
-    rows: Rows,
-    icrs: Array,
-    stars: Rows,
-    cam_from_icrs: Array,
-    camera: Camera,
-    radius_px: float,
-    fast: bool | None = None,
+    pixels: Array, icrs: Array, cam_from_icrs: Array, camera: Camera, radius_px: float, fast: bool | None = None
 ) -> int:
-    """Return how many of the (k,) matched ``rows`` of the pixels are within the radius of their predicted ``stars``.
-    ``fast``: see ``kernels.kernels``."""
+    """Return how many of the (n, 2) pixels of identified centroids are at most ``radius_px`` from the predictions of their
+    (n, 3) stars. ``cam_from_icrs``: (3, 3). ``fast``: see ``kernels.kernels``, also for the errors that it raises."""
     loops = kernels(fast).lists
     count = _count_coinciding if loops is None else loops.count_coinciding
-    return count(pixels, rows, icrs, stars, cam_from_icrs, camera, radius_px)
+    return count(pixels, icrs, cam_from_icrs, camera, radius_px)
 
 
-def _count_coinciding(
-    pixels: Array, rows: Rows, icrs: Array, stars: Rows, cam_from_icrs: Array, camera: Camera, radius_px: float
-) -> int:
-    off = camera.project(icrs[stars] @ cam_from_icrs.T) - pixels[rows]
+def _count_coinciding(pixels: Array, icrs: Array, cam_from_icrs: Array, camera: Camera, radius_px: float) -> int:
+    off = camera.project(icrs @ cam_from_icrs.T) - pixels
     return int(np.count_nonzero((off * off).sum(1) <= radius_px**2))
 
 
-def plenty(met: int, in_view: int, centroids: int) -> bool:
+def plenty(matched: int, in_view: int, centroids: int) -> bool:
     """True if the share of possible matches is so large that no other focal length needs to be tried."""
-    return met >= PLENTY * min(centroids, in_view)
+    return matched >= PLENTY * min(centroids, in_view)
 
 
-def _count_matches(
-    pixels: Array,
-    units: Array,
-    rows: Rows,
-    icrs: Array,
-    near: Array,
-    camera: Camera,
-    scales: tuple[float, ...],
-    radius_px: float,
-) -> NDArray[np.int64]:
+def _count_matches(field: CensusField, rows: Rows, matched_icrs: Array, scales: tuple[float, ...]) -> NDArray[np.int64]:
     """Return, for each of the s focal lengths, how many stars coincide with centroids and how many are in view: (s, 2).
-    ``units``: (s, n, 3) directions of the pixels with each focal length."""
-    cameras = camera.with_focal_lengths(scales)
-    counts = [
-        _count(pixels, unit, rows, icrs, near, scaled, radius_px) for unit, scaled in zip(units, cameras, strict=True)
-    ]
+    ``rows``: (k,) identified centroids; ``matched_icrs``: (k, 3) their stars; ``scales``: ratios to the known focal length."""
+    cameras = field.camera.with_focal_scales(scales)
+    units = _seen_with(field.camera, scales, field.pixels)
+    counts = [_count(field, rows, matched_icrs, *scaled) for scaled in zip(cameras, units, strict=True)]
     return np.array(counts, np.int64)
 
 
-def _count(
-    pixels: Array, unit: Array, rows: Rows, icrs: Array, near: Array, camera: Camera, radius_px: float
-) -> tuple[int, int]:
-    """Return how many stars coincide with centroids and how many are in view, after iterating the attitude on the
-    matches.
+def _seen_with(camera: Camera, scales: tuple[float, ...], pixels: Array) -> Array:
+    """Return the (scales, n, 3) directions of the pixels with each focal length. All distortions are inverted in one call."""
+    centre = np.array([camera.centre_col_px, camera.centre_row_px])
+    nearer = centre + (pixels - centre) / np.array(scales)[:, None, None]
+    return camera.unproject(nearer.reshape(-1, 2)).reshape(len(scales), len(pixels), 3)
 
-    ``unit``: (n, 3) directions of the pixels with that camera. The iteration has converged if a round matches the same
-    stars as the previous round.
+
+def _count(field: CensusField, rows: Rows, matched_icrs: Array, camera: Camera, unit: Array) -> tuple[int, int]:
+    """Return how many stars coincide with centroids and how many are in view, after iterating the attitude on the
+    matches. ``unit``: (n, 3) directions of the pixels with this ``camera``.
+
+    Centroids outside the domain of the lens model have no direction and are not counted. The iteration has converged if a
+    round matches the same stars as the previous round.
     """
-    stars, spots, weight = icrs, rows, np.ones(len(rows))
+    has_direction = np.isfinite(unit[:, 0])
+    known = has_direction[rows]
+    spots, stars = rows[known], matched_icrs[known]
+    if len(spots) < 2:
+        return 0, 0
+    weight = np.ones(len(spots))
     matched, in_view, settled = 0, 0, False
     identified: Rows = np.empty(0, np.intp)
     for round_ in range(ROUNDS + 1):
         last = settled or round_ == ROUNDS
-        predicted = camera.project(near @ best_rotation(unit[spots], stars, weight).T)
+        predicted = camera.project(field.near_icrs @ best_rotation(unit[spots], stars, weight).T)
         visible = np.flatnonzero(camera.contains(predicted))
         star_px = predicted[visible]
-        radius = np.full(len(visible), radius_px)
+        radius = np.full(len(visible), field.radius_px)
         if not last:
-            radius *= _lever(star_px, pixels[spots], weight, MAX_PX / radius_px)
-        star, spot = pair_up(star_px, pixels, radius)
+            radius *= _lever(star_px, field.pixels[spots], weight, MAX_PX / field.radius_px)
+        star, spot = pair_up(star_px, field.pixels, radius)
+        known = has_direction[spot]
+        star, spot = star[known], spot[known]
         matched, in_view = len(spot), len(visible)
         if matched < 2 or last:
             break
-        stars, weight = near[visible[star]], (radius_px / radius[star]) ** 2
+        stars, weight = field.near_icrs[visible[star]], (field.radius_px / radius[star]) ** 2
         settled = np.array_equal(spot, spots) and np.array_equal(visible[star], identified)
         spots, identified = spot, visible[star]
     return matched, in_view

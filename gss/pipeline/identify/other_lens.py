@@ -54,7 +54,7 @@ def identify_other_lens(
     if len(centroids) < FEW:
         return None
     magnitude = -2.5 * np.log10(np.maximum(centroids.flux_dn, 1e-12))
-    for scaled in camera.with_focal_lengths(SCALES):
+    for scaled in camera.with_focal_scales(SCALES):
         view = field_of(centroids, scaled, fast=fast)
         match = identify_lost(
             view,

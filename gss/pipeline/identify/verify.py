@@ -14,7 +14,7 @@ from gss.domain.camera import Camera
 from gss.domain.results import Centroids
 from gss.pipeline.identify.false_match import brightness_tail, false_match_probability, match_tail
 from gss.pipeline.kernels import kernels
-from gss.pipeline.small import best_rotation, distances2, median, spread
+from gss.pipeline.small import best_rotation, distances2, median, standard_deviation
 from gss.skytables.cells import sky_cells
 
 RADIUS_SIGMA = 3.5
@@ -84,8 +84,8 @@ class FrameDetections:
 
     @cached_property
     def magnitude_spread(self) -> float:
-        """Return the standard deviation of the magnitudes."""
-        return spread(self.magnitude)
+        """Return the standard deviation of the magnitudes; 0 without detections."""
+        return standard_deviation(self.magnitude) if len(self) else 0.0
 
 
 def field_of(centroids: Centroids, camera: Camera, *, fast: bool | None = None) -> FrameDetections:
@@ -139,7 +139,7 @@ def in_view(
     return near[inside], pixels[inside]
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)  # of several cameras, each with the focal lengths of other_lens
 def reach_cosine(camera: Camera) -> float:
     """Return the cosine of the angle beyond which no star is on the detector. The result is cached, because the corners
     need a Newton iteration."""

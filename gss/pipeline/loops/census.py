@@ -6,80 +6,91 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.pipeline.identify.focal_census import MAX_PX, ROUNDS
+from gss.pipeline.identify.focal_census import MAX_PX, ROUNDS, CensusField
 from gss.pipeline.loops import loop
 from gss.pipeline.loops.fit import turned
-from gss.pipeline.loops.geometry import best_rotation, camera_numbers, contains, project
+from gss.pipeline.loops.geometry import (
+    FOCAL_COL,
+    FOCAL_ROW,
+    PIXEL_RAD,
+    REACH,
+    best_rotation,
+    camera_numbers,
+    contains,
+    project,
+    unproject,
+)
 from gss.pipeline.loops.pairing import by_column, pair_up
 from gss.pipeline.small import Rows
 
 
-def count_coinciding(
-    pixels: Array, rows: Rows, icrs: Array, stars: Rows, cam_from_icrs: Array, camera: Camera, radius_px: float
-) -> int:
-    """Return how many matches are within the radius of their predictions; see ``focal_census._count_coinciding``."""
+def count_coinciding(pixels: Array, icrs: Array, cam_from_icrs: Array, camera: Camera, radius_px: float) -> int:
+    """Return how many of the (n, 2) pixels are within the radius of the predictions of their (n, 3) stars; equivalent to
+    ``focal_census._count_coinciding``."""
     pixels, icrs, turn = (np.ascontiguousarray(array, float) for array in (pixels, icrs, cam_from_icrs))
-    rows, stars = np.asarray(rows, np.int64), np.asarray(stars, np.int64)
-    return int(_coinciding(camera_numbers(camera), pixels, rows, icrs, stars, turn, float(radius_px)))
+    return int(_coinciding(camera_numbers(camera), pixels, icrs, turn, float(radius_px)))
 
 
 @loop
-def _coinciding(camera, pixels, rows, icrs, stars, turn, radius_px):
+def _coinciding(camera, pixels, icrs, turn, radius_px):
     count = 0
-    for k in range(len(rows)):
-        s = stars[k]
-        x, y, z = turned(turn, icrs[s, 0], icrs[s, 1], icrs[s, 2])
+    for k in range(len(pixels)):
+        x, y, z = turned(turn, icrs[k, 0], icrs[k, 1], icrs[k, 2])
         col, row = project(camera, x, y, z)
-        count += (col - pixels[rows[k], 0]) ** 2 + (row - pixels[rows[k], 1]) ** 2 <= radius_px * radius_px
+        count += (col - pixels[k, 0]) ** 2 + (row - pixels[k, 1]) ** 2 <= radius_px * radius_px
     return count
 
 
-def count_matches(
-    pixels: Array,
-    units: Array,
-    rows: Rows,
-    icrs: Array,
-    near: Array,
-    camera: Camera,
-    scales: tuple[float, ...],
-    radius_px: float,
-) -> NDArray[np.int64]:
-    """Return how many stars coincide with centroids and how many are in view, for each focal length. Arguments as in
-    ``focal_census._count_matches``."""
-    pixels, units, icrs, near = (np.ascontiguousarray(array, float) for array in (pixels, units, icrs, near))
+def count_matches(field: CensusField, rows: Rows, matched_icrs: Array, scales: tuple[float, ...]) -> NDArray[np.int64]:
+    """Return how many stars coincide with centroids and how many are in view, for each focal length: (s, 2). ``rows``: (k,)
+    identified centroids; ``matched_icrs``: (k, 3) their stars; equivalent to ``focal_census._count_matches``."""
+    pixels, near, icrs = (np.ascontiguousarray(array, float) for array in (field.pixels, field.near_icrs, matched_icrs))
+    cameras = _with_focal_scales(camera_numbers(field.camera), np.array(scales))
     counts = np.empty((len(scales), 2), np.int64)
-    _counts(_numbers(camera, scales), pixels, units, np.asarray(rows, np.int64), icrs, near, float(radius_px), counts)
+    _counts(cameras, pixels, np.asarray(rows, np.int64), icrs, near, float(field.radius_px), counts)
     return counts
 
 
-@lru_cache(maxsize=32)
-def _numbers(camera: Camera, scales: tuple[float, ...]) -> Array:
-    return np.stack([camera_numbers(scaled) for scaled in camera.with_focal_lengths(scales)])
+def _with_focal_scales(numbers: Array, scales: Array) -> Array:
+    """Return the numbers of the cameras whose focal lengths are multiplied by each of the scales. Their ``REACH`` is NaN,
+    because the counts do not need it."""
+    cameras = np.tile(numbers, (len(scales), 1))
+    cameras[:, FOCAL_COL] *= scales
+    cameras[:, FOCAL_ROW] *= scales
+    cameras[:, PIXEL_RAD] /= scales
+    cameras[:, REACH] = np.nan
+    return cameras
 
 
 @loop
-def _counts(cameras, pixels, units, rows, icrs, near, radius_px, counts):
+def _counts(cameras, pixels, rows, icrs, near, radius_px, counts):
+    order, column = by_column(pixels)
+    unit = np.empty((len(pixels), 3))
     for c in range(len(cameras)):
-        counts[c, 0], counts[c, 1] = _count(cameras[c], pixels, units[c], rows, icrs, near, radius_px)
+        for k in range(len(pixels)):
+            unit[k, 0], unit[k, 1], unit[k, 2] = unproject(cameras[c], pixels[k, 0], pixels[k, 1])
+        counts[c, 0], counts[c, 1] = _count(cameras[c], pixels, order, column, unit, rows, icrs, near, radius_px)
 
 
 @loop
-def _count(camera, pixels, unit, rows, icrs, near, radius_px):
+def _count(camera, pixels, order, column, unit, rows, icrs, near, radius_px):
     room = max(len(near), len(rows))
     star, spot, weight = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
     turn = np.empty((3, 3))
-    order, column = by_column(pixels)
-    profile = _profile(unit, rows, icrs, np.arange(len(rows)), np.ones(len(rows)), len(rows))
-    count, is_first, settled = len(rows), True, False
-    spot[:count] = rows
-    weight[:count] = 1.0
+    count, is_first, settled = 0, True, False
+    for k in range(len(rows)):
+        if not math.isnan(unit[rows[k], 0]):
+            spot[count], star[count], weight[count] = rows[k], k, 1.0
+            count += 1
+    if count < 2:
+        return 0, 0
+    profile = _profile(unit, spot, icrs, star, weight, count)
     matched = in_view = 0
     visible, places = np.empty(len(near), np.int64), np.empty((len(near), 2))
     to, radius = np.empty(len(near), np.int64), np.empty(len(near))
@@ -95,7 +106,7 @@ def _count(camera, pixels, unit, rows, icrs, near, radius_px):
         pair_up(places, radius, in_view, pixels, order, column, to, back)
         matched, same = 0, not is_first
         for p in range(in_view):
-            if to[p] < 0:
+            if to[p] < 0 or math.isnan(unit[to[p], 0]):
                 continue
             same = same and matched < count and spot[matched] == to[p] and star[matched] == visible[p]
             spot[matched], star[matched] = to[p], visible[p]

@@ -31,7 +31,7 @@ KIND, COLUMNS, ROWS, FOCAL_COL, FOCAL_ROW, CENTRE_COL, CENTRE_ROW, PIXEL_RAD, RE
 JACOBI_SWEEPS = 12
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)  # of several cameras, each with the focal lengths of other_lens
 def camera_numbers(camera: Camera) -> Array:
     """Return the parameters of a camera as one array for the loops."""
     lens = camera.distortion
