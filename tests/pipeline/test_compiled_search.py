@@ -68,7 +68,15 @@ def test_both_searches_give_the_same_matches(name: str, false_count: int, skies:
     for seed in range(12):
         view = field_of(random_list(name, prepared_sky.sky, false_count, seed)[0], camera)
         with_numpy, compiled = (
-            identify_lost(view, prepared_sky.sky, prepared_sky.pairs, camera, support=2 + seed % 2, fast=fast)
+            identify_lost(
+                view,
+                prepared_sky.sky,
+                prepared_sky.pairs,
+                camera,
+                support=2 + seed % 2,
+                only_first=seed % 4 == 3,
+                fast=fast,
+            )
             for fast in (False, True)
         )
         assert summary(with_numpy)[:3] == summary(compiled)[:3]
@@ -107,14 +115,17 @@ def test_both_searches_have_the_same_candidates(
 
 @pytest.mark.parametrize(
     ("detections", "expected"),
-    [(4, [4]), (14, [14]), (15, [8, 15]), (17, [9, 17]), (30, [8, 16, 30]), (120, [8, 16, 32, 64, 120])],
+    [
+        (4, [(0, 4)]),
+        (6, [(0, 6)]),
+        (14, [(0, 6), (6, 12), (12, 14), (0, 14)]),
+        (24, [(0, 6), (6, 12), (12, 18), (18, 24), (0, 12), (12, 24), (0, 24)]),
+    ],
 )
-def test_stages_end_with_all_detections(detections: int, expected: list[int]) -> None:
-    """The first stage has at least eight detections if there are as many, each other stage at most twice as many as the one
-    before.
-    """
-    stages = list(anchor_search.stages(detections))
-    assert stages == expected
+def test_groups_end_with_all_detections(detections: int, expected: list[tuple[int, int]]) -> None:
+    """Groups of each size contain all detections. With ``only_first``, only the first group of each size is searched."""
+    assert list(anchor_search.groups(detections, False)) == expected
+    assert list(anchor_search.groups(detections, True)) == [group for group in expected if group[0] == 0]
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -145,7 +156,7 @@ def test_compiled_loops_solve_a_list_like_numpy(
             )
 
 
-@pytest.mark.parametrize(("budget", "of_a_pair"), [(20_000, 50_000), (500_000, 900)])
+@pytest.mark.parametrize(("budget", "of_a_pair"), [(20_000, 50_000), (1_000_000, 900)])
 def test_both_searches_have_the_same_budget(
     budget: int, of_a_pair: int, skies: dict[str, KnownSky], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,8 +1,9 @@
 """Search for the stars of a field: each detection in turn is the anchor, and each star that it can be is tested together with
 all stars that the later detections can then be.
 
-The detections are sorted by brightness. Because false detections can be bright, the search begins with few detections
-and repeats with twice as many. ``gss.pipeline.loops.search`` computes the same candidates with compiled loops.
+The detections are sorted by brightness. The search begins with groups of few detections, bright ones first, and repeats
+with groups of twice as many, up to all detections: the time of a group grows faster than its size, and one group in
+which most detections are stars is enough. ``gss.pipeline.loops.search`` computes the same candidates with compiled loops.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ MAX_HYPOTHESES = 5_000_000
 MAX_OF_A_PAIR = 50_000  # hypotheses; a pair with more identifies no star
 COLLINEAR = 4.0
 MAX_CANDIDATES = 64
-SMALLEST_STAGE = 8  # detections
+SMALLEST_GROUP = 6  # detections
 PAIRS_AT_ONCE = 200_000
 """Pairs of entries that are compared at once; limits the memory."""
 
@@ -35,24 +36,30 @@ def limits(budget: int) -> tuple[int, int, float, int]:
     return MAX_OF_A_PAIR, budget, COLLINEAR, MAX_CANDIDATES
 
 
-def stages(detections: int) -> Iterator[int]:
-    """Yield the numbers of detections with which the search is repeated; the last is ``detections``."""
-    stage = detections
-    while (stage + 1) // 2 >= SMALLEST_STAGE:
-        stage = (stage + 1) // 2
-    while stage < detections:
-        yield stage
-        stage = min(2 * stage, detections)
-    yield stage
+def groups(detections: int, only_first: bool) -> Iterator[tuple[int, int]]:
+    """Yield the first and last + 1 detection of each group that is searched; the last group has all detections.
+    ``only_first``: only the brightest group of each size."""
+    size = min(SMALLEST_GROUP, detections)
+    while True:
+        for first in range(0, size if only_first else detections, size):
+            yield first, min(first + size, detections)
+        if size == detections:
+            return
+        size = next_size(size, detections)
+
+
+def next_size(size: int, detections: int) -> int:
+    """Return the size of the groups after those of ``size``: twice as many, or all detections if these are hardly more."""
+    return 2 * size if 3 * size <= detections else detections
 
 
 class Trial(NamedTuple):
     """Candidate: three rows of the list of detections, and their stars.
 
-    ``rank``: number of hypotheses of all pairs of this stage's detections whose sum of rows is at most that of the first
-    two. It is used as the number of tried hypotheses in the false-match probability, so bright stars need less evidence
-    than faint ones. The sum of 1/rank over the hypotheses of a stage, about 9, is the factor by which the search as a
-    whole accepts more accidental matches than one hypothesis.
+    ``rank``: number of hypotheses of the earlier groups of the same size, and of the pairs of this group whose sum of rows
+    is at most that of the first two. It is used as the number of tried hypotheses in the false-match probability, so bright
+    stars need less evidence than faint ones. The sum of 1/rank over the hypotheses of all groups of one size, about 9, is
+    the factor by which their search accepts more accidental matches than one hypothesis.
     """
 
     rows: tuple[int, int, int]
@@ -74,8 +81,9 @@ def _triple(v: Array, a: NDArray[np.integer] | int, b: NDArray[np.integer], c: N
 
 
 class AnchorSearch:
-    """Search over the ``n`` brightest detections of a field. ``hypotheses``: number of examined pairs of stars for pairs of
-    detections. ``is_too_long``: True if the budget is used up."""
+    """Search over the ``n`` brightest detections of a field. ``only_first``: see :func:`groups`. ``hypotheses``: number of
+    examined pairs of stars for pairs of detections; a pair is counted in each of its groups. ``is_too_long``: True if the
+    budget is used up."""
 
     def __init__(
         self,
@@ -86,8 +94,10 @@ class AnchorSearch:
         scale_error: float,
         need: int,
         budget: int,
+        only_first: bool = False,
     ) -> None:
         self.sky, self.table, self.n, self.need, self.budget = sky, table, n, need, budget
+        self.only_first = only_first
         self.unit = field.unit[:n]
         chord = np.linalg.norm(self.unit[:, None] - self.unit[None], axis=-1)
         self.distance = 2 * np.arcsin(np.minimum(1.0, chord / 2))
@@ -105,21 +115,24 @@ class AnchorSearch:
 
     def run(self) -> Iterator[Trial]:
         """Yield the candidates of each anchor, those with most votes first, until the budget is used up."""
-        computed = 0
-        for stage in stages(self.n):
-            row_sum = np.add.outer(np.arange(stage), np.arange(stage))
-            ranks = np.cumsum(np.bincount(row_sum.ravel(), self.hypotheses_of[:stage, :stage].ravel()))
-            for i in range(stage - self.need - 1):
+        before = 0
+        for first, stop in groups(self.n, self.only_first):
+            before = before if first else 0
+            row = np.arange(stop - first)
+            row_sum = np.add.outer(row, row)
+            of_pair = self.hypotheses_of[first:stop, first:stop]
+            ranks = before + np.cumsum(np.bincount(row_sum.ravel(), of_pair.ravel()))
+            for i in range(first, stop - self.need - 1):
                 if self.hypotheses > self.budget:
                     self.is_too_long = True
                     return
-                self.hypotheses += int(self.hypotheses_of[i, computed:stage].sum())
-                for a, k, c, third, third_star in self._candidates(i, self._entries(i, stage)):
-                    yield Trial((i, k, third), (a, c, third_star), int(ranks[i + k]))
-            computed = stage
+                self.hypotheses += int(of_pair[i - first].sum())
+                for a, k, c, third, third_star in self._candidates(i, self._entries(i, stop)):
+                    yield Trial((i, k, third), (a, c, third_star), int(ranks[i + k - 2 * first]))
+            before = int(ranks[-1])
 
-    def _entries(self, i: int, stage: int) -> _Entries:
-        others = [k for k in range(i + 1, stage) if self.hypotheses_of[i, k]]
+    def _entries(self, i: int, stop: int) -> _Entries:
+        others = [k for k in range(i + 1, stop) if self.hypotheses_of[i, k]]
         slices = [slice(self.start[i, k], self.stop[i, k]) for k in others]
         ends = [np.stack([self.table.first[s], self.table.second[s]], axis=1) for s in slices]
         both = np.concatenate([np.empty((0, 2), np.int64), *ends])

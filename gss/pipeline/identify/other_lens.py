@@ -27,7 +27,7 @@ SCALES = (1.0, *(1 + sign * k * STEP for k in range(1, STEPS + 1) for sign in (1
 CANDIDATE = 1e-2  # limit of a candidate's false-match probability; the verification decides
 LIMIT = ACCEPT / 3  # because there are three verifications
 FEW = 5  # with fewer stars, a free focal length leaves too little evidence
-BUDGET = 1_000_000  # hypotheses per focal length
+BUDGET = 1_300_000  # hypotheses per focal length
 FITTED_SCALES = 325
 """Number of focal lengths in the range that differ by 0.1 px at 500 px. A fitted focal length is as good as the best of
 these, so each is a hypothesis."""
@@ -65,6 +65,7 @@ def identify_other_lens(
             accept=CANDIDATE,
             support=FEW - 2,
             budget=BUDGET,
+            only_first=True,
             fast=fast,
         )
         if match.evidence is None:

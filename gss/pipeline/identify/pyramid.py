@@ -52,6 +52,7 @@ def identify_lost(
     accept: float = ACCEPT,
     support: int = SUPPORT,
     budget: int = anchor_search.MAX_HYPOTHESES,
+    only_first: bool = False,
     fast: bool | None = None,
 ) -> PyramidMatch:
     """Identify a field without prior attitude.
@@ -59,16 +60,16 @@ def identify_lost(
     ``scale_error``: relative uncertainty of distances from the camera's calibration, added to the centroid errors.
     ``support``: minimum number of further detections that must fit a pair before it is verified.
     ``budget``: number of hypotheses, i.e. of catalogue pairs that pairs of detections can be, after which no further
-    anchor is examined. ``fast``: see
-    :func:`gss.pipeline.kernels.kernels`.
+    anchor is examined. ``only_first``: search only the brightest group of each size, for fields of which most are not
+    solved. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
     n = min(len(field), MAX_STARS, _uncrowded(field, sky, camera, scale_error))
     if n < MIN_MATCHED:
         return PyramidMatch(None, 0, f"{counted(len(field))} found: at least {MIN_MATCHED} are needed without a hint")
     loops = kernels(fast).lists
     if loops is not None:
-        return _compiled(field, sky, table, camera, n, scale_error, accept, support, budget, loops)
-    search = anchor_search.AnchorSearch(field, sky, table, n, scale_error, support, budget)
+        return _compiled(field, sky, table, camera, n, scale_error, accept, support, budget, only_first, loops)
+    search = anchor_search.AnchorSearch(field, sky, table, n, scale_error, support, budget, only_first)
     best: Evidence | None = None
     for trial in search.run():
         rows, stars = np.array(trial.rows), np.array(trial.stars)
@@ -125,6 +126,7 @@ def _compiled(
     accept: float,
     support: int,
     budget: int,
+    only_first: bool,
     loops: ListLoops,
 ) -> PyramidMatch:
     rows, stars, turn = np.empty(len(field), np.int64), np.empty(len(field), np.int64), np.empty((3, 3))
@@ -140,6 +142,7 @@ def _compiled(
         support,
         accept,
         MIN_MATCHED,
+        only_first,
         rows,
         stars,
         turn,

@@ -11,11 +11,12 @@ import math
 
 import numpy as np
 
-from gss.pipeline.identify.anchor_search import SMALLEST_STAGE
+from gss.pipeline.identify.anchor_search import SMALLEST_GROUP, next_size
 from gss.pipeline.identify.pyramid import FULL_SHARE
 from gss.pipeline.loops import loop
 from gss.pipeline.loops.proof import verify, workspace
 
+_next_size = loop(next_size)
 STAR_BITS = np.uint32(24)
 """Bits of the star in an entry; the others contain the detection."""
 STAR_MASK = np.uint32(2**24 - 1)
@@ -24,24 +25,26 @@ STAR_MASK = np.uint32(2**24 - 1)
 @loop
 def _no_pairs(n):
     """Return arrays for the pairs of n detections: distance and tolerance, middle and half width of the range of the cosine,
-    and first and last + 1 row of the distance table."""
+    and first and last + 1 row of the distance table; the last is -1 until the pair is computed."""
     return (
         np.empty((n, n)),
         np.empty((n, n)),
         np.empty((n, n)),
         np.empty((n, n)),
         np.empty((n, n), np.int64),
-        np.empty((n, n), np.int64),
+        np.full((n, n), -1, np.int64),
     )
 
 
 @loop
-def _compute_pairs(computed, count, detections, table_rad, pairs):
-    """Compute the pairs of the first ``count`` detections, of which those of the first ``computed`` exist already."""
+def _compute_pairs(first, end, detections, table_rad, pairs):
+    """Compute the pairs of the detections from ``first`` to ``end`` that are not yet computed."""
     unit, sigma_rad, sigmas, scale_error = detections
     distance, tolerance, middle, half, start, stop = pairs
-    for k in range(computed, count):
-        for i in range(k):
+    for k in range(first, end):
+        for i in range(first, k):
+            if stop[i, k] >= 0:
+                continue
             x, y, z = unit[i, 0] - unit[k, 0], unit[i, 1] - unit[k, 1], unit[i, 2] - unit[k, 2]
             d = 2 * math.asin(min(1.0, math.sqrt(x * x + y * y + z * z) / 2))
             t = sigmas * math.sqrt(sigma_rad[i] ** 2 + sigma_rad[k] ** 2) + scale_error * d
@@ -55,15 +58,16 @@ def _compute_pairs(computed, count, detections, table_rad, pairs):
 
 
 @loop
-def _ranks(count, pairs, largest):
-    """Return the number of hypotheses of all pairs of the first ``count`` detections, up to each sum of their rows."""
+def _ranks(first, end, pairs, largest):
+    """Return the number of hypotheses of all pairs of the detections from ``first`` to ``end``, up to each sum of their rows
+    in this group."""
     start, stop = pairs[4:]
-    ranks = np.zeros(2 * count, np.int64)
-    for k in range(count):
-        for i in range(k):
+    ranks = np.zeros(2 * (end - first), np.int64)
+    for k in range(first, end):
+        for i in range(first, k):
             hypotheses = 2 * (stop[i, k] - start[i, k])
             if hypotheses <= largest:
-                ranks[i + k] += hypotheses
+                ranks[i + k - 2 * first] += hypotheses
     return np.cumsum(ranks)
 
 
@@ -226,7 +230,9 @@ def _without_one(view, sky, camera, work, first, rows, stars, count, predicted, 
 
 
 @loop
-def find(view, sky, table, camera, brightest, scale_error, sigmas, limits, need, accept, least, rows, stars, turn):
+def find(
+    view, sky, table, camera, brightest, scale_error, sigmas, limits, need, accept, least, only_first, rows, stars, turn
+):
     """Take each of the ``brightest`` detections as an anchor, verify its candidates, and stop at the first whose
     false-match probability is at most ``accept``. Write its matches and rotation.
 
@@ -234,6 +240,7 @@ def find(view, sky, table, camera, brightest, scale_error, sigmas, limits, need,
     the budget was used up. If no candidate is accepted, the number of matches is minus that of the best candidate.
     ``table``: first and second stars of the pairs, and their distances. ``limits``: hypotheses of one pair, hypotheses in
     total, COLLINEAR, candidates of an anchor. ``need``: minimum number of votes. ``least``: minimum number of matches.
+    ``only_first``: see ``anchor_search.groups``.
     """
     icrs, unit = sky[0], view[1][:brightest]
     detections = unit, view[2][:brightest], sigmas, scale_error
@@ -242,37 +249,38 @@ def find(view, sky, table, camera, brightest, scale_error, sigmas, limits, need,
     out = np.empty((limits[3], 6), np.int64)
     work = workspace(len(icrs), len(view[0]))
     best_count, best_predicted, best = 0, 0, 2.0
-    stage = brightest
-    while (stage + 1) // 2 >= SMALLEST_STAGE:
-        stage = (stage + 1) // 2
-    computed, examined = 0, 0
+    size = min(SMALLEST_GROUP, brightest)
+    first = examined = before = 0
     while True:
-        _compute_pairs(computed, stage, detections, table[2], pairs)
-        ranks = _ranks(stage, pairs, limits[0])
-        for i in range(stage - need - 1):
+        stop = min(first + size, brightest)
+        _compute_pairs(first, stop, detections, table[2], pairs)
+        ranks = before + _ranks(first, stop, pairs, limits[0])
+        for i in range(first, stop - need - 1):
             if examined > limits[1]:
                 return -best_count, best_predicted, best, examined, True
-            for k in range(max(i + 1, computed), stage):
+            for k in range(i + 1, stop):
                 hypotheses = 2 * (pairs[5][i, k] - pairs[4][i, k])
                 if hypotheses <= limits[0]:
                     examined += hypotheses
-            most, entry = _entries(i, stage, pairs, table, limits[0], end, entry)
+            most, entry = _entries(i, stop, pairs, table, limits[0], end, entry)
             trials = _candidates(i, unit, icrs, pairs, end, most, entry, float(limits[2]), need, out)
             for t in range(trials):
                 rows[0], rows[1], rows[2] = i, out[t, 1], out[t, 3]
                 stars[0], stars[1], stars[2] = out[t, 0], out[t, 2], out[t, 4]
-                rank = ranks[i + out[t, 1]]
+                rank = ranks[i + out[t, 1] - 2 * first]
                 count, predicted, chance = verify(view, sky, camera, work, rows, stars, 3, float(rank), turn)
                 if count < least:
                     continue
                 if chance <= accept:
-                    first = i, out[t, 1], out[t, 3]
+                    three = i, out[t, 1], out[t, 3]
                     count, predicted = _without_one(
-                        view, sky, camera, work, first, rows, stars, count, predicted, chance, rank, turn
+                        view, sky, camera, work, three, rows, stars, count, predicted, chance, rank, turn
                     )
                     return count, predicted, chance, rank, False
                 if chance < best:
                     best_count, best_predicted, best = count, predicted, chance
-        if stage == brightest:
-            return -best_count, best_predicted, best, examined, False
-        computed, stage = stage, min(2 * stage, brightest)
+        first, before = stop, ranks[-1]
+        if stop == brightest or only_first:
+            if size == brightest:
+                return -best_count, best_predicted, best, examined, False
+            first, before, size = 0, 0, _next_size(size, brightest)
