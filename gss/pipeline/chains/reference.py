@@ -239,13 +239,11 @@ def _another_focal_length(
     view: FrameDetections, camera: Camera, sky: SkyCatalogue, evidence: Evidence, fast: bool | None
 ) -> str:
     radius_px = _coincidence_px(view)
-    matched_icrs = sky.icrs[evidence.stars]
-    coinciding = count_coinciding(
-        view.pixels[evidence.rows], matched_icrs, evidence.cam_from_icrs, camera, radius_px, fast
-    )
+    icrs = sky.icrs[evidence.stars]
+    coinciding = count_coinciding(view.pixels[evidence.rows], icrs, evidence.cam_from_icrs, camera, radius_px, fast)
     if plenty(coinciding, evidence.predicted, len(view)):
         return ""
-    return focal_objection(view.pixels, evidence.rows, matched_icrs, sky.icrs, camera, radius_px, fast)
+    return focal_objection(view.pixels, evidence.rows, icrs, sky.icrs, camera, radius_px, fast)
 
 
 def _name_all(
@@ -334,7 +332,7 @@ def _identified_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky, 
     if len(centroids) < 5:
         return 0
     view = field_of(centroids.mirrored(camera.columns), camera, fast=fast)
-    evidence = identify_lost(view, stars.sky, stars.pairs, camera, fast=fast).evidence
+    evidence = identify_lost(view, stars.sky, stars.pairs, camera, only_first=True, fast=fast).evidence
     return 0 if evidence is None else len(evidence.rows)
 
 
