@@ -178,18 +178,21 @@ def test_wrong_attitudes_of_the_reference_chain_do_not_recur(camera: str, attitu
     assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == verdict
 
 
+@pytest.mark.parametrize(("camera", "attitude"), [("cubestar", 63930), ("aim", 157831)])
 @pytest.mark.parametrize("fast", [False, True])
-def test_a_false_star_beside_a_star_does_not_rotate_the_attitude(fast: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A false star 3 px from a star of a list matched it, together with six stars 550 px away. Without the false star, the
-    other stars match as well.
+def test_a_false_match_beside_a_star_does_not_rotate_the_attitude(
+    camera: str, attitude: int, fast: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A false star 3 px from a star of a list, or its companion at 4.5 px, matched it, together with stars close to each
+    other. Without the false match, the other stars match as well.
     """
     monkeypatch.setattr(reference, "are_compiled", lambda: fast)
-    tested = subject(setting_of("cubestar", "reference"), propagate(load_stars(8.0), 2000.0))
-    rng = np.random.default_rng([1, 910, CAMERAS.index("cubestar"), 63930])
+    tested = subject(setting_of(camera, "reference"), propagate(load_stars(8.0), 2000.0))
+    rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
     share = np.array([f.share for f in FAULTS])
     fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
-    assert fault.false == 5
-    assert judge_with(tested, fault, Mode.LOST_IN_SPACE, rng).verdict.value == "correct"
+    assert fault.false == 5 or fault.variable == 0.1
+    assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == "correct"
 
 
 def test_three_stars_with_improbable_residuals_are_rejected() -> None:

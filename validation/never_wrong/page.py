@@ -54,6 +54,9 @@ FIXED_CASES = "\n".join(
         "accidental match",
         "- reference with aim, mirrored, lost in space (attitude 67110): four of nine stars matched with a probability of 1e-7 of "
         "being accidental, although all nine match in the mirrored list. Above 1e-9, the mirrored list is now searched as well",
+        "- reference with aim, a tenth of the stars variable, assisted (attitude 157831): three stars within 6 px, and the "
+        "companion of a fourth instead of the fourth, rotated the attitude by 1.7°. A match near a known attitude is now also "
+        "verified again without each detection from which it began",
     )
 )
 ORDER = (Verdict.CORRECT, Verdict.IMPRECISE, Verdict.WRONG, Verdict.NONE)

@@ -13,7 +13,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.pipeline.identify.false_match import not_credible
 from gss.pipeline.identify.pyramid import PyramidMatch, counted
-from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, verify
+from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, verify, without_one
 from gss.pipeline.kernels import ListLoops, kernels
 
 Rows = NDArray[np.intp]
@@ -86,9 +86,10 @@ def identify_near(
         # square of twice the area of the triangle
         area2 = (side @ side) * (distances * distances).sum(1) - (distances @ side) ** 2
         trio = np.array([p, q, members[area2.argmax()]])
-        evidence = verify(
-            field, sky, camera, rows=observed[trio], stars=local[reference[trio]], hypotheses=max(hypotheses, 1)
-        )
+        rows, stars, tried = observed[trio], local[reference[trio]], max(hypotheses, 1)
+        evidence = verify(field, sky, camera, rows=rows, stars=stars, hypotheses=tried)
+        if evidence is not None and evidence.false_match_probability <= accept:
+            evidence = without_one(field, sky, camera, rows, evidence, tried)
         if evidence is not None and _is_near(evidence, hint):
             if evidence.false_match_probability <= accept:
                 return PyramidMatch(evidence, hypotheses)

@@ -9,14 +9,14 @@ probability instead of by its fourth star alone.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from gss.domain.camera import Camera
 from gss.pipeline.identify import anchor_search
 from gss.pipeline.identify.false_match import not_credible
-from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, verify
+from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, verify, without_one
 from gss.pipeline.kernels import ListLoops, kernels
 from gss.skytables.pairs import DistanceTable
 
@@ -26,9 +26,6 @@ CROWDED = 27.0
 """Largest average number of pairs of a detection that a catalogue star can be part of. With more, unrelated stars often support
 a pair, so only the brightest detections are examined, but at least ``FEW_STARS``."""
 SUPPORT = 2
-FULL_SHARE = 0.75
-"""Share of the stars that a match must have, or it is verified again without each detection from which it began: a false
-detection beside a star rotates the attitude, so that only the stars near the axis match."""
 MIN_MATCHED = 4  # three stars are never sufficient evidence over the whole sky, even with a low false-match probability
 
 
@@ -77,32 +74,13 @@ def identify_lost(
         if evidence is None or len(evidence.rows) < MIN_MATCHED:
             continue
         if evidence.false_match_probability <= accept:
-            return PyramidMatch(_without_one(field, sky, camera, trial, evidence), trial.rank)
+            return PyramidMatch(without_one(field, sky, camera, rows, evidence, trial.rank), trial.rank)
         if best is None or evidence.false_match_probability < best.false_match_probability:
             best = evidence
     probability = math.nan if best is None else best.false_match_probability
     why = (0 if best is None else len(best.rows), probability)
     reason = _too_long(search.hypotheses, *why) if search.is_too_long else _why_not(field, *why, accept)
     return PyramidMatch(None, search.hypotheses, reason)
-
-
-def _without_one(
-    field: FrameDetections, sky: SkyCatalogue, camera: Camera, trial: anchor_search.Trial, evidence: Evidence
-) -> Evidence:
-    """Verify again without each of the first three detections, if the match has few of the stars. Return the match with most
-    stars, with the first match's false-match probability: the stars of the others were selected."""
-    best, probability = evidence, evidence.false_match_probability
-    if len(evidence.rows) >= FULL_SHARE * min(len(field), evidence.predicted):
-        return best
-    for left_out in trial.rows:
-        others = evidence.rows != left_out
-        if np.count_nonzero(others) < 3:
-            continue
-        rows, stars = evidence.rows[others], evidence.stars[others]
-        again = verify(field, sky, camera, rows=rows, stars=stars, hypotheses=trial.rank)
-        if again is not None and len(again.rows) > len(best.rows) and again.false_match_probability <= probability:
-            best = replace(again, false_match_probability=probability)
-    return best
 
 
 def _uncrowded(field: FrameDetections, sky: SkyCatalogue, camera: Camera, scale_error: float) -> int:

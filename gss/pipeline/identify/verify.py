@@ -3,7 +3,7 @@ are counted."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -23,6 +23,9 @@ COUNT_WITHIN = (1.0, 0.5)
 MAX_RADIUS_PX = 25.0
 MIN_RADIUS_PX = 0.35
 MIN_SIGMA_PX = 0.03
+FULL_SHARE = 0.75
+"""Share of the stars that a match must have, or it is verified again without each detection from which it began: a false
+detection or a companion beside a star rotates the attitude, so that only the stars near the axis match."""
 LEAST_FLUX_DN, LARGEST_FLUX_DN = 1e-12, 1e300
 _EYE = np.eye(3)
 SkyArrays = tuple[Array, Array, tuple[Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]]
@@ -205,6 +208,30 @@ def _first_offset(
     position = np.minimum(np.searchsorted(visible, stars), len(visible) - 1)
     off = places[position] - pixels
     return np.asarray(np.where(visible[position] == stars, np.sqrt((off * off).sum(1)) / radius[position], np.inf))
+
+
+def without_one(
+    field: FrameDetections,
+    sky: SkyCatalogue,
+    camera: Camera,
+    first: NDArray[np.intp],
+    evidence: Evidence,
+    hypotheses: float,
+) -> Evidence:
+    """Verify again without each of the ``first`` three detections, if the match has few of the stars. Return the match with
+    most stars, with the first match's false-match probability: the stars of the others were selected."""
+    best, probability = evidence, evidence.false_match_probability
+    if len(evidence.rows) >= FULL_SHARE * min(len(field), evidence.predicted):
+        return best
+    for left_out in first:
+        others = evidence.rows != left_out
+        if np.count_nonzero(others) < 3:
+            continue
+        rows, stars = evidence.rows[others], evidence.stars[others]
+        again = verify(field, sky, camera, rows=rows, stars=stars, hypotheses=hypotheses)
+        if again is not None and len(again.rows) > len(best.rows) and again.false_match_probability <= probability:
+            best = replace(again, false_match_probability=probability)
+    return best
 
 
 def _radius(

@@ -12,7 +12,7 @@ import numpy as np
 from gss.pipeline.identify.near import FEW_CANDIDATES
 from gss.pipeline.loops import loop
 from gss.pipeline.loops.geometry import stars_near
-from gss.pipeline.loops.proof import verify, workspace
+from gss.pipeline.loops.proof import verify, without_one, workspace
 
 NO_THREE = 2
 
@@ -123,7 +123,13 @@ def find_near(
             continue
         rows[0], rows[1], rows[2] = observed[p], observed[q], observed[third]
         stars[0], stars[1], stars[2] = star[p], star[q], star[third]
-        matched, predicted, chance = verify(view, sky, camera, work, rows, stars, 3, float(max(hypotheses, 1)), turn)
+        tried = float(max(hypotheses, 1))
+        matched, predicted, chance = verify(view, sky, camera, work, rows, stars, 3, tried, turn)
+        if matched >= 3 and chance <= accept:
+            three = observed[p], observed[q], observed[third]
+            matched, predicted = without_one(
+                view, sky, camera, work, three, rows, stars, matched, predicted, chance, tried, turn
+            )
         if matched >= 3:
             cosine = ((turn * prior).sum() - 1) / 2
             if math.acos(min(max(cosine, -1.0), 1.0)) <= 2 * radius_rad + 0.01:

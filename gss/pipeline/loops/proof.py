@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from gss.pipeline.identify.false_match import LEVELS, SMALLEST
-from gss.pipeline.identify.verify import MAX_RADIUS_PX, MIN_RADIUS_PX, RADIUS_SIGMA, ROUNDS
+from gss.pipeline.identify.verify import FULL_SHARE, MAX_RADIUS_PX, MIN_RADIUS_PX, RADIUS_SIGMA, ROUNDS
 from gss.pipeline.loops import loop
 from gss.pipeline.loops.geometry import (
     COLUMNS,
@@ -236,6 +236,34 @@ def verify(view, sky, camera, work, rows, stars, count, hypotheses, turn):
                 break
     tail = _chance_of_offsets(offset, count, first_radius, first_predicted, camera, n, brightness)
     return count, predicted, min(1.0, max(hypotheses, 1.0) * tail)
+
+
+@loop
+def without_one(view, sky, camera, work, first, rows, stars, count, predicted, chance, rank, turn):
+    """Verify again without each of the ``first`` three detections, if the match has few of the stars; equivalent to
+    ``verify.without_one``. Replace the match by one with more stars. Return its number of stars and of predicted
+    stars."""
+    n = len(view[0])
+    if count >= FULL_SHARE * min(n, predicted):
+        return count, predicted
+    some_rows, some_stars, other_turn = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((3, 3))
+    matched_rows, matched_stars = rows[:count].copy(), stars[:count].copy()
+    for left_out in first:
+        others = 0
+        for m in range(len(matched_rows)):
+            if matched_rows[m] != left_out:
+                some_rows[others], some_stars[others] = matched_rows[m], matched_stars[m]
+                others += 1
+        if others < 3:
+            continue
+        more, more_predicted, its_chance = verify(
+            view, sky, camera, work, some_rows, some_stars, others, float(rank), other_turn
+        )
+        if more > count and its_chance <= chance:
+            count, predicted = more, more_predicted
+            rows[:more], stars[:more] = some_rows[:more], some_stars[:more]
+            turn[:] = other_turn
+    return count, predicted
 
 
 @loop

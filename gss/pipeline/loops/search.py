@@ -12,9 +12,8 @@ import math
 import numpy as np
 
 from gss.pipeline.identify.anchor_search import SMALLEST_GROUP, next_size
-from gss.pipeline.identify.pyramid import FULL_SHARE
 from gss.pipeline.loops import loop
-from gss.pipeline.loops.proof import verify, workspace
+from gss.pipeline.loops.proof import verify, without_one, workspace
 
 _next_size = loop(next_size)
 STAR_BITS = np.uint32(24)
@@ -202,34 +201,6 @@ def _candidates(i, unit, icrs, pairs, end, most, entry, collinear, need, out):
 
 
 @loop
-def _without_one(view, sky, camera, work, first, rows, stars, count, predicted, chance, rank, turn):
-    """Verify again without each of the ``first`` three detections, if the match has few of the stars; equivalent to
-    ``pyramid._without_one``. Replace the match by one with more stars. Return its number of stars and of predicted
-    stars."""
-    n = len(view[0])
-    if count >= FULL_SHARE * min(n, predicted):
-        return count, predicted
-    some_rows, some_stars, other_turn = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((3, 3))
-    matched_rows, matched_stars = rows[:count].copy(), stars[:count].copy()
-    for left_out in first:
-        others = 0
-        for m in range(len(matched_rows)):
-            if matched_rows[m] != left_out:
-                some_rows[others], some_stars[others] = matched_rows[m], matched_stars[m]
-                others += 1
-        if others < 3:
-            continue
-        more, more_predicted, its_chance = verify(
-            view, sky, camera, work, some_rows, some_stars, others, float(rank), other_turn
-        )
-        if more > count and its_chance <= chance:
-            count, predicted = more, more_predicted
-            rows[:more], stars[:more] = some_rows[:more], some_stars[:more]
-            turn[:] = other_turn
-    return count, predicted
-
-
-@loop
 def find(
     view, sky, table, camera, brightest, scale_error, sigmas, limits, need, accept, least, only_first, rows, stars, turn
 ):
@@ -273,7 +244,7 @@ def find(
                     continue
                 if chance <= accept:
                     three = i, out[t, 1], out[t, 3]
-                    count, predicted = _without_one(
+                    count, predicted = without_one(
                         view, sky, camera, work, three, rows, stars, count, predicted, chance, rank, turn
                     )
                     return count, predicted, chance, rank, False
