@@ -18,8 +18,10 @@ UNUSED_LIBRARIES = ("flight", "python_flight", "s3")
 """Parts of Apache Arrow for remote services. Telemetry files and Rerun use only Arrow's tables and Parquet."""
 UNUSED_BACKENDS = "zstandard/_cffi*.so"
 """The second of two implementations in the package, which CPython does not use."""
-PACKAGES_WITH_TESTS = ("astropy", "numpy", "pyarrow", "scipy")
+PACKAGES_WITH_TESTS = ("astropy", "h5py", "llvmlite", "numba", "numpy", "pyarrow", "scipy", "zmq")
 """Packages whose test suites are removed."""
+SOURCES = ("*.c", "*.cpp", "*.pxi", "*.pyx")
+"""Sources of compiled modules, which are installed beside them."""
 IMPORTED = ("astropy/tests",)
 """Folders named ``tests`` that their package imports."""
 
@@ -30,7 +32,9 @@ def unneeded(packages: Path) -> list[Path]:
     suites = [folder for name in PACKAGES_WITH_TESTS for folder in (packages / name).rglob("tests")]
     libraries = [file for name in UNUSED_LIBRARIES for file in packages.glob(f"pyarrow/libarrow_{name}.so*")]
     libraries += packages.glob(UNUSED_BACKENDS)
-    return paths + libraries + [folder for folder in suites if folder.relative_to(packages).as_posix() not in IMPORTED]
+    sources = [file for pattern in SOURCES for file in packages.rglob(pattern)]
+    tests = [folder for folder in suites if folder.relative_to(packages).as_posix() not in IMPORTED]
+    return paths + libraries + tests + [file for file in sources if "tests" not in file.parts]
 
 
 def size(path: Path) -> int:

@@ -8,14 +8,16 @@ from tools.slim import unneeded
 
 
 def test_the_program_and_test_suites_are_removed(tmp_path: Path) -> None:
-    """The program of Rerun, the unused backend of zstandard and the test suites of scipy and astropy are removed. Imported
-    files and other packages are not.
+    """The program of Rerun, the unused backend of zstandard, sources, and the test suites of scipy and astropy are removed.
+    Imported files and other packages are not.
     """
     for name in (
         "rerun_cli/rerun",
         "pyarrow/libarrow_s3.so.1",
         "zstandard/_cffi.cpython.so",
+        "pyarrow/lib.pyx",
         "scipy/stats/tests/test_a.py",
+        "scipy/stats/tests/data.c",
         "astropy/wcs/tests/test_b.py",
     ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -34,6 +36,7 @@ def test_the_program_and_test_suites_are_removed(tmp_path: Path) -> None:
         "rerun_cli/rerun",
         "pyarrow/libarrow_s3.so.1",
         "zstandard/_cffi.cpython.so",
+        "pyarrow/lib.pyx",
         "scipy/stats/tests",
         "astropy/wcs/tests",
     }
