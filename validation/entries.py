@@ -32,6 +32,7 @@ from validation.moniteq.locator import moniteq_4_2, moniteq_nea, moniteq_noise
 from validation.moniteq.screening import moniteq_screening
 from validation.moniteq.sky import moniteq_2_1, moniteq_links
 from validation.moving.objects import moving_objects
+from validation.never_wrong.probability import false_match
 from validation.never_wrong.table import never_wrong
 from validation.sheet.injection import injection
 from validation.shipped.units import shipped_units
@@ -86,6 +87,7 @@ ENTRIES: dict[str, ExperimentEntry] = {
         ExperimentEntry("sheet-injection", "Performance sheet: each error alone", injection, 40),
         ExperimentEntry("moving-objects", "Moving objects: satellites detected in frames", moving_objects, 300, 2026.0),
         ExperimentEntry("mission-health", "Health over a simulated year", mission, 500, 2026.0),
+        ExperimentEntry("false-match", "False-match probability: limit and observed share", false_match, 2_000),
         ExperimentEntry("never-wrong", "False attitudes under every fault", never_wrong, 30),
     )
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gss.cli import main
@@ -97,3 +98,13 @@ def test_stored_runs_are_not_repeated(tmp_path: Path, capsys: pytest.CaptureFixt
     assert len(store.read_text().splitlines()) == 2
     assert "s of processor time" in page.read_text()
     assert from_record(json.loads(first)) == run_experiment("erlank-3-6", trials=50)
+
+
+def test_lists_without_a_star_are_identified_at_most_as_often_as_stated() -> None:
+    """At a limit of 0.1, at most a fifth of the random lists are identified, and fewer at lower limits."""
+    experiment = run_experiment("false-match", trials=8)
+    assert len(experiment.rows) == 5 * 3 * 2 + 2
+    counts = np.array([row[3:] for row in experiment.rows], int)
+    assert (np.diff(counts, axis=1) <= 0).all()
+    assert (counts[-2:] == [counts[:-2:2].sum(axis=0), counts[1:-2:2].sum(axis=0)]).all()
+    assert 0 < counts[-2, 0] <= 0.2 * 8 * 15
