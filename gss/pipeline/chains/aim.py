@@ -59,12 +59,14 @@ def calculate_attitude(
     if attitude is None:
         return proof.rejected(f"{len(chosen)} stars in one direction do not determine the attitude")
     probability = false_match_probability(matching, attitude, camera, catalogue, parameters)
-    reason = _objection(matching, attitude, centroids, camera, catalogue, parameters, hint, probability)
+    weights, seen_px = np.ones(len(chosen)), camera.project(reference @ attitude.T)
+    covariance = weighted_covariance_rad2(unit, weights, sigma_rad)
+    reason = _objection(
+        matching, attitude, centroids, camera, catalogue, parameters, hint, probability
+    ) or proof.undetermined(covariance, centroids.pixels[chosen] - seen_px, centroids.sigma_px[chosen], camera)
     if reason and parameters.proves:
         return proof.rejected(reason, probability)
-    weights = np.ones(len(chosen))
-    covariance = weighted_covariance_rad2(unit, weights, sigma_rad)
-    seen_px, result = camera.project(reference @ attitude.T), Attitude(quaternion_from_matrix(attitude), covariance)
+    result = Attitude(quaternion_from_matrix(attitude), covariance)
     return proof.solved(result, probability, centroids, chosen, catalogue.stars.hip[rows], weights, seen_px)
 
 

@@ -44,9 +44,8 @@ SOURCES: dict[str, str] = {
     "min_verified_assisted": MIN_VERIFIED,
     "min_verified_tracking": MIN_VERIFIED,
     "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
-    "acceptance": "GSS 'proved': residuals, displaced stars and the false-match bound decide; 'document': a pattern of two "
-    "linked stars is sufficient, "
-    "which according to §2.1 is accidental in one of six cases",
+    "acceptance": "GSS 'proved': residuals, displaced stars, the error of the boresight and the false-match bound decide; "
+    "'document': a pattern of two linked stars is sufficient, which according to §2.1 is accidental in one of six cases",
     "noise_dn": "from the profile's sensor: Moniteq 1983 §4.3's third term; the floor of 0.03 px covers its systematic error "
     "of 1 % and companions",
     "max_small_regions": "GSS: regions below min_area_px that a report of a frame lists, to bound its size",

@@ -90,12 +90,13 @@ def calculate_attitude(
     probability = false_match_probability(matching, cam_from_icrs, camera, catalogue, parameters)
     reason = _objection(matching, cam_from_icrs, centroids, camera, catalogue, parameters, hint, probability)
     reason = reason or _another_focal_length(matching, centroids, camera, catalogue, parameters)
+    weights, residual_px = np.ones(len(chosen)), centroids.pixels[chosen] - camera.project(reference @ cam_from_icrs.T)
+    covariance = weighted_covariance_rad2(unit, weights, sigma_rad)
+    reason = reason or proof.undetermined(covariance, residual_px, centroids.sigma_px[chosen], camera)
     if reason and parameters.proves:
         return proof.rejected(reason, probability)
     quaternion = _averaged(quaternion_from_matrix(cam_from_icrs), matching.mode, hint, parameters)
     final = matrix_from_quaternion(quaternion)
-    weights = np.ones(len(chosen))
-    covariance = weighted_covariance_rad2(unit, weights, sigma_rad)
     seen_px, attitude = camera.project(reference @ final.T), Attitude(quaternion, covariance)
     return proof.solved(attitude, probability, centroids, chosen, catalogue.stars.hip[rows], weights, seen_px)
 

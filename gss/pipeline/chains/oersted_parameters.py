@@ -33,9 +33,9 @@ SOURCES: dict[str, str] = {
     "triplets_alone": "GSS: number of candidates tried one by one if the vote of Liebe 1992 identifies fewer than five "
     "stars; 0 as published",
     "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
-    "acceptance": "GSS 'proved': residuals, displaced stars, the false-match bound and the focal length indicated by the field "
-    "decide; 'document': the vote or the "
-    "least-distance fit is the result (Liebe 1992 states no test, and Table 2 shows failures)",
+    "acceptance": "GSS 'proved': residuals, displaced stars, the error of the boresight, the false-match bound and the focal "
+    "length indicated by the field decide; 'document': the vote or the least-distance fit is the result "
+    "(Liebe 1992 states no test, and Table 2 shows failures)",
     "averaged": "Liebe 1992, 'Predictional Estimate': several successive estimates averaged; 1 disables averaging, "
     "because frames may "
     "be at unequal intervals",
