@@ -69,21 +69,10 @@ class FrameDetections:
         """Return the median position error."""
         return median(self.sigma_px) if len(self) else 0.1
 
-    @cached_property
-    def arrays(self) -> tuple[Array, Array, Array, Array, float, float, NDArray[np.intp], Array]:
-        """Return the input of the compiled loops. The last two: order of the detections by column, and their columns in
-        this order."""
-        order = np.argsort(self.pixels[:, 0])
-        return (
-            self.pixels,
-            self.unit,
-            self.sigma_rad,
-            self.magnitude,
-            float(self.typical_sigma_px),
-            self.magnitude_spread,
-            order,
-            self.pixels[order, 0],
-        )
+    @property
+    def arrays(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Return the input of the compiled loops."""
+        return self.pixels, self.unit, self.sigma_rad, self.magnitude, self.sigma_px
 
     @cached_property
     def magnitude_spread(self) -> float:

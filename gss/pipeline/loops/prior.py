@@ -12,7 +12,7 @@ import numpy as np
 from gss.pipeline.identify.near import FEW_CANDIDATES
 from gss.pipeline.loops import loop
 from gss.pipeline.loops.geometry import stars_near
-from gss.pipeline.loops.proof import verify, without_one, workspace
+from gss.pipeline.loops.proof import prepared, verify, without_one, workspace
 
 NO_THREE = 2
 
@@ -92,11 +92,12 @@ def _third(agree, p, q, unit, observed):
 
 @loop
 def find_near(
-    view, sky, camera, prior, radius_rad, reach_cosine, brightest, sigmas, most, tries, accept, rows, stars, turn
+    field, sky, camera, prior, radius_rad, reach_cosine, brightest, sigmas, most, tries, accept, rows, stars, turn
 ):
     """Identify with a prior attitude; equivalent to ``near.identify_near``. Returns the number of matches, predicted
     stars, false-match probability, hypotheses, and 0 or the reason FEW_CANDIDATES or NO_THREE. If no candidate is
     accepted, the number of matches is minus that of the best candidate, or 0."""
+    view = prepared(field)
     unit, sigma_rad = view[1], view[2]
     icrs, _, cells = sky
     local = np.empty(len(icrs), np.int64)

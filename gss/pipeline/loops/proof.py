@@ -166,6 +166,16 @@ def _radii(camera, unit, sigma_rad, rows, used, cam, predicted, typical_px, radi
 
 
 @loop
+def prepared(field):
+    """Return the arrays of ``FrameDetections`` as :func:`verify` expects them: with the median position error, the standard
+    deviation of the magnitudes, the order of the detections by column, and their columns in this order."""
+    pixels, unit, sigma_rad, magnitude, sigma_px = field
+    column = pixels[:, 0].copy()
+    order = np.argsort(column)
+    return pixels, unit, sigma_rad, magnitude, np.median(sigma_px), np.std(magnitude), order, column[order]
+
+
+@loop
 def verify(view, sky, camera, work, rows, stars, count, hypotheses, turn):
     """Verify a hypothesis; equivalent to ``verify.verify``. Replaces the first ``count`` ``rows`` and ``stars`` by all
     matches and writes the rotation. Returns the numbers of matches and of predicted stars, and the false-match

@@ -13,7 +13,7 @@ import numpy as np
 
 from gss.pipeline.identify.anchor_search import SMALLEST_GROUP, next_size
 from gss.pipeline.loops import loop
-from gss.pipeline.loops.proof import verify, without_one, workspace
+from gss.pipeline.loops.proof import prepared, verify, without_one, workspace
 
 _next_size = loop(next_size)
 STAR_BITS = np.uint32(24)
@@ -202,7 +202,21 @@ def _candidates(i, unit, icrs, pairs, end, most, entry, collinear, need, out):
 
 @loop
 def find(
-    view, sky, table, camera, brightest, scale_error, sigmas, limits, need, accept, least, only_first, rows, stars, turn
+    field,
+    sky,
+    table,
+    camera,
+    brightest,
+    scale_error,
+    sigmas,
+    limits,
+    need,
+    accept,
+    least,
+    only_first,
+    rows,
+    stars,
+    turn,
 ):
     """Take each of the ``brightest`` detections as an anchor, verify its candidates, and stop at the first whose
     false-match probability is at most ``accept``. Write its matches and rotation.
@@ -213,6 +227,7 @@ def find(
     total, COLLINEAR, candidates of an anchor. ``need``: minimum number of votes. ``least``: minimum number of matches.
     ``only_first``: see ``anchor_search.groups``.
     """
+    view = prepared(field)
     icrs, unit = sky[0], view[1][:brightest]
     detections = unit, view[2][:brightest], sigmas, scale_error
     pairs = _no_pairs(brightest)
