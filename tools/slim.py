@@ -20,8 +20,9 @@ UNUSED_BACKENDS = "zstandard/_cffi*.so"
 """The second of two implementations in the package, which CPython does not use."""
 PACKAGES_WITH_TESTS = ("astropy", "h5py", "llvmlite", "numba", "numpy", "pyarrow", "scipy", "zmq")
 """Packages whose test suites are removed."""
-SOURCES = ("*.c", "*.cpp", "*.pxi", "*.pyx")
-"""Sources of compiled modules, which are installed beside them."""
+PACKAGES_WITH_SOURCES = ("astropy", "fontTools", "pyarrow", "scipy")
+SOURCES = (".c", ".cpp", ".pxi", ".pyx")
+"""Sources of compiled modules, which these packages install beside them."""
 IMPORTED = ("astropy/tests",)
 """Folders named ``tests`` that their package imports."""
 
@@ -32,9 +33,11 @@ def unneeded(packages: Path) -> list[Path]:
     suites = [folder for name in PACKAGES_WITH_TESTS for folder in (packages / name).rglob("tests")]
     libraries = [file for name in UNUSED_LIBRARIES for file in packages.glob(f"pyarrow/libarrow_{name}.so*")]
     libraries += packages.glob(UNUSED_BACKENDS)
-    sources = [file for pattern in SOURCES for file in packages.rglob(pattern)]
+    sources = [
+        file for name in PACKAGES_WITH_SOURCES for file in (packages / name).rglob("*") if file.suffix in SOURCES
+    ]
     tests = [folder for folder in suites if folder.relative_to(packages).as_posix() not in IMPORTED]
-    return paths + libraries + tests + [file for file in sources if "tests" not in file.parts]
+    return paths + libraries + tests + [file for file in sources if "tests" not in file.relative_to(packages).parts]
 
 
 def size(path: Path) -> int:

@@ -8,14 +8,16 @@ from tools.slim import unneeded
 
 
 def test_the_program_and_test_suites_are_removed(tmp_path: Path) -> None:
-    """The program of Rerun, the unused backend of zstandard, sources, and the test suites of scipy and astropy are removed.
-    Imported files and other packages are not.
+    """The program of Rerun, the unused backend of zstandard, test suites, and sources of compiled modules are removed.
+    Imported files, headers and files of other packages are not.
     """
     for name in (
         "rerun_cli/rerun",
         "pyarrow/libarrow_s3.so.1",
         "zstandard/_cffi.cpython.so",
         "pyarrow/lib.pyx",
+        "fontTools/misc/bezier.c",
+        "numba/tests/test_d.py",
         "scipy/stats/tests/test_a.py",
         "scipy/stats/tests/data.c",
         "astropy/wcs/tests/test_b.py",
@@ -28,6 +30,9 @@ def test_the_program_and_test_suites_are_removed(tmp_path: Path) -> None:
         "pyarrow/libarrow.so.1",
         "zstandard/backend_c.cpython.so",
         "other/tests/test_c.py",
+        "other/code.c",
+        "pyarrow/lib.pxd",
+        "numpy/include/array.h",
     ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
@@ -37,6 +42,8 @@ def test_the_program_and_test_suites_are_removed(tmp_path: Path) -> None:
         "pyarrow/libarrow_s3.so.1",
         "zstandard/_cffi.cpython.so",
         "pyarrow/lib.pyx",
+        "fontTools/misc/bezier.c",
+        "numba/tests",
         "scipy/stats/tests",
         "astropy/wcs/tests",
     }

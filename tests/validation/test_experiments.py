@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from gss.cli import main
@@ -101,10 +100,9 @@ def test_stored_runs_are_not_repeated(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_lists_without_a_star_are_identified_at_most_as_often_as_stated() -> None:
-    """At a limit of 0.1, at most a fifth of the random lists are identified, and fewer at lower limits."""
+    """At a limit of 0.1, at most a tenth of the random lists are identified. The expected number over the whole sky is four."""
     experiment = run_experiment("false-match", trials=8)
     assert len(experiment.rows) == 5 * 3 * 2 + 2
-    counts = np.array([row[3:] for row in experiment.rows], int)
-    assert (np.diff(counts, axis=1) <= 0).all()
-    assert (counts[-2:] == [counts[:-2:2].sum(axis=0), counts[1:-2:2].sum(axis=0)]).all()
-    assert 0 < counts[-2, 0] <= 0.2 * 8 * 15
+    whole_sky, near = (int(str(row[3]).partition(" ")[0]) for row in experiment.rows[-2:])
+    assert 0 < whole_sky <= 0.1 * 8 * 15
+    assert near <= 0.02 * 8 * 15

@@ -13,10 +13,12 @@ from gss.domain.results import SolveResult
 from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains import reference
 from gss.pipeline.chains.modes import Mode
+from gss.pipeline.identify.near import identify_near
+from gss.pipeline.identify.verify import field_of
 from validation.never_wrong.faults import FAULTS, Fault, FieldLocation, attitude_at
 from validation.never_wrong.frames import FRAME_FAULTS, FrameCampaign, FrameShard, faulty_frame
 from validation.never_wrong.lists import CAMERAS, Campaign, Shard, setting_of, shards
-from validation.never_wrong.sky import SETTINGS, Subject, shown, subject
+from validation.never_wrong.sky import SETTINGS, Subject, prior, reference_hint, reference_sky, shown, subject
 from validation.never_wrong.table import judge, judge_with
 
 STARS = load_stars(7.0)
@@ -193,6 +195,29 @@ def test_a_false_match_beside_a_star_does_not_rotate_the_attitude(
     fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
     assert fault.false == 5 or fault.variable == 0.1
     assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == "correct"
+
+
+def test_both_searches_near_an_attitude_leave_out_the_same_star() -> None:
+    """The numpy and the compiled search first match four of six stars, with one false match, and then all six."""
+    stars = propagate(load_stars(8.0), 2000.0)
+    setting = setting_of("aim", "reference")
+    tested, sky = subject(setting, stars), reference_sky(setting, shipped_camera("aim"), stars)
+    rng = np.random.default_rng([1, 910, CAMERAS.index("aim"), 157831])
+    share = np.array([f.share for f in FAULTS])
+    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    attitude = attitude_at(fault.place, tested.camera, rng)
+    view = field_of(shown(tested, fault, attitude, rng).centroids, tested.camera)
+    hint = reference_hint(setting, Mode.ASSISTED, prior(setting, Mode.ASSISTED, attitude, rng))
+    assert hint is not None
+    with_numpy, compiled = (
+        identify_near(view, sky.sky, tested.camera, hint, fast=fast).evidence for fast in (False, True)
+    )
+    assert with_numpy is not None
+    assert compiled is not None
+    assert compiled.rows.tolist() == with_numpy.rows.tolist() == [0, 1, 2, 3, 4, 5]
+    assert compiled.stars.tolist() == with_numpy.stars.tolist()
+    assert compiled.false_match_probability == pytest.approx(with_numpy.false_match_probability, rel=1e-8)
+    np.testing.assert_allclose(compiled.cam_from_icrs, with_numpy.cam_from_icrs, rtol=0, atol=1e-9)
 
 
 def test_two_stars_beside_each_other_do_not_determine_the_boresight() -> None:

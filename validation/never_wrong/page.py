@@ -55,8 +55,8 @@ FIXED_CASES = "\n".join(
         "- reference with aim, mirrored, lost in space (attitude 67110): four of nine stars matched with a probability of 1e-7 of "
         "being accidental, although all nine match in the mirrored list. Above 1e-9, the mirrored list is now searched as well",
         "- reference with aim, a tenth of the stars variable, assisted (attitude 157831): three stars within 6 px, and the "
-        "companion of a fourth instead of the fourth, rotated the attitude by 1.7°. A match near a known attitude is now also "
-        "verified again without each detection from which it began",
+        "companion of a fourth instead of the fourth, rotated the attitude by 1.7°. A match of at least four stars near a known "
+        "attitude is now also verified again without each detection from which it began",
         "- aim, magnitudes +0.5, tracking (attitude 216752): two stars 1.3 px apart matched correctly, but do not determine the "
         "rotation about them, and the boresight was 7.8 px off. AIM's and Oersted's chains now require that three standard "
         "deviations of the boresight are at most 5 px, as Sunsat's chain does",

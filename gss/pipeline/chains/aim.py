@@ -61,9 +61,9 @@ def calculate_attitude(
     probability = false_match_probability(matching, attitude, camera, catalogue, parameters)
     weights, seen_px = np.ones(len(chosen)), camera.project(reference @ attitude.T)
     covariance = weighted_covariance_rad2(unit, weights, sigma_rad)
-    reason = _objection(
-        matching, attitude, centroids, camera, catalogue, parameters, hint, probability
-    ) or proof.undetermined(covariance, centroids.pixels[chosen] - seen_px, centroids.sigma_px[chosen], camera)
+    reason = _objection(matching, attitude, centroids, camera, catalogue, parameters, hint, probability)
+    residual_px = centroids.pixels[chosen] - seen_px
+    reason = reason or proof.undetermined(covariance, residual_px, centroids.sigma_px[chosen], camera)
     if reason and parameters.proves:
         return proof.rejected(reason, probability)
     result = Attitude(quaternion_from_matrix(attitude), covariance)

@@ -126,13 +126,14 @@ def undetermined(covariance_rad2: Array, residual_px: Array, sigma_px: Array, ca
     can then agree within a pixel although the boresight is many pixels off.
     """
     freedom = max(2 * len(residual_px) - 3, 1)
-    chi2 = float(np.sum((residual_px / np.maximum(sigma_px, MIN_SIGMA_PX)[:, None]) ** 2)) / freedom
+    chi2 = float(np.sum((residual_px / sigma_px[:, None]) ** 2)) / freedom
     sigma_rad = float(np.sqrt(max(chi2, 1.0) * (covariance_rad2[0, 0] + covariance_rad2[1, 1])))
     error_px = ERROR_SIGMA * sigma_rad / camera.pixel_rad
     if error_px <= MAX_ERROR_PX:
         return ""
     return (
-        f"the boresight could be {error_px:.0f} px off: the stars are close together, residuals {np.sqrt(chi2):.0f} σ"
+        f"the boresight could be {error_px:.0f} px off ({ERROR_SIGMA:g} σ): the stars are close together or do not fit, "
+        f"residuals {np.sqrt(chi2):.0f} σ"
     )
 
 

@@ -63,6 +63,7 @@ def not_credible(matched: int, stars: int, probability: float, limit: float, whe
 def false_match_probability(hypotheses: float, tail: float) -> float:
     """Return an upper bound on the probability that at least one of the tried hypotheses is this good by chance.
 
-    A search that can stop early counts the hypotheses up to each candidate; see ``anchor_search.Trial``.
+    A search that can stop early counts the hypotheses up to each candidate. The bound then applies to the candidate, and
+    that of the whole search is larger by the factor in ``anchor_search.Trial``.
     """
     return float(min(1.0, max(hypotheses, 1.0) * tail))

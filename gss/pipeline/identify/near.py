@@ -89,6 +89,7 @@ def identify_near(
         rows, stars, tried = observed[trio], local[reference[trio]], max(hypotheses, 1)
         evidence = verify(field, sky, camera, rows=rows, stars=stars, hypotheses=tried)
         if evidence is not None and evidence.false_match_probability <= accept:
+            # A better match that is not near the hint rejects this candidate as well.
             evidence = without_one(field, sky, camera, rows, evidence, tried)
         if evidence is not None and _is_near(evidence, hint):
             if evidence.false_match_probability <= accept:

@@ -207,8 +207,9 @@ def without_one(
     evidence: Evidence,
     hypotheses: float,
 ) -> Evidence:
-    """Verify again without each of the ``first`` three detections, if the match has few of the stars. Return the match with
-    most stars, with the first match's false-match probability: the stars of the others were selected."""
+    """Verify again without each of the ``first`` three detections, if the match has at least four stars but few of the stars
+    in the field. Return the match with most stars, with the first match's false-match probability: the stars of the others
+    were selected."""
     best, probability = evidence, evidence.false_match_probability
     if len(evidence.rows) >= FULL_SHARE * min(len(field), evidence.predicted):
         return best

@@ -249,10 +249,9 @@ def verify(view, sky, camera, work, rows, stars, count, hypotheses, turn):
 
 
 @loop
-def without_one(view, sky, camera, work, first, rows, stars, count, predicted, chance, rank, turn):
-    """Verify again without each of the ``first`` three detections, if the match has few of the stars; equivalent to
-    ``verify.without_one``. Replace the match by one with more stars. Return its number of stars and of predicted
-    stars."""
+def without_one(view, sky, camera, work, first, rows, stars, count, predicted, chance, hypotheses, turn):
+    """Verify again without each of the ``first`` three detections; equivalent to ``verify.without_one``. Replace the match
+    by one with more stars. Return its number of stars and of predicted stars."""
     n = len(view[0])
     if count >= FULL_SHARE * min(n, predicted):
         return count, predicted
@@ -267,7 +266,7 @@ def without_one(view, sky, camera, work, first, rows, stars, count, predicted, c
         if others < 3:
             continue
         more, more_predicted, its_chance = verify(
-            view, sky, camera, work, some_rows, some_stars, others, float(rank), other_turn
+            view, sky, camera, work, some_rows, some_stars, others, float(hypotheses), other_turn
         )
         if more > count and its_chance <= chance:
             count, predicted = more, more_predicted
