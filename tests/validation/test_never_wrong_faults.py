@@ -15,11 +15,12 @@ from gss.pipeline.chains import reference
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.identify.near import identify_near
 from gss.pipeline.identify.verify import field_of
+from gss.pipeline.score import Score
 from validation.never_wrong.faults import FAULTS, Fault, FieldLocation, attitude_at
 from validation.never_wrong.frames import FRAME_FAULTS, FrameCampaign, FrameShard, faulty_frame
-from validation.never_wrong.lists import CAMERAS, Campaign, Shard, setting_of, shards
+from validation.never_wrong.lists import CAMERAS, Campaign, Shard, list_case, setting_of, shards
 from validation.never_wrong.sky import SETTINGS, Subject, prior, reference_hint, reference_sky, shown, subject
-from validation.never_wrong.table import judge, judge_with
+from validation.never_wrong.table import MODES, judge, judge_with
 
 STARS = load_stars(7.0)
 CUBESTAR = SETTINGS[0]
@@ -27,6 +28,21 @@ CUBESTAR = SETTINGS[0]
 
 def _subject() -> Subject:
     return subject(CUBESTAR, STARS)
+
+
+def _solved_again(camera: str, chain: str, attitude: int) -> tuple[Fault, Score, str]:
+    """Solve a list of the campaign again. Return its fault, its score, and the reason of the result."""
+    tested = subject(setting_of(camera, chain), propagate(load_stars(8.0), 2000.0))
+    case = list_case(1, camera, attitude)
+    reasons: list[str] = []
+
+    def solve(*inputs: Any) -> SolveResult:
+        result = tested.solve(*inputs)
+        reasons.append(result.reason)
+        return result
+
+    score = judge_with(replace(tested, solve=solve), FAULTS[case.fault], MODES[case.mode], case.rng)
+    return FAULTS[case.fault], score, reasons[0]
 
 
 def test_every_required_fault_exists() -> None:
@@ -140,12 +156,9 @@ def test_wrong_attitudes_that_the_campaign_found_do_not_recur(camera: str, attit
     """Cases that once gave a wrong attitude no longer do: two to five stars of a mirrored list, and three in a corner with
     another focal length.
     """
-    tested = subject(setting_of(camera, "own"), propagate(load_stars(8.0), 2000.0))
-    rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
-    share = np.array([f.share for f in FAULTS])
-    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    fault, judged, _ = _solved_again(camera, "own", attitude)
     assert fault.mirrored or fault.scale != 1.0
-    assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value != "wrong"
+    assert judged.verdict.value != "wrong"
 
 
 @pytest.mark.parametrize(
@@ -156,11 +169,8 @@ def test_an_attitude_that_explains_a_quarter_of_the_stars_is_rejected(camera: st
     """The reference chain does not return the attitude that matched only between 3 of 27 and 11 of 42 stars of a faulty list.
     In one of the lists it finds the correct attitude.
     """
-    tested = subject(setting_of(camera, "reference"), propagate(load_stars(8.0), 2000.0))
-    rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
-    share = np.array([f.share for f in FAULTS])
-    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
-    assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == verdict
+    _, judged, _ = _solved_again(camera, "reference", attitude)
+    assert judged.verdict.value == verdict
 
 
 @pytest.mark.parametrize(
@@ -172,12 +182,9 @@ def test_wrong_attitudes_of_the_reference_chain_do_not_recur(camera: str, attitu
     list that lie in a line, and four of nine stars if all nine match in the mirrored list. With another focal length,
     it keeps the calibrated optical centre, because the stars do not require another one.
     """
-    tested = subject(setting_of(camera, "reference"), propagate(load_stars(8.0), 2000.0))
-    rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
-    share = np.array([f.share for f in FAULTS])
-    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    fault, judged, _ = _solved_again(camera, "reference", attitude)
     assert fault.mirrored or fault.scale != 1.0
-    assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == verdict
+    assert judged.verdict.value == verdict
 
 
 @pytest.mark.parametrize(("camera", "attitude"), [("cubestar", 63930), ("aim", 157831)])
@@ -189,12 +196,9 @@ def test_a_false_match_beside_a_star_does_not_rotate_the_attitude(
     other. Without the false match, the other stars match as well.
     """
     monkeypatch.setattr(reference, "are_compiled", lambda: fast)
-    tested = subject(setting_of(camera, "reference"), propagate(load_stars(8.0), 2000.0))
-    rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
-    share = np.array([f.share for f in FAULTS])
-    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    fault, judged, _ = _solved_again(camera, "reference", attitude)
     assert fault.false == 5 or fault.variable == 0.1
-    assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == "correct"
+    assert judged.verdict.value == "correct"
 
 
 def test_both_searches_near_an_attitude_leave_out_the_same_star() -> None:
@@ -202,9 +206,8 @@ def test_both_searches_near_an_attitude_leave_out_the_same_star() -> None:
     stars = propagate(load_stars(8.0), 2000.0)
     setting = setting_of("aim", "reference")
     tested, sky = subject(setting, stars), reference_sky(setting, shipped_camera("aim"), stars)
-    rng = np.random.default_rng([1, 910, CAMERAS.index("aim"), 157831])
-    share = np.array([f.share for f in FAULTS])
-    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    case = list_case(1, "aim", 157831)
+    fault, rng = FAULTS[case.fault], case.rng
     attitude = attitude_at(fault.place, tested.camera, rng)
     view = field_of(shown(tested, fault, attitude, rng).centroids, tested.camera)
     hint = reference_hint(setting, Mode.ASSISTED, prior(setting, Mode.ASSISTED, attitude, rng))
@@ -224,63 +227,36 @@ def test_two_stars_beside_each_other_do_not_determine_the_boresight() -> None:
     """AIM's chain identified two stars that are 1.3 px apart near a known attitude. Both matches are correct, but noise rotated
     the attitude about them by 4°, so that the boresight was 8 px off.
     """
-    tested = subject(setting_of("aim", "own"), propagate(load_stars(8.0), 2000.0))
-    rng = np.random.default_rng([1, 910, CAMERAS.index("aim"), 216752])
-    share = np.array([f.share for f in FAULTS])
-    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    fault, judged, reason = _solved_again("aim", "own", 216752)
     assert fault.shift_mag == 0.5
-    reasons: list[str] = []
-
-    def solve(*inputs: Any) -> SolveResult:
-        result = tested.solve(*inputs)
-        reasons.append(result.reason)
-        return result
-
-    assert judge_with(replace(tested, solve=solve), fault, Mode.TRACKING, rng).verdict.value == "none"
-    assert "the boresight could be" in reasons[0]
+    assert judged.verdict.value == "none"
+    assert "the boresight could be" in reason
 
 
 def test_three_stars_with_improbable_residuals_are_rejected() -> None:
     """CubeStar's chain matched two stars and a false one near a known attitude. The residuals are four times the errors, which is
     less probable than an accidental match.
     """
-    tested = subject(setting_of("cubestar", "own"), propagate(load_stars(8.0), 2000.0))
-    rng = np.random.default_rng([1, 910, CAMERAS.index("cubestar"), 467671])
-    share = np.array([f.share for f in FAULTS])
-    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
-    reasons: list[str] = []
-
-    def solve(*inputs: Any) -> SolveResult:
-        result = tested.solve(*inputs)
-        reasons.append(result.reason)
-        return result
-
-    assert judge_with(replace(tested, solve=solve), fault, Mode.ASSISTED, rng).verdict.value == "none"
-    assert "less probable than an accidental match" in reasons[0]
+    _, judged, reason = _solved_again("cubestar", "own", 467671)
+    assert judged.verdict.value == "none"
+    assert "less probable than an accidental match" in reason
 
 
 @pytest.mark.parametrize("attitude", [40837, 43666])
 def test_a_displaced_bright_star_is_left_out_near_a_known_attitude(attitude: int) -> None:
     """The fault displaced Procyon or Fomalhaut by more than three pixels, and it matched with three or four other stars.
     Without it, seven stars match and the attitude is correct."""
-    tested = subject(setting_of("cubestar", "reference"), propagate(load_stars(8.0), 2000.0))
-    rng = np.random.default_rng([1, 910, CAMERAS.index("cubestar"), attitude])
-    share = np.array([f.share for f in FAULTS])
-    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    fault, judged, _ = _solved_again("cubestar", "reference", attitude)
     assert fault.saturated
-    assert judge_with(tested, fault, list(Mode)[attitude % 3], rng).verdict.value == "correct"
+    assert judged.verdict.value == "correct"
 
 
 @pytest.mark.parametrize(("camera", "attitude"), [("cubestar", 109980), ("oersted", 121581)])
 def test_two_saturated_stars_at_one_place_may_exchange_their_names(camera: str, attitude: int) -> None:
     """The fault displaced α Centauri A and B by more than three pixels in different directions, so that each centroid matches
     the other star. Their places differ by 0.1 px, and the attitude is not wrong."""
-    tested = subject(setting_of(camera, "own"), propagate(load_stars(8.0), 2000.0))
-    rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
-    share = np.array([f.share for f in FAULTS])
-    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    fault, judged, _ = _solved_again(camera, "own", attitude)
     assert fault.saturated
-    judged = judge_with(tested, fault, list(Mode)[attitude % 3], rng)
     assert (judged.verdict.value in ("correct", "imprecise"), judged.false_matches) == (True, 0)
 
 
@@ -305,11 +281,7 @@ def test_a_displaced_star_that_determines_the_roll_is_not_used() -> None:
     """
     sky = propagate(load_stars(8.0), 2000.0)
     assert FrameCampaign(sky).run(FrameShard("cubestar", "own", 1, 29)).wrong == ()
-    tested = subject(setting_of("oersted", "reference"), sky)
-    rng = np.random.default_rng([1, 910, CAMERAS.index("oersted"), 11523])
-    share = np.array([f.share for f in FAULTS])
-    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    fault, judged, _ = _solved_again("oersted", "reference", 11523)
     assert fault.title == "bright stars saturated"
-    judged = judge_with(tested, fault, Mode.LOST_IN_SPACE, rng)
     assert (judged.verdict.value, judged.false_matches) == ("correct", 0)
     assert judged.matched >= 19

@@ -48,6 +48,24 @@ class Verdicts:
     wrong: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class ListCase:
+    """What one attitude number stands for: indices of its fault and mode, and the generator of its other random numbers, whose
+    seed is ``key``."""
+
+    key: tuple[int, ...]
+    fault: int
+    mode: int
+    rng: np.random.Generator
+
+
+def list_case(seed: int, camera: str, attitude: int) -> ListCase:
+    """Return the case of an attitude number of a campaign."""
+    key = seed, _STREAM, CAMERAS.index(camera), attitude
+    rng = np.random.default_rng(key)
+    return ListCase(key, int(rng.choice(len(FAULTS), p=_WEIGHT)), attitude % len(MODES), rng)
+
+
 def shards(
     attitudes: int, seed: int, cameras: tuple[str, ...] = CAMERAS, chains: tuple[str, ...] = CHAINS
 ) -> list[Shard]:
@@ -80,18 +98,17 @@ class Campaign:
         counts: Counter[tuple[int, int, str]] = Counter()
         wrong = []
         for attitude in range(shard.number * SHARD, (shard.number + 1) * SHARD):
-            key = [shard.seed, _STREAM, CAMERAS.index(shard.camera), attitude]
-            rng = np.random.default_rng(key)
-            j, k = int(rng.choice(len(FAULTS), p=_WEIGHT)), attitude % len(MODES)
-            if faults and FAULTS[j].title not in faults:
+            case = list_case(shard.seed, shard.camera, attitude)
+            fault, mode = FAULTS[case.fault], MODES[case.mode]
+            if faults and fault.title not in faults:
                 continue
-            judged = judge_with(subject, FAULTS[j], MODES[k], rng)
-            counts[j, k, str(judged.verdict)] += 1
+            judged = judge_with(subject, fault, mode, case.rng)
+            counts[case.fault, case.mode, str(judged.verdict)] += 1
             if judged.verdict is Verdict.WRONG:
                 off_px = judged.cross_rad / subject.camera.pixel_rad
                 wrong.append(
-                    f"{shard.camera}, {subject.setting.chain}, {FAULTS[j].title}, {MODES[k].value}: {judged.false_matches} false "
+                    f"{shard.camera}, {subject.setting.chain}, {fault.title}, {mode.value}: {judged.false_matches} false "
                     f"of {judged.false_matches + judged.matched} matches, boresight error {off_px:.1f} px; "
-                    f"generator {key}"
+                    f"generator {list(case.key)}"
                 )
         return Verdicts(dict(counts), tuple(wrong))
