@@ -11,6 +11,7 @@ ARCSEC_RAD = np.pi / 648_000.0
 TWO_PI_RAD = 2.0 * np.pi
 COSINE_ERROR = 1e-12
 """Upper limit of the error of a dot product of unit vectors in double precision."""
+_AFTER, _BEFORE = [1, 2, 0], [2, 0, 1]
 
 
 def wrap_pi_rad(angle_rad: Array | float) -> Array | float:
@@ -36,6 +37,11 @@ def ra_dec_from_unit(unit: Array) -> tuple[Array, Array]:
 def lengths(vectors: Array) -> Array:
     """Return the (…) lengths of (…, 3) vectors. Faster than numpy's norm for so short an axis."""
     return np.asarray(np.sqrt(np.einsum("...k,...k->...", vectors, vectors)))
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return the (…, 3) vector products. Faster than numpy's for so short an axis."""
+    return np.asarray(a[..., _AFTER] * b[..., _BEFORE] - a[..., _BEFORE] * b[..., _AFTER])
 
 
 def separation_rad(a: Array, b: Array) -> Array:

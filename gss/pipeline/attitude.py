@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, cross
 from gss.domain.errors import BadInput
 from gss.domain.rotation import rotation_from_vector
 
@@ -35,9 +35,9 @@ def triad(observed: ArrayLike, reference: ArrayLike) -> Array:
 
 def _triad_axes(v: Array) -> Array:
     """Return the rows t1, t2, t3 of the intermediate frame."""
-    across = np.cross(v[0], v[1])
+    across = cross(v[0], v[1])
     across /= np.linalg.norm(across)
-    return np.stack([v[0], across, np.cross(v[0], across)])
+    return np.stack([v[0], across, cross(v[0], across)])
 
 
 def profile_matrix(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
@@ -140,10 +140,10 @@ def pixel_information(unit_cam: Array, sigma_rad: Array) -> Array:
     detector. ``sigma_rad``: (n,) error on the optical axis. At the angle θ from the axis, the error is cos²θ of this value
     towards the axis and cos θ of it around the axis."""
     axis = np.array([0.0, 0.0, 1.0])
-    across = np.cross(axis, unit_cam)
+    across = cross(axis, unit_cam)
     length = np.linalg.norm(across, axis=1, keepdims=True)
     across = np.where(length > PARALLEL, across / np.maximum(length, PARALLEL), np.array([1.0, 0.0, 0.0]))
-    radial = np.cross(across, unit_cam)
+    radial = cross(across, unit_cam)
     cosine = unit_cam[:, 2]
     outer = [
         v[:, :, None] * v[:, None, :] / (sigma_rad * cosine**n)[:, None, None] ** 2
@@ -170,7 +170,7 @@ def foam(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = 
 
 def _cofactors(m: Array) -> Array:
     """Return the cofactors (transposed adjugate) of a (3, 3) matrix from cross products of its rows. The matrix can be singular."""
-    return np.stack([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
+    return np.stack([cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])])
 
 
 def covariance_rad2(observed_cam: ArrayLike, sigma_rad_per_star: ArrayLike) -> Array:
@@ -253,7 +253,7 @@ def _davenport(s: Array, z: Array, sigma: float) -> Array:
 
 def _product(p: Array, q: Array) -> Array:
     """Return the scalar-last quaternion of matrix(p) @ matrix(q)."""
-    vector = p[3] * q[:3] + q[3] * p[:3] + np.cross(p[:3], q[:3])
+    vector = p[3] * q[:3] + q[3] * p[:3] + cross(p[:3], q[:3])
     return np.append(vector, p[3] * q[3] - p[:3] @ q[:3])
 
 

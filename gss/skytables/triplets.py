@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, cross
 from gss.domain.errors import BadInput
 from gss.skytables.pairs import expanded
 
@@ -161,7 +161,7 @@ def features(star: Array, first: Array, second: Array) -> tuple[Array, Array, Ar
         return np.asarray(to - np.sum(star * to, axis=-1, keepdims=True) * star)
 
     p, q = tangent(first), tangent(second)
-    angle = np.arctan2(np.linalg.norm(np.cross(p, q), axis=-1), np.sum(p * q, axis=-1))
+    angle = np.arctan2(np.linalg.norm(cross(p, q), axis=-1), np.sum(p * q, axis=-1))
     return arc(first), arc(second), np.asarray(angle)
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, cross
 from gss.domain.camera import Camera
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.results import Attitude, Centroids
@@ -187,7 +187,7 @@ def pair_placements(unit_cam: Array, stars: int, tolerance_rad: float) -> float:
     """Return the expected number of mappings of any two of (n, 3) directions to any two of ``stars`` stars over the whole sky."""
     good = unit_cam[np.isfinite(unit_cam).all(axis=1)]
     i, j = np.triu_indices(len(good), 1)
-    sine = np.linalg.norm(np.cross(good[i], good[j]), axis=1)
+    sine = np.linalg.norm(cross(good[i], good[j]), axis=1)
     return float(np.sum(np.maximum(sine, tolerance_rad)) * stars * (stars - 1) * tolerance_rad)
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, cross
 from gss.domain.camera import Camera
 from gss.domain.results import Attitude, Centroids
 from gss.domain.rotation import quaternion_from_matrix
@@ -157,7 +157,7 @@ def _triad(
 def triad_covariance_rad2(first: Array, second: Array, sigma_first_rad: float, sigma_second_rad: float) -> Array:
     """Return the (3, 3) covariance of the rotation vector, camera frame, of TRIAD with ``first`` mapped exactly
     (Shuster and Oh 1981)."""
-    across2 = float(np.sum(np.cross(first, second) ** 2))
+    across2 = float(np.sum(cross(first, second) ** 2))
     mixed = np.outer(first, second) + np.outer(second, first)
     about = sigma_first_rad**2 * float(first @ second) * mixed
     about += (sigma_second_rad**2 - sigma_first_rad**2) * np.outer(first, first)

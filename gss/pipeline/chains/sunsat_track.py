@@ -9,7 +9,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, cross
 from gss.domain.camera import Camera
 from gss.domain.results import Centroids, Region
 from gss.domain.rotation import matrix_from_quaternion
@@ -270,7 +270,7 @@ def _accidents(
     distances = 1
     if stars == STARS:
         sides = reference[1:] - reference[0]
-        area = float(np.linalg.norm(np.cross(sides[0], sides[1])))
+        area = float(np.linalg.norm(cross(sides[0], sides[1])))
         flat = area < FLAT_TRIANGLE * float(np.linalg.norm(sides[0]) * np.linalg.norm(sides[1]))
         distances = 2 if flat else 3
     return float(min(1.0, comb(max(windows, stars), stars) * false**stars * fits**distances))

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.domain.angles import Array
+from gss.domain.angles import Array, cross
 from gss.pipeline.identify.verify import FrameDetections, SkyCatalogue
 from gss.pipeline.small import Rows
 from gss.skytables.pairs import DistanceTable
@@ -77,7 +77,7 @@ class _Entries(NamedTuple):
 
 
 def _triple(v: Array, a: NDArray[np.integer] | int, b: NDArray[np.integer], c: NDArray[np.integer]) -> Array:
-    return np.asarray(np.einsum("...i,...i->...", v[a], np.cross(v[b], v[c])))
+    return np.asarray(np.einsum("...i,...i->...", v[a], cross(v[b], v[c])))
 
 
 class AnchorSearch:

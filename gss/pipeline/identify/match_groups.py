@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.domain.angles import Array, lengths
+from gss.domain.angles import Array, cross, lengths
 from gss.skytables.pairs import DistanceTable, expanded
 
 Rows = NDArray[np.intp]
@@ -209,8 +209,8 @@ def mirrored(group: MatchGroup, unit: Array, guide_unit: Array) -> bool:
     """True if the observed stars are the mirror image of the guide stars (§3.3.3), tested on the largest triangle at the kernel."""
     o, g = unit[group.observed], guide_unit[group.guide]
     i, j = np.triu_indices(len(o) - 1, 1)
-    handedness = np.einsum("ij,ij->i", np.cross(o[1 + i], o[1 + j]), np.broadcast_to(o[0], (len(i), 3)))
-    reference = np.einsum("ij,ij->i", np.cross(g[1 + i], g[1 + j]), np.broadcast_to(g[0], (len(i), 3)))
+    handedness = np.einsum("ij,ij->i", cross(o[1 + i], o[1 + j]), np.broadcast_to(o[0], (len(i), 3)))
+    reference = np.einsum("ij,ij->i", cross(g[1 + i], g[1 + j]), np.broadcast_to(g[0], (len(i), 3)))
     widest = int(np.argmax(np.abs(reference)))
     return bool(handedness[widest] * reference[widest] < 0)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from gss.domain.angles import Array, lengths, separation_rad
+from gss.domain.angles import Array, cross, lengths, separation_rad
 from gss.pipeline.kernels import kernels
 from gss.skytables.cells import SkyCells, sky_cells
 from gss.skytables.pairs import DistanceTable, expanded
@@ -126,9 +126,9 @@ def _axes(p: Array, q: Array) -> Array:
     """Return (h, 3, 3) axes with rows midpoint, across, along."""
     middle = p + q
     middle /= lengths(middle)[:, None]
-    across = np.cross(p, q)
+    across = cross(p, q)
     across /= np.maximum(lengths(across)[:, None], 1e-300)
-    return np.stack([middle, across, np.cross(middle, across)], axis=1)
+    return np.stack([middle, across, cross(middle, across)], axis=1)
 
 
 def supporters(

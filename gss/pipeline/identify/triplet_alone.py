@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gss.domain.angles import COSINE_ERROR, Array, separation_rad
+from gss.domain.angles import COSINE_ERROR, Array, cross, separation_rad
 from gss.pipeline.attitude import svd
 
 
@@ -27,7 +27,7 @@ def attitudes_of_triplet(triplet_cam: Array, candidate: int, icrs: Array, tolera
     i, j = (axis.ravel() for axis in np.meshgrid(first_rows, second_rows, indexing="ij"))
     apart = np.abs(separation_rad(icrs[i], icrs[j]) - separation_rad(first, second))
     sense = np.linalg.det(triplet_cam)
-    volume = np.cross(icrs[i], icrs[j]) @ icrs[candidate]
+    volume = cross(icrs[i], icrs[j]) @ icrs[candidate]
     # The handedness of nearly collinear triplets is not significant, because position errors can reverse it.
     open_rad3 = tolerance_rad * to_second
     right = (volume * sense > 0) | (np.abs(volume) < open_rad3)

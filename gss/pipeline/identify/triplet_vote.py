@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.domain.angles import Array, separation_rad
+from gss.domain.angles import COSINE_ERROR, Array, separation_rad
 from gss.domain.camera import Camera
 from gss.skytables.triplets import TripletTable, features
 
@@ -85,12 +85,16 @@ def vote(
 def agreement_of_candidates(
     unit_cam: Array, centroid: Index, icrs: Array, candidate: Index, tolerance_rad: float
 ) -> NDArray[np.bool_]:
-    """Return the (c, c) mask of candidate pairs for different stars with the measured distance."""
+    """Return the (c, c) mask of candidate pairs for different stars with the measured distance. ``unit_cam``: (n, 3) finite."""
     reference = icrs[candidate]
-    measured_rad = separation_rad(unit_cam[:, None], unit_cam[None])[centroid[:, None], centroid]
-    off = np.abs(measured_rad - separation_rad(reference[:, None], reference[None]))
-    other = (centroid[:, None] != centroid) & (candidate[:, None] != candidate)
-    return np.asarray((off <= tolerance_rad) & other)
+    measured_rad = separation_rad(unit_cam[:, None], unit_cam[None])
+    reach_rad = min(float(measured_rad.max(initial=0.0)) + tolerance_rad, np.pi)
+    # Most pairs of candidates are further apart than any two measured stars.
+    a, b = np.nonzero(reference @ reference.T >= np.cos(reach_rad) - COSINE_ERROR)
+    off = np.abs(measured_rad[centroid[a], centroid[b]] - separation_rad(reference[a], reference[b]))
+    agree = np.zeros((len(candidate), len(candidate)), bool)
+    agree[a, b] = (off <= tolerance_rad) & (centroid[a] != centroid[b]) & (candidate[a] != candidate[b])
+    return agree
 
 
 def consistent_set(agree: NDArray[np.bool_], count: Index) -> Index:

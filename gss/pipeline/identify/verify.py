@@ -15,7 +15,7 @@ from gss.domain.results import Centroids
 from gss.pipeline.identify.false_match import brightness_tail, false_match_probability, match_tail
 from gss.pipeline.kernels import kernels
 from gss.pipeline.small import best_rotation, distances2, median, standard_deviation
-from gss.skytables.cells import sky_cells
+from gss.skytables.cells import CellArrays, sky_cells
 
 RADIUS_SIGMA = 3.5
 ROUNDS = 3
@@ -28,7 +28,7 @@ FULL_SHARE = 0.75
 detection or a companion beside a star rotates the attitude, so that only the stars near the axis match."""
 LEAST_FLUX_DN, LARGEST_FLUX_DN = 1e-12, 1e300
 _EYE = np.eye(3)
-SkyArrays = tuple[Array, Array, tuple[Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]]
+SkyArrays = tuple[Array, Array, CellArrays]
 
 
 @dataclass(frozen=True)
