@@ -71,7 +71,7 @@ async def _watch(server: Served, times: int, seconds: float) -> list[tuple[str, 
             views.append((duration_s, await page.evaluate(FIRST_VIEW)))
             await page.context.close()
         rows: list[tuple[str, dict[str, Value]]] = [("first view, one browser", _view(views))]
-        pages = []
+        pages: list[Any] = []
         for number in (1, BROWSERS):
             pages += [(await opened())[0] for _ in range(number - len(pages))]
             await asyncio.gather(*(page.evaluate(PIXELS) for page in pages))

@@ -25,7 +25,7 @@ from typing import Any
 try:
     from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 except ImportError:  # this module runs as a script and not in a build
-    BuildHookInterface = object
+    BuildHookInterface = object  # type: ignore[assignment, misc]
 
 ROOT = Path(__file__).resolve().parent.parent
 GENERATED = Path("web") / "src" / "api" / "generated"
@@ -187,7 +187,7 @@ def _environment(npm: list[str]) -> dict[str, str]:
     return {**os.environ, "PATH": f"{Path(npm[0]).parent}:{_path()}"}
 
 
-class CustomBuildHook(BuildHookInterface):  # type: ignore[misc, valid-type]  # object outside a build
+class CustomBuildHook(BuildHookInterface):  # type: ignore[type-arg]  # object outside a build
     """Build hook that adds the pages to wheel and sdist. An sdist contains the built pages and needs no npm."""
 
     def dependencies(self) -> list[str]:

@@ -138,7 +138,7 @@ def recorded() -> Iterator[set[str]]:
         yield names
     finally:
         sys.settrace(tracing)
-        threading.settrace(None)  # type: ignore[arg-type]  # the stubs have no None
+        threading.settrace(None)
         for code in tuple(codes):  # threads that are still running add functions
             path = Path(code.co_filename)
             if path.is_relative_to(ROOT / "gss"):

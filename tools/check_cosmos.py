@@ -162,7 +162,7 @@ def read(folder: Path) -> int:
 
 def _equal(got: Any, value: Any) -> bool:
     if isinstance(got, (bytes, bytearray)):
-        return bytes(got).hex() == value
+        got = bytes(got).hex()
     return bool(got == value)
 
 

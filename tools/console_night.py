@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from playwright.sync_api import Page, expect
+from playwright.sync_api import FilePayload, Page, expect
 
 PHOTOGRAPHS, CLOUDY = 200, 8
 SEED = 7
@@ -62,7 +62,7 @@ def add_camera(page: Page, sources: Sequence[Path]) -> None:
     headers = {"X-GSS": str(page.request.get("/api/session").json()["csrf"])}
     ids = []
     for source in sources:
-        file = {"name": source.name, "mimeType": "image/tiff", "buffer": source.read_bytes()}
+        file = FilePayload(name=source.name, mimeType="image/tiff", buffer=source.read_bytes())
         answer = page.request.post("/api/frames/import", headers=headers, multipart={"file": file, "profile": ""})
         ids.append(answer.json()["id"])
     body = {"name": CAMERA, "frame_ids": ids}

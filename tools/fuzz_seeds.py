@@ -151,13 +151,28 @@ def _request() -> BuildRequest:
 
 
 def _manifest() -> str:
-    texts = ("n", "a", "t", "cubestar", "cubestar", "0" * 64, "s", "0" * 64, "icrs", 2026.0, "2026-01-01T00:00:00Z", "")
     request = json.loads(json.dumps(parameters_of(_request())))
-    counted = ({"k": 1.5}, {"stars": 2}, {"header": 64}, {"q": None}, {"p": None}, (1, 2), "0" * 64)
     return BuildManifest(
-        *texts,
-        request,
-        *counted,
+        name="n",
+        author="a",
+        tool="t",
+        format_name="cubestar",
+        profile_name="cubestar",
+        profile_sha256="0" * 64,
+        source="s",
+        star_table_sha256="0" * 64,
+        frame="icrs",
+        epoch_jyear=2026.0,
+        valid_from="2026-01-01T00:00:00Z",
+        valid_to="",
+        parameters=request,
+        envelope={"k": 1.5},
+        counts={"stars": 2},
+        bytes_by_part={"header": 64},
+        quality={"q": None},
+        quantisation={"p": None},
+        hip=(1, 2),
+        image_sha256="0" * 64,
     ).as_json()
 
 
@@ -184,8 +199,8 @@ def seeds() -> Iterator[tuple[str, str, bytes]]:
     for name, data in _pictures():
         yield "image", name, data
     few = propagate(load_stars(0.3), 2026.0)
-    for kind in ("csv", "ecsv", "votable", "fits"):
-        yield f"star-list-{kind}", "bright", write_star_list(few, kind)
+    for form in ("csv", "ecsv", "votable", "fits"):
+        yield f"star-list-{form}", "bright", write_star_list(few, form)
     yield (
         "star-list-csv",
         "semicolon",
@@ -197,18 +212,18 @@ def seeds() -> Iterator[tuple[str, str, bytes]]:
     yield "manifest", "version-2", _manifest().encode()
     for name in FORMATS:
         yield "bank", name, small_bank(name)
-    values = {"distortion": "brown", "focal_length_px": 1000.0, "k1": -0.1}
+    values: dict[str, str | float] = {"distortion": "brown", "focal_length_px": 1000.0, "k1": -0.1}
     yield "device-table", "calibration", encode_table("calibration", "cubestar", values)
     yield "device-table", "parameters", encode_table("parameters", "cubestar", {"chain": "cubestar", "threshold": 30.0})
     yield "device-table", "bad-pixels", encode_bad_pixels("cubestar", np.array([[300, 200], [7, 9]], np.intp))
     yield "device-table", "triplets", _triplets()
     yield "table-fits", "bank", export_table(small_bank(), "fits")
     yield "table-zip", "bank", export_table(small_bank(), "csv")
-    for kind in ("csv", "ecsv", "parquet"):
-        with zipfile.ZipFile(io.BytesIO(export_table(small_bank(), kind))) as archive:
+    for form in ("csv", "ecsv", "parquet"):
+        with zipfile.ZipFile(io.BytesIO(export_table(small_bank(), form))) as archive:
             for member in archive.namelist():
                 if member.startswith(("layout", "stars")):
-                    yield f"table-{kind}", member.partition(".")[0], member.encode() + b"\n" + archive.read(member)
+                    yield f"table-{form}", member.partition(".")[0], member.encode() + b"\n" + archive.read(member)
     yield "c-source", "bank", c_source(small_bank()).encode()
     flat = DarkPattern(np.zeros((8, 8), np.float32), np.array([[3, 1]], np.intp), 0.5)
     yield "dark-frame", "flat", as_bytes(flat)

@@ -31,7 +31,7 @@ from gss.catalogue_tools.sources.star_list_mapping import ListMapping
 from gss.catalogue_tools.sources.star_lists import read_star_list
 from gss.device.protocol import codec
 from gss.device.protocol.framing import FRAMINGS, MAX_PACKET_BYTES
-from gss.device.protocol.packet import PacketType
+from gss.device.protocol.packet import Packet, PacketType
 from gss.device.protocol.receiver import Deframer, decode_packet
 from gss.device.protocol.sender import LineSender, encode_frame, encode_packet, with_crc
 from gss.device.session import HostSession
@@ -76,7 +76,7 @@ def packets(data: bytes) -> None:
     after a round trip. An encoded payload must be decodable."""
     for candidate in (data, with_crc(data)):
         packet = decode_packet(candidate)
-        if hasattr(packet, "payload"):
+        if isinstance(packet, Packet):
             require(decode_packet(encode_packet(packet)) == packet, "the round trip changed a packet")
     for layout in _layouts():
         with suppress(GssError):
@@ -101,7 +101,8 @@ def _converted(packet: Any) -> bool:
 def _records(data: bytes) -> list[tuple[int, int, int, bytes]]:
     """Split the data into records (u8 type, u8 code, u16 request id, u16 length, payload), from which the caller builds
     packets with valid checksums."""
-    records, at = [], 0
+    records: list[tuple[int, int, int, bytes]] = []
+    at = 0
     while at + RECORD.size <= len(data) and len(records) < MAX_RECORDS:
         kind, code, request_id, length = RECORD.unpack_from(data, at)
         at += RECORD.size

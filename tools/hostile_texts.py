@@ -5,11 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 from urllib.parse import quote
 
-Json = dict[str, object]
+Json = Mapping[str, object]
 MARK = "class=injected"
 MARKUP = f'"><img src=x {MARK} onerror="window.injected=1">'
 SHORT = f"<b {MARK}>"

@@ -67,12 +67,11 @@ def licence_of(name: str) -> str | None:
         package = metadata.metadata(name)
     except metadata.PackageNotFoundError:
         return None
-    if package.get("License-Expression"):
-        return str(package["License-Expression"])
+    if "License-Expression" in package:
+        return package["License-Expression"]
     classified = [c.rpartition(" :: ")[2] for c in package.get_all("Classifier", []) if c.startswith("License :: ")]
-    plain = [c for c in classified if c != "OSI Approved"] or [
-        (package.get("License") or "").strip().split("\n")[0][:60]
-    ]
+    stated: str = package.get_all("License", [""])[0]
+    plain = [c for c in classified if c != "OSI Approved"] or [stated.strip().split("\n")[0][:60]]
     return " AND ".join(SPDX_NAMES.get(word.lower(), word) for word in plain) or "not stated"
 
 

@@ -112,7 +112,7 @@ def main(folder: Path) -> None:
     names_by_hip = {str(i): names_of(int(i), names.get(str(i), {})) for i in hip}
     names_text = "\n".join(f"{i}\t{found[0]}" for i, found in names_by_hip.items() if found)
     others_text = "\n".join("\t".join([i, *found[1:]]) for i, found in names_by_hip.items() if found[1:])
-    columns = {
+    columns: dict[str, NDArray[Any]] = {
         "hip": hip,
         "ra_rad": pick(RA, np.mod(np.radians(d3[:, 3]), 2 * np.pi)),
         "dec_rad": pick(DEC, np.radians(d3[:, 4])),
@@ -129,7 +129,7 @@ def main(folder: Path) -> None:
         "epoch_jyear": np.array(1991.25),
     }
     TARGET.parent.mkdir(exist_ok=True)
-    np.savez_compressed(TARGET, **columns)
+    np.savez_compressed(TARGET, allow_pickle=False, **columns)
     print(f"{len(hip)} stars, {(~has_entry).sum()} without proper motion, {TARGET.stat().st_size} bytes")
 
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -157,10 +158,7 @@ class Seed:
         frame = last_id
         for _ in range(frames):
             self.request("POST", "/commands", {"name": "RUN_ITERATION", "arguments": {}})
-            frame = self.until(
-                "/frames?limit=5",
-                lambda response, last=frame: [f["id"] for f in response["frames"] if f["matched"] and f["id"] > last],
-            )[0]
+            frame = self.until("/frames?limit=5", partial(_matched_after, frame))[0]
         catalogue = self.until("/catalogues", lambda rows: [c["id"] for c in rows if c["name"] == "sweep"])[0]
         self.until("/jobs", lambda rows: [j for j in rows if j["id"] == job["id"] and j["state"] == "done"])
         contact = self.request("GET", "/contacts")[0]["id"]
@@ -201,6 +199,11 @@ class Seed:
             timeout=60,
         )
         return int(reply.raise_for_status().json()["id"])
+
+
+def _matched_after(frame: int, response: Any) -> list[int]:
+    """Return the ids of the matched frames that are later than a frame."""
+    return [f["id"] for f in response["frames"] if f["matched"] and f["id"] > frame]
 
 
 def rendered_pointings(count: int) -> Iterator[NDArray[np.generic]]:

@@ -13,6 +13,7 @@ from gss.catalogue_tools.sources.hipparcos import load_stars, photometry, propag
 from gss.domain.angles import ARCSEC_RAD, separation_rad, unit_from_ra_dec
 from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_MULTIPLE, FLAG_NO_PROPER_MOTION, FLAG_POOR_POSITION, FLAG_VARIABLE
+from tools.make_faint_star_table import FAINT_TARGET, faint_table, v_from_hp
 
 ASTROPY_TOLERANCE_RAD = 1e-4 * ARCSEC_RAD
 SIRIUS, VEGA, POLARIS, BETELGEUSE, MIRA, CYG_61_A, BETA_MON, XI_UMA = (
@@ -25,9 +26,6 @@ SIRIUS, VEGA, POLARIS, BETELGEUSE, MIRA, CYG_61_A, BETA_MON, XI_UMA = (
     30867,
     55203,
 )
-
-# g(V−I), fifth order, highest power first: robust fit to the joined table (rms 0.013 mag).
-HP_MINUS_V_OF_V_I = (-0.00868878, 0.06427474, -0.14456331, -0.00350839, 0.25028408, -0.00038726)
 
 
 @pytest.fixture(scope="module")
@@ -119,11 +117,20 @@ def test_variable_and_double_stars_are_flagged(stars):
 def test_v_agrees_with_hipparcos_photometry(stars):
     """Hp − g(V−I) agrees with the V of the table within 0.02 mag rms for constant single stars of V ≤ 6."""
     hipparcos = photometry()
-    error = hipparcos["hp_mag"] - np.polyval(HP_MINUS_V_OF_V_I, hipparcos["v_i"]) - stars.v_mag
+    error = v_from_hp(hipparcos["hp_mag"], hipparcos["v_i"]) - stars.v_mag
     constant_single = ((stars.flags & (FLAG_VARIABLE | FLAG_MULTIPLE)) == 0) & (stars.v_mag <= 6) & np.isfinite(error)
     assert constant_single.sum() > 3500
     assert np.percentile(np.abs(error[constant_single]), 99) < 0.06
     assert np.sqrt(np.mean(np.clip(error[constant_single], -0.2, 0.2) ** 2)) < 0.02
+
+
+def test_the_tool_makes_the_table_of_faint_stars_again():
+    with np.load(FAINT_TARGET) as stored:
+        made = faint_table()
+        assert made.keys() == set(stored.files)
+        for name, column in made.items():
+            assert np.array_equal(column, stored[name]), name
+            assert column.dtype == stored[name].dtype
 
 
 def test_arrays_are_shared_and_read_only():
