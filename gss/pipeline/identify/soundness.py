@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from gss.domain.angles import Array, lengths
-from gss.pipeline.attitude import profile_matrix
+from gss.pipeline.small import determinant
 
 # Residuals that are distributed evenly over a disc of radius T have an rms of T/2 per axis. Residuals of real stars are
 # far smaller.
@@ -42,10 +42,11 @@ def separate_stars(unit: Array, radius_rad: float) -> int:
 
 
 def is_handed(measured_cam: Array, reference_icrs: Array, tolerance_rad: float) -> bool:
-    """True if the mirror image of the (n, 3) measured directions does not fit the stars within the tolerance."""
-    u, _, vt = np.linalg.svd(profile_matrix(measured_cam, reference_icrs))
-    mirrored = u @ np.diag([1.0, 1.0, -np.sign(np.linalg.det(u) * np.linalg.det(vt))]) @ vt
-    miss_rad = lengths(reference_icrs @ mirrored.T - measured_cam)
+    """True if the mirror image of the (n ≥ 2, 3) finite measured directions does not fit the stars within the tolerance."""
+    u, _, vt = np.linalg.svd(measured_cam.T @ reference_icrs)
+    if determinant(u) * determinant(vt) > 0:
+        u[:, 2] *= -1
+    miss_rad = lengths(reference_icrs @ (u @ vt).T - measured_cam)
     return bool(np.max(miss_rad) > tolerance_rad)
 
 
