@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-MIRRORED = "the frame is mirrored: only its left-right mirror image matches the sky. The optics or the file mirror it"
+MIRRORED = "the frame is mirrored: its left-right mirror image matches the sky better. The optics or the file mirror it"
 CUT_TRAILS = (
     "the stars are trails longer than 26 px, and only parts of them are detected. A shorter exposure or a slower rotation "
     "gives shorter trails"

@@ -38,3 +38,10 @@ def test_the_same_stars_without_displacement_are_accepted() -> None:
 def test_large_residuals_of_stars_over_the_whole_field_are_accepted() -> None:
     """A displacement of half a pixel is harmless if the pair of TRIAD spans the field."""
     assert undetermined(_covariance([60.0, 60.0], [690.0, 520.0]), RESIDUAL_PX, SIGMA_PX, CAMERA) == ""
+
+
+def test_a_star_outside_the_lens_model_gives_its_own_reason() -> None:
+    """Its residual is NaN, and so is the error of the boresight."""
+    residual_px = np.vstack([RESIDUAL_PX[:-1], [np.nan, np.nan]])
+    covariance = _covariance([60.0, 60.0], [690.0, 520.0])
+    assert "lens model" in undetermined(covariance, residual_px, SIGMA_PX, CAMERA)

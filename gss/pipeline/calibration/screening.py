@@ -114,7 +114,7 @@ def _upright(
         warnings.append(
             Advice(
                 "mirrored",
-                f"{sum(mirrored)} of {counted(len(frames), 'frame')} mirrored: only the left-right mirror image matches the sky",
+                f"{sum(mirrored)} of {counted(len(frames), 'frame')} mirrored: the mirror image matches the sky better",
                 "read the file the right way round, or correct the order of the read-out",
                 severe=all(mirrored),
             )

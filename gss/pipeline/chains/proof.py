@@ -123,7 +123,8 @@ def undetermined(covariance_rad2: Array, residual_px: Array, sigma_px: Array, ca
 
     If the residuals are larger than the centroid errors, the covariance is multiplied by their reduced χ², because
     neighbouring stars that are measured as one displace a centroid by more than its noise. A few stars close together
-    can then agree within a pixel although the boresight is many pixels off.
+    can then agree within a pixel although the boresight is many pixels off. A residual is NaN if its star is outside the
+    domain of the lens model.
     """
     freedom = max(2 * len(residual_px) - 3, 1)
     chi2 = float(np.sum((residual_px / sigma_px[:, None]) ** 2)) / freedom
@@ -131,6 +132,8 @@ def undetermined(covariance_rad2: Array, residual_px: Array, sigma_px: Array, ca
     error_px = ERROR_SIGMA * sigma_rad / camera.pixel_rad
     if error_px <= MAX_ERROR_PX:
         return ""
+    if np.isnan(error_px):
+        return "the lens model does not give a position of every identified star"
     return (
         f"the boresight could be {error_px:.0f} px off ({ERROR_SIGMA:g} σ): the stars are close together or do not fit, "
         f"residuals {np.sqrt(chi2):.0f} σ"
