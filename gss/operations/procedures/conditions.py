@@ -7,11 +7,10 @@ from datetime import datetime
 
 from gss.domain.expressions import Evaluation, parse
 from gss.instruments.dictionary.definitions import Value
+from gss.operations.procedures.run_record import Values
 from gss.operations.telemetry.derived import evaluate
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.telemetry.value_format import plain
-
-Values = dict[str, float | bool | str | None]
 
 
 class Conditions:

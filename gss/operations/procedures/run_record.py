@@ -10,12 +10,14 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter
 
+from gss.domain.errors import Conflict
 from gss.operations.clock import Now, iso_z
 from gss.operations.events import EventBus
 from gss.store import procedures as store
 from gss.store.engine import Database
 from gss.store.models import Procedure, ProcedureRun
 
+Values = dict[str, float | bool | str | None]
 EntryState = Literal["sending", "running", "done", "failed", "skipped"]
 INTERRUPTED = "interrupted"
 """State of a run that ended without a decision of an operator. It can be resumed at its current step."""
@@ -35,7 +37,7 @@ class StepEntry:
     began: str
     ended: str = ""
     detail: str = ""
-    values: dict[str, float | bool | str | None] | None = None
+    values: Values | None = None
     command_id: int | None = None
     due: str = ""
     note: str = ""
@@ -124,18 +126,20 @@ class ProcedureRecorder:
         """Replace the last entry and return the run's row."""
         return self._write(run_id, entry, replaces=True)
 
-    def _write(self, run_id: int, entry: StepEntry, *, replaces: bool) -> ProcedureRun:
+    def _write(self, run_id: int, entry: StepEntry, *, replaces: bool, automatic: bool | None = None) -> ProcedureRun:
         with self._database.unit_of_work() as session:
             row = store.get_run(session, run_id)
             entries = list(row.entries)[: -1 if replaces else None]
             row.entries = [*entries, asdict(entry)]
+            row.automatic = row.automatic if automatic is None else automatic
         self._bus.publish("procedure_run", row)
         return row
 
-    def close(self, run_id: int, state: EntryState, detail: str, **changes: Any) -> ProcedureRun:
-        """End the last entry with a state and a detail, and return the run's row."""
+    def close(self, run_id: int, state: EntryState, detail: str, values: Values | None = None) -> ProcedureRun:
+        """End the last entry and return the run's row. If the entry failed, automatic execution is switched off."""
         entry = entries_of(self.get(run_id))[-1]
-        return self.update(run_id, replace(entry, state=state, detail=detail, ended=iso_z(self._now()), **changes))
+        ended = replace(entry, state=state, detail=detail, ended=iso_z(self._now()), values=values)
+        return self._write(run_id, ended, replaces=True, automatic=False if state == "failed" else None)
 
     def move(self, run_id: int, current: str) -> ProcedureRun:
         """Set the current step and return the run's row."""
@@ -151,9 +155,11 @@ class ProcedureRecorder:
         return row
 
     def freeze(self, run_id: int, state: str, reason: str) -> ProcedureRun:
-        """End a run and store the hash of its record, which is not changed afterwards."""
+        """End a run and store the hash of its record, which is not changed afterwards. Raises Conflict if the run has ended."""
         with self._database.unit_of_work() as session:
             row = store.get_run(session, run_id)
+            if row.state != store.RUNNING:
+                raise Conflict("This run has ended", got=row.state)
             at = self._now()
             row.state, row.reason, row.finished = state, reason, at
             row.current = row.current if state == INTERRUPTED else ""

@@ -68,20 +68,23 @@ class ProcedureRunner:
         if row is not None:
             self._active = ActiveRun(row.id, read_procedure(row.text), self._commands.aborts)
             self._record.change(row.id, automatic=False)
-            entry = open_entry(row)
-            if entry is not None and entry.state == "sending":
-                self._recover(row, entry)
+            self._recover(row)
         self._thread = threading.Thread(target=self._run, name="procedures", daemon=True)
         self._thread.start()
 
-    def _recover(self, row: ProcedureRun, entry: StepEntry) -> None:
-        """Determine whether the command of an entry was queued before the server stopped, and update the entry."""
+    def _recover(self, row: ProcedureRun) -> ProcedureRun:
+        """If the sending of a command was interrupted, by the end of the server or a failure of the store, determine whether the
+        command was queued, and update the entry. Return the run's row."""
+        entry = open_entry(row)
+        if entry is None or entry.state != "sending":
+            return row
+        if entry.command_id is not None:  # it was sent again
+            return self._record.update(row.id, replace(entry, state="running"))
         with self._database.unit_of_work() as session:
             command_row = store.first_command(session, row.id, datetime.fromisoformat(entry.began))
         if command_row is None:
-            self._record.close(row.id, "failed", "The server stopped before the command was queued. It was not sent.")
-        else:
-            self._record.update(row.id, with_command(entry, command_row))
+            return self._record.close(row.id, "failed", "The command was not queued, so it was not sent.")
+        return self._record.update(row.id, with_command(entry, command_row))
 
     def shut_down(self) -> None:
         """Stop the thread. The run continues after the next start of the server."""
@@ -195,16 +198,16 @@ class ProcedureRunner:
         command that was sent is still monitored. Has no effect on a run that is not active."""
         with self._lock:
             active = self._active
-            if active is not None and active.id == run_id and active.held_since is None:
-                self._active = replace(active, held_since=self._now())
+            if active is not None and active.id == run_id and active.held_since_s is None:
+                self._active = replace(active, held_since_s=self._link.monotonic_s())
 
     def release(self, run_id: int) -> None:
         """Continue a suspended run. The time limit of a check in progress is extended by the time of the suspension."""
         with self._lock:
             active = self._active
-            if active is not None and active.id == run_id and active.held_since is not None:
+            if active is not None and active.id == run_id and active.held_since_s is not None:
                 self._actions.extend_check(active)
-                self._active = replace(active, held_since=None)
+                self._active = replace(active, held_since_s=None)
         self._wake.set()
 
     def stop(self, run_id: int, reason: str, *, user: str) -> ProcedureRun:
@@ -272,9 +275,9 @@ class ProcedureRunner:
 
     def _active_run(self, run_id: int) -> ActiveRun:
         """Return the active run. Raises Conflict if the run with this id is not active."""
-        active = self._active
-        if active is None or active.id != run_id:
-            raise Conflict("This run has ended", got=self.get(run_id).state)
+        active, row = self._active, self._settled(self.get(run_id))
+        if active is None or active.id != run_id or row.state != store.RUNNING:
+            raise Conflict("This run has ended", got=row.state)
         return active
 
     def _check_current(self, run_id: int, step_id: str) -> ActiveRun:
@@ -293,8 +296,8 @@ class ProcedureRunner:
         return self._settled(self._record.freeze(run_id, state, reason))
 
     def _settled(self, row: ProcedureRun) -> ProcedureRun:
-        """Clear the active run if it has ended. Return the row."""
-        if row.state != store.RUNNING:
+        """Clear the active run if this row shows that it has ended. Return the row."""
+        if self._active is not None and self._active.id == row.id and row.state != store.RUNNING:
             self._active = None
         return row
 
@@ -310,12 +313,14 @@ class ProcedureRunner:
                 log.warning("procedure: %s", error)
 
     def tick(self) -> None:
-        """Perform all work that needs no operator: end the run after ABORT, update the step in progress, and run the next steps
-        of an automatic run."""
+        """End the run after ABORT, update the step in progress, and run the next steps of an automatic run."""
         with self._lock:
             self._end_if_aborted()
             while self._active is not None and not self._stopping:
-                run, row = self._active, self.get(self._active.id)
+                run, row = self._active, self._settled(self.get(self._active.id))
+                if row.state != store.RUNNING:  # its end is stored, but the store failed before it was published
+                    return
+                row = self._recover(row)
                 before, step = (row.current, len(row.entries), row.entries[-1:]), run.document.step(row.current)
                 if row.automatic and not run.planned and not self._link.connected:
                     row = self._record.change(run.id, automatic=False)
@@ -323,6 +328,7 @@ class ProcedureRunner:
                     self._bus.record("procedure", "watch", message, procedure_run_id=run.id)
                 entry = open_entry(row)
                 if entry is not None:
+                    entry = self._actions.on_present_clock(run, row, entry)
                     row = self._settled(self._actions.continue_step(run, row, entry))
                 elif self._can_continue(run, row) and self._actions.is_unattended(run, step):
                     request = StepRequest(row.user, confirm=self._actions.confirmation(step))
@@ -332,9 +338,13 @@ class ProcedureRunner:
 
     def _can_continue(self, run: ActiveRun, row: ProcedureRun) -> bool:
         """True if the next step of a run can start without a request of an operator."""
-        return row.automatic and run.held_since is None and self._link.connected
+        return row.automatic and run.held_since_s is None and self._link.connected
 
     def _end_if_aborted(self) -> None:
-        if self._aborted_by and self._active is not None:
+        if (
+            self._aborted_by
+            and self._active is not None
+            and self._settled(self.get(self._active.id)).state == store.RUNNING
+        ):
             self._finish(self._active.id, "aborted", f"ABORT by {self._aborted_by}")
         self._aborted_by = ""
