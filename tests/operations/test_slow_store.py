@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from gss.device.session_events import Direction
 from gss.domain.errors import StoreDown
 from gss.operations.events import EventBus
 from gss.operations.transfers.arrivals import MAX_WAITING, Writer
@@ -154,6 +155,28 @@ def test_a_short_store_failure_loses_no_frame(ground: Ground) -> None:
     ground.wait(lambda: ground.downloads() and ground.downloads()[0].state == "verified")
     assert [frame.id for frame in ground.frames()] == [ground.downloads()[0].frame_id]
     assert ground.store.failures == 0
+
+
+def test_a_frame_that_arrives_while_the_database_is_down_is_stored_later(
+    ground: Ground, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The session reports received content only once, so the report waits for the database."""
+    ground.store.open.set()
+    progress, failures = ground.services.transfers.transfers._progress, []
+    read_row = progress._row
+
+    def fails_twice(row_id: int) -> Any:
+        if len(failures) < 2:
+            failures.append(row_id)
+            raise StoreDown("the database is locked")
+        return read_row(row_id)
+
+    monkeypatch.setattr(progress, "_row", fails_twice)
+    ground.image()
+    ground.wait(lambda: ground.downloads() and ground.downloads()[0].state == "verified")
+    assert len(failures) == 2
+    assert [frame.id for frame in ground.frames()] == [ground.downloads()[0].frame_id]
+    assert not progress.busy(Direction.DOWN)
 
 
 def test_content_without_a_storing_service_is_not_reported_as_complete(

@@ -53,6 +53,7 @@ class TransferProgress:
         self._live: dict[int, TransferUpdate] = {}
         self._next_publish_s: dict[int, float] = {}
         self._next_part_s: dict[int, float] = {}
+        self._received: list[TransferUpdate | TransferDone] = []
         self._storing: list[Storing] = []
         self._parts_arrived: list[PartArrived] = []
         self._recorded: dict[int, tuple[TransferState, str]] = {}
@@ -94,11 +95,25 @@ class TransferProgress:
 
     def handle(self, batch: LineBatch) -> list[ContentArrived | PartArrived]:
         """Update the transfers of a batch. Content is stored before its transfer is reported as complete."""
-        followed = [
-            e for e in batch.events if isinstance(e, TransferUpdate | TransferDone) and e.transfer_id in self._row_of
-        ]
-        arrived = [event for event in followed if isinstance(event, TransferDone)]
-        contents = [ContentArrived(self._row(self._row_of[done.transfer_id]), done) for done in arrived]
+        self._received += [event for event in batch.events if isinstance(event, TransferUpdate | TransferDone)]
+        contents = self._take_in()
+        self._writes.run()
+        return [*contents, *self._interrupted_parts()]
+
+    def _take_in(self) -> list[ContentArrived]:
+        """Handle the received events. If the store is down, they remain for the next call, because the session reports received
+        content only once."""
+        followed, self._received = [event for event in self._received if event.transfer_id in self._row_of], []
+        try:
+            contents = [
+                ContentArrived(self._row(self._row_of[event.transfer_id]), event)
+                for event in followed
+                if isinstance(event, TransferDone)
+            ]
+        except StoreDown as error:
+            log.warning("received content is waiting for the store: %s", error)
+            self._received = followed
+            return []
         self._storing += [Storing(c.transfer, c.answers, c.done.transfer_id) for c in contents]
         for update in followed:
             if isinstance(update, TransferUpdate) and update.transfer_id in self._row_of:
@@ -107,8 +122,7 @@ class TransferProgress:
                     self._writes.add(partial(self._update, self._row_of[update.transfer_id], update))
                 else:
                     storing.deferred.append(update)
-        self._writes.run()
-        return [*contents, *self._interrupted_parts()]
+        return contents
 
     def _row(self, row_id: int) -> Transfer:
         with self._database.unit_of_work() as session:
@@ -122,7 +136,7 @@ class TransferProgress:
             self._writes.run()
         except StoreDown as error:
             log.warning("a transfer is waiting for the store: %s", error)
-        self._link.events.publish(self._interrupted_parts())
+        self._link.events.publish([*self._take_in(), *self._interrupted_parts()])
 
     def _complete(self, storing: Storing) -> None:
         """Record the outcome, then the updates received while the content was stored. After StoreDown, the next call
