@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 
-from gss.domain.errors import BadInput, Conflict, NotPermitted
+from gss.domain.errors import BadInput, Conflict, NotPermitted, StoreDown
 from gss.operations.passes.line_budget import LineBudgetService
 from gss.operations.passes.pass_table import PassService
 from gss.operations.passes.plan_items import ItemControl, PlanItem
@@ -342,3 +342,73 @@ def test_after_a_restart_the_procedure_of_a_plan_is_interrupted_and_a_person_res
     assert (done.state, is_intact(done), restarted.sent("GET_STATUS")) == ("completed", True, 1)
     with pytest.raises(Conflict, match="Only an interrupted run"):
         runs.resume(run.id, user="ann")
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["after the start", "before the start"])
+def test_an_item_whose_start_could_not_be_stored_is_not_skipped(
+    mission: Mission, monkeypatch: pytest.MonkeyPatch, known: bool
+) -> None:
+    """If the store fails after an item was started, the item is followed and the next one waits. If it fails before, it is not
+    known whether the item was started, and the plan stops."""
+    plan = mission.plan(mission.quick(WAIT, name="a"), mission.quick(STANDBY, name="b"))
+    mission.plans.arm(plan.id, [], user="ann")
+    mission.at(plan.rise + timedelta(seconds=5))
+    change = mission.plans.change
+
+    def fails(plan_id: int, items: Any = None, **values: Any) -> Any:
+        if items is not None and any(item.state == ("running" if known else "failed") for item in items):
+            raise StoreDown("the database is locked")
+        return change(plan_id, items, **values)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(mission.plans, "change", fails)
+        if not known:
+            patch.setattr(mission.console.procedure_runs, "begin", _raise_store_down)
+        with pytest.raises(StoreDown):
+            mission.runner.tick()
+    mission.runner.tick()
+    if known:
+        assert states(mission.plans.get(plan.id)) == ["running", "waiting"]
+        stopped = mission.runner.stop(plan.id, user="ann")
+        assert states(stopped) == ["stopped", "waiting"]
+        assert mission.console.procedure_runs.newest(1)[0].state == "stopped"
+    else:
+        stopped = mission.plans.get(plan.id)
+        assert (stopped.state, states(stopped)) == ("stopped", ["unknown", "waiting"])
+    assert mission.sent("SET_MODE") == 0
+
+
+def _raise_store_down(*_: Any, **__: Any) -> None:
+    raise StoreDown("the database is locked")
+
+
+def test_a_plan_that_continues_does_not_take_the_pass_of_another_plan(mission: Mission) -> None:
+    """The plan waits for the next pass over its station that has no other plan."""
+    first = mission.plan(mission.quick(STATUS, WAIT, name="a"), resume=True)
+    mission.plans.arm(first.id, [], user="ann")
+    taken, free = [p for p in mission.table.upcoming(3).passes if p.at.rise > first.set][:2]
+    item = mission.quick(STANDBY, name="b")
+    other = mission.plans.create("o", taken.station.id, taken.at.culmination, [item], resume=False, user="ann")
+    mission.plans.arm(other.id, [], user="ann")
+    mission.at(first.rise + timedelta(seconds=5))
+    mission.runner.tick()
+    mission.at(first.set + timedelta(seconds=5))
+    mission.runner.tick()
+    waiting = mission.plans.get(first.id)
+    assert (waiting.state, waiting.rise) == ("waiting", free.at.rise)
+
+
+def test_an_item_that_was_done_before_the_signal_was_lost_is_shown_as_done(mission: Mission) -> None:
+    """The procedure completes, and the signal is lost before the plan looks at it again and does not return in this pass."""
+    plan = mission.plan(mission.quick(STATUS, name="a"))
+    mission.plans.arm(plan.id, [], user="ann")
+    mission.at(plan.rise + timedelta(seconds=5))
+    mission.runner.tick()
+    mission.console.wait(lambda: mission.console.procedure_runs.newest(1)[0].state == "completed")
+    mission.console.link.close()
+    mission.console.wait(lambda: not mission.console.link.connected)
+    mission.runner.tick()
+    mission.at(plan.set + timedelta(seconds=5))
+    mission.runner.tick()
+    ended = mission.plans.get(plan.id)
+    assert (ended.state, states(ended)) == ("completed", ["done"])

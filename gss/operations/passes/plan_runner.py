@@ -28,6 +28,7 @@ EARLY = timedelta(minutes=2)
 masks are not exact."""
 NEXT_DAYS = 7.0
 IN_PROGRESS = ("starting", "running")
+NOT_RECORDED = "the start of an item could not be stored; check the unit and create a new plan"
 RESTARTED = "the server restarted while an item was in progress; check the unit and create a new plan"
 
 
@@ -48,6 +49,8 @@ class PlanRunner:
         self._link, self._commands, self._bus, self._now = link, commands, bus, now
         self._lock = threading.Lock()
         self._aborts = commands.aborts
+        self._begun: dict[int, int] = {}
+        """Id of the run or transfer of the item that a plan has started, until it is stored."""
 
     def start(self) -> None:
         """Stop the plans that had an item in progress when the previous server ended. Armed and waiting plans remain
@@ -111,7 +114,7 @@ class PlanRunner:
         first = row.started is None
         try:
             self._commands.check_user(row.armed_by)
-            for item in items_of(row):
+            for item in self._items(row):
                 if item.state == "running":
                     self._control.resume(item)
         except GssError as error:
@@ -123,7 +126,7 @@ class PlanRunner:
 
     def _follow(self, row: PassPlan) -> None:
         """Check the running item, and start the next item when it is done."""
-        items = items_of(row)
+        items = self._items(row)
         for k, item in enumerate(items):
             if item.state == "running":
                 state, detail = self._control.state(item)
@@ -140,7 +143,26 @@ class PlanRunner:
             elif item.state == "waiting":
                 self._start(row, items, k)
                 return
+            elif item.state == "unknown":
+                self._end(row, items, "stopped", NOT_RECORDED)
+                return
         self._end(row, items, "completed", "")
+
+    def _items(self, row: PassPlan) -> list[PlanItem]:
+        """Return the items of a plan. If the store failed when an item was started, store now that it is running. If it is not
+        known whether it was started, it is unknown."""
+        items = items_of(row)
+        for k, item in enumerate(items):
+            if item.state == "starting":
+                started_id = self._begun.get(row.id)
+                items[k] = (
+                    item.at("unknown", self._now(), NOT_RECORDED)
+                    if started_id is None
+                    else replace(item, state="running", started_id=started_id)
+                )
+                self._plans.change(row.id, items)
+        self._begun.pop(row.id, None)
+        return items
 
     def _start(self, row: PassPlan, items: list[PlanItem], index: int) -> None:
         """Start an item. The state *starting* is stored first, so that a restart of the server does not start the item twice."""
@@ -153,40 +175,55 @@ class PlanRunner:
             items[index] = items[index].at("failed", self._now(), str(error))
             self._end(row, items, "failed", f"item {index + 1}, {items[index].title}: {error}")
             return
-        items[index] = PlanItem(**{**vars(items[index]), "state": "running", "started_id": started_id})
+        self._begun[row.id] = started_id
+        items[index] = replace(items[index], state="running", started_id=started_id)
         row = self._plans.change(row.id, items)
+        del self._begun[row.id]
         if self._commands.aborts != self._aborts:  # ABORT was sent between the check in tick and the start
             self._halt(row, "stopped", "ABORT was sent")
 
     def _pause(self, row: PassPlan, state: str, reason: str) -> None:
-        for item in items_of(row):
+        for item in self._items(row):
             if item.state == "running":
                 self._control.pause(item)
         row = self._plans.change(row.id, state=state, reason=reason)
         self._record(row, "watch", f"{state}: {reason}")
 
     def _wait_or_end(self, row: PassPlan, reason: str) -> None:
-        """If ``resume`` is set, let the plan wait for the next pass over the same station; otherwise end the plan."""
+        """If ``resume`` is set, let the plan wait for the next pass over the same station that has no other plan; otherwise end
+        the plan."""
         if row.resume:
             try:
                 upcoming = self._table.upcoming(NEXT_DAYS, row.station_id).passes
             except GssError:
                 upcoming = []
-            later = next((coming_pass for coming_pass in upcoming if coming_pass.at.rise > row.set), None)
+            others = [other for other in self._plans.active() if other.id != row.id]
+            free = (
+                coming_pass
+                for coming_pass in upcoming
+                if coming_pass.at.rise > row.set
+                and not any(other.rise < coming_pass.at.set and coming_pass.at.rise < other.set for other in others)
+            )
+            later = next(free, None)
             if later is not None:
                 self._pause(row, "waiting", f"{reason}; continues at {later.at.rise:%Y-%m-%d %H:%M:%S} UTC")
                 self._plans.change(row.id, rise=later.at.rise, set=later.at.set)
                 return
-            reason += "; there is no later pass"
+            reason += "; there is no later pass without another plan"
         self._halt(row, "missed" if row.started is None else "stopped", reason)
 
     def _halt(self, row: PassPlan, state: str, reason: str) -> PassPlan:
-        """Stop the running item of a plan, then end the plan."""
-        items = items_of(row)
+        """Stop the running item of a plan, then end the plan. If all items have been done meanwhile, the plan is completed."""
+        items = self._items(row)
         for k, item in enumerate(items):
             if item.state == "running":
-                self._control.stop(item, user=row.armed_by)
-                items[k] = item.at("stopped", self._now(), reason)
+                reached, detail = self._control.state(item)
+                if reached == "running":
+                    self._control.stop(item, user=row.armed_by)
+                    reached, detail = "stopped", reason
+                items[k] = item.at(reached, self._now(), detail)
+        if all(item.state == "done" for item in items):
+            state, reason = "completed", ""
         return self._end(row, items, state, reason)
 
     def _end(self, row: PassPlan, items: list[PlanItem], state: str, reason: str) -> PassPlan:
