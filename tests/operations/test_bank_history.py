@@ -274,3 +274,15 @@ def test_coverage_is_described_in_text(harness):
     assert (coverage([plan]).state, coverage([plan]).text) == (State.OK, "cover until 2026-12-21")
     late = Planned("A", "activation", now + timedelta(days=4), NEW, "zen-2", 2, now, now + timedelta(days=20), "")
     assert coverage([late]).state is State.WATCH
+    unknown = Planned("A", "activation", at, "", "", None, None, None, "")
+    assert (coverage([unknown]).state, "does not have the content of bank A" in coverage([unknown]).text) == (
+        State.WATCH,
+        True,
+    )
+    short = Planned("A", "activation", at, NEW, "zen-2", 2, now, now + timedelta(days=2, hours=12), "")
+    assert coverage([short]).until == now + timedelta(days=2, hours=12)
+    back = Planned("B", "activation", now + timedelta(days=2, hours=6), OLD, "zen", 1, now, None, "")
+    assert (coverage([short, back]).state, coverage([short, back]).text) == (
+        State.OK,
+        "bank B follows and does not expire",
+    )

@@ -93,16 +93,19 @@ def cover(periods: Sequence[BankPeriod], planned: Sequence[Planned], now: dateti
         return Cover(State.WATCH, "the device has not reported an active bank", None)
     if active.catalogue is None:
         return Cover(State.WATCH, f"the ground does not have the content of bank {active.row.bank}", None)
-    until = active.catalogue.valid_to
+    until, bank, subject = active.catalogue.valid_to, active.row.bank, "the active bank"
+    switches = [(plan.at, plan) for plan in planned if plan.kind == "activation" and plan.at is not None]
+    for at, plan in sorted(switches, key=lambda switch: switch[0]):
+        if plan.bank == bank:
+            continue
+        if until is not None and max(at, plan.valid_from or at) > until:
+            break
+        if plan.catalogue_id is None:
+            text = f"the ground does not have the content of bank {plan.bank}, which is to be activated"
+            return Cover(State.WATCH, text, None)
+        until, bank, subject = plan.valid_to, plan.bank, f"bank {plan.bank} follows and"
     if until is None:
-        return Cover(State.OK, "the active bank does not expire", None)
-    switches = [p for p in planned if p.kind == "activation" and p.at is not None and p.bank != active.row.bank]
-    for plan in sorted(switches, key=lambda p: p.at or now):
-        begins = max(filter(None, (plan.at, plan.valid_from)))
-        if begins <= until and (plan.valid_to is None or plan.valid_to > until):
-            until = plan.valid_to
-            if until is None:
-                return Cover(State.OK, f"bank {plan.bank} follows and does not expire", None)
+        return Cover(State.OK, f"{subject} does not expire", None)
     state = expiry_state(until, now, watch_days)
     if until <= now:
         return Cover(state, f"no cover since {until:%m-%d %H:%M}", until)
