@@ -48,6 +48,12 @@ def first_received(session: Session, packets: Sequence[str], start: datetime, en
     )
 
 
+def last_received(session: Session, packet: str, before: datetime) -> datetime | None:
+    """Return the reception time of the last packet of a kind before a time; None if there is none."""
+    row = TelemetryPacket
+    return session.scalar(select(func.max(row.received)).where(row.packet == packet, row.received < before))
+
+
 def replace(session: Session, packet: str, start: datetime, end: datetime, rows: Sequence[Mapping[str, Any]]) -> None:
     """Replace the packets of one kind in a time range, excluding its end, and mark the rollups of the range as
     incomplete."""

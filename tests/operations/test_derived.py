@@ -143,6 +143,22 @@ def test_recomputation_gives_the_values_computed_on_reception(ground: Ground) ->
     assert content(after) == content(before)
 
 
+def test_recomputation_uses_the_last_packet_of_a_kind_that_does_not_become_stale(ground: Ground) -> None:
+    """A packet without a limit of age is current until the next one, also if it was received hours before."""
+    ground.derived.add(request("rate", "housekeeping.supply_3v3_v * frame_info.exposure_ms", unit=""), user="ann")
+    ground.receive("frame_info", exposure_ms=100)
+    for _ in range(3):
+        for _ in range(4):
+            ground.receive(supply_3v3_v=3.0)
+            ground.clock.forward(60)
+        ground.clock.forward(3600)
+    before = ground.plotted("rate")
+    assert before.count(300.0) == 12
+    job = ground.history.recompute("rate", ground.clock() - timedelta(days=1), ground.clock(), user="ann")
+    wait(ground, job.id)
+    assert ground.plotted("rate") == before
+
+
 def test_invalid_definitions_are_rejected(ground: Ground) -> None:
     """An invalid definition is rejected with the reason and not stored."""
     for invalid, words in [

@@ -104,8 +104,7 @@ class DerivedHistory:
         """Yield the rows of a time step. Earlier packets are also read, because their values can still be current at
         its start."""
         newest: dict[str, tuple[datetime, Values]] = {}
-        lead_time = timedelta(seconds=max(parameter.fresh_s.values()) or STEP.total_seconds())
-        for row, values in self._packets(parameter, step.start - lead_time, step.end):
+        for row, values in self._packets(parameter, step):
             newest[row.packet] = (row.received, values)
             if row.received < step.start:
                 continue
@@ -119,16 +118,25 @@ class DerivedHistory:
                 "values": plain_values(parameter.telemetry(result, row.device_time_s).values),
             }
 
-    def _packets(
-        self, parameter: ComputedParameter, start: datetime, end: datetime
-    ) -> Iterator[tuple[packets.Row, Values]]:
-        """Yield the packets that the parameter refers to, with the fields that it uses, oldest first, excluding
-        ``end``."""
+    def _current_from(self, parameter: ComputedParameter, packet: str, start: datetime) -> datetime:
+        """Return from when on packets of a kind can be current at ``start``. Without a limit of age, the last one is current."""
+        fresh_s = parameter.fresh_s[packet]
+        if fresh_s:
+            return start - timedelta(seconds=fresh_s)
+        with self._database.unit_of_work() as session:
+            return store.last_received(session, packet, start) or start
+
+    def _packets(self, parameter: ComputedParameter, step: _TimeStep) -> Iterator[tuple[packets.Row, Values]]:
+        """Yield the packets that the parameter refers to, with the fields that it uses, oldest first: those of a time step, and
+        earlier ones that can still be current at its start."""
         fields: dict[str, list[str]] = {}
         for reference in parameter.expression.references:
             fields.setdefault(reference.packet, []).append(reference.field)
-        booleans, last = self._derived.boolean_fields, end - timedelta(microseconds=1)
-        streams = [packets.rows(self._database, packet, names, start, last) for packet, names in fields.items()]
+        booleans, last = self._derived.boolean_fields, step.end - timedelta(microseconds=1)
+        streams = [
+            packets.rows(self._database, packet, names, self._current_from(parameter, packet, step.start), last)
+            for packet, names in fields.items()
+        ]
         for row in heapq.merge(*streams, key=lambda row: (row.received, row.id)):
             values: dict[str, Value] = {}
             for name, value in zip(fields[row.packet], row.values, strict=True):
