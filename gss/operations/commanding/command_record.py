@@ -35,6 +35,7 @@ class CommandView:
 class CommandCompleted(ServiceEvent):
     """A command completed. ``values``: values in its report."""
 
+    command_id: int
     name: str
     arguments: Mapping[str, Any]
     values: Mapping[str, Any]
@@ -193,7 +194,7 @@ class CommandRecorder:
         if row.late and event.stage in FINAL_STAGES:
             self._announce("watch", f"{row.name}: {event.stage} reported after the timeout", row.id)
         if event.stage is Stage.COMPLETED:
-            self._completed.append(CommandCompleted(row.name, row.arguments, event.values))
+            self._completed.append(CommandCompleted(row.id, row.name, row.arguments, event.values))
 
     def _announce(self, severity: str, text: str, command_id: int) -> None:
         """Queue an event about a stored row as a separate write, so that a failure of the store does not repeat the row."""

@@ -4,7 +4,7 @@ the stored frame."""
 from __future__ import annotations
 
 import hashlib
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any
 
@@ -43,9 +43,8 @@ class UploadedImages:
         self._link, self._commands, self._bus = link, commands, bus
         self._transfers, self._frames = transfers, frames
         self._frame_of: OrderedDict[str, int] = OrderedDict()
-        self._waiting: deque[int] = deque()
-        self._searched_slot: int | None = None
-        self._found_in: int | None = None
+        self._solving: dict[int, int] = {}
+        """Command in progress of each solution, and its image: the slot, and after the search for stars the frame's number."""
 
     def upload(self, frame_id: int, slot: int, *, solve: bool) -> TransferView:
         """Start the upload of a complete frame of the detector's size to an image memory. Raises Conflict or BadInput if the
@@ -101,16 +100,18 @@ class UploadedImages:
             ):
                 self._sent(event.transfer, event.done)
             elif isinstance(event, CommandCompleted):
-                self._completed(event.name, event.arguments, event.values)
+                self._completed(event)
+            elif isinstance(event, HelloReceived):
+                self._solving.clear()  # the next commands of a solution would be unexpected in a new contact
 
     def _sent(self, transfer: Transfer, done: TransferDone) -> None:
         """Process a completed upload: request the number of the image on board, and then start the solution if it was
         requested."""
         if transfer.frame_id is not None:
             self._remember(done.sha256, transfer.frame_id)
-        if transfer.options.get("solve"):
-            self._waiting.append(int(transfer.options["slot"]))
-        self._send(Operation.LIST_FRAMES)
+        self._send(
+            Operation.LIST_FRAMES, image=int(transfer.options["slot"]) if transfer.options.get("solve") else None
+        )
 
     def frame_of(self, info: Mapping[str, Any]) -> Frame | None:
         """Return the stored frame from which an image on board was uploaded, None for other images."""
@@ -120,31 +121,31 @@ class UploadedImages:
             return None
         return self._frames.get(self._frame_of[key])
 
-    def _completed(self, name: str, arguments: Mapping[str, Any], values: Mapping[str, Any]) -> None:
+    def _completed(self, event: CommandCompleted) -> None:
         """Send the next command of a solution in progress. A failed command ends the solution, because no next command is
         sent."""
-        operations = self._link.roles.operations
-        operation = operations.of_command(name)
-        if operation is Operation.LIST_FRAMES and self._waiting:
-            self._searched_slot = self._waiting.popleft()
-            self._send(Operation.FIND_CENTROIDS, {SLOT: self._searched_slot})
-        elif (
-            operation is Operation.FIND_CENTROIDS
-            and operations.given(operation, arguments).get(SLOT, 0) == self._searched_slot
-        ):
-            self._searched_slot, self._found_in = None, int(values["frame_number"])
-            self._send(Operation.MATCH_STARS)
-        elif operation is Operation.MATCH_STARS and values.get("frame_number") == self._found_in:
-            self._found_in = None
+        image = self._solving.pop(event.command_id, None)
+        operation = self._link.roles.operations.of_command(event.name)
+        if image is None:
+            return
+        if operation is Operation.LIST_FRAMES:
+            self._send(Operation.FIND_CENTROIDS, {SLOT: image}, image=image)
+        elif operation is Operation.FIND_CENTROIDS:
+            self._send(Operation.MATCH_STARS, image=int(event.values["frame_number"]))
+        elif event.values.get("frame_number") == image:
             self._send(Operation.CALCULATE_ATTITUDE)
 
-    def _send(self, operation: Operation, arguments: Values | None = None) -> None:
+    def _send(self, operation: Operation, arguments: Values | None = None, *, image: int | None = None) -> None:
+        """Send a command. ``image``: the image of the solution to which it belongs, None if no further command follows."""
         try:
             call = self._link.roles.operations.call(operation, arguments)
-            self._commands.send(call.command, call.arguments, confirm="", user=SOFTWARE, source=SERVER)
+            row = self._commands.send(call.command, call.arguments, confirm="", user=SOFTWARE, source=SERVER)
         except GssError as error:
             name = self._link.roles.operations.title(operation)
             self._bus.record("command", "warning", f"{name} was not sent: {error}")
+            return
+        if image is not None:
+            self._solving[row.id] = image
 
 
 def _described(hello: HelloReceived, dictionary_hash: bytes) -> Compatibility:
