@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from gss.device.session_events import Stage
 from gss.domain.errors import BadInput, Conflict, NotPermitted
 from gss.operations.commanding.command_history import Filter
 from gss.operations.commanding.commanding import REMEMBERED_IDS
@@ -113,6 +114,31 @@ def test_a_missing_report_gives_unknown_and_a_retry_keeps_the_id(console):
     assert console.sensor.memory.record.frames == frames + 1
     with pytest.raises(Conflict, match="only a command whose result is unknown"):
         console.commands.retry(row.id, user="ann")
+    assert console.commands.get(row.id).result == "completed"
+
+
+def test_a_late_report_during_a_retry_is_not_overwritten(console, monkeypatch):
+    """The report arrives after the retry has read the row. The command is then completed, although the retry is rejected."""
+    advance, delayed = console.sensor.device.next_frame, []
+
+    def hold(now_s: float) -> None:
+        if (frame := advance(now_s)) is not None:
+            delayed.append(frame)
+
+    monkeypatch.setattr(console.sensor.device, "next_frame", hold)
+    row = console.end(console.send("TAKE_IMAGE"))
+    assert row.result == "unknown"
+    record, require = console.link.session._command_queue._records[row.request_id], console.authority.require
+
+    def report_arrives(user: str) -> None:
+        require(user)
+        console.sensor.device.next_frame = lambda now_s: delayed.pop(0) if delayed else advance(now_s)
+        console.wait(lambda: record.stage is Stage.COMPLETED)
+
+    monkeypatch.setattr(console.authority, "require", report_arrives)
+    with pytest.raises(Conflict, match="only a command whose result is unknown"):
+        console.commands.retry(row.id, user="ann")
+    console.wait(lambda: console.commands.get(row.id).result == "completed")
 
 
 def test_a_late_report_is_recorded_and_marked(console):

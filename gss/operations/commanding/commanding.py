@@ -252,11 +252,16 @@ class CommandService:
         """Send a command again with the same bytes and request id. The result of the command must be unknown. In
         addition, the command must be idempotent, or the device must still store the result of this id, so that the
         device does not execute the command twice."""
-        row = self.get(command_id)
+        with self._link.hold_events():  # otherwise a late report could be overwritten
+            return self._retry(self.get(command_id), user)
+
+    def _retry(self, row: Command, user: str) -> Command:
         self.check_permitted(user, row.name, row.arguments)
         self._authority.check(user)
         self.check_line()
-        if row.result == "unknown" and not self.can_retry(row):
+        if row.result != "unknown":
+            raise Conflict("only a command whose result is unknown can be retried", expected="unknown", got=row.result)
+        if not self.can_retry(row):
             raise Conflict(
                 "the device no longer stores the result of this id and can execute the command twice",
                 expected=f"one of its last {REMEMBERED_IDS} ids",
@@ -265,12 +270,12 @@ class CommandService:
             )
         self._authority.require(user)
         # The retry is recorded first, because a command that cannot be recorded must not be sent.
-        row = self._recorder.requeue(command_id, f"retry by {user}")
+        row = self._recorder.requeue(row.id, f"retry by {user}")
         try:
             with self._link.lock:
                 self._link.session.retry(row.request_id, self._link.monotonic_s())
         except GssError as error:
-            self._recorder.still_unknown(command_id, f"not retried: {error}")
+            self._recorder.still_unknown(row.id, f"not retried: {error}")
             raise
         self._bus.record("command", "ok", f"{row.name} retried with the same id by {user}", command_id=row.id)
         return row
