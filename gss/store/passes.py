@@ -8,7 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from gss.domain.errors import NotFound
-from gss.store.models import OrbitSet, PassPlan, Station, Transfer
+from gss.store.models import Contact, OrbitSet, PassPlan, Station, Transfer
 
 COMPLETE = ("verified", "done")
 ACTIVE = ("armed", "running", "paused", "waiting")
@@ -56,15 +56,21 @@ def delete_station(session: Session, station_id: int) -> None:
     session.delete(get_station(session, station_id))
 
 
-def newest_downloads(session: Session, min_bytes: int, limit: int) -> list[tuple[int, datetime, datetime]]:
-    """Return (size, created, finished) of the newest complete downloads of at least ``min_bytes``."""
+def newest_downloads(
+    session: Session, min_bytes: int, limit: int, line_url: str = ""
+) -> list[tuple[int, datetime, datetime]]:
+    """Return (size, created, finished) of the newest downloads of at least ``min_bytes`` that were complete in the contact in
+    which they began. ``line_url``: only of this line."""
     query = (
         select(Transfer.size, Transfer.created, Transfer.finished)
+        .join(Contact, Contact.id == Transfer.contact_id)
         .where(Transfer.direction == "down", Transfer.state.in_(COMPLETE), Transfer.size >= min_bytes)
-        .where(Transfer.finished.is_not(None))
+        .where(Transfer.finished.is_not(None), Contact.ended.is_(None) | (Contact.ended >= Transfer.finished))
         .order_by(Transfer.id.desc())
         .limit(limit)
     )
+    if line_url:
+        query = query.where(Contact.url == line_url)
     return [(size, created, finished) for size, created, finished in session.execute(query) if finished is not None]
 
 

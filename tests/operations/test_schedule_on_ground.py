@@ -155,6 +155,7 @@ def test_scheduling_needs_command_authority(console):
         put(console, "GET_STATUS", 500, user="bob")
     with pytest.raises(Conflict, match="held by ann"):
         console.schedule.cancel_all(user="bob")
+    assert not any("cancels all" in event.text for event in console.bus.after(0, 1000))
 
 
 def test_without_correlated_clocks_only_device_time_is_accepted(console):

@@ -218,13 +218,15 @@ class ScheduleService:
         entry = entries[schedule_id]
         if entry.state != "waiting":
             raise Conflict("only waiting commands can be cancelled", expected="waiting", got=entry.state)
+        row = self._cancel(schedule_id, user)
         self._bus.record("schedule", "ok", f"{user} cancels {entry.command or 'an unknown command'}, {schedule_id}")
-        return self._cancel(schedule_id, user)
+        return row
 
     def cancel_all(self, *, user: str) -> Command:
         """Cancel all scheduled commands that are waiting, including commands that are not in the last list."""
+        row = self._cancel(0, user)
         self._bus.record("schedule", "watch", f"{user} cancels all scheduled commands")
-        return self._cancel(0, user)
+        return row
 
     def _cancel(self, schedule_id: int, user: str) -> Command:
         call = self._link.roles.operations.call(Operation.CANCEL_SCHEDULED, {SCHEDULE_ID: schedule_id})

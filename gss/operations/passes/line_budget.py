@@ -3,7 +3,9 @@ remaining fraction is used by headers, telemetry and repeated chunks."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from statistics import median
 
 from gss.operations.line.link import LinkService
@@ -33,7 +35,7 @@ class LineBudget:
 
 
 class LineBudgetService:
-    """Measures the fraction of download content from the latest complete downloads."""
+    """Measures the fraction of download content from the latest complete downloads over a station's line."""
 
     def __init__(self, link: LinkService, database: Database) -> None:
         self._link, self._database = link, database
@@ -43,12 +45,20 @@ class LineBudgetService:
         rate = station.line_baud or self._reported_baud()
         bytes_s = rate / BITS_PER_BYTE if rate else None
         with self._database.unit_of_work() as session:
-            downloads = store.newest_downloads(session, MIN_BYTES, MEASURED_OVER)
-        if bytes_s is None or not downloads:
-            return LineBudget(bytes_s, ASSUMED_SHARE, 0)
-        rates = [size / max(0.001, (finished - created).total_seconds()) for size, created, finished in downloads]
-        return LineBudget(bytes_s, min(1.0, median(rates) / bytes_s), len(rates))
+            downloads = store.newest_downloads(session, MIN_BYTES, MEASURED_OVER, station.line_url)
+        shares = [] if bytes_s is None else [rate / bytes_s for rate in _rates(downloads) if rate <= bytes_s]
+        return LineBudget(bytes_s, median(shares) if shares else ASSUMED_SHARE, len(shares))
 
     def _reported_baud(self) -> int:
         hello = self._link.last_hello
         return hello.line_baud if hello is not None else 0
+
+
+def _rates(downloads: Sequence[tuple[int, datetime, datetime]]) -> list[float]:
+    """Return the bytes per second of each (size, created, finished). A download waits until the one before has finished. A rate
+    above that of the line means that most of the content was already stored."""
+    rates, free = [], datetime.min.replace(tzinfo=UTC)
+    for size, created, finished in sorted(downloads, key=lambda download: download[2]):
+        rates.append(size / max(0.001, (finished - max(created, free)).total_seconds()))
+        free = finished
+    return rates

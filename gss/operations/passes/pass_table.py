@@ -12,11 +12,15 @@ from gss.operations.passes.line_budget import LineBudget, LineBudgetService
 from gss.operations.passes.spacecraft import CurrentOrbit, SpacecraftService
 from gss.operations.passes.stations import StationService, ground_station
 from gss.orbit.passes import OrbitPass, find_passes
+from gss.orbit.station import GroundStation
+from gss.orbit.trajectory import Trajectory
 from gss.store.models import Station
 
 MAX_DAYS = 14.0
 UNDER_WAY = timedelta(minutes=30)
 """The search begins this long before the present, so that the rise of a pass in progress is found."""
+LONGER = (timedelta(hours=4), timedelta(days=1))
+"""Searches around a pass that is longer. A pass of more than a day is returned with the limits of the last search."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +73,9 @@ class PassService:
         """Return the pass over a station at a time. Raises BadInput if the spacecraft is not in view at that time, Conflict if
         there is no orbit."""
         current, row = self._spacecraft.require(), self._stations.get(station_id)
-        start = moment - UNDER_WAY
-        for orbit_pass in find_passes(current.orbit, ground_station(row), start, moment + UNDER_WAY):
-            if orbit_pass.rise <= moment + timedelta(seconds=1) and orbit_pass.set >= moment:
-                return ComingPass(orbit_pass, row, self._budgets.of(row))
+        orbit_pass = _pass_at(current.orbit, ground_station(row), moment)
+        if orbit_pass is not None:
+            return ComingPass(orbit_pass, row, self._budgets.of(row))
         raise BadInput(
             f"{current.row.spacecraft} is not in view of {row.name} at that time",
             expected="a time within a pass",
@@ -81,6 +84,23 @@ class PassService:
         )
 
     def _over(self, current: CurrentOrbit, row: Station, now: datetime, days: float) -> list[ComingPass]:
-        budget = self._budgets.of(row)
-        orbit_passes = find_passes(current.orbit, ground_station(row), now - UNDER_WAY, now + timedelta(days=days))
-        return [ComingPass(orbit_pass, row, budget) for orbit_pass in orbit_passes if orbit_pass.set > now]
+        budget, station = self._budgets.of(row), ground_station(row)
+        found = find_passes(current.orbit, station, now - UNDER_WAY, now + timedelta(days=days))
+        return [ComingPass(_complete(current.orbit, station, at), row, budget) for at in found if at.set > now]
+
+
+def _pass_at(orbit: Trajectory, station: GroundStation, moment: datetime) -> OrbitPass | None:
+    """Return the pass in progress at a time, None if there is none."""
+    found = None
+    for margin in (UNDER_WAY, *LONGER):
+        passes = find_passes(orbit, station, moment - margin, moment + margin)
+        found = next((at for at in passes if at.rise <= moment + timedelta(seconds=1) and at.set >= moment), None)
+        if found is None or not (found.begins_before or found.ends_after):
+            break
+    return found
+
+
+def _complete(orbit: Trajectory, station: GroundStation, part: OrbitPass) -> OrbitPass:
+    """Return the whole pass of which a search found a part."""
+    cut = part.begins_before or part.ends_after
+    return (_pass_at(orbit, station, part.culmination) if cut else None) or part
