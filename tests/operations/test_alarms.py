@@ -8,13 +8,14 @@ from datetime import timedelta
 import pytest
 
 from gss.device.session_events import DeviceEvent, DirectionCounters, LinkCounters, Telemetry
-from gss.domain.errors import BadInput, Conflict, NotFound
+from gss.domain.errors import BadInput, Conflict, NotFound, StoreDown
 from gss.domain.limits import Limits, State
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.roles import default_roles
 from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
+from gss.operations.telemetry import alarms
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.silence import SIGNAL_LOST_AFTER_S
 from gss.operations.telemetry.telemetry import TelemetryService
@@ -242,6 +243,20 @@ def test_severe_device_events_raise_alarms_with_a_count(harness):
     assert harness.alarms.acknowledge(view.row.id, user="ann").row.state == "closed"
     harness.alarms.handle(LineBatch((event,), harness.clock(), 0.0))
     assert harness.only().row.id != view.row.id
+
+
+def test_a_severe_event_raises_its_alarm_after_a_failure_of_the_store(harness, monkeypatch):
+    """The device reports an event once. If the store is down at that moment, the next batch raises the alarm."""
+    with monkeypatch.context() as patch:
+
+        def fails(*_):
+            raise StoreDown("the database is locked")
+
+        patch.setattr(alarms.store, "add", fails)
+        harness.alarms.handle(LineBatch((DeviceEvent("LATCHUP", "critical", "", 5.0),), harness.clock(), 0.0))
+    assert harness.alarms.opened() == []
+    harness.alarms.handle(LineBatch((), harness.clock(), 0.0))
+    assert harness.only().row.field == "LATCHUP"
 
 
 def test_silence_on_an_open_line_is_loss_of_signal(harness):

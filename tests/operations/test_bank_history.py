@@ -15,7 +15,7 @@ from gss.device.session_events import (
     Telemetry,
     TransferDone,
 )
-from gss.domain.errors import BadInput, Conflict, NotFound
+from gss.domain.errors import BadInput, Conflict, NotFound, StoreDown
 from gss.domain.limits import State
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.roles import default_roles
@@ -24,6 +24,7 @@ from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.transfers import bank_history
 from gss.operations.transfers.bank_history import BankHistoryService, Planned
 from gss.operations.transfers.bank_plans import cover
 from gss.operations.transfers.expiry import ExpiryWatch
@@ -286,3 +287,24 @@ def test_coverage_is_described_in_text(harness):
         State.OK,
         "bank B follows and does not expire",
     )
+
+
+def test_reports_of_a_new_device_are_not_added_to_the_history_of_the_last(harness, monkeypatch):
+    """The device of a contact could not be looked up when it answered. The next report does it."""
+    harness.identify("FM1")
+    harness.report("A", "committed", OLD, active=True)
+    with monkeypatch.context() as patch:
+
+        def fails(*_):
+            raise StoreDown("the database is locked")
+
+        patch.setattr(bank_history.store, "device_of_contact", fails)
+        with pytest.raises(StoreDown):
+            harness.identify("FM2")
+    harness.report("A", "committed", NEW, active=True)
+    with harness.database.unit_of_work() as session:
+        found = {device.name: device.id for device in bank_history.store.devices(session)}
+        kept = {
+            row.sha256: row.device_id for name in found for row in bank_history.store.still_so(session, found[name])
+        }
+    assert kept == {OLD: found["FM1"], NEW: found["FM2"]}

@@ -11,6 +11,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from datetime import datetime, timedelta
+from functools import partial
 from typing import Any
 
 from gss.device.session_events import DeviceEvent
@@ -18,6 +19,7 @@ from gss.domain.errors import BadInput, Conflict
 from gss.domain.limits import ORDER, State, worst
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.operations.line.deferred_writes import DeferredWrites
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarm_text import (
@@ -51,7 +53,8 @@ SHELF_MAX = timedelta(hours=24)
 
 
 class AlarmService:
-    """Raises, updates, acknowledges, shelves and closes alarms. Safe to call from link, status and request threads."""
+    """Raises, updates, acknowledges, shelves and closes alarms. Safe to call from link, status and request threads. An alarm of
+    an event waits while the store is down, because the device reports an event once; values are reported again."""
 
     def __init__(
         self,
@@ -67,6 +70,7 @@ class AlarmService:
         self._open = telemetry.open_alarms
         self._silence = SilenceCheck(link, telemetry, now)
         self._lock = threading.RLock()
+        self._writes = DeferredWrites()
 
     def start(self) -> None:
         """Load the alarms that were open when the server stopped. Values that were out of limits still count as out of limits."""
@@ -98,8 +102,8 @@ class AlarmService:
                 self.judged(event.judgements)
             elif isinstance(event, DeviceEvent) and event.severity in SEVERE:
                 text = f"{event.name}: {event.text}" if event.text else event.name
-                with self._lock:
-                    self._count_event((EVENT, event.name), State(event.severity), text)
+                self._writes.add(partial(self._count_event, (EVENT, event.name), State(event.severity), text))
+        self._writes.run()
 
     def tick(self) -> None:
         """End shelving whose time is over, and detect loss of signal. Called about once a second."""
@@ -185,13 +189,14 @@ class AlarmService:
             )
 
     def _count_event(self, key: Key, state: State, text: str) -> None:
-        row, now = self._open.get(key), self._now()
-        if row is None:
-            self._raise(key, state, 1.0, text, text, over=now)
-        else:
-            changes = {"value": (row.value or 0.0) + 1.0, "limit_text": cut(text), "cleared": now}
-            # The event is already recorded. The alarm only counts its repetitions.
-            self._change(row, None, "", **changes)
+        with self._lock:
+            row, now = self._open.get(key), self._now()
+            if row is None:
+                self._raise(key, state, 1.0, text, text, over=now)
+            else:
+                changes = {"value": (row.value or 0.0) + 1.0, "limit_text": cut(text), "cleared": now}
+                # The event is already recorded. The alarm only counts its repetitions.
+                self._change(row, None, "", **changes)
 
     # --- operator actions ---------------------------------------------------------------------------------------
 

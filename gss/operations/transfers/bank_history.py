@@ -110,11 +110,18 @@ class BankHistoryService:
                 self._handle_completion(event)
 
     def _handle_hello(self) -> None:
+        with self._lock:  # first, because the next reports are of another device also if the store fails
+            self._device_id, self._trial, self._cause = None, False, ("", "")
+        self._identify()
+
+    def _identify(self) -> None:
+        """Look up the device of the contact, if it is not known yet."""
         contact_id = self._link.contact_id
-        with self._database.unit_of_work() as session:
-            device_id = None if contact_id is None else store.device_of_contact(session, contact_id)
-        with self._lock:
-            self._device_id, self._trial, self._cause = device_id, False, ("", "")
+        if self._device_id is None and contact_id is not None:
+            with self._database.unit_of_work() as session:
+                device_id = store.device_of_contact(session, contact_id)
+            with self._lock:
+                self._device_id = device_id
 
     def _handle_event(self, event: DeviceEvent) -> None:
         events, operations = self._link.roles.events, self._link.roles.operations
@@ -158,6 +165,7 @@ class BankHistoryService:
                     store.add(session, self._end_and_follow(row, **unchanged, cause=cause))
 
     def _update_from_report(self, info: Mapping[str, Any]) -> None:
+        self._identify()
         if self._device_id is None:
             return
         bank, reported_state = str(info["bank"]), str(info["state"])
